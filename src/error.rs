@@ -1,0 +1,61 @@
+//! The one error type. Every variant maps to one stable status code of the C interface.
+
+use std::path::{Path, PathBuf};
+
+/// What can go wrong. Each message is one line that names the thing and the value.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// An argument or parameter is out of its range.
+    #[error("{0}")]
+    InvalidArgument(String),
+    /// The option exists in the interface but not yet in this version.
+    #[error("{0}")]
+    Unsupported(String),
+    /// The file could not be opened, read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file was read, but what it holds is not a valid image of its format.
+    #[error("{}: {message}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it, with the value.
+        message: String,
+    },
+    /// The image has no voxel with a label other than 0, so there is nothing to mesh.
+    #[error("the image holds no label other than 0: nothing to mesh")]
+    EmptyImage,
+    /// A limit that the caller set was reached.
+    #[error("{0}")]
+    LimitReached(String),
+    /// The caller cancelled the run.
+    #[error("cancelled")]
+    Cancelled,
+    /// Memory for the named thing could not be had.
+    #[error("out of memory: {0}")]
+    OutOfMemory(String),
+    /// An invariant of the library broke; this is a bug of lapd.
+    #[error("internal error: {0}")]
+    Internal(String),
+}
+
+/// `Result` with the crate's error.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// An [`Error::Io`] for `path`.
+    pub fn io(path: &Path, source: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), source }
+    }
+
+    /// An [`Error::Format`] for `path`.
+    pub fn format(path: &Path, message: impl Into<String>) -> Self {
+        Self::Format { path: path.to_owned(), message: message.into() }
+    }
+}

@@ -1,0 +1,33 @@
+//! lapd turns a segmented 3D image into a quality tetrahedral Delaunay mesh of all its tissues.
+//!
+//! The map, from the inside out (a module uses only those named before it):
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`error`], [`params`], [`monitor`] | plain values: the one error type, what a run is asked for, progress and cancellation |
+//! | [`geometry`] | predicates, circumspheres, shape measures; the one sign convention |
+//! | [`image`] | label images, their place in the world, readers, phantoms |
+//! | [`distance`], [`oracle`] | where the interfaces are; knows no mesh |
+//! | [`delaunay`] | the Delaunay triangulation; knows no image |
+//! | [`refine`] | the rules R1 to R6 and the loop that applies them |
+//! | [`mesh`], [`io`] | the finished mesh: extraction, measures, certificate, files |
+//! | [`mesher`] | the pipeline |
+//! | [`capi`] | the C interface |
+#![deny(unsafe_op_in_unsafe_fn)]
+#![warn(missing_docs)]
+
+pub mod capi;
+pub mod delaunay;
+pub mod distance;
+pub mod error;
+pub mod geometry;
+pub mod image;
+pub mod io;
+pub mod mesh;
+pub mod mesher;
+pub mod monitor;
+pub mod oracle;
+pub mod params;
+pub mod refine;
+
+pub use error::{Error, Result};

@@ -1,0 +1,95 @@
+//! What a run is asked for: sizes, quality bounds, the surface model. All lengths are in the image's world units (mm for medical images).
+
+use crate::{Error, Result};
+
+/// How labels between voxel centres are decided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum SurfaceModel {
+    /// The label whose indicator, interpolated trilinearly between the eight voxel centres around the point and multiplied by a weight of the
+    /// label, is largest. The weights, from 2/3 to 1.5, are chosen such that each label has the volume of its voxels: interpolation alone shrinks
+    /// thin convex labels by some percent.
+    #[default]
+    Smooth,
+    /// The label of the voxel that holds the point: interfaces are voxel faces.
+    Voxel,
+}
+
+/// Parameters of one run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshParams {
+    /// Sample spacing on the interfaces; > 0.
+    pub delta: f64,
+    /// Upper bound on the circumradius of tets, where no label has its own; > 0.
+    pub size: f64,
+    /// Bounds for single labels, overriding `size`.
+    pub label_sizes: Vec<(i32, f64)>,
+    /// Upper bound on circumradius over shortest edge; at least 2 (below, Delaunay refinement need not end).
+    pub radius_edge: f64,
+    /// Lower bound on the planar angles of interface facets, in degrees; 0 to 30 (above, refinement need not end).
+    pub facet_angle: f64,
+    /// The surface model.
+    pub surface: SurfaceModel,
+    /// When not empty, only these labels are meshed; all others count as background.
+    pub keep: Vec<i32>,
+    /// Keep the whole triangulation: tets outside the object get label 0.
+    pub background: bool,
+    /// Threads; only 1 exists in this version.
+    pub threads: usize,
+    /// Stop with [`Error::LimitReached`] when this many vertices exist; `None` is no limit of the caller's.
+    pub max_vertices: Option<usize>,
+}
+
+impl Default for MeshParams {
+    fn default() -> Self {
+        Self {
+            delta: 1.0,
+            size: 2.0,
+            label_sizes: Vec::new(),
+            radius_edge: 2.0,
+            facet_angle: 30.0,
+            surface: SurfaceModel::Smooth,
+            keep: Vec::new(),
+            background: false,
+            threads: 1,
+            max_vertices: None,
+        }
+    }
+}
+
+impl MeshParams {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`Error::InvalidArgument`] or [`Error::Unsupported`], naming the parameter and its value.
+    pub fn validate(&self) -> Result<()> {
+        let positive = |name: &str, value: f64| {
+            if value.is_finite() && value > 0.0 {
+                Ok(())
+            } else {
+                Err(Error::InvalidArgument(format!("{name} must be a finite number above 0, got {value}")))
+            }
+        };
+        positive("delta", self.delta)?;
+        positive("size", self.size)?;
+        for &(label, size) in &self.label_sizes {
+            positive(&format!("size of label {label}"), size)?;
+        }
+        if !(self.radius_edge.is_finite() && self.radius_edge >= 2.0) {
+            return Err(Error::InvalidArgument(format!(
+                "radius-edge bound must be at least 2, got {}",
+                self.radius_edge
+            )));
+        }
+        if !(0.0..=30.0).contains(&self.facet_angle) {
+            return Err(Error::InvalidArgument(format!(
+                "facet angle must lie in 0 to 30 degrees, got {}",
+                self.facet_angle
+            )));
+        }
+        match self.threads {
+            1 => Ok(()),
+            0 => Err(Error::InvalidArgument("threads must be at least 1, got 0".into())),
+            n => Err(Error::Unsupported(format!("{n} threads: this version refines with 1 thread"))),
+        }
+    }
+}
