@@ -1,0 +1,17 @@
+//! Label images: a grid of tissue labels and its place in the world.
+//!
+//! | file | what it is |
+//! |---|---|
+//! | [`frame`] | origin, spacing and direction of a voxel grid |
+//! | [`volume`] | the image: dense ids, their labels, the frame |
+//! | [`phantom`] | analytic images with known volumes |
+//! | [`readers`] | NRRD, NIfTI, MetaImage and INR files |
+
+mod builder;
+pub mod frame;
+pub mod phantom;
+pub mod readers;
+pub mod volume;
+
+pub use frame::Frame;
+pub use volume::{LabelImage, Voxels};

@@ -1,0 +1,160 @@
+//! Analytic label images for tests, benches and first steps.
+//!
+//! Each is centred: the world's origin is the centre of the grid, so that nothing depends on `dims` but what is cut off at the border
+//! of the image. Lengths are in world units. A phantom's volumes are given with it; the voxels' volume approaches them as the spacing
+//! goes to 0.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use super::{Frame, LabelImage};
+use crate::{Error, Result};
+
+/// A ball, label 1. Volume: [`ball_volume`].
+///
+/// # Errors
+/// As [`sampled`].
+pub fn ball(dims: [usize; 3], spacing: [f64; 3], radius: f64) -> Result<LabelImage> {
+    nested_shells(dims, spacing, &[radius])
+}
+
+/// Concentric shells: label 1 is the ball of radius `radii[0]`, label `i + 1` what lies between `radii[i - 1]` and `radii[i]`.
+/// Volumes: differences of [`ball_volume`].
+///
+/// # Errors
+/// As [`sampled`]; [`Error::InvalidArgument`] when the radii do not increase.
+pub fn nested_shells(dims: [usize; 3], spacing: [f64; 3], radii: &[f64]) -> Result<LabelImage> {
+    if !radii.is_sorted_by(|a, b| a < b) {
+        return Err(Error::InvalidArgument(format!("radii of nested shells must increase, got {radii:?}")));
+    }
+    sampled(dims, spacing, |p| radii.iter().position(|r| p.length() <= *r).map_or(0, |i| i as i32 + 1))
+}
+
+/// A torus about the z axis, label 1. Volume: [`torus_volume`].
+///
+/// # Errors
+/// As [`sampled`].
+pub fn torus(dims: [usize; 3], spacing: [f64; 3], major_radius: f64, minor_radius: f64) -> Result<LabelImage> {
+    sampled(dims, spacing, |p| i32::from((p.truncate().length() - major_radius).hypot(p.z) <= minor_radius))
+}
+
+/// Three labels that meet in a line: a ball cut into sectors of 120 degrees about the z axis, labels 1 to 3 in the order of the angle
+/// from the x axis. Each takes a third of [`ball_volume`].
+///
+/// # Errors
+/// As [`sampled`].
+pub fn three_labels_in_a_line(dims: [usize; 3], spacing: [f64; 3], radius: f64) -> Result<LabelImage> {
+    sampled(dims, spacing, |p| {
+        let turn = p.y.atan2(p.x).rem_euclid(2.0 * PI) / (2.0 * PI);
+        if p.length() <= radius { 1 + ((3.0 * turn) as i32).min(2) } else { 0 }
+    })
+}
+
+/// Four labels that meet in a point, the generic case: a ball cut into the Voronoi cells of the corners of a regular tetrahedron, labels
+/// 1 to 4; four lines of three labels run out of the centre. Each takes a quarter of [`ball_volume`].
+///
+/// # Errors
+/// As [`sampled`].
+pub fn four_labels_at_a_point(dims: [usize; 3], spacing: [f64; 3], radius: f64) -> Result<LabelImage> {
+    let corners = [
+        DVec3::new(1.0, 1.0, 1.0),
+        DVec3::new(1.0, -1.0, -1.0),
+        DVec3::new(-1.0, 1.0, -1.0),
+        DVec3::new(-1.0, -1.0, 1.0),
+    ];
+    sampled(dims, spacing, |p| {
+        let nearest = (1..4).fold(0, |best, i| if corners[i].dot(p) > corners[best].dot(p) { i } else { best });
+        if p.length() <= radius { nearest as i32 + 1 } else { 0 }
+    })
+}
+
+/// Eight labels that meet in a point, a degenerate case: the octants of a ball, labels 1 to 8 (bits: x, y, z above 0); along the axes
+/// four labels meet in a line. Each takes an eighth of [`ball_volume`].
+///
+/// # Errors
+/// As [`sampled`].
+pub fn eight_labels_at_a_point(dims: [usize; 3], spacing: [f64; 3], radius: f64) -> Result<LabelImage> {
+    sampled(dims, spacing, |p| if p.length() <= radius { 1 + p.cmpgt(DVec3::ZERO).bitmask() as i32 } else { 0 })
+}
+
+/// A square plate across the z axis, label 1: `width` along x and y, `thickness` along z. Volume: width^2 * thickness. A thickness of
+/// one or two spacings is a thin sheet.
+///
+/// # Errors
+/// As [`sampled`].
+pub fn thin_sheet(dims: [usize; 3], spacing: [f64; 3], width: f64, thickness: f64) -> Result<LabelImage> {
+    let half = 0.5 * DVec3::new(width, width, thickness);
+    sampled(dims, spacing, |p| i32::from(p.abs().cmple(half).all()))
+}
+
+/// Samples any label function of the world position on a grid centred at the world's origin.
+///
+/// # Errors
+/// [`Error::InvalidArgument`] for dims or spacing that no image can have.
+pub fn sampled(dims: [usize; 3], spacing: [f64; 3], label: impl Fn(DVec3) -> i32) -> Result<LabelImage> {
+    let origin = std::array::from_fn(|axis| -0.5 * (dims[axis] as f64 - 1.0) * spacing[axis]);
+    let frame = Frame::new(origin, spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])?;
+    LabelImage::from_fn(dims, frame, label)
+}
+
+/// Volume of a ball.
+pub fn ball_volume(radius: f64) -> f64 {
+    4.0 / 3.0 * PI * radius.powi(3)
+}
+
+/// Volume of a torus; `minor_radius` at most `major_radius`.
+pub fn torus_volume(major_radius: f64, minor_radius: f64) -> f64 {
+    2.0 * PI * PI * major_radius * minor_radius * minor_radius
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Volumes of the labels other than 0.
+    fn volumes(image: &LabelImage) -> Vec<f64> {
+        image.voxel_counts()[1..].iter().map(|&n| n as f64 * image.voxel_volume()).collect()
+    }
+
+    fn assert_volumes(image: Result<LabelImage>, expected: &[f64]) {
+        let image = image.unwrap();
+        let labels: Vec<i32> = (0..=expected.len() as i32).collect();
+        assert_eq!(image.labels(), labels);
+        for (i, (found, wanted)) in volumes(&image).iter().zip(expected).enumerate() {
+            assert!((found / wanted - 1.0).abs() < 0.02, "label {}: {found}, expected {wanted}", i + 1);
+        }
+    }
+
+    const DIMS: [usize; 3] = [64, 64, 43];
+    const SPACING: [f64; 3] = [0.5, 0.5, 0.75];
+
+    #[test]
+    fn voxels_fill_the_analytic_volumes() {
+        let r = 14.0;
+        let v = ball_volume(r);
+        assert_volumes(ball(DIMS, SPACING, r), &[v]);
+        assert_volumes(
+            nested_shells(DIMS, SPACING, &[6.0, 10.0, r]),
+            &[ball_volume(6.0), ball_volume(10.0) - ball_volume(6.0), v - ball_volume(10.0)],
+        );
+        assert_volumes(torus(DIMS, SPACING, 10.0, 4.0), &[torus_volume(10.0, 4.0)]);
+        assert_volumes(three_labels_in_a_line(DIMS, SPACING, r), &[v / 3.0; 3]);
+        assert_volumes(four_labels_at_a_point([80; 3], [0.4, 0.41, 0.39], r), &[v / 4.0; 4]);
+        assert_volumes(eight_labels_at_a_point([64; 3], [0.5; 3], r), &[v / 8.0; 8]);
+        assert_volumes(thin_sheet(DIMS, SPACING, 20.0, 2.25), &[900.0]);
+    }
+
+    #[test]
+    fn the_grid_is_centred() {
+        let image = ball([4, 5, 6], [1.0, 2.0, 3.0], 1.0).unwrap();
+        assert_eq!(image.frame().to_world(DVec3::new(1.5, 2.0, 2.5)), DVec3::ZERO);
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        assert!(ball([0, 4, 4], [1.0; 3], 1.0).is_err());
+        assert!(ball([4; 3], [0.0; 3], 1.0).is_err());
+        assert!(nested_shells([4; 3], [1.0; 3], &[2.0, 1.0]).is_err());
+    }
+}

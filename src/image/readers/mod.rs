@@ -1,0 +1,250 @@
+//! Readers of label images, chosen by the file's name ending.
+//!
+//! | ending | format | frame of its world coordinates |
+//! |---|---|---|
+//! | `.nrrd` `.nhdr` | NRRD, attached or detached header | as its `space` field says: LPS, RAS, LAS or none |
+//! | `.nii` `.nii.gz` | NIfTI-1 and NIfTI-2, one file | RAS |
+//! | `.mha` `.mhd` | MetaImage | LPS, as ITK reads it |
+//! | `.inr` `.inr.gz` | INRIMAGE-4 | not said |
+//!
+//! LPS means that x, y, z grow towards the patient's left, posterior, superior. By default coordinates stay as the file gives them;
+//! [`ReadOptions`] asks for another frame.
+//!
+//! Files may be damaged or hostile. Whatever they hold, a reader gives the whole image or one error; it never panics, and memory stays
+//! in proportion to the file: sizes are multiplied with checks, a header that promises more than the file can hold even compressed
+//! (deflate reaches 1032 to 1) is refused before anything is allocated, and voxels are read as a stream, so that only the dense ids, 2
+//! bytes per voxel, are ever held.
+//!
+//! The layers: `source` gives bytes (and decompresses), `fields` parses header values, `voxels` turns bytes into labels; the file of
+//! each format knows its header only.
+
+mod fields;
+mod inr;
+mod metaimage;
+mod nifti;
+mod nrrd;
+mod source;
+mod voxels;
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::{Frame, LabelImage};
+use crate::{Error, Result};
+
+/// What the axes of world coordinates mean in the patient.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WorldAxes {
+    /// Left, posterior, superior: DICOM, ITK.
+    Lps,
+    /// Right, anterior, superior: NIfTI, 3D Slicer.
+    Ras,
+    /// Left, anterior, superior.
+    Las,
+}
+
+impl WorldAxes {
+    /// Signs of the axes relative to LPS.
+    fn signs(self) -> DVec3 {
+        match self {
+            Self::Lps => DVec3::new(1.0, 1.0, 1.0),
+            Self::Ras => DVec3::new(-1.0, -1.0, 1.0),
+            Self::Las => DVec3::new(1.0, -1.0, 1.0),
+        }
+    }
+}
+
+/// The frame that the image, and so the mesh, is to have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum WorldFrame {
+    /// Coordinates as the file gives them.
+    #[default]
+    AsStored,
+    /// Left, posterior, superior.
+    Lps,
+    /// Right, anterior, superior.
+    Ras,
+}
+
+/// How to read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct ReadOptions {
+    /// The frame wanted. A file that does not say its own is kept as stored, with a warning.
+    pub world: WorldFrame,
+}
+
+/// An image from a file.
+#[derive(Clone, Debug)]
+pub struct ReadImage {
+    /// The image.
+    pub image: LabelImage,
+    /// What its world axes mean; `None` when the file does not say.
+    pub world: Option<WorldAxes>,
+    /// What a user should know, one line each: doubtful or contradicting headers that did not prevent reading.
+    pub warnings: Vec<String>,
+}
+
+/// Reads a label image, coordinates as stored.
+///
+/// # Errors
+/// As [`read_image_with`].
+pub fn read_image(path: &Path) -> Result<ReadImage> {
+    read_image_with(path, &ReadOptions::default())
+}
+
+/// Reads a label image. The file's name ending, in any case, chooses the format.
+///
+/// # Errors
+/// [`Error::Unsupported`]: no reader for this ending. [`Error::Io`]: the file, or the data file that it names, cannot be opened or read.
+/// [`Error::Format`]: it is damaged, cut off, or uses what this library does not read. [`Error::OutOfMemory`].
+pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let ends = |endings: &[&str]| endings.iter().any(|ending| name.ends_with(ending));
+    let mut read = if ends(&[".nrrd", ".nhdr"]) {
+        nrrd::read(path)
+    } else if ends(&[".nii", ".nii.gz"]) {
+        nifti::read(path)
+    } else if ends(&[".mha", ".mhd"]) {
+        metaimage::read(path)
+    } else if ends(&[".inr", ".inr.gz"]) {
+        inr::read(path)
+    } else {
+        Err(Error::Unsupported(format!(
+            "{}: no reader for this name ending; read are .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz",
+            path.display()
+        )))
+    }?;
+    let wanted = match options.world {
+        WorldFrame::AsStored => return Ok(read),
+        WorldFrame::Lps => WorldAxes::Lps,
+        WorldFrame::Ras => WorldAxes::Ras,
+    };
+    match read.world {
+        Some(stored) => {
+            let frame = reflected(read.image.frame(), stored.signs() * wanted.signs())?;
+            read.image = read.image.with_frame(frame);
+            read.world = Some(wanted);
+        }
+        None => read
+            .warnings
+            .push(format!("the file does not say what its axes mean: coordinates stay as stored, not {wanted:?}")),
+    }
+    Ok(read)
+}
+
+/// The frame with its world axes turned around where `signs` is -1.
+fn reflected(frame: &Frame, signs: DVec3) -> Result<Frame> {
+    let columns = frame.direction().to_cols_array_2d().map(|column| (signs * DVec3::from(column)).to_array());
+    Frame::new((signs * frame.origin()).to_array(), frame.spacing().to_array(), columns)
+}
+
+/// A frame from the steps between neighbouring voxels along each axis: directions times spacings. `what` names the header fields.
+fn frame_from_steps(path: &Path, what: &str, origin: [f64; 3], steps: [[f64; 3]; 3]) -> Result<Frame> {
+    let mut spacing = [0.0; 3];
+    let mut direction = steps;
+    for axis in 0..3 {
+        spacing[axis] = DVec3::from(steps[axis]).length();
+        if spacing[axis] == 0.0 {
+            return Err(Error::format(path, format!("{what} is singular: image axis {axis} has length 0")));
+        }
+        // A step that is not finite, or under- or overflows when squared, is refused by the frame.
+        direction[axis] = steps[axis].map(|x| x / spacing[axis]);
+    }
+    frame_from_parts(path, what, origin, spacing, direction)
+}
+
+/// As [`Frame::new`], with the error naming the file and its header fields.
+fn frame_from_parts(
+    path: &Path,
+    what: &str,
+    origin: [f64; 3],
+    spacing: [f64; 3],
+    direction: [[f64; 3]; 3],
+) -> Result<Frame> {
+    Frame::new(origin, spacing, direction).map_err(|e| Error::format(path, format!("{what}: {e}")))
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::io::Write;
+    use std::path::PathBuf;
+
+    use super::*;
+
+    /// A directory for the files of one test.
+    pub(crate) struct Files(tempfile::TempDir);
+
+    impl Files {
+        pub(crate) fn new() -> Self {
+            Self(tempfile::tempdir().unwrap())
+        }
+
+        pub(crate) fn write(&self, name: &str, bytes: &[u8]) -> PathBuf {
+            let path = self.0.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            path
+        }
+    }
+
+    pub(crate) fn gzip(bytes: &[u8]) -> Vec<u8> {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        encoder.write_all(bytes).unwrap();
+        encoder.finish().unwrap()
+    }
+
+    /// Labels, x fastest.
+    pub(crate) fn labels(image: &LabelImage) -> Vec<i32> {
+        image.ids().iter().map(|&id| image.labels()[usize::from(id)]).collect()
+    }
+
+    /// Reads bytes under a name; errors come without the path.
+    pub(crate) fn read_bytes(name: &str, bytes: &[u8]) -> std::result::Result<ReadImage, String> {
+        let files = Files::new();
+        let path = files.write(name, bytes);
+        read_image(&path).map_err(|e| e.to_string().replace(&format!("{}: ", path.display()), ""))
+    }
+
+    /// A NRRD of one voxel at (1, 2, 3) whose x axis is the world's y axis.
+    fn tilted(space: &str) -> Vec<u8> {
+        format!(
+            "NRRD0005\ntype: uint8\ndimension: 3\n{space}\nsizes: 1 1 1\nspace directions: (0,2,0) (1,0,0) (0,0,1)\n\
+             space origin: (1,2,3)\nencoding: raw\n\n\x07"
+        )
+        .into_bytes()
+    }
+
+    #[test]
+    fn the_world_frame_is_selectable_where_it_is_known() {
+        let files = Files::new();
+        let read = |space: &str, world| {
+            read_image_with(&files.write("a.NRRD", &tilted(space)), &ReadOptions { world }).unwrap()
+        };
+        let lps = read("space: LPS", WorldFrame::AsStored);
+        assert_eq!(lps.world, Some(WorldAxes::Lps));
+        assert_eq!(lps.image.frame().origin(), DVec3::new(1.0, 2.0, 3.0));
+        let ras = read("space: left-posterior-superior", WorldFrame::Ras);
+        assert_eq!(ras.world, Some(WorldAxes::Ras));
+        assert_eq!(ras.image.frame().origin(), DVec3::new(-1.0, -2.0, 3.0));
+        assert_eq!(ras.image.frame().to_world(DVec3::X), DVec3::new(-1.0, -4.0, 3.0));
+        let from_las = read("space: LAS", WorldFrame::Lps);
+        assert_eq!(from_las.image.frame().origin(), DVec3::new(1.0, -2.0, 3.0));
+        let unknown = read("space dimension: 3", WorldFrame::Ras);
+        assert_eq!((unknown.world, unknown.image.frame().origin()), (None, DVec3::new(1.0, 2.0, 3.0)));
+        assert!(unknown.warnings[0].contains("does not say"));
+    }
+
+    #[test]
+    fn what_is_no_image_file_is_named() {
+        assert!(read_bytes("a.png", b"x").unwrap_err().contains("no reader for this name ending"));
+        assert_eq!(read_bytes("a.nrrd", b"").unwrap_err(), "the file is empty");
+        assert!(
+            read_bytes("a.mha", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n")
+                .unwrap_err()
+                .contains("Git LFS pointer")
+        );
+        assert!(matches!(read_image(Path::new("/nonexistent/a.nii")), Err(Error::Io { .. })));
+        let directory = tempfile::Builder::new().suffix(".nii").tempdir().unwrap();
+        assert!(read_image(directory.path()).unwrap_err().to_string().contains("not a regular file"));
+    }
+}

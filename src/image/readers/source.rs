@@ -1,0 +1,204 @@
+//! The bytes of an image file, decompressed where its format says so, with a bound on how many can come.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Cursor, ErrorKind, Read};
+use std::path::{Path, PathBuf};
+
+use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
+
+use crate::{Error, Result};
+
+/// Deflate codes at most 258 bytes in 2 bits (RFC 1951: a match of full length with one-bit codes): 1032 to 1.
+const DEFLATE_RATIO: u64 = 1032;
+
+/// What is read past the voxels of a compressed stream to reach its checksum, at most.
+const MAX_EXCESS: u64 = 16 << 20;
+
+/// A stream of bytes that knows its place.
+pub(super) struct Source {
+    path: PathBuf,
+    stream: Box<dyn BufRead>,
+    /// Bytes consumed of this stream.
+    position: u64,
+    /// The stream's length if plain, an upper bound of it if compressed.
+    bound: u64,
+    compressed: bool,
+}
+
+impl Source {
+    /// Opens a file as it is.
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let fail = |e| Error::io(path, e);
+        // Before opening: opening a pipe would wait for a writer.
+        let metadata = std::fs::metadata(path).map_err(fail)?;
+        if !metadata.is_file() {
+            return Err(Error::format(path, "not a regular file"));
+        }
+        let mut stream = BufReader::with_capacity(1 << 16, File::open(path).map_err(fail)?);
+        let start = stream.fill_buf().map_err(fail)?;
+        if start.is_empty() {
+            return Err(Error::format(path, "the file is empty"));
+        }
+        if start.starts_with(b"version https://git-lfs") {
+            return Err(Error::format(
+                path,
+                "this is a Git LFS pointer; the image itself was not downloaded (git lfs pull)",
+            ));
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            stream: Box::new(stream),
+            position: 0,
+            bound: metadata.len(),
+            compressed: false,
+        })
+    }
+
+    /// Opens a file and decompresses it if it is a gzip file, whatever its name says.
+    pub(super) fn open_maybe_gzip(path: &Path) -> Result<Self> {
+        let mut source = Self::open(path)?;
+        Ok(if source.starts_with(&[0x1f, 0x8b])? { source.gunzip() } else { source })
+    }
+
+    /// Whether the next bytes are these few.
+    pub(super) fn starts_with(&mut self, bytes: &[u8]) -> Result<bool> {
+        let ahead = self.stream.fill_buf();
+        match ahead {
+            Ok(ahead) => Ok(ahead.starts_with(bytes)),
+            Err(e) => Err(self.failure(e)),
+        }
+    }
+
+    /// The rest, decompressed as gzip (several members as one).
+    pub(super) fn gunzip(self) -> Self {
+        self.decompressed(|stream| Box::new(BufReader::with_capacity(1 << 16, MultiGzDecoder::new(stream))))
+    }
+
+    /// The rest, decompressed as zlib.
+    pub(super) fn inflate(self) -> Self {
+        self.decompressed(|stream| Box::new(BufReader::with_capacity(1 << 16, ZlibDecoder::new(stream))))
+    }
+
+    fn decompressed(self, decoder: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
+        let bound = self.remaining().saturating_mul(DEFLATE_RATIO);
+        Self { path: self.path, stream: decoder(self.stream), position: 0, bound, compressed: true }
+    }
+
+    /// The file, for errors.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// An upper bound of the bytes still to come; exact if [`Source::is_compressed`] is false.
+    pub(super) fn remaining(&self) -> u64 {
+        self.bound.saturating_sub(self.position)
+    }
+
+    /// Whether the bytes come out of a decompressor.
+    pub(super) fn is_compressed(&self) -> bool {
+        self.compressed
+    }
+
+    /// An [`Error::Format`] for this file.
+    pub(super) fn error(&self, message: impl Into<String>) -> Error {
+        Error::format(&self.path, message)
+    }
+
+    fn failure(&self, e: io::Error) -> Error {
+        match e.kind() {
+            ErrorKind::UnexpectedEof if self.compressed => {
+                self.error(format!("the compressed data is cut off after {} decompressed bytes", self.position))
+            }
+            ErrorKind::InvalidInput | ErrorKind::InvalidData if self.compressed => {
+                self.error(format!("the compressed data is damaged ({e})"))
+            }
+            _ => Error::io(&self.path, e),
+        }
+    }
+
+    /// Fills `buffer` as far as the stream goes; returns the number of bytes.
+    pub(super) fn read_up_to(&mut self, buffer: &mut [u8]) -> Result<usize> {
+        let mut filled = 0;
+        while filled < buffer.len() {
+            match self.stream.read(&mut buffer[filled..]) {
+                Ok(0) => break,
+                Ok(n) => {
+                    filled += n;
+                    self.position += n as u64;
+                }
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(e) => return Err(self.failure(e)),
+            }
+        }
+        Ok(filled)
+    }
+
+    /// Appends to `buffer` up to and including the next `\n`, or to the end of the stream; returns the number of bytes, at most `limit`.
+    pub(super) fn read_line(&mut self, limit: u64, buffer: &mut Vec<u8>) -> Result<usize> {
+        match self.stream.by_ref().take(limit).read_until(b'\n', buffer) {
+            Ok(n) => {
+                self.position += n as u64;
+                Ok(n)
+            }
+            Err(e) => Err(self.failure(e)),
+        }
+    }
+
+    /// Skips bytes; `what` names the header field that asks for it and its value.
+    pub(super) fn skip(&mut self, count: u64, what: &str) -> Result<()> {
+        let past_end = |source: &Self, held: u64| {
+            Err(source.error(format!("{what} lies past the end of the data ({held} bytes)")))
+        };
+        if !self.compressed && count > self.remaining() {
+            return past_end(self, self.remaining());
+        }
+        match io::copy(&mut self.stream.by_ref().take(count), &mut io::sink()) {
+            Ok(n) => {
+                self.position += n;
+                if n < count { past_end(self, n) } else { Ok(()) }
+            }
+            Err(e) => Err(self.failure(e)),
+        }
+    }
+
+    /// Moves to where `length` bytes and then `after` more remain to the end; ends the stream before these last.
+    pub(super) fn seek_from_end(mut self, length: u64, after: u64) -> Result<Self> {
+        let wanted = length.saturating_add(after);
+        let too_short = |source: &Self, held: u64| {
+            source.error(format!("{wanted} bytes are to be found at the end of the data, which has {held}"))
+        };
+        if !self.compressed {
+            let Some(before) = self.remaining().checked_sub(wanted) else {
+                return Err(too_short(&self, self.remaining()));
+            };
+            self.skip(before, "byte skip")?;
+            self.bound = self.position + length;
+            return Ok(self);
+        }
+        // The length of a compressed stream is known at its end only.
+        let limit = wanted.min(self.bound).saturating_add(MAX_EXCESS);
+        let mut bytes = Vec::new();
+        if let Err(e) = self.stream.by_ref().take(limit).read_to_end(&mut bytes) {
+            return Err(self.failure(e));
+        }
+        let held = bytes.len() as u64;
+        if held == limit {
+            return Err(self.error(format!("more than {MAX_EXCESS} bytes stand before the voxels")));
+        }
+        let Some(before) = held.checked_sub(wanted) else {
+            return Err(too_short(&self, held));
+        };
+        bytes.truncate(bytes.len() - after as usize);
+        let mut stream = Cursor::new(bytes);
+        stream.set_position(before);
+        Ok(Self { stream: Box::new(stream), position: before, bound: before + length, ..self })
+    }
+
+    /// Reads what follows the voxels: a decompressor checks its checksum at the end only. Returns how many bytes too many there are.
+    pub(super) fn drain(&mut self) -> Result<u64> {
+        if !self.compressed {
+            return Ok(self.remaining());
+        }
+        io::copy(&mut self.stream.by_ref().take(MAX_EXCESS), &mut io::sink()).map_err(|e| self.failure(e))
+    }
+}

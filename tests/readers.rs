@@ -1,0 +1,253 @@
+//! The readers over real and hostile files, and over random damage to valid ones.
+//!
+//! The files are those of `shared/images` beside the checkout, or of the folder that `LAPD_IMAGES` names.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use glam::DVec3;
+use lapd::image::LabelImage;
+use lapd::image::readers::{ReadImage, WorldAxes, read_image};
+use proptest::prelude::*;
+use proptest::test_runner::TestRunner;
+
+/// The folder of images, or `None`, said loudly.
+fn images(test: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("LAPD_IMAGES")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"), PathBuf::from);
+    if folder.is_dir() {
+        Some(folder)
+    } else {
+        eprintln!("SKIPPED: {test}: no folder {}", folder.display());
+        None
+    }
+}
+
+fn read(path: &Path) -> ReadImage {
+    read_image(path).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Labels without 0.
+fn label_count(image: &LabelImage) -> usize {
+    image.labels().len() - 1
+}
+
+#[test]
+fn atlases_have_their_labels_and_places() {
+    let Some(folder) = images("atlases_have_their_labels_and_places") else { return };
+    let brain = read(&folder.join("spl/brain.nrrd"));
+    assert_eq!((brain.image.dims(), label_count(&brain.image)), ([256; 3], 312));
+    assert_eq!(brain.world, Some(WorldAxes::Lps));
+    assert!(brain.warnings.is_empty(), "{:?}", brain.warnings);
+    let frame = brain.image.frame();
+    assert_eq!((frame.origin(), frame.spacing()), (DVec3::new(-128.0, -128.0, 128.0), DVec3::ONE));
+    assert_eq!(frame.direction().to_cols_array(), [0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0]);
+
+    let abdomen = read(&folder.join("spl/abdomen.nrrd"));
+    assert_eq!((abdomen.image.dims(), label_count(&abdomen.image)), ([256, 256, 113], 95));
+    let frame = abdomen.image.frame();
+    assert!((frame.spacing() - DVec3::new(0.9375, 0.9375, 1.5)).length() < 1e-12);
+    assert_eq!(frame.direction().to_cols_array(), [1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0]);
+
+    let small = read(&folder.join("formats/abdomen_3mm.nii.gz"));
+    assert_eq!((small.image.dims(), label_count(&small.image)), ([122, 101, 30], 41));
+    assert_eq!((small.image.frame().spacing(), small.world), (DVec3::splat(3.0), Some(WorldAxes::Ras)));
+}
+
+#[test]
+fn all_forms_of_the_ball_hold_the_same_voxels() {
+    let Some(folder) = images("all_forms_of_the_ball_hold_the_same_voxels") else { return };
+    let folder = folder.join("formats");
+    let reference = read(&folder.join("BallBinary30x30x30.nrrd")).image;
+    assert_eq!(label_count(&reference), 1);
+    for name in ["BallBinary30x30x30.nhdr", "BallBinary30x30x30_gz.nrrd", "BallBinary30x30x30_gz_lineskip.nrrd"] {
+        let other = read(&folder.join(name));
+        assert!(other.image == reference, "{name}");
+        assert!(other.warnings.is_empty(), "{name}: {:?}", other.warnings);
+    }
+    let nifti = read(&folder.join("BallBinary30x30x30.nii.gz"));
+    assert!(nifti.image.ids() == reference.ids());
+    // Four bytes are said to follow the voxels, and the file has none to spare.
+    let message = read_image(&folder.join("BallBinary30x30x30_byteskip_minus_five.nhdr")).unwrap_err().to_string();
+    assert!(message.contains("54004 bytes are to be found at the end of the data, which has 54000"), "{message}");
+}
+
+#[test]
+fn awkward_files_give_an_image_or_one_clear_line() {
+    let Some(folder) = images("awkward_files_give_an_image_or_one_clear_line") else { return };
+    let table: [(&str, std::result::Result<&[i32], &str>); 19] = [
+        ("empty.nrrd", Err("the file is empty")),
+        ("inr_truncated.inr", Err("438 x 353 x 165 voxels need 25511310 bytes, the file can hold 3840")),
+        ("lfs_pointer.inr", Err("Git LFS pointer")),
+        ("nifti_all_background.nii.gz", Ok(&[0])),
+        ("nifti_bad_magic.nii.gz", Err(r"magic is 'xxx\x00'")),
+        ("nifti_checkerboard.nii.gz", Ok(&[0, 1])),
+        ("nifti_dim0_is_0.nii.gz", Err("dim[0], the number of dimensions, is 0")),
+        ("nifti_float_nonintegral_labels.nii.gz", Err("labels must be whole numbers")),
+        ("nifti_gz_truncated.nii.gz", Err("cut off")),
+        // The file stores 255 where its maker had -1.
+        ("nifti_negative_label.nii.gz", Ok(&[0, 1, 2, 255])),
+        ("nifti_pixdim_zero.nii.gz", Ok(&[0, 1, 2])),
+        ("nifti_sform_singular.nii.gz", Err("sform is singular")),
+        ("nifti_single_slice.nii.gz", Ok(&[0, 1, 2])),
+        ("nifti_vox_offset_past_end.nii.gz", Err("vox_offset 1000000000 lies past the end")),
+        ("nrrd_dimension_mismatch.nrrd", Err("'sizes' must give 4 number(s), got 3")),
+        ("nrrd_header_only.nrrd", Err("need 54000 bytes, the file can hold 0")),
+        ("nrrd_sizes_overflow.nrrd", Err("too large")),
+        ("nrrd_unknown_encoding.nrrd", Err("'encoding: lzma'")),
+        ("ok.nii.gz", Ok(&[0, 1, 2])),
+    ];
+    let mut failures = Vec::new();
+    for (name, expected) in &table {
+        let start = Instant::now();
+        let found = read_image(&folder.join("awkward").join(name)).map_err(|e| e.to_string());
+        let time = start.elapsed();
+        let agrees = match (&found, expected) {
+            (Ok(read), Ok(labels)) => read.image.labels() == *labels,
+            (Err(message), Err(part)) => message.contains(part) && !message.contains('\n') && message.contains(name),
+            _ => false,
+        };
+        if !agrees || time > Duration::from_millis(500) {
+            let found = found.map(|r| format!("{:?} {:?}", r.image.labels(), r.warnings));
+            failures.push(format!("{name}: expected {expected:?}, got {found:?} in {time:?}"));
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+    let listed = std::fs::read_dir(folder.join("awkward")).unwrap().count();
+    assert_eq!(listed, table.len(), "every awkward file is in the table");
+    assert!(!read(&folder.join("awkward/nifti_pixdim_zero.nii.gz")).warnings.is_empty());
+}
+
+/// A small valid file of each format: name and bytes.
+fn valid_files() -> Vec<(&'static str, Vec<u8>)> {
+    let text = |header: &str, data: &[u8]| [header.as_bytes(), data].concat();
+    let data = [0_u8, 1, 2, 2, 1, 0, 0, 3];
+    let mut nifti = vec![0_u8; 352];
+    nifti[0..4].copy_from_slice(&348_i32.to_le_bytes());
+    for (i, n) in [3_i16, 2, 2, 2, 1].iter().enumerate() {
+        nifti[40 + 2 * i..42 + 2 * i].copy_from_slice(&n.to_le_bytes());
+    }
+    nifti[70] = 2;
+    nifti[72] = 8;
+    for i in 0..4 {
+        nifti[76 + 4 * i..80 + 4 * i].copy_from_slice(&1_f32.to_le_bytes());
+    }
+    nifti[108..112].copy_from_slice(&352_f32.to_le_bytes());
+    nifti[252] = 1;
+    nifti[344..348].copy_from_slice(b"n+1\0");
+    nifti.extend(data);
+    let mut gzipped = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    std::io::Write::write_all(&mut gzipped, &data).unwrap();
+    let gzipped = gzipped.finish().unwrap();
+    let mut inr = "#INRIMAGE-4#{\nXDIM=2\nYDIM=2\nZDIM=2\nVDIM=1\nTYPE=unsigned fixed\nPIXSIZE=8 bits\nCPU=decm\nVX=1\nVY=1\nVZ=1\n".to_owned();
+    inr.extend(std::iter::repeat_n('\n', 252 - inr.len()));
+    inr.push_str("##}\n");
+    let nrrd = "NRRD0004\ntype: uchar\ndimension: 3\nspace: LPS\nsizes: 2 2 2\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (0,0,0)\n";
+    let meta = "NDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementSpacing = 1 1 1\nOffset = 0 0 0\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n";
+    vec![
+        ("a.nrrd", text(&format!("{nrrd}byte skip: -1\nencoding: raw\n\n"), &data)),
+        ("b.nrrd", text(&format!("{nrrd}line skip: 0\nencoding: gzip\n\n"), &gzipped)),
+        ("c.nrrd", text(&format!("{nrrd}encoding: text\n\n"), b"0 1 2 2 1 0 0 3")),
+        ("d.nii", nifti),
+        ("e.mha", text(&format!("{meta}ElementDataFile = LOCAL\n"), &data)),
+        ("f.mha", text(&format!("{meta}CompressedData = True\nElementDataFile = LOCAL\n"), &gzipped)),
+        ("g.inr", text(&inr, &data)),
+    ]
+}
+
+#[test]
+fn the_valid_files_are_valid_and_none_may_be_cut() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in valid_files() {
+        let path = folder.path().join(name);
+        std::fs::write(&path, &bytes).unwrap();
+        let image = read(&path).image;
+        assert_eq!(image.ids(), [0, 1, 2, 2, 1, 0, 0, 3], "{name}");
+        for length in 0..bytes.len() {
+            // A new file: truncating one makes some file systems wait for the disk.
+            std::fs::remove_file(&path).unwrap();
+            std::fs::write(&path, &bytes[..length]).unwrap();
+            assert!(read_image(&path).is_err(), "{name} cut to {length} of {} bytes is read", bytes.len());
+        }
+    }
+}
+
+/// Damage: at a place (as a part of the file), what is put there.
+#[derive(Clone, Debug)]
+enum Damage {
+    Byte(u8),
+    Insert(String),
+    Remove(usize),
+    Repeat(usize),
+}
+
+fn damages() -> impl Strategy<Value = Vec<(f64, Damage)>> {
+    let words = prop_oneof![
+        Just("99999999999999999999"),
+        Just("4294967296"),
+        Just("-1"),
+        Just("nan"),
+        Just("1e308"),
+        Just("\n"),
+        Just("\n\n"),
+        Just("0"),
+        Just("("),
+        Just(":"),
+        Just("="),
+        Just("\u{fffd}"),
+        Just("%"),
+        Just(" 1")
+    ];
+    let damage = prop_oneof![
+        any::<u8>().prop_map(Damage::Byte),
+        words.prop_map(|word| Damage::Insert(word.to_owned())),
+        (1..12_usize).prop_map(Damage::Remove),
+        (1..40_usize).prop_map(Damage::Repeat),
+    ];
+    prop::collection::vec((0.0..1.0, damage), 1..5)
+}
+
+/// Whatever the damage: an image with as many voxels as its dims say, or one line.
+#[test]
+fn damaged_files_never_panic() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() };
+    let result = TestRunner::new(config).run(&(0..7_usize, damages()), |(which, damages)| {
+        let (name, bytes) = valid_files().swap_remove(which);
+        let path = folder.path().join(name);
+        std::fs::write(&path, damaged(bytes, damages)).unwrap();
+        let read = read_image(&path);
+        std::fs::remove_file(&path).unwrap();
+        match read {
+            Ok(read) => {
+                prop_assert_eq!(read.image.ids().len(), read.image.dims().iter().product::<usize>())
+            }
+            Err(e) => prop_assert!(!e.to_string().contains('\n'), "{}", e),
+        }
+        Ok(())
+    });
+    result.unwrap_or_else(|e| panic!("{e}"));
+}
+
+fn damaged(mut bytes: Vec<u8>, damages: Vec<(f64, Damage)>) -> Vec<u8> {
+    for (place, damage) in damages {
+        let at = (place * bytes.len() as f64) as usize;
+        let piece = |n: usize| at..(at + n).min(bytes.len());
+        match damage {
+            Damage::Byte(byte) => {
+                bytes.splice(piece(1), [byte]);
+            }
+            Damage::Insert(word) => {
+                bytes.splice(at..at, word.into_bytes());
+            }
+            Damage::Remove(n) => {
+                bytes.drain(piece(n));
+            }
+            Damage::Repeat(n) => {
+                let again = bytes[piece(n)].to_vec();
+                bytes.splice(at..at, again);
+            }
+        }
+    }
+    bytes
+}
