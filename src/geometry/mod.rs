@@ -1,0 +1,14 @@
+//! Geometry on plain points: exact predicates, circumspheres, shape measures.
+//!
+//! # The one sign convention
+//! A tet (a, b, c, d) is *positive* when (b - a) x (c - a) . (d - a) > 0: by the right-hand rule, the normal of (a, b, c)
+//! points towards d. Every tet in this crate is positive, as in VTK. Facet i of a tet is
+//! opposite to its vertex i; replacing vertex i by a point on the same side of facet i keeps the tet positive.
+//!
+//! Shewchuk's `orient3d` and `insphere` (and so the `robust` crate) use the opposite sign; only [`predicates`] knows that.
+
+pub mod predicates;
+pub mod shape;
+pub mod sphere;
+
+pub use glam::DVec3;

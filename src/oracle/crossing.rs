@@ -1,0 +1,167 @@
+//! Where a segment first leaves a label.
+//!
+//! The segment is walked cell by cell. A cell of one label is left at its far side, or by the clearance where that leads farther (sphere
+//! tracing). In a cell of several labels the first change along the segment is found exactly, as a root of a cubic
+//! polynomial. In the voxel model cells are voxels, and the crossing is the face where one is entered.
+//!
+//! Steps are measured in voxels along the image axis where the segment is longest.
+
+use glam::DVec3;
+
+use super::{Oracle, indicator};
+use crate::params::SurfaceModel;
+
+/// Width of the final bracket.
+const TOLERANCE: f64 = 5e-4;
+/// The points from + t * way, in region coordinates, and what does not change along them.
+struct Line {
+    from: DVec3,
+    way: DVec3,
+    inverse: DVec3,
+    /// t of one step's measure.
+    unit: f64,
+}
+
+impl Line {
+    /// `None` when the way is zero or not finite.
+    fn new(from: DVec3, way: DVec3) -> Option<Self> {
+        let longest = way.abs().max_element();
+        // Adding 0 makes zeros positive, which `exit` relies on.
+        let inverse = (way + DVec3::ZERO).recip();
+        (longest > 0.0 && way.is_finite() && from.is_finite()).then(|| Self { from, way, inverse, unit: 1.0 / longest })
+    }
+
+    #[inline(always)]
+    fn at(&self, t: f64) -> DVec3 {
+        self.from + self.way * t
+    }
+
+    /// Position of t in a cell, moved to its nearest point: rounding may place the ends of the line's part in the cell just outside.
+    #[inline(always)]
+    fn in_cell(&self, t: f64, cell: [usize; 3]) -> [f32; 3] {
+        let x = self.at(t);
+        [0, 1, 2].map(|a| ((x[a] - cell[a] as f64) as f32).clamp(0.0, 1.0))
+    }
+
+    /// The range of t in the box from 0 to `last`; empty (start above end) when the line misses it.
+    fn span(&self, last: DVec3) -> (f64, f64) {
+        let (mut start, mut end) = (f64::NEG_INFINITY, f64::INFINITY);
+        for a in 0..3 {
+            if self.way[a] == 0.0 {
+                if !(0.0..=last[a]).contains(&self.from[a]) {
+                    return (f64::INFINITY, f64::NEG_INFINITY);
+                }
+            } else {
+                let (p, q) = (-self.from[a] * self.inverse[a], (last[a] - self.from[a]) * self.inverse[a]);
+                start = start.max(p.min(q));
+                end = end.min(p.max(q));
+            }
+        }
+        (start, end)
+    }
+
+    /// Where the line leaves the unit cube whose lowest corner is `low`, and along which axis.
+    #[inline(always)]
+    fn exit(&self, low: DVec3) -> (f64, usize) {
+        let mut first = (f64::INFINITY, 0);
+        for a in 0..3 {
+            // Along an axis on which the line does not move this is infinite or no number, and never the first.
+            let face = if self.way[a] < 0.0 { low[a] } else { low[a] + 1.0 };
+            let t = (face - self.from[a]) * self.inverse[a];
+            if t < first.0 {
+                first = (t, a);
+            }
+        }
+        first
+    }
+}
+
+impl Oracle {
+    /// First point on the way from x to `target` that leaves the label `from`, and the label past it; region coordinates. The label must be known to be
+    /// `from` up to the part `start` of the way. Found for certain when the label of `target` is another one, but the walk is given up
+    /// past the part `limit`.
+    pub(super) fn trace(&self, x: DVec3, target: DVec3, start: f64, limit: f64, from: u16) -> Option<(DVec3, u16)> {
+        let way = target - x;
+        let mut line = Line::new(x, way)?;
+        let per_length = 1.0 / (way * self.spacing).length();
+        // Outside the region's box and on its faces all is background.
+        let (enter, leave) = line.span(self.last);
+        let first = start.max(enter).min(1.0);
+        let (stop, end, limit) = (leave.min(1.0) - first, 1.0 - first, limit - first);
+        // From here t counts from the first point in the box: circumcenters may be so far away that rounding would swallow the steps.
+        line.from = line.at(first);
+        // Cells are stepped by index (J. Amanatides, A. Woo, Eurographics 1987), not looked up by position: on a face, rounding could find the same one
+        // again and again. The label is `from` up to `known`; the part of the way in the cell starts there.
+        let (shift, most) = match self.model {
+            SurfaceModel::Smooth => (0.0, 2),
+            SurfaceModel::Voxel => (-0.5, 1),
+        };
+        let locate = |t: f64| {
+            let at = line.at(t).max(DVec3::ZERO).min(self.last);
+            if self.model == SurfaceModel::Smooth { self.cell(at) } else { self.voxel(at) }
+        };
+        let mut known = 0.0;
+        let mut cell = locate(known);
+        while known < stop {
+            if known > limit {
+                return None;
+            }
+            let (exit, axis) = line.exit(DVec3::from(cell.map(|c| c as f64)) + shift);
+            let (exit, t) = (exit.max(known), known);
+            let part = exit.min(stop);
+            let only = match self.model {
+                SurfaceModel::Smooth => {
+                    let ids = self.corners(cell);
+                    if indicator::is_uniform(&ids) {
+                        Some(ids[0])
+                    } else {
+                        let ends = [line.in_cell(t, cell), line.in_cell(part, cell)];
+                        let tolerance = TOLERANCE * line.unit / (part - t);
+                        if let Some((s, to)) = indicator::overtaken(&ids, &self.weights, from, ends, tolerance) {
+                            return Some((line.at(t + (part - t) * s), to));
+                        }
+                        None
+                    }
+                }
+                SurfaceModel::Voxel => Some(self.id(cell)),
+            };
+            known = part;
+            if let Some(id) = only {
+                if id != from {
+                    return Some((line.at(t), id));
+                }
+                // Near dO the clearance does not lead out of the cell: a look at its first corner saves the attempt.
+                if self.voxels[self.bricks.index(cell[0], cell[1], cell[2])].distance >= self.far {
+                    let clear = t + self.clearance_from(&self.nearest(line.at(t))) * per_length;
+                    if clear > exit {
+                        known = clear.min(end);
+                        cell = locate(known);
+                        continue;
+                    }
+                }
+            }
+            cell[axis] = if line.way[axis] > 0.0 { cell[axis] + 1 } else { cell[axis].wrapping_sub(1) };
+            if cell[axis] > self.bricks.dims()[axis] - most {
+                break;
+            }
+        }
+        // A change that rounding hid from the walk. Not the label at t = end: that point is the target's but for rounding, and the target may lie on a tie.
+        let to = self.label_at(target);
+        (to != from).then(|| self.halve(&line, [known.min(end), end], from, to))
+    }
+
+    /// Narrows a bracket (label `from` at its start, `to` at its end) by labels alone.
+    #[cold]
+    fn halve(&self, line: &Line, [mut low, mut high]: [f64; 2], from: u16, mut to: u16) -> (DVec3, u16) {
+        loop {
+            let middle = 0.5 * (low + high);
+            if high - low <= TOLERANCE * line.unit || middle <= low || middle >= high {
+                return (line.at(middle), to);
+            }
+            match self.label_at(line.at(middle)) {
+                id if id == from => low = middle,
+                id => (high, to) = (middle, id),
+            }
+        }
+    }
+}

@@ -1,0 +1,334 @@
+//! The oracle against definitions evaluated by brute force, on random images: anisotropic, rotated, cut by the border, both models.
+
+use glam::{DMat3, DVec3};
+use lapd::{
+    Error,
+    image::{Frame, LabelImage},
+    oracle::Oracle,
+    params::SurfaceModel,
+};
+
+const MODELS: [SurfaceModel; 2] = [SurfaceModel::Smooth, SurfaceModel::Voxel];
+
+struct Random(u64);
+
+impl Random {
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn below(&mut self, n: usize) -> usize {
+        (self.unit() * n as f64) as usize
+    }
+
+    fn point(&mut self) -> DVec3 {
+        DVec3::new(self.unit(), self.unit(), self.unit())
+    }
+
+    /// A point of the image's grid and up to `margin` voxels around it.
+    fn near(&mut self, image: &LabelImage, margin: f64) -> DVec3 {
+        let size = DVec3::from(image.dims().map(|n| n as f64 - 1.0)) + 2.0 * margin;
+        image.frame().to_world(self.point() * size - margin)
+    }
+
+    fn frame(&mut self) -> Frame {
+        let turn = DMat3::from_euler(glam::EulerRot::XYZ, self.unit() * 6.0, self.unit() * 6.0, self.unit() * 6.0);
+        let mut axes = turn.to_cols_array_2d();
+        if self.unit() < 0.5 {
+            axes[2] = axes[2].map(|c| -c);
+        }
+        let spacing = (self.point() * 1.5 + 0.4).to_array();
+        Frame::new((self.point() * 100.0 - 50.0).to_array(), spacing, axes).unwrap()
+    }
+
+    /// Blocks of labels with noise on top: flat interfaces, lines and points where labels meet, single voxels; up to the border.
+    fn image(&mut self) -> LabelImage {
+        let dims = [0; 3].map(|_: i32| 1 + self.below(8));
+        let cut = [0; 3].map(|_: i32| self.below(8));
+        let noise = if self.unit() < 0.5 { 0.05 } else { 0.5 };
+        let mut ids: Vec<u16> = Vec::new();
+        for z in 0..dims[2] {
+            for y in 0..dims[1] {
+                for x in 0..dims[0] {
+                    let block = u16::from(x > cut[0]) + u16::from(y > cut[1]) + u16::from(z > cut[2]);
+                    ids.push(if self.unit() < noise { self.below(5) as u16 } else { block });
+                }
+            }
+        }
+        ids[0] = 3;
+        LabelImage::from_ids(dims, self.frame(), ids, vec![0, 10, 20, 30, 40]).unwrap()
+    }
+}
+
+/// The id of a voxel; 0 outside the grid.
+fn voxel(image: &LabelImage, at: [i64; 3]) -> u16 {
+    let dims = image.dims().map(|n| n as i64);
+    if (0..3).any(|a| at[a] < 0 || at[a] >= dims[a]) {
+        return 0;
+    }
+    image.ids()[(at[0] + dims[0] * (at[1] + dims[1] * at[2])) as usize]
+}
+
+/// The label by definition, and by how much it is ahead of the next (smooth), or how far the next voxel is (voxel model, without weights; in voxels).
+fn naive(image: &LabelImage, weights: &[f32], p: DVec3) -> (u16, f64) {
+    let x = image.frame().to_index(p);
+    if weights.is_empty() {
+        let at = x + 0.5;
+        let ahead = (0..3).map(|a| (at[a] - at[a].round()).abs()).fold(1.0, f64::min);
+        return (voxel(image, [0, 1, 2].map(|a| at[a].floor() as i64)), ahead);
+    }
+    let low = x.floor();
+    let f = x - low;
+    let mut sums = [0.0; 5];
+    for c in 0..8 {
+        let bit = [0, 1, 2].map(|a| c >> a & 1);
+        let weight: f64 = (0..3).map(|a| if bit[a] == 1 { f[a] } else { 1.0 - f[a] }).product();
+        sums[usize::from(voxel(image, [0, 1, 2].map(|a| low[a] as i64 + bit[a])))] += weight;
+    }
+    sums.iter_mut().zip(weights).for_each(|(sum, &w)| *sum *= f64::from(w));
+    let best = (0..5).fold(0, |best, l| if sums[l] > sums[best] { l } else { best });
+    let ahead = (0..5).filter(|&l| l != best).map(|l| sums[best] - sums[l]).fold(1.0, f64::min);
+    (best as u16, ahead)
+}
+
+/// Cases of random images; smaller ones first.
+fn cases(count: u64, mut test: impl FnMut(&mut Random, &LabelImage, SurfaceModel, &Oracle)) {
+    for seed in 0..count {
+        let mut random = Random(seed + 1);
+        random.unit();
+        let image = random.image();
+        for model in MODELS {
+            let oracle = Oracle::new(&image, model, &|| Ok(())).unwrap();
+            test(&mut random, &image, model, &oracle);
+        }
+    }
+}
+
+/// Points of dO by brute force: changes of label on random segments, narrowed by halving.
+fn surface_points(random: &mut Random, image: &LabelImage, weights: &[f32], segments: usize) -> Vec<DVec3> {
+    let mut found = Vec::new();
+    for _ in 0..segments {
+        let (a, b) = (random.near(image, 1.0), random.near(image, 1.0));
+        let steps = 200;
+        for n in 0..steps {
+            let (mut p, mut q) = (a.lerp(b, n as f64 / steps as f64), a.lerp(b, (n + 1) as f64 / steps as f64));
+            let from = naive(image, weights, p).0;
+            if naive(image, weights, q).0 != from {
+                for _ in 0..30 {
+                    let middle = p.midpoint(q);
+                    if naive(image, weights, middle).0 == from { p = middle } else { q = middle }
+                }
+                found.push(p);
+            }
+        }
+    }
+    found
+}
+
+/// Whether the label changes within `tolerance` voxels of p.
+fn is_on_surface(oracle: &Oracle, image: &LabelImage, p: DVec3, tolerance: f64) -> bool {
+    let frame = image.frame();
+    let x = frame.to_index(p);
+    let mut labels: Vec<u16> = vec![oracle.label(p)];
+    for c in 0..27 {
+        let step = DVec3::new((c % 3) as f64, (c / 3 % 3) as f64, (c / 9) as f64) - 1.0;
+        labels.push(oracle.label(frame.to_world(x + step * tolerance)));
+    }
+    labels.iter().any(|&l| l != labels[0])
+}
+
+#[test]
+fn label_and_sample_are_the_definition() {
+    cases(150, |random, image, model, oracle| {
+        for _ in 0..200 {
+            let p = random.near(image, 2.0);
+            let (label, ahead) = naive(image, oracle.weights(), p);
+            if ahead > 1e-5 {
+                assert_eq!(oracle.label(p), label, "{model:?} {p}");
+                assert_eq!(oracle.sample(p).label, label, "{model:?} {p}");
+            }
+            assert_eq!(oracle.sample(p).clearance, oracle.clearance(p));
+        }
+    });
+}
+
+#[test]
+fn every_surface_point_has_a_surface_voxel_within_half_a_diagonal() {
+    cases(60, |random, image, model, oracle| {
+        let half = 0.5 * image.frame().spacing().length();
+        for x in surface_points(random, image, oracle.weights(), 20) {
+            let near = image.frame().to_index(x).round();
+            let mut nearest = f64::INFINITY;
+            for c in 0..27 {
+                let v = [near.x as i64 + c % 3 - 1, near.y as i64 + c / 3 % 3 - 1, near.z as i64 + c / 9 - 1];
+                let differs = (0..6).any(|n| {
+                    let mut w = v;
+                    w[n / 2] += if n % 2 == 0 { 1 } else { -1 };
+                    voxel(image, w) != voxel(image, v)
+                });
+                if differs {
+                    let centre = image.frame().to_world(DVec3::from(v.map(|c| c as f64)));
+                    nearest = nearest.min(centre.distance(x));
+                }
+            }
+            assert!(nearest <= half * (1.0 + 1e-6), "{model:?}: {nearest} over {half}");
+        }
+    });
+}
+
+#[test]
+fn clearance_is_a_lower_bound_and_not_a_poor_one() {
+    cases(60, |random, image, model, oracle| {
+        let surface = surface_points(random, image, oracle.weights(), 60);
+        let diagonal = image.frame().spacing().length();
+        for n in 0..100 {
+            let p = random.near(image, if n % 2 == 0 { 1.0 } else { 20.0 });
+            let nearest = surface.iter().map(|x| x.distance(p)).fold(f64::INFINITY, f64::min);
+            let clearance = oracle.clearance(p);
+            assert!(
+                clearance <= nearest * (1.0 + 1e-9),
+                "{model:?}: clearance {clearance} but a surface point at {nearest}"
+            );
+            // Surface found by the oracle is an upper bound of the distance.
+            let found = oracle.closest_surface_point(p, f64::INFINITY).unwrap().distance(p);
+            let inside = image.frame().to_index(p).cmpge(DVec3::splat(-1.0)).all();
+            if n % 2 == 0 && inside {
+                assert!(clearance >= found - 2.6 * diagonal, "{model:?}: clearance {clearance} but surface at {found}");
+            }
+        }
+    });
+}
+
+#[test]
+fn closest_surface_points_are_on_the_surface_and_close() {
+    cases(60, |random, image, model, oracle| {
+        let surface = surface_points(random, image, oracle.weights(), 60);
+        let voxel = image.frame().spacing().length();
+        for n in 0..100 {
+            let p = random.near(image, if n % 2 == 0 { 0.5 } else { 6.0 });
+            let z = oracle.closest_surface_point(p, f64::INFINITY).unwrap();
+            assert!(is_on_surface(oracle, image, z, 1e-3), "{model:?}: {p} gave {z}");
+            let nearest = surface.iter().map(|x| x.distance(p)).fold(f64::INFINITY, f64::min);
+            let d = z.distance(p);
+            if n % 2 == 0 {
+                assert!(d <= nearest + 1.5 * voxel, "{model:?}: {d} but a surface point at {nearest}");
+            }
+            // The bound is kept, and what is within it is the same point.
+            assert_eq!(oracle.closest_surface_point(p, d * (1.0 + 1e-6) + 1e-9), Some(z));
+            assert_eq!(oracle.closest_surface_point(p, d * 0.99 - 1e-3 * voxel), None);
+        }
+    });
+}
+
+#[test]
+fn first_crossings_are_the_first_change_of_label() {
+    let (mut segments, mut earlier) = (0, 0);
+    cases(150, |random, image, model, oracle| {
+        for _ in 0..60 {
+            let (a, b) = (random.near(image, 2.0), random.near(image, 2.0));
+            let from = oracle.label(a);
+            let index = |t: f64| image.frame().to_index(a.lerp(b, t));
+            let voxels = (index(1.0) - index(0.0)).abs().max_element();
+            let steps = (voxels * 300.0).ceil() as usize + 1;
+            let change = (1..=steps)
+                .map(|n| n as f64 / steps as f64)
+                .find(|&t| naive(image, oracle.weights(), a.lerp(b, t)).0 != from);
+            let found = oracle.first_crossing(a, b);
+            segments += 1;
+            let Some(crossing) = found else {
+                if let Some(t) = change {
+                    let (_, ahead) = naive(image, oracle.weights(), a.lerp(b, t));
+                    assert!(ahead < 1e-4, "{model:?}: a change at {t} was missed, ahead by {ahead}");
+                }
+                assert_eq!(oracle.label(b), from);
+                continue;
+            };
+            let t = (crossing.point - a).dot(b - a) / (b - a).length_squared();
+            assert!((a.lerp(b, t) - crossing.point).length() < 1e-9);
+            assert_eq!(crossing.from, from);
+            assert_ne!(crossing.to, from);
+            assert!(is_on_surface(oracle, image, crossing.point, 1e-3), "{model:?}: {a} {b} gave {}", crossing.point);
+            match change {
+                Some(change) if (change - t).abs() * voxels <= 5e-3 => {}
+                Some(change) if change < t => {
+                    let (_, ahead) = naive(image, oracle.weights(), a.lerp(b, change));
+                    assert!(ahead < 1e-4, "{model:?}: {t} found, but a change at {change}");
+                }
+                _ => earlier += 1,
+            }
+        }
+    });
+    // Shorter stays than the samples resolve are found too.
+    println!("{segments} segments, {earlier} with a crossing that sampling at 1/300 voxel did not see");
+    assert!(earlier * 200 < segments);
+}
+
+#[test]
+fn segments_that_end_in_another_label_always_cross() {
+    cases(60, |random, image, _, oracle| {
+        let frame = image.frame();
+        // Points on voxel centres, faces, edges and corners, where ties are.
+        let mut snapped = || frame.to_world((frame.to_index(random.near(image, 2.0)) * 2.0).round() / 2.0);
+        for _ in 0..200 {
+            let (a, b) = (snapped(), snapped());
+            let crossing = oracle.first_crossing(a, b);
+            if oracle.label(a) != oracle.label(b) {
+                let crossing = crossing.unwrap_or_else(|| panic!("{a} {b}"));
+                assert!(crossing.from == oracle.label(a) && crossing.to != crossing.from);
+            }
+        }
+    });
+}
+
+#[test]
+fn far_and_broken_points_are_answered() {
+    cases(10, |_, image, _, oracle| {
+        let inside = image.frame().to_world(DVec3::ZERO);
+        for far in [1e6, 1e12, 1e100, f64::MAX] {
+            for away in [DVec3::X, DVec3::new(-1.0, 0.7, 0.1), DVec3::splat(1.0)] {
+                let p = away * far;
+                assert_eq!(oracle.label(p), 0);
+                assert!(far > 1e150 || oracle.clearance(p) > 0.9 * far);
+                assert_eq!(oracle.closest_surface_point(p, 1.0), None);
+                if far <= 1e12 {
+                    assert!(oracle.first_crossing(inside, p).is_some());
+                    assert!(oracle.first_crossing(p, inside).is_some());
+                    assert!(oracle.closest_surface_point(p, f64::INFINITY).is_some());
+                }
+            }
+        }
+        for p in [DVec3::NAN, DVec3::INFINITY, DVec3::new(0.0, f64::NAN, f64::NEG_INFINITY)] {
+            assert_eq!(oracle.label(p), 0);
+            oracle.clearance(p);
+            assert_eq!(oracle.closest_surface_point(p, f64::INFINITY), None);
+            assert_eq!(oracle.first_crossing(p, inside), None);
+            assert_eq!(oracle.first_crossing(inside, p), None);
+        }
+    });
+}
+
+#[test]
+fn one_label_to_the_border_is_a_box() {
+    let image = LabelImage::from_ids([4, 3, 2], Frame::axis_aligned([1.0, 2.0, 3.0]).unwrap(), vec![1; 24], vec![0, 7])
+        .unwrap();
+    for model in MODELS {
+        let oracle = Oracle::new(&image, model, &|| Ok(())).unwrap();
+        let crossing = oracle.first_crossing(DVec3::new(1.0, 2.0, 1.5), DVec3::new(11.0, 2.0, 1.5)).unwrap();
+        // The smooth model rounds the edges of the box, and makes up for that by its faces.
+        let range = if model == SurfaceModel::Smooth { 3.5..3.6 } else { 3.499..3.501 };
+        assert!(range.contains(&crossing.point.x), "{model:?}: {}", crossing.point);
+        assert_eq!((crossing.from, crossing.to), (1, 0));
+        let [low, high] = oracle.bounds();
+        assert!(low.cmple(DVec3::new(-0.5, -1.0, -1.5)).all() && high.cmpge(DVec3::new(3.5, 5.0, 4.5)).all());
+    }
+}
+
+#[test]
+fn empty_images_and_cancelling_are_errors() {
+    let frame = Frame::axis_aligned([1.0; 3]).unwrap();
+    let empty = LabelImage::from_ids([3, 3, 3], frame, vec![0; 27], vec![0]).unwrap();
+    assert!(matches!(Oracle::new(&empty, SurfaceModel::Smooth, &|| Ok(())), Err(Error::EmptyImage)));
+    let full = LabelImage::from_ids([3, 3, 3], frame, vec![1; 27], vec![0, 1]).unwrap();
+    assert!(matches!(Oracle::new(&full, SurfaceModel::Smooth, &|| Err(Error::Cancelled)), Err(Error::Cancelled)));
+}
