@@ -1,0 +1,162 @@
+//! An array that grows without moving: fixed-size chunks, each made once, found through a fixed table.
+//!
+//! Any number of threads may read existing chunks while one makes another. A chunk is zeroed memory of its own allocation, first touched by
+//! the thread that uses it, so that its pages lie on that thread's memory node.
+//!
+//! Cost: one access is two dependent loads, the first of them always hot, and a test that the chunk exists.
+
+use std::alloc::{Layout, alloc_zeroed, dealloc, handle_alloc_error};
+use std::ptr;
+use std::sync::atomic::{AtomicPtr, Ordering};
+
+/// Elements of one chunk; a power of two.
+pub const CHUNK: usize = 1 << 14;
+
+/// Entries of the table: any u32 finds its chunk without a test of bounds. The table is zeroed memory, of which only the used part is ever touched.
+const TABLE: usize = (1 << 32) / CHUNK;
+
+/// A type for which all bytes zero are a valid value, and which needs no drop.
+///
+/// # Safety
+/// Both must hold.
+pub unsafe trait Zeroable: Sync + Sized {
+    /// Whether dropping does nothing; checked when an array is made.
+    const NO_DROP: bool = !std::mem::needs_drop::<Self>();
+}
+
+// SAFETY: an atomic integer is an integer in memory, for which 0 is a value.
+unsafe impl Zeroable for std::sync::atomic::AtomicU32 {}
+
+/// The array. `T` holds atomics, so that shared references suffice to write.
+pub struct Chunked<T: Zeroable> {
+    /// Null, or the first element of a chunk; never changes once it is not null.
+    chunks: Box<[AtomicPtr<T>; TABLE]>,
+    max_chunks: usize,
+}
+
+impl<T: Zeroable> Chunked<T> {
+    const LAYOUT: Layout = match Layout::array::<T>(CHUNK) {
+        Ok(layout) => layout,
+        Err(_) => panic!("a chunk is larger than memory"),
+    };
+
+    /// An empty array with room for `capacity` elements, rounded up to whole chunks.
+    pub fn with_capacity(capacity: usize) -> Self {
+        const { assert!(T::NO_DROP && size_of::<T>() > 0) };
+        // SAFETY: an AtomicPtr of zero bytes is a null pointer.
+        let chunks = unsafe { Box::<[AtomicPtr<T>; TABLE]>::new_zeroed().assume_init() };
+        Self { chunks, max_chunks: capacity.div_ceil(CHUNK).min(TABLE) }
+    }
+
+    /// Number of chunks that fit.
+    pub fn max_chunks(&self) -> usize {
+        self.max_chunks
+    }
+
+    /// Makes chunk `chunk` exist, all bytes zero, unless it does.
+    pub fn make_chunk(&self, chunk: usize) {
+        let slot = &self.chunks[chunk];
+        if !slot.load(Ordering::Acquire).is_null() {
+            return;
+        }
+        // SAFETY: the layout has a size above 0 (asserted in with_capacity).
+        let made = unsafe { alloc_zeroed(Self::LAYOUT) }.cast::<T>();
+        if made.is_null() {
+            handle_alloc_error(Self::LAYOUT);
+        }
+        // Release: whoever finds the pointer finds zeroed memory. Acquire on failure: the caller uses the other thread's chunk.
+        if slot.compare_exchange(ptr::null_mut(), made, Ordering::Release, Ordering::Acquire).is_err() {
+            // SAFETY: allocated above with this layout, and nobody else saw it.
+            unsafe { dealloc(made.cast(), Self::LAYOUT) };
+        }
+    }
+
+    /// Asks the processor to fetch element `index`, which is looked at soon. Does nothing when there is no such element.
+    #[inline(always)]
+    pub fn prefetch(&self, index: u32) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            let element =
+                self.chunks[index as usize / CHUNK].load(Ordering::Relaxed).wrapping_add(index as usize % CHUNK);
+            // SAFETY: prefetching never faults, whatever the address.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(element.cast()) };
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = index;
+    }
+
+    /// The element `index`.
+    ///
+    /// # Panics
+    /// When its chunk was never made.
+    #[inline(always)]
+    pub fn get(&self, index: u32) -> &T {
+        let index = index as usize;
+        // Acquire: pairs with the release of make_chunk; a plain load on x86.
+        let chunk = self.chunks[index / CHUNK].load(Ordering::Acquire);
+        if chunk.is_null() {
+            missing_chunk();
+        }
+        // SAFETY: a pointer that is not null is a chunk of CHUNK zeroed, hence valid elements that lives as long as self, and
+        // index % CHUNK < CHUNK. T is Sync, so sharing it is fine.
+        unsafe { &*chunk.add(index % CHUNK) }
+    }
+}
+
+impl<T: Zeroable> Drop for Chunked<T> {
+    fn drop(&mut self) {
+        for slot in &mut self.chunks[..self.max_chunks] {
+            let chunk = *slot.get_mut();
+            if !chunk.is_null() {
+                // SAFETY: made by make_chunk with this layout; T needs no drop; nobody else can hold a reference, because self is borrowed
+                // mutably.
+                unsafe { dealloc(chunk.cast(), Self::LAYOUT) };
+            }
+        }
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn missing_chunk() -> ! {
+    panic!("an id names memory that was never made")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::AtomicU32;
+
+    #[test]
+    fn elements_stay_while_the_array_grows() {
+        let array = Chunked::<AtomicU32>::with_capacity(3 * CHUNK);
+        array.make_chunk(0);
+        let first = array.get(7);
+        first.store(42, Ordering::Relaxed);
+        array.make_chunk(2);
+        array.make_chunk(0);
+        assert_eq!(first.load(Ordering::Relaxed), 42);
+        assert_eq!(array.get(2 * CHUNK as u32).load(Ordering::Relaxed), 0);
+    }
+
+    #[test]
+    fn threads_that_make_the_same_chunk_share_it() {
+        let array = Chunked::<AtomicU32>::with_capacity(CHUNK);
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    array.make_chunk(0);
+                    array.get(1).fetch_add(1, Ordering::Relaxed);
+                });
+            }
+        });
+        assert_eq!(array.get(1).load(Ordering::Relaxed), 4);
+    }
+
+    #[test]
+    #[should_panic(expected = "never made")]
+    fn an_element_of_no_chunk_is_refused() {
+        Chunked::<AtomicU32>::with_capacity(CHUNK).get(0);
+    }
+}

@@ -1,0 +1,43 @@
+//! The Delaunay triangulation of a growing and shrinking point set in a box; knows no image.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`chunked`] | memory in chunks that never move |
+//! | [`tet`] | records of tets and vertices, ids, the facet notation |
+//! | [`access`] | who may touch a vertex: the locking policy, a type parameter |
+//! | [`triangulation`] | the shared structure and the virtual box |
+//! | [`worker`] | one thread's view: scratch memory, free slots, counters |
+//! | [`locate`] | walking to the tet that holds a point |
+//! | [`cavity`] | the conflict zone of a point (digging) |
+//! | [`insert`] | Bowyer-Watson insertion (filling) |
+//! | [`remove`] | vertex removal by the Delaunay triangulation of the link |
+//! | [`check`] | the validator: every invariant below, exactly |
+//!
+//! # Invariants
+//! 1. Every tet is positive (`geometry`), and its circumball is empty under the symbolic perturbation, so that the triangulation is a function of
+//!    its vertex set.
+//! 2. Adjacency is mutual; a facet without a neighbour lies on the box.
+//! 3. Every vertex that is not removed names one tet of its star.
+//! 4. An operation writes only to tets all of whose vertices its worker owns, and to the adjacency slots that face them. A tet shares three
+//!    vertices with each neighbour, so nobody else can change the neighbour meanwhile.
+//! 5. An operation either completes or changes nothing.
+//!
+//! All shared words are relaxed atomics: a race is a logic error that the ownership protocol excludes, never undefined behaviour.
+
+pub mod access;
+pub mod cavity;
+pub mod check;
+pub mod chunked;
+pub mod insert;
+pub mod locate;
+pub mod remove;
+pub mod tet;
+pub mod triangulation;
+pub mod worker;
+
+pub use access::{Access, Solo};
+pub use insert::Insertion;
+pub use remove::Removal;
+pub use tet::{Facet, TetId, TetStamp, VertexId, VertexKind};
+pub use triangulation::Triangulation;
+pub use worker::Worker;

@@ -1,0 +1,287 @@
+//! Records and ids.
+//!
+//! # Anatomy of a tet
+//! ```text
+//!            3            positive: (v1 - v0) x (v2 - v0) . (v3 - v0) > 0
+//!           /|\           facet i is opposite to vertex i
+//!          / | \          neighbour i lies across facet i
+//!         /  |  \
+//!        0---|---2        FACET[i]: the other three vertices, ordered so that
+//!         \  |  /         (v[FACET[i][0]], v[FACET[i][1]], v[FACET[i][2]], v[i])
+//!          \ | /          is a positive tet: the facet's normal points inwards
+//!            1
+//! ```
+//! One tet is one 64-byte cache line: vertices, neighbours, circumcenter, squared radius with its slack, and a word for the
+//! layer above. Only the generation of the slot lies in a second array.
+
+use std::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, AtomicU64, Ordering::Relaxed};
+
+use glam::DVec3;
+
+use super::chunked::Zeroable;
+use crate::geometry::sphere::Circumsphere;
+
+/// Index of a vertex. Ids are never used twice in one triangulation.
+pub type VertexId = u32;
+/// Index of a tet's slot. Slots are used again; a [`TetStamp`] tells whether the tet is still the same.
+pub type TetId = u32;
+
+/// No vertex; in slot 0 of a tet it marks a free slot.
+pub const NO_VERTEX: VertexId = u32::MAX;
+
+/// `FACET[i]` lists the vertices of facet i, see the picture above.
+pub const FACET: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
+
+/// A tet and one of its facets, packed as `tet << 2 | facet`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Facet(u32);
+
+impl Facet {
+    /// No facet: the neighbour of a facet on the box.
+    pub const NONE: Self = Self(u32::MAX);
+
+    /// Facet `index` (0 to 3) of `tet`.
+    #[inline(always)]
+    pub fn new(tet: TetId, index: usize) -> Self {
+        Self(tet << 2 | index as u32)
+    }
+
+    /// The tet.
+    #[inline(always)]
+    pub fn tet(self) -> TetId {
+        self.0 >> 2
+    }
+
+    /// Which facet of the tet.
+    #[inline(always)]
+    pub fn index(self) -> usize {
+        (self.0 & 3) as usize
+    }
+
+    /// Whether this is [`Facet::NONE`].
+    #[inline(always)]
+    pub fn is_none(self) -> bool {
+        self == Self::NONE
+    }
+}
+
+/// Most tets that packed facets can name.
+pub const MAX_TETS: usize = 1 << 30;
+
+/// The record of a tet: one cache line.
+#[repr(C, align(64))]
+pub struct TetRecord {
+    vertices: [AtomicU32; 4],
+    neighbors: [AtomicU32; 4],
+    center: [AtomicU64; 3],
+    /// The squared radius above which a point is outside, as f32.
+    outside: AtomicU32,
+    /// Bits 0 to 23: the word of the layer above. Bit 24: the tet is in the cavity that its owner digs. From bit 25: the slack of the
+    /// in-sphere test, see [`slack_exponent`].
+    flags: AtomicU32,
+}
+
+/// Bits of [`TetRecord`]'s flags that belong to the layer above.
+pub const TAG_BITS: u32 = 24;
+const TAG_MASK: u32 = (1 << TAG_BITS) - 1;
+const IN_CAVITY: u32 = 1 << TAG_BITS;
+const SLACK_SHIFT: u32 = TAG_BITS + 1;
+
+/// The inside bound of a sphere is kept as an exponent e: outside * (1 - 2^-e), rounded down; e = 0 is certain of nothing.
+#[inline(always)]
+fn slack_exponent(sphere: &Circumsphere) -> u32 {
+    let slack = 1.0 - sphere.inside / sphere.outside;
+    // A power of two at least as large as the slack: the exponent above that of the slack. NaN and slack >= 1/2 give 0.
+    if slack < 0.5 { 126 - (slack.max(f32::MIN_POSITIVE).to_bits() >> 23) } else { 0 }
+}
+
+#[inline(always)]
+fn inside_bound(outside: f32, exponent: u32) -> f32 {
+    outside - outside * f32::from_bits((127 - exponent) << 23)
+}
+
+impl TetRecord {
+    /// The four vertices.
+    #[inline(always)]
+    pub fn vertices(&self) -> [VertexId; 4] {
+        [0, 1, 2, 3].map(|i: usize| self.vertices[i].load(Relaxed))
+    }
+
+    /// Makes this the record of a new tet with word 0; its neighbours follow by [`Self::set_neighbor`].
+    #[inline(always)]
+    pub(super) fn fill(&self, vertices: [VertexId; 4], sphere: &Circumsphere) {
+        for (slot, v) in self.vertices.iter().zip(vertices) {
+            slot.store(v, Relaxed);
+        }
+        for (slot, x) in self.center.iter().zip(sphere.center.to_array()) {
+            slot.store(x.to_bits(), Relaxed);
+        }
+        self.outside.store(sphere.outside.to_bits(), Relaxed);
+        self.flags.store(slack_exponent(sphere) << SLACK_SHIFT, Relaxed);
+    }
+
+    /// Marks the slot free.
+    #[inline(always)]
+    pub(super) fn clear(&self) {
+        self.vertices[0].store(NO_VERTEX, Relaxed);
+    }
+
+    /// The facet of the neighbour that is this tet's facet `i`.
+    #[inline(always)]
+    pub fn neighbor(&self, i: usize) -> Facet {
+        Facet(self.neighbors[i].load(Relaxed))
+    }
+
+    #[inline(always)]
+    pub(super) fn set_neighbor(&self, i: usize, facet: Facet) {
+        self.neighbors[i].store(facet.0, Relaxed);
+    }
+
+    /// The circumsphere.
+    #[inline(always)]
+    pub fn sphere(&self) -> Circumsphere {
+        let outside = f32::from_bits(self.outside.load(Relaxed));
+        Circumsphere {
+            center: DVec3::from_array([0, 1, 2].map(|i: usize| f64::from_bits(self.center[i].load(Relaxed)))),
+            inside: inside_bound(outside, self.flags.load(Relaxed) >> SLACK_SHIFT),
+            outside,
+        }
+    }
+
+    /// The word of the layer above, of [`TAG_BITS`] bits; 0 in a new tet.
+    #[inline(always)]
+    pub fn tag(&self) -> u32 {
+        self.flags.load(Relaxed) & TAG_MASK
+    }
+
+    /// Sets the word of the layer above. Not to be called while the tet is dug.
+    #[inline(always)]
+    pub fn set_tag(&self, tag: u32) {
+        let flags = self.flags.load(Relaxed);
+        self.flags.store(flags & !TAG_MASK | tag & TAG_MASK, Relaxed);
+    }
+
+    #[inline(always)]
+    pub(super) fn is_in_cavity(&self) -> bool {
+        self.flags.load(Relaxed) & IN_CAVITY != 0
+    }
+
+    #[inline(always)]
+    pub(super) fn set_in_cavity(&self, is: bool) {
+        let flags = self.flags.load(Relaxed);
+        self.flags.store(if is { flags | IN_CAVITY } else { flags & !IN_CAVITY }, Relaxed);
+    }
+}
+
+/// A tet as it was when the stamp was taken: stale once the slot was freed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TetStamp {
+    /// The slot.
+    pub tet: TetId,
+    /// The slot's generation then.
+    pub generation: u32,
+}
+
+/// What a vertex is to the refinement rules.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum VertexKind {
+    /// A corner of the virtual box.
+    Box = 0,
+    /// On an interface (dO).
+    Isovertex = 1,
+    /// An inserted circumcenter.
+    Free = 2,
+    /// No longer in the triangulation.
+    Removed = 3,
+}
+
+/// The record of a vertex.
+#[repr(C, align(32))]
+pub struct VertexRecord {
+    position: [AtomicU64; 3],
+    /// A tet of the star.
+    star: AtomicU32,
+    /// Who owns the vertex: 0 nobody, else worker + 1. Only `access` reads and writes it.
+    pub(super) owner: AtomicU16,
+    kind: AtomicU8,
+}
+
+impl VertexRecord {
+    /// Where it is.
+    #[inline(always)]
+    pub fn position(&self) -> DVec3 {
+        DVec3::from_array(std::array::from_fn(|i| f64::from_bits(self.position[i].load(Relaxed))))
+    }
+
+    /// What it is.
+    #[inline(always)]
+    pub fn kind(&self) -> VertexKind {
+        match self.kind.load(Relaxed) {
+            0 => VertexKind::Box,
+            1 => VertexKind::Isovertex,
+            2 => VertexKind::Free,
+            _ => VertexKind::Removed,
+        }
+    }
+
+    /// A tet that has this vertex.
+    #[inline(always)]
+    pub fn star(&self) -> TetId {
+        self.star.load(Relaxed)
+    }
+
+    pub(super) fn fill(&self, position: DVec3, kind: VertexKind) {
+        for (slot, x) in self.position.iter().zip(position.to_array()) {
+            slot.store(x.to_bits(), Relaxed);
+        }
+        self.kind.store(kind as u8, Relaxed);
+    }
+
+    #[inline(always)]
+    pub(super) fn set_star(&self, tet: TetId) {
+        self.star.store(tet, Relaxed);
+    }
+
+    pub(super) fn set_removed(&self) {
+        self.kind.store(VertexKind::Removed as u8, Relaxed);
+    }
+}
+
+// SAFETY: both records are atomic integers only, for which 0 is a value; dropping them does nothing.
+unsafe impl Zeroable for TetRecord {}
+// SAFETY: as above.
+unsafe impl Zeroable for VertexRecord {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn records_have_the_size_of_their_lines() {
+        assert_eq!(size_of::<TetRecord>(), 64);
+        assert_eq!(size_of::<VertexRecord>(), 32);
+    }
+
+    proptest! {
+        // The packed slack never claims more than the sphere did, and not much less.
+        #[test]
+        fn the_packed_bound_is_below_the_inside_bound(outside in 1e-6..1e6_f32, slack in 1e-7..1.5_f32) {
+            let sphere = Circumsphere { center: DVec3::ZERO, inside: outside * (1.0 - slack), outside };
+            let packed = inside_bound(outside, slack_exponent(&sphere));
+            // One unit of f32, which the widening of the bounds covers.
+            prop_assert!(packed <= sphere.inside.max(0.0) * (1.0 + f32::EPSILON));
+            prop_assert!(slack >= 0.4 || packed >= outside * (1.0 - 2.1 * slack.max(1.2e-7)));
+        }
+    }
+
+    #[test]
+    fn an_uncertain_sphere_stays_uncertain() {
+        let sphere = Circumsphere { center: DVec3::ZERO, inside: -1.0, outside: f32::INFINITY };
+        let exponent = slack_exponent(&sphere);
+        assert_eq!(exponent, 0);
+        // Infinite minus infinite: a NaN, below which nothing is.
+        assert!(inside_bound(f32::INFINITY, exponent).is_nan());
+    }
+}

@@ -1,0 +1,253 @@
+//! The shared structure: all tets and vertices, and the virtual box they live in.
+//!
+//! The box's eight corners are vertices like others, so every facet has two sides or lies on the box and no case for infinity exists.
+
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use glam::DVec3;
+
+use super::chunked::{CHUNK, Chunked};
+use super::tet::{FACET, Facet, MAX_TETS, NO_VERTEX, TetId, TetRecord, TetStamp, VertexId, VertexKind, VertexRecord};
+use crate::geometry::predicates::{in_sphere_perturbed, orient};
+use crate::geometry::sphere::Circumsphere;
+use crate::{Error, Result};
+
+/// Number of box vertices; they have the first ids.
+pub const BOX_VERTICES: u32 = 8;
+
+/// A Delaunay triangulation of points strictly inside an axis-aligned box.
+pub struct Triangulation {
+    tets: Chunked<TetRecord>,
+    /// Counts the uses of each slot: odd while a tet lives in it, even otherwise.
+    generations: Chunked<AtomicU32>,
+    vertices: Chunked<VertexRecord>,
+    tet_chunks: AtomicU32,
+    vertex_chunks: AtomicU32,
+    lower: DVec3,
+    upper: DVec3,
+}
+
+impl Triangulation {
+    /// The triangulation of the corners of a box.
+    ///
+    /// # Errors
+    /// [`Error::InvalidArgument`] when the box is empty or not finite.
+    pub fn new(lower: DVec3, upper: DVec3) -> Result<Self> {
+        if !(lower.is_finite() && upper.is_finite() && lower.cmplt(upper).all()) {
+            return Err(Error::InvalidArgument(format!("the box from {lower} to {upper} is empty or not finite")));
+        }
+        let triangulation = Self {
+            tets: Chunked::with_capacity(MAX_TETS),
+            generations: Chunked::with_capacity(MAX_TETS),
+            vertices: Chunked::with_capacity(MAX_TETS / 4),
+            tet_chunks: AtomicU32::new(0),
+            vertex_chunks: AtomicU32::new(0),
+            lower,
+            upper,
+        };
+        triangulation.triangulate_box()?;
+        Ok(triangulation)
+    }
+
+    /// The perturbed Delaunay triangulation of eight cospherical points, by its definition: of all positive tets of corners, those in
+    /// conflict with no other corner.
+    fn triangulate_box(&self) -> Result<()> {
+        let first_tet = self.claim_tets()?.start;
+        let first_vertex = self.claim_vertices()?.start;
+        debug_assert!(first_tet == 0 && first_vertex == 0);
+        let corners: [DVec3; 8] = std::array::from_fn(|i| {
+            let pick = |axis: usize| if i >> axis & 1 == 0 { self.lower[axis] } else { self.upper[axis] };
+            DVec3::new(pick(0), pick(1), pick(2))
+        });
+        for (i, &corner) in corners.iter().enumerate() {
+            self.vertex(i as u32).fill(corner, VertexKind::Box);
+        }
+        let mut tets: Vec<[u32; 4]> = Vec::new();
+        for subset in 0_u32..256 {
+            if subset.count_ones() != 4 {
+                continue;
+            }
+            let mut ids: Vec<u32> = (0..8).filter(|i| subset >> i & 1 == 1).collect();
+            let points = |ids: &[u32]| -> [DVec3; 4] { std::array::from_fn(|k| corners[ids[k] as usize]) };
+            let [a, b, c, d] = points(&ids);
+            let sign = orient(a, b, c, d);
+            if sign == 0.0 {
+                continue;
+            }
+            if sign < 0.0 {
+                ids.swap(0, 1);
+            }
+            let positive = points(&ids);
+            let empty = (0..8_u32)
+                .filter(|i| subset >> i & 1 == 0)
+                .all(|i| !in_sphere_perturbed(positive, corners[i as usize]));
+            if empty {
+                tets.push([ids[0], ids[1], ids[2], ids[3]]);
+            }
+        }
+        for (t, &vertices) in tets.iter().enumerate() {
+            self.fill_tet(t as u32, vertices);
+            for v in vertices {
+                self.vertex(v).set_star(t as u32);
+            }
+        }
+        let sorted_facet = |t: usize, i: usize| {
+            let mut f = FACET[i].map(|k| tets[t][k]);
+            f.sort_unstable();
+            f
+        };
+        for t in 0..tets.len() {
+            for i in 0..4 {
+                let twin = (0..tets.len())
+                    .flat_map(|s| (0..4).map(move |j| (s, j)))
+                    .find(|&(s, j)| s != t && sorted_facet(s, j) == sorted_facet(t, i));
+                let neighbor = twin.map_or(Facet::NONE, |(s, j)| Facet::new(s as u32, j));
+                self.tet(t as u32).set_neighbor(i, neighbor);
+            }
+        }
+        Ok(())
+    }
+
+    /// The lower corner of the box.
+    pub fn lower(&self) -> DVec3 {
+        self.lower
+    }
+
+    /// The upper corner of the box.
+    pub fn upper(&self) -> DVec3 {
+        self.upper
+    }
+
+    /// Whether `p` lies strictly inside the box, as every inserted point must.
+    #[inline]
+    pub fn holds(&self, p: DVec3) -> bool {
+        p.cmpgt(self.lower).all() && p.cmplt(self.upper).all()
+    }
+
+    /// The record of a tet slot.
+    #[inline(always)]
+    pub fn tet(&self, t: TetId) -> &TetRecord {
+        self.tets.get(t)
+    }
+
+    /// Fetches the neighbours of a tet into the cache: whoever looks at them next need not wait.
+    #[inline]
+    pub fn prefetch_neighbors(&self, t: TetId) {
+        let record = self.tet(t);
+        for i in 0..4 {
+            // A facet on the box names a tet far beyond all that exist.
+            self.tets.prefetch(record.neighbor(i).tet());
+        }
+    }
+
+    /// The record of a vertex.
+    #[inline(always)]
+    pub fn vertex(&self, v: VertexId) -> &VertexRecord {
+        self.vertices.get(v)
+    }
+
+    /// Where a vertex is.
+    #[inline(always)]
+    pub fn position(&self, v: VertexId) -> DVec3 {
+        self.vertex(v).position()
+    }
+
+    /// Where the vertices of a tet are.
+    #[inline(always)]
+    pub fn corners(&self, vertices: [VertexId; 4]) -> [DVec3; 4] {
+        [self.position(vertices[0]), self.position(vertices[1]), self.position(vertices[2]), self.position(vertices[3])]
+    }
+
+    /// Whether the tet that the stamp was taken of still lives.
+    #[inline(always)]
+    pub fn is_current(&self, stamp: TetStamp) -> bool {
+        self.generations.get(stamp.tet).load(Relaxed) == stamp.generation
+    }
+
+    /// A stamp of a living tet.
+    #[inline(always)]
+    pub fn stamp(&self, tet: TetId) -> TetStamp {
+        TetStamp { tet, generation: self.generations.get(tet).load(Relaxed) }
+    }
+
+    /// All living tets, in the order of their slots. Not to be used while others operate.
+    pub fn living_tets(&self) -> impl Iterator<Item = TetId> + '_ {
+        let slots = self.tet_chunks.load(Relaxed) * CHUNK as u32;
+        (0..slots).filter(|&t| self.is_living(t))
+    }
+
+    /// Whether a tet lives in the slot.
+    pub fn is_living(&self, t: TetId) -> bool {
+        self.generations.get(t).load(Relaxed) & 1 == 1
+    }
+
+    /// Ids below this may be vertices.
+    pub fn vertex_bound(&self) -> u32 {
+        self.vertex_chunks.load(Relaxed) * CHUNK as u32
+    }
+
+    /// The tet across facet `facet`, or `None` on the box.
+    #[inline]
+    pub fn across(&self, facet: Facet) -> Option<TetId> {
+        let neighbor = self.tet(facet.tet()).neighbor(facet.index());
+        (!neighbor.is_none()).then(|| neighbor.tet())
+    }
+
+    /// Writes a new tet into a slot, with its circumsphere; neighbours follow.
+    #[inline]
+    pub(super) fn fill_tet(&self, t: TetId, vertices: [VertexId; 4]) {
+        let [a, b, c, d] = self.corners(vertices);
+        self.tet(t).fill(vertices, &Circumsphere::of_tet(a, b, c, d));
+        self.advance(t);
+    }
+
+    /// Ends one use of a slot, or begins the next. Only the slot's owner does, so that no exchange is needed.
+    #[inline]
+    fn advance(&self, t: TetId) {
+        let generation = self.generations.get(t);
+        generation.store(generation.load(Relaxed).wrapping_add(1), Relaxed);
+    }
+
+    /// Frees a slot.
+    #[inline]
+    pub(super) fn clear_tet(&self, t: TetId) {
+        self.tet(t).clear();
+        self.advance(t);
+    }
+
+    /// A range of fresh tet slots for one worker.
+    pub(super) fn claim_tets(&self) -> Result<std::ops::Range<u32>> {
+        // Relaxed: the counter only hands out distinct numbers; the chunk itself is published by make_chunk.
+        let chunk = self.tet_chunks.fetch_add(1, Relaxed);
+        if chunk as usize >= self.tets.max_chunks() {
+            self.tet_chunks.fetch_sub(1, Relaxed);
+            return Err(Error::LimitReached(format!("the triangulation would exceed {MAX_TETS} tets")));
+        }
+        self.tets.make_chunk(chunk as usize);
+        self.generations.make_chunk(chunk as usize);
+        for t in 0..CHUNK as u32 {
+            self.tet(chunk * CHUNK as u32 + t).clear();
+        }
+        Ok(chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32)
+    }
+
+    /// A range of fresh vertex ids for one worker.
+    pub(super) fn claim_vertices(&self) -> Result<std::ops::Range<u32>> {
+        // Relaxed: as above.
+        let chunk = self.vertex_chunks.fetch_add(1, Relaxed);
+        if chunk as usize >= self.vertices.max_chunks() {
+            self.vertex_chunks.fetch_sub(1, Relaxed);
+            return Err(Error::LimitReached(format!("the triangulation would exceed {} vertices", MAX_TETS / 4)));
+        }
+        self.vertices.make_chunk(chunk as usize);
+        for v in 0..CHUNK as u32 {
+            self.vertex(chunk * CHUNK as u32 + v).set_removed();
+        }
+        Ok(chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32)
+    }
+
+    /// Whether `facet` names a vertex slot that matches [`NO_VERTEX`]; used by the validator on free slots.
+    pub(super) fn is_cleared(&self, t: TetId) -> bool {
+        self.tet(t).vertices()[0] == NO_VERTEX
+    }
+}
