@@ -1,0 +1,175 @@
+//! One worker's loop over the poor elements.
+//!
+//! Two stacks, last in first out, so that the work stays where the caches are warm. *New* tets wait to be looked at; looking at a tet asks
+//! the surface rules, then the volume rules. A surface demand is carried out at once; a tet that only a volume rule finds poor goes to the *poor* stack (the
+//! PEL). A poor tet is served when no new one is left: the interfaces around are sampled before circumcenters are placed near them, which keeps R6 rare.
+
+use super::rules::{Demand, Rule, Rules};
+use crate::delaunay::worker::Counters;
+use crate::delaunay::{Insertion, Removal, Solo, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker};
+use crate::monitor::{Monitor, Phase};
+use crate::{Error, Result};
+
+/// Operations between two looks at the cancel flag and two reports of progress.
+const REPORT_EVERY: u64 = 1024;
+
+/// What the loop is told beside the rules.
+pub struct Schedule {
+    /// Tets expected in the end; progress is measured against it.
+    pub expected_tets: u64,
+    /// Most vertices, those of the box not counted.
+    pub max_vertices: Option<usize>,
+}
+
+impl Schedule {
+    /// Part of a run that is done when refinement starts.
+    pub const START: f64 = 0.05;
+    /// Part of a run that is done when refinement ends.
+    pub const END: f64 = 0.9;
+}
+
+struct Refiner<'r, 'a> {
+    rules: &'r Rules<'a>,
+    triangulation: &'a Triangulation,
+    worker: Worker<Solo>,
+    new: Vec<TetStamp>,
+    poor: Vec<TetStamp>,
+    near: Vec<VertexId>,
+    most_vertices: u64,
+}
+
+/// Refines until no rule applies.
+///
+/// # Errors
+/// [`Error::Cancelled`]; [`Error::LimitReached`] when `max_vertices` or the ids run out; [`Error::Internal`].
+pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &mut Monitor<'_>) -> Result<Counters> {
+    let mut refiner = Refiner {
+        rules,
+        triangulation: rules.triangulation,
+        worker: Worker::new(Solo),
+        new: Vec::new(),
+        poor: Vec::new(),
+        near: Vec::new(),
+        most_vertices: schedule.max_vertices.map_or(u64::MAX, |most| most as u64),
+    };
+    let first: Vec<TetId> = refiner.triangulation.living_tets().collect();
+    first.into_iter().for_each(|t| refiner.enqueue(t));
+    refiner.run(schedule, monitor)?;
+    Ok(refiner.worker.counters)
+}
+
+impl Refiner<'_, '_> {
+    fn run(&mut self, schedule: &Schedule, monitor: &mut Monitor<'_>) -> Result<()> {
+        let mut steps = 0_u64;
+        loop {
+            steps += 1;
+            if steps.is_multiple_of(REPORT_EVERY) {
+                self.report(schedule, monitor)?;
+            }
+            if let Some(stamp) = self.new.pop() {
+                if self.triangulation.is_current(stamp) {
+                    self.look(stamp)?;
+                }
+            } else if let Some(stamp) = self.poor.pop() {
+                if self.triangulation.is_current(stamp)
+                    && let Some(demand) = self.rules.volume_demand(stamp.tet)
+                {
+                    self.carry_out(stamp, demand)?;
+                }
+            } else {
+                return Ok(());
+            }
+        }
+    }
+
+    fn report(&self, schedule: &Schedule, monitor: &mut Monitor<'_>) -> Result<()> {
+        let tets = self.worker.counters.created - self.worker.counters.destroyed;
+        // Approaches 1 from below however wrong the expectation is.
+        let fraction = 1.0 - (-2.0 * tets as f64 / schedule.expected_tets.max(1) as f64).exp();
+        monitor.report(Phase::Refine, Schedule::START + (Schedule::END - Schedule::START) * fraction, tets)
+    }
+
+    fn enqueue(&mut self, t: TetId) {
+        self.rules.set_pending(t);
+        self.new.push(self.triangulation.stamp(t));
+    }
+
+    fn look(&mut self, stamp: TetStamp) -> Result<()> {
+        self.rules.clear_pending(stamp.tet);
+        if let Some(demand) = self.rules.surface_demand(stamp.tet) {
+            self.carry_out(stamp, demand)
+        } else {
+            if self.rules.volume_demand(stamp.tet).is_some() {
+                self.poor.push(stamp);
+            }
+            Ok(())
+        }
+    }
+
+    /// Inserts what a rule demanded when it looked at `stamp`, and applies R6.
+    fn carry_out(&mut self, stamp: TetStamp, demand: Demand) -> Result<()> {
+        let counters = &self.worker.counters;
+        if counters.insertions - counters.removals >= self.most_vertices {
+            return Err(Error::LimitReached(format!("the limit of {} vertices was reached", self.most_vertices)));
+        }
+        match self.worker.insert(self.triangulation, demand.start, demand.point, demand.kind)? {
+            Insertion::Done(v) => {
+                self.rules.note_vertex(v, demand.point, demand.kind);
+                self.enqueue_created();
+                if demand.kind == VertexKind::Isovertex {
+                    self.remove_near_free_vertices(demand)?;
+                }
+                // R3 may have served the tet's neighbour: the tet is looked at again.
+                if self.triangulation.is_current(stamp) {
+                    self.enqueue(stamp.tet);
+                }
+                Ok(())
+            }
+            // Rounding placed the point on a vertex or out of the conflict zone: the demand stays unmet, and is counted so in the end.
+            Insertion::Duplicate | Insertion::NotInConflict => Ok(()),
+            Insertion::Blocked => Err(Error::Internal("a lone worker was blocked".into())),
+        }
+    }
+
+    fn remove_near_free_vertices(&mut self, demand: Demand) -> Result<()> {
+        let mut near = std::mem::take(&mut self.near);
+        self.rules.near_free_vertices(demand.point, &mut near);
+        for &v in &near {
+            if self.worker.remove(self.triangulation, v)? == Removal::Done {
+                self.enqueue_created();
+            }
+        }
+        self.near = near;
+        Ok(())
+    }
+
+    fn enqueue_created(&mut self) {
+        for i in 0..self.worker.created().len() {
+            let t = self.worker.created()[i];
+            self.enqueue(t);
+        }
+    }
+}
+
+/// Counts the tets to which a rule still applies when refinement has ended, by rule: what was demanded and could not be inserted. A tet of the object that
+/// is too flat for its circumcenter to be computed counts under R4.
+///
+/// # Errors
+/// [`Error::Cancelled`].
+pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]> {
+    let mut unmet = [0; 6];
+    // As in the loop: a facet is looked at with the second of its tets.
+    rules.triangulation.living_tets().for_each(|t| rules.set_pending(t));
+    for (i, t) in rules.triangulation.living_tets().enumerate() {
+        if (i as u64).is_multiple_of(REPORT_EVERY) {
+            monitor.check_cancelled()?;
+        }
+        rules.clear_pending(t);
+        if let Some(demand) = rules.surface_demand(t).or_else(|| rules.volume_demand(t)) {
+            unmet[demand.rule as usize] += 1;
+        } else if rules.is_undecided(t) {
+            unmet[Rule::R4 as usize] += 1;
+        }
+    }
+    Ok(unmet)
+}
