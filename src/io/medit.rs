@@ -1,0 +1,43 @@
+//! MEDIT ascii file (Frey, "MEDIT: an interactive mesh visualization software", INRIA RT-0253, 2001).
+//!
+//! The reference of a tet is its label, that of a triangle the number of its pair of labels, that of every vertex 0. Comment lines before
+//! the triangles say which labels a number stands for. Indices start at 1.
+
+use std::io::{self, Write};
+
+use super::LabelPairs;
+use super::output::Output;
+use super::records::{push_float, push_int, write_records};
+use crate::mesh::TetMesh;
+
+pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+    // Version 2 is double precision. Some readers take these two lines by position, so nothing may stand between them.
+    write!(out, "MeshVersionFormatted 2\nDimension 3\nVertices\n{}\n", mesh.points.len())?;
+    write_records(out, mesh.points.len(), |v, bytes| {
+        for &x in &mesh.points[v] {
+            push_float(bytes, x);
+            bytes.push(b' ');
+        }
+        bytes.extend_from_slice(b"0\n");
+    })?;
+    write!(out, "Tetrahedra\n{}\n", mesh.tets.len())?;
+    write_records(out, mesh.tets.len(), |t, bytes| {
+        push_line(bytes, &mesh.tets[t], i64::from(mesh.labels[t]));
+    })?;
+    let pairs = LabelPairs::new(mesh);
+    write!(out, "{}Triangles\n{}\n", pairs.comments(), mesh.facets.len())?;
+    write_records(out, mesh.facets.len(), |f, bytes| {
+        push_line(bytes, &mesh.facets[f], pairs.number(&mesh.facet_labels[f]) as i64);
+    })?;
+    out.write_all(b"End\n")
+}
+
+/// Appends a line of vertices, counted from 1, and a reference.
+fn push_line(bytes: &mut Vec<u8>, vertices: &[u32], reference: i64) {
+    for &v in vertices {
+        push_int(bytes, i64::from(v) + 1);
+        bytes.push(b' ');
+    }
+    push_int(bytes, reference);
+    bytes.push(b'\n');
+}

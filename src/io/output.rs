@@ -1,0 +1,148 @@
+//! A file that appears whole or not at all.
+
+use std::fs;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use crate::{Error, Result};
+
+const BUFFER: usize = 1 << 20;
+
+/// A temporary file in the folder of its target. Dropped before [`Output::commit`], it is removed.
+pub(super) struct Output {
+    writer: BufWriter<NamedTempFile>,
+    target: PathBuf,
+}
+
+impl Output {
+    /// Creates the temporary file for `path`. A symbolic link stays, what it points to is replaced.
+    pub fn create(path: &Path) -> Result<Self> {
+        let target = match fs::canonicalize(path) {
+            Ok(target) if target.is_file() => target,
+            Ok(_) => {
+                return Err(Error::io(path, io::Error::other("exists and is no regular file")));
+            }
+            Err(_) => path.to_owned(),
+        };
+        let folder = match target.parent() {
+            Some(folder) if folder != Path::new("") => folder,
+            _ => Path::new("."),
+        };
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".lapd-").suffix(".tmp");
+        // Temporary files are private by default; a mesh gets what the user's umask says.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        // The error of the builder names the temporary file, which tells a user nothing; the kind tells all.
+        let file = builder.tempfile_in(folder).map_err(|error| {
+            let message = format!("no file can be created in folder {}: {}", folder.display(), error.kind());
+            Error::io(path, io::Error::new(error.kind(), message))
+        })?;
+        Ok(Self { writer: BufWriter::with_capacity(BUFFER, file), target })
+    }
+
+    /// Lets `write` write, and names the target in its error.
+    pub fn fill(&mut self, write: impl FnOnce(&mut Self) -> io::Result<()>) -> Result<()> {
+        write(self).map_err(|error| Error::io(&self.target, error))
+    }
+
+    /// Gives all files their names, after all are on the disk. If a renaming fails, the files before it have their names already; each
+    /// of them is whole.
+    pub fn commit(outputs: Vec<Self>) -> Result<()> {
+        let mut ready = Vec::with_capacity(outputs.len());
+        for Self { mut writer, target } in outputs {
+            let synced = writer.flush().and_then(|()| writer.get_ref().as_file().sync_data());
+            let file = synced.and_then(|()| writer.into_inner().map_err(|error| error.into_error()));
+            ready.push((file.map_err(|error| Error::io(&target, error))?, target));
+        }
+        for (file, target) in ready {
+            file.persist(&target).map_err(|error| Error::io(&target, error.error))?;
+        }
+        Ok(())
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.writer.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.writer.flush()
+    }
+}
+
+impl Seek for Output {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
+        self.writer.seek(position)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> =
+            fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn an_error_leaves_the_old_file_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        fs::write(&path, "old").unwrap();
+        let mut output = Output::create(&path).unwrap();
+        output.write_all(b"half").unwrap();
+        let error = output.fill(|_| Err(io::Error::other("disk on fire"))).unwrap_err();
+        assert!(error.to_string().ends_with("a.vtu: disk on fire"), "{error}");
+        assert_eq!(names(folder.path()).len(), 2);
+        drop(output);
+        assert_eq!(names(folder.path()), ["a.vtu"]);
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+    }
+
+    #[test]
+    fn commit_replaces_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = ["a", "b"].map(|name| folder.path().join(name));
+        fs::write(&paths[1], "old").unwrap();
+        let outputs = paths.each_ref().map(|path| {
+            let mut output = Output::create(path).unwrap();
+            output.write_all(b"new").unwrap();
+            output
+        });
+        Output::commit(outputs.into()).unwrap();
+        assert_eq!(names(folder.path()), ["a", "b"]);
+        assert!(paths.iter().all(|path| fs::read(path).unwrap() == b"new"));
+    }
+
+    #[test]
+    fn bad_targets_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = folder.path().join("no/such/folder.vtu");
+        let error = Output::create(&missing).err().unwrap().to_string();
+        assert!(error.starts_with(missing.to_str().unwrap()) && !error.contains(".lapd-"), "{error}");
+        let error = Output::create(folder.path()).err().unwrap().to_string();
+        assert!(error.ends_with("exists and is no regular file"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_stay_and_permissions_follow_the_umask() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let (link, real) = (folder.path().join("link"), folder.path().join("real"));
+        fs::write(&real, "old").unwrap();
+        std::os::unix::fs::symlink(&real, &link).unwrap();
+        let expected = fs::metadata(&real).unwrap().permissions().mode();
+        Output::commit(vec![Output::create(&link).unwrap()]).unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(fs::read(&real).unwrap(), b"");
+        assert_eq!(fs::metadata(&real).unwrap().permissions().mode(), expected);
+    }
+}

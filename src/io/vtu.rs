@@ -1,0 +1,126 @@
+//! VTK XML unstructured grid: data appended raw, compressed in blocks by zlib, 64-bit block headers (The VTK User's Guide, "XML file formats").
+//!
+//! The cell array `label` (Int32) stands first: readers that take one integer array for the material take the first. An array is
+//! stored as the number of blocks, the size of a block, the size of the last one if that is smaller (else 0), the compressed size of each
+//! block, then the blocks. Offsets in the XML and sizes in the headers are known only when the blocks are written; room is left for them
+//! and filled in afterwards, so that nothing is held in memory but the blocks at work.
+
+use std::io::{self, Seek, SeekFrom, Write};
+
+use flate2::{Compression, write::ZlibEncoder};
+use rayon::prelude::*;
+
+use super::output::Output;
+use super::vtk::TETRA;
+use crate::mesh::TetMesh;
+
+/// Uncompressed bytes of a block; a multiple of the size of every kind of value.
+const BLOCK: usize = 1 << 18;
+
+/// Room for the decimal digits of an offset.
+const DIGITS: usize = 20;
+
+/// Appends the bytes of a value, given its index.
+type PushValue<'a> = dyn Fn(usize, &mut Vec<u8>) + Sync + 'a;
+
+/// An array of the file: its XML attributes, its length, and the bytes of value `i`.
+struct Array<'a> {
+    attributes: &'static str,
+    values: usize,
+    value_size: usize,
+    push: Box<PushValue<'a>>,
+}
+
+impl<'a> Array<'a> {
+    fn new<const N: usize>(
+        attributes: &'static str,
+        values: usize,
+        value: impl Fn(usize) -> [u8; N] + Sync + 'a,
+    ) -> Self {
+        Self { attributes, values, value_size: N, push: Box::new(move |i, bytes| bytes.extend_from_slice(&value(i))) }
+    }
+
+    /// Writes headers and blocks; the file ends behind them afterwards.
+    fn write(&self, out: &mut Output) -> io::Result<()> {
+        let total = self.values * self.value_size;
+        let blocks = total.div_ceil(BLOCK);
+        let mut header = vec![blocks as u64, BLOCK as u64, (total % BLOCK) as u64];
+        let header_at = out.stream_position()?;
+        out.write_all(&vec![0; 8 * (header.len() + blocks)])?;
+        let block_values = BLOCK / self.value_size;
+        let round = 4 * rayon::current_num_threads();
+        for first in (0..blocks).step_by(round) {
+            let compressed: io::Result<Vec<Vec<u8>>> = (first..(first + round).min(blocks))
+                .into_par_iter()
+                .map(|block| {
+                    let start = block * block_values;
+                    let mut bytes = Vec::with_capacity(BLOCK);
+                    (start..(start + block_values).min(self.values)).for_each(|i| (self.push)(i, &mut bytes));
+                    let mut encoder = ZlibEncoder::new(Vec::with_capacity(BLOCK), Compression::fast());
+                    encoder.write_all(&bytes)?;
+                    encoder.finish()
+                })
+                .collect();
+            for block in compressed? {
+                header.push(block.len() as u64);
+                out.write_all(&block)?;
+            }
+        }
+        let end = out.stream_position()?;
+        out.seek(SeekFrom::Start(header_at))?;
+        for word in header {
+            out.write_all(&word.to_le_bytes())?;
+        }
+        out.seek(SeekFrom::Start(end)).map(|_| ())
+    }
+}
+
+pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+    let (points, tets) = (mesh.points.len(), mesh.tets.len());
+    let arrays = [
+        Array::new(r#"type="Int32" Name="label""#, tets, |t| mesh.labels[t].to_le_bytes()),
+        Array::new(r#"type="Float64" Name="Points" NumberOfComponents="3""#, 3 * points, |i| {
+            mesh.points[i / 3][i % 3].to_le_bytes()
+        }),
+        Array::new(r#"type="Int64" Name="connectivity""#, 4 * tets, |i| {
+            i64::from(mesh.tets[i / 4][i % 4]).to_le_bytes()
+        }),
+        Array::new(r#"type="Int64" Name="offsets""#, tets, |t| (4 * (t as i64 + 1)).to_le_bytes()),
+        Array::new(r#"type="UInt8" Name="types""#, tets, |_| [TETRA]),
+    ];
+    let [label, position, connectivity, offsets, types] = &arrays;
+    out.write_all(
+        b"<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" \
+          compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n",
+    )?;
+    writeln!(out, r#"<Piece NumberOfPoints="{points}" NumberOfCells="{tets}">"#)?;
+    // Where the offset of each array will stand.
+    let mut places = Vec::new();
+    let groups: [(&str, &str, &[&Array<'_>]); 3] = [
+        (r#"CellData Scalars="label""#, "CellData", &[label]),
+        ("Points", "Points", &[position]),
+        ("Cells", "Cells", &[connectivity, offsets, types]),
+    ];
+    for (open, close, members) in groups {
+        writeln!(out, "<{open}>")?;
+        for array in members {
+            write!(out, r#"<DataArray {} format="appended" offset="#, array.attributes)?;
+            places.push(out.stream_position()?);
+            writeln!(out, "{:DIGITS$}  />", "")?;
+        }
+        writeln!(out, "</{close}>")?;
+    }
+    out.write_all(b"</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_")?;
+    let data_at = out.stream_position()?;
+    let mut positions = Vec::new();
+    for array in &arrays {
+        positions.push(out.stream_position()? - data_at);
+        array.write(out)?;
+    }
+    out.write_all(b"\n</AppendedData>\n</VTKFile>\n")?;
+    for (place, position) in places.into_iter().zip(positions) {
+        out.seek(SeekFrom::Start(place))?;
+        write!(out, "\"{position}\"")?;
+    }
+    Ok(())
+}

@@ -1,0 +1,368 @@
+//! Shape measures of single tets and triangles, and their summary over a finished mesh.
+//!
+//! The radius-edge ratio is the measure that Delaunay refinement bounds (Shewchuk, "Tetrahedral mesh generation by Delaunay
+//! refinement", 1998); it says nothing about slivers, which is why dihedral angles are reported beside it.
+//!
+//! Angles come from `atan2` of a sine and a cosine that share their scale: unlike `acos` this loses no digits near 0 and 180
+//! degrees, where slivers are. Only tets with a label other than 0 count; background that was kept is not part of the object.
+//!
+//! Pure functions of the mesh, safe from any thread. Linear in the number of tets and parallel; the partial results are combined in
+//! the order of the tets, so that equal meshes give equal bits whatever the number of threads.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::TetMesh;
+
+/// Tets or facets per parallel work item; fixed, so that sums do not depend on the number of threads.
+const CHUNK: usize = 4096;
+
+/// The vertices of the edges of a tet, and the two others, in the order of [`dihedral_angles`].
+const EDGES: [[usize; 4]; 6] = [[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 2, 0], [2, 3, 0, 1]];
+
+/// Signed volume of a tet: positive when (b - a) x (c - a) . (d - a) > 0.
+pub fn tet_volume(p: &[DVec3; 4]) -> f64 {
+    (p[1] - p[0]).cross(p[2] - p[0]).dot(p[3] - p[0]) / 6.0
+}
+
+/// The six dihedral angles of a tet in degrees, 0 to 180, at the edges 01, 02, 03, 12, 13, 23. The orientation does not matter; a
+/// flat tet gives angles of 0 and 180.
+pub fn dihedral_angles(p: &[DVec3; 4]) -> [f64; 6] {
+    let six_volumes = 6.0 * tet_volume(p).abs();
+    EDGES.map(|[i, j, k, l]| {
+        let edge = p[j] - p[i];
+        // With n = edge x (p_k - p_i) and m = edge x (p_l - p_i): |n x m| = |edge| * 6 |volume|.
+        let n = edge.cross(p[k] - p[i]);
+        let m = edge.cross(p[l] - p[i]);
+        (edge.length() * six_volumes).atan2(n.dot(m)).to_degrees()
+    })
+}
+
+/// Circumradius of a tet; infinite when it is flat.
+pub fn tet_circumradius(p: &[DVec3; 4]) -> f64 {
+    // Differences to the vertex with the shortest edges keep the cancellation of the numerator smallest.
+    let apex = (0..4).min_by(|&a, &b| star_size(p, a).total_cmp(&star_size(p, b))).unwrap_or(0);
+    let [u, v, w] = [1, 2, 3].map(|i| p[(apex + i) % 4] - p[apex]);
+    let determinant = u.dot(v.cross(w));
+    if determinant == 0.0 {
+        return f64::INFINITY;
+    }
+    let numerator = u.length_squared() * v.cross(w) + v.length_squared() * w.cross(u) + w.length_squared() * u.cross(v);
+    numerator.length() / (2.0 * determinant.abs())
+}
+
+/// Sum of the squared lengths of the edges at vertex `a`.
+fn star_size(p: &[DVec3; 4], a: usize) -> f64 {
+    p.iter().map(|q| q.distance_squared(p[a])).sum()
+}
+
+/// Length of the shortest of the six edges.
+pub fn shortest_edge(p: &[DVec3; 4]) -> f64 {
+    EDGES.iter().map(|&[i, j, ..]| p[i].distance_squared(p[j])).fold(f64::INFINITY, f64::min).sqrt()
+}
+
+/// Circumradius over shortest edge; at least sqrt(6) / 4, infinite for a flat tet.
+pub fn radius_edge_ratio(p: &[DVec3; 4]) -> f64 {
+    let radius = tet_circumradius(p);
+    if radius.is_infinite() { radius } else { radius / shortest_edge(p) }
+}
+
+/// The planar angles of a triangle in degrees, at its vertices in their order.
+pub fn triangle_angles(p: &[DVec3; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|i| {
+        let u = p[(i + 1) % 3] - p[i];
+        let v = p[(i + 2) % 3] - p[i];
+        u.cross(v).length().atan2(u.dot(v)).to_degrees()
+    })
+}
+
+/// Area of a triangle.
+pub fn triangle_area(p: &[DVec3; 3]) -> f64 {
+    0.5 * (p[1] - p[0]).cross(p[2] - p[0]).length()
+}
+
+/// Shape of the tets with a label other than 0 and of the interface facets. Lengths are in world units, angles in degrees. Where
+/// there is nothing to measure, every figure is 0.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Quality {
+    /// Tets measured: those with a label other than 0.
+    pub tets: u64,
+    /// Interface facets measured: all of them.
+    pub facets: u64,
+    /// Smallest dihedral angle.
+    pub min_dihedral: f64,
+    /// Largest dihedral angle.
+    pub max_dihedral: f64,
+    /// Six dihedral angles per tet, in bins of 10 degrees; an angle of exactly 180 is in the last bin.
+    pub dihedral_histogram: [u64; 18],
+    /// Largest circumradius over shortest edge.
+    pub max_radius_edge: f64,
+    /// Mean of circumradius over shortest edge.
+    pub mean_radius_edge: f64,
+    /// Largest circumradius.
+    pub max_circumradius: f64,
+    /// Shortest edge of any tet.
+    pub min_edge: f64,
+    /// Smallest volume of a tet; negative if a tet is inverted.
+    pub min_volume: f64,
+    /// Largest volume of a tet.
+    pub max_volume: f64,
+    /// Volume of all tets together.
+    pub total_volume: f64,
+    /// Smallest planar angle of an interface facet.
+    pub min_facet_angle: f64,
+    /// Largest planar angle of an interface facet.
+    pub max_facet_angle: f64,
+}
+
+impl Quality {
+    /// Measures `mesh`.
+    pub fn measure(mesh: &TetMesh) -> Self {
+        let tet_parts: Vec<TetSummary> = mesh
+            .tets
+            .par_chunks(CHUNK)
+            .zip(mesh.labels.par_chunks(CHUNK))
+            .map(|(tets, labels)| {
+                let mut part = TetSummary::default();
+                for (tet, _) in tets.iter().zip(labels).filter(|&(_, &label)| label != 0) {
+                    part.add(&tet.map(|v| mesh.point(v)));
+                }
+                part
+            })
+            .collect();
+        let facet_parts: Vec<(f64, f64)> = mesh
+            .facets
+            .par_chunks(CHUNK)
+            .map(|facets| {
+                let angles = facets.iter().flat_map(|facet| triangle_angles(&facet.map(|v| mesh.point(v))));
+                angles.fold((f64::INFINITY, 0.0), |(min, max), angle| (angle.min(min), angle.max(max)))
+            })
+            .collect();
+
+        let mut quality = Quality::default();
+        let all = tet_parts.into_iter().reduce(TetSummary::merged).unwrap_or_default();
+        if all.tets > 0 {
+            quality.tets = all.tets;
+            quality.min_dihedral = all.min_dihedral;
+            quality.max_dihedral = all.max_dihedral;
+            quality.dihedral_histogram = all.histogram;
+            quality.max_radius_edge = all.max_radius_edge;
+            quality.mean_radius_edge = all.sum_radius_edge / all.tets as f64;
+            quality.max_circumradius = all.max_circumradius;
+            quality.min_edge = all.min_edge;
+            quality.min_volume = all.min_volume;
+            quality.max_volume = all.max_volume;
+            quality.total_volume = all.total_volume;
+        }
+        if !mesh.facets.is_empty() {
+            quality.facets = mesh.facets.len() as u64;
+            (quality.min_facet_angle, quality.max_facet_angle) =
+                facet_parts.into_iter().fold((f64::INFINITY, 0.0), |(min, max), (lo, hi)| (lo.min(min), hi.max(max)));
+        }
+        quality
+    }
+}
+
+/// What is gathered over some tets; `default()` is neutral.
+struct TetSummary {
+    tets: u64,
+    min_dihedral: f64,
+    max_dihedral: f64,
+    histogram: [u64; 18],
+    max_radius_edge: f64,
+    sum_radius_edge: f64,
+    max_circumradius: f64,
+    min_edge: f64,
+    min_volume: f64,
+    max_volume: f64,
+    total_volume: f64,
+}
+
+impl Default for TetSummary {
+    fn default() -> Self {
+        Self {
+            tets: 0,
+            min_dihedral: f64::INFINITY,
+            max_dihedral: 0.0,
+            histogram: [0; 18],
+            max_radius_edge: 0.0,
+            sum_radius_edge: 0.0,
+            max_circumradius: 0.0,
+            min_edge: f64::INFINITY,
+            min_volume: f64::INFINITY,
+            max_volume: f64::NEG_INFINITY,
+            total_volume: 0.0,
+        }
+    }
+}
+
+impl TetSummary {
+    fn add(&mut self, p: &[DVec3; 4]) {
+        self.tets += 1;
+        for angle in dihedral_angles(p) {
+            self.min_dihedral = angle.min(self.min_dihedral);
+            self.max_dihedral = angle.max(self.max_dihedral);
+            self.histogram[((angle / 10.0) as usize).min(17)] += 1;
+        }
+        let radius = tet_circumradius(p);
+        let edge = shortest_edge(p);
+        let ratio = if radius.is_infinite() { radius } else { radius / edge };
+        self.max_radius_edge = ratio.max(self.max_radius_edge);
+        self.sum_radius_edge += ratio;
+        self.max_circumradius = radius.max(self.max_circumradius);
+        self.min_edge = edge.min(self.min_edge);
+        let volume = tet_volume(p);
+        self.min_volume = volume.min(self.min_volume);
+        self.max_volume = volume.max(self.max_volume);
+        self.total_volume += volume;
+    }
+
+    fn merged(mut self, other: Self) -> Self {
+        self.tets += other.tets;
+        self.min_dihedral = self.min_dihedral.min(other.min_dihedral);
+        self.max_dihedral = self.max_dihedral.max(other.max_dihedral);
+        for (bin, more) in self.histogram.iter_mut().zip(other.histogram) {
+            *bin += more;
+        }
+        self.max_radius_edge = self.max_radius_edge.max(other.max_radius_edge);
+        self.sum_radius_edge += other.sum_radius_edge;
+        self.max_circumradius = self.max_circumradius.max(other.max_circumradius);
+        self.min_edge = self.min_edge.min(other.min_edge);
+        self.min_volume = self.min_volume.min(other.min_volume);
+        self.max_volume = self.max_volume.max(other.max_volume);
+        self.total_volume += other.total_volume;
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::testing;
+    use super::*;
+
+    fn close(a: f64, b: f64) {
+        assert!((a - b).abs() <= 1e-12 * b.abs().max(1.0), "{a} is not {b}");
+    }
+
+    fn regular() -> [DVec3; 4] {
+        [
+            DVec3::new(1.0, 1.0, 1.0),
+            DVec3::new(1.0, -1.0, -1.0),
+            DVec3::new(-1.0, 1.0, -1.0),
+            DVec3::new(-1.0, -1.0, 1.0),
+        ]
+    }
+
+    fn corner() -> [DVec3; 4] {
+        [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z]
+    }
+
+    #[test]
+    fn regular_tet() {
+        let p = regular();
+        close(tet_volume(&p).abs(), 8.0 / 3.0);
+        dihedral_angles(&p).into_iter().for_each(|a| close(a, (1.0_f64 / 3.0).acos().to_degrees()));
+        close(tet_circumradius(&p), 3.0_f64.sqrt());
+        close(shortest_edge(&p), 8.0_f64.sqrt());
+        close(radius_edge_ratio(&p), 6.0_f64.sqrt() / 4.0);
+    }
+
+    #[test]
+    fn corner_of_a_cube() {
+        let p = corner();
+        close(tet_volume(&p), 1.0 / 6.0);
+        let slope = (1.0_f64 / 3.0).sqrt().acos().to_degrees();
+        let angles = dihedral_angles(&p);
+        for (angle, expected) in angles.into_iter().zip([90.0, 90.0, 90.0, slope, slope, slope]) {
+            close(angle, expected);
+        }
+        close(tet_circumradius(&p), 3.0_f64.sqrt() / 2.0);
+    }
+
+    proptest! {
+        /// Angles from outward normals and `acos`, circumradius from products of opposite edges: other formulas, same figures.
+        #[test]
+        fn other_formulas_agree(c in prop::array::uniform12(-1.0..1.0f64)) {
+            let p = [0, 3, 6, 9].map(|i| DVec3::from_slice(&c[i..i + 3]));
+            let volume = tet_volume(&p).abs();
+            prop_assume!(volume > 1e-2);
+            let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * b.abs();
+            let normal = |skip: usize| {
+                let [a, b, c] = [1, 2, 3].map(|i| p[(skip + i) % 4]);
+                let n = (b - a).cross(c - a).normalize();
+                if n.dot(p[skip] - a) > 0.0 { -n } else { n }
+            };
+            for (angle, [.., k, l]) in dihedral_angles(&p).into_iter().zip(EDGES) {
+                prop_assert!(near(angle, 180.0 - normal(k).dot(normal(l)).acos().to_degrees()));
+            }
+            let product = |i: usize, j: usize, k: usize, l: usize| p[i].distance(p[j]) * p[k].distance(p[l]);
+            let (a, b, c) = (product(0, 1, 2, 3), product(0, 2, 1, 3), product(0, 3, 1, 2));
+            let heron = (a + b + c) * (a + b - c) * (a - b + c) * (b + c - a);
+            prop_assert!(near(tet_circumradius(&p), heron.sqrt() / (24.0 * volume)));
+            let [i, j, k, l] = p;
+            prop_assert!(near(tet_circumradius(&[k, i, l, j]), tet_circumradius(&p)));
+            prop_assert!(near(radius_edge_ratio(&p), tet_circumradius(&p) / shortest_edge(&p)));
+        }
+    }
+
+    #[test]
+    fn slivers_keep_their_angles() {
+        for height in [1e-3, 1e-6, 1e-9] {
+            let p = [
+                DVec3::new(0.0, 0.0, 0.0),
+                DVec3::new(1.0, 0.0, height),
+                DVec3::new(1.0, 1.0, 0.0),
+                DVec3::new(0.0, 1.0, height),
+            ];
+            // At the diagonal 02 the triangles meet at pi - 2 atan(h sqrt 2), at the sides at a small angle.
+            let angles = dihedral_angles(&p);
+            close(angles[1], 180.0 - 2.0 * (height * 2.0_f64.sqrt()).atan().to_degrees());
+            let smallest = angles.into_iter().fold(180.0, f64::min);
+            assert!(smallest > 0.0 && smallest < 3.0 * height.to_degrees(), "{smallest}");
+            // By symmetry the centre is (1/2, 1/2, height/2).
+            close(tet_circumradius(&p), (0.5 + height * height / 4.0).sqrt());
+        }
+    }
+
+    #[test]
+    fn flat_tets_do_not_break_anything() {
+        let p = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y];
+        assert_eq!(radius_edge_ratio(&p), f64::INFINITY);
+        assert!(dihedral_angles(&p).iter().all(|&a| a == 0.0 || a == 180.0));
+        assert_eq!(radius_edge_ratio(&[DVec3::ZERO; 4]), f64::INFINITY);
+    }
+
+    #[test]
+    fn triangle() {
+        let p = [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0), DVec3::new(0.0, 3.0_f64.sqrt(), 0.0)];
+        for (angle, expected) in triangle_angles(&p).into_iter().zip([90.0, 30.0, 60.0]) {
+            close(angle, expected);
+        }
+        close(triangle_area(&p), 1.5 * 3.0_f64.sqrt());
+    }
+
+    #[test]
+    fn summary_of_a_kuhn_box() {
+        let mesh = testing::kuhn_box([3, 2, 2], [1.0; 3], |i, _, _| (i as i32 + 1) % 3);
+        let quality = Quality::measure(&mesh);
+        // A third of the cubes is background that was kept.
+        assert_eq!(quality.tets, 6 * 8);
+        assert_eq!(quality.facets, mesh.facets.len() as u64);
+        close(quality.total_volume, 8.0);
+        close(quality.min_volume, 1.0 / 6.0);
+        close(quality.min_dihedral, 45.0);
+        close(quality.max_dihedral, 90.0);
+        close(quality.mean_radius_edge, 3.0_f64.sqrt() / 2.0);
+        close(quality.max_circumradius, 3.0_f64.sqrt() / 2.0);
+        close(quality.min_facet_angle, 45.0);
+        close(quality.max_facet_angle, 90.0);
+        assert_eq!(quality.dihedral_histogram.iter().sum::<u64>(), 6 * quality.tets);
+    }
+
+    #[test]
+    fn nothing_to_measure() {
+        assert_eq!(Quality::measure(&TetMesh::default()), Quality::default());
+    }
+}

@@ -1,0 +1,225 @@
+//! Nearest triangle of a set, by a hierarchy of bounding boxes split at the median (Ericson, "Real-Time Collision Detection", 2005,
+//! sections 5.1.5 and 6.2).
+//!
+//! Built once, O(n log n); read-only afterwards, so any number of threads may ask. A query that starts from a triangle known to be near
+//! visits only the few boxes that come closer; the surface is walked in scan order, and the answer for one point is that start for the
+//! next.
+
+use glam::DVec3;
+
+use crate::Result;
+use crate::monitor::Monitor;
+
+/// Triangles per leaf at most.
+const LEAF: usize = 4;
+
+/// A box of the hierarchy. Its left child follows it in the array.
+#[derive(Clone, Copy)]
+struct Node {
+    min: DVec3,
+    max: DVec3,
+    /// Of a leaf, its first triangle; of an inner node, its right child.
+    link: u32,
+    /// Triangles of a leaf; 0 marks an inner node.
+    count: u32,
+}
+
+impl Node {
+    /// Squared distance from `p` to the box.
+    #[inline]
+    fn distance_squared(&self, p: DVec3) -> f64 {
+        p.distance_squared(p.clamp(self.min, self.max))
+    }
+}
+
+/// A triangle and its squared distance from the point that was asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Nearest {
+    /// Index in the tree's own order; good for nothing but [`TriangleTree::nearest`]'s start.
+    pub slot: usize,
+    pub distance_squared: f64,
+}
+
+/// The hierarchy over a set of triangles.
+pub(super) struct TriangleTree {
+    triangles: Vec<[DVec3; 3]>,
+    nodes: Vec<Node>,
+}
+
+impl TriangleTree {
+    /// Takes finite, possibly degenerate triangles.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`](crate::Error::Cancelled).
+    pub fn new(mut triangles: Vec<[DVec3; 3]>, monitor: &Monitor<'_>) -> Result<Self> {
+        let mut nodes = Vec::with_capacity(triangles.len());
+        if !triangles.is_empty() {
+            build(&mut triangles, 0, &mut nodes, monitor)?;
+        }
+        Ok(Self { triangles, nodes })
+    }
+
+    /// Squared distance from `p` to the triangle in `slot`.
+    #[inline]
+    pub fn distance_squared_to(&self, slot: usize, p: DVec3) -> f64 {
+        p.distance_squared(closest_point(&self.triangles[slot], p))
+    }
+
+    /// The triangle nearest to `p`; `start` is one that is thought to be near and changes only the time taken. `None` if there are no
+    /// triangles.
+    pub fn nearest(&self, p: DVec3, start: Option<usize>) -> Option<Nearest> {
+        if self.nodes.is_empty() {
+            return None;
+        }
+        let slot = start.unwrap_or(0);
+        let mut best = Nearest { slot, distance_squared: self.distance_squared_to(slot, p) };
+        // Each level leaves at most one box behind, and 64 levels hold more triangles than u32 counts.
+        let mut stack = [(0.0, 0u32); 64];
+        let mut depth = 1;
+        stack[0] = (self.nodes[0].distance_squared(p), 0);
+        while depth > 0 {
+            depth -= 1;
+            let (bound, index) = stack[depth];
+            if bound >= best.distance_squared {
+                continue;
+            }
+            let node = &self.nodes[index as usize];
+            if node.count > 0 {
+                for slot in node.link as usize..(node.link + node.count) as usize {
+                    let distance_squared = self.distance_squared_to(slot, p);
+                    if distance_squared < best.distance_squared {
+                        best = Nearest { slot, distance_squared };
+                    }
+                }
+                continue;
+            }
+            let mut near = (self.nodes[index as usize + 1].distance_squared(p), index + 1);
+            let mut far = (self.nodes[node.link as usize].distance_squared(p), node.link);
+            if far.0 < near.0 {
+                std::mem::swap(&mut near, &mut far);
+            }
+            for child in [far, near] {
+                if child.0 < best.distance_squared {
+                    stack[depth] = child;
+                    depth += 1;
+                }
+            }
+        }
+        Some(best)
+    }
+}
+
+/// Appends the hierarchy over `triangles`, the first of which has index `first`, and brings them into its order.
+fn build(triangles: &mut [[DVec3; 3]], first: usize, nodes: &mut Vec<Node>, monitor: &Monitor<'_>) -> Result<()> {
+    monitor.check_cancelled()?;
+    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (mut centre_min, mut centre_max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for &[a, b, c] in triangles.iter() {
+        min = min.min(a).min(b).min(c);
+        max = max.max(a).max(b).max(c);
+        let centre = a + b + c;
+        centre_min = centre_min.min(centre);
+        centre_max = centre_max.max(centre);
+    }
+    let index = nodes.len();
+    nodes.push(Node { min, max, link: first as u32, count: triangles.len() as u32 });
+    if triangles.len() <= LEAF {
+        return Ok(());
+    }
+    let axis = (centre_max - centre_min).max_position();
+    let middle = triangles.len() / 2;
+    let key = |t: &[DVec3; 3]| t[0][axis] + t[1][axis] + t[2][axis];
+    triangles.select_nth_unstable_by(middle, |s, t| key(s).total_cmp(&key(t)));
+    let (left, right) = triangles.split_at_mut(middle);
+    build(left, first, nodes, monitor)?;
+    let link = nodes.len() as u32;
+    build(right, first + middle, nodes, monitor)?;
+    nodes[index] = Node { min, max, link, count: 0 };
+    Ok(())
+}
+
+/// The point of triangle (a, b, c) closest to `p`, by the Voronoi region of the feature that holds it.
+pub(super) fn closest_point(&[a, b, c]: &[DVec3; 3], p: DVec3) -> DVec3 {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return a;
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return b;
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return c;
+    }
+    let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
+    let area = va + vb + vc;
+    // Also false for a degenerate triangle, which has no interior and whose regions above overlap.
+    if va > 0.0 && vb > 0.0 && vc > 0.0 && area > 0.0 {
+        return a + (ab * vb + ac * vc) / area;
+    }
+    let candidates = [closest_on_segment(a, b, p), closest_on_segment(b, c, p), closest_on_segment(c, a, p)];
+    candidates.into_iter().min_by(|q, r| p.distance_squared(*q).total_cmp(&p.distance_squared(*r))).unwrap_or(a)
+}
+
+fn closest_on_segment(a: DVec3, b: DVec3, p: DVec3) -> DVec3 {
+    let ab = b - a;
+    let length_squared = ab.length_squared();
+    if length_squared == 0.0 {
+        return a;
+    }
+    a + ab * ((p - a).dot(ab) / length_squared).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn point() -> impl Strategy<Value = DVec3> {
+        [-4..=4i32, -4..=4, -4..=4].prop_map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()) * 0.5)
+    }
+
+    fn triangle() -> impl Strategy<Value = [DVec3; 3]> {
+        [point(), point(), point()]
+    }
+
+    proptest! {
+        /// The closest point is on the triangle and no point of a fine sampling is closer. Small integer coordinates meet every
+        /// degenerate case: coinciding vertices, vertices on a line, query points on the triangle.
+        #[test]
+        fn closest_point_against_samples(t in triangle(), p in point()) {
+            let q = closest_point(&t, p);
+            prop_assert!(q.is_finite());
+            let n = 60;
+            let mut sampled = f64::INFINITY;
+            for i in 0..=n {
+                for j in 0..=n - i {
+                    let (u, v) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
+                    sampled = sampled.min(p.distance(t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v));
+                }
+            }
+            prop_assert!(p.distance(q) <= sampled + 1e-12);
+            prop_assert!(p.distance(q) >= sampled - 0.25);
+        }
+
+        #[test]
+        fn nearest_against_all(triangles in prop::collection::vec(triangle(), 1..60), p in point(), start in 0usize..60) {
+            let expected = triangles.iter().map(|t| p.distance_squared(closest_point(t, p))).fold(f64::INFINITY, f64::min);
+            let start = (start < triangles.len()).then_some(start);
+            let tree = TriangleTree::new(triangles, &Monitor::silent()).unwrap();
+            let found = tree.nearest(p, start).unwrap();
+            prop_assert_eq!(found.distance_squared, expected);
+            prop_assert_eq!(tree.distance_squared_to(found.slot, p), expected);
+        }
+    }
+
+    #[test]
+    fn no_triangles() {
+        assert!(TriangleTree::new(Vec::new(), &Monitor::silent()).unwrap().nearest(DVec3::ZERO, None).is_none());
+    }
+}

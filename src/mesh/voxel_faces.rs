@@ -1,0 +1,318 @@
+//! The interfaces of a label image: the faces between voxels of different label, everything outside the grid counting as label 0.
+//!
+//! Coordinates here are local: image axes, world units, voxel (i, j, k) fills [i, i + 1] x [j, j + 1] x [k, k + 1] times the
+//! spacing. The step from world to local is an isometry, so distances are world distances.
+//!
+//! A face belongs to the cell on its upper side; there is one more cell along each axis than there are voxels. One byte per cell holds which of its
+//! three lower faces are interfaces; bricks of 8 x 8 x 8 cells tell where there are any. A query looks at the cells of the ball
+//! that can still hold something nearer; only when that ball is large does it search brick by brick, in growing shells.
+//!
+//! Read-only after `new`, so any number of threads may ask. Linear in the voxels to build.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::image::LabelImage;
+use crate::monitor::Monitor;
+use crate::{Error, Result};
+
+/// Cells along each axis of a brick.
+const BRICK: usize = 8;
+
+/// An interface face: the lower face along `axis` of `cell`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Face {
+    pub cell: [usize; 3],
+    pub axis: usize,
+}
+
+/// The interface faces of an image.
+pub(super) struct VoxelFaces {
+    /// Cells along each axis: voxels + 1.
+    dims: [usize; 3],
+    spacing: DVec3,
+    /// Bit `axis` of `masks[i + dims[0] * (j + dims[1] * k)]`: the lower face along `axis` is an interface.
+    masks: Vec<u8>,
+    brick_dims: [usize; 3],
+    bricks: Vec<bool>,
+}
+
+impl VoxelFaces {
+    /// Collects the faces of `image`.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`], [`Error::Cancelled`].
+    pub fn new(image: &LabelImage, monitor: &Monitor<'_>) -> Result<Self> {
+        let voxels = image.dims();
+        let dims = voxels.map(|n| n + 1);
+        let brick_dims = dims.map(|n| n.div_ceil(BRICK));
+        let cells = dims[0] * dims[1] * dims[2];
+        let mut masks = Vec::new();
+        masks.try_reserve_exact(cells).map_err(|_| Error::OutOfMemory(format!("{cells} bytes for the voxel faces")))?;
+        masks.resize(cells, 0);
+        let row = |j: usize, k: usize| -> &[u16] {
+            if j < voxels[1] && k < voxels[2] {
+                let start = voxels[0] * (j + voxels[1] * k);
+                &image.ids()[start..start + voxels[0]]
+            } else {
+                &[]
+            }
+        };
+        let cancel = monitor.cancel_flag();
+        masks.par_chunks_mut(dims[0] * dims[1]).enumerate().try_for_each(|(k, slice)| {
+            if cancel.is_some_and(|flag| flag.is_cancelled()) {
+                return Err(Error::Cancelled);
+            }
+            for (j, cells) in slice.chunks_exact_mut(dims[0]).enumerate() {
+                // Below 0 wraps to an index past the end, which is outside just as well.
+                let (own, below_y, below_z) = (row(j, k), row(j.wrapping_sub(1), k), row(j, k.wrapping_sub(1)));
+                let at = |row: &[u16], i: usize| row.get(i).copied().unwrap_or(0);
+                let mut left = 0;
+                for (i, mask) in cells.iter_mut().enumerate() {
+                    let id = at(own, i);
+                    *mask = u8::from(id != left)
+                        | u8::from(id != at(below_y, i)) << 1
+                        | u8::from(id != at(below_z, i)) << 2;
+                    left = id;
+                }
+            }
+            Ok(())
+        })?;
+        let mut bricks = vec![false; brick_dims[0] * brick_dims[1] * brick_dims[2]];
+        for (row, cells) in masks.chunks_exact(dims[0]).enumerate() {
+            let (j, k) = (row % dims[1], row / dims[1]);
+            let first = brick_dims[0] * (j / BRICK + brick_dims[1] * (k / BRICK));
+            for (i, cells) in cells.chunks(BRICK).enumerate() {
+                bricks[first + i] |= cells.iter().any(|&mask| mask != 0);
+            }
+        }
+        Ok(Self { dims, spacing: image.frame().spacing(), masks, brick_dims, bricks })
+    }
+
+    /// Cells along each axis; one more than voxels.
+    pub fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
+    /// The faces in the row of cells (., j, k).
+    pub fn row(&self, j: usize, k: usize) -> impl Iterator<Item = Face> + '_ {
+        let start = self.dims[0] * (j + self.dims[1] * k);
+        self.masks[start..start + self.dims[0]].iter().enumerate().filter(|&(_, &mask)| mask != 0).flat_map(
+            move |(i, &mask)| {
+                (0..3).filter(move |axis| mask >> axis & 1 == 1).map(move |axis| Face { cell: [i, j, k], axis })
+            },
+        )
+    }
+
+    /// Area of a face.
+    pub fn area(&self, face: Face) -> f64 {
+        self.spacing[(face.axis + 1) % 3] * self.spacing[(face.axis + 2) % 3]
+    }
+
+    /// Centre of a face.
+    pub fn centre(&self, face: Face) -> DVec3 {
+        let mut index = DVec3::from(face.cell.map(|i| i as f64 + 0.5));
+        index[face.axis] -= 0.5;
+        index * self.spacing
+    }
+
+    /// Corners of a face.
+    pub fn corners(&self, face: Face) -> [DVec3; 4] {
+        [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(u, v)| {
+            let mut cell = face.cell;
+            cell[(face.axis + 1) % 3] += u;
+            cell[(face.axis + 2) % 3] += v;
+            DVec3::from(cell.map(|i| i as f64)) * self.spacing
+        })
+    }
+
+    /// Squared distance from `p` to a face.
+    pub fn distance_squared(&self, face: Face, p: DVec3) -> f64 {
+        (0..3)
+            .map(|axis| {
+                let low = face.cell[axis] as f64 * self.spacing[axis];
+                let high = low + if axis == face.axis { 0.0 } else { self.spacing[axis] };
+                outside(p[axis], low, high).powi(2)
+            })
+            .sum()
+    }
+
+    /// The face nearest to `p` and its squared distance; `start` is one thought to be near and changes only the time taken. `None` if the image has
+    /// no interfaces.
+    pub fn nearest(&self, p: DVec3, start: Option<Face>) -> Option<(Face, f64)> {
+        let mut best = start.map_or((None, f64::INFINITY), |face| (Some(face), self.distance_squared(face, p)));
+        let near = 1.5 * self.spacing.max_element();
+        if best.1 > near * near {
+            self.scan(p, self.spacing, &mut best);
+        }
+        if best.1 <= 4.0 * near * near {
+            self.scan(p, DVec3::splat(best.1.sqrt()), &mut best);
+        } else {
+            self.scan_bricks(p, &mut best);
+        }
+        best.0.map(|face| (face, best.1))
+    }
+
+    /// Looks at all cells that come within `reach` of `p` along every axis.
+    fn scan(&self, p: DVec3, reach: DVec3, best: &mut (Option<Face>, f64)) {
+        let (low, high) = ((p - reach) / self.spacing, (p + reach) / self.spacing);
+        let bounds =
+            [0, 1, 2].map(|axis| (cell_below(low[axis], self.dims[axis]), cell_below(high[axis], self.dims[axis])));
+        self.scan_cells(p, bounds, best);
+    }
+
+    /// Looks at the cells between `bounds` along each axis, both included.
+    fn scan_cells(&self, p: DVec3, bounds: [(usize, usize); 3], best: &mut (Option<Face>, f64)) {
+        // Squared distance along one axis to a cell, and to the plane of its lower face.
+        let along = |axis: usize, i: usize| {
+            let low = i as f64 * self.spacing[axis];
+            (outside(p[axis], low, low + self.spacing[axis]).powi(2), (p[axis] - low).powi(2))
+        };
+        for k in bounds[2].0..=bounds[2].1 {
+            let z = along(2, k);
+            if z.0 >= best.1 {
+                continue;
+            }
+            for j in bounds[1].0..=bounds[1].1 {
+                let y = along(1, j);
+                if y.0 + z.0 >= best.1 {
+                    continue;
+                }
+                let row = self.dims[0] * (j + self.dims[1] * k);
+                for i in bounds[0].0..=bounds[0].1 {
+                    let mask = self.masks[row + i];
+                    if mask == 0 {
+                        continue;
+                    }
+                    let x = along(0, i);
+                    for (axis, distance) in [x.1 + y.0 + z.0, x.0 + y.1 + z.0, x.0 + y.0 + z.1].into_iter().enumerate()
+                    {
+                        if mask >> axis & 1 == 1 && distance < best.1 {
+                            *best = (Some(Face { cell: [i, j, k], axis }), distance);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Looks at all bricks in shells around the one that holds `p`, until the next shell is too far.
+    fn scan_bricks(&self, p: DVec3, best: &mut (Option<Face>, f64)) {
+        let size = self.spacing * BRICK as f64;
+        let centre = [0, 1, 2].map(|axis| cell_below(p[axis] / size[axis], self.brick_dims[axis]));
+        for shell in 0.. {
+            let range = [0, 1, 2].map(|axis| {
+                (centre[axis].saturating_sub(shell), (centre[axis] + shell).min(self.brick_dims[axis] - 1))
+            });
+            for k in range[2].0..=range[2].1 {
+                for j in range[1].0..=range[1].1 {
+                    let inner = k.abs_diff(centre[2]) < shell && j.abs_diff(centre[1]) < shell;
+                    for i in range[0].0..=range[0].1 {
+                        if inner && i.abs_diff(centre[0]) < shell {
+                            continue;
+                        }
+                        self.scan_brick(p, [i, j, k], best);
+                    }
+                }
+            }
+            // Where the shell touches the rim of the grid there is nothing beyond.
+            let beyond = (0..3).fold(f64::INFINITY, |nearest, axis| {
+                let (low, high) = range[axis];
+                let below = if low == 0 { f64::INFINITY } else { p[axis] - low as f64 * size[axis] };
+                let above = if high + 1 == self.brick_dims[axis] {
+                    f64::INFINITY
+                } else {
+                    (high + 1) as f64 * size[axis] - p[axis]
+                };
+                nearest.min(below).min(above)
+            });
+            if beyond.is_infinite() || beyond > 0.0 && beyond * beyond >= best.1 {
+                return;
+            }
+        }
+    }
+
+    fn scan_brick(&self, p: DVec3, brick: [usize; 3], best: &mut (Option<Face>, f64)) {
+        if !self.bricks[brick[0] + self.brick_dims[0] * (brick[1] + self.brick_dims[1] * brick[2])] {
+            return;
+        }
+        let low = DVec3::from(brick.map(|i| (i * BRICK) as f64)) * self.spacing;
+        let high = low + self.spacing * BRICK as f64;
+        if p.distance_squared(p.clamp(low, high)) >= best.1 {
+            return;
+        }
+        let bounds = [0, 1, 2].map(|axis| (brick[axis] * BRICK, ((brick[axis] + 1) * BRICK).min(self.dims[axis]) - 1));
+        self.scan_cells(p, bounds, best);
+    }
+}
+
+/// How far `x` is outside [low, high].
+#[inline]
+fn outside(x: f64, low: f64, high: f64) -> f64 {
+    (low - x).max(x - high).max(0.0)
+}
+
+/// The cell, of `n`, that holds index coordinate `x`, or the first or last one. (`as` saturates.)
+#[inline]
+fn cell_below(x: f64, n: usize) -> usize {
+    (x.max(0.0) as usize).min(n - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::testing;
+    use super::*;
+    use crate::image::Frame;
+
+    fn all(faces: &VoxelFaces) -> Vec<Face> {
+        let [_, ny, nz] = faces.dims();
+        (0..nz).flat_map(|k| (0..ny).map(move |j| (j, k))).flat_map(|(j, k)| faces.row(j, k)).collect()
+    }
+
+    #[test]
+    fn one_voxel_has_six_faces() {
+        let image = testing::image([1, 1, 1], Frame::axis_aligned([1.0, 2.0, 3.0]).unwrap(), |_, _, _| 7);
+        let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
+        let all = all(&faces);
+        assert_eq!(all.len(), 6);
+        assert_eq!(all.iter().map(|&f| faces.area(f)).sum::<f64>(), 22.0);
+        assert_eq!(faces.centre(Face { cell: [1, 0, 0], axis: 0 }), DVec3::new(1.0, 1.0, 1.5));
+        assert!(faces.corners(Face { cell: [0, 1, 0], axis: 1 }).iter().all(|c| c.y == 2.0));
+    }
+
+    #[test]
+    fn empty_image_has_none() {
+        let image = testing::image([3, 2, 1], Frame::axis_aligned([1.0; 3]).unwrap(), |_, _, _| 0);
+        let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
+        assert!(faces.nearest(DVec3::ONE, None).is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn nearest_against_all(
+            seed in prop::collection::vec(0u8..40, 30 * 5 * 11),
+            p in [-20.0..60.0f64, -20.0..30.0, -20.0..60.0],
+            spacing in prop::sample::select(vec![[1.0, 1.0, 1.0], [0.5, 0.7, 4.0]]),
+            pick in 0usize..10_000,
+        ) {
+            let image = testing::image([30, 5, 11], Frame::axis_aligned(spacing).unwrap(), |i, j, k| {
+                // Sparse, so that both kinds of search are met.
+                i32::from(seed[i + 30 * (j + 5 * k)] == 0)
+            });
+            let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
+            let all = all(&faces);
+            let p = DVec3::from(p);
+            let expected = all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
+            let start = all.get(pick % all.len().max(1)).copied().filter(|_| pick % 2 == 0);
+            match faces.nearest(p, start) {
+                Some((face, distance)) => {
+                    prop_assert!((distance - expected).abs() <= 1e-12 * expected.max(1.0));
+                    prop_assert_eq!(faces.distance_squared(face, p), distance);
+                }
+                None => prop_assert!(all.is_empty()),
+            }
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! The bars that every release has to clear on real anatomy: three atlases through the whole pipeline, one line of figures for each.
+//!
+//! The images are those of `shared/images` beside the checkout, or of the folder that `LAPD_IMAGES` names, and the AAL atlas of Debian's
+//! `mricron-data`. An atlas that is not there is skipped, said loudly.
+
+use std::path::{Path, PathBuf};
+
+use lapd::image::readers::read_image;
+use lapd::mesh::quality::{radius_edge_ratio, triangle_angles};
+use lapd::mesher::{Meshing, mesh_image};
+use lapd::monitor::Monitor;
+use lapd::params::MeshParams;
+
+/// Voxels from which on a label's volume is held against the image.
+const LARGE: u64 = 1000;
+
+/// Everything that misses its bar, in words.
+fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
+    let (mesh, report) = (&meshing.mesh, &meshing.report);
+    let certificate = &report.certificate;
+    let mut misses = Vec::new();
+    let mut bar = |holds: bool, what: String| {
+        if !holds {
+            misses.push(what);
+        }
+    };
+    for (name, count) in [
+        ("facets that are not Delaunay", certificate.non_delaunay_facets),
+        ("inverted tets", certificate.inverted_tets),
+        ("orphan vertices", certificate.orphan_vertices),
+        ("open edges", certificate.open_edges),
+    ] {
+        bar(count == 0, format!("{count} {name}"));
+    }
+
+    // A bad tet or facet is excused only by a rule that is reported unmet: R4 or R5 for tets, R3 for facets.
+    let too_long = |tet: &[u32; 4]| radius_edge_ratio(&tet.map(|v| mesh.point(v))) > params.radius_edge * (1.0 + 1e-9);
+    let bad_tets = mesh.tets.iter().filter(|tet| too_long(tet)).count() as u64;
+    let too_sharp =
+        |f: &[u32; 3]| triangle_angles(&f.map(|v| mesh.point(v))).iter().any(|&a| a < params.facet_angle - 1e-6);
+    let bad_facets = mesh.facets.iter().filter(|facet| too_sharp(facet)).count() as u64;
+    let unmet = report.unmet;
+    let unmet_facets = (unmet[0] + unmet[1] + unmet[2]) as f64 / mesh.facets.len() as f64;
+    bar(bad_tets <= unmet[3], format!("{bad_tets} tets beyond the radius-edge bound, {} reported unmet", unmet[3]));
+    bar(bad_facets <= unmet[2], format!("{bad_facets} facets below the angle bound, {} reported unmet", unmet[2]));
+    bar(unmet_facets < 0.01, format!("{:.2} % of facets unmet", 100.0 * unmet_facets));
+
+    let mut worst = (0, 0.0_f64);
+    for row in certificate.labels.iter().filter(|row| row.image_voxels >= LARGE) {
+        let error = row.mesh_volume / row.image_volume - 1.0;
+        if error.abs() > worst.1.abs() {
+            worst = (row.label, error);
+        }
+        bar(
+            error.abs() < 0.05,
+            format!("label {} of {} voxels: volume {:+.1} %", row.label, row.image_voxels, 100.0 * error),
+        );
+    }
+    let total = certificate.mesh_volume() / certificate.image_volume() - 1.0;
+    bar(total.abs() < 0.005, format!("total volume {:+.2} %", 100.0 * total));
+
+    let voxel = certificate.voxel;
+    let (mean, max) = (certificate.mean_mesh_to_image / voxel, certificate.hausdorff_mesh_to_image / voxel);
+    bar(mean < 0.3, format!("mean distance to the image {mean:.3} voxels"));
+    bar(max < 1.5, format!("largest distance to the image {max:.3} voxels"));
+
+    println!(
+        "{} tets, {} facets, {:.2} s refining, ratio {:.3} ({bad_tets} over), angle {:.1} ({bad_facets} under), unmet {unmet:?}, \
+         worst large label {} {:+.1} %, total {:+.2} %, to image {mean:.3} mean {max:.3} max, to mesh {:.3} mean {:.3} max voxels",
+        mesh.tets.len(),
+        mesh.facets.len(),
+        report.seconds.refine,
+        report.quality.max_radius_edge,
+        report.quality.min_facet_angle,
+        worst.0,
+        100.0 * worst.1,
+        100.0 * total,
+        certificate.mean_image_to_mesh / voxel,
+        certificate.hausdorff_image_to_mesh / voxel,
+    );
+    misses
+}
+
+fn clears_the_bars(path: &Path, delta: f64, size: f64) {
+    if !path.is_file() {
+        eprintln!("SKIPPED: no atlas {}", path.display());
+        return;
+    }
+    let image = read_image(path).unwrap_or_else(|e| panic!("{e}")).image;
+    let params = MeshParams { delta, size, ..MeshParams::default() };
+    let meshing = mesh_image(&image, &params, &mut Monitor::silent()).unwrap_or_else(|e| panic!("{e}"));
+    let misses = misses(&meshing, &params);
+    assert!(misses.is_empty(), "{} misses:\n  {}", path.display(), misses.join("\n  "));
+}
+
+fn spl(name: &str) -> PathBuf {
+    std::env::var_os("LAPD_IMAGES")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"), PathBuf::from)
+        .join("spl")
+        .join(name)
+}
+
+#[test]
+fn brain() {
+    clears_the_bars(&spl("brain.nrrd"), 1.0, 2.0);
+}
+
+#[test]
+fn abdomen() {
+    clears_the_bars(&spl("abdomen.nrrd"), 1.25, 2.5);
+}
+
+#[test]
+fn aal() {
+    clears_the_bars(Path::new("/usr/share/mricron/templates/aal.nii.gz"), 1.0, 2.0);
+}

@@ -1,0 +1,167 @@
+//! Where an image lies in the world, and which parts of it are meshed.
+
+use glam::{DMat3, DVec3, EulerRot};
+use lapd::Error;
+use lapd::image::phantom::*;
+use lapd::image::{Frame, LabelImage};
+use lapd::mesher::mesh_image;
+use lapd::monitor::Monitor;
+use lapd::params::MeshParams;
+
+use super::{boundary_topology, bounds, mesh, params, volumes};
+
+/// A ball of radius 10 off the centre of its image, in another frame.
+fn placed(origin: [f64; 3], spacing: [f64; 3], axes: [[f64; 3]; 3]) -> (LabelImage, DVec3) {
+    let frame = Frame::new(origin, spacing, axes).unwrap();
+    let dims = spacing.map(|s| (28.0 / s) as usize);
+    let center = frame.to_world(DVec3::from(dims.map(|n| 0.5 * n as f64)) - DVec3::new(0.7, 0.3, 1.1));
+    (LabelImage::from_fn(dims, frame, |p| i32::from(p.distance(center) <= 10.0)).unwrap(), center)
+}
+
+fn centroid(meshing: &lapd::mesher::Meshing) -> DVec3 {
+    let mesh = &meshing.mesh;
+    let sum = mesh.tets.iter().fold((DVec3::ZERO, 0.0), |(moment, volume), tet| {
+        let p = tet.map(|v| mesh.point(v));
+        let v = lapd::mesh::quality::tet_volume(&p);
+        (moment + p.iter().sum::<DVec3>() * (0.25 * v), volume + v)
+    });
+    sum.0 / sum.1
+}
+
+fn assert_ball_at(image: &LabelImage, center: DVec3, delta: f64) {
+    let meshing = mesh(image, &params(delta));
+    let volume = volumes(&meshing.mesh)[&1];
+    let off = centroid(&meshing).distance(center);
+    println!(
+        "tets {} volume error {:.4} off centre {off:.3}",
+        meshing.mesh.tets.len(),
+        volume / ball_volume(10.0) - 1.0
+    );
+    assert!((volume / ball_volume(10.0) - 1.0).abs() < 0.05, "volume {volume}");
+    assert!(off < 0.2, "the mesh is {off} off the ball");
+    assert_eq!(boundary_topology(&meshing.mesh, &[1]), (2, 0));
+}
+
+const UNIT: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+fn turned() -> [[f64; 3]; 3] {
+    DMat3::from_euler(EulerRot::XYZ, 0.4, -0.9, 2.1).to_cols_array_2d()
+}
+
+#[test]
+fn anisotropic_spacing() {
+    let (image, center) = placed([0.0; 3], [0.6, 1.0, 2.5], UNIT);
+    assert_ball_at(&image, center, 1.5);
+}
+
+#[test]
+fn rotated_direction() {
+    let (image, center) = placed([40.0, -7.0, 3.0], [1.0, 0.8, 1.3], turned());
+    assert_ball_at(&image, center, 1.5);
+}
+
+#[test]
+fn reflected_direction_keeps_volumes_positive() {
+    for axis in 0..3 {
+        let mut axes = turned();
+        axes[axis] = axes[axis].map(|c| -c);
+        let (image, center) = placed([-5.0, 11.0, 60.0], [1.0, 0.8, 1.3], axes);
+        assert!(image.frame().direction().determinant() < 0.0);
+        assert_ball_at(&image, center, 2.0);
+    }
+}
+
+#[test]
+fn permuted_axes() {
+    let (image, center) = placed([0.0; 3], [1.0; 3], [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    assert_ball_at(&image, center, 2.0);
+}
+
+#[test]
+fn the_mesh_moves_with_the_origin() {
+    // Coordinates are rounded otherwise after a shift, which may turn a tie between labels, and with it a vertex.
+    let image = three_labels_in_a_line([20; 3], [1.0; 3], 7.0).unwrap();
+    let home = mesh(&image, &params(1.5));
+    for shift in [DVec3::new(64.0, -32.0, 128.0), DVec3::splat(1e6)] {
+        let frame = image.frame();
+        let moved = Frame::new((frame.origin() + shift).to_array(), frame.spacing().to_array(), UNIT).unwrap();
+        let away = mesh(&image.clone().with_frame(moved), &params(1.5));
+        let (a, b) = (volumes(&home.mesh), volumes(&away.mesh));
+        for (label, volume) in &a {
+            assert!((b[label] / volume - 1.0).abs() < 0.03, "volume of label {label}: {volume} and {}", b[label]);
+        }
+        let ([low, high], [low_away, high_away]) = (bounds(&home.mesh), bounds(&away.mesh));
+        assert!((low_away - low - shift).abs().max_element() < 0.25, "{low} moved to {low_away}");
+        assert!((high_away - high - shift).abs().max_element() < 0.25, "{high} moved to {high_away}");
+        let ratio = away.mesh.tets.len() as f64 / home.mesh.tets.len() as f64;
+        assert!((ratio - 1.0).abs() < 0.15, "{} tets, {} when moved", home.mesh.tets.len(), away.mesh.tets.len());
+    }
+}
+
+#[test]
+fn an_object_cut_by_the_border_is_closed_there() {
+    // The ball is larger than the image along every axis; it ends half a voxel beyond the outermost voxel centres.
+    let image = ball([16, 16, 12], [1.0; 3], 9.5).unwrap();
+    let meshing = mesh(&image, &params(1.2));
+    let row = meshing.report.certificate.labels[0];
+    println!("volume error {:.4} bounds {:?}", row.mesh_volume / row.image_volume - 1.0, bounds(&meshing.mesh));
+    assert!((row.mesh_volume / row.image_volume - 1.0).abs() < 0.05, "{row:?}");
+    assert_eq!(boundary_topology(&meshing.mesh, &[1]), (2, 0));
+    let [low, high] = bounds(&meshing.mesh);
+    let half = DVec3::new(8.0, 8.0, 6.0);
+    // The label's weight moves flat faces out to make up for the edges that interpolation rounds: by h/4 ln w, where w is 1.06 here.
+    let shift = 0.25 * 1.1_f64.ln();
+    assert!(
+        low.cmpge(-half - shift).all() && high.cmple(half + shift).all(),
+        "the mesh reaches out of the image: {low} to {high}"
+    );
+    assert!(low.cmple(-half + 0.6).all() && high.cmpge(half - 0.6).all(), "the mesh ends inside: {low} to {high}");
+}
+
+#[test]
+fn keep_meshes_some_labels_only() {
+    let image = nested_shells([24; 3], [1.0; 3], &[5.0, 9.0]).unwrap();
+    let all = mesh(&image, &params(1.5));
+    let shell = mesh(&image, &MeshParams { keep: vec![2], ..params(1.5) });
+    assert_eq!(volumes(&shell.mesh).keys().copied().collect::<Vec<_>>(), [2]);
+    let (a, b) = (volumes(&all.mesh)[&2], volumes(&shell.mesh)[&2]);
+    assert!((a / b - 1.0).abs() < 0.02, "volume of the shell: {a} with its core, {b} without");
+    // Two spheres.
+    assert_eq!(boundary_topology(&shell.mesh, &[2]), (4, 0));
+    assert!(shell.mesh.facet_labels.iter().all(|&sides| sides == [2, 0]));
+    assert!(shell.report.certificate.labels.iter().all(|row| row.label == 2));
+    let missing = mesh_image(&image, &MeshParams { keep: vec![2, 7], ..params(1.5) }, &mut Monitor::silent());
+    assert!(matches!(missing, Err(Error::InvalidArgument(m)) if m.contains('7')));
+}
+
+#[test]
+fn background_fills_the_box() {
+    let image = ball([20; 3], [1.0; 3], 7.0).unwrap();
+    let object = mesh(&image, &params(1.5));
+    let whole = mesh(&image, &MeshParams { background: true, ..params(1.5) });
+    assert_eq!(volumes(&object.mesh), volumes(&whole.mesh));
+    assert_eq!(whole.mesh.facets.len(), object.mesh.facets.len());
+    assert_eq!(whole.mesh.tets.len() as u64, whole.report.all_tets);
+    assert_eq!(whole.mesh.points.len() as u64, whole.report.all_vertices);
+    assert_eq!(whole.report.quality.tets, object.report.quality.tets);
+    // The background closes the mesh to a box.
+    let [low, high] = bounds(&whole.mesh);
+    let volume: f64 =
+        whole.mesh.tets.iter().map(|t| lapd::mesh::quality::tet_volume(&t.map(|v| whole.mesh.point(v)))).sum();
+    assert!((volume / (high - low).element_product() - 1.0).abs() < 1e-12);
+    assert!(low.cmplt(DVec3::splat(-7.5)).all() && high.cmpgt(DVec3::splat(7.5)).all(), "{low} to {high}");
+}
+
+#[test]
+fn labels_have_their_own_sizes() {
+    let image = nested_shells([24; 3], [1.0; 3], &[6.0, 10.0]).unwrap();
+    let one_size = mesh(&image, &MeshParams { size: 4.0, ..params(1.5) });
+    let fine_core = mesh(&image, &MeshParams { size: 4.0, label_sizes: vec![(1, 0.8)], ..params(1.5) });
+    let tets = |m: &lapd::mesher::Meshing, label| m.mesh.labels.iter().filter(|&&l| l == label).count();
+    let (coarse, fine) = (tets(&one_size, 1), tets(&fine_core, 1));
+    println!("core {coarse} -> {fine}, shell {} -> {}", tets(&one_size, 2), tets(&fine_core, 2));
+    assert!(fine > 4 * coarse, "the core has {fine} tets, {coarse} without a size of its own");
+    let missing =
+        mesh_image(&image, &MeshParams { label_sizes: vec![(9, 1.0)], ..params(1.5) }, &mut Monitor::silent());
+    assert!(matches!(missing, Err(Error::InvalidArgument(m)) if m.contains('9')));
+}

@@ -1,0 +1,181 @@
+//! One run against another: equal input gives equal meshes, refining again changes nothing, a run can be stopped anywhere.
+
+use std::cell::Cell;
+
+use lapd::Error;
+use lapd::delaunay::Triangulation;
+use lapd::image::LabelImage;
+use lapd::image::phantom::*;
+use lapd::mesher::mesh_image;
+use lapd::monitor::{CancelFlag, Monitor, Phase, Progress};
+use lapd::oracle::Oracle;
+use lapd::params::{MeshParams, SurfaceModel};
+use lapd::refine::refiner::Schedule;
+use lapd::refine::rules::Rules;
+use lapd::refine::{refine, unmet_rules};
+
+use super::{params, run};
+
+/// Rows of labels, cut by the border, with a corner in between: every rule has work here.
+fn busy_image() -> LabelImage {
+    let shells = nested_shells([18; 3], [1.0, 0.9, 1.1], &[4.0, 7.5]).unwrap();
+    LabelImage::from_fn(shells.dims(), *shells.frame(), |p| match p.length() {
+        r if r <= 4.0 => 1,
+        r if r <= 7.5 => 2 + i32::from(p.x > 0.0) + 2 * i32::from(p.y > 1.0),
+        _ => 6 * i32::from(p.z > 6.0),
+    })
+    .unwrap()
+}
+
+#[test]
+fn equal_input_gives_equal_meshes() {
+    let image = busy_image();
+    for surface in [SurfaceModel::Smooth, SurfaceModel::Voxel] {
+        let params = MeshParams { surface, ..params(1.3) };
+        let first = run(&image, &params);
+        let again = run(&image, &params);
+        assert!(first.mesh == again.mesh);
+        for threads in [1, 2] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let pooled = pool.install(|| run(&image, &params));
+            assert!(first.mesh == pooled.mesh, "in a pool of {threads}");
+            assert_eq!(first.report.certificate, pooled.report.certificate);
+            assert_eq!(first.report.quality, pooled.report.quality);
+        }
+    }
+}
+
+#[test]
+fn refining_again_changes_nothing() {
+    let image = busy_image();
+    for surface in [SurfaceModel::Smooth, SurfaceModel::Voxel] {
+        let params = params(1.3);
+        let oracle = Oracle::new(&image, surface, &|| Ok(())).unwrap();
+        let [lower, upper] = oracle.bounds();
+        let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
+        let rules = Rules::new(&triangulation, &oracle, &params, image.labels());
+        let schedule = Schedule { expected_tets: 1000, max_vertices: None };
+        let first = refine(&rules, &schedule, &mut Monitor::silent()).unwrap();
+        println!("{surface:?}: {first:?}");
+        assert!(first.insertions > 1000);
+        assert!(triangulation.check().is_sound());
+        let again = refine(&rules, &schedule, &mut Monitor::silent()).unwrap();
+        assert_eq!((again.insertions, again.removals, again.created, again.destroyed), (0, 0, 0, 0), "{surface:?}");
+        assert_eq!(unmet_rules(&rules, &Monitor::silent()).unwrap(), [0; 6], "{surface:?}");
+    }
+}
+
+#[test]
+fn progress_is_monotone_and_complete() {
+    let mut seen: Vec<Progress> = Vec::new();
+    let mut record = |progress| {
+        seen.push(progress);
+        true
+    };
+    let meshing = mesh_image(&busy_image(), &params(0.7), &mut Monitor::new(Some(&mut record), None)).unwrap();
+    assert!(seen.is_sorted_by(|a, b| a.phase <= b.phase && a.fraction <= b.fraction), "{seen:?}");
+    assert!(seen.iter().all(|p| (0.0..=1.0).contains(&p.fraction)));
+    for phase in [Phase::Distance, Phase::Refine, Phase::Extract, Phase::Certify] {
+        assert!(seen.iter().any(|p| p.phase == phase), "{phase:?} was not reported");
+    }
+    assert!(seen.iter().filter(|p| p.phase == Phase::Refine).count() > 5, "{seen:?}");
+    let last = seen.last().unwrap();
+    assert_eq!((last.phase, last.fraction, last.tets), (Phase::Certify, 1.0, meshing.report.all_tets));
+}
+
+#[test]
+fn a_callback_cancels_at_any_report() {
+    let image = busy_image();
+    let count = Cell::new(0);
+    let mut counting = |_| {
+        count.set(count.get() + 1);
+        true
+    };
+    mesh_image(&image, &params(1.0), &mut Monitor::new(Some(&mut counting), None)).unwrap();
+    assert!(count.get() > 8);
+    for stop in 0..count.get() {
+        let mut left = stop;
+        let mut calls = 0;
+        let mut stopping = |_| {
+            calls += 1;
+            left -= 1;
+            left >= 0
+        };
+        let result = mesh_image(&image, &params(1.0), &mut Monitor::new(Some(&mut stopping), None));
+        assert!(matches!(result, Err(Error::Cancelled)), "at report {stop}");
+        assert_eq!(calls, stop + 1, "the callback was called after it had cancelled");
+    }
+}
+
+#[test]
+fn a_flag_cancels_in_every_phase() {
+    let image = busy_image();
+    for phase in [Phase::Distance, Phase::Refine, Phase::Extract, Phase::Certify] {
+        let flag = CancelFlag::default();
+        let mut raise = |progress: Progress| {
+            if progress.phase == phase {
+                flag.cancel();
+            }
+            true
+        };
+        let result = mesh_image(&image, &params(1.0), &mut Monitor::new(Some(&mut raise), Some(&flag)));
+        assert!(matches!(result, Err(Error::Cancelled)), "{phase:?}");
+    }
+    let raised = CancelFlag::default();
+    raised.cancel();
+    assert!(matches!(mesh_image(&image, &params(1.0), &mut Monitor::new(None, Some(&raised))), Err(Error::Cancelled)));
+}
+
+#[test]
+fn another_thread_cancels_a_run_that_would_take_minutes() {
+    let image = ball([20; 3], [1.0; 3], 8.0).unwrap();
+    let flag = CancelFlag::default();
+    let started = CancelFlag::default();
+    let start = std::time::Instant::now();
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !started.is_cancelled() {
+                std::thread::yield_now();
+            }
+            flag.cancel();
+        });
+        let mut in_refinement = |progress: Progress| {
+            if progress.phase == Phase::Refine {
+                started.cancel();
+            }
+            true
+        };
+        let result = mesh_image(&image, &params(0.02), &mut Monitor::new(Some(&mut in_refinement), Some(&flag)));
+        assert!(matches!(result, Err(Error::Cancelled)));
+    });
+    assert!(start.elapsed().as_secs() < 5, "cancelling took {:?}", start.elapsed());
+}
+
+#[test]
+fn max_vertices_is_exact() {
+    let image = ball([16; 3], [1.0; 3], 6.0).unwrap();
+    let free = run(&image, &params(1.0));
+    let limited = |most: u64| {
+        let params = MeshParams { max_vertices: Some(most as usize), ..params(1.0) };
+        mesh_image(&image, &params, &mut Monitor::silent())
+    };
+    // The least limit that suffices: the most vertices that were there at any time, by bisection.
+    let (mut fails, mut suffices) = (0, free.report.operations.insertions);
+    assert!(limited(suffices).is_ok());
+    while suffices - fails > 1 {
+        let middle = fails.midpoint(suffices);
+        match limited(middle) {
+            Ok(_) => suffices = middle,
+            Err(Error::LimitReached(message)) => {
+                assert!(message.contains(&middle.to_string()), "{message}");
+                fails = middle;
+            }
+            Err(e) => panic!("{e}"),
+        }
+    }
+    let end = free.report.operations.insertions - free.report.operations.removals;
+    println!("{end} vertices, {suffices} at the peak, {} removals", free.report.operations.removals);
+    assert_eq!(end + 8, free.report.all_vertices, "all vertices are those inserted, and the corners of the box");
+    assert!((end..=end + free.report.operations.removals).contains(&suffices));
+    assert!(limited(suffices).unwrap().mesh == free.mesh);
+}

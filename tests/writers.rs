@@ -1,0 +1,143 @@
+//! The writers: bytes of a small mesh against committed files, and what other programs' readers make of it.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use lapd::io::write_mesh;
+use lapd::mesh::{NONE, TetMesh};
+
+/// Two tets with labels 7 and -2 that share a facet, and one of label 0 on the side of the first.
+fn mesh() -> TetMesh {
+    TetMesh {
+        points: vec![
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.1, 0.2, 1.5],
+            [0.0, 0.0, -1e-7],
+            [-1.0, 0.0, 0.0],
+        ],
+        tets: vec![[0, 1, 2, 3], [0, 2, 1, 4], [0, 2, 5, 3]],
+        labels: vec![7, -2, 0],
+        neighbors: vec![[NONE, 2, NONE, 1], [NONE, NONE, NONE, 0], [NONE, NONE, 0, NONE]],
+        facets: vec![[0, 2, 1], [1, 2, 3], [0, 1, 3], [0, 3, 2], [2, 4, 1], [0, 1, 4], [0, 4, 2]],
+        facet_labels: vec![[7, -2], [7, 0], [7, 0], [7, 0], [0, -2], [0, -2], [0, -2]],
+        facet_tets: vec![[0, 1], [0, NONE], [0, NONE], [0, 2], [NONE, 1], [NONE, 1], [NONE, 1]],
+    }
+}
+
+fn golden() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden")
+}
+
+#[test]
+fn small_mesh_gives_the_committed_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["small.vtk", "small.mesh", "small.node", "small.stl"] {
+        write_mesh(&mesh(), &folder.path().join(name)).unwrap();
+    }
+    for name in ["small.vtk", "small.mesh", "small.node", "small.ele", "small.face", "small.stl"] {
+        let written = std::fs::read(folder.path().join(name)).unwrap();
+        let committed = std::fs::read(golden().join(name)).unwrap();
+        assert!(written == committed, "{name} differs from tests/golden: {}", String::from_utf8_lossy(&written));
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 6, "temporary files are gone");
+}
+
+/// The uncompressed bytes of the appended array at `offset`.
+fn appended(data: &[u8], offset: usize) -> Vec<u8> {
+    let word = |i: usize| u64::from_le_bytes(data[offset + 8 * i..offset + 8 * (i + 1)].try_into().unwrap()) as usize;
+    let blocks = word(0);
+    let mut at = offset + 8 * (3 + blocks);
+    let mut bytes = Vec::new();
+    for block in 0..blocks {
+        let size = word(3 + block);
+        flate2::read::ZlibDecoder::new(&data[at..at + size]).read_to_end(&mut bytes).unwrap();
+        at += size;
+    }
+    let last = word(2);
+    assert_eq!(bytes.len(), if last == 0 { blocks * word(1) } else { (blocks - 1) * word(1) + last });
+    bytes
+}
+
+/// VTU bytes depend on the compressor's version; what they hold does not.
+#[test]
+fn vtu_holds_the_arrays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("small.vtu");
+    // 70000 copies of the tets make several blocks per array.
+    for copies in [1, 70_000] {
+        let small = mesh();
+        let repeated = TetMesh {
+            tets: small.tets.repeat(copies),
+            labels: small.labels.repeat(copies),
+            points: small.points.repeat(copies),
+            ..small
+        };
+        write_mesh(&repeated, &path).unwrap();
+        let file = std::fs::read(&path).unwrap();
+        let mark = b"<AppendedData encoding=\"raw\">\n_";
+        let data = file.windows(mark.len()).position(|window| window == mark).unwrap() + mark.len();
+        let xml = std::str::from_utf8(&file[..data]).unwrap();
+        let array = |name: &str| {
+            let tag = &xml[xml.find(&format!("Name=\"{name}\"")).unwrap()..];
+            let offset = tag.split_once("offset=\"").unwrap().1.split_once('"').unwrap().0;
+            appended(&file[data..], offset.parse().unwrap())
+        };
+        let n = repeated.tets.len();
+        assert!(xml.contains(&format!("NumberOfPoints=\"{}\" NumberOfCells=\"{n}\"", repeated.points.len())));
+        assert_eq!(array("label"), repeated.labels.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>());
+        assert_eq!(array("Points"), repeated.points.iter().flatten().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>());
+        assert_eq!(
+            array("connectivity"),
+            repeated.tets.iter().flatten().flat_map(|&v| i64::from(v).to_le_bytes()).collect::<Vec<_>>()
+        );
+        assert_eq!(array("offsets"), (1..=n as i64).flat_map(|i| (4 * i).to_le_bytes()).collect::<Vec<_>>());
+        assert_eq!(array("types"), vec![10; n]);
+        assert!(file.ends_with(b"\n</AppendedData>\n</VTKFile>\n"));
+    }
+}
+
+#[test]
+fn empty_mesh_makes_whole_files() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.vtu", "a.vtk", "a.mesh", "a.ele", "a.stl"] {
+        write_mesh(&TetMesh::default(), &folder.path().join(name)).unwrap();
+    }
+    assert_eq!(std::fs::read(folder.path().join("a.stl")).unwrap().len(), 84);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 7);
+}
+
+#[test]
+fn errors_leave_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    // The second of TetGen's files cannot take its name: a folder is in the way.
+    std::fs::create_dir(folder.path().join("a.ele")).unwrap();
+    let error = write_mesh(&mesh(), &folder.path().join("a.node")).unwrap_err().to_string();
+    assert!(error.contains("a.ele"), "{error}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    let error = write_mesh(&mesh(), &folder.path().join("a.msh")).unwrap_err().to_string();
+    assert!(error.contains("unknown ending"), "{error}");
+}
+
+/// What an independent reader (meshio) sees.
+#[test]
+fn meshio_reads_what_was_written() {
+    if !Command::new("python3").args(["-c", "import meshio"]).output().is_ok_and(|output| output.status.success()) {
+        println!("SKIPPED: meshio_reads_what_was_written needs python3 with meshio");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["small.vtu", "small.vtk", "small.mesh", "small.node", "small.stl"] {
+        write_mesh(&mesh(), &folder.path().join(name)).unwrap();
+    }
+    let script = golden().join("check_with_meshio.py");
+    let output = Command::new("python3").arg(script).arg(folder.path()).output().unwrap();
+    assert!(
+        output.status.success(),
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
