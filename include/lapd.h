@@ -1,0 +1,1088 @@
+/*
+ * lapd: quality tetrahedral Delaunay meshes of segmented 3D images, all tissues at once.
+ * SPDX-License-Identifier: MIT OR Apache-2.0
+ *
+ * Made by cbindgen from src/capi; do not edit.
+ *
+ * Conventions
+ * - Handles (lapd_context, lapd_image, lapd_params, lapd_mesh) are opaque. What a create, read or mesh function hands out belongs
+ *   to the caller, who frees it once with the lapd_..._free function of its type.
+ * - Functions return a lapd_status; 0 is success. Out-parameters are written on success only.
+ * - A function that takes a context leaves one line there about what went wrong: lapd_context_last_error. Functions without one
+ *   fail only for their own arguments, which the status tells. There is no global state.
+ * - NULL is refused with LAPD_ERROR_INVALID_ARGUMENT wherever the text does not allow it; so are numbers that are no value of
+ *   their enum, which is why enums are passed as int32_t.
+ * - Strings are UTF-8 and end with NUL. Lengths are in the world units of the image, angles in degrees.
+ * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and programs and libraries of different
+ *   versions understand each other. What the library does not know yet reads 0.
+ * - Images and meshes never change and may be used by any number of threads at once. Parameters may be read by many threads as
+ *   long as none changes them. A context belongs to one thread at a time, but for lapd_context_cancel.
+ * - The library prints nothing, reads no environment, installs no signal handler, and never ends the process.
+ */
+
+#ifndef LAPD_H
+#define LAPD_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* The version of this header; lapd_version() is that of the library. */
+#define LAPD_VERSION_MAJOR 0
+#define LAPD_VERSION_MINOR 1
+#define LAPD_VERSION_PATCH 0
+#define LAPD_VERSION "0.1.0"
+
+/**
+ * "No tet", among the neighbours of a tet and beside a facet.
+ */
+#define LAPD_NO_TET UINT32_MAX
+
+/**
+ * What a function came to. The numbers are stable: none will ever change its meaning, new ones may be added. 0 is success.
+ */
+typedef enum {
+  /**
+   * The function did what it says.
+   */
+  LAPD_OK = 0,
+  /**
+   * An argument is NULL, out of its range, or not a value of its enum.
+   */
+  LAPD_ERROR_INVALID_ARGUMENT = 1,
+  /**
+   * The value exists in this interface, but not yet in this version of the library.
+   */
+  LAPD_ERROR_UNSUPPORTED = 2,
+  /**
+   * A file could not be opened, read or written.
+   */
+  LAPD_ERROR_IO = 3,
+  /**
+   * A file was read, but it holds no valid image of its format.
+   */
+  LAPD_ERROR_FORMAT = 4,
+  /**
+   * The image holds no label to mesh.
+   */
+  LAPD_ERROR_EMPTY_IMAGE = 5,
+  /**
+   * A limit that the caller set was reached.
+   */
+  LAPD_ERROR_LIMIT_REACHED = 6,
+  /**
+   * The run was cancelled by its progress callback or by lapd_context_cancel.
+   */
+  LAPD_ERROR_CANCELLED = 7,
+  /**
+   * Memory could not be had.
+   */
+  LAPD_ERROR_OUT_OF_MEMORY = 8,
+  /**
+   * An invariant of the library broke. This is a bug of lapd, please report it.
+   */
+  LAPD_ERROR_INTERNAL = 9,
+  /**
+   * The caller's buffer is too small for the copy. Nothing was written.
+   */
+  LAPD_ERROR_BUFFER_TOO_SMALL = 10,
+  /**
+   * The context is in use by a run that has not returned yet.
+   */
+  LAPD_ERROR_BUSY = 11,
+} lapd_status;
+
+/**
+ * The phases of a run, in their order. More may be added in between, with numbers of their own.
+ */
+typedef enum {
+  /**
+   * The distance transform of the image.
+   */
+  LAPD_PHASE_DISTANCE = 0,
+  /**
+   * Delaunay refinement.
+   */
+  LAPD_PHASE_REFINE = 1,
+  /**
+   * The finished mesh is collected.
+   */
+  LAPD_PHASE_EXTRACT = 2,
+  /**
+   * Quality and certificate are measured.
+   */
+  LAPD_PHASE_CERTIFY = 3,
+} lapd_phase;
+
+/**
+ * How much a log line matters.
+ */
+typedef enum {
+  /**
+   * The result may not be what the caller expects.
+   */
+  LAPD_LOG_WARNING = 0,
+  /**
+   * What the library does.
+   */
+  LAPD_LOG_INFO = 1,
+} lapd_log_level;
+
+/**
+ * Type of the voxels in a caller's buffer.
+ */
+typedef enum {
+  /**
+   * uint8_t
+   */
+  LAPD_VOXEL_U8 = 0,
+  /**
+   * int8_t
+   */
+  LAPD_VOXEL_I8 = 1,
+  /**
+   * uint16_t
+   */
+  LAPD_VOXEL_U16 = 2,
+  /**
+   * int16_t
+   */
+  LAPD_VOXEL_I16 = 3,
+  /**
+   * uint32_t; labels must fit int32_t
+   */
+  LAPD_VOXEL_U32 = 4,
+  /**
+   * int32_t
+   */
+  LAPD_VOXEL_I32 = 5,
+  /**
+   * uint64_t; labels must fit int32_t
+   */
+  LAPD_VOXEL_U64 = 6,
+  /**
+   * int64_t; labels must fit int32_t
+   */
+  LAPD_VOXEL_I64 = 7,
+} lapd_voxel_type;
+
+/**
+ * How labels between voxel centres are decided.
+ */
+typedef enum {
+  /**
+   * The label whose indicator, interpolated trilinearly, is largest. The default.
+   */
+  LAPD_SURFACE_SMOOTH = 0,
+  /**
+   * The label of the nearest voxel: interfaces are voxel faces.
+   */
+  LAPD_SURFACE_VOXEL = 1,
+} lapd_surface;
+
+/**
+ * How the work is shared by threads.
+ */
+typedef enum {
+  /**
+   * Speculative refinement of one triangulation. The default.
+   */
+  LAPD_ALGORITHM_PODM = 0,
+  /**
+   * Refinement of locally owned blocks. Not in this version.
+   */
+  LAPD_ALGORITHM_LAPD = 1,
+} lapd_algorithm;
+
+/**
+ * What a thread does after a conflict with another one.
+ */
+typedef enum {
+  /**
+   * It waits for the thread it met. The default.
+   */
+  LAPD_CONTENTION_LOCAL = 0,
+  /**
+   * It waits in one list for all threads. Not in this version.
+   */
+  LAPD_CONTENTION_GLOBAL = 1,
+  /**
+   * It waits a random time. Not in this version.
+   */
+  LAPD_CONTENTION_RANDOM = 2,
+  /**
+   * It tries again at once. Not in this version.
+   */
+  LAPD_CONTENTION_AGGRESSIVE = 3,
+} lapd_contention;
+
+/**
+ * What a call reports to. Holds the message of the last call that failed, the callbacks for progress and log lines, and the
+ * cancel flag.
+ *
+ * Use one context per thread that makes calls. Only lapd_context_cancel may be called while another thread uses the context.
+ */
+typedef struct lapd_context lapd_context;
+
+/**
+ * A label image: a grid of integer labels, and its place in the world. Label 0 is the background. Never changes after it was
+ * made, so any number of threads may use it at once.
+ */
+typedef struct lapd_image lapd_image;
+
+/**
+ * A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was made, so any number of threads may
+ * use it at once.
+ *
+ * Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the one opposite to its vertex i.
+ */
+typedef struct lapd_mesh lapd_mesh;
+
+/**
+ * Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a run takes a copy.
+ */
+typedef struct lapd_params lapd_params;
+
+/**
+ * One report of progress. Later versions may append fields.
+ */
+typedef struct {
+  /**
+   * The phase, a lapd_phase.
+   */
+  int32_t phase;
+  /**
+   * Part of the whole run that is done, 0 to 1: an estimate that never decreases.
+   */
+  double fraction;
+  /**
+   * Tets of the triangulation so far, those outside of the object included.
+   */
+  uint64_t tets;
+} lapd_progress;
+
+/**
+ * Receives progress on the thread that called lapd_mesh_image. Returns 0 to go on, anything else to cancel the run. `progress`
+ * is valid during the call only. Must not throw, nor leave by longjmp; must not free the context.
+ */
+typedef int32_t (*lapd_progress_fn)(void *user, const lapd_progress *progress);
+
+/**
+ * Receives a log line (UTF-8, without a line end) of a lapd_log_level, on the thread that made the call. `message` is valid
+ * during the call only. Must not throw, nor leave by longjmp; must not free the context.
+ */
+typedef void (*lapd_log_fn)(void *user, int32_t level, const char *message);
+
+/**
+ * How large a mesh is. Set struct_size to sizeof(lapd_counts) before the call.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_counts), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * Vertices of the mesh.
+   */
+  uint64_t vertices;
+  /**
+   * Tets of the mesh, the background included where it was kept.
+   */
+  uint64_t tets;
+  /**
+   * Tets of the mesh with a label other than 0.
+   */
+  uint64_t tissue_tets;
+  /**
+   * Facets between two labels.
+   */
+  uint64_t interface_facets;
+  /**
+   * Vertices of the whole triangulation, when refinement ended.
+   */
+  uint64_t all_vertices;
+  /**
+   * Tets of the whole triangulation, when refinement ended.
+   */
+  uint64_t all_tets;
+} lapd_counts;
+
+/**
+ * Wall-clock seconds of the phases of a run. Set struct_size to sizeof(lapd_timings) before the call.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_timings), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * The distance transform.
+   */
+  double distance;
+  /**
+   * From the finished distance transform to the last rule satisfied.
+   */
+  double refine;
+  /**
+   * Collecting the mesh.
+   */
+  double extract;
+  /**
+   * Measuring quality and certificate.
+   */
+  double certify;
+} lapd_timings;
+
+/**
+ * What refinement did. Set struct_size to sizeof(lapd_operations) before the call.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_operations), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * Vertices inserted.
+   */
+  uint64_t insertions;
+  /**
+   * Vertices removed.
+   */
+  uint64_t removals;
+  /**
+   * Operations given up because of a conflict with another thread.
+   */
+  uint64_t rollbacks;
+  /**
+   * Predicates that floating point could not decide.
+   */
+  uint64_t exact_predicates;
+} lapd_operations;
+
+/**
+ * Shape of the tets with a label other than 0, and of the interface facets. Set struct_size to sizeof(lapd_quality) before the
+ * call.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_quality), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * Smallest dihedral angle, degrees.
+   */
+  double min_dihedral;
+  /**
+   * Largest dihedral angle, degrees.
+   */
+  double max_dihedral;
+  /**
+   * Largest ratio of circumradius to shortest edge.
+   */
+  double max_radius_edge;
+  /**
+   * Smallest planar angle of interface facets, degrees.
+   */
+  double min_facet_angle;
+  /**
+   * Dihedral angles, six for each tet, in bins of 10 degrees.
+   */
+  uint64_t dihedral_histogram[18];
+} lapd_quality;
+
+/**
+ * What was checked on the finished mesh. Set struct_size to sizeof(lapd_certificate) before the call. Lengths are in world units.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_certificate), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic; 0 in a Delaunay mesh.
+   */
+  uint64_t non_delaunay_facets;
+  /**
+   * Tets without positive volume, by exact arithmetic.
+   */
+  uint64_t inverted_tets;
+  /**
+   * Vertices of no tet.
+   */
+  uint64_t orphan_vertices;
+  /**
+   * Edges where an interface is open.
+   */
+  uint64_t open_edges;
+  /**
+   * What stayed unmet of rules R1 to R6, in this order.
+   */
+  uint64_t unmet[6];
+  /**
+   * Mean distance from the mesh's interfaces to those of the image.
+   */
+  double mesh_to_image_mean;
+  /**
+   * Largest distance from the mesh's interfaces to those of the image.
+   */
+  double mesh_to_image_max;
+  /**
+   * Mean distance from the image's interfaces to those of the mesh.
+   */
+  double image_to_mesh_mean;
+  /**
+   * Largest distance from the image's interfaces to those of the mesh.
+   */
+  double image_to_mesh_max;
+} lapd_certificate;
+
+/**
+ * One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call. Volumes are in cubic world units.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_label_row), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * The label.
+   */
+  int64_t label;
+  /**
+   * Its tets.
+   */
+  uint64_t tets;
+  /**
+   * Their volume.
+   */
+  double mesh_volume;
+  /**
+   * The volume of its voxels.
+   */
+  double image_volume;
+  /**
+   * Its voxels.
+   */
+  uint64_t image_voxels;
+  /**
+   * Connected components of its voxels.
+   */
+  uint64_t components_image;
+  /**
+   * Connected components of its tets, across facets.
+   */
+  uint64_t components_mesh;
+} lapd_label_row;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+/**
+ * The version of the library that runs, as "MAJOR.MINOR.PATCH". LAPD_VERSION is that of the header the caller was compiled with.
+ *
+ * The string is static. May be called from any thread.
+ */
+const char *lapd_version(void);
+
+/**
+ * The name of a status code, such as "LAPD_ERROR_IO"; "LAPD_UNKNOWN_STATUS" for a number that is none.
+ *
+ * The string is static. May be called from any thread.
+ */
+const char *lapd_status_name(int32_t status);
+
+/**
+ * What a status code means, in one line; "unknown status" for a number that is none. lapd_context_last_error() says more about
+ * the call that failed.
+ *
+ * The string is static. May be called from any thread.
+ */
+const char *lapd_status_message(int32_t status);
+
+/**
+ * Creates a context: no message, no callbacks, not cancelled.
+ *
+ * The caller owns `*context` and frees it with lapd_context_free. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
+ */
+lapd_status lapd_context_create(lapd_context **context);
+
+/**
+ * Frees a context. NULL is allowed and does nothing. No other thread may use the context, nor a call be under way with it.
+ * Images, parameters and meshes made with it live on.
+ */
+void lapd_context_free(lapd_context *context);
+
+/**
+ * The message of the last call that failed with this context: one line, UTF-8; empty when none failed yet. Calls that succeed
+ * leave it as it is. For NULL a message that says so.
+ *
+ * The string belongs to the context and is valid until the next failing call with it, or until it is freed.
+ */
+const char *lapd_context_last_error(const lapd_context *context);
+
+/**
+ * Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means none. Takes effect with the
+ * next lapd_mesh_image.
+ *
+ * The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
+ */
+lapd_status lapd_context_set_progress(lapd_context *context,
+                                      lapd_progress_fn callback,
+                                      void *user);
+
+/**
+ * Sets the function that receives log lines, and the pointer handed to it. A NULL `callback` means none.
+ *
+ * The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
+ */
+lapd_status lapd_context_set_log(lapd_context *context, lapd_log_fn callback, void *user);
+
+/**
+ * Asks the run of this context to end; it returns LAPD_ERROR_CANCELLED soon after. The request stays until
+ * lapd_context_reset_cancel: without a run under way, the next one ends at once, so that no request is ever lost.
+ *
+ * May be called from any thread at any time in the life of the context, from its callbacks, and from a signal handler.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
+ */
+lapd_status lapd_context_cancel(const lapd_context *context);
+
+/**
+ * Takes back what lapd_context_cancel asked for, so that the context can be used for another run.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL; LAPD_ERROR_BUSY while a run is under way.
+ */
+lapd_status lapd_context_reset_cancel(lapd_context *context);
+
+/**
+ * Makes an image from a caller's buffer. The voxels are copied (into dense ids of 2 bytes each), so the buffer may be freed or
+ * changed as soon as the call returns.
+ *
+ * - `data` points to voxel (0, 0, 0), aligned for its type, which `voxel_type` (a lapd_voxel_type) names.
+ * - `dims`: 3 values, voxels along x, y, z; at least 1 each.
+ * - `strides`: 3 values, the distance from a voxel to the next one along x, y, z, counted in elements (not bytes); negative ones
+ *   are allowed. NULL means packed, x fastest: 1, dims[0], dims[0] * dims[1].
+ * - `origin`: 3 values, the world position of the centre of voxel (0, 0, 0).
+ * - `spacing`: 3 values, the distance between voxel centres along x, y, z; above 0.
+ * - `direction`: 9 values, row by row; column k is the world direction of image axis k. Must be orthonormal; reflections are
+ *   allowed, and tets have positive volumes all the same. NULL means the identity.
+ *
+ * World position of voxel (i, j, k): origin + direction * (i * spacing[0], j * spacing[1], k * spacing[2]). Lengths are in one
+ * unit, millimetres for medical images, and so are those of the mesh.
+ *
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer other than `strides` and `direction` is NULL, for an unknown voxel type, a
+ * dimension of 0, dimensions or strides beyond the address space, a spacing not above 0, a value that is not finite, axes that
+ * are sheared, a label that does not fit int32_t, more than 65535 labels; LAPD_ERROR_OUT_OF_MEMORY.
+ */
+lapd_status lapd_image_create(lapd_context *context,
+                              const void *data,
+                              int32_t voxel_type,
+                              const size_t *dims,
+                              const ptrdiff_t *strides,
+                              const double *origin,
+                              const double *spacing,
+                              const double *direction,
+                              lapd_image **image);
+
+/**
+ * Reads an image file; its format is told by the end of its name: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz.
+ *
+ * `path` is UTF-8; on Unix any bytes that name a file are taken. What a file says ambiguously goes to the log callback, and is
+ * kept with the image (lapd_image_warning).
+ *
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_IO when the file cannot be read; LAPD_ERROR_FORMAT
+ * when it is not a valid image, or cut off; LAPD_ERROR_UNSUPPORTED for what the format allows but this version does not read;
+ * LAPD_ERROR_OUT_OF_MEMORY.
+ */
+lapd_status lapd_image_read(lapd_context *context,
+                            const char *path,
+                            lapd_image **image);
+
+/**
+ * Frees an image. NULL is allowed and does nothing. No call may be using it. Meshes made from it live on.
+ */
+void lapd_image_free(lapd_image *image);
+
+/**
+ * The voxels along x, y, z; `dims` has room for 3 values. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_image_get_dims(const lapd_image *image, size_t *dims);
+
+/**
+ * The world position of the centre of voxel (0, 0, 0); `origin` has room for 3 values. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_image_get_origin(const lapd_image *image, double *origin);
+
+/**
+ * The distance between voxel centres along x, y, z; `spacing` has room for 3 values. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_image_get_spacing(const lapd_image *image, double *spacing);
+
+/**
+ * The direction matrix, row by row; column k is the world direction of image axis k. `direction` has room for 9 values. The
+ * rounding of file headers is taken out of it. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_image_get_direction(const lapd_image *image,
+                                     double *direction);
+
+/**
+ * The labels of the image other than 0, in increasing order, and how many they are.
+ *
+ * `*labels` belongs to the image and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_image_get_labels(const lapd_image *image, const int32_t **labels, size_t *count);
+
+/**
+ * Copies the label of every voxel, x fastest and packed, into a buffer with room for `capacity` values; as many as there are voxels
+ * are needed. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_BUFFER_TOO_SMALL, and nothing was written.
+ */
+lapd_status lapd_image_copy_voxels(const lapd_image *image,
+                                   int32_t *buffer,
+                                   size_t capacity);
+
+/**
+ * The number of warnings that reading the image's file gave. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_image_get_warning_count(const lapd_image *image, size_t *count);
+
+/**
+ * Warning `index` (from 0) that reading the image's file gave: one line, UTF-8.
+ *
+ * `*warning` belongs to the image and is valid until it is freed. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or `index` is not below the count.
+ */
+lapd_status lapd_image_get_warning(const lapd_image *image, size_t index, const char **warning);
+
+/**
+ * Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, smooth surfaces, all labels,
+ * no background, 1 thread, no limits.
+ *
+ * The caller owns `*params` and frees it with lapd_params_free. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `params` is NULL.
+ */
+lapd_status lapd_params_create(lapd_params **params);
+
+/**
+ * Frees parameters. NULL is allowed and does nothing. No call may be using them.
+ */
+void lapd_params_free(lapd_params *params);
+
+/**
+ * Sets the distance between samples on the interfaces, in world units; above 0. Smaller means closer to the image.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_delta(lapd_context *context, lapd_params *params, double delta);
+
+/**
+ * The distance between samples on the interfaces. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_delta(const lapd_params *params, double *delta);
+
+/**
+ * Sets the largest circumradius of tets, in world units; above 0.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_size(lapd_context *context, lapd_params *params, double size);
+
+/**
+ * The largest circumradius of tets. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_size(const lapd_params *params, double *size);
+
+/**
+ * Sets the largest circumradius of the tets of one label, in world units; above 0. A second call for the label replaces the first.
+ * lapd_mesh_image refuses a label that the image does not have.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_label_size(lapd_context *context,
+                                       lapd_params *params,
+                                       int32_t label,
+                                       double size);
+
+/**
+ * The largest circumradius of the tets of a label: its own, or that of all. Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is
+ * NULL.
+ */
+lapd_status lapd_params_get_label_size(const lapd_params *params,
+                                       int32_t label,
+                                       double *size);
+
+/**
+ * Forgets the sizes of single labels. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_clear_label_sizes(lapd_context *context, lapd_params *params);
+
+/**
+ * Sets the largest ratio of circumradius to shortest edge of tets; at least 2 (below, refinement need not end).
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_radius_edge(lapd_context *context, lapd_params *params, double radius_edge);
+
+/**
+ * The largest ratio of circumradius to shortest edge. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_radius_edge(const lapd_params *params, double *radius_edge);
+
+/**
+ * Sets the smallest planar angle of interface facets, in degrees; 0 to 30 (above, refinement need not end).
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_facet_angle(lapd_context *context, lapd_params *params, double degrees);
+
+/**
+ * The smallest planar angle of interface facets, in degrees. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_facet_angle(const lapd_params *params,
+                                        double *degrees);
+
+/**
+ * Sets the surface model, a lapd_surface.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
+ */
+lapd_status lapd_params_set_surface(lapd_context *context, lapd_params *params, int32_t surface);
+
+/**
+ * The surface model, a lapd_surface. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_surface(const lapd_params *params, int32_t *surface);
+
+/**
+ * Sets the labels to mesh; all others count as background. A count of 0 means all labels, and `labels` may then be NULL. The
+ * values are copied.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+ */
+lapd_status lapd_params_set_keep(lapd_context *context,
+                                 lapd_params *params,
+                                 const int32_t *labels,
+                                 size_t count);
+
+/**
+ * The labels to mesh, and how many they are; 0 means all.
+ *
+ * `*labels` belongs to the parameters and is valid until they are changed or freed; with a count of 0 it must not be read.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_keep(const lapd_params *params,
+                                 const int32_t **labels,
+                                 size_t *count);
+
+/**
+ * Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+ */
+lapd_status lapd_params_set_background(lapd_context *context,
+                                       lapd_params *params,
+                                       int32_t background);
+
+/**
+ * Whether the whole triangulation is kept, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_background(const lapd_params *params, int32_t *background);
+
+/**
+ * Sets the number of threads that refine; at least 1. This version has 1 only.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is 0; LAPD_ERROR_UNSUPPORTED above 1.
+ */
+lapd_status lapd_params_set_threads(lapd_context *context, lapd_params *params, size_t threads);
+
+/**
+ * The number of threads. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_threads(const lapd_params *params, size_t *threads);
+
+/**
+ * Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED. 0 means no limit.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+ */
+lapd_status lapd_params_set_max_vertices(lapd_context *context, lapd_params *params, size_t max_vertices);
+
+/**
+ * The largest number of vertices, 0 for no limit. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_max_vertices(const lapd_params *params, size_t *max_vertices);
+
+/**
+ * Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
+ */
+lapd_status lapd_params_set_algorithm(lapd_context *context, lapd_params *params, int32_t algorithm);
+
+/**
+ * The algorithm, a lapd_algorithm. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_algorithm(const lapd_params *params, int32_t *algorithm);
+
+/**
+ * Sets what threads do after conflicts, a lapd_contention. This version has LAPD_CONTENTION_LOCAL only.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
+ */
+lapd_status lapd_params_set_contention(lapd_context *context, lapd_params *params, int32_t contention);
+
+/**
+ * What threads do after conflicts, a lapd_contention. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_contention(const lapd_params *params, int32_t *contention);
+
+/**
+ * Whether to optimise the mesh after refinement (1) or not (0). This version does not.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither; LAPD_ERROR_UNSUPPORTED for 1.
+ */
+lapd_status lapd_params_set_optimize(lapd_context *context, lapd_params *params, int32_t optimize);
+
+/**
+ * Whether the mesh is optimised after refinement, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimize);
+
+/**
+ * Meshes an image.
+ *
+ * The call returns when the mesh is done, the run was cancelled or failed; a mesh comes whole or not at all. Progress and log
+ * callbacks of the context are called on this thread. The work is done by threads that are all joined at return; the calling
+ * thread is neither pinned nor moved. Any number of runs may go on at once, in different threads, each with its own context; they
+ * may share the image and the parameters. The same image and parameters give the same mesh, byte for byte.
+ *
+ * The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to live on.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a size is given for a label that the image does not have, or delta is so
+ * coarse that no tet lies in the object; LAPD_ERROR_EMPTY_IMAGE when there is no label to mesh;
+ * LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED; LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
+ */
+lapd_status lapd_mesh_image(lapd_context *context,
+                            const lapd_image *image,
+                            const lapd_params *params,
+                            lapd_mesh **mesh);
+
+/**
+ * Frees a mesh. NULL is allowed and does nothing. No call may be using it, and every array got from it is invalid from now on.
+ */
+void lapd_mesh_free(lapd_mesh *mesh);
+
+/**
+ * Writes a mesh to a file; the format is told by the end of its name: .vtu .vtk .mesh .node .ele .face .stl.
+ *
+ * `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
+ * same mesh at once, to different files.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
+ * be written.
+ */
+lapd_status lapd_mesh_write(lapd_context *context,
+                            const lapd_mesh *mesh,
+                            const char *path);
+
+/**
+ * The positions of the vertices in world units: `*points` is [count][3].
+ *
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_points(const lapd_mesh *mesh, const double **points, size_t *count);
+
+/**
+ * The vertices of the tets, as row numbers of the points: `*tets` is [count][4].
+ *
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_tets(const lapd_mesh *mesh, const uint32_t **tets, size_t *count);
+
+/**
+ * The label of every tet: `*labels` is [count]. 0 stands for the background, where that was kept.
+ *
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_labels(const lapd_mesh *mesh, const int32_t **labels, size_t *count);
+
+/**
+ * The neighbours of the tets across their four facets, or LAPD_NO_TET: `*neighbors` is [count][4].
+ *
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_neighbors(const lapd_mesh *mesh, const uint32_t **neighbors, size_t *count);
+
+/**
+ * The vertices of the interface facets, those between two labels: `*facets` is [count][3]. The normal (b - a) x (c - a) points
+ * from the facet's first label to its second one.
+ *
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_facets(const lapd_mesh *mesh,
+                                 const uint32_t **facets,
+                                 size_t *count);
+
+/**
+ * The labels on the two sides of the interface facets, the larger one first: `*labels` is [count][2].
+ *
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_facet_labels(const lapd_mesh *mesh, const int32_t **labels, size_t *count);
+
+/**
+ * The tets on the two sides of the interface facets, in the order of their labels: `*tets` is [count][2]. LAPD_NO_TET where that
+ * side is background that was not kept.
+ *
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_facet_tets(const lapd_mesh *mesh,
+                                     const uint32_t **tets,
+                                     size_t *count);
+
+/**
+ * Copies the points into a buffer of `capacity` values, 3 for each vertex. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+ */
+lapd_status lapd_mesh_copy_points(const lapd_mesh *mesh, double *buffer, size_t capacity);
+
+/**
+ * Copies the tets into a buffer of `capacity` values, 4 for each tet. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+ */
+lapd_status lapd_mesh_copy_tets(const lapd_mesh *mesh, uint32_t *buffer, size_t capacity);
+
+/**
+ * Copies the labels of the tets into a buffer of `capacity` values, 1 for each tet. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+ */
+lapd_status lapd_mesh_copy_labels(const lapd_mesh *mesh, int32_t *buffer, size_t capacity);
+
+/**
+ * Copies the neighbours of the tets into a buffer of `capacity` values, 4 for each tet. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+ */
+lapd_status lapd_mesh_copy_neighbors(const lapd_mesh *mesh, uint32_t *buffer, size_t capacity);
+
+/**
+ * Copies the interface facets into a buffer of `capacity` values, 3 for each facet. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+ */
+lapd_status lapd_mesh_copy_facets(const lapd_mesh *mesh, uint32_t *buffer, size_t capacity);
+
+/**
+ * Copies the labels of the interface facets into a buffer of `capacity` values, 2 for each facet. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+ */
+lapd_status lapd_mesh_copy_facet_labels(const lapd_mesh *mesh, int32_t *buffer, size_t capacity);
+
+/**
+ * Copies the tets beside the interface facets into a buffer of `capacity` values, 2 for each facet. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+ */
+lapd_status lapd_mesh_copy_facet_tets(const lapd_mesh *mesh, uint32_t *buffer, size_t capacity);
+
+/**
+ * How large the mesh is. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ */
+lapd_status lapd_mesh_get_counts(const lapd_mesh *mesh, lapd_counts *counts);
+
+/**
+ * How long the run took. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ */
+lapd_status lapd_mesh_get_timings(const lapd_mesh *mesh, lapd_timings *timings);
+
+/**
+ * What refinement did. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ */
+lapd_status lapd_mesh_get_operations(const lapd_mesh *mesh, lapd_operations *operations);
+
+/**
+ * The quality of the mesh. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ */
+lapd_status lapd_mesh_get_quality(const lapd_mesh *mesh, lapd_quality *quality);
+
+/**
+ * The certificate of the mesh. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ */
+lapd_status lapd_mesh_get_certificate(const lapd_mesh *mesh, lapd_certificate *certificate);
+
+/**
+ * The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_label_row_count(const lapd_mesh *mesh, size_t *count);
+
+/**
+ * Row `index` (from 0) of the table of labels. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
+ * known version.
+ */
+lapd_status lapd_mesh_get_label_row(const lapd_mesh *mesh,
+                                    size_t index,
+                                    lapd_label_row *row);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* LAPD_H */

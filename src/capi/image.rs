@@ -1,0 +1,369 @@
+//! Label images.
+
+use std::ffi::{CStr, CString, c_char, c_void};
+use std::path::Path;
+
+use glam::DMat3;
+
+use super::boundary::{Failure, Out, Outcome, array, borrow, c_str, check_buffer, slice, status_of, value_or};
+use super::context::{lapd_context, lapd_log_level, with_context};
+use super::status::lapd_status;
+use crate::image::readers::read_image;
+use crate::image::{Frame, LabelImage, Voxels};
+
+/// A label image: a grid of integer labels, and its place in the world. Label 0 is the background. Never changes after it was
+/// made, so any number of threads may use it at once.
+pub struct lapd_image {
+    pub(super) image: LabelImage,
+    warnings: Vec<CString>,
+}
+
+/// Type of the voxels in a caller's buffer.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_voxel_type {
+    /// uint8_t
+    LAPD_VOXEL_U8 = 0,
+    /// int8_t
+    LAPD_VOXEL_I8 = 1,
+    /// uint16_t
+    LAPD_VOXEL_U16 = 2,
+    /// int16_t
+    LAPD_VOXEL_I16 = 3,
+    /// uint32_t; labels must fit int32_t
+    LAPD_VOXEL_U32 = 4,
+    /// int32_t
+    LAPD_VOXEL_I32 = 5,
+    /// uint64_t; labels must fit int32_t
+    LAPD_VOXEL_U64 = 6,
+    /// int64_t; labels must fit int32_t
+    LAPD_VOXEL_I64 = 7,
+}
+
+impl lapd_voxel_type {
+    fn from_number(number: i32) -> Outcome<Self> {
+        use lapd_voxel_type::*;
+        [
+            LAPD_VOXEL_U8,
+            LAPD_VOXEL_I8,
+            LAPD_VOXEL_U16,
+            LAPD_VOXEL_I16,
+            LAPD_VOXEL_U32,
+            LAPD_VOXEL_I32,
+            LAPD_VOXEL_U64,
+            LAPD_VOXEL_I64,
+        ]
+        .into_iter()
+        .find(|&known| known as i32 == number)
+        .ok_or_else(|| Failure::invalid(format!("voxel_type must be a lapd_voxel_type, got {number}")))
+    }
+}
+
+/// The elements a strided image touches: how far the first one lies before voxel (0, 0, 0), and how many there are from the first
+/// to the last.
+fn extent(dims: [usize; 3], strides: [isize; 3]) -> Option<(usize, usize)> {
+    let (mut before, mut after) = (0_usize, 0_usize);
+    for (dim, stride) in dims.into_iter().zip(strides) {
+        let reach = stride.unsigned_abs().checked_mul(dim - 1)?;
+        let side = if stride < 0 { &mut before } else { &mut after };
+        *side = side.checked_add(reach)?;
+    }
+    Some((before, before.checked_add(after)?.checked_add(1)?))
+}
+
+/// # Safety
+/// `data` is NULL or points to voxel (0, 0, 0) of an image of `voxel_type` with these dimensions and strides.
+unsafe fn copy_voxels(
+    data: *const c_void,
+    voxel_type: lapd_voxel_type,
+    dims: [usize; 3],
+    strides: Option<[isize; 3]>,
+    frame: Frame,
+) -> Outcome<LabelImage> {
+    if let Some(axis) = dims.iter().position(|&n| n == 0) {
+        return Err(Failure::invalid(format!("dims[{axis}] must be at least 1, got 0")));
+    }
+    let too_large = || Failure::invalid(format!("an image of {dims:?} voxels does not fit in memory"));
+    let voxels = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or_else(too_large)?;
+    if voxels > isize::MAX as usize {
+        return Err(too_large());
+    }
+    let packed = [1, dims[0] as isize, (dims[0] * dims[1]) as isize];
+    let (before, count) = extent(dims, strides.unwrap_or(packed)).ok_or_else(too_large)?;
+
+    // SAFETY: the caller's promise about `data`; `extent` says which elements around it belong to the image.
+    unsafe fn elements<'a, T>(data: *const c_void, before: usize, count: usize) -> Outcome<&'a [T]> {
+        if data.is_null() {
+            return Err(Failure::invalid("data is NULL"));
+        }
+        unsafe { slice(data.cast::<T>().wrapping_sub(before), count, "data") }
+    }
+    use lapd_voxel_type::*;
+    // SAFETY: as above.
+    let voxels = unsafe {
+        match voxel_type {
+            LAPD_VOXEL_U8 => Voxels::U8(elements(data, before, count)?),
+            LAPD_VOXEL_I8 => Voxels::I8(elements(data, before, count)?),
+            LAPD_VOXEL_U16 => Voxels::U16(elements(data, before, count)?),
+            LAPD_VOXEL_I16 => Voxels::I16(elements(data, before, count)?),
+            LAPD_VOXEL_U32 => Voxels::U32(elements(data, before, count)?),
+            LAPD_VOXEL_I32 => Voxels::I32(elements(data, before, count)?),
+            LAPD_VOXEL_U64 => Voxels::U64(elements(data, before, count)?),
+            LAPD_VOXEL_I64 => Voxels::I64(elements(data, before, count)?),
+        }
+    };
+    Ok(LabelImage::from_voxels(voxels, dims, strides, before, frame)?)
+}
+
+/// Makes an image from a caller's buffer. The voxels are copied (into dense ids of 2 bytes each), so the buffer may be freed or
+/// changed as soon as the call returns.
+///
+/// - `data` points to voxel (0, 0, 0), aligned for its type, which `voxel_type` (a lapd_voxel_type) names.
+/// - `dims`: 3 values, voxels along x, y, z; at least 1 each.
+/// - `strides`: 3 values, the distance from a voxel to the next one along x, y, z, counted in elements (not bytes); negative ones
+///   are allowed. NULL means packed, x fastest: 1, dims[0], dims[0] * dims[1].
+/// - `origin`: 3 values, the world position of the centre of voxel (0, 0, 0).
+/// - `spacing`: 3 values, the distance between voxel centres along x, y, z; above 0.
+/// - `direction`: 9 values, row by row; column k is the world direction of image axis k. Must be orthonormal; reflections are
+///   allowed, and tets have positive volumes all the same. NULL means the identity.
+///
+/// World position of voxel (i, j, k): origin + direction * (i * spacing[0], j * spacing[1], k * spacing[2]). Lengths are in one
+/// unit, millimetres for medical images, and so are those of the mesh.
+///
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer other than `strides` and `direction` is NULL, for an unknown voxel type, a
+/// dimension of 0, dimensions or strides beyond the address space, a spacing not above 0, a value that is not finite, axes that
+/// are sheared, a label that does not fit int32_t, more than 65535 labels; LAPD_ERROR_OUT_OF_MEMORY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_create(
+    context: *mut lapd_context,
+    data: *const c_void,
+    voxel_type: i32,
+    dims: *const usize,
+    strides: *const isize,
+    origin: *const f64,
+    spacing: *const f64,
+    direction: *const f64,
+    image: *mut *mut lapd_image,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |_| {
+            let out = Out::new(image, "image")?;
+            let voxel_type = lapd_voxel_type::from_number(voxel_type)?;
+            let dims = array(dims, "dims")?;
+            let strides = if strides.is_null() { None } else { Some(array(strides, "strides")?) };
+            let origin = array(origin, "origin")?;
+            let spacing = array(spacing, "spacing")?;
+            let direction =
+                if direction.is_null() { DMat3::IDENTITY } else { rows_to_matrix(array(direction, "direction")?) };
+            let frame = Frame::new(origin, spacing, direction.to_cols_array_2d())?;
+            let image = copy_voxels(data, voxel_type, dims, strides, frame)?;
+            out.set(Box::into_raw(Box::new(lapd_image { image, warnings: Vec::new() })));
+            Ok(())
+        })
+    }
+}
+
+fn rows_to_matrix(rows: [f64; 9]) -> DMat3 {
+    DMat3::from_cols_array(&rows).transpose()
+}
+
+/// Reads an image file; its format is told by the end of its name: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz.
+///
+/// `path` is UTF-8; on Unix any bytes that name a file are taken. What a file says ambiguously goes to the log callback, and is
+/// kept with the image (lapd_image_warning).
+///
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_IO when the file cannot be read; LAPD_ERROR_FORMAT
+/// when it is not a valid image, or cut off; LAPD_ERROR_UNSUPPORTED for what the format allows but this version does not read;
+/// LAPD_ERROR_OUT_OF_MEMORY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_read(
+    context: *mut lapd_context,
+    path: *const c_char,
+    image: *mut *mut lapd_image,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |context| {
+            let out = Out::new(image, "image")?;
+            let read = read_image(to_path(c_str(path, "path")?)?)?;
+            let callbacks = context.callbacks();
+            for warning in &read.warnings {
+                callbacks.log(lapd_log_level::LAPD_LOG_WARNING, warning);
+            }
+            let warnings = read.warnings.into_iter().filter_map(|line| CString::new(line).ok()).collect();
+            out.set(Box::into_raw(Box::new(lapd_image { image: read.image, warnings })));
+            Ok(())
+        })
+    }
+}
+
+#[cfg(unix)]
+pub(super) fn to_path(path: &CStr) -> Outcome<&Path> {
+    use std::os::unix::ffi::OsStrExt;
+    Ok(Path::new(std::ffi::OsStr::from_bytes(path.to_bytes())))
+}
+
+#[cfg(not(unix))]
+pub(super) fn to_path(path: &CStr) -> Outcome<&Path> {
+    path.to_str().map(Path::new).map_err(|_| Failure::invalid("path is not UTF-8"))
+}
+
+/// Frees an image. NULL is allowed and does nothing. No call may be using it. Meshes made from it live on.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_free(image: *mut lapd_image) {
+    value_or((), || {
+        if !image.is_null() {
+            // SAFETY: see the module's head.
+            drop(unsafe { Box::from_raw(image) });
+        }
+    });
+}
+
+/// The voxels along x, y, z; `dims` has room for 3 values. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_get_dims(image: *const lapd_image, dims: *mut usize) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(dims.cast::<[usize; 3]>(), "dims")?;
+        out.set(borrow(image, "image")?.image.dims());
+        Ok(())
+    })
+}
+
+/// The world position of the centre of voxel (0, 0, 0); `origin` has room for 3 values. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_get_origin(image: *const lapd_image, origin: *mut f64) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(origin.cast::<[f64; 3]>(), "origin")?;
+        out.set(borrow(image, "image")?.image.frame().origin().to_array());
+        Ok(())
+    })
+}
+
+/// The distance between voxel centres along x, y, z; `spacing` has room for 3 values. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_get_spacing(image: *const lapd_image, spacing: *mut f64) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(spacing.cast::<[f64; 3]>(), "spacing")?;
+        out.set(borrow(image, "image")?.image.frame().spacing().to_array());
+        Ok(())
+    })
+}
+
+/// The direction matrix, row by row; column k is the world direction of image axis k. `direction` has room for 9 values. The
+/// rounding of file headers is taken out of it. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_get_direction(image: *const lapd_image, direction: *mut f64) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(direction.cast::<[f64; 9]>(), "direction")?;
+        out.set(borrow(image, "image")?.image.frame().direction().transpose().to_cols_array());
+        Ok(())
+    })
+}
+
+/// The labels of the image other than 0, in increasing order, and how many they are.
+///
+/// `*labels` belongs to the image and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_get_labels(
+    image: *const lapd_image,
+    labels: *mut *const i32,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let (labels, count) = (Out::new(labels, "labels")?, Out::new(count, "count")?);
+        // The first one is 0 in every image.
+        let values = &borrow(image, "image")?.image.labels()[1..];
+        labels.set(values.as_ptr());
+        count.set(values.len());
+        Ok(())
+    })
+}
+
+/// Copies the label of every voxel, x fastest and packed, into a buffer with room for `capacity` values; as many as there are voxels
+/// are needed. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_BUFFER_TOO_SMALL, and nothing was written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_copy_voxels(
+    image: *const lapd_image,
+    buffer: *mut i32,
+    capacity: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let image = &borrow(image, "image")?.image;
+        check_buffer(buffer, capacity, image.ids().len())?;
+        for (i, &id) in image.ids().iter().enumerate() {
+            // Written through the pointer: the caller's values need not be initialised.
+            buffer.add(i).write(image.labels()[usize::from(id)]);
+        }
+        Ok(())
+    })
+}
+
+/// The number of warnings that reading the image's file gave. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_get_warning_count(image: *const lapd_image, count: *mut usize) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(count, "count")?;
+        out.set(borrow(image, "image")?.warnings.len());
+        Ok(())
+    })
+}
+
+/// Warning `index` (from 0) that reading the image's file gave: one line, UTF-8.
+///
+/// `*warning` belongs to the image and is valid until it is freed. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or `index` is not below the count.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_get_warning(
+    image: *const lapd_image,
+    index: usize,
+    warning: *mut *const c_char,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(warning, "warning")?;
+        let warnings = &borrow(image, "image")?.warnings;
+        let line = warnings.get(index).ok_or_else(|| Failure::invalid(format!("there is no warning {index}")))?;
+        out.set(line.as_ptr());
+        Ok(())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::extent;
+
+    #[test]
+    fn extent_of_strided_images() {
+        assert_eq!(extent([4, 3, 2], [1, 4, 12]), Some((0, 24)));
+        assert_eq!(extent([4, 3, 2], [-1, 4, -12]), Some((15, 24)));
+        assert_eq!(extent([1, 1, 1], [isize::MIN, 0, 0]), Some((0, 1)));
+        assert_eq!(extent([3, 1, 1], [isize::MIN, 0, 0]), None);
+    }
+}

@@ -1,0 +1,295 @@
+//! Finished meshes: their arrays, without copying or into a caller's buffers.
+
+use std::ffi::c_char;
+
+use super::boundary::{Out, borrow, c_str, check_buffer, status_of, value_or};
+use super::context::{lapd_context, with_context};
+use super::image::to_path;
+use super::status::lapd_status;
+use crate::io::write_mesh;
+use crate::mesh::TetMesh;
+use crate::mesher::Meshing;
+
+/// A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was made, so any number of threads may
+/// use it at once.
+///
+/// Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the one opposite to its vertex i.
+pub struct lapd_mesh {
+    pub(super) meshing: Meshing,
+}
+
+/// "No tet", among the neighbours of a tet and beside a facet.
+pub const LAPD_NO_TET: u32 = u32::MAX;
+
+const _: () = assert!(LAPD_NO_TET == crate::mesh::NONE);
+
+/// Frees a mesh. NULL is allowed and does nothing. No call may be using it, and every array got from it is invalid from now on.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_free(mesh: *mut lapd_mesh) {
+    value_or((), || {
+        if !mesh.is_null() {
+            // SAFETY: see the module's head.
+            drop(unsafe { Box::from_raw(mesh) });
+        }
+    });
+}
+
+/// Writes a mesh to a file; the format is told by the end of its name: .vtu .vtk .mesh .node .ele .face .stl.
+///
+/// `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
+/// same mesh at once, to different files.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
+/// be written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_write(
+    context: *mut lapd_context,
+    mesh: *const lapd_mesh,
+    path: *const c_char,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |_| {
+            let mesh = borrow(mesh, "mesh")?;
+            Ok(write_mesh(&mesh.meshing.mesh, to_path(c_str(path, "path")?)?)?)
+        })
+    }
+}
+
+/// Hands out an array of the mesh, flat, with the number of its rows.
+///
+/// # Safety
+/// See the module's head.
+unsafe fn lend<T, const N: usize>(
+    mesh: *const lapd_mesh,
+    array: *mut *const T,
+    count: *mut usize,
+    rows: impl FnOnce(&TetMesh) -> &[[T; N]],
+) -> lapd_status {
+    // SAFETY: passed on to the caller.
+    status_of(|| unsafe {
+        let (array, count) = (Out::new(array, "array")?, Out::new(count, "count")?);
+        let rows = rows(&borrow(mesh, "mesh")?.meshing.mesh);
+        array.set(rows.as_ptr().cast());
+        count.set(rows.len());
+        Ok(())
+    })
+}
+
+/// Copies an array of the mesh, flat, if `capacity` values are enough.
+///
+/// # Safety
+/// See the module's head.
+unsafe fn copy<T: Copy, const N: usize>(
+    mesh: *const lapd_mesh,
+    buffer: *mut T,
+    capacity: usize,
+    rows: impl FnOnce(&TetMesh) -> &[[T; N]],
+) -> lapd_status {
+    // SAFETY: passed on to the caller.
+    status_of(|| unsafe {
+        let values = rows(&borrow(mesh, "mesh")?.meshing.mesh).as_flattened();
+        check_buffer(buffer, capacity, values.len())?;
+        buffer.copy_from_nonoverlapping(values.as_ptr(), values.len());
+        Ok(())
+    })
+}
+
+/// The labels as rows of one.
+fn tet_labels(mesh: &TetMesh) -> &[[i32; 1]] {
+    mesh.labels.as_chunks().0
+}
+
+/// The positions of the vertices in world units: `*points` is [count][3].
+///
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_points(
+    mesh: *const lapd_mesh,
+    points: *mut *const f64,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { lend(mesh, points, count, |m| &m.points) }
+}
+
+/// The vertices of the tets, as row numbers of the points: `*tets` is [count][4].
+///
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_tets(
+    mesh: *const lapd_mesh,
+    tets: *mut *const u32,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { lend(mesh, tets, count, |m| &m.tets) }
+}
+
+/// The label of every tet: `*labels` is [count]. 0 stands for the background, where that was kept.
+///
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_labels(
+    mesh: *const lapd_mesh,
+    labels: *mut *const i32,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { lend(mesh, labels, count, tet_labels) }
+}
+
+/// The neighbours of the tets across their four facets, or LAPD_NO_TET: `*neighbors` is [count][4].
+///
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_neighbors(
+    mesh: *const lapd_mesh,
+    neighbors: *mut *const u32,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { lend(mesh, neighbors, count, |m| &m.neighbors) }
+}
+
+/// The vertices of the interface facets, those between two labels: `*facets` is [count][3]. The normal (b - a) x (c - a) points
+/// from the facet's first label to its second one.
+///
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_facets(
+    mesh: *const lapd_mesh,
+    facets: *mut *const u32,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { lend(mesh, facets, count, |m| &m.facets) }
+}
+
+/// The labels on the two sides of the interface facets, the larger one first: `*labels` is [count][2].
+///
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_facet_labels(
+    mesh: *const lapd_mesh,
+    labels: *mut *const i32,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { lend(mesh, labels, count, |m| &m.facet_labels) }
+}
+
+/// The tets on the two sides of the interface facets, in the order of their labels: `*tets` is [count][2]. LAPD_NO_TET where that
+/// side is background that was not kept.
+///
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_facet_tets(
+    mesh: *const lapd_mesh,
+    tets: *mut *const u32,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { lend(mesh, tets, count, |m| &m.facet_tets) }
+}
+
+/// Copies the points into a buffer of `capacity` values, 3 for each vertex. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_copy_points(
+    mesh: *const lapd_mesh,
+    buffer: *mut f64,
+    capacity: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { copy(mesh, buffer, capacity, |m| &m.points) }
+}
+
+/// Copies the tets into a buffer of `capacity` values, 4 for each tet. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_copy_tets(mesh: *const lapd_mesh, buffer: *mut u32, capacity: usize) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { copy(mesh, buffer, capacity, |m| &m.tets) }
+}
+
+/// Copies the labels of the tets into a buffer of `capacity` values, 1 for each tet. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_copy_labels(
+    mesh: *const lapd_mesh,
+    buffer: *mut i32,
+    capacity: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { copy(mesh, buffer, capacity, tet_labels) }
+}
+
+/// Copies the neighbours of the tets into a buffer of `capacity` values, 4 for each tet. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_copy_neighbors(
+    mesh: *const lapd_mesh,
+    buffer: *mut u32,
+    capacity: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { copy(mesh, buffer, capacity, |m| &m.neighbors) }
+}
+
+/// Copies the interface facets into a buffer of `capacity` values, 3 for each facet. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_copy_facets(
+    mesh: *const lapd_mesh,
+    buffer: *mut u32,
+    capacity: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { copy(mesh, buffer, capacity, |m| &m.facets) }
+}
+
+/// Copies the labels of the interface facets into a buffer of `capacity` values, 2 for each facet. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_copy_facet_labels(
+    mesh: *const lapd_mesh,
+    buffer: *mut i32,
+    capacity: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { copy(mesh, buffer, capacity, |m| &m.facet_labels) }
+}
+
+/// Copies the tets beside the interface facets into a buffer of `capacity` values, 2 for each facet. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_copy_facet_tets(
+    mesh: *const lapd_mesh,
+    buffer: *mut u32,
+    capacity: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { copy(mesh, buffer, capacity, |m| &m.facet_tets) }
+}

@@ -1,0 +1,518 @@
+//! Parameters of a run.
+//!
+//! Every setter tries its value on a copy and lets [`MeshParams::validate`] judge, so that ranges are stated in one place.
+
+use super::boundary::{Failure, Out, Outcome, borrow, borrow_mut, slice, status_of, value_or};
+use super::context::{lapd_context, with_context};
+use super::status::lapd_status;
+use crate::params::{MeshParams, SurfaceModel};
+
+/// Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a run takes a copy.
+pub struct lapd_params {
+    pub(super) params: MeshParams,
+}
+
+/// How labels between voxel centres are decided.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_surface {
+    /// The label whose indicator, interpolated trilinearly, is largest. The default.
+    LAPD_SURFACE_SMOOTH = 0,
+    /// The label of the nearest voxel: interfaces are voxel faces.
+    LAPD_SURFACE_VOXEL = 1,
+}
+
+/// How the work is shared by threads.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_algorithm {
+    /// Speculative refinement of one triangulation. The default.
+    LAPD_ALGORITHM_PODM = 0,
+    /// Refinement of locally owned blocks. Not in this version.
+    LAPD_ALGORITHM_LAPD = 1,
+}
+
+/// What a thread does after a conflict with another one.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_contention {
+    /// It waits for the thread it met. The default.
+    LAPD_CONTENTION_LOCAL = 0,
+    /// It waits in one list for all threads. Not in this version.
+    LAPD_CONTENTION_GLOBAL = 1,
+    /// It waits a random time. Not in this version.
+    LAPD_CONTENTION_RANDOM = 2,
+    /// It tries again at once. Not in this version.
+    LAPD_CONTENTION_AGGRESSIVE = 3,
+}
+
+fn unknown(argument: &str, type_name: &str, number: i32) -> Failure {
+    Failure::invalid(format!("{argument} must be {type_name}, got {number}"))
+}
+
+fn unsupported(message: &str) -> Failure {
+    Failure::new(lapd_status::LAPD_ERROR_UNSUPPORTED, message)
+}
+
+/// `on` or `off` of a C flag.
+fn flag(number: i32, argument: &str) -> Outcome<bool> {
+    match number {
+        0 => Ok(false),
+        1 => Ok(true),
+        _ => Err(unknown(argument, "0 or 1", number)),
+    }
+}
+
+/// Applies a change if the result is valid.
+///
+/// # Safety
+/// See the module's head.
+unsafe fn change(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    edit: impl FnOnce(&mut MeshParams) -> Outcome<()>,
+) -> lapd_status {
+    // SAFETY: passed on to the caller.
+    unsafe {
+        with_context(context, |_| {
+            let params = &mut borrow_mut(params, "params")?.params;
+            let mut changed = params.clone();
+            edit(&mut changed)?;
+            changed.validate()?;
+            *params = changed;
+            Ok(())
+        })
+    }
+}
+
+/// Reads a value.
+///
+/// # Safety
+/// See the module's head.
+unsafe fn read<T>(
+    params: *const lapd_params,
+    out: *mut T,
+    name: &str,
+    value: impl FnOnce(&MeshParams) -> T,
+) -> lapd_status {
+    // SAFETY: passed on to the caller.
+    status_of(|| unsafe {
+        let out = Out::new(out, name)?;
+        out.set(value(&borrow(params, "params")?.params));
+        Ok(())
+    })
+}
+
+/// Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, smooth surfaces, all labels,
+/// no background, 1 thread, no limits.
+///
+/// The caller owns `*params` and frees it with lapd_params_free. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when `params` is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_create(params: *mut *mut lapd_params) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(params, "params")?;
+        out.set(Box::into_raw(Box::new(lapd_params { params: MeshParams::default() })));
+        Ok(())
+    })
+}
+
+/// Frees parameters. NULL is allowed and does nothing. No call may be using them.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_free(params: *mut lapd_params) {
+    value_or((), || {
+        if !params.is_null() {
+            // SAFETY: see the module's head.
+            drop(unsafe { Box::from_raw(params) });
+        }
+    });
+}
+
+/// Sets the distance between samples on the interfaces, in world units; above 0. Smaller means closer to the image.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_delta(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    delta: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.delta = delta;
+            Ok(())
+        })
+    }
+}
+
+/// The distance between samples on the interfaces. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_delta(params: *const lapd_params, delta: *mut f64) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, delta, "delta", |p| p.delta) }
+}
+
+/// Sets the largest circumradius of tets, in world units; above 0.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_size(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    size: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.size = size;
+            Ok(())
+        })
+    }
+}
+
+/// The largest circumradius of tets. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_size(params: *const lapd_params, size: *mut f64) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, size, "size", |p| p.size) }
+}
+
+/// Sets the largest circumradius of the tets of one label, in world units; above 0. A second call for the label replaces the first.
+/// lapd_mesh_image refuses a label that the image does not have.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_label_size(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    label: i32,
+    size: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.label_sizes.retain(|&(known, _)| known != label);
+            p.label_sizes.push((label, size));
+            Ok(())
+        })
+    }
+}
+
+/// The largest circumradius of the tets of a label: its own, or that of all. Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is
+/// NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_label_size(
+    params: *const lapd_params,
+    label: i32,
+    size: *mut f64,
+) -> lapd_status {
+    let size_of_label =
+        |p: &MeshParams| p.label_sizes.iter().find(|&&(known, _)| known == label).map_or(p.size, |&(_, s)| s);
+    // SAFETY: see the module's head.
+    unsafe { read(params, size, "size", size_of_label) }
+}
+
+/// Forgets the sizes of single labels. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_clear_label_sizes(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.label_sizes.clear();
+            Ok(())
+        })
+    }
+}
+
+/// Sets the largest ratio of circumradius to shortest edge of tets; at least 2 (below, refinement need not end).
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_radius_edge(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    radius_edge: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.radius_edge = radius_edge;
+            Ok(())
+        })
+    }
+}
+
+/// The largest ratio of circumradius to shortest edge. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_radius_edge(params: *const lapd_params, radius_edge: *mut f64) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, radius_edge, "radius_edge", |p| p.radius_edge) }
+}
+
+/// Sets the smallest planar angle of interface facets, in degrees; 0 to 30 (above, refinement need not end).
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_facet_angle(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    degrees: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.facet_angle = degrees;
+            Ok(())
+        })
+    }
+}
+
+/// The smallest planar angle of interface facets, in degrees. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_facet_angle(params: *const lapd_params, degrees: *mut f64) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, degrees, "degrees", |p| p.facet_angle) }
+}
+
+/// Sets the surface model, a lapd_surface.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_surface(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    surface: i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.surface = match surface {
+                s if s == lapd_surface::LAPD_SURFACE_SMOOTH as i32 => SurfaceModel::Smooth,
+                s if s == lapd_surface::LAPD_SURFACE_VOXEL as i32 => SurfaceModel::Voxel,
+                _ => return Err(unknown("surface", "a lapd_surface", surface)),
+            };
+            Ok(())
+        })
+    }
+}
+
+/// The surface model, a lapd_surface. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_surface(params: *const lapd_params, surface: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        read(params, surface, "surface", |p| match p.surface {
+            SurfaceModel::Smooth => lapd_surface::LAPD_SURFACE_SMOOTH as i32,
+            SurfaceModel::Voxel => lapd_surface::LAPD_SURFACE_VOXEL as i32,
+        })
+    }
+}
+
+/// Sets the labels to mesh; all others count as background. A count of 0 means all labels, and `labels` may then be NULL. The
+/// values are copied.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_keep(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    labels: *const i32,
+    count: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.keep = if count == 0 { Vec::new() } else { slice(labels, count, "labels")?.to_vec() };
+            Ok(())
+        })
+    }
+}
+
+/// The labels to mesh, and how many they are; 0 means all.
+///
+/// `*labels` belongs to the parameters and is valid until they are changed or freed; with a count of 0 it must not be read.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_keep(
+    params: *const lapd_params,
+    labels: *mut *const i32,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let (labels, count) = (Out::new(labels, "labels")?, Out::new(count, "count")?);
+        let keep = &borrow(params, "params")?.params.keep;
+        labels.set(keep.as_ptr());
+        count.set(keep.len());
+        Ok(())
+    })
+}
+
+/// Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_background(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    background: i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.background = flag(background, "background")?;
+            Ok(())
+        })
+    }
+}
+
+/// Whether the whole triangulation is kept, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_background(params: *const lapd_params, background: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, background, "background", |p| i32::from(p.background)) }
+}
+
+/// Sets the number of threads that refine; at least 1. This version has 1 only.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is 0; LAPD_ERROR_UNSUPPORTED above 1.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_threads(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    threads: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.threads = threads;
+            Ok(())
+        })
+    }
+}
+
+/// The number of threads. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_threads(params: *const lapd_params, threads: *mut usize) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, threads, "threads", |p| p.threads) }
+}
+
+/// Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED. 0 means no limit.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_max_vertices(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    max_vertices: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.max_vertices = (max_vertices > 0).then_some(max_vertices);
+            Ok(())
+        })
+    }
+}
+
+/// The largest number of vertices, 0 for no limit. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_max_vertices(
+    params: *const lapd_params,
+    max_vertices: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, max_vertices, "max_vertices", |p| p.max_vertices.unwrap_or(0)) }
+}
+
+/// Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_algorithm(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    algorithm: i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |_| match algorithm {
+            a if a == lapd_algorithm::LAPD_ALGORITHM_PODM as i32 => Ok(()),
+            a if a == lapd_algorithm::LAPD_ALGORITHM_LAPD as i32 => {
+                Err(unsupported("algorithm lapd: this version refines with podm only"))
+            }
+            _ => Err(unknown("algorithm", "a lapd_algorithm", algorithm)),
+        })
+    }
+}
+
+/// The algorithm, a lapd_algorithm. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_algorithm(params: *const lapd_params, algorithm: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, algorithm, "algorithm", |_| lapd_algorithm::LAPD_ALGORITHM_PODM as i32) }
+}
+
+/// Sets what threads do after conflicts, a lapd_contention. This version has LAPD_CONTENTION_LOCAL only.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_contention(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    contention: i32,
+) -> lapd_status {
+    use lapd_contention::*;
+    let name =
+        |name| Err(unsupported(&format!("contention {name}: this version refines with 1 thread and has local only")));
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |_| match contention {
+            c if c == LAPD_CONTENTION_LOCAL as i32 => Ok(()),
+            c if c == LAPD_CONTENTION_GLOBAL as i32 => name("global"),
+            c if c == LAPD_CONTENTION_RANDOM as i32 => name("random"),
+            c if c == LAPD_CONTENTION_AGGRESSIVE as i32 => name("aggressive"),
+            _ => Err(unknown("contention", "a lapd_contention", contention)),
+        })
+    }
+}
+
+/// What threads do after conflicts, a lapd_contention. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_contention(params: *const lapd_params, contention: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, contention, "contention", |_| lapd_contention::LAPD_CONTENTION_LOCAL as i32) }
+}
+
+/// Whether to optimise the mesh after refinement (1) or not (0). This version does not.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither; LAPD_ERROR_UNSUPPORTED for 1.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_optimize(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    optimize: i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |_| match flag(optimize, "optimize")? {
+            false => Ok(()),
+            true => Err(unsupported("optimize: this version does not optimise meshes")),
+        })
+    }
+}
+
+/// Whether the mesh is optimised after refinement, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_optimize(params: *const lapd_params, optimize: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, optimize, "optimize", |_| 0) }
+}

@@ -1,0 +1,334 @@
+//! The report of a run, as plain structs that may grow.
+
+use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
+use super::mesh::lapd_mesh;
+use super::status::lapd_status;
+use crate::mesher::Meshing;
+
+/// How large a mesh is. Set struct_size to sizeof(lapd_counts) before the call.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct lapd_counts {
+    /// sizeof(lapd_counts), set by the caller.
+    pub struct_size: u64,
+    /// Vertices of the mesh.
+    pub vertices: u64,
+    /// Tets of the mesh, the background included where it was kept.
+    pub tets: u64,
+    /// Tets of the mesh with a label other than 0.
+    pub tissue_tets: u64,
+    /// Facets between two labels.
+    pub interface_facets: u64,
+    /// Vertices of the whole triangulation, when refinement ended.
+    pub all_vertices: u64,
+    /// Tets of the whole triangulation, when refinement ended.
+    pub all_tets: u64,
+}
+
+/// Wall-clock seconds of the phases of a run. Set struct_size to sizeof(lapd_timings) before the call.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct lapd_timings {
+    /// sizeof(lapd_timings), set by the caller.
+    pub struct_size: u64,
+    /// The distance transform.
+    pub distance: f64,
+    /// From the finished distance transform to the last rule satisfied.
+    pub refine: f64,
+    /// Collecting the mesh.
+    pub extract: f64,
+    /// Measuring quality and certificate.
+    pub certify: f64,
+}
+
+/// What refinement did. Set struct_size to sizeof(lapd_operations) before the call.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct lapd_operations {
+    /// sizeof(lapd_operations), set by the caller.
+    pub struct_size: u64,
+    /// Vertices inserted.
+    pub insertions: u64,
+    /// Vertices removed.
+    pub removals: u64,
+    /// Operations given up because of a conflict with another thread.
+    pub rollbacks: u64,
+    /// Predicates that floating point could not decide.
+    pub exact_predicates: u64,
+}
+
+/// Shape of the tets with a label other than 0, and of the interface facets. Set struct_size to sizeof(lapd_quality) before the
+/// call.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct lapd_quality {
+    /// sizeof(lapd_quality), set by the caller.
+    pub struct_size: u64,
+    /// Smallest dihedral angle, degrees.
+    pub min_dihedral: f64,
+    /// Largest dihedral angle, degrees.
+    pub max_dihedral: f64,
+    /// Largest ratio of circumradius to shortest edge.
+    pub max_radius_edge: f64,
+    /// Smallest planar angle of interface facets, degrees.
+    pub min_facet_angle: f64,
+    /// Dihedral angles, six for each tet, in bins of 10 degrees.
+    pub dihedral_histogram: [u64; 18],
+}
+
+/// What was checked on the finished mesh. Set struct_size to sizeof(lapd_certificate) before the call. Lengths are in world units.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct lapd_certificate {
+    /// sizeof(lapd_certificate), set by the caller.
+    pub struct_size: u64,
+    /// Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic; 0 in a Delaunay mesh.
+    pub non_delaunay_facets: u64,
+    /// Tets without positive volume, by exact arithmetic.
+    pub inverted_tets: u64,
+    /// Vertices of no tet.
+    pub orphan_vertices: u64,
+    /// Edges where an interface is open.
+    pub open_edges: u64,
+    /// What stayed unmet of rules R1 to R6, in this order.
+    pub unmet: [u64; 6],
+    /// Mean distance from the mesh's interfaces to those of the image.
+    pub mesh_to_image_mean: f64,
+    /// Largest distance from the mesh's interfaces to those of the image.
+    pub mesh_to_image_max: f64,
+    /// Mean distance from the image's interfaces to those of the mesh.
+    pub image_to_mesh_mean: f64,
+    /// Largest distance from the image's interfaces to those of the mesh.
+    pub image_to_mesh_max: f64,
+}
+
+/// One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call. Volumes are in cubic world units.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct lapd_label_row {
+    /// sizeof(lapd_label_row), set by the caller.
+    pub struct_size: u64,
+    /// The label.
+    pub label: i64,
+    /// Its tets.
+    pub tets: u64,
+    /// Their volume.
+    pub mesh_volume: f64,
+    /// The volume of its voxels.
+    pub image_volume: f64,
+    /// Its voxels.
+    pub image_voxels: u64,
+    /// Connected components of its voxels.
+    pub components_image: u64,
+    /// Connected components of its tets, across facets.
+    pub components_mesh: u64,
+}
+
+// SAFETY of all five: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of version 0.1 and stays when fields are
+// appended.
+unsafe impl Growing for lapd_counts {
+    const FIRST_SIZE: u64 = 56;
+}
+unsafe impl Growing for lapd_timings {
+    const FIRST_SIZE: u64 = 40;
+}
+unsafe impl Growing for lapd_operations {
+    const FIRST_SIZE: u64 = 40;
+}
+unsafe impl Growing for lapd_quality {
+    const FIRST_SIZE: u64 = 184;
+}
+unsafe impl Growing for lapd_certificate {
+    const FIRST_SIZE: u64 = 120;
+}
+unsafe impl Growing for lapd_label_row {
+    const FIRST_SIZE: u64 = 64;
+}
+
+/// `size_of` as the value of `struct_size`; [`fill_struct`] puts the caller's there.
+const fn own_size<T: Growing>() -> u64 {
+    let size = size_of::<T>() as u64;
+    assert!(T::FIRST_SIZE <= size);
+    size
+}
+
+/// Fills a caller's struct from the report.
+///
+/// # Safety
+/// See the module's head.
+unsafe fn fill<T: Growing>(
+    mesh: *const lapd_mesh,
+    out: *mut T,
+    name: &str,
+    value: impl FnOnce(&Meshing) -> T,
+) -> lapd_status {
+    // SAFETY: passed on to the caller.
+    status_of(|| unsafe { fill_struct(out, value(&borrow(mesh, "mesh")?.meshing), name) })
+}
+
+/// How large the mesh is. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_counts(mesh: *const lapd_mesh, counts: *mut lapd_counts) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        fill(mesh, counts, "counts", |meshing| lapd_counts {
+            struct_size: own_size::<lapd_counts>(),
+            vertices: meshing.mesh.points.len() as u64,
+            tets: meshing.mesh.tets.len() as u64,
+            tissue_tets: meshing.mesh.labels.iter().filter(|&&label| label != 0).count() as u64,
+            interface_facets: meshing.mesh.facets.len() as u64,
+            all_vertices: meshing.report.all_vertices,
+            all_tets: meshing.report.all_tets,
+        })
+    }
+}
+
+/// How long the run took. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_timings(mesh: *const lapd_mesh, timings: *mut lapd_timings) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        fill(mesh, timings, "timings", |meshing| {
+            let seconds = &meshing.report.seconds;
+            lapd_timings {
+                struct_size: own_size::<lapd_timings>(),
+                distance: seconds.distance,
+                refine: seconds.refine,
+                extract: seconds.extract,
+                certify: seconds.certify,
+            }
+        })
+    }
+}
+
+/// What refinement did. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_operations(
+    mesh: *const lapd_mesh,
+    operations: *mut lapd_operations,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        fill(mesh, operations, "operations", |meshing| {
+            let operations = &meshing.report.operations;
+            lapd_operations {
+                struct_size: own_size::<lapd_operations>(),
+                insertions: operations.insertions,
+                removals: operations.removals,
+                rollbacks: operations.rollbacks,
+                exact_predicates: operations.exact_predicates,
+            }
+        })
+    }
+}
+
+/// The quality of the mesh. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_quality(mesh: *const lapd_mesh, quality: *mut lapd_quality) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        fill(mesh, quality, "quality", |meshing| {
+            let quality = &meshing.report.quality;
+            lapd_quality {
+                struct_size: own_size::<lapd_quality>(),
+                min_dihedral: quality.min_dihedral,
+                max_dihedral: quality.max_dihedral,
+                max_radius_edge: quality.max_radius_edge,
+                min_facet_angle: quality.min_facet_angle,
+                dihedral_histogram: quality.dihedral_histogram,
+            }
+        })
+    }
+}
+
+/// The certificate of the mesh. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_certificate(
+    mesh: *const lapd_mesh,
+    certificate: *mut lapd_certificate,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        fill(mesh, certificate, "certificate", |meshing| {
+            let certificate = &meshing.report.certificate;
+            lapd_certificate {
+                struct_size: own_size::<lapd_certificate>(),
+                non_delaunay_facets: certificate.non_delaunay_facets,
+                inverted_tets: certificate.inverted_tets,
+                orphan_vertices: certificate.orphan_vertices,
+                open_edges: certificate.open_edges,
+                unmet: certificate.unmet,
+                mesh_to_image_mean: certificate.mean_mesh_to_image,
+                mesh_to_image_max: certificate.hausdorff_mesh_to_image,
+                image_to_mesh_mean: certificate.mean_image_to_mesh,
+                image_to_mesh_max: certificate.hausdorff_image_to_mesh,
+            }
+        })
+    }
+}
+
+/// The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_label_row_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(count, "count")?;
+        out.set(borrow(mesh, "mesh")?.meshing.report.certificate.labels.len());
+        Ok(())
+    })
+}
+
+/// Row `index` (from 0) of the table of labels. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
+/// known version.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_label_row(
+    mesh: *const lapd_mesh,
+    index: usize,
+    row: *mut lapd_label_row,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let rows = &borrow(mesh, "mesh")?.meshing.report.certificate.labels;
+        let found = rows.get(index).ok_or_else(|| Failure::invalid(format!("there is no label row {index}")))?;
+        let value = lapd_label_row {
+            struct_size: own_size::<lapd_label_row>(),
+            label: found.label.into(),
+            tets: found.tets,
+            mesh_volume: found.mesh_volume,
+            image_volume: found.image_volume,
+            image_voxels: found.image_voxels,
+            components_image: found.components_image,
+            components_mesh: found.components_mesh,
+        };
+        fill_struct(row, value, "row")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn first_sizes_fit() {
+        own_size::<lapd_counts>();
+        own_size::<lapd_timings>();
+        own_size::<lapd_operations>();
+        own_size::<lapd_quality>();
+        own_size::<lapd_certificate>();
+        own_size::<lapd_label_row>();
+    }
+}

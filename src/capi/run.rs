@@ -1,0 +1,105 @@
+//! One run, on threads of its own.
+//!
+//! The work is done by a thread pool that exists during the call only, so that whatever the engine spawns through rayon is counted
+//! by `threads` and joined at return; the caller's thread, which is not changed in any way, waits and runs the callbacks: the
+//! worker hands each progress report over and waits for the answer.
+
+use std::sync::mpsc;
+use std::thread;
+
+use rayon::ThreadPoolBuilder;
+
+use super::boundary::{Failure, Out};
+use super::boundary::{Outcome, borrow, catch, silently};
+use super::context::{Callbacks, lapd_context, lapd_log_level, with_context};
+use super::image::lapd_image;
+use super::mesh::lapd_mesh;
+use super::params::lapd_params;
+use super::status::lapd_status;
+use crate::image::LabelImage;
+use crate::mesher::{Meshing, mesh_image};
+use crate::monitor::{CancelFlag, Monitor, Progress};
+use crate::params::MeshParams;
+
+/// Meshes an image.
+///
+/// The call returns when the mesh is done, the run was cancelled or failed; a mesh comes whole or not at all. Progress and log
+/// callbacks of the context are called on this thread. The work is done by threads that are all joined at return; the calling
+/// thread is neither pinned nor moved. Any number of runs may go on at once, in different threads, each with its own context; they
+/// may share the image and the parameters. The same image and parameters give the same mesh, byte for byte.
+///
+/// The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to live on.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a size is given for a label that the image does not have, or delta is so
+/// coarse that no tet lies in the object; LAPD_ERROR_EMPTY_IMAGE when there is no label to mesh;
+/// LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED; LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_image(
+    context: *mut lapd_context,
+    image: *const lapd_image,
+    params: *const lapd_params,
+    mesh: *mut *mut lapd_mesh,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |context| {
+            let out = Out::new(mesh, "mesh")?;
+            let image = &borrow(image, "image")?.image;
+            let params = borrow(params, "params")?.params.clone();
+            let _run = context.start_run()?;
+            let callbacks = context.callbacks();
+            let meshing = run(image, &params, &context.cancel, &callbacks)?;
+            for (rule, &unmet) in meshing.report.unmet.iter().enumerate().filter(|&(_, &unmet)| unmet > 0) {
+                callbacks
+                    .log(lapd_log_level::LAPD_LOG_WARNING, &format!("rule R{} stays unmet {unmet} times", rule + 1));
+            }
+            out.set(Box::into_raw(Box::new(lapd_mesh { meshing })));
+            Ok(())
+        })
+    }
+}
+
+fn run(image: &LabelImage, params: &MeshParams, cancel: &CancelFlag, callbacks: &Callbacks) -> Outcome<Meshing> {
+    callbacks.log(
+        lapd_log_level::LAPD_LOG_INFO,
+        &format!("meshing {} labels at delta {}, size {}", image.labels().len() - 1, params.delta, params.size),
+    );
+    let (progress_sender, progress) = mpsc::channel::<Progress>();
+    let (answer, answer_receiver) = mpsc::channel::<bool>();
+    let listening = callbacks.has_progress();
+    let job = move || {
+        // Dropped at the end of the job, by unwinding too: that ends the loop below.
+        let mut tell = move |p| progress_sender.send(p).is_ok() && answer_receiver.recv().unwrap_or(false);
+        let mut monitor = Monitor::new(if listening { Some(&mut tell) } else { None }, Some(cancel));
+        mesh_image(image, params, &mut monitor).map_err(Failure::from)
+    };
+    let mut result = None;
+    thread::scope(|scope| {
+        let mut workers = Vec::new();
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(params.threads)
+            .spawn_handler(|worker| {
+                let builder = thread::Builder::new().name(format!("lapd-{}", worker.index()));
+                workers.push(builder.spawn_scoped(scope, || silently(|| worker.run()))?);
+                Ok(())
+            })
+            .build()
+            .map_err(|error| {
+                Failure::new(lapd_status::LAPD_ERROR_OUT_OF_MEMORY, format!("no thread for the run: {error}"))
+            })?;
+        pool.in_place_scope(|scope| {
+            scope.spawn(|_| result = Some(catch(job)));
+            for report in progress {
+                // The worker waits for this; it cannot have gone.
+                let _ = answer.send(callbacks.report(report));
+            }
+        });
+        // Its threads end when it is dropped. They are joined here, because the scope's end would only wait for their closures.
+        drop(pool);
+        for worker in workers {
+            let _ = worker.join();
+        }
+        Ok::<(), Failure>(())
+    })?;
+    result.unwrap_or_else(|| Err(crate::Error::Internal("the run gave no result".into()).into()))
+}

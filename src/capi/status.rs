@@ -1,0 +1,152 @@
+//! Status codes and the version.
+
+use std::ffi::{CStr, c_char};
+
+use super::boundary::value_or;
+use crate::Error;
+
+/// What a function came to. The numbers are stable: none will ever change its meaning, new ones may be added. 0 is success.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_status {
+    /// The function did what it says.
+    LAPD_OK = 0,
+    /// An argument is NULL, out of its range, or not a value of its enum.
+    LAPD_ERROR_INVALID_ARGUMENT = 1,
+    /// The value exists in this interface, but not yet in this version of the library.
+    LAPD_ERROR_UNSUPPORTED = 2,
+    /// A file could not be opened, read or written.
+    LAPD_ERROR_IO = 3,
+    /// A file was read, but it holds no valid image of its format.
+    LAPD_ERROR_FORMAT = 4,
+    /// The image holds no label to mesh.
+    LAPD_ERROR_EMPTY_IMAGE = 5,
+    /// A limit that the caller set was reached.
+    LAPD_ERROR_LIMIT_REACHED = 6,
+    /// The run was cancelled by its progress callback or by lapd_context_cancel.
+    LAPD_ERROR_CANCELLED = 7,
+    /// Memory could not be had.
+    LAPD_ERROR_OUT_OF_MEMORY = 8,
+    /// An invariant of the library broke. This is a bug of lapd, please report it.
+    LAPD_ERROR_INTERNAL = 9,
+    /// The caller's buffer is too small for the copy. Nothing was written.
+    LAPD_ERROR_BUFFER_TOO_SMALL = 10,
+    /// The context is in use by a run that has not returned yet.
+    LAPD_ERROR_BUSY = 11,
+}
+
+use lapd_status::*;
+
+const ALL: [lapd_status; 12] = [
+    LAPD_OK,
+    LAPD_ERROR_INVALID_ARGUMENT,
+    LAPD_ERROR_UNSUPPORTED,
+    LAPD_ERROR_IO,
+    LAPD_ERROR_FORMAT,
+    LAPD_ERROR_EMPTY_IMAGE,
+    LAPD_ERROR_LIMIT_REACHED,
+    LAPD_ERROR_CANCELLED,
+    LAPD_ERROR_OUT_OF_MEMORY,
+    LAPD_ERROR_INTERNAL,
+    LAPD_ERROR_BUFFER_TOO_SMALL,
+    LAPD_ERROR_BUSY,
+];
+
+impl lapd_status {
+    fn from_number(number: i32) -> Option<Self> {
+        ALL.into_iter().find(|&status| status as i32 == number)
+    }
+
+    fn name(self) -> &'static CStr {
+        match self {
+            LAPD_OK => c"LAPD_OK",
+            LAPD_ERROR_INVALID_ARGUMENT => c"LAPD_ERROR_INVALID_ARGUMENT",
+            LAPD_ERROR_UNSUPPORTED => c"LAPD_ERROR_UNSUPPORTED",
+            LAPD_ERROR_IO => c"LAPD_ERROR_IO",
+            LAPD_ERROR_FORMAT => c"LAPD_ERROR_FORMAT",
+            LAPD_ERROR_EMPTY_IMAGE => c"LAPD_ERROR_EMPTY_IMAGE",
+            LAPD_ERROR_LIMIT_REACHED => c"LAPD_ERROR_LIMIT_REACHED",
+            LAPD_ERROR_CANCELLED => c"LAPD_ERROR_CANCELLED",
+            LAPD_ERROR_OUT_OF_MEMORY => c"LAPD_ERROR_OUT_OF_MEMORY",
+            LAPD_ERROR_INTERNAL => c"LAPD_ERROR_INTERNAL",
+            LAPD_ERROR_BUFFER_TOO_SMALL => c"LAPD_ERROR_BUFFER_TOO_SMALL",
+            LAPD_ERROR_BUSY => c"LAPD_ERROR_BUSY",
+        }
+    }
+
+    fn message(self) -> &'static CStr {
+        match self {
+            LAPD_OK => c"success",
+            LAPD_ERROR_INVALID_ARGUMENT => c"an argument is NULL, out of its range, or not a value of its enum",
+            LAPD_ERROR_UNSUPPORTED => c"not supported by this version of lapd",
+            LAPD_ERROR_IO => c"a file could not be opened, read or written",
+            LAPD_ERROR_FORMAT => c"the file holds no valid image of its format",
+            LAPD_ERROR_EMPTY_IMAGE => c"the image holds no label to mesh",
+            LAPD_ERROR_LIMIT_REACHED => c"a limit that the caller set was reached",
+            LAPD_ERROR_CANCELLED => c"cancelled",
+            LAPD_ERROR_OUT_OF_MEMORY => c"out of memory",
+            LAPD_ERROR_INTERNAL => c"an invariant broke; this is a bug of lapd",
+            LAPD_ERROR_BUFFER_TOO_SMALL => c"the buffer is too small for the copy",
+            LAPD_ERROR_BUSY => c"the context is in use by a run that has not returned yet",
+        }
+    }
+}
+
+impl From<&Error> for lapd_status {
+    fn from(error: &Error) -> Self {
+        match error {
+            Error::InvalidArgument(_) => LAPD_ERROR_INVALID_ARGUMENT,
+            Error::Unsupported(_) => LAPD_ERROR_UNSUPPORTED,
+            Error::Io { .. } => LAPD_ERROR_IO,
+            Error::Format { .. } => LAPD_ERROR_FORMAT,
+            Error::EmptyImage => LAPD_ERROR_EMPTY_IMAGE,
+            Error::LimitReached(_) => LAPD_ERROR_LIMIT_REACHED,
+            Error::Cancelled => LAPD_ERROR_CANCELLED,
+            Error::OutOfMemory(_) => LAPD_ERROR_OUT_OF_MEMORY,
+            Error::Internal(_) => LAPD_ERROR_INTERNAL,
+        }
+    }
+}
+
+/// The version of the library that runs, as "MAJOR.MINOR.PATCH". LAPD_VERSION is that of the header the caller was compiled with.
+///
+/// The string is static. May be called from any thread.
+#[unsafe(no_mangle)]
+pub extern "C" fn lapd_version() -> *const c_char {
+    concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
+}
+
+/// The name of a status code, such as "LAPD_ERROR_IO"; "LAPD_UNKNOWN_STATUS" for a number that is none.
+///
+/// The string is static. May be called from any thread.
+#[unsafe(no_mangle)]
+pub extern "C" fn lapd_status_name(status: i32) -> *const c_char {
+    let unknown = c"LAPD_UNKNOWN_STATUS";
+    value_or(unknown, || lapd_status::from_number(status).map_or(unknown, lapd_status::name)).as_ptr()
+}
+
+/// What a status code means, in one line; "unknown status" for a number that is none. lapd_context_last_error() says more about
+/// the call that failed.
+///
+/// The string is static. May be called from any thread.
+#[unsafe(no_mangle)]
+pub extern "C" fn lapd_status_message(status: i32) -> *const c_char {
+    let unknown = c"unknown status";
+    value_or(unknown, || lapd_status::from_number(status).map_or(unknown, lapd_status::message)).as_ptr()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_names_and_messages_are_complete() {
+        for (number, status) in ALL.into_iter().enumerate() {
+            assert_eq!(status as usize, number);
+            assert_eq!(status.name().to_str().unwrap(), format!("{status:?}"));
+            assert!(!status.message().is_empty());
+        }
+        assert_eq!(lapd_status::from_number(-1), None);
+        assert_eq!(lapd_status::from_number(ALL.len() as i32), None);
+    }
+}

@@ -1,0 +1,85 @@
+//! `include/lapd.h` is generated from `src/capi` and committed; this test fails when it is stale.
+//!
+//! To bring it up to date: `LAPD_UPDATE_HEADER=1 cargo test --test header`.
+
+use std::path::Path;
+
+/// In the order of the header.
+const SOURCES: [&str; 7] = ["status", "context", "image", "params", "run", "mesh", "report"];
+
+const HEAD: &str = "\
+/*
+ * lapd: quality tetrahedral Delaunay meshes of segmented 3D images, all tissues at once.
+ * SPDX-License-Identifier: MIT OR Apache-2.0
+ *
+ * Made by cbindgen from src/capi; do not edit.
+ *
+ * Conventions
+ * - Handles (lapd_context, lapd_image, lapd_params, lapd_mesh) are opaque. What a create, read or mesh function hands out belongs
+ *   to the caller, who frees it once with the lapd_..._free function of its type.
+ * - Functions return a lapd_status; 0 is success. Out-parameters are written on success only.
+ * - A function that takes a context leaves one line there about what went wrong: lapd_context_last_error. Functions without one
+ *   fail only for their own arguments, which the status tells. There is no global state.
+ * - NULL is refused with LAPD_ERROR_INVALID_ARGUMENT wherever the text does not allow it; so are numbers that are no value of
+ *   their enum, which is why enums are passed as int32_t.
+ * - Strings are UTF-8 and end with NUL. Lengths are in the world units of the image, angles in degrees.
+ * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and programs and libraries of different
+ *   versions understand each other. What the library does not know yet reads 0.
+ * - Images and meshes never change and may be used by any number of threads at once. Parameters may be read by many threads as
+ *   long as none changes them. A context belongs to one thread at a time, but for lapd_context_cancel.
+ * - The library prints nothing, reads no environment, installs no signal handler, and never ends the process.
+ */";
+
+fn generate(root: &Path) -> String {
+    let mut config = cbindgen::Config::from_file(root.join("cbindgen.toml")).expect("cbindgen.toml is valid");
+    config.header = Some(HEAD.into());
+    config.after_includes = Some(format!(
+        "\n/* The version of this header; lapd_version() is that of the library. */\n\
+         #define LAPD_VERSION_MAJOR {}\n#define LAPD_VERSION_MINOR {}\n#define LAPD_VERSION_PATCH {}\n#define LAPD_VERSION \"{}\"",
+        env!("CARGO_PKG_VERSION_MAJOR"),
+        env!("CARGO_PKG_VERSION_MINOR"),
+        env!("CARGO_PKG_VERSION_PATCH"),
+        env!("CARGO_PKG_VERSION"),
+    ));
+    let mut builder = cbindgen::Builder::new().with_config(config);
+    for source in SOURCES {
+        builder = builder.with_src(root.join(format!("src/capi/{source}.rs")));
+    }
+    let mut header = Vec::new();
+    builder.generate().expect("src/capi can be parsed").write(&mut header);
+    String::from_utf8(header).expect("the header is UTF-8")
+}
+
+#[test]
+fn header_is_up_to_date() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let path = root.join("include/lapd.h");
+    let fresh = generate(root);
+    if std::env::var_os("LAPD_UPDATE_HEADER").is_some() {
+        std::fs::create_dir_all(root.join("include")).unwrap();
+        std::fs::write(&path, &fresh).unwrap();
+    }
+    let committed = std::fs::read_to_string(&path).expect("include/lapd.h is there");
+    let first = committed.lines().zip(fresh.lines()).position(|(a, b)| a != b);
+    assert!(
+        committed == fresh,
+        "include/lapd.h is stale (first difference: line {first:?}); run LAPD_UPDATE_HEADER=1 cargo test --test header"
+    );
+}
+
+#[test]
+fn every_exported_function_is_in_the_header() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let header = generate(root);
+    let mut exported = 0;
+    for entry in std::fs::read_dir(root.join("src/capi")).unwrap() {
+        let source = std::fs::read_to_string(entry.unwrap().path()).unwrap();
+        // The attribute stands right before its function.
+        for item in source.split("#[unsafe(no_mangle)]\n").skip(1) {
+            let name = item.split("fn ").nth(1).and_then(|rest| rest.split('(').next()).expect("a function follows");
+            assert!(header.contains(&format!("{name}(")), "{name} is not in the header");
+            exported += 1;
+        }
+    }
+    assert!(exported > 50, "only {exported} exported functions found");
+}
