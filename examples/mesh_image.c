@@ -1,0 +1,436 @@
+/*
+ * mesh_image: meshes a label image file. An example of the C interface, and a tool.
+ *
+ * It shows the whole way: parameters, context with progress and cancellation, image, run, files. report.c shows what a
+ * mesh can be asked for. Exit status: 0 only if a mesh was written; 2 for bad usage; 1 for everything else, with one
+ * line on stderr.
+ */
+#define _POSIX_C_SOURCE 200809L
+
+#include <errno.h>
+#include <math.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "report.h"
+
+enum { EXIT_FAILED = 1, EXIT_USAGE = 2 };
+
+static const char USAGE[] =
+    "usage: mesh_image INPUT -o OUT [-o OUT2 ...] [options]\n"
+    "\n"
+    "Turns a label image into a tetrahedral mesh of all its tissues.\n"
+    "INPUT: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz; OUT by its ending: .vtu .vtk .mesh .node .ele .stl\n"
+    "Lengths are in the image's world units (mm).\n"
+    "\n"
+    "  -o OUT               write the mesh; may be given again\n"
+    "  --delta MM           distance between samples on the interfaces;\n"
+    "                       default 1.5 times the geometric mean of the voxel's sides\n"
+    "  --size MM            largest circumradius of tets; default 2 times delta\n"
+    "  --label-size L=MM    the same for one label; may be given again\n"
+    "  --radius-edge R      largest circumradius over shortest edge; at least 2, default 2\n"
+    "  --facet-angle DEG    smallest angle of interface facets; at most 30, default 30\n"
+    "  --threads N          this version has 1\n"
+    "  --algorithm NAME     podm | lapd; this version has podm\n"
+    "  --contention NAME    local | global | random | aggressive; this version has local\n"
+    "  --topology SYNTHETIC not in this version\n"
+    "  --keep L,L,...       mesh these labels only\n"
+    "  --background         keep the whole triangulation, with label 0 outside of the object\n"
+    "  --surface NAME       smooth | voxel; default smooth\n"
+    "  --optimize           not in this version\n"
+    "  --no-optimize        the default\n"
+    "  --max-vertices N     give up when the mesh needs more\n"
+    "  --report FILE.json   write a report\n"
+    "  --quiet              no progress, no table\n"
+    "  --help               this text\n"
+    "  --version            the version of the library\n"
+    "\n"
+    "Exit status: 0 if the mesh was written, 2 for bad usage, 1 else.\n";
+
+/* ---- Messages ---- */
+
+void complain(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    fputs("mesh_image: ", stderr);
+    vfprintf(stderr, format, arguments);
+    fputc('\n', stderr);
+    va_end(arguments);
+}
+
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* ---- Progress and cancellation ---- */
+
+static lapd_context *volatile interrupted_context;
+
+static void on_interrupt(int signal_number) {
+    (void)signal_number;
+    lapd_context_cancel(interrupted_context);
+}
+
+static void cancel_on_interrupt(lapd_context *context) {
+    struct sigaction action;
+    memset(&action, 0, sizeof action);
+    action.sa_handler = on_interrupt;
+    interrupted_context = context;
+    sigaction(SIGINT, &action, NULL);
+}
+
+typedef struct {
+    double last_time;
+    bool shown;
+} progress_line;
+
+static int32_t show_progress(void *user, const lapd_progress *progress) {
+    static const char *const phases[] = {"distance transform", "refinement", "extraction", "certificate"};
+    progress_line *line = user;
+    double time = now();
+    if (time - line->last_time >= 0.1) {
+        size_t phase = (size_t)progress->phase;
+        const char *name = phase < sizeof phases / sizeof *phases ? phases[phase] : "meshing";
+        fprintf(stderr, "\r%3.0f %%  %-18s  %llu tets ", 100 * progress->fraction, name,
+                (unsigned long long)progress->tets);
+        fflush(stderr);
+        line->last_time = time;
+        line->shown = true;
+    }
+    return 0;
+}
+
+static void clear_progress(progress_line *line) {
+    if (line->shown) {
+        fprintf(stderr, "\r%60s\r", "");
+        line->shown = false;
+    }
+}
+
+static void show_warning(void *user, int32_t level, const char *message) {
+    clear_progress(user);
+    if (level == LAPD_LOG_WARNING) {
+        fprintf(stderr, "mesh_image: warning: %s\n", message);
+    }
+}
+
+/* ---- Command line ---- */
+
+static bool parse_number(const char *text, double *value) {
+    char *end;
+    *value = strtod(text, &end);
+    return end != text && *end == '\0';
+}
+
+static bool parse_count(const char *text, size_t *value) {
+    char *end;
+    errno = 0;
+    unsigned long long number = strtoull(text, &end, 10);
+    *value = (size_t)number;
+    return *text >= '0' && *text <= '9' && *end == '\0' && errno == 0 && number <= SIZE_MAX;
+}
+
+/* Reads a label that ends at `*end`. */
+static bool parse_label(const char *text, const char **end, int32_t *label) {
+    char *stop;
+    errno = 0;
+    long long number = strtoll(text, &stop, 10);
+    *end = stop;
+    *label = (int32_t)number;
+    return stop != text && errno == 0 && number >= INT32_MIN && number <= INT32_MAX;
+}
+
+static bool parse_name(const char *text, const char *const *names, size_t count, int32_t *value) {
+    for (size_t i = 0; i < count; i++) {
+        if (strcmp(text, names[i]) == 0) {
+            *value = (int32_t)i;
+            return true;
+        }
+    }
+    return false;
+}
+
+static bool parse_labels(const char *text, int32_t **labels, size_t *count) {
+    int32_t *list = malloc((strlen(text) / 2 + 1) * sizeof *list);
+    size_t n = 0;
+    const char *rest = text;
+    while (list != NULL && parse_label(rest, &rest, &list[n])) {
+        n++;
+        if (*rest == '\0') {
+            *labels = list;
+            *count = n;
+            return true;
+        }
+        if (*rest++ != ',') {
+            break;
+        }
+    }
+    free(list);
+    return false;
+}
+
+typedef enum { SET_OK, SET_UNKNOWN_OPTION, SET_BAD_VALUE, SET_REFUSED } set_result;
+
+static set_result from_status(lapd_status status) {
+    return status == LAPD_OK ? SET_OK : SET_REFUSED;
+}
+
+/* Sets the parameter that an option with a value stands for. The numbers of names are those of the library's enums. */
+static set_result set_parameter(lapd_context *context, lapd_params *params, const char *option, const char *value) {
+    static const char *const surfaces[] = {"smooth", "voxel"};
+    static const char *const algorithms[] = {"podm", "lapd"};
+    static const char *const contentions[] = {"local", "global", "random", "aggressive"};
+    static const struct {
+        const char *option;
+        lapd_status (*set)(lapd_context *, lapd_params *, double);
+    } numbers[] = {{"--delta", lapd_params_set_delta},
+                   {"--size", lapd_params_set_size},
+                   {"--radius-edge", lapd_params_set_radius_edge},
+                   {"--facet-angle", lapd_params_set_facet_angle}};
+    static const struct {
+        const char *option;
+        lapd_status (*set)(lapd_context *, lapd_params *, size_t);
+    } counts[] = {{"--threads", lapd_params_set_threads}, {"--max-vertices", lapd_params_set_max_vertices}};
+    static const struct {
+        const char *option;
+        lapd_status (*set)(lapd_context *, lapd_params *, int32_t);
+        const char *const *names;
+        size_t count;
+    } choices[] = {{"--surface", lapd_params_set_surface, surfaces, 2},
+                   {"--algorithm", lapd_params_set_algorithm, algorithms, 2},
+                   {"--contention", lapd_params_set_contention, contentions, 4}};
+
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
+        double number;
+        if (strcmp(option, numbers[i].option) == 0) {
+            return parse_number(value, &number) ? from_status(numbers[i].set(context, params, number)) : SET_BAD_VALUE;
+        }
+    }
+    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
+        size_t count;
+        if (strcmp(option, counts[i].option) == 0) {
+            return parse_count(value, &count) ? from_status(counts[i].set(context, params, count)) : SET_BAD_VALUE;
+        }
+    }
+    for (size_t i = 0; i < sizeof choices / sizeof *choices; i++) {
+        int32_t choice;
+        if (strcmp(option, choices[i].option) == 0) {
+            return parse_name(value, choices[i].names, choices[i].count, &choice)
+                       ? from_status(choices[i].set(context, params, choice))
+                       : SET_BAD_VALUE;
+        }
+    }
+    if (strcmp(option, "--label-size") == 0) {
+        int32_t label;
+        double size;
+        const char *rest;
+        if (!parse_label(value, &rest, &label) || *rest != '=' || !parse_number(rest + 1, &size)) {
+            return SET_BAD_VALUE;
+        }
+        return from_status(lapd_params_set_label_size(context, params, label, size));
+    }
+    if (strcmp(option, "--keep") == 0) {
+        int32_t *labels;
+        size_t count;
+        if (!parse_labels(value, &labels, &count)) {
+            return SET_BAD_VALUE;
+        }
+        lapd_status status = lapd_params_set_keep(context, params, labels, count);
+        free(labels);
+        return from_status(status);
+    }
+    return SET_UNKNOWN_OPTION;
+}
+
+static bool usage_error(const char *format, const char *a, const char *b) {
+    complain(format, a, b);
+    fputs("mesh_image: see mesh_image --help\n", stderr);
+    return false;
+}
+
+/* Returns false, with a message on stderr, for bad usage. */
+static bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *params, options *o) {
+    o->outputs = calloc((size_t)argc, sizeof *o->outputs);
+    if (o->outputs == NULL) {
+        return usage_error("out of memory%s%s", "", "");
+    }
+    for (int i = 1; i < argc; i++) {
+        const char *option = argv[i];
+        lapd_status status = LAPD_OK;
+        if (option[0] != '-' || option[1] == '\0') {
+            if (o->input != NULL) {
+                return usage_error("two inputs: %s and %s", o->input, option);
+            }
+            o->input = option;
+            continue;
+        }
+        if (strcmp(option, "--background") == 0) {
+            status = lapd_params_set_background(context, params, 1);
+        } else if (strcmp(option, "--optimize") == 0) {
+            status = lapd_params_set_optimize(context, params, 1);
+        } else if (strcmp(option, "--no-optimize") == 0) {
+            status = lapd_params_set_optimize(context, params, 0);
+        } else if (strcmp(option, "--quiet") == 0) {
+            o->quiet = true;
+        } else {
+            static const char *const with_value[] = {"-o",        "--report",      "--topology",    "--delta",
+                                                     "--size",    "--label-size",  "--radius-edge", "--facet-angle",
+                                                     "--threads", "--algorithm",   "--contention",  "--keep",
+                                                     "--surface", "--max-vertices"};
+            int32_t known;
+            if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
+                return usage_error("unknown option %s%s", option, "");
+            }
+            if (i + 1 == argc) {
+                return usage_error("%s needs a value%s", option, "");
+            }
+            const char *value = argv[++i];
+            if (strcmp(option, "-o") == 0) {
+                o->outputs[o->output_count++] = value;
+            } else if (strcmp(option, "--report") == 0) {
+                o->report = value;
+            } else if (strcmp(option, "--topology") == 0) {
+                return usage_error("%s: this version has no synthetic topologies%s", option, "");
+            } else {
+                switch (set_parameter(context, params, option, value)) {
+                case SET_OK:
+                    break;
+                case SET_REFUSED:
+                    return usage_error("%s: %s", option, lapd_context_last_error(context));
+                default:
+                    return usage_error("%s: bad value '%s'", option, value);
+                }
+                o->has_delta = o->has_delta || strcmp(option, "--delta") == 0;
+                o->has_size = o->has_size || strcmp(option, "--size") == 0;
+            }
+        }
+        if (status != LAPD_OK) {
+            return usage_error("%s: %s", option, lapd_context_last_error(context));
+        }
+    }
+    if (o->input == NULL) {
+        return usage_error("no input%s%s", "", "");
+    }
+    if (o->output_count == 0) {
+        return usage_error("no output (-o)%s%s", "", "");
+    }
+    return true;
+}
+
+/* Chooses what the command line left open. */
+static lapd_status set_defaults(lapd_context *context, lapd_params *params, const lapd_image *image, const options *o) {
+    lapd_status status = LAPD_OK;
+    double spacing[3], delta;
+    if (!o->has_delta) {
+        status = lapd_image_get_spacing(image, spacing);
+        if (status == LAPD_OK) {
+            status = lapd_params_set_delta(context, params, 1.5 * cbrt(spacing[0] * spacing[1] * spacing[2]));
+        }
+    }
+    if (status == LAPD_OK && !o->has_size) {
+        status = lapd_params_get_delta(params, &delta);
+        if (status == LAPD_OK) {
+            status = lapd_params_set_size(context, params, 2 * delta);
+        }
+    }
+    return status;
+}
+
+/* ---- The program ---- */
+
+/* Everything from the image on. Returns the exit status. */
+static int run(lapd_context *context, lapd_params *params, const options *o, progress_line *line) {
+    int exit_status = EXIT_FAILED;
+    lapd_image *image = NULL;
+    lapd_mesh *mesh = NULL;
+    summary s;
+    file_seconds seconds = {0, 0, 0};
+    memset(&s, 0, sizeof s);
+    const double start = now();
+
+    lapd_status status = lapd_image_read(context, o->input, &image);
+    seconds.read = now() - start;
+    if (status == LAPD_OK)
+        status = set_defaults(context, params, image, o);
+    if (status == LAPD_OK)
+        status = lapd_mesh_image(context, image, params, &mesh);
+    lapd_image_free(image);
+    clear_progress(line);
+    if (status != LAPD_OK) {
+        complain("%s", lapd_context_last_error(context));
+        goto done;
+    }
+
+    const double write_start = now();
+    for (size_t i = 0; i < o->output_count; i++) {
+        if (lapd_mesh_write(context, mesh, o->outputs[i]) != LAPD_OK) {
+            complain("%s", lapd_context_last_error(context));
+            goto done;
+        }
+    }
+    seconds.write = now() - write_start;
+    seconds.total = now() - start;
+
+    status = summarize(mesh, &s);
+    if (status != LAPD_OK) {
+        complain("%s", lapd_status_message(status));
+        goto done;
+    }
+    if (o->report != NULL && !save_report(o, params, &s, &seconds)) {
+        goto done;
+    }
+    if (!o->quiet) {
+        print_table(&s, &seconds);
+    }
+    exit_status = EXIT_SUCCESS;
+
+done:
+    free(s.rows);
+    lapd_mesh_free(mesh);
+    return exit_status;
+}
+
+int main(int argc, char **argv) {
+    for (int i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) {
+            fputs(USAGE, stdout);
+            return EXIT_SUCCESS;
+        }
+        if (strcmp(argv[i], "--version") == 0) {
+            puts(lapd_version());
+            return EXIT_SUCCESS;
+        }
+    }
+
+    int exit_status = EXIT_FAILED;
+    lapd_context *context = NULL;
+    lapd_params *params = NULL;
+    options o;
+    progress_line line = {0, false};
+    memset(&o, 0, sizeof o);
+    if (lapd_context_create(&context) != LAPD_OK || lapd_params_create(&params) != LAPD_OK) {
+        complain("the library does not start");
+    } else if (!parse_options(argc, argv, context, params, &o)) {
+        exit_status = EXIT_USAGE;
+    } else {
+        cancel_on_interrupt(context);
+        lapd_context_set_log(context, show_warning, &line);
+        if (!o.quiet && isatty(STDERR_FILENO)) {
+            lapd_context_set_progress(context, show_progress, &line);
+        }
+        exit_status = run(context, params, &o, &line);
+        signal(SIGINT, SIG_DFL);
+    }
+    free(o.outputs);
+    lapd_params_free(params);
+    lapd_context_free(context);
+    return exit_status;
+}

@@ -1,0 +1,285 @@
+/* The report of mesh_image: a readable table, and one JSON object. */
+#define _POSIX_C_SOURCE 200809L
+
+#include "report.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+/* ---- The table ---- */
+
+lapd_status summarize(const lapd_mesh *mesh, summary *s) {
+    s->counts.struct_size = sizeof s->counts;
+    s->timings.struct_size = sizeof s->timings;
+    s->operations.struct_size = sizeof s->operations;
+    s->quality.struct_size = sizeof s->quality;
+    s->certificate.struct_size = sizeof s->certificate;
+    lapd_status status = lapd_mesh_get_counts(mesh, &s->counts);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_timings(mesh, &s->timings);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_operations(mesh, &s->operations);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_quality(mesh, &s->quality);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_certificate(mesh, &s->certificate);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_label_row_count(mesh, &s->row_count);
+    if (status != LAPD_OK) {
+        return status;
+    }
+    s->rows = calloc(s->row_count + 1, sizeof *s->rows);
+    if (s->rows == NULL) {
+        return LAPD_ERROR_OUT_OF_MEMORY;
+    }
+    for (size_t i = 0; i < s->row_count && status == LAPD_OK; i++) {
+        s->rows[i].struct_size = sizeof s->rows[i];
+        status = lapd_mesh_get_label_row(mesh, i, &s->rows[i]);
+    }
+    return status;
+}
+
+/* Volume error of a label in percent. */
+static double volume_error(const lapd_label_row *row) {
+    return row->image_volume > 0 ? 100 * (row->mesh_volume / row->image_volume - 1) : 0;
+}
+
+/* The worst label first. */
+static int by_volume_error(const void *a, const void *b) {
+    double x = fabs(volume_error(a)), y = fabs(volume_error(b));
+    return (x < y) - (x > y);
+}
+
+void print_table(const summary *s, const file_seconds *seconds) {
+    const lapd_quality *q = &s->quality;
+    const lapd_certificate *c = &s->certificate;
+    enum { WORST = 10, BAR = 40 };
+    double mesh_volume = 0, image_volume = 0;
+    for (size_t i = 0; i < s->row_count; i++) {
+        mesh_volume += s->rows[i].mesh_volume;
+        image_volume += s->rows[i].image_volume;
+    }
+    printf("tets                 %12llu\n", (unsigned long long)s->counts.tissue_tets);
+    printf("vertices             %12llu\n", (unsigned long long)s->counts.vertices);
+    printf("interface facets     %12llu\n", (unsigned long long)s->counts.interface_facets);
+    printf("volume               %12.6g  (image %.6g, %+.3f %%)\n", mesh_volume, image_volume,
+           image_volume > 0 ? 100 * (mesh_volume / image_volume - 1) : 0);
+    printf("dihedral angles      %12.2f to %.2f degrees\n", q->min_dihedral, q->max_dihedral);
+    printf("largest radius-edge  %12.3f\n", q->max_radius_edge);
+    printf("smallest facet angle %12.2f degrees\n", q->min_facet_angle);
+    printf("seconds              %12.2f  (read %.2f, distance %.2f, refine %.2f, extract %.2f, certify %.2f, write "
+           "%.2f)\n",
+           seconds->total, seconds->read, s->timings.distance, s->timings.refine, s->timings.extract,
+           s->timings.certify, seconds->write);
+
+    uint64_t largest = 1, all = 0;
+    for (int i = 0; i < 18; i++) {
+        largest = q->dihedral_histogram[i] > largest ? q->dihedral_histogram[i] : largest;
+        all += q->dihedral_histogram[i];
+    }
+    printf("\ndihedral angles, degrees\n");
+    for (int i = 0; i < 18; i++) {
+        static const char bar[BAR + 1] = "########################################";
+        uint64_t n = q->dihedral_histogram[i];
+        printf("  %3d-%-3d %6.2f %% %.*s\n", 10 * i, 10 * (i + 1), all > 0 ? 100.0 * (double)n / (double)all : 0.0,
+               (int)(BAR * (double)n / (double)largest + 0.5), bar);
+    }
+
+    lapd_label_row *worst = malloc((s->row_count + 1) * sizeof *worst);
+    if (worst != NULL && s->row_count > 0) {
+        memcpy(worst, s->rows, s->row_count * sizeof *worst);
+        qsort(worst, s->row_count, sizeof *worst, by_volume_error);
+        size_t shown = s->row_count < WORST ? s->row_count : WORST;
+        printf("\n%zu labels%s\n", s->row_count, shown < s->row_count ? ", those with the largest volume error:" : "");
+        printf("       label       tets       volume        image    error  parts (image)\n");
+        for (size_t i = 0; i < shown; i++) {
+            printf("  %10lld %10llu %12.6g %12.6g %+7.2f%%  %llu (%llu)\n", (long long)worst[i].label,
+                   (unsigned long long)worst[i].tets, worst[i].mesh_volume, worst[i].image_volume,
+                   volume_error(&worst[i]), (unsigned long long)worst[i].components_mesh,
+                   (unsigned long long)worst[i].components_image);
+        }
+    }
+    free(worst);
+
+    printf("\ncertificate\n");
+    printf("  non-Delaunay facets %llu, inverted tets %llu, orphan vertices %llu, open edges %llu\n",
+           (unsigned long long)c->non_delaunay_facets, (unsigned long long)c->inverted_tets,
+           (unsigned long long)c->orphan_vertices, (unsigned long long)c->open_edges);
+    printf("  mesh to image: mean %.3f, largest %.3f; image to mesh: mean %.3f, largest %.3f\n", c->mesh_to_image_mean,
+           c->mesh_to_image_max, c->image_to_mesh_mean, c->image_to_mesh_max);
+    printf("  unmet rules:");
+    for (int i = 0; i < 6; i++) {
+        printf(" R%d %llu%s", i + 1, (unsigned long long)c->unmet[i], i < 5 ? "," : "\n");
+    }
+}
+
+/* ---- The JSON report ---- */
+
+/* The bytes of the UTF-8 sequence at `s`, or 0 if it is not one. */
+static size_t utf8_length(const unsigned char *s) {
+    static const unsigned char least_second[] = {0xE0, 0xA0, 0xF0, 0x90};
+    size_t length = s[0] < 0x80                   ? 1
+                    : s[0] >= 0xC2 && s[0] < 0xE0 ? 2
+                    : (s[0] & 0xF0) == 0xE0       ? 3
+                    : s[0] >= 0xF0 && s[0] < 0xF5 ? 4
+                                                  : 0;
+    for (size_t i = 1; i < length; i++) {
+        if ((s[i] & 0xC0) != 0x80) {
+            return 0;
+        }
+    }
+    /* Overlong forms, surrogates, and what lies beyond U+10FFFF. */
+    if ((s[0] == least_second[0] && s[1] < least_second[1]) || (s[0] == least_second[2] && s[1] < least_second[3]) ||
+        (s[0] == 0xED && s[1] > 0x9F) || (s[0] == 0xF4 && s[1] > 0x8F)) {
+        return 0;
+    }
+    return length;
+}
+
+static void json_string(FILE *file, const char *text) {
+    fputc('"', file);
+    for (const unsigned char *s = (const unsigned char *)text; *s != '\0';) {
+        size_t length = utf8_length(s);
+        if (length == 0) {
+            fputs("\\ufffd", file);
+            length = 1;
+        } else if (*s == '"' || *s == '\\') {
+            fprintf(file, "\\%c", *s);
+        } else if (*s < 0x20) {
+            fprintf(file, "\\u%04x", *s);
+        } else {
+            fwrite(s, 1, length, file);
+        }
+        s += length;
+    }
+    fputc('"', file);
+}
+
+/* JSON has no infinities and no NaN. */
+static void json_number(FILE *file, const char *before, const char *name, double value) {
+    if (isfinite(value)) {
+        fprintf(file, "%s\"%s\": %.17g", before, name, value);
+    } else {
+        fprintf(file, "%s\"%s\": null", before, name);
+    }
+}
+
+static void json_count(FILE *file, const char *before, const char *name, uint64_t value) {
+    fprintf(file, "%s\"%s\": %llu", before, name, (unsigned long long)value);
+}
+
+static uint64_t peak_memory(void) {
+    struct rusage usage;
+    return getrusage(RUSAGE_SELF, &usage) == 0 ? 1024 * (uint64_t)usage.ru_maxrss : 0;
+}
+
+static void write_json(FILE *f, const options *o, const lapd_params *params, const summary *s,
+                       const file_seconds *seconds) {
+    double delta = NAN, size = NAN;
+    size_t threads = 0;
+    lapd_params_get_delta(params, &delta);
+    lapd_params_get_size(params, &size);
+    lapd_params_get_threads(params, &threads);
+
+    fprintf(f, "{\n  \"version\": \"%s\",\n  \"input\": ", lapd_version());
+    json_string(f, o->input);
+    json_number(f, ",\n  ", "delta", delta);
+    json_number(f, ",\n  ", "size", size);
+    json_count(f, ",\n  ", "threads", threads);
+    fputs(",\n  \"algorithm\": \"podm\"", f);
+    json_count(f, ",\n  ", "tets", s->counts.tissue_tets);
+    json_count(f, ",\n  ", "vertices", s->counts.vertices);
+    json_count(f, ",\n  ", "interface_facets", s->counts.interface_facets);
+    json_count(f, ",\n  ", "all_tets", s->counts.all_tets);
+    json_count(f, ",\n  ", "all_vertices", s->counts.all_vertices);
+    json_count(f, ",\n  ", "peak_rss_bytes", peak_memory());
+
+    fputs(",\n  \"seconds\": {", f);
+    json_number(f, "", "read", seconds->read);
+    json_number(f, ", ", "distance", s->timings.distance);
+    json_number(f, ", ", "refine", s->timings.refine);
+    /* This version does not optimise, and one thread has no overhead: the fields are there for those who compare. */
+    json_number(f, ", ", "optimize", 0);
+    json_number(f, ", ", "extract", s->timings.extract);
+    json_number(f, ", ", "certify", s->timings.certify);
+    json_number(f, ", ", "write", seconds->write);
+    json_number(f, ", ", "total", seconds->total);
+
+    fputs("},\n  \"operations\": {", f);
+    json_count(f, "", "insertions", s->operations.insertions);
+    json_count(f, ", ", "removals", s->operations.removals);
+    json_count(f, ", ", "rollbacks", s->operations.rollbacks);
+    json_count(f, ", ", "exact_predicates", s->operations.exact_predicates);
+    fputs("},\n  \"overhead\": {\"rollback_s\": 0, \"idle_s\": 0, \"remote_s\": 0, \"remote_accesses\": 0, "
+          "\"local_accesses\": 0}",
+          f);
+
+    fputs(",\n  \"quality\": {", f);
+    json_number(f, "", "min_dihedral", s->quality.min_dihedral);
+    json_number(f, ", ", "max_dihedral", s->quality.max_dihedral);
+    json_number(f, ", ", "max_radius_edge", s->quality.max_radius_edge);
+    json_number(f, ", ", "min_facet_angle", s->quality.min_facet_angle);
+    fputs(", \"dihedral_histogram\": [", f);
+    for (int i = 0; i < 18; i++) {
+        fprintf(f, "%s%llu", i > 0 ? ", " : "", (unsigned long long)s->quality.dihedral_histogram[i]);
+    }
+
+    const lapd_certificate *c = &s->certificate;
+    fputs("]},\n  \"certificate\": {", f);
+    json_count(f, "", "non_delaunay_facets", c->non_delaunay_facets);
+    json_count(f, ", ", "inverted_tets", c->inverted_tets);
+    json_count(f, ", ", "orphan_vertices", c->orphan_vertices);
+    json_count(f, ", ", "open_edges", c->open_edges);
+    json_number(f, ", ", "hausdorff_mesh_to_image", c->mesh_to_image_max);
+    json_number(f, ", ", "hausdorff_image_to_mesh", c->image_to_mesh_max);
+    json_number(f, ", ", "mean_mesh_to_image", c->mesh_to_image_mean);
+    json_number(f, ", ", "mean_image_to_mesh", c->image_to_mesh_mean);
+    fputs(", \"unmet\": {", f);
+    for (int i = 0; i < 6; i++) {
+        fprintf(f, "%s\"R%d\": %llu", i > 0 ? ", " : "", i + 1, (unsigned long long)c->unmet[i]);
+    }
+
+    fputs("}},\n  \"labels\": [", f);
+    for (size_t i = 0; i < s->row_count; i++) {
+        const lapd_label_row *row = &s->rows[i];
+        fprintf(f, "%s\n    {\"label\": %lld", i > 0 ? "," : "", (long long)row->label);
+        json_count(f, ", ", "tets", row->tets);
+        json_number(f, ", ", "mesh_volume", row->mesh_volume);
+        json_number(f, ", ", "image_volume", row->image_volume);
+        json_count(f, ", ", "image_voxels", row->image_voxels);
+        json_count(f, ", ", "components_image", row->components_image);
+        json_count(f, ", ", "components_mesh", row->components_mesh);
+        fputc('}', f);
+    }
+    fputs("\n  ]\n}\n", f);
+}
+
+/* Writes the report beside its place and moves it there, so that nobody ever reads half of one. */
+bool save_report(const options *o, const lapd_params *params, const summary *s, const file_seconds *seconds) {
+    size_t length = strlen(o->report) + 32;
+    char *temporary = malloc(length);
+    if (temporary == NULL) {
+        complain("out of memory");
+        return false;
+    }
+    snprintf(temporary, length, "%s.%ld.tmp", o->report, (long)getpid());
+    FILE *file = fopen(temporary, "w");
+    bool ok = file != NULL;
+    if (ok) {
+        write_json(file, o, params, s, seconds);
+        ok = !ferror(file);
+        ok = fclose(file) == 0 && ok;
+        ok = ok && rename(temporary, o->report) == 0;
+    }
+    if (!ok) {
+        complain("%s: %s", o->report, strerror(errno));
+        remove(temporary);
+    }
+    free(temporary);
+    return ok;
+}

@@ -1,0 +1,49 @@
+/* The report of mesh_image: what its table and its JSON file say about a mesh. */
+#ifndef MESH_IMAGE_REPORT_H
+#define MESH_IMAGE_REPORT_H
+
+#include <lapd.h>
+#include <stdbool.h>
+#include <stddef.h>
+
+/* What the command line asks for. Parameters go straight to the library's handle, which checks them. */
+typedef struct {
+    const char *input;
+    const char **outputs;
+    size_t output_count;
+    const char *report;
+    bool has_delta;
+    bool has_size;
+    bool quiet;
+} options;
+
+/* Seconds that only this program can know. */
+typedef struct {
+    double read;
+    double write;
+    double total;
+} file_seconds;
+
+/* All that the library knows about a mesh, the arrays apart. */
+typedef struct {
+    lapd_counts counts;
+    lapd_timings timings;
+    lapd_operations operations;
+    lapd_quality quality;
+    lapd_certificate certificate;
+    lapd_label_row *rows;
+    size_t row_count;
+} summary;
+
+/* Prints one line on stderr. */
+void complain(const char *format, ...);
+
+/* Fills `s`, whose rows the caller frees. */
+lapd_status summarize(const lapd_mesh *mesh, summary *s);
+
+void print_table(const summary *s, const file_seconds *seconds);
+
+/* Writes the JSON report. Returns false, with a message on stderr, when it cannot be written. */
+bool save_report(const options *o, const lapd_params *params, const summary *s, const file_seconds *seconds);
+
+#endif
