@@ -1,0 +1,157 @@
+#!/bin/sh
+# Tests of the example program: options, exit codes, messages, report. sh example.sh MESH_IMAGE WORK
+set -u
+mesh_image=$1 work=$2
+rm -rf "$work"
+mkdir -p "$work"
+cd "$work" || exit 1
+failed=0
+
+fail() {
+    echo "FAILED: $*"
+    failed=1
+}
+
+# expect STATUS LINES ARGUMENT...: exit status, and the number of lines on stderr.
+expect() {
+    wanted=$1 lines=$2
+    shift 2
+    "$mesh_image" "$@" >out 2>err
+    got=$?
+    [ "$got" -eq "$wanted" ] || fail "mesh_image $*: exit status $got, wanted $wanted: $(cat err)"
+    [ "$(wc -l <err)" -eq "$lines" ] || fail "mesh_image $*: wanted $lines lines on stderr: $(cat err)"
+}
+
+# A box of label 1 with one of label 2 in it, 12 voxels wide.
+phantom() {
+    printf 'NRRD0004\ntype: uchar\ndimension: 3\nsizes: 12 12 12\nencoding: raw\nspacings: 1 1 1\n\n'
+    awk 'BEGIN {
+        for (z = 0; z < 12; z++) for (y = 0; y < 12; y++) for (x = 0; x < 12; x++) {
+            outer = x > 0 && x < 11 && y > 0 && y < 11 && z > 0 && z < 11
+            inner = x > 3 && x < 8 && y > 3 && y < 8 && z > 3 && z < 8
+            printf "%s", inner ? "2" : outer ? "1" : "0"
+        }
+    }' | tr '012' '\000\001\002'
+}
+phantom >box.nrrd
+
+# Bad usage: status 2, a message and a hint.
+expect 2 2
+expect 2 2 box.nrrd
+expect 2 2 -o a.vtu
+expect 2 2 box.nrrd box.nrrd -o a.vtu
+expect 2 2 box.nrrd -o
+expect 2 2 box.nrrd -o a.vtu --nonsense
+expect 2 2 box.nrrd -o a.vtu --delta
+expect 2 2 box.nrrd -o a.vtu --delta x
+expect 2 2 box.nrrd -o a.vtu --delta 1x
+expect 2 2 box.nrrd -o a.vtu --delta -1
+expect 2 2 box.nrrd -o a.vtu --delta nan
+expect 2 2 box.nrrd -o a.vtu --size 0
+expect 2 2 box.nrrd -o a.vtu --radius-edge 1
+expect 2 2 box.nrrd -o a.vtu --facet-angle 40
+expect 2 2 box.nrrd -o a.vtu --label-size 1
+expect 2 2 box.nrrd -o a.vtu --label-size 1=
+expect 2 2 box.nrrd -o a.vtu --label-size 1=-2
+expect 2 2 box.nrrd -o a.vtu --keep 1,
+expect 2 2 box.nrrd -o a.vtu --keep ''
+expect 2 2 box.nrrd -o a.vtu --keep 99999999999
+expect 2 2 box.nrrd -o a.vtu --surface round
+expect 2 2 box.nrrd -o a.vtu --max-vertices -3
+expect 2 2 box.nrrd -o a.vtu --threads 0
+# Options of later versions are refused, not ignored.
+expect 2 2 box.nrrd -o a.vtu --threads 2
+expect 2 2 box.nrrd -o a.vtu --algorithm lapd
+expect 2 2 box.nrrd -o a.vtu --contention global
+expect 2 2 box.nrrd -o a.vtu --contention random
+expect 2 2 box.nrrd -o a.vtu --contention aggressive
+expect 2 2 box.nrrd -o a.vtu --topology 'node:2 core:4'
+expect 2 2 box.nrrd -o a.vtu --optimize
+[ ! -e a.vtu ] || fail "bad usage wrote a mesh"
+
+# Failures: status 1, one line that names the file.
+expect 1 1 missing.nrrd -o a.vtu --quiet
+grep -q missing.nrrd err || fail "the message does not name the file"
+head -c 300 box.nrrd >cut.nrrd
+expect 1 1 cut.nrrd -o a.vtu --quiet
+grep -q cut.nrrd err || fail "the message does not name the file"
+expect 1 1 box.nrrd -o a.nonsense --quiet
+expect 1 1 box.nrrd -o no/such/folder/a.vtu --quiet
+expect 1 1 box.nrrd -o a.vtu --report no/such/folder/a.json --quiet
+expect 1 1 box.nrrd -o a.vtu --max-vertices 9 --quiet
+rm -f a.vtu
+
+# Success: status 0, nothing on stderr.
+expect 0 0 --help
+grep -q 'usage:' out || fail "--help prints no usage"
+grep -q -e '--delta' out || fail "--help does not say what --delta is"
+expect 0 0 --version
+expect 0 0 box.nrrd -o a.vtu
+grep -q 'tets' out || fail "no table"
+grep -q 'certificate' out || fail "no certificate"
+[ -s a.vtu ] || fail "a.vtu was not written"
+expect 0 0 box.nrrd -o b.vtu -o b.mesh -o b.stl --delta 1 --size 2 --label-size 2=1 --radius-edge 2.5 --facet-angle 25 \
+    --threads 1 --algorithm podm --contention local --no-optimize --surface smooth --max-vertices 1000000 --quiet
+[ -s b.vtu ] && [ -s b.mesh ] && [ -s b.stl ] || fail "not all outputs were written"
+[ ! -s out ] || fail "--quiet printed: $(cat out)"
+expect 0 0 box.nrrd -o k.vtu --keep 2 --report k.json --quiet
+expect 0 0 box.nrrd -o v.vtu --surface voxel --report v.json --quiet
+expect 0 0 box.nrrd -o g.vtu --background --report g.json --quiet
+
+# The report, of a file whose name is a trial for JSON.
+odd=$(printf 'odd "name" \\ \t \303\244 \377.nrrd')
+cp box.nrrd "$odd"
+expect 0 0 "$odd" -o odd.vtu --report odd.json --quiet
+for left in *.tmp; do
+    [ ! -e "$left" ] || fail "$left was left behind"
+done
+if command -v python3 >/dev/null 2>&1; then
+    python3 - <<'END' || failed=1
+import json
+
+def load(name):
+    with open(name, encoding="utf-8") as file:
+        return json.load(file)
+
+odd, keep, background = load("odd.json"), load("k.json"), load("g.json")
+assert odd["input"] == 'odd "name" \\ \t \u00e4 \ufffd.nrrd', odd["input"]
+keys = """version input delta size threads algorithm tets vertices interface_facets all_tets peak_rss_bytes seconds operations
+overhead quality certificate labels""".split()
+assert all(key in odd for key in keys), [key for key in keys if key not in odd]
+inner = {
+    "seconds": "read distance refine optimize extract write total",
+    "operations": "insertions removals rollbacks exact_predicates",
+    "overhead": "rollback_s idle_s remote_s remote_accesses local_accesses",
+    "quality": "min_dihedral max_dihedral max_radius_edge min_facet_angle dihedral_histogram",
+    "certificate": "non_delaunay_facets inverted_tets hausdorff_mesh_to_image hausdorff_image_to_mesh unmet",
+}
+for key, names in inner.items():
+    assert all(name in odd[key] for name in names.split()), key
+assert len(odd["quality"]["dihedral_histogram"]) == 18
+assert sorted(odd["certificate"]["unmet"]) == ["R1", "R2", "R3", "R4", "R5", "R6"]
+assert odd["delta"] == 1.5 and odd["size"] == 3 and odd["threads"] == 1 and odd["algorithm"] == "podm"
+assert [row["label"] for row in odd["labels"]] == [1, 2]
+assert odd["tets"] == sum(row["tets"] for row in odd["labels"]) > 0
+assert odd["peak_rss_bytes"] > 1 << 20
+assert [row["label"] for row in keep["labels"]] == [2], keep["labels"]
+assert background["all_tets"] >= background["tets"] > 0
+END
+else
+    echo "SKIPPED: the JSON report, python3 is missing"
+fi
+
+# Ctrl-C: one line, status 1. An image that takes long enough.
+if command -v timeout >/dev/null 2>&1; then
+    timeout --preserve-status -s INT 1 "$mesh_image" box.nrrd -o slow.vtu --delta 0.05 --size 0.1 --quiet >out 2>err
+    case $? in
+    0) echo "SKIPPED: Ctrl-C, the run took less than a second" ;;
+    1)
+        [ "$(cat err)" = "mesh_image: cancelled" ] || fail "Ctrl-C: $(cat err)"
+        [ ! -e slow.vtu ] || fail "Ctrl-C left a mesh"
+        ;;
+    *) fail "Ctrl-C: wrong exit status" ;;
+    esac
+else
+    echo "SKIPPED: Ctrl-C, timeout is missing"
+fi
+exit $failed

@@ -1,0 +1,134 @@
+#!/bin/sh
+# Installs what is missing and runs every test, Rust and C. Ends with a line "N passed, N failed"; the exit status is 0 only if
+# none failed. What was not tested is said in lines that start with SKIPPED.
+#
+# Logs are kept in build/logs. Real images are looked for in LAPD_IMAGES or in ../shared/images.
+set -u
+
+root=$(cd "$(dirname "$0")/.." && pwd)
+cd "$root" || exit 1
+build=$root/build
+logs=$build/logs
+mkdir -p "$logs"
+rm -f "$logs"/*
+PATH=$PATH:${CARGO_HOME:-$HOME/.cargo}/bin
+passed=0
+failed=0
+skipped=$logs/skipped
+: >"$skipped"
+
+have() {
+    command -v "$1" >/dev/null 2>&1
+}
+
+skip() {
+    echo "SKIPPED: $*" | tee -a "$skipped"
+}
+
+# step NAME COMMAND...: runs a command, shows its output only if it fails. Counts as one test, beside those that it may run.
+step() {
+    name=$1
+    shift
+    start=$(date +%s)
+    if "$@" >"$logs/$name.log" 2>&1; then
+        passed=$((passed + 1))
+        printf 'ok      %-14s %4d s\n' "$name" $(($(date +%s) - start))
+    else
+        failed=$((failed + 1))
+        printf 'FAILED  %-14s %4d s: %s\n' "$name" $(($(date +%s) - start)) "$*"
+        tail -n 60 "$logs/$name.log" | sed 's/^/    /'
+        return 1
+    fi
+}
+
+# ---- What is needed ----
+
+have cargo || {
+    echo "run.sh: cargo was not found; install a Rust toolchain first (https://rustup.rs)" >&2
+    exit 1
+}
+missing=
+have cc || missing="$missing gcc libc6-dev"
+have c++ || missing="$missing g++"
+have make || missing="$missing make"
+have cmake || missing="$missing cmake"
+have pkg-config || missing="$missing pkg-config"
+have nm || missing="$missing binutils"
+have clang-format || missing="$missing clang-format"
+have python3 || missing="$missing python3"
+[ -e /usr/share/mricron/templates/aal.nii.gz ] || missing="$missing mricron-data"
+if [ -n "$missing" ]; then
+    echo "installing$missing"
+    sudo=
+    [ "$(id -u)" -eq 0 ] || sudo=sudo
+    install_packages() {
+        # Word splitting is wanted: one word for each package.
+        $sudo apt-get update -q && DEBIAN_FRONTEND=noninteractive $sudo apt-get install -q -y --no-install-recommends $missing
+    }
+    step apt install_packages
+fi
+
+# ---- Form ----
+
+if cargo fmt --version >/dev/null 2>&1; then
+    step rustfmt cargo fmt --check
+else
+    skip "rustfmt, this toolchain has none (rustup component add rustfmt)"
+fi
+if have clang-format; then
+    step clang-format clang-format --dry-run -Werror examples/*.c examples/*.h c-tests/*.c c-tests/*.h c-tests/consumer/*.c \
+        c-tests/consumer/*.cpp
+else
+    skip "clang-format is missing"
+fi
+if cargo clippy --version >/dev/null 2>&1; then
+    step clippy cargo clippy --quiet --locked --all-targets -- -D warnings
+else
+    skip "clippy, this toolchain has none (rustup component add clippy)"
+fi
+
+# ---- Rust: unit tests, the stale header, licences, real images ----
+
+cargo_tests() {
+    cargo test --locked --no-fail-fast -- --show-output
+}
+step cargo-test cargo_tests
+sum() {
+    sed -n "s/^test result: .* \([0-9][0-9]*\) $1;.*/\1/p" "$logs/cargo-test.log" | awk '{ n += $1 } END { print n + 0 }'
+}
+passed=$((passed + $(sum passed)))
+failed=$((failed + $(sum failed)))
+grep -h '^ *SKIPPED' "$logs/cargo-test.log" | sort -u | tee -a "$skipped"
+
+# ---- C: build and install as users do, then the tests ----
+
+build_package() {
+    cmake -S . -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX="$build/install" -DCMAKE_INSTALL_LIBDIR=lib \
+        -DLAPD_CARGO_TARGET_DIR="$root/target" && cmake --build "$build/cmake" && cmake --install "$build/cmake"
+}
+build_examples() {
+    cmake -S examples -B "$build/examples" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$build/install" \
+        -DCMAKE_RUNTIME_OUTPUT_DIRECTORY="$build/bin" -DCMAKE_C_FLAGS=-Werror && cmake --build "$build/examples"
+}
+build_tests() {
+    cmake -S c-tests -B "$build/c-tests" -DCMAKE_PREFIX_PATH="$build/install" -DLAPD_INSTALLED="$build/install" \
+        -DLAPD_CARGO_TARGET_DIR="$root/target" -DMESH_IMAGE="$build/bin/mesh_image" && cmake --build "$build/c-tests"
+}
+if step package build_package && step examples build_examples && step c-build build_tests; then
+    step ctest ctest --test-dir "$build/c-tests" --output-on-failure --timeout 300
+    c_total=$(grep -c -E '^ *[0-9]+/[0-9]+ Test +#[0-9]+:' "$logs/ctest.log")
+    c_passed=$(grep -c -E '^ *[0-9]+/[0-9]+ Test +#[0-9]+:.* Passed ' "$logs/ctest.log")
+    passed=$((passed + c_passed))
+    failed=$((failed + c_total - c_passed))
+    grep -h '^SKIPPED' "$build/c-tests/Testing/Temporary/LastTest.log" | tee -a "$skipped"
+else
+    skip "the C tests, because the build failed"
+fi
+
+# ---- Sum ----
+
+if [ -s "$skipped" ]; then
+    echo "$(wc -l <"$skipped") things were SKIPPED, see above"
+fi
+echo "$passed passed, $failed failed"
+[ "$failed" -eq 0 ]

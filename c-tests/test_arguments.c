@@ -1,0 +1,359 @@
+/* Every argument NULL once, unknown enum values, values out of range, wrong sizes: refused, and nothing is written. */
+#include <limits.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "check.h"
+#include "phantom.h"
+
+#define INVALID(call) CHECK((call) == LAPD_ERROR_INVALID_ARGUMENT)
+
+static lapd_context *context;
+static lapd_image *image;
+static lapd_params *params;
+static lapd_mesh *mesh;
+
+/* Whether the last message has this text in it. */
+static bool said(const char *text) {
+    const char *message = lapd_context_last_error(context);
+    bool found = strstr(message, text) != NULL && strchr(message, '\n') == NULL;
+    if (!found) {
+        fprintf(stderr, "message: %s\n", message);
+    }
+    return found;
+}
+
+static void statuses(void) {
+    CHECK(strcmp(lapd_version(), LAPD_VERSION) == 0);
+    CHECK(strcmp(lapd_status_name(0), "LAPD_OK") == 0);
+    CHECK(strcmp(lapd_status_name(LAPD_ERROR_CANCELLED), "LAPD_ERROR_CANCELLED") == 0);
+    for (int i = -2; i < 40; i++) {
+        CHECK(strlen(lapd_status_name(i)) > 0 && strlen(lapd_status_message(i)) > 0);
+    }
+    CHECK(strcmp(lapd_status_name(-1), "LAPD_UNKNOWN_STATUS") == 0);
+    CHECK(strcmp(lapd_status_message(INT_MAX), "unknown status") == 0);
+}
+
+static void contexts(void) {
+    INVALID(lapd_context_create(NULL));
+    INVALID(lapd_context_cancel(NULL));
+    INVALID(lapd_context_reset_cancel(NULL));
+    INVALID(lapd_context_set_progress(NULL, NULL, NULL));
+    INVALID(lapd_context_set_log(NULL, NULL, NULL));
+    CHECK(strlen(lapd_context_last_error(NULL)) > 0);
+    lapd_context_free(NULL);
+
+    lapd_context *fresh = NULL;
+    CHECK(lapd_context_create(&fresh) == LAPD_OK);
+    CHECK(strcmp(lapd_context_last_error(fresh), "") == 0);
+    CHECK(lapd_context_set_progress(fresh, NULL, NULL) == LAPD_OK);
+    CHECK(lapd_context_set_log(fresh, NULL, NULL) == LAPD_OK);
+    lapd_context_free(fresh);
+}
+
+static void image_creation(void) {
+    const uint8_t data[8] = {1, 1, 1, 1, 2, 2, 2, 2};
+    const size_t dims[3] = {2, 2, 2}, flat[3] = {2, 0, 2}, huge[3] = {SIZE_MAX / 2, 3, 5};
+    const ptrdiff_t far[3] = {PTRDIFF_MAX, PTRDIFF_MIN, 1};
+    const double origin[3] = {0, 0, 0}, spacing[3] = {1, 1, 1}, zero[3] = {1, 0, 1}, nan[3] = {0, NAN, 0};
+    const double sheared[9] = {1, 0.2, 0, 0, 1, 0, 0, 0, 1}, scaled[9] = {2, 0, 0, 0, 1, 0, 0, 0, 1};
+    lapd_image *const untouched = (lapd_image *)&data;
+    lapd_image *out = untouched;
+
+    INVALID(lapd_image_create(NULL, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, &out));
+    INVALID(lapd_image_create(context, NULL, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, &out));
+    CHECK(said("data"));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, NULL, NULL, origin, spacing, NULL, &out));
+    CHECK(said("dims"));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, NULL, spacing, NULL, &out));
+    CHECK(said("origin"));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, NULL, NULL, &out));
+    CHECK(said("spacing"));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, NULL));
+    CHECK(said("image"));
+    INVALID(lapd_image_create(context, data, -1, dims, NULL, origin, spacing, NULL, &out));
+    INVALID(lapd_image_create(context, data, 8, dims, NULL, origin, spacing, NULL, &out));
+    CHECK(said("got 8"));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, flat, NULL, origin, spacing, NULL, &out));
+    CHECK(said("dims[1]"));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, huge, NULL, origin, spacing, NULL, &out));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, far, origin, spacing, NULL, &out));
+    INVALID(lapd_image_create(context, data + 1, LAPD_VOXEL_I32, dims, NULL, origin, spacing, NULL, &out));
+    CHECK(said("aligned"));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, zero, NULL, &out));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, nan, spacing, NULL, &out));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, sheared, &out));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, scaled, &out));
+    const int64_t large[1] = {INT64_C(1) << 40};
+    const size_t one[3] = {1, 1, 1};
+    INVALID(lapd_image_create(context, large, LAPD_VOXEL_I64, one, NULL, origin, spacing, NULL, &out));
+    CHECK(out == untouched);
+
+    INVALID(lapd_image_read(NULL, "a.nrrd", &out));
+    INVALID(lapd_image_read(context, NULL, &out));
+    INVALID(lapd_image_read(context, "a.nrrd", NULL));
+    CHECK(lapd_image_read(context, "no/such/file.nrrd", &out) == LAPD_ERROR_IO);
+    CHECK(said("no/such/file.nrrd"));
+    CHECK(out == untouched);
+    lapd_image_free(NULL);
+}
+
+static void image_getters(void) {
+    size_t dims[3], count = 99;
+    double values[9];
+    const int32_t *labels = NULL;
+    const char *warning = NULL;
+    INVALID(lapd_image_get_dims(NULL, dims));
+    INVALID(lapd_image_get_dims(image, NULL));
+    INVALID(lapd_image_get_origin(NULL, values));
+    INVALID(lapd_image_get_origin(image, NULL));
+    INVALID(lapd_image_get_spacing(NULL, values));
+    INVALID(lapd_image_get_spacing(image, NULL));
+    INVALID(lapd_image_get_direction(NULL, values));
+    INVALID(lapd_image_get_direction(image, NULL));
+    INVALID(lapd_image_get_labels(NULL, &labels, &count));
+    INVALID(lapd_image_get_labels(image, NULL, &count));
+    INVALID(lapd_image_get_labels(image, &labels, NULL));
+    static int32_t voxels[1000] = {9};
+    INVALID(lapd_image_copy_voxels(NULL, voxels, 1000));
+    INVALID(lapd_image_copy_voxels(image, NULL, 1000));
+    CHECK(lapd_image_copy_voxels(image, voxels, 999) == LAPD_ERROR_BUFFER_TOO_SMALL && voxels[0] == 9);
+    CHECK(lapd_image_copy_voxels(image, voxels, 1000) == LAPD_OK && voxels[0] == 0);
+    INVALID(lapd_image_get_warning_count(NULL, &count));
+    INVALID(lapd_image_get_warning_count(image, NULL));
+    INVALID(lapd_image_get_warning(NULL, 0, &warning));
+    INVALID(lapd_image_get_warning(image, 0, NULL));
+    INVALID(lapd_image_get_warning(image, 0, &warning));
+    CHECK(count == 99 && labels == NULL && warning == NULL);
+}
+
+/* The setters that take a double, with a value that each must refuse and the getter that must not change. */
+static void double_parameters(void) {
+    static const struct {
+        lapd_status (*set)(lapd_context *, lapd_params *, double);
+        lapd_status (*get)(const lapd_params *, double *);
+        double good, bad;
+    } table[] = {{lapd_params_set_delta, lapd_params_get_delta, 0.5, 0},
+                 {lapd_params_set_size, lapd_params_get_size, 1.5, -1},
+                 {lapd_params_set_radius_edge, lapd_params_get_radius_edge, 2.5, 1.9},
+                 {lapd_params_set_facet_angle, lapd_params_get_facet_angle, 25, 31}};
+    for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
+        double value = 0;
+        INVALID(table[i].set(NULL, params, table[i].good));
+        INVALID(table[i].set(context, NULL, table[i].good));
+        CHECK(table[i].set(context, params, table[i].good) == LAPD_OK);
+        INVALID(table[i].set(context, params, table[i].bad));
+        INVALID(table[i].set(context, params, NAN));
+        INVALID(table[i].set(context, params, INFINITY));
+        INVALID(table[i].get(NULL, &value));
+        INVALID(table[i].get(params, NULL));
+        CHECK(table[i].get(params, &value) == LAPD_OK && value == table[i].good);
+    }
+}
+
+/* The setters that take an enum or a flag: how many values exist, and how many of them in this version. */
+static void choice_parameters(void) {
+    static const struct {
+        lapd_status (*set)(lapd_context *, lapd_params *, int32_t);
+        lapd_status (*get)(const lapd_params *, int32_t *);
+        int32_t known, supported;
+    } table[] = {{lapd_params_set_surface, lapd_params_get_surface, 2, 2},
+                 {lapd_params_set_background, lapd_params_get_background, 2, 2},
+                 {lapd_params_set_algorithm, lapd_params_get_algorithm, 2, 1},
+                 {lapd_params_set_contention, lapd_params_get_contention, 4, 1},
+                 {lapd_params_set_optimize, lapd_params_get_optimize, 2, 1}};
+    for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
+        int32_t value = -7;
+        INVALID(table[i].set(NULL, params, 0));
+        INVALID(table[i].set(context, NULL, 0));
+        INVALID(table[i].get(NULL, &value));
+        INVALID(table[i].get(params, NULL));
+        CHECK(value == -7);
+        for (int32_t choice = table[i].known - 1; choice >= 0; choice--) {
+            lapd_status wanted = choice < table[i].supported ? LAPD_OK : LAPD_ERROR_UNSUPPORTED;
+            CHECK(table[i].set(context, params, choice) == wanted);
+            CHECK(table[i].get(params, &value) == LAPD_OK && (wanted != LAPD_OK || value == choice));
+        }
+        INVALID(table[i].set(context, params, -1));
+        INVALID(table[i].set(context, params, table[i].known));
+        INVALID(table[i].set(context, params, INT32_MIN));
+        CHECK(table[i].get(params, &value) == LAPD_OK && value == 0);
+    }
+}
+
+static void other_parameters(void) {
+    INVALID(lapd_params_create(NULL));
+    lapd_params_free(NULL);
+    size_t count = 0;
+    INVALID(lapd_params_set_threads(NULL, params, 1));
+    INVALID(lapd_params_set_threads(context, NULL, 1));
+    INVALID(lapd_params_set_threads(context, params, 0));
+    CHECK(lapd_params_set_threads(context, params, 2) == LAPD_ERROR_UNSUPPORTED);
+    CHECK(said("thread"));
+    CHECK(lapd_params_set_threads(context, params, 1) == LAPD_OK);
+    INVALID(lapd_params_get_threads(NULL, &count));
+    INVALID(lapd_params_get_threads(params, NULL));
+    CHECK(lapd_params_get_threads(params, &count) == LAPD_OK && count == 1);
+
+    INVALID(lapd_params_set_max_vertices(NULL, params, 1));
+    INVALID(lapd_params_set_max_vertices(context, NULL, 1));
+    CHECK(lapd_params_set_max_vertices(context, params, 12) == LAPD_OK);
+    INVALID(lapd_params_get_max_vertices(NULL, &count));
+    INVALID(lapd_params_get_max_vertices(params, NULL));
+    CHECK(lapd_params_get_max_vertices(params, &count) == LAPD_OK && count == 12);
+
+    double size = 0;
+    INVALID(lapd_params_set_label_size(NULL, params, 7, 1));
+    INVALID(lapd_params_set_label_size(context, NULL, 7, 1));
+    INVALID(lapd_params_set_label_size(context, params, 7, 0));
+    CHECK(said("label 7"));
+    CHECK(lapd_params_set_label_size(context, params, 7, 1) == LAPD_OK);
+    CHECK(lapd_params_set_label_size(context, params, 7, 1.25) == LAPD_OK);
+    INVALID(lapd_params_get_label_size(NULL, 7, &size));
+    INVALID(lapd_params_get_label_size(params, 7, NULL));
+    CHECK(lapd_params_get_label_size(params, 7, &size) == LAPD_OK && size == 1.25);
+    CHECK(lapd_params_get_label_size(params, 8, &size) == LAPD_OK && size == 1.5);
+    INVALID(lapd_params_clear_label_sizes(NULL, params));
+    INVALID(lapd_params_clear_label_sizes(context, NULL));
+    CHECK(lapd_params_clear_label_sizes(context, params) == LAPD_OK);
+    CHECK(lapd_params_get_label_size(params, 7, &size) == LAPD_OK && size == 1.5);
+
+    const int32_t two[2] = {7, -9};
+    const int32_t *keep = NULL;
+    INVALID(lapd_params_set_keep(NULL, params, two, 2));
+    INVALID(lapd_params_set_keep(context, NULL, two, 2));
+    INVALID(lapd_params_set_keep(context, params, NULL, 2));
+    INVALID(lapd_params_set_keep(context, params, two, SIZE_MAX));
+    CHECK(lapd_params_set_keep(context, params, two, 2) == LAPD_OK);
+    INVALID(lapd_params_get_keep(NULL, &keep, &count));
+    INVALID(lapd_params_get_keep(params, NULL, &count));
+    INVALID(lapd_params_get_keep(params, &keep, NULL));
+    CHECK(lapd_params_get_keep(params, &keep, &count) == LAPD_OK && count == 2 && keep[1] == -9);
+    CHECK(lapd_params_set_keep(context, params, NULL, 0) == LAPD_OK);
+    CHECK(lapd_params_get_keep(params, &keep, &count) == LAPD_OK && count == 0);
+}
+
+static void meshing(void) {
+    lapd_mesh *out = mesh;
+    INVALID(lapd_mesh_image(NULL, image, params, &out));
+    INVALID(lapd_mesh_image(context, NULL, params, &out));
+    INVALID(lapd_mesh_image(context, image, NULL, &out));
+    INVALID(lapd_mesh_image(context, image, params, NULL));
+    CHECK(lapd_params_set_max_vertices(context, params, 12) == LAPD_OK);
+    CHECK(lapd_mesh_image(context, image, params, &out) == LAPD_ERROR_LIMIT_REACHED);
+    CHECK(lapd_params_set_max_vertices(context, params, 0) == LAPD_OK);
+
+    uint8_t *nothing = ball_voxels(4, 0);
+    lapd_image *empty = unit_image(context, nothing, 4);
+    CHECK(lapd_mesh_image(context, empty, params, &out) == LAPD_ERROR_EMPTY_IMAGE);
+    lapd_image_free(empty);
+    free(nothing);
+    CHECK(out == mesh);
+
+    INVALID(lapd_mesh_write(NULL, mesh, "mesh.vtu"));
+    INVALID(lapd_mesh_write(context, NULL, "mesh.vtu"));
+    INVALID(lapd_mesh_write(context, mesh, NULL));
+    INVALID(lapd_mesh_write(context, mesh, "mesh.nonsense"));
+    CHECK(said("mesh.nonsense"));
+    CHECK(lapd_mesh_write(context, mesh, "no/such/folder/mesh.vtu") == LAPD_ERROR_IO);
+    lapd_mesh_free(NULL);
+}
+
+#define CHECK_ARRAY(name, type, width)                                                                                 \
+    do {                                                                                                               \
+        const type *array = NULL;                                                                                      \
+        size_t count = SIZE_MAX;                                                                                       \
+        INVALID(lapd_mesh_get_##name(NULL, &array, &count));                                                           \
+        INVALID(lapd_mesh_get_##name(mesh, NULL, &count));                                                             \
+        INVALID(lapd_mesh_get_##name(mesh, &array, NULL));                                                             \
+        CHECK(array == NULL && count == SIZE_MAX);                                                                     \
+        CHECK(lapd_mesh_get_##name(mesh, &array, &count) == LAPD_OK);                                                  \
+        size_t values = (width)*count;                                                                                 \
+        type *buffer = calloc(values + 1, sizeof *buffer);                                                             \
+        INVALID(lapd_mesh_copy_##name(NULL, buffer, values));                                                          \
+        INVALID(lapd_mesh_copy_##name(mesh, NULL, values));                                                            \
+        buffer[0] = 123;                                                                                               \
+        CHECK(lapd_mesh_copy_##name(mesh, buffer, values - 1) == LAPD_ERROR_BUFFER_TOO_SMALL);                         \
+        CHECK(lapd_mesh_copy_##name(mesh, buffer, 0) == LAPD_ERROR_BUFFER_TOO_SMALL);                                  \
+        CHECK(buffer[0] == 123);                                                                                       \
+        CHECK(lapd_mesh_copy_##name(mesh, buffer, values) == LAPD_OK);                                                 \
+        CHECK(memcmp(buffer, array, values * sizeof *buffer) == 0);                                                    \
+        CHECK(lapd_mesh_copy_##name(mesh, buffer, values + 1) == LAPD_OK);                                             \
+        free(buffer);                                                                                                  \
+    } while (0)
+
+#define CHECK_STRUCT(name)                                                                                             \
+    do {                                                                                                               \
+        lapd_##name s[2];                                                                                              \
+        memset(s, 0x55, sizeof s);                                                                                     \
+        const lapd_##name untouched = s[1];                                                                            \
+        s[0].struct_size = sizeof s[0];                                                                                \
+        INVALID(lapd_mesh_get_##name(NULL, s));                                                                        \
+        INVALID(lapd_mesh_get_##name(mesh, NULL));                                                                     \
+        s[0].struct_size = 0;                                                                                          \
+        INVALID(lapd_mesh_get_##name(mesh, s));                                                                        \
+        s[0].struct_size = sizeof s[0] - 8;                                                                            \
+        INVALID(lapd_mesh_get_##name(mesh, s));                                                                        \
+        s[0].struct_size = UINT64_MAX;                                                                                 \
+        INVALID(lapd_mesh_get_##name(mesh, s));                                                                        \
+        s[0].struct_size = sizeof s[0];                                                                                \
+        CHECK(lapd_mesh_get_##name(mesh, s) == LAPD_OK);                                                               \
+        CHECK(s[0].struct_size == sizeof s[0]);                                                                        \
+        CHECK(memcmp(&s[1], &untouched, sizeof untouched) == 0);                                                       \
+        s[0].struct_size = sizeof s[0] + 8; /* as a program of a later version would */                                \
+        CHECK(lapd_mesh_get_##name(mesh, s) == LAPD_OK);                                                               \
+        CHECK(s[0].struct_size == sizeof s[0] + 8 && s[1].struct_size == 0);                                           \
+    } while (0)
+
+static void mesh_getters(void) {
+    CHECK_ARRAY(points, double, 3);
+    CHECK_ARRAY(tets, uint32_t, 4);
+    CHECK_ARRAY(labels, int32_t, 1);
+    CHECK_ARRAY(neighbors, uint32_t, 4);
+    CHECK_ARRAY(facets, uint32_t, 3);
+    CHECK_ARRAY(facet_labels, int32_t, 2);
+    CHECK_ARRAY(facet_tets, uint32_t, 2);
+    CHECK_STRUCT(counts);
+    CHECK_STRUCT(timings);
+    CHECK_STRUCT(operations);
+    CHECK_STRUCT(quality);
+    CHECK_STRUCT(certificate);
+
+    size_t rows = 0;
+    lapd_label_row row = {.struct_size = sizeof row};
+    INVALID(lapd_mesh_get_label_row_count(NULL, &rows));
+    INVALID(lapd_mesh_get_label_row_count(mesh, NULL));
+    CHECK(lapd_mesh_get_label_row_count(mesh, &rows) == LAPD_OK && rows == 1);
+    INVALID(lapd_mesh_get_label_row(NULL, 0, &row));
+    INVALID(lapd_mesh_get_label_row(mesh, 0, NULL));
+    INVALID(lapd_mesh_get_label_row(mesh, rows, &row));
+    CHECK(lapd_mesh_get_label_row(mesh, 0, &row) == LAPD_OK && row.label == 7);
+    row.struct_size = 4;
+    INVALID(lapd_mesh_get_label_row(mesh, 0, &row));
+}
+
+int main(void) {
+    uint8_t *voxels = ball_voxels(10, 3.5);
+    CHECK(lapd_context_create(&context) == LAPD_OK);
+    image = unit_image(context, voxels, 10);
+    params = params_with_delta(context, 1);
+    CHECK(lapd_mesh_image(context, image, params, &mesh) == LAPD_OK);
+    free(voxels);
+
+    statuses();
+    contexts();
+    image_creation();
+    image_getters();
+    double_parameters();
+    choice_parameters();
+    other_parameters();
+    meshing();
+    mesh_getters();
+
+    lapd_mesh_free(mesh);
+    lapd_params_free(params);
+    lapd_image_free(image);
+    lapd_context_free(context);
+    return RESULT;
+}
