@@ -246,7 +246,7 @@ impl Triangulation {
         Ok(chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32)
     }
 
-    /// Whether `facet` names a vertex slot that matches [`NO_VERTEX`]; used by the validator on free slots.
+    /// Whether the record of a slot says that it is free.
     pub(super) fn is_cleared(&self, t: TetId) -> bool {
         self.tet(t).vertices()[0] == NO_VERTEX
     }

@@ -190,17 +190,13 @@ impl Oracle {
     /// Label and clearance at the cost of about one of them: away from dO the label is that of the nearest voxel.
     #[inline]
     pub fn sample(&self, p: DVec3) -> Sample {
-        self.sample_at(self.region_point(p))
+        self.approach(p).sample
     }
 
     /// All that the oracle knows of `p` at once: label, clearance, and on the way where the closest surface point is looked for.
     #[inline]
     pub fn approach(&self, p: DVec3) -> Approach {
-        let x = self.region_point(p);
-        let nearest = self.nearest(x);
-        let clearance = self.clearance_from(&nearest);
-        let label = if clearance > 0.0 { self.far_label(&nearest) } else { self.label_at(x) };
-        Approach { x, at: nearest.at, sample: Sample { label, clearance } }
+        self.approach_at(self.region_point(p))
     }
 
     /// A point whose label is not that of the approach's: the closest surface point lies on the segment from the approach's point to it.
@@ -236,7 +232,7 @@ impl Oracle {
         let x = self.region_point(a);
         let target = self.region_point(b);
         let length = ((target - x) * self.spacing).length();
-        let Sample { label: from, clearance } = self.sample_at(x);
+        let Sample { label: from, clearance } = self.approach_at(x).sample;
         if clearance >= length {
             return None;
         }
@@ -306,11 +302,11 @@ impl Oracle {
     }
 
     #[inline(always)]
-    fn sample_at(&self, x: DVec3) -> Sample {
+    fn approach_at(&self, x: DVec3) -> Approach {
         let nearest = self.nearest(x);
         let clearance = self.clearance_from(&nearest);
         let label = if clearance > 0.0 { self.far_label(&nearest) } else { self.label_at(x) };
-        Sample { label, clearance }
+        Approach { x, at: nearest.at, sample: Sample { label, clearance } }
     }
 
     /// The cell that holds a point of the region.

@@ -224,10 +224,8 @@ impl<'a> Rules<'a> {
         let misshapen = vertices.iter().any(|&v| self.triangulation.vertex(v).kind() != VertexKind::Isovertex)
             || largest_cosine(a, b, c) > self.facet_cosine;
         // A good facet is asked for its surface center only where that lies on the interface of the finished mesh.
-        if !misshapen && !is_interface {
-            return None;
-        }
-        if !misshapen && !self.strays(facet, [here.center, there.center], [self.label(t), self.label(neighbor.tet())]) {
+        let strays = || self.strays(facet, [here.center, there.center], [self.label(t), self.label(neighbor.tet())]);
+        if !(misshapen || is_interface && strays()) {
             return None;
         }
         // A segment that crosses more than once has one surface center, whichever side is asked.
