@@ -8,11 +8,12 @@
 
 use glam::DVec3;
 
-use super::{Oracle, indicator};
+use super::{Oracle, border::Border, indicator};
 use crate::params::SurfaceModel;
 
 /// Width of the final bracket.
 const TOLERANCE: f64 = 5e-4;
+
 /// The points from + t * way, in region coordinates, and what does not change along them.
 struct Line {
     from: DVec3,
@@ -36,23 +37,24 @@ impl Line {
         self.from + self.way * t
     }
 
-    /// Position of t in a cell, moved to its nearest point: rounding may place the ends of the line's part in the cell just outside.
+    /// Position in a cell of the point that has the label of t, moved to its nearest point: rounding may place the ends of the line's part in the cell just outside.
     #[inline(always)]
-    fn in_cell(&self, t: f64, cell: [usize; 3]) -> [f32; 3] {
-        let x = self.at(t);
+    fn in_cell(&self, t: f64, cell: [usize; 3], border: &Border) -> [f32; 3] {
+        // In one cell either no point is projected along an axis or all are, so that the part of the line stays straight.
+        let x = border.extend(self.at(t));
         [0, 1, 2].map(|a| ((x[a] - cell[a] as f64) as f32).clamp(0.0, 1.0))
     }
 
-    /// The range of t in the box from 0 to `last`; empty (start above end) when the line misses it.
-    fn span(&self, last: DVec3) -> (f64, f64) {
+    /// The range of t in the box; empty (start above end) when the line misses it.
+    fn span(&self, Border { lower, upper, .. }: &Border) -> (f64, f64) {
         let (mut start, mut end) = (f64::NEG_INFINITY, f64::INFINITY);
         for a in 0..3 {
             if self.way[a] == 0.0 {
-                if !(0.0..=last[a]).contains(&self.from[a]) {
+                if !(lower[a]..=upper[a]).contains(&self.from[a]) {
                     return (f64::INFINITY, f64::NEG_INFINITY);
                 }
             } else {
-                let (p, q) = (-self.from[a] * self.inverse[a], (last[a] - self.from[a]) * self.inverse[a]);
+                let (p, q) = ((lower[a] - self.from[a]) * self.inverse[a], (upper[a] - self.from[a]) * self.inverse[a]);
                 start = start.max(p.min(q));
                 end = end.min(p.max(q));
             }
@@ -84,8 +86,8 @@ impl Oracle {
         let way = target - x;
         let mut line = Line::new(x, way)?;
         let per_length = 1.0 / (way * self.spacing).length();
-        // Outside the region's box and on its faces all is background.
-        let (enter, leave) = line.span(self.last);
+        // Outside the border all is background.
+        let (enter, leave) = line.span(&self.border);
         let first = start.max(enter).min(1.0);
         let (stop, end, limit) = (leave.min(1.0) - first, 1.0 - first, limit - first);
         // From here t counts from the first point in the box: circumcenters may be so far away that rounding would swallow the steps.
@@ -100,6 +102,14 @@ impl Oracle {
             let at = line.at(t).max(DVec3::ZERO).min(self.last);
             if self.model == SurfaceModel::Smooth { self.cell(at) } else { self.voxel(at) }
         };
+        if enter > start && enter < leave.min(1.0) {
+            // Into a wall.
+            let entry = line.from.max(self.border.lower).min(self.border.upper);
+            let id = self.label_inside(entry);
+            if id != from {
+                return (limit >= 0.0).then_some((entry, id));
+            }
+        }
         let mut known = 0.0;
         let mut cell = locate(known);
         while known < stop {
@@ -115,7 +125,7 @@ impl Oracle {
                     if indicator::is_uniform(&ids) {
                         Some(ids[0])
                     } else {
-                        let ends = [line.in_cell(t, cell), line.in_cell(part, cell)];
+                        let ends = [t, part].map(|t| line.in_cell(t, cell, &self.border));
                         let tolerance = TOLERANCE * line.unit / (part - t);
                         if let Some((s, to)) = indicator::overtaken(&ids, &self.weights, from, ends, tolerance) {
                             return Some((line.at(t + (part - t) * s), to));
@@ -144,6 +154,10 @@ impl Oracle {
             if cell[axis] > self.bricks.dims()[axis] - most {
                 break;
             }
+        }
+        if from != 0 && leave < 1.0 {
+            // Out of a wall.
+            return Some((line.at(stop).max(self.border.lower).min(self.border.upper), 0));
         }
         // A change that rounding hid from the walk. Not the label at t = end: that point is the target's but for rounding, and the target may lie on a tie.
         let to = self.label_at(target);

@@ -19,6 +19,9 @@
 //!     and m = min(e_i s_i^2); the last sum is at least m (6 - sum(e_i)), so the distance is at most h when sum(e_i) <= 2.
 //!   - 1 - 2u = (sum(e_i) - product(e_i)) / 2 (u is the chance that of three coins most show heads). With u > 1/4 it is below 1/2, and the product is at most the least e_i: the other
 //!     two sum to less than 1, all three to less than 3/2.
+//!   - Where the object reaches the border of the image (see `border`), x may lie up to half a voxel beyond the outermost voxel centres. Let v be the centre nearest to x. If its label
+//!     is not background, v is a surface voxel, because the voxel beyond it is background. If it is, and v is no surface voxel, three of the four centres around x's projection are
+//!     background, the fourth has a part of at most 1/4, and no other label leads there.
 //!
 //! So if s(p) is the distance from p to the nearest surface voxel centre, the distance from p to dO is at least s(p) - h. The feature transform has s
 //! at voxel centres, and s(p) >= s(v) - |p - v|. For p outside the region, with q its nearest point in the region's box, which is convex and
@@ -35,12 +38,15 @@
 //! simulations", J. Parallel and Distributed Computing 74, 2014 (section 3); stepping by a distance bound is sphere tracing (J. C. Hart, The Visual
 //! Computer 12, 1996).
 
+mod border;
 mod crossing;
 mod indicator;
 mod weights;
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
+
+use border::Border;
 
 use crate::{
     Error, Result,
@@ -60,6 +66,8 @@ pub struct Oracle {
     spacing: DVec3,
     /// Region coordinates of the last voxel centre.
     last: DVec3,
+    /// Where the smooth model ends.
+    border: Border,
     /// Upper bound of the distance from a point of dO to its nearest surface voxel centre.
     slack: f64,
     bricks: Bricks,
@@ -149,9 +157,13 @@ impl Oracle {
         // No distance in the region exceeds its diagonal.
         let quantum = (DVec3::from(dims.map(|n| n as f64)) * spacing).length() / f64::from(u16::MAX);
         set_distances(&mut voxels, &features, quantum, check)?;
-        let weights = match model {
-            SurfaceModel::Smooth => weights::calibrate(&bricks, &voxels, image.labels().len(), check)?,
-            SurfaceModel::Voxel => Vec::new(),
+        let (border, weights) = match model {
+            SurfaceModel::Smooth => {
+                let border = Border::new(first, dims, image.dims());
+                let weights = weights::calibrate(&bricks, &voxels, &border, image.labels().len(), check)?;
+                (border, weights)
+            }
+            SurfaceModel::Voxel => (Border::none(dims), Vec::new()),
         };
         let to_world = frame.direction() * DMat3::from_diagonal(spacing);
         Ok(Self {
@@ -161,6 +173,7 @@ impl Oracle {
             origin: frame.to_world(DVec3::from(first.map(|c| c as f64))),
             spacing,
             last: DVec3::from(dims.map(|n| (n - 1) as f64)),
+            border,
             // Above the exact bound by more than rounding can eat.
             slack: 0.5 * spacing.length() * (1.0 + 1e-9),
             bricks,
@@ -276,19 +289,17 @@ impl Oracle {
         self.origin + self.to_world * x
     }
 
-    /// Whether a point is in the region's box; a NaN is not.
-    #[inline(always)]
-    fn holds(&self, x: DVec3) -> bool {
-        x.cmpge(DVec3::ZERO).all() && x.cmple(self.last).all()
-    }
-
     #[inline(always)]
     fn label_at(&self, x: DVec3) -> u16 {
-        if !self.holds(x) {
-            return 0;
-        }
+        if self.border.holds(x) { self.label_inside(x) } else { 0 }
+    }
+
+    /// The label of a point within the border.
+    #[inline(always)]
+    fn label_inside(&self, x: DVec3) -> u16 {
         match self.model {
             SurfaceModel::Smooth => {
+                let x = self.border.extend(x);
                 let cell = self.cell(x);
                 let ids = self.corners(cell);
                 if indicator::is_uniform(&ids) {

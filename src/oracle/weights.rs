@@ -19,9 +19,10 @@
 //!
 //! Only integers are summed by several threads: the weights do not depend on their number.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Voxel, corners, indicator};
+use super::{Voxel, border::Border, corners, indicator};
 use crate::{Result, distance::Bricks};
 
 /// Weights lie in [1/LIMIT, LIMIT]. The proof of the oracle's clearance needs ratios below 3.
@@ -76,6 +77,7 @@ impl Many {
 pub(super) fn calibrate(
     bricks: &Bricks,
     voxels: &[Voxel],
+    border: &Border,
     labels: usize,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Vec<f32>> {
@@ -89,7 +91,7 @@ pub(super) fn calibrate(
         .into_par_iter()
         .map(|j| {
             check()?;
-            Ok(sample_layer(bricks, voxels, j, &samples))
+            Ok(sample_layer(bricks, voxels, border, j, &samples))
         })
         .collect::<Result<Vec<Layer>>>()?;
     let mut settled = vec![0; labels];
@@ -152,7 +154,7 @@ fn voxel_counts(bricks: &Bricks, voxels: &[Voxel], labels: usize) -> Vec<u64> {
 }
 
 /// The cells between planes j and j + 1 of voxels. `samples`: how many a cell with a voxel of each label gets.
-fn sample_layer(bricks: &Bricks, voxels: &[Voxel], j: usize, samples: &[u32]) -> Layer {
+fn sample_layer(bricks: &Bricks, voxels: &[Voxel], border: &Border, j: usize, samples: &[u32]) -> Layer {
     let [nx, _, nz] = bricks.dims();
     let mut layer = Layer { settled: vec![0; samples.len()], pairs: Default::default(), many: Vec::new() };
     let points = points();
@@ -172,7 +174,14 @@ fn sample_layer(bricks: &Bricks, voxels: &[Voxel], j: usize, samples: &[u32]) ->
                     let t = point[a] + shift[a];
                     if t < 1.0 { t } else { t - 1.0 }
                 });
-                layer.add_sample(&ids, present, at, MOST / n);
+                let low = DVec3::new(i as f64, j as f64, k as f64);
+                let x = low + DVec3::from(at.map(f64::from));
+                if border.holds(x) {
+                    let at = (border.extend(x) - low).as_vec3().to_array();
+                    layer.add_sample(&ids, present, at, MOST / n);
+                } else {
+                    layer.settled[0] += u64::from(MOST / n);
+                }
             }
         }
     }

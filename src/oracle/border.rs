@@ -1,0 +1,56 @@
+//! Where the image cuts an object off.
+//!
+//! Outside of the grid all is background, and the grid ends half a voxel beyond its outermost voxel centres. Where the object reaches that border it gets a flat
+//! wall there. Interpolation between the outermost voxels and a background beyond them would round the edges of that wall, and what it so loses would be paid
+//! for by label weights that move all other faces. So the smooth model does not look beyond: between the outermost centres and the wall a point has the label
+//! of its projection onto the plane of these centres.
+//!
+//! Region coordinates, whose first voxel lies outside of the image where the object reaches the border.
+
+use glam::DVec3;
+
+/// The box in which labels may differ from the background, and how the labels within go on from the outermost voxel centres to its faces.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Border {
+    /// The box: the walls, or the box of the region's voxel centres where there is none. On the faces without a wall all is background.
+    pub(super) lower: DVec3,
+    pub(super) upper: DVec3,
+    /// The box of the voxel centres that count.
+    first: DVec3,
+    last: DVec3,
+}
+
+impl Border {
+    /// No walls.
+    pub(super) fn none(dims: [usize; 3]) -> Self {
+        let last = DVec3::from(dims.map(|n| (n - 1) as f64));
+        Self { lower: DVec3::ZERO, upper: last, first: DVec3::ZERO, last }
+    }
+
+    /// Walls where the region of `dims` voxels from voxel `first` on reaches out of an image of `image` voxels.
+    pub(super) fn new(first: [isize; 3], dims: [usize; 3], image: [usize; 3]) -> Self {
+        let mut border = Self::none(dims);
+        for a in 0..3 {
+            if first[a] < 0 {
+                (border.lower[a], border.first[a]) = (0.5, 1.0);
+            }
+            if first[a] + dims[a] as isize > image[a] as isize {
+                border.upper[a] -= 0.5;
+                border.last[a] -= 1.0;
+            }
+        }
+        border
+    }
+
+    /// Whether a point is inside; a NaN is not.
+    #[inline(always)]
+    pub(super) fn holds(&self, x: DVec3) -> bool {
+        x.cmpge(self.lower).all() && x.cmple(self.upper).all()
+    }
+
+    /// The point that has the label of the inside point `x`: its projection, between outermost centres and wall.
+    #[inline(always)]
+    pub(super) fn extend(&self, x: DVec3) -> DVec3 {
+        x.max(self.first).min(self.last)
+    }
+}
