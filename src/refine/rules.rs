@@ -63,6 +63,12 @@ pub struct Rules<'a> {
     stay_squared: f64,
 }
 
+/// R2 splits circumballs of tets of the object with a radius of more than this many deltas. The proof of termination needs at least 2.
+const LARGE_OBJECT: f64 = 2.0;
+/// The same for the background, whose tets only look for interfaces that nothing else has found: the size of interface facets is
+/// bounded by their tets in the object.
+const LARGE_BACKGROUND: f64 = 3.0;
+
 /// An interface facet may stray from the interface, at its circumcenter, by this part of delta.
 pub const FACET_DISTANCE: f64 = 0.25;
 /// Sampling for the sake of the facet distance keeps isovertices this part of delta apart.
@@ -147,13 +153,14 @@ impl<'a> Rules<'a> {
         if sample.clearance < radius {
             // The closest surface point z lies between the circumcenter and the target. Without R2 there is a quick way to refuse R1.
             let target = self.oracle.target(&approach);
-            if (radius > 2.0 * self.delta || !self.covers(vertices, center, sample.label, target))
+            let is_large = radius > if sample.label == 0 { LARGE_BACKGROUND } else { LARGE_OBJECT } * self.delta;
+            if (is_large || !self.covers(vertices, center, sample.label, target))
                 && let Some(z) = self.oracle.closest_on(&approach, target, radius)
             {
                 if self.is_sparse(vertices, z) && self.triangulation.holds(z) {
                     return Some(Demand { rule: Rule::R1, point: z, kind: VertexKind::Isovertex, start: t });
                 }
-                if radius > 2.0 * self.delta && self.triangulation.holds(center) {
+                if is_large && self.triangulation.holds(center) {
                     return Some(Demand { rule: Rule::R2, point: center, kind: VertexKind::Free, start: t });
                 }
             }
