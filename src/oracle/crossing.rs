@@ -119,30 +119,26 @@ impl Oracle {
             let (exit, axis) = line.exit(DVec3::from(cell.map(|c| c as f64)) + shift);
             let (exit, t) = (exit.max(known), known);
             let part = exit.min(stop);
-            let only = match self.model {
-                SurfaceModel::Smooth => {
-                    let ids = self.corners(cell);
-                    if indicator::is_uniform(&ids) {
-                        Some(ids[0])
-                    } else {
-                        let ends = [t, part].map(|t| line.in_cell(t, cell, &self.border));
-                        let tolerance = TOLERANCE * line.unit / (part - t);
-                        if let Some((s, to)) = indicator::overtaken(&ids, &self.weights, from, ends, tolerance) {
-                            return Some((line.at(t + (part - t) * s), to));
-                        }
-                        None
-                    }
+            let voxel = self.at(cell);
+            let only = if self.model == SurfaceModel::Smooth && voxel.rings() == 0 {
+                let ids = self.corners(cell);
+                let ends = [t, part].map(|t| line.in_cell(t, cell, &self.border));
+                let tolerance = TOLERANCE * line.unit / (part - t);
+                if let Some((s, to)) = indicator::overtaken(&ids, &self.weights, from, ends, tolerance) {
+                    return Some((line.at(t + (part - t) * s), to));
                 }
-                SurfaceModel::Voxel => Some(self.id(cell)),
+                None
+            } else {
+                Some(voxel.id)
             };
             known = part;
             if let Some(id) = only {
                 if id != from {
                     return Some((line.at(t), id));
                 }
-                // Near dO the clearance does not lead out of the cell: a look at its first corner saves the attempt.
-                if self.voxels[self.bricks.index(cell[0], cell[1], cell[2])].distance >= self.far {
-                    let clear = t + self.clearance_from(&self.nearest(line.at(t))) * per_length;
+                // Near dO the clearance does not lead out of the cell.
+                if self.has_room(voxel) {
+                    let clear = t + self.clearance_at(line.at(t)) * per_length;
                     if clear > exit {
                         known = clear.min(end);
                         cell = locate(known);

@@ -32,6 +32,9 @@
 //! all other indicators are 0 there. On the edge between two voxels the change of label lies at a part from 1/(1 + W) to W/(1 + W) of it. A flat interface between two
 //! labels moves by about a quarter of the logarithm of their ratio, in voxels.
 //!
+//! **Near dO** this bound is often 0, half a voxel's diagonal and more away. There the smooth model counts cells: dO lies in cells whose corners have several labels, so
+//! it is no nearer than the faces of the block of cells of one label around the point, see `rings`. In a cell of one label the label needs no interpolation.
+//!
 //! The oracle is immutable and `Sync`. Memory: 8 bytes per voxel of the region.
 //!
 //! Sources: the walk to the nearest surface voxel is that of P. Foteinos, N. Chrisochoides, "High quality real-time image-to-mesh conversion for finite element
@@ -41,16 +44,19 @@
 mod border;
 mod crossing;
 mod indicator;
+mod region;
+mod rings;
 mod weights;
 
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 use border::Border;
+use region::{mark_surface, region, region_voxels, set_room};
+use rings::Rings;
 
 use crate::{
-    Error, Result,
-    distance::{Bricks, FeatureTransform, filled},
+    Result,
+    distance::{Bricks, FeatureTransform},
     image::LabelImage,
     params::SurfaceModel,
 };
@@ -79,7 +85,7 @@ pub struct Oracle {
     greatest: f32,
     /// Unit of the voxels' distances.
     quantum: f64,
-    /// Two and a half voxel diagonals in quanta: from there on a cell has clearance worth a look (1.5 may be lost within the cell).
+    /// Two and a half voxel diagonals in quanta.
     far: u16,
     /// Nearest surface voxel of each voxel of the region.
     features: FeatureTransform,
@@ -90,8 +96,28 @@ pub struct Oracle {
 struct Voxel {
     /// Dense id of the label.
     id: u16,
-    /// Distance to the nearest surface voxel, in quanta, rounded down.
-    distance: u16,
+    /// Around the voxel: see `pack`.
+    room: u16,
+}
+
+impl Voxel {
+    const DISTANCES: u16 = u16::MAX >> 2;
+
+    /// Two things in one word: the rings of the cell between this voxel and the next one along each axis (0 in the voxel model), and the distance to the nearest surface voxel, in quanta, rounded down.
+    fn pack(rings: u16, distance: u16) -> u16 {
+        debug_assert!(usize::from(rings) <= rings::MOST && distance <= Self::DISTANCES);
+        distance << 2 | rings
+    }
+
+    #[inline(always)]
+    fn rings(self) -> u16 {
+        self.room & 3
+    }
+
+    #[inline(always)]
+    fn distance(self) -> u16 {
+        self.room >> 2
+    }
 }
 
 /// What one look at the volumes tells about a point.
@@ -108,8 +134,6 @@ pub struct Sample {
 pub struct Approach {
     /// The point, in region coordinates.
     x: DVec3,
-    /// Address of its voxel.
-    at: usize,
     /// Its label and clearance.
     pub sample: Sample,
 }
@@ -140,8 +164,8 @@ impl Oracle {
     /// work, from several threads; its error ends the computation.
     ///
     /// # Errors
-    /// [`Error::EmptyImage`] when no voxel differs from the background; [`Error::InvalidArgument`] when the object's bounding box has
-    /// 2^32 voxels or more; [`Error::OutOfMemory`]; whatever `check` returns.
+    /// [`crate::Error::EmptyImage`] when no voxel differs from the background; [`crate::Error::InvalidArgument`] when the object's bounding box has
+    /// 2^32 voxels or more; [`crate::Error::OutOfMemory`]; whatever `check` returns.
     pub fn new(image: &LabelImage, model: SurfaceModel, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let (first, dims) = region(image, check)?;
         let bricks = Bricks::new(dims);
@@ -155,8 +179,12 @@ impl Oracle {
             check,
         )?;
         // No distance in the region exceeds its diagonal.
-        let quantum = (DVec3::from(dims.map(|n| n as f64)) * spacing).length() / f64::from(u16::MAX);
-        set_distances(&mut voxels, &features, quantum, check)?;
+        let quantum = (DVec3::from(dims.map(|n| n as f64)) * spacing).length() / f64::from(Voxel::DISTANCES);
+        let rings = match model {
+            SurfaceModel::Smooth => Some(Rings::new(&voxels, &bricks, check)?),
+            SurfaceModel::Voxel => None,
+        };
+        set_room(&mut voxels, rings.as_ref(), &features, quantum, check)?;
         let (border, weights) = match model {
             SurfaceModel::Smooth => {
                 let border = Border::new(first, dims, image.dims());
@@ -196,8 +224,7 @@ impl Oracle {
     /// the true distance, when `p` is in the region.
     #[inline]
     pub fn clearance(&self, p: DVec3) -> f64 {
-        let x = self.region_point(p);
-        self.clearance_from(&self.nearest(x))
+        self.clearance_at(self.region_point(p))
     }
 
     /// Label and clearance at the cost of about one of them: away from dO the label is that of the nearest voxel.
@@ -215,7 +242,7 @@ impl Oracle {
     /// A point whose label is not that of the approach's: the closest surface point lies on the segment from the approach's point to it.
     #[inline]
     pub fn target(&self, approach: &Approach) -> DVec3 {
-        self.world_point(self.region_target(approach.x, approach.sample.label, approach.at))
+        self.world_point(self.region_target(approach.x, approach.sample.label))
     }
 
     /// A point of dO near the approach's point, about the closest one: on the way to the nearest surface voxel, and from there to its neighbour of
@@ -301,23 +328,80 @@ impl Oracle {
             SurfaceModel::Smooth => {
                 let x = self.border.extend(x);
                 let cell = self.cell(x);
-                let ids = self.corners(cell);
-                if indicator::is_uniform(&ids) {
-                    ids[0]
+                let voxel = self.at(cell);
+                if voxel.rings() > 0 {
+                    voxel.id
                 } else {
-                    indicator::label(&ids, &self.weights, self.greatest, place(x, cell))
+                    indicator::label(&self.corners(cell), &self.weights, self.greatest, place(x, cell))
                 }
             }
-            SurfaceModel::Voxel => self.id(self.voxel(x)),
+            SurfaceModel::Voxel => self.at(self.voxel(x)).id,
         }
     }
 
     #[inline(always)]
     fn approach_at(&self, x: DVec3) -> Approach {
-        let nearest = self.nearest(x);
-        let clearance = self.clearance_from(&nearest);
-        let label = if clearance > 0.0 { self.far_label(&nearest) } else { self.label_at(x) };
-        Approach { x, at: nearest.at, sample: Sample { label, clearance } }
+        let sample = match self.uniform_at(x) {
+            Some(sample) => sample,
+            None if self.model == SurfaceModel::Smooth => Sample { label: self.label_at(x), clearance: 0.0 },
+            None => {
+                let nearest = self.nearest(x);
+                let clearance = self.clearance_from(&nearest);
+                // dO does not come between the point and the centre of its nearest voxel.
+                let label = if clearance > 0.0 { self.voxels[nearest.at].id } else { self.label_at(x) };
+                Sample { label, clearance }
+            }
+        };
+        Approach { x, sample }
+    }
+
+    #[inline(always)]
+    fn clearance_at(&self, x: DVec3) -> f64 {
+        match self.uniform_at(x) {
+            Some(sample) => sample.clearance,
+            None if self.model == SurfaceModel::Smooth => 0.0,
+            None => self.clearance_from(&self.nearest(x)),
+        }
+    }
+
+    /// Label and clearance in the smooth model: of points outside of the border, and in uniform cells.
+    #[inline(always)]
+    fn uniform_at(&self, x: DVec3) -> Option<Sample> {
+        if self.model == SurfaceModel::Voxel {
+            return None;
+        }
+        if !self.border.holds(x) {
+            return Some(Sample { label: 0, clearance: self.clearance_from(&self.nearest(x)) });
+        }
+        let cell = self.cell(x);
+        let voxel = self.at(cell);
+        let rings = voxel.rings();
+        if rings == 0 {
+            return None;
+        }
+        let clearance = self.to_faces(x, cell, f64::from(rings - 1));
+        let is_far = usize::from(rings) == rings::MOST;
+        let clearance = if is_far { clearance.max(self.clearance_from(&self.nearest(x))) } else { clearance };
+        Some(Sample { label: voxel.id, clearance })
+    }
+
+    /// Whether the clearance may lead out of a cell of one label: in the smooth model out of the cell at a voxel, in the voxel model out of the voxel, within which one and
+    /// a half diagonals may be lost.
+    #[inline(always)]
+    fn has_room(&self, voxel: Voxel) -> bool {
+        match self.model {
+            SurfaceModel::Smooth => voxel.rings() > 1,
+            SurfaceModel::Voxel => voxel.distance() >= self.far,
+        }
+    }
+
+    /// Distance from a point of a cell to the faces of the block of cells around it, `more` on each side.
+    #[inline(always)]
+    fn to_faces(&self, x: DVec3, cell: [usize; 3], more: f64) -> f64 {
+        let at = x - DVec3::from(cell.map(|c| c as f64));
+        // Rounding of x must not matter.
+        let least = at.min(1.0 - at) + (more - 1e-9);
+        (least * self.spacing).min_element().max(0.0)
     }
 
     /// The cell that holds a point of the region.
@@ -336,8 +420,8 @@ impl Oracle {
     }
 
     #[inline(always)]
-    fn id(&self, [i, j, k]: [usize; 3]) -> u16 {
-        self.voxels[self.bricks.index(i, j, k)].id
+    fn at(&self, [i, j, k]: [usize; 3]) -> Voxel {
+        self.voxels[self.bricks.index(i, j, k)]
     }
 
     #[inline(always)]
@@ -360,43 +444,40 @@ impl Oracle {
     /// The lower bound of the head comment.
     #[inline(always)]
     fn clearance_from(&self, nearest: &Nearest) -> f64 {
-        let to_site = (f64::from(self.voxels[nearest.at].distance) * self.quantum - nearest.offset).max(0.0);
+        let to_site = (f64::from(self.voxels[nearest.at].distance()) * self.quantum - nearest.offset).max(0.0);
         let to_site = if nearest.outside2 > 0.0 { (nearest.outside2 + to_site * to_site).sqrt() } else { to_site };
         (to_site - self.slack).max(0.0)
     }
 
-    /// The label of a point whose clearance is above 0: dO does not come between it and the centre of its nearest voxel. Outside the region
-    /// that voxel is background, as it should be.
-    #[inline(always)]
-    fn far_label(&self, nearest: &Nearest) -> u16 {
-        self.voxels[nearest.at].id
-    }
-
     /// A voxel centre near x that has another label than `from`: the nearest surface voxel, or else its neighbour nearest to x.
-    fn region_target(&self, x: DVec3, from: u16, at: usize) -> DVec3 {
-        let site = self.features.site_at(at).map(|c| c as usize);
+    fn region_target(&self, x: DVec3, from: u16) -> DVec3 {
+        let [i, j, k] = self.voxel(x.max(DVec3::ZERO).min(self.last));
+        let site = self.features.site_at(self.bricks.index(i, j, k)).map(|c| c as usize);
         let centre = DVec3::from(site.map(|c| c as f64));
-        if self.id(site) != from {
+        if self.at(site).id != from {
             return centre;
         }
-        let mut target = (centre, f64::INFINITY);
+        // Its six neighbours; where it lies at the end of an axis, itself in place of one. Without branches: which of them differ is as good as random.
+        let (b, dims) = (&self.bricks, self.bricks.dims());
+        let at = [b.x(site[0]), b.y(site[1]), b.z(site[2])];
+        let all = at[0] + at[1] + at[2];
+        let to_site = (centre - x) * self.spacing;
+        let mut nearest = (f64::INFINITY, 0, 0.0);
         for axis in 0..3 {
-            for step in [-1_isize, 1] {
-                let mut voxel = site;
-                let Some(moved) = site[axis].checked_add_signed(step).filter(|&c| c < self.bricks.dims()[axis]) else {
-                    continue;
-                };
-                voxel[axis] = moved;
-                if self.id(voxel) != from {
-                    let candidate = DVec3::from(voxel.map(|c| c as f64));
-                    let d2 = ((candidate - x) * self.spacing).length_squared();
-                    if d2 < target.1 {
-                        target = (candidate, d2);
-                    }
-                }
+            for step in [-1.0, 1.0] {
+                let moved =
+                    if step < 0.0 { site[axis].saturating_sub(1) } else { (site[axis] + 1).min(dims[axis] - 1) };
+                let term = [b.x(moved), b.y(moved), b.z(moved)][axis];
+                let differs = self.voxels[all - at[axis] + term].id != from;
+                // Squared distance from x, less that of the site.
+                let farther = self.spacing[axis] * (self.spacing[axis] + 2.0 * step * to_site[axis]);
+                let farther = if differs { farther } else { f64::INFINITY };
+                nearest = if farther < nearest.0 { (farther, axis, step) } else { nearest };
             }
         }
-        target.0
+        let mut target = centre;
+        target[nearest.1] += nearest.2;
+        target
     }
 }
 
@@ -421,113 +502,4 @@ fn corners(voxels: &[Voxel], b: &Bricks, [i, j, k]: [usize; 3]) -> indicator::Co
 #[inline(always)]
 fn place(x: DVec3, cell: [usize; 3]) -> [f32; 3] {
     [0, 1, 2].map(|a| (x[a] - cell[a] as f64) as f32)
-}
-
-/// First voxel (may be -1) and dims of the object's bounding box with one voxel more on each side.
-fn region(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<([isize; 3], [usize; 3])> {
-    let [nx, ny, _] = image.dims();
-    let empty = ([usize::MAX; 3], [0; 3]);
-    let join = |a: ([usize; 3], [usize; 3]), b: ([usize; 3], [usize; 3])| {
-        ([0, 1, 2].map(|i| a.0[i].min(b.0[i])), [0, 1, 2].map(|i| a.1[i].max(b.1[i])))
-    };
-    let (low, high) = image
-        .ids()
-        .par_chunks(nx * ny)
-        .enumerate()
-        .map(|(z, plane)| {
-            check()?;
-            let mut bounds = empty;
-            for (y, row) in plane.chunks(nx).enumerate() {
-                if let Some(left) = row.iter().position(|&id| id != 0) {
-                    let right = row.iter().rposition(|&id| id != 0).unwrap_or(left);
-                    bounds = join(bounds, ([left, y, z], [right, y, z]));
-                }
-            }
-            Ok(bounds)
-        })
-        .try_reduce(|| empty, |a, b| Ok(join(a, b)))?;
-    if low[0] > high[0] {
-        return Err(Error::EmptyImage);
-    }
-    Ok((low.map(|c| c as isize - 1), [0, 1, 2].map(|a| high[a] - low[a] + 3)))
-}
-
-/// The voxels of the region in the bricked layout, without their distances.
-fn region_voxels(
-    image: &LabelImage,
-    first: [isize; 3],
-    bricks: &Bricks,
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<Vec<Voxel>> {
-    let [nx, ny, nz] = image.dims();
-    let dims = bricks.dims();
-    let mut voxels = filled(bricks.len(), Voxel::default(), "the label volume")?;
-    voxels.par_chunks_mut(bricks.layer()).enumerate().try_for_each(|(layer, out)| {
-        check()?;
-        let base = layer * Bricks::EDGE;
-        for j in base..(base + Bricks::EDGE).min(dims[1]) {
-            for k in 0..dims[2] {
-                let (Some(y), Some(z)) = (inside(first[1], j, ny), inside(first[2], k, nz)) else {
-                    continue;
-                };
-                let at = bricks.y(j) + bricks.z(k) - layer * bricks.layer();
-                for i in 0..dims[0] {
-                    if let Some(x) = inside(first[0], i, nx) {
-                        out[at + bricks.x(i)].id = image.ids()[x + nx * (y + ny * z)];
-                    }
-                }
-            }
-        }
-        Ok(())
-    })?;
-    Ok(voxels)
-}
-
-/// Image coordinate of a region coordinate, when it is in the image.
-fn inside(first: isize, at: usize, count: usize) -> Option<usize> {
-    first.checked_add_unsigned(at).and_then(|c| usize::try_from(c).ok()).filter(|&c| c < count)
-}
-
-/// Marks the surface voxels of a row. Outside the region is background, as its outermost voxels are, so a neighbour there never differs.
-fn mark_surface(voxels: &[Voxel], bricks: &Bricks, y: usize, z: usize, row: &mut [bool]) {
-    let [nx, ny, nz] = bricks.dims();
-    let at = bricks.y(y) + bricks.z(z);
-    let beside = [
-        bricks.y(y.saturating_sub(1)) + bricks.z(z),
-        bricks.y((y + 1).min(ny - 1)) + bricks.z(z),
-        bricks.y(y) + bricks.z(z.saturating_sub(1)),
-        bricks.y(y) + bricks.z((z + 1).min(nz - 1)),
-    ];
-    let mut previous = voxels[at].id;
-    for (x, is_site) in row.iter_mut().enumerate() {
-        let column = bricks.x(x);
-        let id = voxels[at + column].id;
-        let next = voxels[at + bricks.x((x + 1).min(nx - 1))].id;
-        *is_site = previous != id || next != id || beside.iter().any(|&b| voxels[b + column].id != id);
-        previous = id;
-    }
-}
-
-/// Fills in the distances, rounded down.
-fn set_distances(
-    voxels: &mut [Voxel],
-    features: &FeatureTransform,
-    quantum: f64,
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<()> {
-    let bricks = features.bricks();
-    let [nx, ny, nz] = bricks.dims();
-    voxels.par_chunks_mut(bricks.layer()).enumerate().try_for_each(|(layer, out)| {
-        check()?;
-        let base = layer * Bricks::EDGE;
-        for j in base..(base + Bricks::EDGE).min(ny) {
-            for k in 0..nz {
-                for i in 0..nx {
-                    let at = bricks.index(i, j, k) - layer * bricks.layer();
-                    out[at].distance = (features.distance(i, j, k) / quantum) as u16;
-                }
-            }
-        }
-        Ok(())
-    })
 }
