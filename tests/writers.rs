@@ -34,15 +34,16 @@ fn golden() -> PathBuf {
 #[test]
 fn small_mesh_gives_the_committed_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["small.vtk", "small.mesh", "small.node", "small.stl"] {
+    let golden_names = "small.vtk small.mesh small.node small.ele small.face small.msh small.msh2 small.inp small.stl small.ply small.off";
+    for name in golden_names.split(' ') {
         write_mesh(&mesh(), &folder.path().join(name)).unwrap();
     }
-    for name in ["small.vtk", "small.mesh", "small.node", "small.ele", "small.face", "small.stl"] {
+    for name in golden_names.split(' ') {
         let written = std::fs::read(folder.path().join(name)).unwrap();
         let committed = std::fs::read(golden().join(name)).unwrap();
         assert!(written == committed, "{name} differs from tests/golden: {}", String::from_utf8_lossy(&written));
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 6, "temporary files are gone");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 11, "temporary files are gone");
 }
 
 /// The uncompressed bytes of the appended array at `offset`.
@@ -102,11 +103,28 @@ fn vtu_holds_the_arrays() {
 #[test]
 fn empty_mesh_makes_whole_files() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["a.vtu", "a.vtk", "a.mesh", "a.ele", "a.stl"] {
+    for name in ["a.vtu", "a.vtk", "a.mesh", "a.ele", "a.msh", "a.msh2", "a.inp", "a.stl", "a.ply", "a.off"] {
         write_mesh(&TetMesh::default(), &folder.path().join(name)).unwrap();
     }
     assert_eq!(std::fs::read(folder.path().join("a.stl")).unwrap().len(), 84);
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 7);
+    assert_eq!(std::fs::read(folder.path().join("a.off")).unwrap(), b"OFF\n0 0 0\n");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 12);
+}
+
+/// The endings that Gmsh itself knows.
+#[test]
+fn endings_tell_the_version_of_msh() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, start) in [
+        ("a.msh", "$MeshFormat\n4.1 1 8\n"),
+        ("a.msh4", "$MeshFormat\n4.1 1 8\n"),
+        ("a.MSH41", "$MeshFormat\n4.1 1 8\n"),
+        ("a.msh2", "$MeshFormat\n2.2 1 8\n"),
+        ("a.msh22", "$MeshFormat\n2.2 1 8\n"),
+    ] {
+        write_mesh(&mesh(), &folder.path().join(name)).unwrap();
+        assert!(std::fs::read(folder.path().join(name)).unwrap().starts_with(start.as_bytes()), "{name}");
+    }
 }
 
 #[test]
@@ -117,7 +135,7 @@ fn errors_leave_nothing_behind() {
     let error = write_mesh(&mesh(), &folder.path().join("a.node")).unwrap_err().to_string();
     assert!(error.contains("a.ele"), "{error}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
-    let error = write_mesh(&mesh(), &folder.path().join("a.msh")).unwrap_err().to_string();
+    let error = write_mesh(&mesh(), &folder.path().join("a.msh3")).unwrap_err().to_string();
     assert!(error.contains("unknown ending"), "{error}");
 }
 
@@ -129,7 +147,8 @@ fn meshio_reads_what_was_written() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    for name in ["small.vtu", "small.vtk", "small.mesh", "small.node", "small.stl"] {
+    let names = "small.vtu small.vtk small.mesh small.node small.msh small.msh2 small.inp small.stl small.ply small.off";
+    for name in names.split(' ') {
         write_mesh(&mesh(), &folder.path().join(name)).unwrap();
     }
     let script = golden().join("check_with_meshio.py");

@@ -34,13 +34,21 @@ pub unsafe extern "C" fn lapd_mesh_free(mesh: *mut lapd_mesh) {
     });
 }
 
-/// Writes a mesh to a file; the format is told by the end of its name: .vtu .vtk .mesh .node .ele .face .stl.
+/// Writes a mesh to a file; the format is told by the end of its name:
+/// - .vtu: VTK XML; .vtk: VTK legacy, binary; cell array "label";
+/// - .mesh: MEDIT; references of tets are labels, those of triangles stand for pairs of labels;
+/// - .node .ele .face: TetGen, always all three; first attribute and boundary marker likewise;
+/// - .msh .msh4 .msh41: Gmsh MSH 4.1; .msh2 .msh22: MSH 2.2; both binary; a volume and a physical group for each label, as
+///   "label_7", a surface and a physical group for each pair of labels, as "interface_7_3". Tags are labels where these are
+///   positive; labels of 0 and below get the numbers after the largest label, 0 first;
+/// - .inp: Abaqus; an element set for each label, an element-based surface for each pair, names as above;
+/// - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label and second_label.
 ///
 /// `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
 /// same mesh at once, to different files.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
-/// be written.
+/// be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_write(
     context: *mut lapd_context,

@@ -6,21 +6,36 @@
 //! | `.vtk` | VTK legacy 4.2, binary | cell scalars `label` | no |
 //! | `.mesh` | MEDIT, ascii | reference is the label | reference per pair of labels |
 //! | `.node`, `.ele`, `.face` | TetGen; any of the three names gives all three | first attribute is the label | boundary marker per pair of labels |
-//! | `.stl` | binary STL | no | all, normals from first to second label |
+//! | `.msh`, `.msh4`, `.msh41` | Gmsh MSH 4.1, binary | volume entity and physical group per label | surface entity and physical group per pair of labels |
+//! | `.msh2`, `.msh22` | Gmsh MSH 2.2, binary | the same | the same |
+//! | `.inp` | Abaqus, ascii | C3D4, element set per label | element-based surface per pair of labels |
+//! | `.stl` | binary STL | no | all |
+//! | `.ply` | PLY, binary | no | all, properties `first_label` and `second_label` |
+//! | `.off` | OFF, ascii | no | all |
 //!
-//! Pairs of labels are numbered from 1 in increasing order of (first label, second label); the files that use the numbers list them
-//! in comment lines. The order of the vertices of tets is that of [`TetMesh`] in every format (VTK's, MEDIT's and TetGen's alike).
-//! Coordinates are the mesh's; binary formats hold them as they are (STL in single precision), ascii ones in the shortest form that
-//! reads back to the same number.
+//! Pairs of labels are numbered from 1 in increasing order of (first label, second label); the files that use the numbers list them,
+//! in comment lines or as the names of physical groups. Names are `label_7` for a label and `interface_7_-2` for the pair of 7 and -2.
+//! Labels may be any 32-bit integers. Only Gmsh's tags must be positive: there the tag of a positive label is the label, labels of 0 and below
+//! get the numbers after the largest label, 0 first, then -1 and so on, and the names of the physical groups tell which label it is.
+//!
+//! The order of the vertices of tets is that of [`TetMesh`] in every format, normals of facets point from the first to the
+//! second label. Coordinates are the mesh's; binary formats hold them as they are (STL in single precision), ascii ones in the shortest form
+//! that reads back to the same number (Abaqus in at most 20 characters). STL, PLY and OFF leave out what is no vertex of a facet.
 //!
 //! Data go to a temporary file in the folder of the target, are synced, and take the target's name in the end, so that a file of that
 //! name is always whole: the new one, or after an error the old one. Records are made in parallel batches and written in order;
-//! nothing is held in memory but a few batches. Equal meshes give equal bytes.
+//! nothing is held in memory but a few batches, and, where a format wants things by label, their order. Equal meshes give equal bytes.
 
+mod abaqus;
+mod gmsh;
+mod groups;
 mod medit;
+mod off;
 mod output;
+mod ply;
 mod records;
 mod stl;
+mod surface;
 mod tetgen;
 mod vtk;
 mod vtu;
@@ -29,6 +44,7 @@ use std::path::Path;
 
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
+use groups::distinct;
 use output::Output;
 
 /// A file format for meshes.
@@ -42,19 +58,37 @@ pub enum MeshFormat {
     Medit,
     /// TetGen's three files.
     TetGen,
+    /// Gmsh MSH 4.1, binary.
+    Msh41,
+    /// Gmsh MSH 2.2, binary.
+    Msh22,
+    /// Abaqus input file.
+    Abaqus,
     /// Binary STL of the interfaces.
     Stl,
+    /// Binary PLY of the interfaces.
+    Ply,
+    /// OFF of the interfaces.
+    Off,
 }
 
 /// Every ending that is known.
-const ENDINGS: [(&str, MeshFormat); 7] = [
+const ENDINGS: [(&str, MeshFormat); 15] = [
     ("vtu", MeshFormat::Vtu),
     ("vtk", MeshFormat::Vtk),
     ("mesh", MeshFormat::Medit),
     ("node", MeshFormat::TetGen),
     ("ele", MeshFormat::TetGen),
     ("face", MeshFormat::TetGen),
+    ("msh", MeshFormat::Msh41),
+    ("msh4", MeshFormat::Msh41),
+    ("msh41", MeshFormat::Msh41),
+    ("msh2", MeshFormat::Msh22),
+    ("msh22", MeshFormat::Msh22),
+    ("inp", MeshFormat::Abaqus),
     ("stl", MeshFormat::Stl),
+    ("ply", MeshFormat::Ply),
+    ("off", MeshFormat::Off),
 ];
 
 impl MeshFormat {
@@ -93,8 +127,43 @@ pub fn write_mesh(mesh: &TetMesh, path: &Path) -> Result<()> {
         }
         MeshFormat::Medit => single(medit::write),
         MeshFormat::TetGen => tetgen::write(mesh, path),
+        MeshFormat::Msh41 => single(gmsh::write_4_1),
+        MeshFormat::Msh22 => {
+            gmsh::check_limits_2_2(mesh, path)?;
+            single(gmsh::write_2_2)
+        }
+        MeshFormat::Abaqus => {
+            abaqus::check_limits(mesh, path)?;
+            single(abaqus::write)
+        }
         MeshFormat::Stl => single(stl::write),
+        MeshFormat::Ply => {
+            check_count(path, "PLY", "vertices", mesh.points.len(), i32::MAX as usize)?;
+            single(ply::write)
+        }
+        MeshFormat::Off => single(off::write),
     }
+}
+
+/// Refuses more of a thing than a format can number.
+fn check_count(path: &Path, format: &str, things: &str, count: usize, most: usize) -> Result<()> {
+    if count > most {
+        let path = path.display();
+        return Err(Error::LimitReached(format!(
+            "{path}: {count} {things} are too many for {format}, {most} are the most"
+        )));
+    }
+    Ok(())
+}
+
+/// The name of what has a label.
+fn label_name(label: i32) -> String {
+    format!("label_{label}")
+}
+
+/// The name of the interface of two labels.
+fn pair_name([first, second]: [i32; 2]) -> String {
+    format!("interface_{first}_{second}")
 }
 
 /// The pairs of labels that meet at interfaces, numbered from 1 in increasing order.
@@ -102,16 +171,7 @@ struct LabelPairs(Vec<[i32; 2]>);
 
 impl LabelPairs {
     fn new(mesh: &TetMesh) -> Self {
-        let mut pairs = Vec::new();
-        for pair in &mesh.facet_labels {
-            // There are few pairs, and neighbouring facets mostly have the same.
-            if pairs.last() != Some(pair) {
-                pairs.push(*pair);
-            }
-        }
-        pairs.sort_unstable();
-        pairs.dedup();
-        Self(pairs)
+        Self(distinct(&mesh.facet_labels))
     }
 
     /// The number of a pair that the mesh has.
@@ -137,11 +197,22 @@ mod tests {
     #[test]
     fn endings() {
         assert_eq!(MeshFormat::from_path(Path::new("a.b/c.VTU")).unwrap(), MeshFormat::Vtu);
-        for bad in ["a.msh", "a", "vtu", "a.vtu/b", ""] {
+        for bad in ["a.msh1", "a", "vtu", "a.vtu/b", ""] {
             let message = MeshFormat::from_path(Path::new(bad)).unwrap_err().to_string();
-            assert!(message.starts_with(bad) && message.contains(".vtu .vtk .mesh .node .ele .face .stl"), "{message}");
+            assert!(
+                message.starts_with(bad) && message.contains(".vtu .vtk .mesh .node .ele .face .msh "),
+                "{message}"
+            );
             assert!(!message.contains('\n'));
         }
+    }
+
+    #[test]
+    fn too_many_are_refused() {
+        assert!(check_count(Path::new("a.inp"), "Abaqus", "tets", 9, 9).is_ok());
+        let error = check_count(Path::new("a.inp"), "Abaqus", "tets", 10, 9).unwrap_err();
+        assert!(matches!(error, Error::LimitReached(_)));
+        assert_eq!(error.to_string(), "a.inp: 10 tets are too many for Abaqus, 9 are the most");
     }
 
     #[test]

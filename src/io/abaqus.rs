@@ -1,0 +1,119 @@
+//! Abaqus input file, read by CalculiX and others too (Dassault Systemes, "Abaqus Keywords Guide": *NODE, *ELEMENT, *SURFACE).
+//!
+//! The tets of each label are an element set, `label_7`, of elements C3D4. Each pair of labels is an element-based surface,
+//! `interface_7_3`, of faces of tets of the first label, so that its normals point to the second one; where the first label is background that was
+//! not kept (which takes a negative second one), of faces of tets of the second. The number of a node is its index + 1, that of an
+//! element the tet's index + 1.
+//!
+//! Programs read no more than 20 characters of a number, so longer ones are rounded to fit. That concerns only numbers below 0.1 in size, and
+//! changes them by less than 1e-11 of their size.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use super::groups::Groups;
+use super::output::Output;
+use super::records::{push_float, push_int, write_records};
+use super::{check_count, label_name, pair_name};
+use crate::Result;
+use crate::mesh::{NONE, TetMesh};
+
+/// Characters of a number.
+const WIDTH: usize = 20;
+
+/// Numbers of nodes and of elements have at most 9 digits.
+pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
+    check_count(path, "an Abaqus file", "vertices", mesh.points.len(), 999_999_999)?;
+    check_count(path, "an Abaqus file", "tets", mesh.tets.len(), 999_999_999)
+}
+
+pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+    out.write_all(b"*HEADING\nlapd mesh\n*NODE\n")?;
+    write_records(out, mesh.points.len(), |v, bytes| {
+        push_int(bytes, v as i64 + 1);
+        for &x in &mesh.points[v] {
+            bytes.extend_from_slice(b", ");
+            push_short_float(bytes, x);
+        }
+        bytes.push(b'\n');
+    })?;
+    for (label, tets) in Groups::new(&mesh.labels).iter() {
+        writeln!(out, "*ELEMENT, TYPE=C3D4, ELSET={}", label_name(label))?;
+        write_records(out, tets.len(), |i, bytes| {
+            push_int(bytes, i64::from(tets[i]) + 1);
+            for &v in &mesh.tets[tets[i] as usize] {
+                bytes.extend_from_slice(b", ");
+                push_int(bytes, i64::from(v) + 1);
+            }
+            bytes.push(b'\n');
+        })?;
+    }
+    for (pair, facets) in Groups::new(&mesh.facet_labels).iter() {
+        writeln!(out, "*SURFACE, TYPE=ELEMENT, NAME={}", pair_name(pair))?;
+        write_records(out, facets.len(), |i, bytes| {
+            let facet = facets[i] as usize;
+            if let Some(tet) = mesh.facet_tets[facet].into_iter().find(|&tet| tet != NONE) {
+                push_int(bytes, i64::from(tet) + 1);
+                bytes.extend_from_slice(b", S");
+                push_int(bytes, face(&mesh.tets[tet as usize], &mesh.facets[facet]));
+                bytes.push(b'\n');
+            }
+        })?;
+    }
+    Ok(())
+}
+
+/// The number of the face of `tet` that is `facet`: faces 1 to 4 are opposite to the vertices 3, 2, 0, 1.
+fn face(tet: &[u32; 4], facet: &[u32; 3]) -> i64 {
+    match tet.iter().position(|v| !facet.contains(v)) {
+        Some(3) => 1,
+        Some(2) => 2,
+        Some(0) => 3,
+        _ => 4,
+    }
+}
+
+/// Appends a number in its shortest form, or rounded to fit the width.
+fn push_short_float(bytes: &mut Vec<u8>, value: f64) {
+    let start = bytes.len();
+    push_float(bytes, value);
+    let mut digits = 15;
+    while bytes.len() - start > WIDTH {
+        bytes.truncate(start);
+        bytes.extend_from_slice(format!("{value:.digits$e}").as_bytes());
+        digits -= 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn faces_are_those_of_the_manual() {
+        let nodes = |numbers: [u32; 3]| numbers.map(|number| 10 * number);
+        let faces = [[1, 2, 3], [1, 4, 2], [2, 4, 3], [3, 4, 1]].map(nodes);
+        assert_eq!(faces.map(|facet| face(&[10, 20, 30, 40], &facet)), [1, 2, 3, 4]);
+    }
+
+    proptest! {
+        #[test]
+        fn numbers_are_short_and_near(value in any::<f64>().prop_filter("finite", |x| x.is_finite())) {
+            let mut bytes = Vec::new();
+            push_short_float(&mut bytes, value);
+            prop_assert!(bytes.len() <= WIDTH);
+            let back: f64 = std::str::from_utf8(&bytes).unwrap().parse().unwrap();
+            prop_assert!((back - value).abs() <= 1e-11 * value.abs());
+        }
+
+        #[test]
+        fn coordinates_stay(value in -1e6..1e6) {
+            let mut bytes = Vec::new();
+            push_short_float(&mut bytes, value);
+            let back: f64 = std::str::from_utf8(&bytes).unwrap().parse().unwrap();
+            prop_assert!(back == value || value.abs() < 0.1);
+        }
+    }
+}

@@ -1,0 +1,235 @@
+//! Gmsh's MSH files, versions 4.1 and 2.2, binary (Geuzaine, Remacle, "Gmsh: a 3-D finite element mesh generator with built-in pre- and
+//! post-processing facilities", IJNME 79, 2009; its reference manual, "MSH file format").
+//!
+//! Each label is one volume entity and one physical group of dimension 3, named `label_7`; each pair of labels that meet is one surface
+//! entity and one physical group of dimension 2, named `interface_7_3`, its triangles with normals from the first label to the second.
+//! An entity and its physical group have the same tag. The tag of a volume is its label. Gmsh's tags must be positive, so that labels
+//! of 0 and below (0 is the background, where it was kept) get numbers that no label has; their names tell the label. Surfaces are numbered
+//! from 1, as in all our files.
+//!
+//! The tag of a node is its index + 1, that of a tet its index + 1, triangles are counted on from there. Version 2.2 keeps the order of
+//! the mesh. Version 4.1 has its nodes and elements by entity, in the order of the mesh within each; volumes list the surfaces that
+//! bound them, a surface with normals into the volume negative. A node on interfaces belongs to the surface of the smallest
+//! number among them (Gmsh would make curves where three labels meet; we have none), any other to its volume.
+//!
+//! Memory: beside the mesh, 4 bytes per tet and facet and 12 bytes per vertex for the order of version 4.1.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::groups::{Groups, distinct};
+use super::output::Output;
+use super::records::write_records;
+use super::{LabelPairs, check_count, label_name, pair_name};
+use crate::Result;
+use crate::mesh::TetMesh;
+
+/// Gmsh's types of elements.
+const TRIANGLE: i32 = 2;
+const TETRAHEDRON: i32 = 4;
+
+/// Dimensions of entities.
+const SURFACE: i32 = 2;
+const VOLUME: i32 = 3;
+
+/// The tags of labels, which are in increasing order: a positive label itself, for others, from 0 downwards, the numbers after the largest
+/// label. Should these run out, the smallest numbers that no label has.
+fn label_tags(labels: &[i32]) -> Vec<i32> {
+    let positive = labels.partition_point(|&label| label <= 0);
+    let largest = labels.last().map_or(0, |&label| label.max(0));
+    let free =
+        (largest..=i32::MAX).skip(1).chain(1..largest).filter(|tag| labels[positive..].binary_search(tag).is_err());
+    let mut tags: Vec<i32> = free.take(positive).collect();
+    tags.reverse();
+    tags.extend_from_slice(&labels[positive..]);
+    tags
+}
+
+/// The sections before entities and nodes.
+fn write_head(out: &mut Output, version: &str, labels: &[i32], tags: &[i32], pairs: &[[i32; 2]]) -> io::Result<()> {
+    // The binary integer 1 tells the order of bytes.
+    write!(out, "$MeshFormat\n{version} 1 8\n")?;
+    out.write_all(&1i32.to_le_bytes())?;
+    write!(out, "\n$EndMeshFormat\n$PhysicalNames\n{}\n", labels.len() + pairs.len())?;
+    for (number, &pair) in (1..).zip(pairs) {
+        writeln!(out, "{SURFACE} {number} \"{}\"", pair_name(pair))?;
+    }
+    for (tag, &label) in tags.iter().zip(labels) {
+        writeln!(out, "{VOLUME} {tag} \"{}\"", label_name(label))?;
+    }
+    out.write_all(b"$EndPhysicalNames\n")
+}
+
+/// Whether version 2.2, which has 32-bit numbers, can number what `mesh` has.
+pub(super) fn check_limits_2_2(mesh: &TetMesh, path: &Path) -> Result<()> {
+    let most = i32::MAX as usize;
+    let format = "MSH 2.2 (.msh, version 4.1, has no such limit)";
+    check_count(path, format, "vertices", mesh.points.len(), most)?;
+    check_count(path, format, "tets and facets", mesh.tets.len() + mesh.facets.len(), most)
+}
+
+pub(super) fn write_2_2(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+    let (labels, pairs) = (distinct(&mesh.labels), LabelPairs::new(mesh));
+    let tags = label_tags(&labels);
+    write_head(out, "2.2", &labels, &tags, &pairs.0)?;
+    write!(out, "$Nodes\n{}\n", mesh.points.len())?;
+    write_records(out, mesh.points.len(), |v, bytes| {
+        bytes.extend_from_slice(&(v as i32 + 1).to_le_bytes());
+        push_point(bytes, &mesh.points[v]);
+    })?;
+    write!(out, "\n$EndNodes\n$Elements\n{}\n", mesh.tets.len() + mesh.facets.len())?;
+    write_block_2_2(out, TETRAHEDRON, 0, &mesh.tets, |t| tags[labels.partition_point(|&l| l < mesh.labels[t])])?;
+    let facets_from = mesh.tets.len();
+    write_block_2_2(out, TRIANGLE, facets_from, &mesh.facets, |f| pairs.number(&mesh.facet_labels[f]) as i32)?;
+    out.write_all(b"\n$EndElements\n")
+}
+
+/// Elements of one type: type, count, number of tags; then of each its number, physical and elementary tag, and nodes.
+fn write_block_2_2<const N: usize>(
+    out: &mut Output,
+    kind: i32,
+    first: usize,
+    elements: &[[u32; N]],
+    tag: impl Fn(usize) -> i32 + Sync,
+) -> io::Result<()> {
+    if elements.is_empty() {
+        return Ok(());
+    }
+    write_ints(out, &[kind, elements.len() as i32, 2])?;
+    write_records(out, elements.len(), |i, bytes| {
+        let tag = tag(i);
+        push_ints(bytes, [(first + i) as i32 + 1, tag, tag]);
+        push_ints(bytes, elements[i].map(|v| v as i32 + 1));
+    })
+}
+
+pub(super) fn write_4_1(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+    let (volumes, surfaces) = (Groups::new(&mesh.labels), Groups::new(&mesh.facet_labels));
+    let (labels, pairs) = (volumes.keys(), surfaces.keys());
+    let tags = label_tags(labels);
+    write_head(out, "4.1", labels, &tags, pairs)?;
+
+    out.write_all(b"$Entities\n")?;
+    write_longs(out, &[0, 0, surfaces.iter().len(), volumes.iter().len()])?;
+    for (number, (_, facets)) in (1..).zip(surfaces.iter()) {
+        write_entity(out, mesh, number, facets.iter().flat_map(|&f| mesh.facets[f as usize]), &[])?;
+    }
+    for (&tag, (label, tets)) in tags.iter().zip(volumes.iter()) {
+        let boundary: Vec<i32> = (1..)
+            .zip(pairs)
+            .filter(|(_, pair)| pair.contains(&label))
+            .map(|(number, pair)| if pair[0] == label { number } else { -number })
+            .collect();
+        write_entity(out, mesh, tag, tets.iter().flat_map(|&t| mesh.tets[t as usize]), &boundary)?;
+    }
+    out.write_all(b"\n$EndEntities\n$Nodes\n")?;
+
+    let nodes = Groups::new(&owners(mesh, &tags, &volumes, &surfaces));
+    write_longs(out, &[nodes.iter().len(), mesh.points.len(), 1.min(mesh.points.len()), mesh.points.len()])?;
+    for ([dimension, tag], vertices) in nodes.iter() {
+        // The third integer says that the nodes have no parameters on their entity.
+        write_ints(out, &[dimension, tag, 0])?;
+        write_longs(out, &[vertices.len()])?;
+        write_records(out, vertices.len(), |i, bytes| push_long(bytes, u64::from(vertices[i]) + 1))?;
+        write_records(out, vertices.len(), |i, bytes| push_point(bytes, &mesh.points[vertices[i] as usize]))?;
+    }
+    out.write_all(b"\n$EndNodes\n$Elements\n")?;
+
+    let count = mesh.tets.len() + mesh.facets.len();
+    write_longs(out, &[surfaces.iter().len() + volumes.iter().len(), count, 1.min(count), count])?;
+    for (number, (_, members)) in (1..).zip(surfaces.iter()) {
+        write_block_4_1(out, [SURFACE, number, TRIANGLE], mesh.tets.len(), &mesh.facets, members)?;
+    }
+    for (&tag, (_, members)) in tags.iter().zip(volumes.iter()) {
+        write_block_4_1(out, [VOLUME, tag, TETRAHEDRON], 0, &mesh.tets, members)?;
+    }
+    out.write_all(b"\n$EndElements\n")
+}
+
+/// An entity: tag, bounding box, physical groups, bounding entities.
+fn write_entity(
+    out: &mut Output,
+    mesh: &TetMesh,
+    tag: i32,
+    vertices: impl Iterator<Item = u32>,
+    boundary: &[i32],
+) -> io::Result<()> {
+    let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (low, high) = vertices.map(|v| mesh.point(v)).fold(nowhere, |(low, high), p| (low.min(p), high.max(p)));
+    write_ints(out, &[tag])?;
+    for x in [low, high].into_iter().flat_map(|corner| corner.to_array()) {
+        out.write_all(&x.to_le_bytes())?;
+    }
+    write_longs(out, &[1])?;
+    write_ints(out, &[tag])?;
+    write_longs(out, &[boundary.len()])?;
+    write_ints(out, boundary)
+}
+
+/// Dimension and tag of the entity that each vertex belongs to.
+fn owners(mesh: &TetMesh, tags: &[i32], volumes: &Groups<i32>, surfaces: &Groups<[i32; 2]>) -> Vec<[i32; 2]> {
+    // A vertex of no tet has to be somewhere as well.
+    let mut owners = vec![[VOLUME, tags.first().copied().unwrap_or(1)]; mesh.points.len()];
+    for (&tag, (_, tets)) in tags.iter().zip(volumes.iter()) {
+        tets.iter().flat_map(|&t| mesh.tets[t as usize]).for_each(|v| owners[v as usize] = [VOLUME, tag]);
+    }
+    for (i, (_, facets)) in surfaces.iter().enumerate().rev() {
+        let number = i as i32 + 1;
+        facets.iter().flat_map(|&f| mesh.facets[f as usize]).for_each(|v| owners[v as usize] = [SURFACE, number]);
+    }
+    owners
+}
+
+/// Elements of one entity: dimension and tag of the entity, type, count; then of each element its tag and nodes.
+fn write_block_4_1<const N: usize>(
+    out: &mut Output,
+    kind: [i32; 3],
+    first: usize,
+    elements: &[[u32; N]],
+    members: &[u32],
+) -> io::Result<()> {
+    write_ints(out, &kind)?;
+    write_longs(out, &[members.len()])?;
+    write_records(out, members.len(), |i, bytes| {
+        let element = members[i] as usize;
+        push_long(bytes, (first + element) as u64 + 1);
+        elements[element].iter().for_each(|&v| push_long(bytes, u64::from(v) + 1));
+    })
+}
+
+fn write_ints(out: &mut Output, values: &[i32]) -> io::Result<()> {
+    values.iter().try_for_each(|value| out.write_all(&value.to_le_bytes()))
+}
+
+fn write_longs(out: &mut Output, values: &[usize]) -> io::Result<()> {
+    values.iter().try_for_each(|&value| out.write_all(&(value as u64).to_le_bytes()))
+}
+
+fn push_ints<const N: usize>(bytes: &mut Vec<u8>, values: [i32; N]) {
+    values.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+}
+
+fn push_long(bytes: &mut Vec<u8>, value: u64) {
+    bytes.extend_from_slice(&value.to_le_bytes());
+}
+
+fn push_point(bytes: &mut Vec<u8>, point: &[f64; 3]) {
+    point.iter().for_each(|x| bytes.extend_from_slice(&x.to_le_bytes()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tags_are_positive_and_differ() {
+        assert_eq!(label_tags(&[]), []);
+        assert_eq!(label_tags(&[1, 5, 900_000]), [1, 5, 900_000]);
+        assert_eq!(label_tags(&[-7, -2, 0, 3, 9]), [12, 11, 10, 3, 9]);
+        assert_eq!(label_tags(&[i32::MIN, -1, 0]), [3, 2, 1]);
+        assert_eq!(label_tags(&[-3, 0, 1, 2, 4, i32::MAX]), [5, 3, 1, 2, 4, i32::MAX]);
+        assert_eq!(label_tags(&[-1, 0, i32::MAX - 1]), [1, i32::MAX, i32::MAX - 1]);
+    }
+}
