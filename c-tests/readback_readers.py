@@ -1,0 +1,317 @@
+"""One function per program and format that reads a mesh file and returns what it saw, by nothing but that program.
+
+Where no program reads a part of a format (Abaqus surfaces, TetGen's .face, the comment lines with pairs of labels) the part is read
+here, from the format's manual. What the programs cannot do is said where it matters.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass
+class Seen:
+    """What a reader saw; None for what the format has not, or the reader does not hand out."""
+
+    points: np.ndarray
+    tets: np.ndarray | None = None
+    labels: np.ndarray | None = None
+    facets: np.ndarray | None = None
+    pairs: np.ndarray | None = None  # two labels per facet
+    volumes: np.ndarray | None = None  # signed, as computed by the reader
+    in_order: bool = True  # points and elements stand in the order of the mesh
+
+
+def pairs_in_comments(path):
+    """The pairs of labels that "# facets 4: labels 7 3" lists, by number from 1."""
+    lines = re.findall(r"^# facets (\d+): labels (-?\d+) (-?\d+)$", path.read_text(), re.MULTILINE)
+    assert [int(line[0]) for line in lines] == list(range(1, len(lines) + 1)), lines
+    return np.array([[int(line[1]), int(line[2])] for line in lines])
+
+
+def label_of(name):
+    return int(re.fullmatch(r"label_(-?\d+)", name)[1])
+
+
+def pair_of(name):
+    match = re.fullmatch(r"interface_(-?\d+)_(-?\d+)", name)
+    return [int(match[1]), int(match[2])]
+
+
+# ---- meshio ----
+
+
+def meshio_volume(path):
+    """VTU, VTK, TetGen. meshio takes the first array of integers for the label when it converts; ours is the first."""
+    import meshio
+
+    mesh = meshio.read(path)
+    # TetGen: meshio's name for the first attribute.
+    name = "label" if path.suffix in (".vtu", ".vtk") else "tetgen:ref"
+    assert next(iter(mesh.cell_data)) == name, mesh.cell_data
+    assert [block.type for block in mesh.cells] == ["tetra"]
+    seen = Seen(mesh.points, mesh.cells[0].data, np.ravel(mesh.cell_data[name][0]))
+    if path.suffix == ".node":
+        # meshio leaves the .face file alone. Columns: number, vertices, marker.
+        rows = np.loadtxt(path.with_suffix(".face"), dtype=np.int64, skiprows=1, comments="#", ndmin=2)
+        assert np.array_equal(rows[:, 0], np.arange(len(rows)))
+        seen.facets = rows[:, 1:4]
+        seen.pairs = pairs_in_comments(path.with_suffix(".face"))[rows[:, 4] - 1]
+    return seen
+
+
+def meshio_medit(path):
+    import meshio
+
+    mesh = meshio.read(path)
+    refs = mesh.cell_data_dict["medit:ref"]
+    pairs = pairs_in_comments(path)[refs["triangle"] - 1]
+    return Seen(mesh.points, mesh.cells_dict["tetra"], refs["tetra"], mesh.cells_dict["triangle"], pairs)
+
+
+def meshio_msh(path):
+    """meshio drops the numbers of nodes and elements, so those of version 4.1, which stand by entity, have lost their order."""
+    import meshio
+
+    mesh = meshio.read(path, file_format="gmsh")
+    names = {(int(dim), int(tag)): name for name, (tag, dim) in mesh.field_data.items()}
+    groups, entities = mesh.cell_data_dict["gmsh:physical"], mesh.cell_data_dict["gmsh:geometrical"]
+    for kind in ["tetra", "triangle"]:
+        assert np.array_equal(groups[kind], entities[kind])
+    return Seen(
+        mesh.points,
+        mesh.cells_dict["tetra"],
+        translate(groups["tetra"], {tag: label_of(names[3, tag]) for dim, tag in names if dim == 3}),
+        mesh.cells_dict["triangle"],
+        translate(groups["triangle"], {tag: pair_of(names[2, tag]) for dim, tag in names if dim == 2}),
+        in_order=path.suffix == ".msh2",
+    )
+
+
+def translate(tags, meanings):
+    """The meaning of every tag."""
+    kinds, places = np.unique(tags, return_inverse=True)
+    return np.array([meanings[int(kind)] for kind in kinds])[places]
+
+
+def meshio_abaqus(path):
+    """meshio drops the numbers of elements and knows no *SURFACE; both are read here."""
+    import meshio
+
+    mesh = meshio.read(path)
+    tets = np.concatenate([block.data for block in mesh.cells])
+    labels = np.empty(len(tets), dtype=np.int64)
+    first = np.cumsum([0] + [len(block) for block in mesh.cells])
+    for name, members in mesh.cell_sets.items():
+        for block, inside in enumerate(members):
+            labels[first[block] + np.asarray(inside, dtype=np.int64)] = label_of(name)
+    numbers, sides = [], {}
+    section = None
+    for line in path.read_text().splitlines():
+        if line.startswith("*"):
+            section = line
+        elif section.startswith("*ELEMENT"):
+            numbers.append(int(line.split(",")[0]))
+        elif section.startswith("*SURFACE, TYPE=ELEMENT, NAME="):
+            sides.setdefault(section.split("=")[-1], []).append(line.split(", "))
+    by_number = np.empty((len(tets) + 1, 4), dtype=np.int64)
+    by_number[numbers] = tets
+    # "C3D4": faces 1-2-3, 1-4-2, 2-4-3, 3-4-1; the normals of these point inwards, so they are turned round.
+    corners = {"S1": [0, 2, 1], "S2": [0, 1, 3], "S3": [1, 2, 3], "S4": [2, 0, 3]}
+    label_by_number = np.empty(len(tets) + 1, dtype=np.int64)
+    label_by_number[numbers] = labels
+    facets, pairs = [], []
+    for name, rows in sides.items():
+        first_label, second_label = pair_of(name)
+        for number, side in rows:
+            facet = by_number[int(number)][corners[side]]
+            # Of the second label where the first is background that was not kept.
+            inside = label_by_number[int(number)]
+            assert inside == first_label or (inside == second_label and first_label == 0 and 0 not in labels)
+            facets.append(facet if inside == first_label else facet[::-1])
+            pairs.append([first_label, second_label])
+    return Seen(mesh.points, tets, labels, np.array(facets), np.array(pairs), in_order=False)
+
+
+def meshio_surface(path):
+    """STL and OFF. meshio cannot read a binary PLY whose faces have more than vertices."""
+    import meshio
+
+    mesh = meshio.read(path)
+    return Seen(mesh.points, facets=mesh.cells_dict["triangle"])
+
+
+# ---- VTK ----
+
+
+def vtk_volume(path):
+    import vtk
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    reader = vtk.vtkXMLUnstructuredGridReader() if path.suffix == ".vtu" else vtk.vtkUnstructuredGridReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    grid = reader.GetOutput()
+    assert set(vtk_to_numpy(grid.GetCellTypes())) == {vtk.VTK_TETRA}
+    assert grid.GetCellData().GetScalars().GetName() == "label"
+    quality = vtk.vtkMeshQuality()
+    quality.SetInputData(grid)
+    quality.SetTetQualityMeasureToVolume()
+    quality.Update()
+    return Seen(
+        vtk_to_numpy(grid.GetPoints().GetData()),
+        vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 4),
+        vtk_to_numpy(grid.GetCellData().GetArray("label")),
+        volumes=vtk_to_numpy(quality.GetOutput().GetCellData().GetArray("Quality")),
+    )
+
+
+def vtk_surface(path):
+    """PLY, OFF, STL: points and polygons, in single precision; VTK has no other."""
+    import vtk
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    reader = {".ply": vtk.vtkPLYReader, ".off": vtk.vtkOFFReader, ".stl": vtk.vtkSTLReader}[path.suffix]()
+    if path.suffix == ".stl":
+        reader.MergingOff()
+    reader.SetFileName(str(path))
+    reader.Update()
+    data = reader.GetOutput()
+    facets = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    return Seen(vtk_to_numpy(data.GetPoints().GetData()), facets=facets)
+
+
+# ---- trimesh ----
+
+
+def trimesh_surface(path):
+    import trimesh
+
+    mesh = trimesh.load(path, process=False)
+    seen = Seen(np.asarray(mesh.vertices), facets=np.asarray(mesh.faces))
+    if path.suffix == ".ply":
+        faces = mesh.metadata["_ply_raw"]["face"]["data"]
+        seen.pairs = np.column_stack([faces["first_label"], faces["second_label"]])
+    return seen
+
+
+# ---- gmsh ----
+
+
+def gmsh_open(path):
+    """Opens a file; Gmsh must have nothing to say against it."""
+    import gmsh
+
+    gmsh.clear()
+    gmsh.logger.start()
+    gmsh.open(str(path))
+    complaints = [line for line in gmsh.logger.get() if not line.startswith("Info")]
+    gmsh.logger.stop()
+    assert not complaints, complaints
+    numbers, coordinates, _ = gmsh.model.mesh.getNodes()
+    points = np.full((len(numbers), 3), np.nan)
+    points[numbers.astype(np.int64) - 1] = coordinates.reshape(-1, 3)
+    return points
+
+
+def gmsh_elements(dimension, entity):
+    """Numbers and vertices of the elements of an entity, which are all tets or all triangles."""
+    import gmsh
+
+    kinds, numbers, nodes = gmsh.model.mesh.getElements(dimension, entity)
+    assert list(kinds) == [{2: 2, 3: 4}[dimension]], (dimension, entity, kinds)
+    return numbers[0].astype(np.int64), nodes[0].astype(np.int64).reshape(len(numbers[0]), -1) - 1
+
+
+def gmsh_gather(points, meaning):
+    """All elements of the model, in the order of their numbers, with what `meaning` says of their entities."""
+    import gmsh
+
+    parts = {2: [], 3: []}
+    for dimension, entity in gmsh.model.getEntities():
+        numbers, vertices = gmsh_elements(dimension, entity)
+        means = np.array([meaning(dimension, entity)] * len(numbers))
+        measure = gmsh.model.mesh.getElementQualities(numbers, "volume") if dimension == 3 else numbers
+        parts[dimension].append((numbers, vertices, means, measure))
+    joined = {}
+    for dimension, rows in parts.items():
+        columns = [np.concatenate(column) for column in zip(*rows)]
+        order = np.argsort(columns[0])
+        joined[dimension] = [column[order] for column in columns]
+    (_, tets, labels, volumes), (_, facets, pairs, _) = joined[3], joined[2]
+    return Seen(points, tets, labels, facets, pairs, volumes)
+
+
+def gmsh_msh(path):
+    """Both versions. Every entity is one physical group of the same tag, whose name tells the label or the pair."""
+    import gmsh
+
+    points = gmsh_open(path)
+    groups = {group: gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups()}
+    assert sorted(groups) == sorted(gmsh.model.getEntities())
+    for dimension, tag in groups:
+        assert list(gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)) == [tag]
+    labels = {tag: label_of(name) for (dimension, tag), name in groups.items() if dimension == 3}
+    pairs = {tag: pair_of(name) for (dimension, tag), name in groups.items() if dimension == 2}
+    assert len(set(labels.values())) == len(labels) and sorted(pairs.values()) == [pairs[i + 1] for i in range(len(pairs))]
+    # A positive label is its own tag, those of 0 and below have tags that are no labels.
+    for tag, label in labels.items():
+        assert tag == label if label > 0 else tag > 0 and tag not in labels.values(), (tag, label)
+    if path.suffix == ".msh":
+        # Version 4.1 says what bounds a volume; outwards is positive.
+        for tag, label in labels.items():
+            boundary = {surface for _, surface in gmsh.model.getBoundary([(3, tag)], oriented=True)}
+            expected = {i for i, pair in pairs.items() if pair[0] == label} | {-i for i, pair in pairs.items() if pair[1] == label}
+            assert boundary == expected, (label, boundary, expected)
+    # Each node belongs to the smallest surface that it is on, or else to a volume that it is in. Gmsh finds that for version 2.2 itself.
+    owner = np.zeros(len(points), dtype=np.int64)
+    for tag in sorted(pairs, reverse=True):
+        owner[gmsh_elements(2, tag)[1]] = tag
+    for tag in pairs:
+        nodes, _, _ = gmsh.model.mesh.getNodes(2, tag)
+        assert np.array_equal(np.sort(nodes) - 1, np.flatnonzero(owner == tag)), tag
+    for tag in labels:
+        nodes, _, _ = gmsh.model.mesh.getNodes(3, tag)
+        vertices = np.unique(gmsh_elements(3, tag)[1])
+        assert np.array_equal(np.sort(nodes) - 1, vertices[owner[vertices] == 0]), tag
+    return gmsh_gather(points, lambda dimension, entity: (labels if dimension == 3 else pairs)[entity])
+
+
+def gmsh_medit(path):
+    """References become tags of entities. For Gmsh's interface a negative tag stands for all entities, so such labels cannot be asked
+    for; then only the elements as a whole are."""
+    import gmsh
+
+    points = gmsh_open(path)
+    if min(entity for _, entity in gmsh.model.getEntities(3)) < 0:
+        numbers, tets = gmsh_elements(3, -1)
+        order = np.argsort(numbers)
+        return Seen(points, tets[order], volumes=gmsh.model.mesh.getElementQualities(numbers[order], "volume"))
+    pairs = pairs_in_comments(path)
+    return gmsh_gather(points, lambda dimension, entity: entity if dimension == 3 else pairs[entity - 1])
+
+
+# Which program reads which file.
+READERS = [
+    ("meshio", ".vtu", meshio_volume),
+    ("vtk", ".vtu", vtk_volume),
+    ("meshio", ".vtk", meshio_volume),
+    ("vtk", ".vtk", vtk_volume),
+    ("meshio", ".mesh", meshio_medit),
+    ("gmsh", ".mesh", gmsh_medit),
+    ("meshio", ".node", meshio_volume),
+    ("gmsh", ".msh", gmsh_msh),
+    ("meshio", ".msh", meshio_msh),
+    ("gmsh", ".msh2", gmsh_msh),
+    ("meshio", ".msh2", meshio_msh),
+    ("meshio", ".inp", meshio_abaqus),
+    ("meshio", ".stl", meshio_surface),
+    ("trimesh", ".stl", trimesh_surface),
+    ("vtk", ".stl", vtk_surface),
+    ("trimesh", ".ply", trimesh_surface),
+    ("vtk", ".ply", vtk_surface),
+    ("meshio", ".off", meshio_surface),
+    ("trimesh", ".off", trimesh_surface),
+    ("vtk", ".off", vtk_surface),
+]
