@@ -2,17 +2,18 @@
 
     python3 readback.py MESH_IMAGE LIBRARY WORK ENVIRONMENT
 
-meshio, gmsh, VTK and trimesh read the files, and what they see is compared with the arrays that LIBRARY, the installed shared library, hands
-out for the same image and parameters: points to the last bit, tets with labels, orientation and volumes, facets with their pairs of
-labels, and that normals point from the first to the second. ENVIRONMENT is a Python virtual environment with requirements.txt, which is
-made when it is missing. Without network, or where one of the programs cannot be loaded, a line says what was SKIPPED. Exit status 1
-if anything differs.
+meshio, gmsh, VTK and trimesh read the files, and what they see is compared with the arrays that LIBRARY, the installed shared
+library, hands out for the same image and parameters: points to the last bit, tets with labels, orientation and volumes, facets with
+their pairs of labels, and that normals point from the first to the second. CalculiX solves a problem on the Abaqus file. ENVIRONMENT is
+a Python virtual environment with requirements.txt, which is made when it is missing. Without network, or where one of the programs
+cannot be loaded, a line says what was SKIPPED. Exit status 1 if anything differs.
 """
 
 import ctypes
 import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -55,6 +56,7 @@ enter_environment(Path(sys.argv[4]).absolute())
 sys.dont_write_bytecode = True
 
 import numpy as np
+import readback_calculix
 from readback_readers import READERS, Seen
 
 DELTA, SIZE = 1.5, 3.0
@@ -292,6 +294,10 @@ def usable_programs():
 
         gmsh.initialize(interruptible=False)
         gmsh.option.setNumber("General.Terminal", 0)
+    if shutil.which("ccx"):
+        usable.add("ccx")
+    else:
+        skip("meshes in CalculiX, there is no program ccx (Debian: calculix-ccx)")
     return usable
 
 
@@ -311,14 +317,21 @@ def run_case(name, labels, background, library, usable):
     check_stl_normals(folder / "mesh.stl", reference)
     print(f"{name}: labels {sorted(set(reference.labels.tolist()))}, {len(reference.tets)} tets, {len(reference.facets)} facets")
     failed = 0
+
+    def attempt(program, ending, comparison):
+        nonlocal failed
+        try:
+            comparison(folder / f"mesh{ending}")
+            print(f"  ok      {ending:6} {program}")
+        except Exception as error:  # Whatever a reader raises, the next one has its turn.
+            failed += 1
+            print(f"  FAILED  {ending:6} {program}: {type(error).__name__} {error}")
+
     for program, ending, read in READERS:
         if program in usable:
-            try:
-                compare(read(folder / f"mesh{ending}"), reference, ending, report)
-                print(f"  ok      {ending:6} {program}")
-            except Exception as error:  # Whatever a reader raises, the next one has its turn.
-                failed += 1
-                print(f"  FAILED  {ending:6} {program}: {type(error).__name__} {error}")
+            attempt(program, ending, lambda path, read=read: compare(read(path), reference, path.suffix, report))
+    if "ccx" in usable:
+        attempt("ccx", ".inp", lambda path: readback_calculix.check(path, reference))
     return failed
 
 

@@ -56,7 +56,8 @@ have pkg-config || missing="$missing pkg-config"
 have nm || missing="$missing binutils"
 have clang-format || missing="$missing clang-format"
 have python3 || missing="$missing python3"
-# What readback.py needs: virtual environments, and the libraries that the gmsh module from PyPI links to.
+# What readback.py needs: CalculiX, virtual environments, and the libraries that the gmsh module from PyPI links to.
+have ccx || missing="$missing calculix-ccx"
 python3 -c 'import ensurepip' >/dev/null 2>&1 || missing="$missing python3-venv"
 for pair in libGL.so.1=libgl1 libGLU.so.1=libglu1-mesa libgomp.so.1=libgomp1 libXcursor.so.1=libxcursor1 libXft.so.2=libxft2 \
     libXinerama.so.1=libxinerama1; do
