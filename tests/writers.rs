@@ -147,7 +147,7 @@ fn meshio_reads_what_was_written() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let names = "small.vtu small.vtk small.mesh small.node small.msh small.msh2 small.inp small.stl small.ply small.off";
+    let names = "small.vtu small.vtk small.mesh small.node small.msh small.msh2 small.inp small.stl small.off";
     for name in names.split(' ') {
         write_mesh(&mesh(), &folder.path().join(name)).unwrap();
     }
