@@ -1,30 +1,105 @@
 #!/bin/sh
-# Tests of the package, one at a time: sh packaging.sh TEST SOURCE INSTALLED WORK [CARGO_TARGET_DIR]
+# Tests of the package, one at a time: sh packaging.sh TEST SOURCE INSTALLED UNINSTALLED WORK CARGO_TARGET_DIR
+#
+# INSTALLED and UNINSTALLED are the install tree and the build tree of a release build. Tests whose name ends in _debug use a debug
+# build of lapd, of which debug_tree makes both under WORK; all build in one cargo target folder, so that cargo compiles little more
+# than once for each of the two profiles.
 set -eu
-test=$1 source=$2 installed=$3 work=$4/$1 target=${5-}
+test=$1 source=$2 installed=$3 uninstalled=$4 work=$5/$1 target=$6
+debug=$5/debug_tree
 rm -rf "$work"
 mkdir -p "$work"
 
-# Builds the consumer project with more CMake arguments, and runs what comes out.
-consume() {
-    cmake -S "$source/c-tests/consumer" -B "$work/build" "$@" --log-level=WARNING >"$work/log" 2>&1 &&
-        cmake --build "$work/build" >>"$work/log" 2>&1 || {
+case $test in
+*_debug) build_type=Debug installed=$debug/install uninstalled=$debug/build ;;
+*) build_type=Release ;;
+esac
+
+# Runs a command, and shows what it printed only if it fails.
+quietly() {
+    "$@" >>"$work/log" 2>&1 || {
         cat "$work/log"
         exit 1
     }
+}
+
+# The four programs of a user, C11 and C++17, shared and static, run.
+run_programs() {
     for program in c_lapd c_lapd_static cpp_lapd cpp_lapd_static; do
         "$work/build/$program"
     done
     ldd "$work/build/c_lapd" | grep -q 'liblapd\.so\.[0-9.]* => /'
-    if ldd "$work/build/c_lapd_static" | grep liblapd; then
-        echo "the static program needs the shared library"
-        exit 1
-    fi
+    for program in c_lapd_static cpp_lapd_static; do
+        if ldd "$work/build/$program" | grep liblapd; then
+            echo "$program needs the shared library"
+            exit 1
+        fi
+    done
+}
+
+# consume WAY [CMAKE_ARGUMENT...]: builds the consumer project, and runs what comes out.
+consume() {
+    way=$1
+    shift
+    quietly cmake -S "$source/c-tests/consumer" -B "$work/build" -DCMAKE_BUILD_TYPE=$build_type -DCONSUMER_WAY="$way" \
+        -DLAPD_CARGO_TARGET_DIR="$target" "$@"
+    quietly cmake --build "$work/build"
+    run_programs
+}
+
+# The same by hand, with what pkg-config says. $1: where lapd.pc is, $2: where the libraries are.
+consume_pkg_config() {
+    PKG_CONFIG_PATH=$1
+    export PKG_CONFIG_PATH
+    [ "$(pkg-config --modversion lapd)" = "$(sed -n 's/^version = "\(.*\)"/\1/p' "$source/Cargo.toml" | head -n 1)" ]
+    mkdir "$work/build"
+    optimise=-O2
+    [ $build_type = Release ] || optimise=-g
+    for language in c cpp; do
+        if [ $language = c ]; then
+            compile="cc -std=c11 $optimise -Wall -Wextra -Wpedantic -Werror $source/c-tests/consumer/main.c"
+        else
+            compile="c++ -std=c++17 $optimise -Wall -Wextra -Wpedantic -Werror $source/c-tests/consumer/main.cpp"
+        fi
+        # Word splitting is wanted: pkg-config prints several options.
+        quietly $compile -o "$work/build/${language}_lapd" $(pkg-config --cflags --libs lapd)
+        quietly $compile -o "$work/build/${language}_lapd_static" $(pkg-config --cflags lapd) "$2/liblapd.a" \
+            $(pkg-config --libs --static lapd | sed 's/-llapd//')
+    done
+    LD_LIBRARY_PATH=$2
+    export LD_LIBRARY_PATH
+    run_programs
 }
 
 case $test in
-find_package)
-    consume -DCMAKE_PREFIX_PATH="$installed"
+debug_tree)
+    quietly cmake -S "$source" -B "$work/build" -DCMAKE_BUILD_TYPE=Debug -DCMAKE_INSTALL_PREFIX="$work/install" \
+        -DCMAKE_INSTALL_LIBDIR=lib -DLAPD_CARGO_TARGET_DIR="$target"
+    quietly cmake --build "$work/build"
+    quietly cmake --install "$work/build"
+    ;;
+find_package | find_package_debug)
+    consume find_package -DCMAKE_PREFIX_PATH="$installed"
+    ;;
+uninstalled | uninstalled_debug)
+    consume find_package -Dlapd_DIR="$uninstalled"
+    ;;
+add_subdirectory | add_subdirectory_debug)
+    consume add_subdirectory -DCONSUMER_SOURCE="$source"
+    ;;
+fetch_source | fetch_source_debug)
+    consume fetch_source -DCONSUMER_SOURCE="$source"
+    ;;
+fetch_url_debug)
+    # An archive of the tree needs nothing that is not in it. In debug only: cargo compiles what lies in another folder again.
+    tar -C "$source" --exclude=./build --exclude=./target --exclude=./.git -czf "$work/lapd.tar.gz" .
+    consume fetch_url -DCONSUMER_URL="file://$work/lapd.tar.gz"
+    ;;
+pkg_config | pkg_config_debug)
+    consume_pkg_config "$installed/lib/pkgconfig" "$installed/lib"
+    ;;
+pkg_config_uninstalled | pkg_config_uninstalled_debug)
+    consume_pkg_config "$uninstalled" "$uninstalled/lib"
     ;;
 moved)
     # An install tree can be moved.
@@ -33,7 +108,7 @@ moved)
         echo "these files name the place of installation"
         exit 1
     fi
-    consume -DCMAKE_PREFIX_PATH="$work/elsewhere"
+    consume find_package -DCMAKE_PREFIX_PATH="$work/elsewhere"
     ;;
 version)
     # Another version is not taken.
@@ -49,21 +124,6 @@ END
         cat "$work/log"
         exit 1
     }
-    ;;
-add_subdirectory)
-    consume -DCONSUMER_SOURCE="$source" -DLAPD_CARGO_TARGET_DIR="$target"
-    ;;
-pkg_config)
-    PKG_CONFIG_PATH=$installed/lib/pkgconfig
-    export PKG_CONFIG_PATH
-    [ "$(pkg-config --modversion lapd)" = "$(sed -n 's/^version = "\(.*\)"/\1/p' "$source/Cargo.toml" | head -n 1)" ]
-    # Word splitting is wanted: pkg-config prints several options.
-    cc -std=c11 -Wall -Wextra -Wpedantic -Werror "$source/c-tests/consumer/main.c" -o "$work/shared" \
-        $(pkg-config --cflags --libs lapd)
-    LD_LIBRARY_PATH=$installed/lib "$work/shared"
-    cc -std=c11 "$source/c-tests/consumer/main.c" -o "$work/static" $(pkg-config --cflags lapd) \
-        "$installed/lib/liblapd.a" $(pkg-config --libs --static lapd | sed 's/-llapd//')
-    "$work/static"
     ;;
 symbols)
     # The shared library exports the functions of the header, and nothing else.

@@ -63,6 +63,8 @@ for pair in libGL.so.1=libgl1 libGLU.so.1=libglu1-mesa libgomp.so.1=libgomp1 lib
     libXinerama.so.1=libxinerama1; do
     PATH=$PATH:/sbin ldconfig -p | grep -q "${pair%=*}" || missing="$missing ${pair#*=}"
 done
+have abidiff || missing="$missing abigail-tools"
+have valgrind || missing="$missing valgrind"
 [ -e /usr/share/mricron/templates/aal.nii.gz ] || missing="$missing mricron-data"
 if [ -n "$missing" ]; then
     echo "installing$missing"
@@ -83,8 +85,8 @@ else
     skip "rustfmt, this toolchain has none (rustup component add rustfmt)"
 fi
 if have clang-format; then
-    step clang-format clang-format --dry-run -Werror examples/*.c examples/*.h c-tests/*.c c-tests/*.h c-tests/consumer/*.c \
-        c-tests/consumer/*.cpp
+    step clang-format clang-format --dry-run -Werror include/*.hpp examples/*.c examples/*.cpp examples/*.h c-tests/*.c c-tests/*.cpp \
+        c-tests/*.h c-tests/consumer/*.c c-tests/consumer/*.cpp
 else
     skip "clang-format is missing"
 fi
@@ -119,7 +121,7 @@ build_examples() {
 }
 build_tests() {
     cmake -S c-tests -B "$build/c-tests" -DCMAKE_PREFIX_PATH="$build/install" -DLAPD_INSTALLED="$build/install" \
-        -DLAPD_CARGO_TARGET_DIR="$root/target" -DMESH_IMAGE="$build/bin/mesh_image" && cmake --build "$build/c-tests"
+        -DLAPD_BUILD_TREE="$build/cmake" -DLAPD_CARGO_TARGET_DIR="$root/target" -DMESH_IMAGE="$build/bin/mesh_image" && cmake --build "$build/c-tests"
 }
 if step package build_package && step examples build_examples && step c-build build_tests; then
     step ctest ctest --test-dir "$build/c-tests" --output-on-failure --timeout 300

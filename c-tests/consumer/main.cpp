@@ -1,17 +1,25 @@
-// The same header in C++17.
-#include <lapd.h>
+// The first program of a user, in C++17.
+#include <lapd.hpp>
 
+#include <cstring>
 #include <iostream>
-#include <memory>
+#include <vector>
 
-int main() {
-    lapd_params *params = nullptr;
-    if (lapd_params_create(&params) != LAPD_OK) {
-        return 1;
+int main() try {
+    std::vector<short> voxels(6 * 6 * 6);
+    for (std::size_t i = 0; i < voxels.size(); i++) {
+        const std::size_t x = i % 6, y = i / 6 % 6, z = i / 36;
+        voxels[i] = x > 0 && x < 5 && y > 0 && y < 5 && z > 0 && z < 5;
     }
-    std::unique_ptr<lapd_params, decltype(&lapd_params_free)> owner(params, lapd_params_free);
-    double delta = 0;
-    lapd_status status = lapd_params_get_delta(params, &delta);
-    std::cout << "lapd " << lapd_version() << ": " << lapd_status_name(status) << ", delta " << delta << '\n';
-    return status == LAPD_OK && delta > 0 ? 0 : 1;
+    lapd::grid grid;
+    grid.dims = {6, 6, 6};
+
+    lapd::context context;
+    const lapd::image image = lapd::image::create(context, voxels.data(), grid);
+    const lapd::mesh mesh = lapd::mesh::make(context, image, lapd::params());
+    std::cout << "lapd " << lapd::version() << ": " << mesh.tets().size() << " tets\n";
+    return !mesh.tets().empty() && std::strcmp(lapd::version(), LAPD_VERSION) == 0 ? 0 : 1;
+} catch (const std::exception &error) {
+    std::cerr << error.what() << '\n';
+    return 1;
 }

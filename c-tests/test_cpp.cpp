@@ -1,0 +1,261 @@
+// lapd.hpp, compiled as C++17 and as C++20: ownership, views, errors, and exceptions of callbacks.
+#include <lapd.hpp>
+
+#include <cstring>
+#include <iterator>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+#include <vector>
+#if __cplusplus >= 202002L
+#include <algorithm>
+#include <span>
+#endif
+
+#include "check.h"
+
+namespace {
+
+// The status that a call fails with; LAPD_OK when it does not.
+template <class Call> lapd_status status_of(Call call) {
+    try {
+        call();
+    } catch (const lapd::error &error) {
+        CHECK(std::strlen(error.what()) > 0);
+        return error.status();
+    }
+    return LAPD_OK;
+}
+
+// Whether a call throws a std::runtime_error with this text.
+template <class Call> bool throws(Call call, const char *text) {
+    try {
+        call();
+    } catch (const std::runtime_error &error) {
+        return std::strcmp(error.what(), text) == 0;
+    }
+    return false;
+}
+
+constexpr std::size_t n = 8;
+
+// A block of label 5 with one of label 9 in it.
+template <class T> std::vector<T> block() {
+    std::vector<T> voxels(n * n * n);
+    for (std::size_t i = 0; i < voxels.size(); i++) {
+        const std::size_t x = i % n, y = i / n % n, z = i / n / n;
+        const bool outer = x > 0 && x < 7 && y > 0 && y < 7 && z > 0 && z < 7;
+        const bool inner = x > 2 && x < 6 && y > 2 && y < 6 && z > 2 && z < 6;
+        voxels[i] = static_cast<T>(inner ? 9 : outer ? 5 : 0);
+    }
+    return voxels;
+}
+
+lapd::grid cube() {
+    lapd::grid grid;
+    grid.dims = {n, n, n};
+    return grid;
+}
+
+lapd::image block_image(lapd::context &context) {
+    // The voxels are gone when the image is used.
+    return lapd::image::create(context, block<std::uint8_t>().data(), cube());
+}
+
+void types() {
+    static_assert(!std::is_copy_constructible_v<lapd::context> && std::is_nothrow_move_constructible_v<lapd::context>);
+    static_assert(!std::is_copy_constructible_v<lapd::image> && std::is_nothrow_move_constructible_v<lapd::image>);
+    static_assert(!std::is_copy_constructible_v<lapd::params> && std::is_nothrow_move_constructible_v<lapd::params>);
+    static_assert(!std::is_copy_constructible_v<lapd::mesh> && std::is_nothrow_move_constructible_v<lapd::mesh>);
+    static_assert(std::is_nothrow_move_assignable_v<lapd::mesh> && std::is_nothrow_move_assignable_v<lapd::image>);
+    static_assert(std::is_trivially_copyable_v<lapd::span<double>> && lapd::rows<double, 3>::width == 3);
+    CHECK(std::strcmp(lapd::version(), LAPD_VERSION) == 0);
+#if __cplusplus >= 202002L
+    static_assert(std::ranges::contiguous_range<lapd::span<int>> && std::ranges::view<lapd::span<int>>);
+    static_assert(std::is_convertible_v<lapd::span<int>, std::span<const int>>);
+#endif
+}
+
+void images() {
+    lapd::context context;
+    const std::vector<std::int32_t> expected = block<std::int32_t>();
+    // Every integer type, whatever its name.
+    CHECK(lapd::image::create(context, block<char>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<signed char>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<unsigned char>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<short>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<unsigned short>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<int>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<unsigned>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<long>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<unsigned long>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<long long>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<unsigned long long>().data(), cube()).voxels() == expected);
+
+    // Read backwards along x, placed in the world with a reflection.
+    lapd::grid grid = cube();
+    grid.origin = {1, 2, 3};
+    grid.spacing = {0.5, 1, 2};
+    grid.direction = {0, 1, 0, 1, 0, 0, 0, 0, 1};
+    grid.strides = {{-1, n, n * n}};
+    const lapd::image image = lapd::image::create(context, expected.data() + (n - 1), grid);
+    CHECK(image.dims() == grid.dims && image.origin() == grid.origin);
+    CHECK(image.spacing() == grid.spacing && image.direction() == grid.direction);
+    CHECK(image.voxels()[1] == expected[n - 2]);
+    const lapd::span<std::int32_t> labels = image.labels();
+    CHECK(labels.size() == 2 && !labels.empty() && labels[0] == 5 && *std::next(labels.begin()) == 9);
+    CHECK(image.warning_count() == 0);
+    CHECK(status_of([&] { image.warning(0); }) == LAPD_ERROR_INVALID_ARGUMENT);
+}
+
+void errors() {
+    lapd::context context;
+    CHECK(std::strcmp(context.last_error(), "") == 0);
+    CHECK(status_of([&] { lapd::image::read(context, "no/such/file.nrrd"); }) == LAPD_ERROR_IO);
+    CHECK(std::strstr(context.last_error(), "no/such/file.nrrd") != nullptr);
+    CHECK(status_of([&] { lapd::image::create(context, block<int>().data(), lapd::grid{}); }) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
+    try {
+        lapd::params().set_delta(-1);
+        CHECK(!"set_delta threw");
+    } catch (const lapd::error &error) {
+        CHECK(std::strstr(error.what(), "delta") != nullptr);
+    }
+
+    // What was moved from holds nothing, and says so.
+    const lapd::image image = block_image(context);
+    lapd::params params;
+    lapd::context other = std::move(context);
+    CHECK(context.get() == nullptr && other.get() != nullptr);
+    CHECK(status_of([&] { lapd::mesh::make(context, image, params); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { context.set_log(nullptr); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { context.reset_cancel(); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    context.cancel();
+    lapd::mesh mesh = lapd::mesh::make(other, image, params);
+    const lapd::mesh moved = std::move(mesh);
+    CHECK(status_of([&] { mesh.points(); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { mesh.counts(); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(moved.points().size() > 0);
+    const lapd::params moved_params = std::move(params);
+    CHECK(status_of([&] { params.set_delta(1); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { params.delta(); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(moved_params.delta() > 0);
+}
+
+void parameters() {
+    lapd::params params;
+    params.set_delta(0.5).set_size(1.5).set_radius_edge(2.5).set_facet_angle(25).set_surface(LAPD_SURFACE_VOXEL);
+    params.set_keep({5, -9}).set_background(true).set_threads(1).set_max_vertices(100000);
+    params.set_algorithm(LAPD_ALGORITHM_PODM).set_contention(LAPD_CONTENTION_LOCAL).set_optimize(false);
+    params.set_label_size(5, 1.25);
+    CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 && params.facet_angle() == 25);
+    CHECK(params.surface() == LAPD_SURFACE_VOXEL && params.background() && params.threads() == 1);
+    CHECK(params.max_vertices() == 100000 && params.algorithm() == LAPD_ALGORITHM_PODM);
+    CHECK(params.contention() == LAPD_CONTENTION_LOCAL && !params.optimize());
+    CHECK(params.label_size(5) == 1.25 && params.clear_label_sizes().label_size(5) == 1.5);
+    CHECK(params.keep().size() == 2 && params.keep()[1] == -9 && params.set_keep({}).keep().empty());
+}
+
+void meshes() {
+    lapd::context context;
+    std::vector<std::string> lines;
+    double last = 0;
+    context.set_log([&](lapd_log_level, const char *line) { lines.emplace_back(line); });
+    context.set_progress([&](const lapd_progress &progress) {
+        CHECK(progress.fraction >= last);
+        last = progress.fraction;
+        return lapd::answer::go_on;
+    });
+    // The callbacks move with the context.
+    lapd::context moved = std::move(context);
+    const lapd::mesh mesh = lapd::mesh::make(moved, block_image(moved), lapd::params());
+    CHECK(last > 0 && !lines.empty());
+
+    const lapd_counts counts = mesh.counts();
+    const lapd::rows<double, 3> points = mesh.points();
+    const lapd::rows<std::uint32_t, 4> tets = mesh.tets();
+    CHECK(points.size() == counts.vertices && points.values().size() == 3 * counts.vertices);
+    CHECK(tets.size() == counts.tets && mesh.labels().size() == counts.tets && mesh.neighbors().size() == counts.tets);
+    CHECK(mesh.facets().size() == counts.interface_facets && mesh.facet_tets().size() == counts.interface_facets);
+    CHECK(mesh.facet_labels().size() == counts.interface_facets && !tets.empty());
+    for (std::size_t t = 0; t < tets.size(); t++) {
+        for (std::size_t k = 0; k < 4; k++) {
+            CHECK(tets[t][k] < points.size());
+        }
+    }
+    for (std::int32_t label : mesh.labels()) {
+        CHECK(label == 5 || label == 9);
+    }
+    // No copy: the same array each time.
+    CHECK(mesh.points().data() == points.data());
+
+    double volume = 0;
+    for (std::size_t i = 0; i < mesh.label_row_count(); i++) {
+        volume += mesh.label_row(i).mesh_volume;
+    }
+    CHECK(volume > 100 && volume < 216);
+    CHECK(status_of([&] { mesh.label_row(2); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(mesh.certificate().inverted_tets == 0 && mesh.quality().max_radius_edge <= 2.000001);
+    CHECK(mesh.timings().refine >= 0 && mesh.operations().insertions > 0);
+    CHECK(status_of([&] { mesh.write(moved, "mesh.nonsense"); }) == LAPD_ERROR_INVALID_ARGUMENT);
+#if __cplusplus >= 202002L
+    const std::span<const std::int32_t> labels = mesh.labels();
+    CHECK(labels.data() == mesh.labels().data() && std::ranges::count(mesh.labels(), 9) > 0);
+#endif
+}
+
+void callbacks_that_throw() {
+    lapd::context context;
+    const lapd::image image = block_image(context);
+    const lapd::params params;
+    const auto run = [&] { lapd::mesh::make(context, image, params); };
+
+    int calls = 0;
+    context.set_progress([&](const lapd_progress &) -> lapd::answer {
+        calls++;
+        throw std::runtime_error("from progress");
+    });
+    CHECK(throws(run, "from progress") && calls == 1);
+
+    // The first exception counts, and nobody is called after it.
+    int logs = 0;
+    calls = 0;
+    context.set_log([&](lapd_log_level, const char *) {
+        logs++;
+        throw std::runtime_error("from log");
+    });
+    CHECK(throws(run, "from log") && logs == 1 && calls == 0);
+
+    // Neither leaves anything behind: the next run goes well.
+    context.set_log(nullptr);
+    context.set_progress([](const lapd_progress &) { return lapd::answer::cancel; });
+    CHECK(status_of(run) == LAPD_ERROR_CANCELLED);
+    context.set_progress(nullptr);
+    CHECK(status_of(run) == LAPD_OK);
+
+    // An error of a call inside of a callback leaves the outer call as it is.
+    context.set_progress([&](const lapd_progress &) {
+        run();
+        return lapd::answer::go_on;
+    });
+    CHECK(status_of(run) == LAPD_ERROR_BUSY);
+    context.set_progress(nullptr);
+
+    context.cancel();
+    CHECK(status_of(run) == LAPD_ERROR_CANCELLED);
+    context.reset_cancel();
+    CHECK(status_of(run) == LAPD_OK);
+}
+
+} // namespace
+
+int main() {
+    types();
+    images();
+    errors();
+    parameters();
+    meshes();
+    callbacks_that_throw();
+    return RESULT;
+}

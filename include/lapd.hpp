@@ -1,0 +1,566 @@
+// lapd for C++17 and later: move-only owners, views and exceptions over lapd.h, and nothing else.
+// SPDX-License-Identifier: MIT OR Apache-2.0
+//
+//     lapd::context context;
+//     lapd::params params;
+//     params.set_delta(1).set_size(2);
+//     lapd::image image = lapd::image::read(context, "atlas.nii.gz");
+//     lapd::mesh mesh = lapd::mesh::make(context, image, params);
+//     mesh.write(context, "atlas.vtu");
+//
+// Conventions
+// - What lapd.h says holds here too: units, shapes, thread safety, who may change what. Every member calls the function
+// of the same
+//   name, where its text stands.
+// - A status other than LAPD_OK becomes a lapd::error, which carries the status and the message. Members may throw
+// std::bad_alloc.
+// - context, image, params and mesh own their handle and free it. They can be moved, not copied. One that was moved
+// from holds
+//   NULL, which every function refuses: its members throw. get() gives the handle for calls that are not here.
+// - Arrays come as views, without copying. A view is valid as long as the object that it came from (wherever that is
+// moved to); for
+//   params: until they are changed.
+// - Callbacks may throw. The exception does not cross the C interface: the run is cancelled, and the exception leaves
+// the call of
+//   this header that was running. What that call made is freed.
+#ifndef LAPD_HPP
+#define LAPD_HPP
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+#if __cplusplus >= 202002L
+#include <ranges>
+#endif
+
+#include "lapd.h"
+
+namespace lapd {
+
+// A call failed. what() is the one line that the context keeps, or, of a call without a context, what the status means.
+class error : public std::runtime_error {
+  public:
+    error(lapd_status status, const std::string &message) : std::runtime_error(message), status_(status) {
+    }
+    lapd_status status() const noexcept {
+        return status_;
+    }
+
+  private:
+    lapd_status status_;
+};
+
+// A view of `size()` values that belong to somebody else. It is the same type in C++17 and in C++20, so that objects
+// compiled by either can be linked together; in C++20 it converts to std::span<const T>.
+template <class T> class span {
+  public:
+    using value_type = T;
+    constexpr span() noexcept = default;
+    constexpr span(const T *data, std::size_t size) noexcept : data_(data), size_(size) {
+    }
+    constexpr const T *data() const noexcept {
+        return data_;
+    }
+    constexpr std::size_t size() const noexcept {
+        return size_;
+    }
+    constexpr bool empty() const noexcept {
+        return size_ == 0;
+    }
+    constexpr const T *begin() const noexcept {
+        return data_;
+    }
+    constexpr const T *end() const noexcept {
+        return data_ + size_;
+    }
+    constexpr const T &operator[](std::size_t i) const noexcept {
+        return data_[i];
+    }
+
+  private:
+    const T *data_ = nullptr;
+    std::size_t size_ = 0;
+};
+
+// A view of `size()` rows of N values each, one after the other: rows[i][k], k below N.
+template <class T, std::size_t N> class rows {
+  public:
+    static constexpr std::size_t width = N;
+    constexpr rows() noexcept = default;
+    constexpr rows(const T *data, std::size_t size) noexcept : data_(data), size_(size) {
+    }
+    constexpr const T *data() const noexcept {
+        return data_;
+    }
+    constexpr std::size_t size() const noexcept {
+        return size_;
+    }
+    constexpr bool empty() const noexcept {
+        return size_ == 0;
+    }
+    constexpr const T *operator[](std::size_t i) const noexcept {
+        return data_ + N * i;
+    }
+    // All values, size() * N of them.
+    constexpr span<T> values() const noexcept {
+        return {data_, size_ * N};
+    }
+
+  private:
+    const T *data_ = nullptr;
+    std::size_t size_ = 0;
+};
+
+namespace detail {
+
+template <class T, void (*Free)(T *)> struct deleter {
+    void operator()(T *handle) const noexcept {
+        Free(handle);
+    }
+};
+
+// Of calls without a context.
+inline void check(lapd_status status) {
+    if (status != LAPD_OK) {
+        throw error(status, std::string(lapd_status_name(status)) + ": " + lapd_status_message(status));
+    }
+}
+
+inline void check(lapd_status status, const lapd_context *context) {
+    if (status != LAPD_OK) {
+        throw error(status, lapd_context_last_error(context));
+    }
+}
+
+template <class T> constexpr std::int32_t voxel_type() noexcept {
+    static_assert(std::is_integral_v<T> && !std::is_same_v<T, bool>, "voxels are integers");
+    constexpr bool is_signed = std::is_signed_v<T>;
+    switch (sizeof(T)) {
+    case 1:
+        return is_signed ? LAPD_VOXEL_I8 : LAPD_VOXEL_U8;
+    case 2:
+        return is_signed ? LAPD_VOXEL_I16 : LAPD_VOXEL_U16;
+    case 4:
+        return is_signed ? LAPD_VOXEL_I32 : LAPD_VOXEL_U32;
+    default:
+        return is_signed ? LAPD_VOXEL_I64 : LAPD_VOXEL_U64;
+    }
+}
+
+} // namespace detail
+
+// The version of the library that runs.
+inline const char *version() noexcept {
+    return lapd_version();
+}
+
+// What a progress callback wants.
+enum class answer { go_on, cancel };
+
+using progress_callback = std::function<answer(const lapd_progress &progress)>;
+using log_callback = std::function<void(lapd_log_level level, const char *message)>;
+
+// lapd_context: messages, callbacks, cancellation. One thread at a time, but for cancel().
+class context {
+  public:
+    context() : callbacks_(std::make_unique<callbacks>()) {
+        lapd_context *handle = nullptr;
+        detail::check(lapd_context_create(&handle));
+        handle_.reset(handle);
+        // Always set: an exception of the log callback cancels through the progress callback.
+        detail::check(lapd_context_set_progress(handle, call_progress, callbacks_.get()), handle);
+        detail::check(lapd_context_set_log(handle, call_log, callbacks_.get()), handle);
+    }
+
+    // Both replace what was set before; nullptr means none. Not to be called from a callback of the same context.
+    void set_progress(progress_callback callback) {
+        require_handle();
+        callbacks_->progress = std::move(callback);
+    }
+    void set_log(log_callback callback) {
+        require_handle();
+        callbacks_->log = std::move(callback);
+    }
+
+    // From any thread and from a signal handler, as long as the context is neither moved nor destroyed meanwhile.
+    void cancel() const noexcept {
+        lapd_context_cancel(handle_.get());
+    }
+    void reset_cancel() {
+        check(lapd_context_reset_cancel(handle_.get()));
+    }
+    const char *last_error() const noexcept {
+        return lapd_context_last_error(handle_.get());
+    }
+    lapd_context *get() const noexcept {
+        return handle_.get();
+    }
+
+    // After a call with get(): throws what a callback threw during the call, or the error of a status that is not
+    // LAPD_OK.
+    void check(lapd_status status) const {
+        if (callbacks_ != nullptr && callbacks_->thrown != nullptr) {
+            std::rethrow_exception(std::exchange(callbacks_->thrown, nullptr));
+        }
+        detail::check(status, handle_.get());
+    }
+
+  private:
+    // Where the C interface finds the callbacks; stays in place when the context is moved. No lock: callbacks run on
+    // the thread that made the call.
+    struct callbacks {
+        progress_callback progress;
+        log_callback log;
+        std::exception_ptr thrown;
+    };
+
+    static std::int32_t call_progress(void *user, const lapd_progress *progress) noexcept {
+        auto &self = *static_cast<callbacks *>(user);
+        try {
+            if (self.thrown == nullptr && self.progress && self.progress(*progress) == answer::cancel) {
+                return 1;
+            }
+        } catch (...) {
+            self.thrown = std::current_exception();
+        }
+        return self.thrown != nullptr;
+    }
+
+    static void call_log(void *user, std::int32_t level, const char *message) noexcept {
+        auto &self = *static_cast<callbacks *>(user);
+        try {
+            if (self.thrown == nullptr && self.log) {
+                self.log(static_cast<lapd_log_level>(level), message);
+            }
+        } catch (...) {
+            self.thrown = std::current_exception();
+        }
+    }
+
+    void require_handle() const {
+        if (handle_ == nullptr) {
+            throw error(LAPD_ERROR_INVALID_ARGUMENT, lapd_context_last_error(nullptr));
+        }
+    }
+
+    // The handle is freed first.
+    std::unique_ptr<callbacks> callbacks_;
+    std::unique_ptr<lapd_context, detail::deleter<lapd_context, lapd_context_free>> handle_;
+};
+
+// Where the voxels of a buffer are in memory and in the world; see lapd_image_create.
+struct grid {
+    std::array<std::size_t, 3> dims{};
+    std::array<double, 3> origin{0, 0, 0};
+    std::array<double, 3> spacing{1, 1, 1};
+    std::array<double, 9> direction{1, 0, 0, 0, 1, 0, 0, 0, 1};
+    std::optional<std::array<std::ptrdiff_t, 3>> strides{};
+};
+
+// lapd_image: never changes, any number of threads.
+class image {
+  public:
+    // Copies voxels of any integer type; `voxels` points to voxel (0, 0, 0).
+    template <class T> static image create(context &context, const T *voxels, const grid &grid) {
+        lapd_image *handle = nullptr;
+        lapd_status status = lapd_image_create(context.get(), voxels, detail::voxel_type<T>(), grid.dims.data(),
+                                               grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
+                                               grid.spacing.data(), grid.direction.data(), &handle);
+        return adopt(context, status, handle);
+    }
+
+    static image read(context &context, const std::string &path) {
+        lapd_image *handle = nullptr;
+        lapd_status status = lapd_image_read(context.get(), path.c_str(), &handle);
+        return adopt(context, status, handle);
+    }
+
+    // Takes over a handle.
+    explicit image(lapd_image *handle) noexcept : handle_(handle) {
+    }
+
+    std::array<std::size_t, 3> dims() const {
+        std::array<std::size_t, 3> values{};
+        detail::check(lapd_image_get_dims(get(), values.data()));
+        return values;
+    }
+    std::array<double, 3> origin() const {
+        std::array<double, 3> values{};
+        detail::check(lapd_image_get_origin(get(), values.data()));
+        return values;
+    }
+    std::array<double, 3> spacing() const {
+        std::array<double, 3> values{};
+        detail::check(lapd_image_get_spacing(get(), values.data()));
+        return values;
+    }
+    std::array<double, 9> direction() const {
+        std::array<double, 9> values{};
+        detail::check(lapd_image_get_direction(get(), values.data()));
+        return values;
+    }
+    span<std::int32_t> labels() const {
+        const std::int32_t *data = nullptr;
+        std::size_t count = 0;
+        detail::check(lapd_image_get_labels(get(), &data, &count));
+        return {data, count};
+    }
+    // A copy: the image keeps its voxels in another form.
+    std::vector<std::int32_t> voxels() const {
+        const auto n = dims();
+        std::vector<std::int32_t> values(n[0] * n[1] * n[2]);
+        detail::check(lapd_image_copy_voxels(get(), values.data(), values.size()));
+        return values;
+    }
+    std::size_t warning_count() const {
+        std::size_t count = 0;
+        detail::check(lapd_image_get_warning_count(get(), &count));
+        return count;
+    }
+    const char *warning(std::size_t index) const {
+        const char *text = nullptr;
+        detail::check(lapd_image_get_warning(get(), index, &text));
+        return text;
+    }
+
+    lapd_image *get() const noexcept {
+        return handle_.get();
+    }
+
+  private:
+    // Owns first, so that what was made is freed when this throws.
+    static image adopt(const context &context, lapd_status status, lapd_image *handle) {
+        image made(handle);
+        context.check(status);
+        return made;
+    }
+
+    std::unique_ptr<lapd_image, detail::deleter<lapd_image, lapd_image_free>> handle_;
+};
+
+// lapd_params: the defaults, until changed. Setters return the object, so that they can be written in a row.
+class params {
+  public:
+    params() {
+        lapd_params *handle = nullptr;
+        detail::check(lapd_params_create(&handle));
+        handle_.reset(handle);
+    }
+
+    params &set_delta(double delta) {
+        return set(lapd_params_set_delta, delta);
+    }
+    params &set_size(double size) {
+        return set(lapd_params_set_size, size);
+    }
+    params &set_label_size(std::int32_t label, double size) {
+        return set(lapd_params_set_label_size, label, size);
+    }
+    params &clear_label_sizes() {
+        return set(lapd_params_clear_label_sizes);
+    }
+    params &set_radius_edge(double radius_edge) {
+        return set(lapd_params_set_radius_edge, radius_edge);
+    }
+    params &set_facet_angle(double degrees) {
+        return set(lapd_params_set_facet_angle, degrees);
+    }
+    params &set_surface(lapd_surface surface) {
+        return set(lapd_params_set_surface, surface);
+    }
+    params &set_keep(const std::vector<std::int32_t> &labels) {
+        return set(lapd_params_set_keep, labels.data(), labels.size());
+    }
+    params &set_background(bool background) {
+        return set(lapd_params_set_background, background);
+    }
+    params &set_threads(std::size_t threads) {
+        return set(lapd_params_set_threads, threads);
+    }
+    params &set_max_vertices(std::size_t max_vertices) {
+        return set(lapd_params_set_max_vertices, max_vertices);
+    }
+    params &set_algorithm(lapd_algorithm algorithm) {
+        return set(lapd_params_set_algorithm, algorithm);
+    }
+    params &set_contention(lapd_contention contention) {
+        return set(lapd_params_set_contention, contention);
+    }
+    params &set_optimize(bool optimize) {
+        return set(lapd_params_set_optimize, optimize);
+    }
+
+    double delta() const {
+        return value<double>(lapd_params_get_delta);
+    }
+    double size() const {
+        return value<double>(lapd_params_get_size);
+    }
+    double label_size(std::int32_t label) const {
+        double size = 0;
+        detail::check(lapd_params_get_label_size(get(), label, &size));
+        return size;
+    }
+    double radius_edge() const {
+        return value<double>(lapd_params_get_radius_edge);
+    }
+    double facet_angle() const {
+        return value<double>(lapd_params_get_facet_angle);
+    }
+    lapd_surface surface() const {
+        return static_cast<lapd_surface>(value<std::int32_t>(lapd_params_get_surface));
+    }
+    span<std::int32_t> keep() const {
+        const std::int32_t *data = nullptr;
+        std::size_t count = 0;
+        detail::check(lapd_params_get_keep(get(), &data, &count));
+        return {data, count};
+    }
+    bool background() const {
+        return value<std::int32_t>(lapd_params_get_background) != 0;
+    }
+    std::size_t threads() const {
+        return value<std::size_t>(lapd_params_get_threads);
+    }
+    std::size_t max_vertices() const {
+        return value<std::size_t>(lapd_params_get_max_vertices);
+    }
+    lapd_algorithm algorithm() const {
+        return static_cast<lapd_algorithm>(value<std::int32_t>(lapd_params_get_algorithm));
+    }
+    lapd_contention contention() const {
+        return static_cast<lapd_contention>(value<std::int32_t>(lapd_params_get_contention));
+    }
+    bool optimize() const {
+        return value<std::int32_t>(lapd_params_get_optimize) != 0;
+    }
+
+    lapd_params *get() const noexcept {
+        return handle_.get();
+    }
+
+  private:
+    template <class Function, class... Arguments> params &set(Function function, Arguments... arguments) {
+        messages_.check(function(messages_.get(), get(), arguments...));
+        return *this;
+    }
+    template <class T> T value(lapd_status (*function)(const lapd_params *, T *)) const {
+        T result{};
+        detail::check(function(get(), &result));
+        return result;
+    }
+
+    // Setters leave their message here.
+    context messages_;
+    std::unique_ptr<lapd_params, detail::deleter<lapd_params, lapd_params_free>> handle_;
+};
+
+// lapd_mesh: never changes, any number of threads; needs none of the other objects to live on.
+class mesh {
+  public:
+    // lapd_mesh_image.
+    static mesh make(context &context, const image &image, const params &params) {
+        lapd_mesh *handle = nullptr;
+        lapd_status status = lapd_mesh_image(context.get(), image.get(), params.get(), &handle);
+        mesh made(handle);
+        context.check(status);
+        return made;
+    }
+
+    // Takes over a handle.
+    explicit mesh(lapd_mesh *handle) noexcept : handle_(handle) {
+    }
+
+    void write(context &context, const std::string &path) const {
+        context.check(lapd_mesh_write(context.get(), get(), path.c_str()));
+    }
+
+    rows<double, 3> points() const {
+        return array<rows<double, 3>>(lapd_mesh_get_points);
+    }
+    rows<std::uint32_t, 4> tets() const {
+        return array<rows<std::uint32_t, 4>>(lapd_mesh_get_tets);
+    }
+    span<std::int32_t> labels() const {
+        return array<span<std::int32_t>>(lapd_mesh_get_labels);
+    }
+    rows<std::uint32_t, 4> neighbors() const {
+        return array<rows<std::uint32_t, 4>>(lapd_mesh_get_neighbors);
+    }
+    rows<std::uint32_t, 3> facets() const {
+        return array<rows<std::uint32_t, 3>>(lapd_mesh_get_facets);
+    }
+    rows<std::int32_t, 2> facet_labels() const {
+        return array<rows<std::int32_t, 2>>(lapd_mesh_get_facet_labels);
+    }
+    rows<std::uint32_t, 2> facet_tets() const {
+        return array<rows<std::uint32_t, 2>>(lapd_mesh_get_facet_tets);
+    }
+
+    lapd_counts counts() const {
+        return filled<lapd_counts>(lapd_mesh_get_counts);
+    }
+    lapd_timings timings() const {
+        return filled<lapd_timings>(lapd_mesh_get_timings);
+    }
+    lapd_operations operations() const {
+        return filled<lapd_operations>(lapd_mesh_get_operations);
+    }
+    lapd_quality quality() const {
+        return filled<lapd_quality>(lapd_mesh_get_quality);
+    }
+    lapd_certificate certificate() const {
+        return filled<lapd_certificate>(lapd_mesh_get_certificate);
+    }
+    std::size_t label_row_count() const {
+        std::size_t count = 0;
+        detail::check(lapd_mesh_get_label_row_count(get(), &count));
+        return count;
+    }
+    lapd_label_row label_row(std::size_t index) const {
+        lapd_label_row row{};
+        row.struct_size = sizeof row;
+        detail::check(lapd_mesh_get_label_row(get(), index, &row));
+        return row;
+    }
+
+    lapd_mesh *get() const noexcept {
+        return handle_.get();
+    }
+
+  private:
+    template <class View, class T>
+    View array(lapd_status (*function)(const lapd_mesh *, const T **, std::size_t *)) const {
+        const T *data = nullptr;
+        std::size_t count = 0;
+        detail::check(function(get(), &data, &count));
+        return View(data, count);
+    }
+    template <class T> T filled(lapd_status (*function)(const lapd_mesh *, T *)) const {
+        T value{};
+        value.struct_size = sizeof value;
+        detail::check(function(get(), &value));
+        return value;
+    }
+
+    std::unique_ptr<lapd_mesh, detail::deleter<lapd_mesh, lapd_mesh_free>> handle_;
+};
+
+} // namespace lapd
+
+#if __cplusplus >= 202002L
+// Views own nothing: iterators outlive them.
+template <class T> inline constexpr bool std::ranges::enable_view<lapd::span<T>> = true;
+template <class T> inline constexpr bool std::ranges::enable_borrowed_range<lapd::span<T>> = true;
+#endif
+
+#endif
