@@ -85,7 +85,7 @@ else
     skip "rustfmt, this toolchain has none (rustup component add rustfmt)"
 fi
 if have clang-format; then
-    step clang-format clang-format --dry-run -Werror include/*.hpp examples/*.c examples/*.cpp examples/*.h c-tests/*.c c-tests/*.cpp \
+    step clang-format clang-format --dry-run -Werror include/*.hpp examples/*.c examples/*.cpp examples/*.hpp examples/*.h c-tests/*.c c-tests/*.cpp \
         c-tests/*.h c-tests/consumer/*.c c-tests/consumer/*.cpp
 else
     skip "clang-format is missing"

@@ -55,6 +55,8 @@ int main(void) {
     lapd_mesh *lone = NULL, *pair[2] = {NULL, NULL};
     mesh_alone(&lone);
     CHECK(is_only_thread());
+    CHECK(lapd_mesh_write(context, lone, "threads.vtu") == LAPD_OK);
+    CHECK(is_only_thread());
     CHECK(sched_getaffinity(0, sizeof after, &after) == 0 && CPU_EQUAL(&before, &after));
 
     pthread_t threads[2];

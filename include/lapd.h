@@ -518,15 +518,17 @@ void lapd_context_free(lapd_context *context);
  * The message of the last call that failed with this context: one line, UTF-8; empty when none failed yet. Calls that succeed
  * leave it as it is. For NULL a message that says so.
  *
- * The string belongs to the context and is valid until the next failing call with it, or until it is freed.
+ * The string belongs to the context and is valid until the next failing call with it, or until it is freed. No other thread may
+ * use the context meanwhile.
  */
 const char *lapd_context_last_error(const lapd_context *context);
 
 /**
- * Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means none. Takes effect with the
- * next lapd_mesh_image.
+ * Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means none. Takes effect with the next
+ * lapd_mesh_image.
  *
- * The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed.
+ * The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed. No other thread may
+ * use the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
  */
@@ -537,11 +539,14 @@ lapd_status lapd_context_set_progress(lapd_context *context,
 /**
  * Sets the function that receives log lines, and the pointer handed to it. A NULL `callback` means none.
  *
- * The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed.
+ * The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed. No other thread may
+ * use the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
  */
-lapd_status lapd_context_set_log(lapd_context *context, lapd_log_fn callback, void *user);
+lapd_status lapd_context_set_log(lapd_context *context,
+                                 lapd_log_fn callback,
+                                 void *user);
 
 /**
  * Asks the run of this context to end; it returns LAPD_ERROR_CANCELLED soon after. The request stays until
@@ -554,7 +559,8 @@ lapd_status lapd_context_set_log(lapd_context *context, lapd_log_fn callback, vo
 lapd_status lapd_context_cancel(const lapd_context *context);
 
 /**
- * Takes back what lapd_context_cancel asked for, so that the context can be used for another run.
+ * Takes back what lapd_context_cancel asked for, so that the context can be used for another run. No other thread may use the
+ * context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL; LAPD_ERROR_BUSY while a run is under way.
  */
@@ -609,7 +615,7 @@ lapd_status lapd_image_read(lapd_context *context,
                             lapd_image **image);
 
 /**
- * Frees an image. NULL is allowed and does nothing. No call may be using it. Meshes made from it live on.
+ * Frees an image. NULL is allowed and does nothing. Any thread; no call may be using it. Meshes made from it live on.
  */
 void lapd_image_free(lapd_image *image);
 
@@ -689,37 +695,46 @@ lapd_status lapd_image_get_warning(const lapd_image *image, size_t index, const 
 lapd_status lapd_params_create(lapd_params **params);
 
 /**
- * Frees parameters. NULL is allowed and does nothing. No call may be using them.
+ * Frees parameters. NULL is allowed and does nothing. Any thread; no call may be using them.
  */
 void lapd_params_free(lapd_params *params);
 
 /**
- * Sets the distance between samples on the interfaces, in world units; above 0. Smaller means closer to the image.
+ * Sets the distance between samples on the interfaces, in world units; above 0. Smaller means closer to the image. No other thread
+ * may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
-lapd_status lapd_params_set_delta(lapd_context *context, lapd_params *params, double delta);
+lapd_status lapd_params_set_delta(lapd_context *context,
+                                  lapd_params *params,
+                                  double delta);
 
 /**
- * The distance between samples on the interfaces. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The distance between samples on the interfaces. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_delta(const lapd_params *params, double *delta);
 
 /**
- * Sets the largest circumradius of tets, in world units; above 0.
+ * Sets the largest circumradius of tets, in world units; above 0. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
-lapd_status lapd_params_set_size(lapd_context *context, lapd_params *params, double size);
+lapd_status lapd_params_set_size(lapd_context *context,
+                                 lapd_params *params,
+                                 double size);
 
 /**
- * The largest circumradius of tets. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The largest circumradius of tets. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_size(const lapd_params *params, double *size);
 
 /**
  * Sets the largest circumradius of the tets of one label, in world units; above 0. A second call for the label replaces the first.
- * lapd_mesh_image refuses a label that the image does not have.
+ * lapd_mesh_image refuses a label that the image does not have. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
@@ -729,58 +744,72 @@ lapd_status lapd_params_set_label_size(lapd_context *context,
                                        double size);
 
 /**
- * The largest circumradius of the tets of a label: its own, or that of all. Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is
- * NULL.
+ * The largest circumradius of the tets of a label: its own, or that of all. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
 lapd_status lapd_params_get_label_size(const lapd_params *params,
                                        int32_t label,
                                        double *size);
 
 /**
- * Forgets the sizes of single labels. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * Forgets the sizes of single labels. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_clear_label_sizes(lapd_context *context, lapd_params *params);
 
 /**
- * Sets the largest ratio of circumradius to shortest edge of tets; at least 2 (below, refinement need not end).
+ * Sets the largest ratio of circumradius to shortest edge of tets; at least 2 (below, refinement need not end). No other thread
+ * may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
-lapd_status lapd_params_set_radius_edge(lapd_context *context, lapd_params *params, double radius_edge);
+lapd_status lapd_params_set_radius_edge(lapd_context *context,
+                                        lapd_params *params,
+                                        double radius_edge);
 
 /**
- * The largest ratio of circumradius to shortest edge. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The largest ratio of circumradius to shortest edge. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_radius_edge(const lapd_params *params, double *radius_edge);
 
 /**
- * Sets the smallest planar angle of interface facets, in degrees; 0 to 30 (above, refinement need not end).
+ * Sets the smallest planar angle of interface facets, in degrees; 0 to 30 (above, refinement need not end). No other thread may
+ * use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
-lapd_status lapd_params_set_facet_angle(lapd_context *context, lapd_params *params, double degrees);
+lapd_status lapd_params_set_facet_angle(lapd_context *context,
+                                        lapd_params *params,
+                                        double degrees);
 
 /**
- * The smallest planar angle of interface facets, in degrees. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The smallest planar angle of interface facets, in degrees. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_facet_angle(const lapd_params *params,
-                                        double *degrees);
+lapd_status lapd_params_get_facet_angle(const lapd_params *params, double *degrees);
 
 /**
- * Sets the surface model, a lapd_surface.
+ * Sets the surface model, a lapd_surface. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
  */
 lapd_status lapd_params_set_surface(lapd_context *context, lapd_params *params, int32_t surface);
 
 /**
- * The surface model, a lapd_surface. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The surface model, a lapd_surface. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_surface(const lapd_params *params, int32_t *surface);
 
 /**
  * Sets the labels to mesh; all others count as background. A count of 0 means all labels, and `labels` may then be NULL. The
- * values are copied.
+ * values are copied. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
@@ -792,7 +821,8 @@ lapd_status lapd_params_set_keep(lapd_context *context,
 /**
  * The labels to mesh, and how many they are; 0 means all.
  *
- * `*labels` belongs to the parameters and is valid until they are changed or freed; with a count of 0 it must not be read.
+ * `*labels` belongs to the parameters and is valid until they are changed or freed; with a count of 0 it must not be read. Any
+ * thread, unless another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
@@ -801,7 +831,8 @@ lapd_status lapd_params_get_keep(const lapd_params *params,
                                  size_t *count);
 
 /**
- * Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0.
+ * Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0. No
+ * other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
@@ -810,67 +841,94 @@ lapd_status lapd_params_set_background(lapd_context *context,
                                        int32_t background);
 
 /**
- * Whether the whole triangulation is kept, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * Whether the whole triangulation is kept, 1 or 0. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_background(const lapd_params *params, int32_t *background);
 
 /**
- * Sets the number of threads that refine; at least 1. This version has 1 only.
+ * Sets the number of threads that refine; at least 1. This version has 1 only. No other thread may use `params` or the context
+ * meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is 0; LAPD_ERROR_UNSUPPORTED above 1.
  */
-lapd_status lapd_params_set_threads(lapd_context *context, lapd_params *params, size_t threads);
+lapd_status lapd_params_set_threads(lapd_context *context,
+                                    lapd_params *params,
+                                    size_t threads);
 
 /**
- * The number of threads. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The number of threads. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_threads(const lapd_params *params, size_t *threads);
 
 /**
- * Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED. 0 means no limit.
+ * Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED. 0 means no limit. No other thread
+ * may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
-lapd_status lapd_params_set_max_vertices(lapd_context *context, lapd_params *params, size_t max_vertices);
+lapd_status lapd_params_set_max_vertices(lapd_context *context,
+                                         lapd_params *params,
+                                         size_t max_vertices);
 
 /**
- * The largest number of vertices, 0 for no limit. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The largest number of vertices, 0 for no limit. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_max_vertices(const lapd_params *params, size_t *max_vertices);
 
 /**
- * Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only.
+ * Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only. No other thread may use `params` or the context
+ * meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
  */
-lapd_status lapd_params_set_algorithm(lapd_context *context, lapd_params *params, int32_t algorithm);
+lapd_status lapd_params_set_algorithm(lapd_context *context,
+                                      lapd_params *params,
+                                      int32_t algorithm);
 
 /**
- * The algorithm, a lapd_algorithm. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The algorithm, a lapd_algorithm. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_algorithm(const lapd_params *params, int32_t *algorithm);
 
 /**
- * Sets what threads do after conflicts, a lapd_contention. This version has LAPD_CONTENTION_LOCAL only.
+ * Sets what threads do after conflicts, a lapd_contention. This version has LAPD_CONTENTION_LOCAL only. No other thread may use
+ * `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
  */
-lapd_status lapd_params_set_contention(lapd_context *context, lapd_params *params, int32_t contention);
+lapd_status lapd_params_set_contention(lapd_context *context,
+                                       lapd_params *params,
+                                       int32_t contention);
 
 /**
- * What threads do after conflicts, a lapd_contention. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * What threads do after conflicts, a lapd_contention. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_contention(const lapd_params *params, int32_t *contention);
 
 /**
- * Whether to optimise the mesh after refinement (1) or not (0). This version does not.
+ * Whether to optimise the mesh after refinement (1) or not (0). This version does not. No other thread may use `params` or the
+ * context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither; LAPD_ERROR_UNSUPPORTED for 1.
  */
-lapd_status lapd_params_set_optimize(lapd_context *context, lapd_params *params, int32_t optimize);
+lapd_status lapd_params_set_optimize(lapd_context *context,
+                                     lapd_params *params,
+                                     int32_t optimize);
 
 /**
- * Whether the mesh is optimised after refinement, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * Whether the mesh is optimised after refinement, 1 or 0. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimize);
 
@@ -884,6 +942,8 @@ lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimiz
  *
  * The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to live on.
  *
+ * No other thread may use the context meanwhile, but to cancel, nor change `params`.
+ *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a size is given for a label that the image does not have, or delta is so
  * coarse that no tet lies in the object; LAPD_ERROR_EMPTY_IMAGE when there is no label to mesh;
  * LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED; LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
@@ -894,7 +954,8 @@ lapd_status lapd_mesh_image(lapd_context *context,
                             lapd_mesh **mesh);
 
 /**
- * Frees a mesh. NULL is allowed and does nothing. No call may be using it, and every array got from it is invalid from now on.
+ * Frees a mesh. NULL is allowed and does nothing. Any thread; no call may be using it, and every array got from it is invalid from
+ * now on.
  */
 void lapd_mesh_free(lapd_mesh *mesh);
 
@@ -910,7 +971,8 @@ void lapd_mesh_free(lapd_mesh *mesh);
  * - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label and second_label.
  *
  * `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
- * same mesh at once, to different files.
+ * same mesh at once, to different files. The work is shared by as many threads as the calling one may use processors; they are
+ * joined at return.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
  * be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number.

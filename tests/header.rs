@@ -1,4 +1,5 @@
-//! `include/lapd.h` is generated from `src/capi` and committed; this test fails when it is stale.
+//! `include/lapd.h` is generated from `src/capi` and committed; this test fails when it is stale. Its documentation says of every
+//! function what a caller must know, and `include/lapd.hpp` uses all of them.
 //!
 //! To bring it up to date: `LAPD_UPDATE_HEADER=1 cargo test --test header`.
 
@@ -82,4 +83,75 @@ fn every_exported_function_is_in_the_header() {
         }
     }
     assert!(exported > 50, "only {exported} exported functions found");
+}
+
+/// The functions of the header: the text before each, in one line, and its declaration.
+fn functions(header: &str) -> Vec<(String, &str)> {
+    let declarations = header.split_once("extern \"C\" {").expect("the functions stand in a block").1;
+    let mut found = Vec::new();
+    // Every declaration ends with ");", what precedes it since the last one is its comment.
+    for piece in declarations.split_inclusive(");\n").filter(|piece| piece.ends_with(");\n")) {
+        let Some((comment, declaration)) = piece.rsplit_once("*/\n") else { continue };
+        let words = comment.split_whitespace().filter(|&word| word != "*");
+        found.push((words.collect::<Vec<_>>().join(" "), declaration));
+    }
+    found
+}
+
+fn name_of(declaration: &str) -> &str {
+    let head = declaration.split('(').next().expect("a declaration has parentheses");
+    head.rsplit([' ', '*']).next().expect("it has a name")
+}
+
+#[test]
+fn every_function_says_what_a_caller_must_know() {
+    let header = generate(Path::new(env!("CARGO_MANIFEST_DIR")));
+    let functions = functions(&header);
+    assert!(functions.len() > 50, "only {} functions found", functions.len());
+    for (text, declaration) in functions {
+        let name = name_of(declaration);
+        assert!(name.starts_with("lapd_") && text.contains("/**"), "{name} has no comment");
+        let mut wanted = Vec::new();
+        // Who may call it at the same time.
+        if !["ny thread", "No other thread"].iter().any(|phrase| text.contains(phrase)) {
+            wanted.push("which threads may call it (\"Any thread\", \"No other thread ...\")");
+        }
+        if declaration.starts_with("lapd_status") && !text.contains("Errors:") {
+            wanted.push("its errors (\"Errors: ...\")");
+        }
+        // A handle or an array that it hands out.
+        let handle = ["lapd_context **", "lapd_image **", "lapd_params **", "lapd_mesh **"];
+        if handle.iter().any(|out| declaration.contains(out)) && !text.contains("The caller owns") {
+            wanted.push("who owns the handle (\"The caller owns ...\")");
+        }
+        let lends = declaration.contains("const double **")
+            || declaration.contains("32_t **")
+            || declaration.contains("const char **")
+            || declaration.starts_with("const char *");
+        if lends && !text.contains("belongs to") && !text.contains("is static") {
+            wanted.push("how long what it returns is valid (\"belongs to ...\")");
+        }
+        if name.starts_with("lapd_mesh_get_") && declaration.contains("size_t *count") && !name.ends_with("_row_count")
+        {
+            if !text.contains("is [count]") {
+                wanted.push("the shape of the array (\"is [count][3]\")");
+            }
+        }
+        assert!(wanted.is_empty(), "the comment of {name} does not say {}", wanted.join(", nor "));
+    }
+}
+
+#[test]
+fn lapd_hpp_uses_every_function() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let header = generate(root);
+    let hpp = std::fs::read_to_string(root.join("include/lapd.hpp")).unwrap();
+    let used: std::collections::HashSet<&str> = hpp.split(|c: char| !c.is_ascii_alphanumeric() && c != '_').collect();
+    // Views make copies of arrays a matter of the standard library.
+    let wanted = functions(&header)
+        .into_iter()
+        .map(|(_, declaration)| name_of(declaration))
+        .filter(|name| !name.starts_with("lapd_mesh_copy_"));
+    let missing: Vec<&str> = wanted.filter(|name| !used.contains(name)).collect();
+    assert!(missing.is_empty(), "include/lapd.hpp lacks {missing:?}");
 }

@@ -54,7 +54,11 @@ functions() {
     exit 1
 }
 mkdir "$work/now"
-cp "$installed/include/lapd.h" "$work/now/"
+# One line for each function, for the changes below: where cbindgen breaks lines depends on the comments.
+awk '
+    joined == "" && /^[a-z].*lapd_[a-z0-9_]*\(/ && !/;$/ { joined = $0; next }
+    joined != "" { sub(/^ */, " "); joined = joined $0; if (/;$/) { print joined; joined = "" }; next }
+    { print }' "$installed/include/lapd.h" >"$work/now/lapd.h"
 stub now
 functions "$work/now/liblapd.so" >"$work/declared"
 functions "$installed/lib/liblapd.so" >"$work/exported"

@@ -200,7 +200,8 @@ pub unsafe extern "C" fn lapd_context_free(context: *mut lapd_context) {
 /// The message of the last call that failed with this context: one line, UTF-8; empty when none failed yet. Calls that succeed
 /// leave it as it is. For NULL a message that says so.
 ///
-/// The string belongs to the context and is valid until the next failing call with it, or until it is freed.
+/// The string belongs to the context and is valid until the next failing call with it, or until it is freed. No other thread may
+/// use the context meanwhile.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_context_last_error(context: *const lapd_context) -> *const c_char {
     value_or(c"internal error: no message".as_ptr(), || {
@@ -212,10 +213,11 @@ pub unsafe extern "C" fn lapd_context_last_error(context: *const lapd_context) -
     })
 }
 
-/// Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means none. Takes effect with the
-/// next lapd_mesh_image.
+/// Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means none. Takes effect with the next
+/// lapd_mesh_image.
 ///
-/// The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed.
+/// The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed. No other thread may
+/// use the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
 #[unsafe(no_mangle)]
@@ -237,7 +239,8 @@ pub unsafe extern "C" fn lapd_context_set_progress(
 
 /// Sets the function that receives log lines, and the pointer handed to it. A NULL `callback` means none.
 ///
-/// The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed.
+/// The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed. No other thread may
+/// use the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
 #[unsafe(no_mangle)]
@@ -274,7 +277,8 @@ pub unsafe extern "C" fn lapd_context_cancel(context: *const lapd_context) -> la
     lapd_status::LAPD_OK
 }
 
-/// Takes back what lapd_context_cancel asked for, so that the context can be used for another run.
+/// Takes back what lapd_context_cancel asked for, so that the context can be used for another run. No other thread may use the
+/// context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL; LAPD_ERROR_BUSY while a run is under way.
 #[unsafe(no_mangle)]

@@ -213,7 +213,7 @@ pub(super) fn to_path(path: &CStr) -> Outcome<&Path> {
     path.to_str().map(Path::new).map_err(|_| Failure::invalid("path is not UTF-8"))
 }
 
-/// Frees an image. NULL is allowed and does nothing. No call may be using it. Meshes made from it live on.
+/// Frees an image. NULL is allowed and does nothing. Any thread; no call may be using it. Meshes made from it live on.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_free(image: *mut lapd_image) {
     value_or((), || {

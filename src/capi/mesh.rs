@@ -2,9 +2,10 @@
 
 use std::ffi::c_char;
 
-use super::boundary::{Out, borrow, c_str, check_buffer, status_of, value_or};
+use super::boundary::{Out, borrow, c_str, catch, check_buffer, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::image::to_path;
+use super::pool::{processors, with_pool};
 use super::status::lapd_status;
 use crate::io::write_mesh;
 use crate::mesh::TetMesh;
@@ -23,7 +24,8 @@ pub const LAPD_NO_TET: u32 = u32::MAX;
 
 const _: () = assert!(LAPD_NO_TET == crate::mesh::NONE);
 
-/// Frees a mesh. NULL is allowed and does nothing. No call may be using it, and every array got from it is invalid from now on.
+/// Frees a mesh. NULL is allowed and does nothing. Any thread; no call may be using it, and every array got from it is invalid from
+/// now on.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_free(mesh: *mut lapd_mesh) {
     value_or((), || {
@@ -45,7 +47,8 @@ pub unsafe extern "C" fn lapd_mesh_free(mesh: *mut lapd_mesh) {
 /// - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label and second_label.
 ///
 /// `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
-/// same mesh at once, to different files.
+/// same mesh at once, to different files. The work is shared by as many threads as the calling one may use processors; they are
+/// joined at return.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
 /// be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number.
@@ -58,8 +61,9 @@ pub unsafe extern "C" fn lapd_mesh_write(
     // SAFETY: see the module's head.
     unsafe {
         with_context(context, |_| {
-            let mesh = borrow(mesh, "mesh")?;
-            Ok(write_mesh(&mesh.meshing.mesh, to_path(c_str(path, "path")?)?)?)
+            let mesh = &borrow(mesh, "mesh")?.meshing.mesh;
+            let path = to_path(c_str(path, "path")?)?;
+            with_pool(processors(), |pool| pool.install(|| catch(|| Ok(write_mesh(mesh, path)?))))?
         })
     }
 }

@@ -23,6 +23,7 @@ pub mod context;
 pub mod image;
 pub mod mesh;
 pub mod params;
+mod pool;
 pub mod report;
 pub mod run;
 pub mod status;

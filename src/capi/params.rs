@@ -119,7 +119,7 @@ pub unsafe extern "C" fn lapd_params_create(params: *mut *mut lapd_params) -> la
     })
 }
 
-/// Frees parameters. NULL is allowed and does nothing. No call may be using them.
+/// Frees parameters. NULL is allowed and does nothing. Any thread; no call may be using them.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_free(params: *mut lapd_params) {
     value_or((), || {
@@ -130,7 +130,8 @@ pub unsafe extern "C" fn lapd_params_free(params: *mut lapd_params) {
     });
 }
 
-/// Sets the distance between samples on the interfaces, in world units; above 0. Smaller means closer to the image.
+/// Sets the distance between samples on the interfaces, in world units; above 0. Smaller means closer to the image. No other thread
+/// may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -148,14 +149,16 @@ pub unsafe extern "C" fn lapd_params_set_delta(
     }
 }
 
-/// The distance between samples on the interfaces. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The distance between samples on the interfaces. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_delta(params: *const lapd_params, delta: *mut f64) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, delta, "delta", |p| p.delta) }
 }
 
-/// Sets the largest circumradius of tets, in world units; above 0.
+/// Sets the largest circumradius of tets, in world units; above 0. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -173,7 +176,9 @@ pub unsafe extern "C" fn lapd_params_set_size(
     }
 }
 
-/// The largest circumradius of tets. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The largest circumradius of tets. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_size(params: *const lapd_params, size: *mut f64) -> lapd_status {
     // SAFETY: see the module's head.
@@ -181,7 +186,7 @@ pub unsafe extern "C" fn lapd_params_get_size(params: *const lapd_params, size: 
 }
 
 /// Sets the largest circumradius of the tets of one label, in world units; above 0. A second call for the label replaces the first.
-/// lapd_mesh_image refuses a label that the image does not have.
+/// lapd_mesh_image refuses a label that the image does not have. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -201,8 +206,9 @@ pub unsafe extern "C" fn lapd_params_set_label_size(
     }
 }
 
-/// The largest circumradius of the tets of a label: its own, or that of all. Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is
-/// NULL.
+/// The largest circumradius of the tets of a label: its own, or that of all. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_label_size(
     params: *const lapd_params,
@@ -215,7 +221,9 @@ pub unsafe extern "C" fn lapd_params_get_label_size(
     unsafe { read(params, size, "size", size_of_label) }
 }
 
-/// Forgets the sizes of single labels. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// Forgets the sizes of single labels. No other thread may use `params` or the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_clear_label_sizes(
     context: *mut lapd_context,
@@ -230,7 +238,8 @@ pub unsafe extern "C" fn lapd_params_clear_label_sizes(
     }
 }
 
-/// Sets the largest ratio of circumradius to shortest edge of tets; at least 2 (below, refinement need not end).
+/// Sets the largest ratio of circumradius to shortest edge of tets; at least 2 (below, refinement need not end). No other thread
+/// may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -248,14 +257,17 @@ pub unsafe extern "C" fn lapd_params_set_radius_edge(
     }
 }
 
-/// The largest ratio of circumradius to shortest edge. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The largest ratio of circumradius to shortest edge. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_radius_edge(params: *const lapd_params, radius_edge: *mut f64) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, radius_edge, "radius_edge", |p| p.radius_edge) }
 }
 
-/// Sets the smallest planar angle of interface facets, in degrees; 0 to 30 (above, refinement need not end).
+/// Sets the smallest planar angle of interface facets, in degrees; 0 to 30 (above, refinement need not end). No other thread may
+/// use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -273,14 +285,16 @@ pub unsafe extern "C" fn lapd_params_set_facet_angle(
     }
 }
 
-/// The smallest planar angle of interface facets, in degrees. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The smallest planar angle of interface facets, in degrees. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_facet_angle(params: *const lapd_params, degrees: *mut f64) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, degrees, "degrees", |p| p.facet_angle) }
 }
 
-/// Sets the surface model, a lapd_surface.
+/// Sets the surface model, a lapd_surface. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
 #[unsafe(no_mangle)]
@@ -302,7 +316,9 @@ pub unsafe extern "C" fn lapd_params_set_surface(
     }
 }
 
-/// The surface model, a lapd_surface. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The surface model, a lapd_surface. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_surface(params: *const lapd_params, surface: *mut i32) -> lapd_status {
     // SAFETY: see the module's head.
@@ -315,7 +331,7 @@ pub unsafe extern "C" fn lapd_params_get_surface(params: *const lapd_params, sur
 }
 
 /// Sets the labels to mesh; all others count as background. A count of 0 means all labels, and `labels` may then be NULL. The
-/// values are copied.
+/// values are copied. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
@@ -336,7 +352,8 @@ pub unsafe extern "C" fn lapd_params_set_keep(
 
 /// The labels to mesh, and how many they are; 0 means all.
 ///
-/// `*labels` belongs to the parameters and is valid until they are changed or freed; with a count of 0 it must not be read.
+/// `*labels` belongs to the parameters and is valid until they are changed or freed; with a count of 0 it must not be read. Any
+/// thread, unless another one changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -355,7 +372,8 @@ pub unsafe extern "C" fn lapd_params_get_keep(
     })
 }
 
-/// Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0.
+/// Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0. No
+/// other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]
@@ -373,14 +391,17 @@ pub unsafe extern "C" fn lapd_params_set_background(
     }
 }
 
-/// Whether the whole triangulation is kept, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// Whether the whole triangulation is kept, 1 or 0. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_background(params: *const lapd_params, background: *mut i32) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, background, "background", |p| i32::from(p.background)) }
 }
 
-/// Sets the number of threads that refine; at least 1. This version has 1 only.
+/// Sets the number of threads that refine; at least 1. This version has 1 only. No other thread may use `params` or the context
+/// meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is 0; LAPD_ERROR_UNSUPPORTED above 1.
 #[unsafe(no_mangle)]
@@ -398,14 +419,17 @@ pub unsafe extern "C" fn lapd_params_set_threads(
     }
 }
 
-/// The number of threads. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The number of threads. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_threads(params: *const lapd_params, threads: *mut usize) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, threads, "threads", |p| p.threads) }
 }
 
-/// Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED. 0 means no limit.
+/// Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED. 0 means no limit. No other thread
+/// may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
@@ -423,7 +447,9 @@ pub unsafe extern "C" fn lapd_params_set_max_vertices(
     }
 }
 
-/// The largest number of vertices, 0 for no limit. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The largest number of vertices, 0 for no limit. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_max_vertices(
     params: *const lapd_params,
@@ -433,7 +459,8 @@ pub unsafe extern "C" fn lapd_params_get_max_vertices(
     unsafe { read(params, max_vertices, "max_vertices", |p| p.max_vertices.unwrap_or(0)) }
 }
 
-/// Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only.
+/// Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only. No other thread may use `params` or the context
+/// meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
 #[unsafe(no_mangle)]
@@ -454,14 +481,17 @@ pub unsafe extern "C" fn lapd_params_set_algorithm(
     }
 }
 
-/// The algorithm, a lapd_algorithm. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The algorithm, a lapd_algorithm. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_algorithm(params: *const lapd_params, algorithm: *mut i32) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, algorithm, "algorithm", |_| lapd_algorithm::LAPD_ALGORITHM_PODM as i32) }
 }
 
-/// Sets what threads do after conflicts, a lapd_contention. This version has LAPD_CONTENTION_LOCAL only.
+/// Sets what threads do after conflicts, a lapd_contention. This version has LAPD_CONTENTION_LOCAL only. No other thread may use
+/// `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
 #[unsafe(no_mangle)]
@@ -485,14 +515,17 @@ pub unsafe extern "C" fn lapd_params_set_contention(
     }
 }
 
-/// What threads do after conflicts, a lapd_contention. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// What threads do after conflicts, a lapd_contention. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_contention(params: *const lapd_params, contention: *mut i32) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, contention, "contention", |_| lapd_contention::LAPD_CONTENTION_LOCAL as i32) }
 }
 
-/// Whether to optimise the mesh after refinement (1) or not (0). This version does not.
+/// Whether to optimise the mesh after refinement (1) or not (0). This version does not. No other thread may use `params` or the
+/// context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither; LAPD_ERROR_UNSUPPORTED for 1.
 #[unsafe(no_mangle)]
@@ -510,7 +543,9 @@ pub unsafe extern "C" fn lapd_params_set_optimize(
     }
 }
 
-/// Whether the mesh is optimised after refinement, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// Whether the mesh is optimised after refinement, 1 or 0. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_optimize(params: *const lapd_params, optimize: *mut i32) -> lapd_status {
     // SAFETY: see the module's head.

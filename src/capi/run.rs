@@ -5,16 +5,14 @@
 //! worker hands each progress report over and waits for the answer.
 
 use std::sync::mpsc;
-use std::thread;
-
-use rayon::ThreadPoolBuilder;
 
 use super::boundary::{Failure, Out};
-use super::boundary::{Outcome, borrow, catch, silently};
+use super::boundary::{Outcome, borrow, catch};
 use super::context::{Callbacks, lapd_context, lapd_log_level, with_context};
 use super::image::lapd_image;
 use super::mesh::lapd_mesh;
 use super::params::lapd_params;
+use super::pool::with_pool;
 use super::status::lapd_status;
 use crate::image::LabelImage;
 use crate::mesher::{Meshing, mesh_image};
@@ -29,6 +27,8 @@ use crate::params::MeshParams;
 /// may share the image and the parameters. The same image and parameters give the same mesh, byte for byte.
 ///
 /// The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to live on.
+///
+/// No other thread may use the context meanwhile, but to cancel, nor change `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a size is given for a label that the image does not have, or delta is so
 /// coarse that no tet lies in the object; LAPD_ERROR_EMPTY_IMAGE when there is no label to mesh;
@@ -74,19 +74,7 @@ fn run(image: &LabelImage, params: &MeshParams, cancel: &CancelFlag, callbacks: 
         mesh_image(image, params, &mut monitor).map_err(Failure::from)
     };
     let mut result = None;
-    thread::scope(|scope| {
-        let mut workers = Vec::new();
-        let pool = ThreadPoolBuilder::new()
-            .num_threads(params.threads)
-            .spawn_handler(|worker| {
-                let builder = thread::Builder::new().name(format!("lapd-{}", worker.index()));
-                workers.push(builder.spawn_scoped(scope, || silently(|| worker.run()))?);
-                Ok(())
-            })
-            .build()
-            .map_err(|error| {
-                Failure::new(lapd_status::LAPD_ERROR_OUT_OF_MEMORY, format!("no thread for the run: {error}"))
-            })?;
+    with_pool(params.threads, |pool| {
         pool.in_place_scope(|scope| {
             scope.spawn(|_| result = Some(catch(job)));
             for report in progress {
@@ -94,12 +82,6 @@ fn run(image: &LabelImage, params: &MeshParams, cancel: &CancelFlag, callbacks: 
                 let _ = answer.send(callbacks.report(report));
             }
         });
-        // Its threads end when it is dropped. They are joined here, because the scope's end would only wait for their closures.
-        drop(pool);
-        for worker in workers {
-            let _ = worker.join();
-        }
-        Ok::<(), Failure>(())
     })?;
     result.unwrap_or_else(|| Err(crate::Error::Internal("the run gave no result".into()).into()))
 }
