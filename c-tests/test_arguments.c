@@ -1,4 +1,5 @@
-/* Every argument NULL once, unknown enum values, values out of range, wrong sizes: refused, and nothing is written. */
+/* Unknown enum values, values out of range, wrong sizes, every argument NULL: refused, and nothing is written.
+ * (test_null.c has the NULLs of all functions.) */
 #include <limits.h>
 #include <math.h>
 #include <stdlib.h>

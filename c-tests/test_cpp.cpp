@@ -1,11 +1,12 @@
 // lapd.hpp, compiled as C++17 and as C++20: ownership, views, errors, and exceptions of callbacks.
 #include <lapd.hpp>
 
+#include <chrono>
 #include <cstring>
 #include <iterator>
-#include <numeric>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <type_traits>
 #include <vector>
 #if __cplusplus >= 202002L
@@ -233,6 +234,15 @@ void callbacks_that_throw() {
     CHECK(status_of(run) == LAPD_ERROR_CANCELLED);
     context.set_progress(nullptr);
     CHECK(status_of(run) == LAPD_OK);
+
+    // A slow one only takes its time.
+    calls = 0;
+    context.set_progress([&](const lapd_progress &) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(5));
+        calls++;
+        return lapd::answer::go_on;
+    });
+    CHECK(status_of(run) == LAPD_OK && calls > 0);
 
     // An error of a call inside of a callback leaves the outer call as it is.
     context.set_progress([&](const lapd_progress &) {

@@ -61,7 +61,7 @@ cmake --install "$build/cmake" >/dev/null
 say "Building the example"
 cmake -S "$root/examples" -B "$build/examples" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$build/install" \
     -DCMAKE_RUNTIME_OUTPUT_DIRECTORY="$build/bin" --log-level=WARNING >/dev/null
-cmake --build "$build/examples" >/dev/null
+cmake --build "$build/examples" --target mesh_image >/dev/null
 
 if [ $# -eq 0 ]; then
     set -- "$atlas" --delta 1 --size 2
