@@ -37,7 +37,8 @@ stub() {
     else
         awk -f "$here/trim.awk" "$dump" "$work/$1/lapd.h" >"$work/$1/released/lapd.h"
     fi
-    cc -std=c11 -g -fPIC -shared -w -I"$work/$1/released" "$work/$1/stub.c" -Wl,-soname,"$soname" -o "$work/$1/liblapd.so"
+    # By relative names: the dump holds them.
+    (cd "$work/$1" && cc -std=c11 -g -fPIC -shared -w -Ireleased stub.c -Wl,-soname,"$soname" -o liblapd.so)
 }
 
 # compare NAME: abidiff's answer about it.
