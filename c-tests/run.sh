@@ -66,6 +66,9 @@ done
 have abidiff || missing="$missing abigail-tools"
 have valgrind || missing="$missing valgrind"
 [ -e /usr/share/mricron/templates/aal.nii.gz ] || missing="$missing mricron-data"
+[ -e /usr/include/CGAL/version.h ] || missing="$missing libcgal-dev"
+[ -e /usr/include/tbb/version.h ] || missing="$missing libtbb-dev"
+[ -e /usr/include/tetgen.h ] || missing="$missing libtet1.5-dev"
 if [ -n "$missing" ]; then
     echo "installing$missing"
     sudo=
@@ -86,7 +89,7 @@ else
 fi
 if have clang-format; then
     step clang-format clang-format --dry-run -Werror include/*.hpp examples/*.c examples/*.cpp examples/*.hpp examples/*.h c-tests/*.c c-tests/*.cpp \
-        c-tests/*.h c-tests/consumer/*.c c-tests/consumer/*.cpp
+        c-tests/*.h c-tests/consumer/*.c c-tests/consumer/*.cpp c-tests/crossval/*.cpp c-tests/crossval/*.hpp
 else
     skip "clang-format is missing"
 fi

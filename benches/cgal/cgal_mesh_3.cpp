@@ -4,7 +4,8 @@
 // Licence: CGAL's Mesh_3 is GPL-3.0-or-later, and so is this program. It is a separate program; the library never links it.
 // Method:  the surfaces are those of Labeled_mesh_domain_3 for a label image: the label of a point is the one whose indicator,
 //          interpolated trilinearly between the eight voxel centres around it, is largest. Refinement only: no exudation, no
-//          perturbation, no optimisation, so that what is timed is Delaunay refinement. The label weights of CGAL are off.
+//          perturbation, no optimisation, so that what is timed is Delaunay refinement; --optimize adds perturbation and exudation after
+//          it, untimed. The label weights of CGAL are off.
 // Timing:  `seconds.refine` is the wall time of make_mesh_3, `cpu_seconds` the user CPU time of the whole process in it.
 //          Reading, measuring and writing are outside both.
 
@@ -58,6 +59,7 @@ constexpr double PI = 3.14159265358979323846;
 struct Options {
   std::string image, report, output;
   double facet_angle = 30, facet_size = 0, facet_distance = 0, cell_radius_edge = 2, cell_size = 0;
+  double optimize = 0;  // seconds for each of perturbation and exudation, 0 for neither
   bool parallel = true;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
 };
@@ -65,7 +67,7 @@ struct Options {
 const char* const USAGE =
     "usage: cgal_mesh_3 IMAGE --facet-size A --facet-distance D --cell-size S\n"
     "                   [--facet-angle 30] [--cell-radius-edge 2] [--sequential | --parallel] [--threads N]\n"
-    "                   [--report OUT.json] [-o OUT.mesh]\n";
+    "                   [--optimize SECONDS] [--report OUT.json] [-o OUT.mesh]\n";
 
 Options parse(int argc, char** argv) {
   Options o;
@@ -88,6 +90,7 @@ Options parse(int argc, char** argv) {
     else if (arg == "--facet-distance") o.facet_distance = number();
     else if (arg == "--cell-radius-edge") o.cell_radius_edge = number();
     else if (arg == "--cell-size") o.cell_size = number();
+    else if (arg == "--optimize") o.optimize = number();
     else if (arg == "--sequential") o.parallel = false;
     else if (arg == "--parallel") o.parallel = true;
     else if (arg == "--threads") o.threads = static_cast<unsigned>(std::max(1.0, number()));
@@ -291,8 +294,12 @@ void run(const Options& o) {
   const Criteria criteria(params::facet_angle = o.facet_angle, params::facet_size = o.facet_size, params::facet_distance = o.facet_distance,
                           params::cell_radius_edge_ratio = o.cell_radius_edge, params::cell_size = o.cell_size);
   const Times before = Times::now();
-  const C3t3 mesh = CGAL::make_mesh_3<C3t3>(domain, criteria, params::no_perturb(), params::no_exude());
+  C3t3 mesh = CGAL::make_mesh_3<C3t3>(domain, criteria, params::no_perturb(), params::no_exude());
   const Times after = Times::now();
+  if (o.optimize > 0) {
+    CGAL::perturb_mesh_3(mesh, domain, params::time_limit = o.optimize);
+    CGAL::exude_mesh_3(mesh, params::time_limit = o.optimize);
+  }
 
   const Quality quality = measure(mesh);
   const Times spent{after.wall - before.wall, after.user - before.user};

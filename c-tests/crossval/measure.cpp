@@ -531,7 +531,7 @@ void check_certificate(const std::string &path, const Measured &ours) {
     };
     near(number("mean_image_to_mesh"), ours.to_mesh.mean, 1e-9,
          "certificate: mean distance from the image to the mesh");
-    near(number("mean_mesh_to_image"), ours.to_image.mean, 0.02,
+    near(number("mean_mesh_to_image"), ours.to_image.mean, 0.05,
          "certificate: mean distance from the mesh to the image");
     // Its samples are more: corners of facets and of voxel faces too.
     check(number("hausdorff_mesh_to_image") >= 0.98 * ours.to_image.max,
