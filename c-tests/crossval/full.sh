@@ -1,6 +1,6 @@
 #!/bin/sh
-# The cross-validation at full resolution: AAL, brain and abdomen against CGAL and TetGen, and the tables of the comparison with Mesh_3. Takes some
-# ten minutes and 6 GB.
+# The cross-validation at full resolution: AAL, brain and abdomen against CGAL and TetGen, and the tables of the comparison with Mesh_3. Takes ten to
+# twenty minutes.
 #
 #   sh c-tests/crossval/full.sh
 #
