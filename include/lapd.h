@@ -66,7 +66,7 @@ typedef enum {
    */
   LAPD_ERROR_EMPTY_IMAGE = 5,
   /**
-   * A limit that the caller set was reached.
+   * The caller's limit of vertices was reached, or one of the library's own: that of the ids, or of what a file format can number.
    */
   LAPD_ERROR_LIMIT_REACHED = 6,
   /**
@@ -89,6 +89,14 @@ typedef enum {
    * The context is in use by a run that has not returned yet.
    */
   LAPD_ERROR_BUSY = 11,
+  /**
+   * The caller's limit of time was reached.
+   */
+  LAPD_ERROR_TIME_LIMIT = 12,
+  /**
+   * The caller's limit of memory was reached.
+   */
+  LAPD_ERROR_MEMORY_LIMIT = 13,
 } lapd_status;
 
 /**
@@ -865,8 +873,9 @@ lapd_status lapd_params_set_threads(lapd_context *context,
 lapd_status lapd_params_get_threads(const lapd_params *params, size_t *threads);
 
 /**
- * Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED. 0 means no limit. No other thread
- * may use `params` or the context meanwhile.
+ * Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED, or with a partial mesh where
+ * lapd_params_set_partial allows it. 0 means no limit. No other thread may use `params` or the
+ * context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
@@ -880,6 +889,63 @@ lapd_status lapd_params_set_max_vertices(lapd_context *context,
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_max_vertices(const lapd_params *params, size_t *max_vertices);
+
+/**
+ * Sets a limit of time, in wall-clock seconds from the call of lapd_mesh_image on; above 0, or 0 for no limit. A run whose refinement
+ * has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
+ *
+ * The limit ends distance transform and refinement, within some ten milliseconds. What follows is not cut short: collecting and
+ * certifying the mesh takes about half as long as its refinement took.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not finite.
+ */
+lapd_status lapd_params_set_time_limit(lapd_context *context,
+                                       lapd_params *params,
+                                       double seconds);
+
+/**
+ * The limit of time in seconds, 0 for none. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_time_limit(const lapd_params *params, double *seconds);
+
+/**
+ * Sets a limit of memory in bytes, 0 for none. A run that needs more ends with LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where
+ * lapd_params_set_partial allows it.
+ *
+ * Counted are the tables of the run that grow with the image or the mesh: those of the distance transform and of the labels, of the
+ * triangulation and the work that waits, and in advance those of the mesh to come, so that the limit holds to the end of the run.
+ * Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
+ * refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+ */
+lapd_status lapd_params_set_max_memory(lapd_context *context,
+                                       lapd_params *params,
+                                       uint64_t bytes);
+
+/**
+ * The limit of memory in bytes, 0 for none. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_max_memory(const lapd_params *params, uint64_t *bytes);
+
+/**
+ * Whether a limit (of vertices, time or memory) that ends the refinement is an error (0, the default), or the mesh is made of what
+ * there is by then (1). lapd_mesh_image returns LAPD_OK with such a mesh, and lapd_mesh_get_limit_reached tells that it is one.
+ *
+ * A partial mesh is a valid Delaunay mesh whose labels are those at the circumcenters of its tets, and whose interfaces are closed. It
+ * is coarser than asked for, may be far from the image and miss labels; its certificate says how much, and counts the rules that
+ * are still unmet. A limit reached before the object has any tet is an error all the same. A cancelled run never gives a mesh.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+ */
+lapd_status lapd_params_set_partial(lapd_context *context,
+                                    lapd_params *params,
+                                    int32_t partial);
+
+/**
+ * Whether a partial mesh is allowed, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_partial(const lapd_params *params, int32_t *partial);
 
 /**
  * Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only. No other thread may use `params` or the context
@@ -935,10 +1001,11 @@ lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimiz
 /**
  * Meshes an image.
  *
- * The call returns when the mesh is done, the run was cancelled or failed; a mesh comes whole or not at all. Progress and log
+ * The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes on LAPD_OK only. Progress and log
  * callbacks of the context are called on this thread. The work is done by threads that are all joined at return; the calling
  * thread is neither pinned nor moved. Any number of runs may go on at once, in different threads, each with its own context; they
- * may share the image and the parameters. The same image and parameters give the same mesh, byte for byte.
+ * may share the image and the parameters. The same image and parameters give the same mesh, byte for byte, unless a limit of time
+ * ended it.
  *
  * The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to live on.
  *
@@ -946,7 +1013,8 @@ lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimiz
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a size is given for a label that the image does not have, or delta is so
  * coarse that no tet lies in the object; LAPD_ERROR_EMPTY_IMAGE when there is no label to mesh;
- * LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED; LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
+ * LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT (see lapd_params_set_partial);
+ * LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
  */
 lapd_status lapd_mesh_image(lapd_context *context,
                             const lapd_image *image,
@@ -958,6 +1026,15 @@ lapd_status lapd_mesh_image(lapd_context *context,
  * now on.
  */
 void lapd_mesh_free(lapd_mesh *mesh);
+
+/**
+ * The limit that ended the refinement of a partial mesh (see lapd_params_set_partial): LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT or
+ * LAPD_ERROR_MEMORY_LIMIT; LAPD_OK for a mesh whose refinement came to its end. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_limit_reached(const lapd_mesh *mesh,
+                                        int32_t *limit);
 
 /**
  * Writes a mesh to a file; the format is told by the end of its name:

@@ -31,9 +31,15 @@ pub enum Error {
     /// The image has no voxel with a label other than 0, so there is nothing to mesh.
     #[error("the image holds no label other than 0: nothing to mesh")]
     EmptyImage,
-    /// A limit that the caller set was reached.
+    /// The caller's limit of vertices was reached, or one of the library's own: that of the ids, or of what a file format can number.
     #[error("{0}")]
     LimitReached(String),
+    /// The caller's limit of time was reached.
+    #[error("{0}")]
+    TimeLimit(String),
+    /// The caller's limit of memory was reached.
+    #[error("{0}")]
+    MemoryLimit(String),
     /// The caller cancelled the run.
     #[error("cancelled")]
     Cancelled,
@@ -57,5 +63,10 @@ impl Error {
     /// An [`Error::Format`] for `path`.
     pub fn format(path: &Path, message: impl Into<String>) -> Self {
         Self::Format { path: path.to_owned(), message: message.into() }
+    }
+
+    /// Whether this is a limit, of which a partial mesh may come.
+    pub fn is_limit(&self) -> bool {
+        matches!(self, Self::LimitReached(_) | Self::TimeLimit(_) | Self::MemoryLimit(_))
     }
 }

@@ -1,19 +1,24 @@
 //! The pipeline from image to mesh: oracle, refinement, extraction, certificate.
 //!
+//! A limit that is reached ends the refinement between two operations. The mesh of what there is then has all properties but those that the rules
+//! bring about: it is Delaunay, labelled by circumcenters, its interfaces closed; the certificate says how far it is from the image.
+//!
 //! Thread safety: any number of runs may go on at once; a run shares nothing but what it is given. Image passes run in the caller's rayon pool.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::delaunay::Triangulation;
+use crate::delaunay::check::{CHECK_EVERY, Check};
+use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
 use crate::mesh::TetMesh;
 use crate::mesh::certificate::Certificate;
-use crate::mesh::extract::extract;
+use crate::mesh::extract::{BYTES_PER_SLOT, extract};
 use crate::mesh::quality::Quality;
-use crate::monitor::{Monitor, Phase};
+use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
-use crate::refine::refiner::Schedule;
+use crate::refine::refiner::{Limits, Refinement, Schedule};
 use crate::refine::rules::Rules;
 use crate::refine::{refine, unmet_rules};
 use crate::{Error, Result};
@@ -22,12 +27,14 @@ use crate::{Error, Result};
 const BOX_MARGIN: f64 = 0.25;
 
 /// A finished run.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Meshing {
     /// The mesh.
     pub mesh: TetMesh,
     /// What the run did, and what was measured on the mesh.
     pub report: RunReport,
+    /// The limit that ended the refinement, where a partial mesh is allowed; `None`: the refinement is complete.
+    pub ended_by: Option<Error>,
 }
 
 /// Wall-clock seconds of the phases.
@@ -78,14 +85,19 @@ pub struct RunReport {
 /// Meshes `image`.
 ///
 /// # Errors
-/// [`Error::InvalidArgument`], [`Error::Unsupported`] for `params`; [`Error::EmptyImage`]; [`Error::Cancelled`]; [`Error::LimitReached`].
-pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &mut Monitor<'_>) -> Result<Meshing> {
-    params.validate()?;
+/// [`Error::InvalidArgument`], [`Error::Unsupported`] for `params`; [`Error::EmptyImage`]; [`Error::Cancelled`]; [`Error::OutOfMemory`]. A limit of
+/// `params` gives [`Error::LimitReached`], [`Error::TimeLimit`], [`Error::MemoryLimit`]; where a partial mesh is allowed, only if there is none yet.
+pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>) -> Result<Meshing> {
+    let mut clock = Instant::now();
+    let limits = limits(params, clock)?;
     if let Some(&(label, _)) = params.label_sizes.iter().find(|l| image.id_of(l.0).is_none()) {
         return Err(Error::InvalidArgument(format!(
             "a size is given for label {label}, which does not occur in the image"
         )));
     }
+    let [nx, ny, nz] = image.dims();
+    // The most that the oracle asks whether to go on.
+    monitor.enter(Step::Oracle, nz * (nx + 2 * ny + 1) + 3 * ny)?;
     let restricted;
     let image = if params.keep.is_empty() {
         image
@@ -97,45 +109,70 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &mut Monitor
         return Err(Error::EmptyImage);
     }
     let mut seconds = Seconds::default();
-    let mut clock = Instant::now();
     let mut lap = || std::mem::replace(&mut clock, Instant::now()).elapsed().as_secs_f64();
-
-    monitor.report(Phase::Distance, 0.0, 0)?;
-    let flag = monitor.cancel_flag();
-    let check = || if flag.is_some_and(|f| f.is_cancelled()) { Err(Error::Cancelled) } else { Ok(()) };
-    let oracle = Oracle::new(image, params.surface, &check)?;
+    monitor.log(Level::Info, &describe(image, params));
+    let go_on = || monitor.advance(1).and_then(|()| limits.check_time());
+    if limits.max_memory.is_some() {
+        limits.check_memory(Oracle::bytes_needed(image, &go_on)?)?;
+    }
+    let oracle = Oracle::new(image, params.surface, &go_on)?;
     seconds.distance = lap();
+    monitor.log(Level::Info, &format!("distance transform done in {:.2} s", seconds.distance));
 
+    monitor.enter(Step::Refine, 1)?;
     let [lower, upper] = oracle.bounds();
     let margin = (upper - lower).max_element() * BOX_MARGIN + 4.0 * params.delta;
     let triangulation = Triangulation::new(lower - margin, upper + margin)?;
-    let rules = Rules::new(&triangulation, &oracle, params, image.labels());
-    let schedule = Schedule { expected_tets: expected_tets(image, params), max_vertices: params.max_vertices };
-    monitor.report(Phase::Refine, Schedule::START, 0)?;
-    let counters = refine(&rules, &schedule, monitor)?;
+    let rules = Rules::new(&triangulation, &oracle, params, image.labels())?;
+    let schedule = Schedule { expected_tets: expected_tets(image, params, monitor)?, limits };
+    let Refinement { counters, ended_by } = refine(&rules, &schedule, monitor)?;
+    let ended_by = match ended_by {
+        Some(limit) if !params.partial => return Err(limit),
+        ended_by => ended_by,
+    };
     seconds.refine = lap();
 
-    monitor.report(Phase::Extract, Schedule::END, counters.created - counters.destroyed)?;
+    let tets = triangulation.tet_bound() as usize;
+    monitor.enter(Step::Unmet, tets)?;
     let unmet = unmet_rules(&rules, monitor)?;
-    let check = triangulation.check_while(|| monitor.check_cancelled())?;
+    monitor.enter(Step::Validate, tets + triangulation.vertex_bound() as usize)?;
+    let check = triangulation.check_while(|| monitor.advance(CHECK_EVERY as usize))?;
+    log_refinement(monitor, &counters, &check, seconds.refine);
+    monitor.enter(Step::Extract, tets)?;
     let label = |t| image.labels()[usize::from(rules.label(t))];
     let mesh = extract(&triangulation, label, params.background, monitor)?;
     if !mesh.labels.iter().any(|&label| label != 0) {
-        return Err(Error::InvalidArgument(format!(
-            "delta {} is too coarse for the object: no tet has its circumcenter inside",
-            params.delta
-        )));
+        return Err(ended_by.unwrap_or_else(|| {
+            Error::InvalidArgument(format!(
+                "delta {} is too coarse for the object: no tet has its circumcenter inside",
+                params.delta
+            ))
+        }));
     }
     drop(rules);
     drop(triangulation);
     drop(oracle);
     seconds.extract = lap();
+    monitor.log(
+        Level::Info,
+        &format!(
+            "mesh of {} tets, {} vertices, {} interface facets collected in {:.2} s",
+            mesh.tets.len(),
+            mesh.points.len(),
+            mesh.facets.len(),
+            seconds.extract
+        ),
+    );
 
-    monitor.report(Phase::Certify, 0.94, check.tets)?;
-    let quality = Quality::measure(&mesh);
+    let quality = Quality::measure(&mesh, monitor)?;
     let certificate = Certificate::measure(&mesh, image, check.non_delaunay_facets, unmet, monitor)?;
     seconds.certify = lap();
-    monitor.report(Phase::Certify, 1.0, check.tets)?;
+    monitor.log(Level::Info, &format!("certificate measured in {:.2} s", seconds.certify));
+    if let Some(limit) = &ended_by {
+        monitor.log(Level::Warning, &format!("the mesh is partial: {limit}"));
+    }
+    warnings(&certificate).iter().for_each(|line| monitor.log(Level::Warning, line));
+    monitor.enter(Step::Done, 0)?;
     let operations = Operations {
         insertions: counters.insertions,
         removals: counters.removals,
@@ -143,17 +180,90 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &mut Monitor
         exact_predicates: counters.exact_predicates,
     };
     let (all_tets, all_vertices) = (check.tets, check.vertices);
-    Ok(Meshing { mesh, report: RunReport { seconds, all_tets, all_vertices, operations, unmet, quality, certificate } })
+    let report = RunReport { seconds, all_tets, all_vertices, operations, unmet, quality, certificate };
+    Ok(Meshing { mesh, report, ended_by })
+}
+
+/// The limits of `params`, which are checked; `start` is when the run began.
+fn limits(params: &MeshParams, start: Instant) -> Result<Limits> {
+    params.validate()?;
+    // A deadline that the clock cannot hold never comes.
+    let deadline = params.time_limit.and_then(|seconds| {
+        let end = start.checked_add(Duration::try_from_secs_f64(seconds).ok()?)?;
+        Some((end, seconds))
+    });
+    let (max_vertices, max_memory) = (params.max_vertices, params.max_memory);
+    Ok(Limits { max_vertices, deadline, max_memory, bytes_per_slot: BYTES_PER_SLOT })
+}
+
+/// A line about what is meshed.
+fn describe(image: &LabelImage, params: &MeshParams) -> String {
+    let [nx, ny, nz] = image.dims();
+    let spacing = image.frame().spacing();
+    format!(
+        "meshing {} labels of {nx} x {ny} x {nz} voxels of {} x {} x {} at delta {}, size {}",
+        image.labels().len() - 1,
+        spacing.x,
+        spacing.y,
+        spacing.z,
+        params.delta,
+        params.size
+    )
+}
+
+fn log_refinement(monitor: &Monitor<'_>, counters: &Counters, check: &Check, seconds: f64) {
+    let Counters { insertions, removals, .. } = counters;
+    let Check { tets, vertices, .. } = check;
+    let rate = *tets as f64 / seconds.max(1e-9);
+    let line = format!(
+        "refinement done in {seconds:.2} s: {tets} tets, {vertices} vertices, {insertions} insertions, {removals} removals, {rate:.0} tets per second"
+    );
+    monitor.log(Level::Info, &line);
+}
+
+/// What a caller should know before relying on the mesh, a line for each kind of defect.
+fn warnings(certificate: &Certificate) -> Vec<String> {
+    let mut lines = Vec::new();
+    for (rule, &unmet) in certificate.unmet.iter().enumerate().filter(|&(_, &unmet)| unmet > 0) {
+        lines.push(format!("rule R{} stays unmet {unmet} times", rule + 1));
+    }
+    let lost = || certificate.labels.iter().filter(|row| row.tets == 0);
+    if let Some(first) = lost().next() {
+        let voxels: u64 = lost().map(|row| row.image_voxels).sum();
+        lines.push(format!("{} labels have no tet ({voxels} voxels), the first is {}", lost().count(), first.label));
+    }
+    let torn = || certificate.labels.iter().filter(|row| row.tets > 0 && row.components_mesh < row.components_image);
+    let missing: u64 = torn().map(|row| row.components_image - row.components_mesh).sum();
+    if missing > 0 {
+        lines.push(format!("{missing} components of {} labels have vanished or merged", torn().count()));
+    }
+    let defects = [
+        (certificate.non_delaunay_facets, "facets that are not Delaunay"),
+        (certificate.inverted_tets, "inverted tets"),
+        (certificate.orphan_vertices, "vertices in no tet"),
+        (certificate.open_edges, "open edges of interfaces"),
+    ];
+    for (count, what) in defects.into_iter().filter(|&(count, _)| count > 0) {
+        lines.push(format!("certificate: {count} {what}"));
+    }
+    lines
 }
 
 /// A guess of the tets of the whole triangulation, for progress only: some per delta^2 of interface and some per size^3 of object, as measured on the atlases.
-fn expected_tets(image: &LabelImage, params: &MeshParams) -> u64 {
+fn expected_tets(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>) -> Result<u64> {
     let [nx, ny, _] = image.dims();
-    let ids = image.ids();
-    let changes = |stride: usize| ids.iter().zip(&ids[stride.min(ids.len())..]).filter(|(a, b)| a != b).count() as f64;
+    let changes = |a: &[u16], b: &[u16]| a.iter().zip(b).filter(|(a, b)| a != b).count() as f64;
     let spacing = image.frame().spacing();
     let voxel = spacing.element_product();
-    let area = changes(1) * voxel / spacing.x + changes(nx) * voxel / spacing.y + changes(nx * ny) * voxel / spacing.z;
-    let volume = ids.iter().filter(|&&id| id != 0).count() as f64 * voxel;
-    (4.0 * area / params.delta.powi(2) + 8.0 * volume / params.size.powi(3)) as u64
+    let (mut area, mut volume) = (0.0, 0.0);
+    let mut below: &[u16] = &[];
+    for slice in image.ids().chunks(nx * ny) {
+        monitor.check_cancelled()?;
+        area += voxel / spacing.x * changes(slice, &slice[1..])
+            + voxel / spacing.y * changes(slice, &slice[nx..])
+            + voxel / spacing.z * changes(slice, below);
+        volume += voxel * slice.iter().filter(|&&id| id != 0).count() as f64;
+        below = slice;
+    }
+    Ok((4.0 * area / params.delta.powi(2) + 8.0 * volume / params.size.powi(3)) as u64)
 }

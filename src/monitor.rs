@@ -1,6 +1,15 @@
-//! What connects a run to the program that hosts it: progress out, cancellation in.
+//! What connects a run to the program that hosts it: progress and log lines out, cancellation in.
+//!
+//! A run is a sequence of [`Step`]s. Each announces how many pieces of work it has and says after every few of them how far it is; that is also
+//! where it looks at the cancel flag. Pieces are made so small that the next look comes within some milliseconds.
+//!
+//! Thread safety: a [`Monitor`] is shared by all threads of a run. The callbacks are called by whichever of them comes by, one call at a time.
+//!
+//! Cost: without a progress callback a look is two relaxed loads; with one, also a clock, read no more often than pieces are finished.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::time::{Duration, Instant};
 
 use crate::{Error, Result};
 
@@ -18,6 +27,49 @@ pub enum Phase {
     Certify = 3,
 }
 
+/// The steps of a run, in their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(usize)]
+pub enum Step {
+    /// The oracle: feature transform, labels, weights.
+    Oracle,
+    /// Delaunay refinement.
+    Refine,
+    /// Tets that a rule still applies to are counted.
+    Unmet,
+    /// The triangulation is checked.
+    Validate,
+    /// The mesh is collected.
+    Extract,
+    /// Shapes are measured.
+    Quality,
+    /// The image's interfaces are collected, and the mesh's distance to them is measured.
+    MeshToImage,
+    /// The mesh's interfaces are sorted, and the image's distance to them is measured.
+    ImageToMesh,
+    /// Orientations, orphans, open edges, components.
+    Counts,
+    /// Nothing is left to do.
+    Done,
+}
+
+/// Phase of each step, and the part of a run's time at which it starts: rounded means over the atlases.
+const STEPS: [(Phase, f64); 10] = [
+    (Phase::Distance, 0.0),
+    (Phase::Refine, 0.05),
+    (Phase::Extract, 0.65),
+    (Phase::Extract, 0.75),
+    (Phase::Extract, 0.85),
+    (Phase::Certify, 0.88),
+    (Phase::Certify, 0.90),
+    (Phase::Certify, 0.94),
+    (Phase::Certify, 0.98),
+    (Phase::Certify, 1.0),
+];
+
+/// Time between two reports of progress, those at the start of steps apart.
+const INTERVAL: Duration = Duration::from_millis(50);
+
 /// One report of progress.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
@@ -29,6 +81,15 @@ pub struct Progress {
     pub tets: u64,
 }
 
+/// How much a log line matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// The result may not be what the caller expects.
+    Warning,
+    /// What the run does.
+    Info,
+}
+
 /// A flag that any thread may raise to end a run.
 #[derive(Debug, Default)]
 pub struct CancelFlag(AtomicBool);
@@ -37,29 +98,53 @@ impl CancelFlag {
     /// Asks the run to end.
     pub fn cancel(&self) {
         // Relaxed: the flag carries no data; the run only has to see it in the end.
-        self.0.store(true, Ordering::Relaxed);
+        self.0.store(true, Relaxed);
     }
 
     /// Makes the flag ready for another run.
     pub fn reset(&self) {
-        self.0.store(false, Ordering::Relaxed);
+        self.0.store(false, Relaxed);
     }
 
     /// Whether the run was asked to end.
     pub fn is_cancelled(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        self.0.load(Relaxed)
     }
 }
 
-/// Receives progress on the thread that called the run; `false` cancels.
-pub type ProgressFn<'a> = dyn FnMut(Progress) -> bool + 'a;
+/// Receives progress, on any thread of the run; `false` cancels.
+pub type ProgressFn<'a> = dyn FnMut(Progress) -> bool + Send + 'a;
+
+/// Receives log lines, on any thread of the run.
+pub type LogFn<'a> = dyn FnMut(Level, &str) + Send + 'a;
+
+/// The callback for progress, and what keeps its reports in order.
+struct Reporter<'a> {
+    callback: &'a mut ProgressFn<'a>,
+    last_fraction: f64,
+}
 
 /// What a run reports to and listens to.
-#[derive(Default)]
 pub struct Monitor<'a> {
-    progress: Option<&'a mut ProgressFn<'a>>,
+    progress: Option<Mutex<Reporter<'a>>>,
+    log: Option<Mutex<&'a mut LogFn<'a>>>,
     cancel: Option<&'a CancelFlag>,
-    last_fraction: f64,
+    /// The callback said that the run is to end.
+    stopped: AtomicBool,
+    /// The step, its pieces, and how many of them are done.
+    step: AtomicUsize,
+    pieces: AtomicUsize,
+    done: AtomicUsize,
+    tets: AtomicU64,
+    start: Instant,
+    /// When the next report is due, in milliseconds after `start`.
+    due: AtomicU64,
+}
+
+impl Default for Monitor<'_> {
+    fn default() -> Self {
+        Self::new(None, None)
+    }
 }
 
 impl<'a> Monitor<'a> {
@@ -70,36 +155,170 @@ impl<'a> Monitor<'a> {
 
     /// Reports to `progress` and watches `cancel`.
     pub fn new(progress: Option<&'a mut ProgressFn<'a>>, cancel: Option<&'a CancelFlag>) -> Self {
-        Self { progress, cancel, last_fraction: 0.0 }
-    }
-
-    /// Reports progress and checks for cancellation. Fractions are made monotone here.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`] when the flag is raised or the callback returned `false`.
-    pub fn report(&mut self, phase: Phase, fraction: f64, tets: u64) -> Result<()> {
-        self.last_fraction = self.last_fraction.max(fraction.clamp(0.0, 1.0));
-        let go_on = match &mut self.progress {
-            Some(callback) => callback(Progress { phase, fraction: self.last_fraction, tets }),
-            None => true,
-        };
-        if go_on { self.check_cancelled() } else { Err(Error::Cancelled) }
-    }
-
-    /// Checks for cancellation alone; a relaxed load.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`] when the flag is raised.
-    #[inline]
-    pub fn check_cancelled(&self) -> Result<()> {
-        match self.cancel {
-            Some(flag) if flag.is_cancelled() => Err(Error::Cancelled),
-            _ => Ok(()),
+        Self {
+            progress: progress.map(|callback| Mutex::new(Reporter { callback, last_fraction: 0.0 })),
+            log: None,
+            cancel,
+            stopped: AtomicBool::new(false),
+            step: AtomicUsize::new(0),
+            pieces: AtomicUsize::new(1),
+            done: AtomicUsize::new(0),
+            tets: AtomicU64::new(0),
+            start: Instant::now(),
+            due: AtomicU64::new(0),
         }
     }
 
-    /// The flag, for worker threads.
-    pub fn cancel_flag(&self) -> Option<&'a CancelFlag> {
-        self.cancel
+    /// Sends log lines to `log`.
+    pub fn with_log(self, log: Option<&'a mut LogFn<'a>>) -> Self {
+        Self { log: log.map(Mutex::new), ..self }
+    }
+
+    /// Logs a line.
+    pub fn log(&self, level: Level, line: &str) {
+        if let Some(mut log) = self.log.as_ref().and_then(|log| log.lock().ok()) {
+            log(level, line);
+        }
+    }
+
+    /// Begins a step that has `pieces` pieces of work, and reports it.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub fn enter(&self, step: Step, pieces: usize) -> Result<()> {
+        self.step.store(step as usize, Relaxed);
+        self.pieces.store(pieces.max(1), Relaxed);
+        self.done.store(0, Relaxed);
+        // After a cancellation the callback is not called again.
+        self.check_cancelled()?;
+        self.report(0.0);
+        self.check_cancelled()
+    }
+
+    /// Says that `pieces` more pieces of the step are done. Pieces beyond those announced count as none.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    #[inline]
+    pub fn advance(&self, pieces: usize) -> Result<()> {
+        self.check_cancelled()?;
+        if self.progress.is_some() {
+            let done = self.done.fetch_add(pieces, Relaxed) + pieces;
+            if self.is_due() {
+                self.report(done as f64 / self.pieces.load(Relaxed) as f64);
+                return self.check_cancelled();
+            }
+        }
+        Ok(())
+    }
+
+    /// Says how far the step is (0 to 1), and how many tets there are.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub fn advance_to(&self, part: f64, tets: u64) -> Result<()> {
+        self.tets.store(tets, Relaxed);
+        self.check_cancelled()?;
+        if self.progress.is_some() && self.is_due() {
+            self.report(part);
+            return self.check_cancelled();
+        }
+        Ok(())
+    }
+
+    /// Checks for cancellation alone; relaxed loads.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] when the flag is raised or the callback returned `false`.
+    #[inline]
+    pub fn check_cancelled(&self) -> Result<()> {
+        if self.cancel.is_some_and(CancelFlag::is_cancelled) || self.stopped.load(Relaxed) {
+            return Err(Error::Cancelled);
+        }
+        Ok(())
+    }
+
+    fn milliseconds(&self) -> u64 {
+        self.start.elapsed().as_millis() as u64
+    }
+
+    fn is_due(&self) -> bool {
+        self.milliseconds() >= self.due.load(Relaxed)
+    }
+
+    /// Calls the callback, unless another thread does. `part`: how far the step is.
+    fn report(&self, part: f64) {
+        let Some(mut reporter) = self.progress.as_ref().and_then(|progress| progress.try_lock().ok()) else { return };
+        // The callback may have cancelled while this thread was on its way.
+        if self.stopped.load(Relaxed) {
+            return;
+        }
+        let step = self.step.load(Relaxed);
+        let (phase, start) = STEPS[step];
+        let end = STEPS[(step + 1).min(STEPS.len() - 1)].1;
+        reporter.last_fraction = reporter.last_fraction.max(start + (end - start) * part.clamp(0.0, 1.0));
+        let progress = Progress { phase, fraction: reporter.last_fraction, tets: self.tets.load(Relaxed) };
+        if !(reporter.callback)(progress) {
+            self.stopped.store(true, Relaxed);
+        }
+        // From the end of the call: a slow callback does not take all the time there is.
+        self.due.store(self.milliseconds() + INTERVAL.as_millis() as u64, Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_in_order() {
+        assert!(STEPS.is_sorted_by(|a, b| a.0 <= b.0 && a.1 <= b.1));
+        assert_eq!(STEPS[Step::Done as usize].1, 1.0);
+        assert_eq!(STEPS.len(), Step::Done as usize + 1);
+    }
+
+    #[test]
+    fn reports_are_few_and_those_of_steps_complete() {
+        let mut seen = Vec::new();
+        let mut record = |p: Progress| {
+            seen.push(p.phase);
+            true
+        };
+        let monitor = Monitor::new(Some(&mut record), None);
+        for step in [Step::Oracle, Step::Refine, Step::Unmet, Step::Quality, Step::Done] {
+            monitor.enter(step, 1000).unwrap();
+            (0..1000).for_each(|_| monitor.advance(1).unwrap());
+        }
+        drop(monitor);
+        // A machine that stands still for a while makes more.
+        assert!((5..50).contains(&seen.len()), "{seen:?}");
+        assert!(seen.is_sorted());
+    }
+
+    #[test]
+    fn a_callback_stops_all_threads() {
+        let mut calls = 0;
+        let mut stop = |_| {
+            calls += 1;
+            false
+        };
+        let monitor = Monitor::new(Some(&mut stop), None);
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| while monitor.advance(1).is_ok() {});
+            }
+        });
+        assert!(matches!(monitor.enter(Step::Refine, 1), Err(Error::Cancelled)));
+        drop(monitor);
+        assert_eq!(calls, 1);
+    }
+
+    #[test]
+    fn log_lines_arrive() {
+        let mut lines = Vec::new();
+        let mut log = |level: Level, line: &str| lines.push((level, line.to_owned()));
+        Monitor::silent().with_log(Some(&mut log)).log(Level::Info, "one");
+        Monitor::silent().log(Level::Info, "nobody listens");
+        assert_eq!(lines, [(Level::Info, "one".to_owned())]);
     }
 }

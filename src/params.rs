@@ -35,8 +35,15 @@ pub struct MeshParams {
     pub background: bool,
     /// Threads; only 1 exists in this version.
     pub threads: usize,
-    /// Stop with [`Error::LimitReached`] when this many vertices exist; `None` is no limit of the caller's.
+    /// End the refinement with [`Error::LimitReached`] when it needs more vertices than this; `None` is no limit of the caller's.
     pub max_vertices: Option<usize>,
+    /// End the refinement with [`Error::TimeLimit`] when the run has taken this many wall-clock seconds; > 0. What follows the refinement is not
+    /// cut short.
+    pub time_limit: Option<f64>,
+    /// End the refinement with [`Error::MemoryLimit`] when the run's tables, those of the mesh to come included, would need more bytes than this.
+    pub max_memory: Option<u64>,
+    /// A limit that ends the refinement is no error: the mesh is made of what there is.
+    pub partial: bool,
 }
 
 impl Default for MeshParams {
@@ -52,6 +59,9 @@ impl Default for MeshParams {
             background: false,
             threads: 1,
             max_vertices: None,
+            time_limit: None,
+            max_memory: None,
+            partial: false,
         }
     }
 }
@@ -85,6 +95,9 @@ impl MeshParams {
                 "facet angle must lie in 0 to 30 degrees, got {}",
                 self.facet_angle
             )));
+        }
+        if let Some(seconds) = self.time_limit {
+            positive("time limit", seconds)?;
         }
         match self.threads {
             1 => Ok(()),

@@ -88,7 +88,7 @@ fn clears_the_bars(path: &Path, delta: f64, size: f64) {
     }
     let image = read_image(path).unwrap_or_else(|e| panic!("{e}")).image;
     let params = MeshParams { delta, size, ..MeshParams::default() };
-    let meshing = mesh_image(&image, &params, &mut Monitor::silent()).unwrap_or_else(|e| panic!("{e}"));
+    let meshing = mesh_image(&image, &params, &Monitor::silent()).unwrap_or_else(|e| panic!("{e}"));
     let misses = misses(&meshing, &params);
     assert!(misses.is_empty(), "{} misses:\n  {}", path.display(), misses.join("\n  "));
 }

@@ -7,7 +7,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::boundary::{Failure, Out, Outcome, borrow, catch, status_of, value_or};
 use super::status::lapd_status;
-use crate::monitor::{CancelFlag, Phase, Progress};
+use crate::monitor::{CancelFlag, Level, Phase, Progress};
 
 /// What a call reports to. Holds the message of the last call that failed, the callbacks for progress and log lines, and the
 /// cancel flag.
@@ -67,6 +67,15 @@ pub enum lapd_log_level {
     LAPD_LOG_INFO = 1,
 }
 
+impl From<Level> for lapd_log_level {
+    fn from(level: Level) -> Self {
+        match level {
+            Level::Warning => Self::LAPD_LOG_WARNING,
+            Level::Info => Self::LAPD_LOG_INFO,
+        }
+    }
+}
+
 /// Receives progress on the thread that called lapd_mesh_image. Returns 0 to go on, anything else to cancel the run. `progress`
 /// is valid during the call only. Must not throw, nor leave by longjmp; must not free the context.
 pub type lapd_progress_fn = Option<unsafe extern "C" fn(user: *mut c_void, progress: *const lapd_progress) -> i32>;
@@ -89,6 +98,10 @@ impl Callbacks {
 
     pub fn has_progress(&self) -> bool {
         self.progress.is_some()
+    }
+
+    pub fn has_log(&self) -> bool {
+        self.log.is_some()
     }
 
     /// Whether to go on.

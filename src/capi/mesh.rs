@@ -36,6 +36,21 @@ pub unsafe extern "C" fn lapd_mesh_free(mesh: *mut lapd_mesh) {
     });
 }
 
+/// The limit that ended the refinement of a partial mesh (see lapd_params_set_partial): LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT or
+/// LAPD_ERROR_MEMORY_LIMIT; LAPD_OK for a mesh whose refinement came to its end. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_limit_reached(mesh: *const lapd_mesh, limit: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(limit, "limit")?;
+        let ended_by = borrow(mesh, "mesh")?.meshing.ended_by.as_ref();
+        out.set(ended_by.map_or(lapd_status::LAPD_OK, lapd_status::from) as i32);
+        Ok(())
+    })
+}
+
 /// Writes a mesh to a file; the format is told by the end of its name:
 /// - .vtu: VTK XML; .vtk: VTK legacy, binary; cell array "label";
 /// - .mesh: MEDIT; references of tets are labels, those of triangles stand for pairs of labels;

@@ -428,8 +428,9 @@ pub unsafe extern "C" fn lapd_params_get_threads(params: *const lapd_params, thr
     unsafe { read(params, threads, "threads", |p| p.threads) }
 }
 
-/// Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED. 0 means no limit. No other thread
-/// may use `params` or the context meanwhile.
+/// Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED, or with a partial mesh where
+/// lapd_params_set_partial allows it. 0 means no limit. No other thread may use `params` or the
+/// context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
@@ -457,6 +458,96 @@ pub unsafe extern "C" fn lapd_params_get_max_vertices(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, max_vertices, "max_vertices", |p| p.max_vertices.unwrap_or(0)) }
+}
+
+/// Sets a limit of time, in wall-clock seconds from the call of lapd_mesh_image on; above 0, or 0 for no limit. A run whose refinement
+/// has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
+///
+/// The limit ends distance transform and refinement, within some ten milliseconds. What follows is not cut short: collecting and
+/// certifying the mesh takes about half as long as its refinement took.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not finite.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_time_limit(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    seconds: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.time_limit = (seconds != 0.0).then_some(seconds);
+            Ok(())
+        })
+    }
+}
+
+/// The limit of time in seconds, 0 for none. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_time_limit(params: *const lapd_params, seconds: *mut f64) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, seconds, "seconds", |p| p.time_limit.unwrap_or(0.0)) }
+}
+
+/// Sets a limit of memory in bytes, 0 for none. A run that needs more ends with LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where
+/// lapd_params_set_partial allows it.
+///
+/// Counted are the tables of the run that grow with the image or the mesh: those of the distance transform and of the labels, of the
+/// triangulation and the work that waits, and in advance those of the mesh to come, so that the limit holds to the end of the run.
+/// Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
+/// refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_max_memory(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    bytes: u64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.max_memory = (bytes > 0).then_some(bytes);
+            Ok(())
+        })
+    }
+}
+
+/// The limit of memory in bytes, 0 for none. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_max_memory(params: *const lapd_params, bytes: *mut u64) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, bytes, "bytes", |p| p.max_memory.unwrap_or(0)) }
+}
+
+/// Whether a limit (of vertices, time or memory) that ends the refinement is an error (0, the default), or the mesh is made of what
+/// there is by then (1). lapd_mesh_image returns LAPD_OK with such a mesh, and lapd_mesh_get_limit_reached tells that it is one.
+///
+/// A partial mesh is a valid Delaunay mesh whose labels are those at the circumcenters of its tets, and whose interfaces are closed. It
+/// is coarser than asked for, may be far from the image and miss labels; its certificate says how much, and counts the rules that
+/// are still unmet. A limit reached before the object has any tet is an error all the same. A cancelled run never gives a mesh.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_partial(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    partial: i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.partial = flag(partial, "partial")?;
+            Ok(())
+        })
+    }
+}
+
+/// Whether a partial mesh is allowed, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_partial(params: *const lapd_params, partial: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, partial, "partial", |p| i32::from(p.partial)) }
 }
 
 /// Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only. No other thread may use `params` or the context

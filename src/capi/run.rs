@@ -8,7 +8,7 @@ use std::sync::mpsc;
 
 use super::boundary::{Failure, Out};
 use super::boundary::{Outcome, borrow, catch};
-use super::context::{Callbacks, lapd_context, lapd_log_level, with_context};
+use super::context::{Callbacks, lapd_context, with_context};
 use super::image::lapd_image;
 use super::mesh::lapd_mesh;
 use super::params::lapd_params;
@@ -16,15 +16,16 @@ use super::pool::with_pool;
 use super::status::lapd_status;
 use crate::image::LabelImage;
 use crate::mesher::{Meshing, mesh_image};
-use crate::monitor::{CancelFlag, Monitor, Progress};
+use crate::monitor::{CancelFlag, Level, Monitor, Progress};
 use crate::params::MeshParams;
 
 /// Meshes an image.
 ///
-/// The call returns when the mesh is done, the run was cancelled or failed; a mesh comes whole or not at all. Progress and log
+/// The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes on LAPD_OK only. Progress and log
 /// callbacks of the context are called on this thread. The work is done by threads that are all joined at return; the calling
 /// thread is neither pinned nor moved. Any number of runs may go on at once, in different threads, each with its own context; they
-/// may share the image and the parameters. The same image and parameters give the same mesh, byte for byte.
+/// may share the image and the parameters. The same image and parameters give the same mesh, byte for byte, unless a limit of time
+/// ended it.
 ///
 /// The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to live on.
 ///
@@ -32,7 +33,8 @@ use crate::params::MeshParams;
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a size is given for a label that the image does not have, or delta is so
 /// coarse that no tet lies in the object; LAPD_ERROR_EMPTY_IMAGE when there is no label to mesh;
-/// LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED; LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
+/// LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT (see lapd_params_set_partial);
+/// LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_image(
     context: *mut lapd_context,
@@ -49,37 +51,45 @@ pub unsafe extern "C" fn lapd_mesh_image(
             let _run = context.start_run()?;
             let callbacks = context.callbacks();
             let meshing = run(image, &params, &context.cancel, &callbacks)?;
-            for (rule, &unmet) in meshing.report.unmet.iter().enumerate().filter(|&(_, &unmet)| unmet > 0) {
-                callbacks
-                    .log(lapd_log_level::LAPD_LOG_WARNING, &format!("rule R{} stays unmet {unmet} times", rule + 1));
-            }
             out.set(Box::into_raw(Box::new(lapd_mesh { meshing })));
             Ok(())
         })
     }
 }
 
+/// What the run's thread hands over to the caller's.
+enum Message {
+    /// An answer is waited for: whether to go on.
+    Progress(Progress),
+    Log(Level, String),
+}
+
 fn run(image: &LabelImage, params: &MeshParams, cancel: &CancelFlag, callbacks: &Callbacks) -> Outcome<Meshing> {
-    callbacks.log(
-        lapd_log_level::LAPD_LOG_INFO,
-        &format!("meshing {} labels at delta {}, size {}", image.labels().len() - 1, params.delta, params.size),
-    );
-    let (progress_sender, progress) = mpsc::channel::<Progress>();
+    let (sender, messages) = mpsc::channel::<Message>();
     let (answer, answer_receiver) = mpsc::channel::<bool>();
-    let listening = callbacks.has_progress();
+    let (listening, logging) = (callbacks.has_progress(), callbacks.has_log());
     let job = move || {
         // Dropped at the end of the job, by unwinding too: that ends the loop below.
-        let mut tell = move |p| progress_sender.send(p).is_ok() && answer_receiver.recv().unwrap_or(false);
-        let mut monitor = Monitor::new(if listening { Some(&mut tell) } else { None }, Some(cancel));
-        mesh_image(image, params, &mut monitor).map_err(Failure::from)
+        let log_sender = sender.clone();
+        let mut tell = move |p| sender.send(Message::Progress(p)).is_ok() && answer_receiver.recv().unwrap_or(false);
+        let mut log = move |level, line: &str| {
+            // The receiver stays until the last sender has gone.
+            let _ = log_sender.send(Message::Log(level, line.to_owned()));
+        };
+        let monitor =
+            Monitor::new(listening.then_some(&mut tell as _), Some(cancel)).with_log(logging.then_some(&mut log as _));
+        mesh_image(image, params, &monitor).map_err(Failure::from)
     };
     let mut result = None;
     with_pool(params.threads, |pool| {
         pool.in_place_scope(|scope| {
             scope.spawn(|_| result = Some(catch(job)));
-            for report in progress {
-                // The worker waits for this; it cannot have gone.
-                let _ = answer.send(callbacks.report(report));
+            for message in messages {
+                match message {
+                    // The worker waits for this; it cannot have gone.
+                    Message::Progress(progress) => _ = answer.send(callbacks.report(progress)),
+                    Message::Log(level, line) => callbacks.log(level.into(), &line),
+                }
             }
         });
     })?;

@@ -21,7 +21,7 @@ pub enum lapd_status {
     LAPD_ERROR_FORMAT = 4,
     /// The image holds no label to mesh.
     LAPD_ERROR_EMPTY_IMAGE = 5,
-    /// A limit that the caller set was reached.
+    /// The caller's limit of vertices was reached, or one of the library's own: that of the ids, or of what a file format can number.
     LAPD_ERROR_LIMIT_REACHED = 6,
     /// The run was cancelled by its progress callback or by lapd_context_cancel.
     LAPD_ERROR_CANCELLED = 7,
@@ -33,11 +33,15 @@ pub enum lapd_status {
     LAPD_ERROR_BUFFER_TOO_SMALL = 10,
     /// The context is in use by a run that has not returned yet.
     LAPD_ERROR_BUSY = 11,
+    /// The caller's limit of time was reached.
+    LAPD_ERROR_TIME_LIMIT = 12,
+    /// The caller's limit of memory was reached.
+    LAPD_ERROR_MEMORY_LIMIT = 13,
 }
 
 use lapd_status::*;
 
-const ALL: [lapd_status; 12] = [
+const ALL: [lapd_status; 14] = [
     LAPD_OK,
     LAPD_ERROR_INVALID_ARGUMENT,
     LAPD_ERROR_UNSUPPORTED,
@@ -50,6 +54,8 @@ const ALL: [lapd_status; 12] = [
     LAPD_ERROR_INTERNAL,
     LAPD_ERROR_BUFFER_TOO_SMALL,
     LAPD_ERROR_BUSY,
+    LAPD_ERROR_TIME_LIMIT,
+    LAPD_ERROR_MEMORY_LIMIT,
 ];
 
 impl lapd_status {
@@ -71,6 +77,8 @@ impl lapd_status {
             LAPD_ERROR_INTERNAL => c"LAPD_ERROR_INTERNAL",
             LAPD_ERROR_BUFFER_TOO_SMALL => c"LAPD_ERROR_BUFFER_TOO_SMALL",
             LAPD_ERROR_BUSY => c"LAPD_ERROR_BUSY",
+            LAPD_ERROR_TIME_LIMIT => c"LAPD_ERROR_TIME_LIMIT",
+            LAPD_ERROR_MEMORY_LIMIT => c"LAPD_ERROR_MEMORY_LIMIT",
         }
     }
 
@@ -82,12 +90,14 @@ impl lapd_status {
             LAPD_ERROR_IO => c"a file could not be opened, read or written",
             LAPD_ERROR_FORMAT => c"the file holds no valid image of its format",
             LAPD_ERROR_EMPTY_IMAGE => c"the image holds no label to mesh",
-            LAPD_ERROR_LIMIT_REACHED => c"a limit that the caller set was reached",
+            LAPD_ERROR_LIMIT_REACHED => c"the limit of vertices, or one of the library's own, was reached",
             LAPD_ERROR_CANCELLED => c"cancelled",
             LAPD_ERROR_OUT_OF_MEMORY => c"out of memory",
             LAPD_ERROR_INTERNAL => c"an invariant broke; this is a bug of lapd",
             LAPD_ERROR_BUFFER_TOO_SMALL => c"the buffer is too small for the copy",
             LAPD_ERROR_BUSY => c"the context is in use by a run that has not returned yet",
+            LAPD_ERROR_TIME_LIMIT => c"the limit of time was reached",
+            LAPD_ERROR_MEMORY_LIMIT => c"the limit of memory was reached",
         }
     }
 }
@@ -101,6 +111,8 @@ impl From<&Error> for lapd_status {
             Error::Format { .. } => LAPD_ERROR_FORMAT,
             Error::EmptyImage => LAPD_ERROR_EMPTY_IMAGE,
             Error::LimitReached(_) => LAPD_ERROR_LIMIT_REACHED,
+            Error::TimeLimit(_) => LAPD_ERROR_TIME_LIMIT,
+            Error::MemoryLimit(_) => LAPD_ERROR_MEMORY_LIMIT,
             Error::Cancelled => LAPD_ERROR_CANCELLED,
             Error::OutOfMemory(_) => LAPD_ERROR_OUT_OF_MEMORY,
             Error::Internal(_) => LAPD_ERROR_INTERNAL,

@@ -10,7 +10,7 @@ use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
 
 /// Tets between two questions whether to go on.
-const CHECK_EVERY: u64 = 1 << 14;
+pub const CHECK_EVERY: u64 = 1 << 12;
 
 /// What the validator counted. All but `tets` and `vertices` are 0 for a sound triangulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,7 +42,7 @@ impl Triangulation {
         self.check_while(|| Ok(())).unwrap_or_default()
     }
 
-    /// As [`Self::check`]; asks `go_on` every some thousand tets.
+    /// As [`Self::check`]; asks `go_on` every [`CHECK_EVERY`] tets.
     ///
     /// # Errors
     /// Those of `go_on`.
@@ -56,6 +56,9 @@ impl Triangulation {
             self.check_tet(t, &mut check);
         }
         for v in 0..self.vertex_bound() {
+            if u64::from(v).is_multiple_of(CHECK_EVERY) {
+                go_on()?;
+            }
             if self.vertex(v).kind() == VertexKind::Removed {
                 continue;
             }

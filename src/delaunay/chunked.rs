@@ -5,9 +5,11 @@
 //!
 //! Cost: one access is two dependent loads, the first of them always hot, and a test that the chunk exists.
 
-use std::alloc::{Layout, alloc_zeroed, dealloc, handle_alloc_error};
+use std::alloc::{Layout, alloc_zeroed, dealloc};
 use std::ptr;
 use std::sync::atomic::{AtomicPtr, Ordering};
+
+use crate::{Error, Result};
 
 /// Elements of one chunk; a power of two.
 pub const CHUNK: usize = 1 << 14;
@@ -41,12 +43,24 @@ impl<T: Zeroable> Chunked<T> {
     };
 
     /// An empty array with room for `capacity` elements, rounded up to whole chunks.
-    pub fn with_capacity(capacity: usize) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub fn with_capacity(capacity: usize) -> Result<Self> {
         const { assert!(T::NO_DROP && size_of::<T>() > 0) };
-        // SAFETY: an AtomicPtr of zero bytes is a null pointer.
-        let chunks = unsafe { Box::<[AtomicPtr<T>; TABLE]>::new_zeroed().assume_init() };
-        Self { chunks, max_chunks: capacity.div_ceil(CHUNK).min(TABLE) }
+        let layout = Layout::new::<[AtomicPtr<T>; TABLE]>();
+        // SAFETY: the layout has a size above 0.
+        let table = unsafe { alloc_zeroed(layout) }.cast::<[AtomicPtr<T>; TABLE]>();
+        if table.is_null() {
+            return Err(Error::OutOfMemory(format!("{} bytes for a table of chunks", layout.size())));
+        }
+        // SAFETY: allocated by the global allocator with the layout of the box's content; an AtomicPtr of zero bytes is a null pointer.
+        let chunks = unsafe { Box::from_raw(table) };
+        Ok(Self { chunks, max_chunks: capacity.div_ceil(CHUNK).min(TABLE) })
     }
+
+    /// Bytes of one chunk.
+    pub const CHUNK_BYTES: usize = Self::LAYOUT.size();
 
     /// Number of chunks that fit.
     pub fn max_chunks(&self) -> usize {
@@ -54,21 +68,28 @@ impl<T: Zeroable> Chunked<T> {
     }
 
     /// Makes chunk `chunk` exist, all bytes zero, unless it does.
-    pub fn make_chunk(&self, chunk: usize) {
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    #[inline]
+    pub fn make_chunk(&self, chunk: usize) -> Result<()> {
+        if self.chunks[chunk].load(Ordering::Acquire).is_null() { self.allocate_chunk(chunk) } else { Ok(()) }
+    }
+
+    #[cold]
+    fn allocate_chunk(&self, chunk: usize) -> Result<()> {
         let slot = &self.chunks[chunk];
-        if !slot.load(Ordering::Acquire).is_null() {
-            return;
-        }
         // SAFETY: the layout has a size above 0 (asserted in with_capacity).
         let made = unsafe { alloc_zeroed(Self::LAYOUT) }.cast::<T>();
         if made.is_null() {
-            handle_alloc_error(Self::LAYOUT);
+            return Err(Error::OutOfMemory(format!("{} bytes for the triangulation", Self::CHUNK_BYTES)));
         }
         // Release: whoever finds the pointer finds zeroed memory. Acquire on failure: the caller uses the other thread's chunk.
         if slot.compare_exchange(ptr::null_mut(), made, Ordering::Release, Ordering::Acquire).is_err() {
             // SAFETY: allocated above with this layout, and nobody else saw it.
             unsafe { dealloc(made.cast(), Self::LAYOUT) };
         }
+        Ok(())
     }
 
     /// Asks the processor to fetch element `index`, which is looked at soon. Does nothing when there is no such element.
@@ -130,23 +151,23 @@ mod tests {
 
     #[test]
     fn elements_stay_while_the_array_grows() {
-        let array = Chunked::<AtomicU32>::with_capacity(3 * CHUNK);
-        array.make_chunk(0);
+        let array = Chunked::<AtomicU32>::with_capacity(3 * CHUNK).unwrap();
+        array.make_chunk(0).unwrap();
         let first = array.get(7);
         first.store(42, Ordering::Relaxed);
-        array.make_chunk(2);
-        array.make_chunk(0);
+        array.make_chunk(2).unwrap();
+        array.make_chunk(0).unwrap();
         assert_eq!(first.load(Ordering::Relaxed), 42);
         assert_eq!(array.get(2 * CHUNK as u32).load(Ordering::Relaxed), 0);
     }
 
     #[test]
     fn threads_that_make_the_same_chunk_share_it() {
-        let array = Chunked::<AtomicU32>::with_capacity(CHUNK);
+        let array = Chunked::<AtomicU32>::with_capacity(CHUNK).unwrap();
         std::thread::scope(|scope| {
             for _ in 0..4 {
                 scope.spawn(|| {
-                    array.make_chunk(0);
+                    array.make_chunk(0).unwrap();
                     array.get(1).fetch_add(1, Ordering::Relaxed);
                 });
             }
@@ -157,6 +178,6 @@ mod tests {
     #[test]
     #[should_panic(expected = "never made")]
     fn an_element_of_no_chunk_is_refused() {
-        Chunked::<AtomicU32>::with_capacity(CHUNK).get(0);
+        Chunked::<AtomicU32>::with_capacity(CHUNK).unwrap().get(0);
     }
 }

@@ -31,15 +31,15 @@ impl Triangulation {
     /// The triangulation of the corners of a box.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`] when the box is empty or not finite.
+    /// [`Error::InvalidArgument`] when the box is empty or not finite; [`Error::OutOfMemory`].
     pub fn new(lower: DVec3, upper: DVec3) -> Result<Self> {
         if !(lower.is_finite() && upper.is_finite() && lower.cmplt(upper).all()) {
             return Err(Error::InvalidArgument(format!("the box from {lower} to {upper} is empty or not finite")));
         }
         let triangulation = Self {
-            tets: Chunked::with_capacity(MAX_TETS),
-            generations: Chunked::with_capacity(MAX_TETS),
-            vertices: Chunked::with_capacity(MAX_TETS / 4),
+            tets: Chunked::with_capacity(MAX_TETS)?,
+            generations: Chunked::with_capacity(MAX_TETS)?,
+            vertices: Chunked::with_capacity(MAX_TETS / 4)?,
             tet_chunks: AtomicU32::new(0),
             vertex_chunks: AtomicU32::new(0),
             lower,
@@ -172,13 +172,24 @@ impl Triangulation {
 
     /// All living tets, in the order of their slots. Not to be used while others operate.
     pub fn living_tets(&self) -> impl Iterator<Item = TetId> + '_ {
-        let slots = self.tet_chunks.load(Relaxed) * CHUNK as u32;
-        (0..slots).filter(|&t| self.is_living(t))
+        (0..self.tet_bound()).filter(|&t| self.is_living(t))
     }
 
     /// Whether a tet lives in the slot.
     pub fn is_living(&self, t: TetId) -> bool {
         self.generations.get(t).load(Relaxed) & 1 == 1
+    }
+
+    /// Slots below this may hold tets.
+    pub fn tet_bound(&self) -> u32 {
+        self.tet_chunks.load(Relaxed) * CHUNK as u32
+    }
+
+    /// Bytes of all chunks.
+    pub fn bytes(&self) -> u64 {
+        let of_tets = Chunked::<TetRecord>::CHUNK_BYTES + Chunked::<AtomicU32>::CHUNK_BYTES;
+        u64::from(self.tet_chunks.load(Relaxed)) * of_tets as u64
+            + u64::from(self.vertex_chunks.load(Relaxed)) * Chunked::<VertexRecord>::CHUNK_BYTES as u64
     }
 
     /// Ids below this may be vertices.
@@ -223,8 +234,8 @@ impl Triangulation {
             self.tet_chunks.fetch_sub(1, Relaxed);
             return Err(Error::LimitReached(format!("the triangulation would exceed {MAX_TETS} tets")));
         }
-        self.tets.make_chunk(chunk as usize);
-        self.generations.make_chunk(chunk as usize);
+        let made = self.tets.make_chunk(chunk as usize).and_then(|()| self.generations.make_chunk(chunk as usize));
+        made.inspect_err(|_| _ = self.tet_chunks.fetch_sub(1, Relaxed))?;
         for t in 0..CHUNK as u32 {
             self.tet(chunk * CHUNK as u32 + t).clear();
         }
@@ -239,7 +250,8 @@ impl Triangulation {
             self.vertex_chunks.fetch_sub(1, Relaxed);
             return Err(Error::LimitReached(format!("the triangulation would exceed {} vertices", MAX_TETS / 4)));
         }
-        self.vertices.make_chunk(chunk as usize);
+        let made = self.vertices.make_chunk(chunk as usize);
+        made.inspect_err(|_| _ = self.vertex_chunks.fetch_sub(1, Relaxed))?;
         for v in 0..CHUNK as u32 {
             self.vertex(chunk * CHUNK as u32 + v).set_removed();
         }

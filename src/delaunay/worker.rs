@@ -4,10 +4,11 @@ use std::ops::Range;
 
 use super::access::Access;
 use super::cavity::CavityFacet;
+use super::chunked::CHUNK;
 use super::remove::LinkScratch;
 use super::tet::{Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
-use crate::Result;
+use crate::{Error, Result};
 use glam::DVec3;
 
 /// What a worker has done.
@@ -64,9 +65,16 @@ impl<A: Access> Worker<A> {
         &self.created
     }
 
+    /// Bytes of the list of free slots; the scratch memory beside it is that of a few operations.
+    pub fn bytes(&self) -> u64 {
+        (self.free.capacity() * size_of::<TetId>()) as u64
+    }
+
     /// Makes sure that the next `count` tets and one vertex can be had without failing: an operation asks before it writes (invariant 5).
     pub(super) fn reserve(&mut self, triangulation: &Triangulation, count: usize) -> Result<()> {
         while self.free.len() + self.fresh_tets.len() < count {
+            // For what is left of the range, and for most of what is freed until the next one.
+            self.free.try_reserve(CHUNK).map_err(|_| Error::OutOfMemory(format!("{CHUNK} free slots")))?;
             let range = triangulation.claim_tets()?;
             self.free.extend(std::mem::replace(&mut self.fresh_tets, range).rev());
         }

@@ -34,7 +34,7 @@ pub struct FeatureTransform {
 
 impl FeatureTransform {
     /// Computes the transform. `mark(y, z, row)` sets `row[x]` of each site of a row (handed over all `false`) and is called once per
-    /// row, from several threads. `check` is called before each slab of work; its error ends the computation.
+    /// row, from several threads. `check` is called before each line or layer of lines; its error ends the computation.
     ///
     /// # Errors
     /// [`Error::InvalidArgument`]: no voxel, no site, or 2^32 - 1 voxels or more; [`Error::OutOfMemory`]; whatever `check` returns.
@@ -67,13 +67,14 @@ impl FeatureTransform {
         in_plane.par_chunks_mut(nx * ny).enumerate().try_for_each_init(
             || (vec![false; nx], Envelope::default()),
             |(row, envelope), (z, plane)| {
-                check()?;
                 for (y, nearest) in plane.chunks_mut(nx).enumerate() {
+                    check()?;
                     row.fill(false);
                     mark(y, z, row);
                     nearest_in_row(row, nearest);
                 }
                 for x in 0..nx {
+                    check()?;
                     envelope.clear();
                     for y in 0..ny {
                         let site_x = plane[x + nx * y];
@@ -97,9 +98,9 @@ impl FeatureTransform {
         sites.par_chunks_mut(bricks.layer()).enumerate().try_for_each_init(
             Envelope::default,
             |envelope, (layer, out)| {
-                check()?;
                 let first = layer * Bricks::EDGE;
                 for y in first..(first + Bricks::EDGE).min(ny) {
+                    check()?;
                     for x in 0..nx {
                         envelope.clear();
                         for z in 0..nz {

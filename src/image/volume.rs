@@ -153,7 +153,10 @@ impl LabelImage {
                 }
             }
         }
-        let ids = self.ids.iter().map(|&id| new_id[usize::from(id)]).collect();
+        let mut ids = Vec::new();
+        let short = |_| Error::OutOfMemory(format!("{} voxels of an image", self.ids.len()));
+        ids.try_reserve_exact(self.ids.len()).map_err(short)?;
+        ids.extend(self.ids.iter().map(|&id| new_id[usize::from(id)]));
         Self::from_ids(self.dims, self.frame, ids, self.labels.clone())
     }
 

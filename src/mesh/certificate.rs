@@ -11,15 +11,15 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::TetMesh;
-use super::components::{TetCount, image_components, mesh_components};
+use super::components::{SLICE, TetCount, image_components, mesh_components};
 use super::distance::SurfaceDistance;
+use super::{TetMesh, filled};
+use crate::Result;
 use crate::image::LabelImage;
-use crate::monitor::Monitor;
-use crate::{Error, Result};
+use crate::monitor::{Monitor, Step};
 
-/// Tets per parallel work item.
-const CHUNK: usize = 1 << 14;
+/// Tets per work item.
+const CHUNK: usize = 1 << 12;
 
 /// One label, in the mesh and in the image. Volumes are in cubic world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -71,7 +71,8 @@ impl Certificate {
     /// Certifies `mesh` against the `image` it was made from (with the labels that were not to be meshed already set to 0).
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`] when a vertex is not finite; [`Error::OutOfMemory`]; [`Error::Cancelled`].
+    /// [`InvalidArgument`](crate::Error::InvalidArgument) when a vertex is not finite; [`OutOfMemory`](crate::Error::OutOfMemory);
+    /// [`Cancelled`](crate::Error::Cancelled).
     pub fn measure(
         mesh: &TetMesh,
         image: &LabelImage,
@@ -80,12 +81,14 @@ impl Certificate {
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
         let distance = SurfaceDistance::measure(mesh, image, monitor)?;
-        monitor.check_cancelled()?;
+        let [_, _, nz] = image.dims();
+        // Tets are gone over three times, facets twice, slices of voxels once; these count as some thousand tets each.
+        monitor.enter(Step::Counts, 3 * mesh.tets.len() + 2 * mesh.facets.len() + SLICE * nz)?;
         Ok(Self {
             non_delaunay_facets,
             inverted_tets: inverted_tets(mesh, monitor)?,
-            orphan_vertices: orphan_vertices(mesh),
-            open_edges: open_edges(mesh),
+            orphan_vertices: orphan_vertices(mesh, monitor)?,
+            open_edges: open_edges(mesh, monitor)?,
             hausdorff_mesh_to_image: distance.mesh_to_image.max,
             hausdorff_image_to_mesh: distance.image_to_mesh.max,
             mean_mesh_to_image: distance.mesh_to_image.mean,
@@ -111,14 +114,11 @@ impl Certificate {
 /// over- or underflows.
 ///
 /// # Errors
-/// [`Error::Cancelled`].
+/// [`Cancelled`](crate::Error::Cancelled).
 pub fn inverted_tets(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
-    let cancel = monitor.cancel_flag();
     let coordinates = |p: DVec3| robust::Coord3D { x: p.x, y: p.y, z: p.z };
     let counts = mesh.tets.par_chunks(CHUNK).map(|tets| {
-        if cancel.is_some_and(|flag| flag.is_cancelled()) {
-            return Err(Error::Cancelled);
-        }
+        monitor.advance(tets.len())?;
         let inverted = tets.iter().filter(|tet| {
             let [a, b, c, d] = tet.map(|v| coordinates(mesh.point(v)));
             // The predicate's sign is opposite: positive when d is below the plane in which a, b, c turn left.
@@ -130,32 +130,47 @@ pub fn inverted_tets(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
 }
 
 /// Vertices that no tet has.
-pub fn orphan_vertices(mesh: &TetMesh) -> u64 {
-    let mut used = vec![false; mesh.points.len()];
-    for &v in mesh.tets.iter().flatten() {
-        used[v as usize] = true;
+///
+/// # Errors
+/// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
+pub fn orphan_vertices(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
+    let mut used = filled(mesh.points.len(), false, "vertices")?;
+    for tets in mesh.tets.chunks(CHUNK) {
+        monitor.advance(tets.len())?;
+        for &v in tets.iter().flatten() {
+            used[v as usize] = true;
+        }
     }
-    used.iter().filter(|&&used| !used).count() as u64
+    Ok(used.iter().filter(|&&used| !used).count() as u64)
 }
 
 /// Edges at which the boundary between some label and all others is not closed. The boundary of a union of tets is a cycle modulo 2:
 /// an even number of its facets meet at every edge, also where more than two labels do.
-pub fn open_edges(mesh: &TetMesh) -> u64 {
+///
+/// # Errors
+/// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
+pub fn open_edges(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
     // The edges of all facets, gathered by their smaller vertex: a counting sort, since a sort of all of them would take seconds.
     let edges = |facet: &[u32; 3]| {
         let [a, b, c] = *facet;
         [[a, b], [b, c], [c, a]].map(|[v, w]| [v.min(w), v.max(w)])
     };
-    let mut ends = vec![0usize; mesh.points.len() + 1];
-    for [v, _] in mesh.facets.iter().flat_map(edges) {
-        ends[v as usize + 1] += 1;
+    let mut ends = filled(mesh.points.len() + 1, 0_usize, "vertices")?;
+    for facets in mesh.facets.chunks(CHUNK) {
+        monitor.advance(facets.len())?;
+        for [v, _] in facets.iter().flat_map(edges) {
+            ends[v as usize + 1] += 1;
+        }
     }
     for v in 1..ends.len() {
         ends[v] += ends[v - 1];
     }
     // The larger vertex of each edge, and its facet. `ends[v]` grows from the start of v's part to its end.
-    let mut stars = vec![(0u32, 0u32); 3 * mesh.facets.len()];
+    let mut stars = filled(3 * mesh.facets.len(), (0_u32, 0_u32), "edges of the interfaces")?;
     for (f, facet) in mesh.facets.iter().enumerate() {
+        if f % CHUNK == 0 {
+            monitor.advance(CHUNK)?;
+        }
         for [v, w] in edges(facet) {
             let end = &mut ends[v as usize];
             stars[*end] = (w, f as u32);
@@ -173,13 +188,17 @@ pub fn open_edges(mesh: &TetMesh) -> u64 {
         });
         open.count() as u64
     };
-    (0..mesh.points.len()).into_par_iter().with_min_len(CHUNK).map(open_at).sum()
+    let open_in = |chunk: usize| {
+        monitor.advance(0)?;
+        Ok((chunk * CHUNK..((chunk + 1) * CHUNK).min(mesh.points.len())).map(open_at).sum::<u64>())
+    };
+    (0..mesh.points.len().div_ceil(CHUNK)).into_par_iter().map(open_in).try_reduce(|| 0, |a, b| Ok(a + b))
 }
 
 /// The table of labels: those of the image, lost ones included, and those that only the mesh has.
 ///
 /// # Errors
-/// [`Error::Cancelled`]; [`Error::LimitReached`] as in [`image_components`].
+/// Those of [`image_components`] and [`mesh_components`].
 pub fn label_rows(mesh: &TetMesh, image: &LabelImage, monitor: &Monitor<'_>) -> Result<Vec<LabelRow>> {
     let voxel_volume = image.frame().spacing().element_product();
     let counts = image_components(image, monitor)?;
@@ -272,7 +291,7 @@ mod tests {
     fn many_labels_at_an_edge_are_closed() {
         // Cubes in a checkerboard of four labels and background meet in every way along edges.
         let mesh = testing::kuhn_box([4, 4, 3], [1.0; 3], |i, j, k| ((i * 3 + j * 5 + k * 7 + i * j) % 5) as i32);
-        assert_eq!(open_edges(&mesh), 0);
+        assert_eq!(open_edges(&mesh, &Monitor::silent()).unwrap(), 0);
     }
 
     #[test]

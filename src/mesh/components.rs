@@ -7,13 +7,16 @@
 //!
 //! Pure functions, sequential, practically linear.
 
-use super::{NONE, TetMesh};
+use super::{NONE, TetMesh, filled};
 use crate::image::LabelImage;
 use crate::monitor::Monitor;
 use crate::{Error, Result};
 
 /// Tets between two looks at the cancel flag.
-const CHUNK: usize = 1 << 16;
+const CHUNK: usize = 1 << 12;
+
+/// A slice of voxels counts as this many pieces of work, a tet as one.
+pub(super) const SLICE: usize = 4096;
 
 /// Disjoint sets of numbers that are handed out in order.
 #[derive(Default)]
@@ -26,6 +29,7 @@ impl DisjointSets {
     fn open(&mut self) -> Result<u32> {
         let set = u32::try_from(self.parent.len())
             .map_err(|_| Error::LimitReached("more than 4294967295 runs of equal voxels".into()))?;
+        self.parent.try_reserve(1).map_err(|_| Error::OutOfMemory(format!("{set} runs of equal voxels")))?;
         self.parent.push(set);
         Ok(set)
     }
@@ -68,7 +72,7 @@ struct Run {
 /// Counts per dense id of `image`, id 0 left at zero.
 ///
 /// # Errors
-/// [`Error::Cancelled`]; [`Error::LimitReached`] for an image of more than 2^32 runs.
+/// [`Error::Cancelled`]; [`Error::OutOfMemory`]; [`Error::LimitReached`] for an image of more than 2^32 runs.
 pub fn image_components(image: &LabelImage, monitor: &Monitor<'_>) -> Result<Vec<VoxelCount>> {
     let [nx, ny, _] = image.dims();
     let mut counts = vec![VoxelCount::default(); image.labels().len()];
@@ -76,7 +80,7 @@ pub fn image_components(image: &LabelImage, monitor: &Monitor<'_>) -> Result<Vec
     // The runs of the slice before, and of this one as far as it is scanned; by row.
     let mut before: Vec<Vec<Run>> = Vec::new();
     for slice in image.ids().chunks(nx * ny) {
-        monitor.check_cancelled()?;
+        monitor.advance(SLICE)?;
         let mut rows: Vec<Vec<Run>> = Vec::with_capacity(ny);
         for (j, row) in slice.chunks(nx).enumerate() {
             let mut runs = Vec::new();
@@ -132,18 +136,28 @@ pub struct TetCount {
 /// Counts per label of `mesh` in increasing order of label, label 0 left out.
 ///
 /// # Errors
-/// [`Error::Cancelled`].
+/// [`Error::Cancelled`]; [`Error::OutOfMemory`].
 pub fn mesh_components(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<Vec<TetCount>> {
-    let mut labels = mesh.labels.clone();
-    labels.sort_unstable();
-    labels.dedup();
-    labels.retain(|&label| label != 0);
+    // Neighbours mostly have the same label, and there are few.
+    let mut labels = Vec::new();
+    for part in mesh.labels.chunks(CHUNK) {
+        monitor.check_cancelled()?;
+        for run in part.chunk_by(|a, b| a == b) {
+            if run[0] != 0
+                && let Err(at) = labels.binary_search(&run[0])
+            {
+                labels.insert(at, run[0]);
+            }
+        }
+    }
     let mut counts: Vec<TetCount> = labels.iter().map(|&label| TetCount { label, ..TetCount::default() }).collect();
-    let mut sets = DisjointSets { parent: (0..mesh.tets.len() as u32).collect() };
+    let mut sets = DisjointSets { parent: filled(mesh.tets.len(), 0, "sets of tets")? };
     for (t, (tet, &label)) in mesh.tets.iter().zip(&mesh.labels).enumerate() {
         if t % CHUNK == 0 {
-            monitor.check_cancelled()?;
+            monitor.advance(CHUNK)?;
         }
+        // Only tets before this one are joined below.
+        sets.parent[t] = t as u32;
         let Ok(row) = labels.binary_search(&label) else { continue };
         let count = &mut counts[row];
         count.tets += 1;

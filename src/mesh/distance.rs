@@ -16,15 +16,18 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::TetMesh;
 use super::triangle_tree::TriangleTree;
 use super::voxel_faces::VoxelFaces;
+use super::{TetMesh, filled};
 use crate::image::LabelImage;
-use crate::monitor::{CancelFlag, Monitor};
+use crate::monitor::{Monitor, Step};
 use crate::{Error, Result};
 
 /// Facets, and rows of voxel faces, per parallel work item; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 256;
+
+/// Samples between two looks at the cancel flag: far from any interface one may take a millisecond.
+const CHECK_EVERY: usize = 64;
 
 /// One-sided distance in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -54,15 +57,21 @@ impl SurfaceDistance {
         if let Some(v) = mesh.points.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
             return Err(Error::InvalidArgument(format!("vertex {v} is not finite: {:?}", mesh.points[v])));
         }
+        monitor.enter(Step::MeshToImage, mesh.facets.len())?;
         let faces = VoxelFaces::new(image, monitor)?;
         let frame = image.frame();
         let to_local = frame.direction().transpose();
         let local = |v: u32| to_local * (mesh.point(v) - frame.origin()) + 0.5 * frame.spacing();
-        let triangles: Vec<[DVec3; 3]> = mesh.facets.par_iter().map(|facet| facet.map(local)).collect();
-        let cancel = monitor.cancel_flag();
-        let mesh_to_image = mesh_to_image(&triangles, &faces, 0.5 * frame.spacing().min_element(), cancel)?;
+        let mut triangles = filled(mesh.facets.len(), [DVec3::ZERO; 3], "triangles of the interfaces")?;
+        triangles.par_chunks_mut(CHUNK).zip(mesh.facets.par_chunks(CHUNK)).try_for_each(|(triangles, facets)| {
+            triangles.iter_mut().zip(facets).for_each(|(triangle, facet)| *triangle = facet.map(local));
+            monitor.check_cancelled()
+        })?;
+        let mesh_to_image = mesh_to_image(&triangles, &faces, 0.5 * frame.spacing().min_element(), monitor)?;
+        let [_, ny, nz] = faces.dims();
+        monitor.enter(Step::ImageToMesh, ny * nz)?;
         let tree = TriangleTree::new(triangles, monitor)?;
-        let image_to_mesh = image_to_mesh(&tree, &faces, cancel)?;
+        let image_to_mesh = image_to_mesh(&tree, &faces, monitor)?;
         Ok(Self { mesh_to_image, image_to_mesh })
     }
 }
@@ -93,35 +102,32 @@ impl Sum {
     }
 }
 
-fn check(cancel: Option<&CancelFlag>) -> Result<()> {
-    if cancel.is_some_and(CancelFlag::is_cancelled) { Err(Error::Cancelled) } else { Ok(()) }
-}
-
-fn mesh_to_image(
-    triangles: &[[DVec3; 3]],
-    faces: &VoxelFaces,
-    step: f64,
-    cancel: Option<&CancelFlag>,
-) -> Result<Distance> {
+fn mesh_to_image(triangles: &[[DVec3; 3]], faces: &VoxelFaces, step: f64, monitor: &Monitor<'_>) -> Result<Distance> {
     let parts = triangles.par_chunks(CHUNK).map(|triangles| {
-        check(cancel)?;
         let mut sum = Sum::default();
         let mut start = None;
+        let mut samples = 0_usize;
         for triangle in triangles {
             for_each_sample(triangle, step, |p, weight| {
+                samples += 1;
+                if samples.is_multiple_of(CHECK_EVERY) {
+                    monitor.advance(0)?;
+                }
                 let found = faces.nearest(p, start);
                 start = found.map(|(face, _)| face);
                 sum.add(weight, found.map_or(f64::INFINITY, |(_, squared)| squared.sqrt()));
-            });
+                Ok(())
+            })?;
         }
+        monitor.advance(triangles.len())?;
         Ok(sum)
     });
     Ok(Sum::total(parts.collect::<Result<_>>()?))
 }
 
 /// Calls `sample` with the vertices of a subdivision of the triangle into n x n similar ones with edges of at most `step`, and with
-/// the area each stands for. The areas sum up to that of the triangle.
-fn for_each_sample(&[a, b, c]: &[DVec3; 3], step: f64, mut sample: impl FnMut(DVec3, f64)) {
+/// the area each stands for. The areas sum up to that of the triangle. An error of `sample` ends the calls.
+fn for_each_sample(&[a, b, c]: &[DVec3; 3], step: f64, mut sample: impl FnMut(DVec3, f64) -> Result<()>) -> Result<()> {
     let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a)).sqrt();
     let n = ((longest / step).ceil() as usize).max(1);
     let scale = 1.0 / n as f64;
@@ -131,20 +137,26 @@ fn for_each_sample(&[a, b, c]: &[DVec3; 3], step: f64, mut sample: impl FnMut(DV
         for j in 0..=n - i {
             let on_edges = usize::from(i == 0) + usize::from(j == 0) + usize::from(i + j == n);
             let weight = third * [6.0, 3.0, 1.0][on_edges.min(2)];
-            sample(a + (b - a) * (i as f64 * scale) + (c - a) * (j as f64 * scale), weight);
+            sample(a + (b - a) * (i as f64 * scale) + (c - a) * (j as f64 * scale), weight)?;
         }
     }
+    Ok(())
 }
 
-fn image_to_mesh(tree: &TriangleTree, faces: &VoxelFaces, cancel: Option<&CancelFlag>) -> Result<Distance> {
+fn image_to_mesh(tree: &TriangleTree, faces: &VoxelFaces, monitor: &Monitor<'_>) -> Result<Distance> {
     let [_, ny, nz] = faces.dims();
     let rows = ny * nz;
     let parts = (0..rows.div_ceil(CHUNK)).into_par_iter().map(|chunk| {
-        check(cancel)?;
         let mut sum = Sum::default();
         let mut start = None;
+        let mut samples = 0_usize;
         for row in chunk * CHUNK..((chunk + 1) * CHUNK).min(rows) {
+            monitor.advance(1)?;
             for face in faces.row(row % ny, row / ny) {
+                samples += 1;
+                if samples.is_multiple_of(CHECK_EVERY) {
+                    monitor.advance(0)?;
+                }
                 let Some(found) = tree.nearest(faces.centre(face), start) else {
                     return Ok(Sum { weight: 1.0, weighted: f64::INFINITY, max: f64::INFINITY });
                 };
@@ -235,7 +247,9 @@ mod tests {
             for_each_sample(triangle, 0.25, |p, weight| {
                 let squared = all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
                 there.add(weight, squared.sqrt());
-            });
+                Ok(())
+            })
+            .unwrap();
         }
         let to_mesh =
             |p: DVec3| triangles.iter().map(|t| p.distance(closest_point(t, p))).fold(f64::INFINITY, f64::min);
@@ -262,7 +276,9 @@ mod tests {
             area += weight;
             moment += p * weight;
             count += 1;
-        });
+            Ok(())
+        })
+        .unwrap();
         assert_eq!(count, 11 * 12 / 2);
         close(area, 3.0);
         assert!((moment / area).distance(DVec3::new(4.0, 2.0, 0.0) / 3.0) < 1e-12);
@@ -283,7 +299,7 @@ mod tests {
     #[test]
     fn bad_vertices_and_cancellation_are_errors() {
         let (mut mesh, image) = pair(|_, _, _| 1);
-        let flag = CancelFlag::default();
+        let flag = crate::monitor::CancelFlag::default();
         flag.cancel();
         let cancelled = SurfaceDistance::measure(&mesh, &image, &Monitor::new(None, Some(&flag)));
         assert!(matches!(cancelled, Err(Error::Cancelled)));

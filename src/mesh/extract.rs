@@ -1,53 +1,83 @@
 //! From the triangulation to the finished mesh: the tets whose circumcenter lies in the object, each with the label there.
 //!
 //! Vertices keep the order in which they were inserted, tets that of their slots; vertices of no kept tet are left out.
+//!
+//! Every array gets its memory at once, after counting, but for those of the facets: nothing is copied while it grows.
 
-use super::{NONE, TetMesh};
-use crate::Result;
+use super::{NONE, TetMesh, filled, room};
 use crate::delaunay::tet::{FACET, NO_VERTEX};
 use crate::delaunay::{TetId, Triangulation};
 use crate::monitor::Monitor;
+use crate::{Error, Result};
 
 /// Tets between two looks at the cancel flag.
-const CHECK_EVERY: usize = 1 << 16;
+const CHECK_EVERY: usize = 1 << 12;
+
+/// Bytes per slot of a tet that extraction needs at most, mesh included: 44 for a kept tet and its index, 5 for the vertices (some six tets have
+/// one), 15 for the interface facets (fewer than one for two tets).
+pub const BYTES_PER_SLOT: u64 = 64;
 
 /// Collects the mesh. `label` is the label of a tet, 0 for background; `background` keeps the tets of label 0 too.
 ///
 /// # Errors
-/// [`crate::Error::Cancelled`].
+/// [`Error::Cancelled`]; [`Error::OutOfMemory`].
 pub fn extract(
     triangulation: &Triangulation,
     label: impl Fn(TetId) -> i32,
     background: bool,
     monitor: &Monitor<'_>,
 ) -> Result<TetMesh> {
-    let mut mesh = TetMesh::default();
-    let mut kept: Vec<TetId> = Vec::new();
-    for t in triangulation.living_tets() {
+    let is_kept = |label: i32| label != 0 || background;
+    let mut count = 0;
+    for (i, t) in triangulation.living_tets().enumerate() {
+        if i % CHECK_EVERY == 0 {
+            monitor.check_cancelled()?;
+        }
+        count += usize::from(is_kept(label(t)));
+    }
+    let mut mesh = TetMesh { labels: room(count, "labels of the mesh")?, ..TetMesh::default() };
+    let mut kept: Vec<TetId> = room(count, "tets of the mesh")?;
+    for (i, t) in triangulation.living_tets().enumerate() {
+        if i % CHECK_EVERY == 0 {
+            monitor.check_cancelled()?;
+        }
         let label = label(t);
-        if label != 0 || background {
+        if is_kept(label) {
             kept.push(t);
             mesh.labels.push(label);
         }
     }
     let slots = kept.last().map_or(0, |&t| t as usize + 1);
-    let mut tet_index = vec![NONE; slots];
-    let mut vertex_index = vec![NO_VERTEX; triangulation.vertex_bound() as usize];
-    for (index, &t) in kept.iter().enumerate() {
-        tet_index[t as usize] = index as u32;
-        for v in triangulation.tet(t).vertices() {
-            vertex_index[v as usize] = 0;
-        }
-    }
-    for (v, index) in vertex_index.iter_mut().enumerate().filter(|(_, index)| **index != NO_VERTEX) {
-        *index = mesh.points.len() as u32;
-        mesh.points.push(triangulation.position(v as u32).to_array());
-    }
-    mesh.tets.reserve_exact(kept.len());
-    mesh.neighbors.reserve_exact(kept.len());
+    let mut tet_index = filled(slots, NONE, "tets of the mesh")?;
+    let mut vertex_index = filled(triangulation.vertex_bound() as usize, NO_VERTEX, "vertices of the mesh")?;
+    let mut used = 0;
     for (index, &t) in kept.iter().enumerate() {
         if index % CHECK_EVERY == 0 {
             monitor.check_cancelled()?;
+        }
+        tet_index[t as usize] = index as u32;
+        for v in triangulation.tet(t).vertices() {
+            used += usize::from(vertex_index[v as usize] != 0);
+            vertex_index[v as usize] = 0;
+        }
+    }
+    mesh.points = room(used, "vertices of the mesh")?;
+    for (v, index) in vertex_index.iter_mut().enumerate().filter(|(_, index)| **index != NO_VERTEX) {
+        *index = mesh.points.len() as u32;
+        if mesh.points.len().is_multiple_of(CHECK_EVERY) {
+            monitor.check_cancelled()?;
+        }
+        mesh.points.push(triangulation.position(v as u32).to_array());
+    }
+    mesh.tets = room(count, "tets of the mesh")?;
+    mesh.neighbors = room(count, "tets of the mesh")?;
+    for (index, &t) in kept.iter().enumerate() {
+        if index % CHECK_EVERY == 0 {
+            monitor.advance(CHECK_EVERY)?;
+            let short = |_| Error::OutOfMemory("interface facets of the mesh".into());
+            mesh.facets.try_reserve(4 * CHECK_EVERY).map_err(short)?;
+            mesh.facet_labels.try_reserve(4 * CHECK_EVERY).map_err(short)?;
+            mesh.facet_tets.try_reserve(4 * CHECK_EVERY).map_err(short)?;
         }
         let record = triangulation.tet(t);
         let vertices = record.vertices().map(|v| vertex_index[v as usize]);
@@ -59,11 +89,10 @@ pub fn extract(
         mesh.neighbors.push(across.map(|n| n.and_then(|n| tet_index.get(n as usize).copied()).unwrap_or(NONE)));
         let here = mesh.labels[index];
         for (i, n) in across.into_iter().enumerate() {
-            // A facet on the box has background on both sides.
-            let Some(n) = n else { continue };
-            let there = label(n);
+            // Outside of the box is background. In a finished refinement there is nothing else along it; a partial mesh may reach it.
+            let (there, other) =
+                n.map_or((0, NONE), |n| (label(n), tet_index.get(n as usize).copied().unwrap_or(NONE)));
             // Each interface facet once: from its tet with the larger label, or from the only one that was kept.
-            let other = tet_index.get(n as usize).copied().unwrap_or(NONE);
             if here == there || (here < there && other != NONE) {
                 continue;
             }

@@ -16,6 +16,8 @@ pub use quality::Quality;
 
 use glam::DVec3;
 
+use crate::{Error, Result};
+
 /// "No tet" in [`TetMesh::neighbors`] and [`TetMesh::facet_tets`].
 pub const NONE: u32 = u32::MAX;
 
@@ -40,6 +42,20 @@ pub struct TetMesh {
     pub facet_labels: Vec<[i32; 2]>,
     /// The tets on the two sides of each interface facet; [`NONE`] where that side is background that was not kept.
     pub facet_tets: Vec<[u32; 2]>,
+}
+
+/// Room for exactly `count` values, or an error that names them.
+fn room<T>(count: usize, what: &str) -> Result<Vec<T>> {
+    let mut values = Vec::new();
+    values.try_reserve_exact(count).map_err(|_| Error::OutOfMemory(format!("{count} {what}")))?;
+    Ok(values)
+}
+
+/// `count` copies of a value, or an error that names them.
+fn filled<T: Clone>(count: usize, value: T, what: &str) -> Result<Vec<T>> {
+    let mut values = room(count, what)?;
+    values.resize(count, value);
+    Ok(values)
 }
 
 impl TetMesh {

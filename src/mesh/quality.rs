@@ -13,6 +13,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::TetMesh;
+use crate::Result;
+use crate::monitor::{Monitor, Step};
 
 /// Tets or facets per parallel work item; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
@@ -117,27 +119,33 @@ pub struct Quality {
 
 impl Quality {
     /// Measures `mesh`.
-    pub fn measure(mesh: &TetMesh) -> Self {
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`].
+    pub fn measure(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<Self> {
+        monitor.enter(Step::Quality, mesh.tets.len() + mesh.facets.len())?;
         let tet_parts: Vec<TetSummary> = mesh
             .tets
             .par_chunks(CHUNK)
             .zip(mesh.labels.par_chunks(CHUNK))
             .map(|(tets, labels)| {
+                monitor.advance(tets.len())?;
                 let mut part = TetSummary::default();
                 for (tet, _) in tets.iter().zip(labels).filter(|&(_, &label)| label != 0) {
                     part.add(&tet.map(|v| mesh.point(v)));
                 }
-                part
+                Ok(part)
             })
-            .collect();
+            .collect::<Result<_>>()?;
         let facet_parts: Vec<(f64, f64)> = mesh
             .facets
             .par_chunks(CHUNK)
             .map(|facets| {
+                monitor.advance(facets.len())?;
                 let angles = facets.iter().flat_map(|facet| triangle_angles(&facet.map(|v| mesh.point(v))));
-                angles.fold((f64::INFINITY, 0.0), |(min, max), angle| (angle.min(min), angle.max(max)))
+                Ok(angles.fold((f64::INFINITY, 0.0), |(min, max), angle| (angle.min(min), angle.max(max))))
             })
-            .collect();
+            .collect::<Result<_>>()?;
 
         let mut quality = Quality::default();
         let all = tet_parts.into_iter().reduce(TetSummary::merged).unwrap_or_default();
@@ -159,7 +167,7 @@ impl Quality {
             (quality.min_facet_angle, quality.max_facet_angle) =
                 facet_parts.into_iter().fold((f64::INFINITY, 0.0), |(min, max), (lo, hi)| (lo.min(min), hi.max(max)));
         }
-        quality
+        Ok(quality)
     }
 }
 
@@ -346,7 +354,7 @@ mod tests {
     #[test]
     fn summary_of_a_kuhn_box() {
         let mesh = testing::kuhn_box([3, 2, 2], [1.0; 3], |i, _, _| (i as i32 + 1) % 3);
-        let quality = Quality::measure(&mesh);
+        let quality = Quality::measure(&mesh, &Monitor::silent()).unwrap();
         // A third of the cubes is background that was kept.
         assert_eq!(quality.tets, 6 * 8);
         assert_eq!(quality.facets, mesh.facets.len() as u64);
@@ -363,6 +371,6 @@ mod tests {
 
     #[test]
     fn nothing_to_measure() {
-        assert_eq!(Quality::measure(&TetMesh::default()), Quality::default());
+        assert_eq!(Quality::measure(&TetMesh::default(), &Monitor::silent()).unwrap(), Quality::default());
     }
 }

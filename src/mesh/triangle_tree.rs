@@ -7,6 +7,7 @@
 
 use glam::DVec3;
 
+use super::room;
 use crate::Result;
 use crate::monitor::Monitor;
 
@@ -50,9 +51,10 @@ impl TriangleTree {
     /// Takes finite, possibly degenerate triangles.
     ///
     /// # Errors
-    /// [`Error::Cancelled`](crate::Error::Cancelled).
+    /// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::OutOfMemory`](crate::Error::OutOfMemory).
     pub fn new(mut triangles: Vec<[DVec3; 3]>, monitor: &Monitor<'_>) -> Result<Self> {
-        let mut nodes = Vec::with_capacity(triangles.len());
+        // A leaf that was split off has two triangles at least.
+        let mut nodes = room(triangles.len(), "boxes around triangles")?;
         if !triangles.is_empty() {
             build(&mut triangles, 0, &mut nodes, monitor)?;
         }
@@ -111,7 +113,7 @@ impl TriangleTree {
 
 /// Appends the hierarchy over `triangles`, the first of which has index `first`, and brings them into its order.
 fn build(triangles: &mut [[DVec3; 3]], first: usize, nodes: &mut Vec<Node>, monitor: &Monitor<'_>) -> Result<()> {
-    monitor.check_cancelled()?;
+    monitor.advance(0)?;
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (mut centre_min, mut centre_max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for &[a, b, c] in triangles.iter() {

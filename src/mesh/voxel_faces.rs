@@ -58,11 +58,8 @@ impl VoxelFaces {
                 &[]
             }
         };
-        let cancel = monitor.cancel_flag();
         masks.par_chunks_mut(dims[0] * dims[1]).enumerate().try_for_each(|(k, slice)| {
-            if cancel.is_some_and(|flag| flag.is_cancelled()) {
-                return Err(Error::Cancelled);
-            }
+            monitor.advance(0)?;
             for (j, cells) in slice.chunks_exact_mut(dims[0]).enumerate() {
                 // Below 0 wraps to an index past the end, which is outside just as well.
                 let (own, below_y, below_z) = (row(j, k), row(j.wrapping_sub(1), k), row(j, k.wrapping_sub(1)));
@@ -81,6 +78,9 @@ impl VoxelFaces {
         let mut bricks = vec![false; brick_dims[0] * brick_dims[1] * brick_dims[2]];
         for (row, cells) in masks.chunks_exact(dims[0]).enumerate() {
             let (j, k) = (row % dims[1], row / dims[1]);
+            if j == 0 {
+                monitor.advance(0)?;
+            }
             let first = brick_dims[0] * (j / BRICK + brick_dims[1] * (k / BRICK));
             for (i, cells) in cells.chunks(BRICK).enumerate() {
                 bricks[first + i] |= cells.iter().any(|&mask| mask != 0);

@@ -160,8 +160,8 @@ struct Nearest {
 }
 
 impl Oracle {
-    /// Builds the oracle; computes the feature transform on all threads of the current rayon pool. `check` is called before each slab of
-    /// work, from several threads; its error ends the computation.
+    /// Builds the oracle; computes the feature transform on all threads of the current rayon pool. `check` is called at least once per
+    /// plane of voxels and pass, from several threads; its error ends the computation.
     ///
     /// # Errors
     /// [`crate::Error::EmptyImage`] when no voxel differs from the background; [`crate::Error::InvalidArgument`] when the object's bounding box has
@@ -301,9 +301,24 @@ impl Oracle {
         self.spacing
     }
 
+    /// Bytes that [`Oracle::new`] needs at its peak for `image`, but for some per contested sample of the labels' weights (see `weights`), whose number
+    /// is not known in advance.
+    ///
+    /// # Errors
+    /// [`crate::Error::EmptyImage`]; whatever `check` returns.
+    pub fn bytes_needed(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<u64> {
+        let (_, dims) = region(image, check)?;
+        let voxels = dims.iter().map(|&n| n as u64).product::<u64>();
+        // Beside what is held, the feature transform in its last pass has the sites of the planes.
+        Ok(Bricks::new(dims).len() as u64 * Self::BYTES_PER_VOXEL as u64 + voxels * size_of::<u32>() as u64)
+    }
+
+    /// Bytes held per voxel of the region: voxel and feature.
+    const BYTES_PER_VOXEL: usize = size_of::<Voxel>() + size_of::<u32>();
+
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.bricks.len() * (size_of::<Voxel>() + size_of::<u32>())
+        self.bricks.len() * Self::BYTES_PER_VOXEL
     }
 
     #[inline(always)]

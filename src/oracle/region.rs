@@ -50,9 +50,9 @@ pub(super) fn region_voxels(
     let dims = bricks.dims();
     let mut voxels = filled(bricks.len(), Voxel::default(), "the label volume")?;
     voxels.par_chunks_mut(bricks.layer()).enumerate().try_for_each(|(layer, out)| {
-        check()?;
         let base = layer * Bricks::EDGE;
         for j in base..(base + Bricks::EDGE).min(dims[1]) {
+            check()?;
             for k in 0..dims[2] {
                 let (Some(y), Some(z)) = (inside(first[1], j, ny), inside(first[2], k, nz)) else {
                     continue;
@@ -106,9 +106,9 @@ pub(super) fn set_room(
     let bricks = features.bricks();
     let [nx, ny, nz] = bricks.dims();
     voxels.par_chunks_mut(bricks.layer()).enumerate().try_for_each(|(layer, out)| {
-        check()?;
         let base = layer * Bricks::EDGE;
         for j in base..(base + Bricks::EDGE).min(ny) {
+            check()?;
             for k in 0..nz {
                 let rings = rings.map(|rings| rings.row(j, k));
                 for i in 0..nx {

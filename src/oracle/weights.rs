@@ -23,7 +23,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{Voxel, border::Border, corners, indicator};
-use crate::{Result, distance::Bricks};
+use crate::{Error, Result, distance::Bricks};
 
 /// Weights lie in [1/LIMIT, LIMIT]. The proof of the oracle's clearance needs ratios below 3.
 pub(super) const LIMIT: f32 = 1.5;
@@ -81,7 +81,7 @@ pub(super) fn calibrate(
     labels: usize,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Vec<f32>> {
-    let targets = voxel_counts(bricks, voxels, labels);
+    let targets = voxel_counts(bricks, voxels, labels, check)?;
     let samples: Vec<u32> = targets
         .iter()
         .map(|&n| (ENOUGH / n.max(1)).clamp(u64::from(LEAST), u64::from(MOST)) as u32)
@@ -91,28 +91,28 @@ pub(super) fn calibrate(
         .into_par_iter()
         .map(|j| {
             check()?;
-            Ok(sample_layer(bricks, voxels, border, j, &samples))
+            sample_layer(bricks, voxels, border, j, &samples, check)
         })
         .collect::<Result<Vec<Layer>>>()?;
     let mut settled = vec![0; labels];
     layers.iter().for_each(|layer| add(&mut settled, &layer.settled));
-    let exchange = exchange(&layers, labels);
-    let missing = |logs: &[f64]| -> Missing {
+    let exchange = exchange(&layers, labels, check)?;
+    let missing = |logs: &[f64]| -> Result<Missing> {
         let weights: Vec<f32> = logs.iter().map(|log| log.exp() as f32).collect();
-        let volumes = volumes(&layers, &settled, &weights);
+        let volumes = volumes(&layers, &settled, &weights, check)?;
         let by_label: Vec<f64> =
             targets.iter().zip(&volumes).map(|(&n, &v)| n as f64 * f64::from(MOST) - v as f64).collect();
         // The background has no target: its volume is that of the box less the others.
-        Missing { all: by_label[1..].iter().map(|m| m.abs()).sum(), by_label }
+        Ok(Missing { all: by_label[1..].iter().map(|m| m.abs()).sum(), by_label })
     };
     let mut logs = vec![0.0_f64; labels];
-    let mut now = missing(&logs);
+    let mut now = missing(&logs)?;
     'steps: for _ in 0..STEPS {
         check()?;
         let mut aim = logs.clone();
         step(&exchange, &now.by_label, &mut aim);
         for _ in 0..LENGTHS {
-            let then = missing(&aim);
+            let then = missing(&aim)?;
             if then.all < now.all {
                 (logs, now) = (aim, then);
                 continue 'steps;
@@ -136,29 +136,43 @@ fn add(to: &mut [u64], more: &[u64]) {
 }
 
 /// Voxels of each label in the region.
-fn voxel_counts(bricks: &Bricks, voxels: &[Voxel], labels: usize) -> Vec<u64> {
+fn voxel_counts(
+    bricks: &Bricks,
+    voxels: &[Voxel],
+    labels: usize,
+    check: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Vec<u64>> {
     let [nx, ny, nz] = bricks.dims();
     let count = |mut counts: Vec<u64>, j: usize| {
+        check()?;
         for k in 0..nz {
             for i in 0..nx {
                 counts[usize::from(voxels[bricks.index(i, j, k)].id)] += 1;
             }
         }
-        counts
+        Ok(counts)
     };
     let zero = || vec![0; labels];
-    (0..ny).into_par_iter().fold(zero, count).reduce(zero, |mut a, b| {
+    (0..ny).into_par_iter().try_fold(zero, count).try_reduce(zero, |mut a, b| {
         add(&mut a, &b);
-        a
+        Ok(a)
     })
 }
 
 /// The cells between planes j and j + 1 of voxels. `samples`: how many a cell with a voxel of each label gets.
-fn sample_layer(bricks: &Bricks, voxels: &[Voxel], border: &Border, j: usize, samples: &[u32]) -> Layer {
+fn sample_layer(
+    bricks: &Bricks,
+    voxels: &[Voxel],
+    border: &Border,
+    j: usize,
+    samples: &[u32],
+    check: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Layer> {
     let [nx, _, nz] = bricks.dims();
     let mut layer = Layer { settled: vec![0; samples.len()], pairs: Default::default(), many: Vec::new() };
     let points = points();
     for k in 0..nz - 1 {
+        check()?;
         for i in 0..nx - 1 {
             let ids = corners(voxels, bricks, [i, j, k]);
             if indicator::is_uniform(&ids) {
@@ -168,6 +182,7 @@ fn sample_layer(bricks: &Bricks, voxels: &[Voxel], border: &Border, j: usize, sa
             let (present, count) = distinct(&ids);
             let present = &present[..count];
             let n = present.iter().filter(|&&id| id != 0).map(|&id| samples[usize::from(id)]).max().unwrap_or(LEAST);
+            layer.make_room(MOST / n, n as usize)?;
             let shift = shift([i, j, k]);
             for point in &points[..n as usize] {
                 let at = [0, 1, 2].map(|a| {
@@ -188,10 +203,17 @@ fn sample_layer(bricks: &Bricks, voxels: &[Voxel], border: &Border, j: usize, sa
     // Layers wait for each other: what growing left unused adds up.
     layer.pairs.iter_mut().for_each(Vec::shrink_to_fit);
     layer.many.shrink_to_fit();
-    layer
+    Ok(layer)
 }
 
 impl Layer {
+    /// Makes room for `count` more samples of `units` each.
+    fn make_room(&mut self, units: u32, count: usize) -> Result<()> {
+        let short = |_| Error::OutOfMemory("samples for the weights of labels".into());
+        self.pairs[units.ilog2() as usize].try_reserve(count).map_err(short)?;
+        self.many.try_reserve(count).map_err(short)
+    }
+
     fn add_sample(&mut self, ids: &indicator::Corners, present: &[u16], at: [f32; 3], units: u32) {
         const RATIO: f32 = LIMIT * LIMIT;
         let corners = indicator::parts(at);
@@ -258,9 +280,15 @@ fn shift([i, j, k]: [usize; 3]) -> [f32; 3] {
 }
 
 /// Units of each label under the given weights.
-fn volumes(layers: &[Layer], settled: &[u64], weights: &[f32]) -> Vec<u64> {
+fn volumes(
+    layers: &[Layer],
+    settled: &[u64],
+    weights: &[f32],
+    check: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Vec<u64>> {
     let zero = || vec![0; weights.len()];
     let count = |mut counts: Vec<u64>, layer: &Layer| {
+        check()?;
         for (size, pairs) in layer.pairs.iter().enumerate() {
             for &Pair { labels: [a, b], ratio } in pairs {
                 let wins = weights[usize::from(a)] >= ratio * weights[usize::from(b)];
@@ -270,23 +298,24 @@ fn volumes(layers: &[Layer], settled: &[u64], weights: &[f32]) -> Vec<u64> {
         for sample in &layer.many {
             counts[usize::from(sample.winner(weights))] += u64::from(sample.units);
         }
-        counts
+        Ok(counts)
     };
-    let mut volumes = layers.par_iter().fold(zero, count).reduce(zero, |mut a, b| {
+    let mut volumes = layers.par_iter().try_fold(zero, count).try_reduce(zero, |mut a, b| {
         add(&mut a, &b);
-        a
-    });
+        Ok(a)
+    })?;
     add(&mut volumes, settled);
-    volumes
+    Ok(volumes)
 }
 
 /// For each label its rivals and the units that go over to it from each, per unit of the logarithm of their ratio.
-fn exchange(layers: &[Layer], labels: usize) -> Vec<Vec<(u16, f64)>> {
+fn exchange(layers: &[Layer], labels: usize, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Vec<Vec<(u16, f64)>>> {
     let mut units: std::collections::BTreeMap<[u16; 2], u64> = std::collections::BTreeMap::new();
     let mut note = |labels: [u16; 2], n: u64| {
         *units.entry([labels[0].min(labels[1]), labels[0].max(labels[1])]).or_default() += n;
     };
     for layer in layers {
+        check()?;
         // Samples of a cell follow each other: runs of a pair are noted as one.
         for (size, pairs) in layer.pairs.iter().enumerate() {
             let runs = pairs.chunk_by(|p, q| p.labels == q.labels);
@@ -302,7 +331,7 @@ fn exchange(layers: &[Layer], labels: usize) -> Vec<Vec<(u16, f64)>> {
         exchange[usize::from(a)].push((b, rate));
         exchange[usize::from(b)].push((a, rate));
     }
-    exchange
+    Ok(exchange)
 }
 
 /// One Newton step on the logarithms of the weights, towards the volumes that are `missing`.

@@ -3,29 +3,76 @@
 //! Two stacks, last in first out, so that the work stays where the caches are warm. *New* tets wait to be looked at; looking at a tet asks
 //! the surface rules, then the volume rules. A surface demand is carried out at once; a tet that only a volume rule finds poor goes to the *poor* stack (the
 //! PEL). A poor tet is served when no new one is left: the interfaces around are sampled before circumcenters are placed near them, which keeps R6 rare.
+//!
+//! Limits end the loop between two operations, so the triangulation is whole then: a mesh can be made of it. Time and memory are looked at every
+//! thousand steps, as is the cancel flag; a step takes microseconds.
+
+use std::time::Instant;
 
 use super::rules::{Demand, Rule, Rules};
 use crate::delaunay::worker::Counters;
 use crate::delaunay::{Insertion, Removal, Solo, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker};
-use crate::monitor::{Monitor, Phase};
+use crate::monitor::Monitor;
 use crate::{Error, Result};
 
-/// Operations between two looks at the cancel flag and two reports of progress.
-const REPORT_EVERY: u64 = 1024;
+/// Steps between two looks at the cancel flag and the limits.
+const LOOK_EVERY: u64 = 1024;
+
+/// Entries that a stack has room for at each look: more than the steps until the next one push, unless cavities are monstrous.
+const ROOM: usize = 64 * LOOK_EVERY as usize;
 
 /// What the loop is told beside the rules.
 pub struct Schedule {
     /// Tets expected in the end; progress is measured against it.
     pub expected_tets: u64,
-    /// Most vertices, those of the box not counted.
-    pub max_vertices: Option<usize>,
+    /// Where to end, whether rules still apply or not.
+    pub limits: Limits,
 }
 
-impl Schedule {
-    /// Part of a run that is done when refinement starts.
-    pub const START: f64 = 0.05;
-    /// Part of a run that is done when refinement ends.
-    pub const END: f64 = 0.9;
+/// Limits of a run; `None` is no limit.
+#[derive(Clone, Debug, Default)]
+pub struct Limits {
+    /// Most vertices, those of the box not counted.
+    pub max_vertices: Option<usize>,
+    /// When to end, and how many seconds that was after the run's start.
+    pub deadline: Option<(Instant, f64)>,
+    /// Most bytes: of the oracle, the triangulation, the grids, the stacks, and of what comes after the refinement.
+    pub max_memory: Option<u64>,
+    /// Bytes that are needed after the refinement for each slot of a tet.
+    pub bytes_per_slot: u64,
+}
+
+impl Limits {
+    /// # Errors
+    /// [`Error::TimeLimit`] past the deadline.
+    pub fn check_time(&self) -> Result<()> {
+        match self.deadline {
+            Some((end, seconds)) if Instant::now() >= end => {
+                Err(Error::TimeLimit(format!("the time limit of {seconds} seconds was reached")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// # Errors
+    /// [`Error::MemoryLimit`] when `needed`, in bytes, is more than allowed.
+    pub fn check_memory(&self, needed: u64) -> Result<()> {
+        match self.max_memory {
+            Some(most) if needed > most => {
+                Err(Error::MemoryLimit(format!("the memory limit of {most} bytes was reached: {needed} are needed")))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// How a refinement ended.
+#[derive(Debug)]
+pub struct Refinement {
+    /// Operations.
+    pub counters: Counters,
+    /// The limit that ended it; `None`: no rule applies any more.
+    pub ended_by: Option<Error>,
 }
 
 struct Refiner<'r, 'a> {
@@ -38,11 +85,11 @@ struct Refiner<'r, 'a> {
     most_vertices: u64,
 }
 
-/// Refines until no rule applies.
+/// Refines until no rule applies, or a limit is reached: one of the schedule's, or that of the ids.
 ///
 /// # Errors
-/// [`Error::Cancelled`]; [`Error::LimitReached`] when `max_vertices` or the ids run out; [`Error::Internal`].
-pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &mut Monitor<'_>) -> Result<Counters> {
+/// [`Error::Cancelled`]; [`Error::OutOfMemory`]; [`Error::Internal`].
+pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<Refinement> {
     let mut refiner = Refiner {
         rules,
         triangulation: rules.triangulation,
@@ -50,22 +97,26 @@ pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &mut Monitor<'_>)
         new: Vec::new(),
         poor: Vec::new(),
         near: Vec::new(),
-        most_vertices: schedule.max_vertices.map_or(u64::MAX, |most| most as u64),
+        most_vertices: schedule.limits.max_vertices.map_or(u64::MAX, |most| most as u64),
     };
     let first: Vec<TetId> = refiner.triangulation.living_tets().collect();
     first.into_iter().for_each(|t| refiner.enqueue(t));
-    refiner.run(schedule, monitor)?;
-    Ok(refiner.worker.counters)
+    let ended_by = match refiner.run(schedule, monitor) {
+        Ok(()) => None,
+        Err(limit) if limit.is_limit() => Some(limit),
+        Err(error) => return Err(error),
+    };
+    Ok(Refinement { counters: refiner.worker.counters, ended_by })
 }
 
 impl Refiner<'_, '_> {
-    fn run(&mut self, schedule: &Schedule, monitor: &mut Monitor<'_>) -> Result<()> {
+    fn run(&mut self, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<()> {
         let mut steps = 0_u64;
         loop {
-            steps += 1;
-            if steps.is_multiple_of(REPORT_EVERY) {
-                self.report(schedule, monitor)?;
+            if steps.is_multiple_of(LOOK_EVERY) {
+                self.look_around(schedule, monitor)?;
             }
+            steps += 1;
             if let Some(stamp) = self.new.pop() {
                 if self.triangulation.is_current(stamp) {
                     self.look(stamp)?;
@@ -82,11 +133,21 @@ impl Refiner<'_, '_> {
         }
     }
 
-    fn report(&self, schedule: &Schedule, monitor: &mut Monitor<'_>) -> Result<()> {
-        let tets = self.worker.counters.created - self.worker.counters.destroyed;
+    /// Reports, looks at the limits, and makes room on the stacks, so that pushing need not ask for memory.
+    #[cold]
+    fn look_around(&mut self, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<()> {
+        // Of the box there are some more.
+        let tets = self.worker.counters.created.saturating_sub(self.worker.counters.destroyed);
         // Approaches 1 from below however wrong the expectation is.
-        let fraction = 1.0 - (-2.0 * tets as f64 / schedule.expected_tets.max(1) as f64).exp();
-        monitor.report(Phase::Refine, Schedule::START + (Schedule::END - Schedule::START) * fraction, tets)
+        let part = 1.0 - (-2.0 * tets as f64 / schedule.expected_tets.max(1) as f64).exp();
+        monitor.advance_to(part, tets)?;
+        for stack in [&mut self.new, &mut self.poor] {
+            stack.try_reserve(ROOM).map_err(|_| Error::OutOfMemory(format!("{ROOM} entries of a stack")))?;
+        }
+        let stacks = (self.new.capacity() + self.poor.capacity()) * size_of::<TetStamp>();
+        let later = u64::from(self.triangulation.tet_bound()) * schedule.limits.bytes_per_slot;
+        schedule.limits.check_memory(self.rules.bytes() + self.worker.bytes() + stacks as u64 + later)?;
+        schedule.limits.check_time()
     }
 
     fn enqueue(&mut self, t: TetId) {
@@ -114,7 +175,7 @@ impl Refiner<'_, '_> {
         }
         match self.worker.insert(self.triangulation, demand.start, demand.point, demand.kind)? {
             Insertion::Done(v) => {
-                self.rules.note_vertex(v, demand.point, demand.kind);
+                self.rules.note_vertex(v, demand.point, demand.kind)?;
                 self.enqueue_created();
                 if demand.kind == VertexKind::Isovertex {
                     self.remove_near_free_vertices(demand)?;
@@ -159,10 +220,15 @@ impl Refiner<'_, '_> {
 pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]> {
     let mut unmet = [0; 6];
     // As in the loop: a facet is looked at with the second of its tets.
-    rules.triangulation.living_tets().for_each(|t| rules.set_pending(t));
     for (i, t) in rules.triangulation.living_tets().enumerate() {
-        if (i as u64).is_multiple_of(REPORT_EVERY) {
+        if (i as u64).is_multiple_of(16 * LOOK_EVERY) {
             monitor.check_cancelled()?;
+        }
+        rules.set_pending(t);
+    }
+    for (i, t) in rules.triangulation.living_tets().enumerate() {
+        if (i as u64).is_multiple_of(LOOK_EVERY) {
+            monitor.advance(LOOK_EVERY as usize)?;
         }
         rules.clear_pending(t);
         if let Some(demand) = rules.surface_demand(t).or_else(|| rules.volume_demand(t)) {

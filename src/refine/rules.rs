@@ -9,6 +9,7 @@
 use glam::DVec3;
 
 use super::vertex_grid::VertexGrid;
+use crate::Result;
 use crate::delaunay::tet::FACET;
 use crate::delaunay::{TetId, Triangulation, VertexId, VertexKind};
 use crate::geometry::predicates::perturbation_order;
@@ -76,18 +77,26 @@ pub const SPACING_FLOOR: f64 = 0.5;
 
 impl<'a> Rules<'a> {
     /// `labels` are the labels of the oracle's ids.
-    pub fn new(triangulation: &'a Triangulation, oracle: &'a Oracle, params: &MeshParams, labels: &[i32]) -> Self {
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn new(
+        triangulation: &'a Triangulation,
+        oracle: &'a Oracle,
+        params: &MeshParams,
+        labels: &[i32],
+    ) -> Result<Self> {
         let size = |label: i32| params.label_sizes.iter().rev().find(|l| l.0 == label).map_or(params.size, |l| l.1);
         let sizes_squared = labels
             .iter()
             .enumerate()
             .map(|(id, &label)| if id == 0 { f64::INFINITY } else { size(label) * size(label) })
             .collect();
-        Self {
+        Ok(Self {
             triangulation,
             oracle,
-            isovertices: VertexGrid::new(triangulation, VertexKind::Isovertex, 2.0 * params.delta),
-            free_vertices: VertexGrid::new(triangulation, VertexKind::Free, 4.0 * params.delta),
+            isovertices: VertexGrid::new(triangulation, VertexKind::Isovertex, 2.0 * params.delta)?,
+            free_vertices: VertexGrid::new(triangulation, VertexKind::Free, 4.0 * params.delta)?,
             delta: params.delta,
             radius_edge_squared: params.radius_edge * params.radius_edge,
             facet_cosine: params.facet_angle.to_radians().cos(),
@@ -95,7 +104,14 @@ impl<'a> Rules<'a> {
             facet_distance: FACET_DISTANCE * params.delta,
             stay_squared: oracle.spacing().min_element().powi(2),
             spacing_floor: SPACING_FLOOR * params.delta,
-        }
+        })
+    }
+
+    /// Bytes of the oracle, the triangulation and the grids.
+    pub fn bytes(&self) -> u64 {
+        let vertices = self.triangulation.vertex_bound();
+        let grids = self.isovertices.bytes(vertices) + self.free_vertices.bytes(vertices);
+        self.oracle.bytes() as u64 + self.triangulation.bytes() + grids
     }
 
     /// Marks a tet as waiting.
@@ -295,12 +311,15 @@ impl<'a> Rules<'a> {
     }
 
     /// Notes a vertex that was inserted.
-    pub fn note_vertex(&self, v: VertexId, p: DVec3, kind: VertexKind) {
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn note_vertex(&self, v: VertexId, p: DVec3, kind: VertexKind) -> Result<()> {
         match kind {
             VertexKind::Isovertex => self.isovertices.push(v, p),
             // R6 reaches 2 delta from the interface.
             VertexKind::Free if self.oracle.clearance(p) < 2.0 * self.delta => self.free_vertices.push(v, p),
-            _ => {}
+            _ => Ok(()),
         }
     }
 

@@ -12,6 +12,7 @@ use glam::{DVec3, I64Vec3};
 use crate::delaunay::chunked::{CHUNK, Chunked};
 use crate::delaunay::tet::NO_VERTEX;
 use crate::delaunay::{Triangulation, VertexId, VertexKind};
+use crate::{Error, Result};
 
 /// Most chain heads a grid has; more cells share them.
 const MAX_HEADS: usize = 1 << 22;
@@ -30,20 +31,33 @@ pub struct VertexGrid {
 
 impl VertexGrid {
     /// A grid over the triangulation's box, for vertices of `kind`; queries with radii up to half of `cell` look at no more than eight cells.
-    pub fn new(triangulation: &Triangulation, kind: VertexKind, cell: f64) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub fn new(triangulation: &Triangulation, kind: VertexKind, cell: f64) -> Result<Self> {
         let cells = ((triangulation.upper() - triangulation.lower()) / cell).ceil().max(DVec3::ONE);
         let heads = (cells.x * cells.y * cells.z).min(MAX_HEADS as f64) as usize;
         let heads = heads.next_power_of_two();
-        Self {
+        let mut no_chains = Vec::new();
+        no_chains
+            .try_reserve_exact(heads)
+            .map_err(|_| Error::OutOfMemory(format!("{heads} cells of a vertex grid")))?;
+        no_chains.resize_with(heads, || AtomicU32::new(NO_VERTEX));
+        Ok(Self {
             kind,
             lower: triangulation.lower(),
             per_cell: 1.0 / cell,
             row: cells.x as u64,
             slice: (cells.x * cells.y) as u64,
             mask: heads as u64 - 1,
-            heads: (0..heads).map(|_| AtomicU32::new(NO_VERTEX)).collect(),
-            next: Chunked::with_capacity(crate::delaunay::tet::MAX_TETS / 4),
-        }
+            heads: no_chains,
+            next: Chunked::with_capacity(crate::delaunay::tet::MAX_TETS / 4)?,
+        })
+    }
+
+    /// Bytes held when the triangulation has ids up to `vertex_bound`; at most, for chunks without a vertex of the grid do not exist.
+    pub fn bytes(&self, vertex_bound: u32) -> u64 {
+        size_of::<AtomicU32>() as u64 * (self.heads.len() as u64 + u64::from(vertex_bound))
     }
 
     #[inline]
@@ -60,8 +74,11 @@ impl VertexGrid {
     }
 
     /// Adds vertex `v` at `p`.
-    pub fn push(&self, v: VertexId, p: DVec3) {
-        self.next.make_chunk(v as usize / CHUNK);
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`]; the vertex is not in the grid then.
+    pub fn push(&self, v: VertexId, p: DVec3) -> Result<()> {
+        self.next.make_chunk(v as usize / CHUNK)?;
         let cell = self.cell(p);
         let head = self.head(cell.x, cell.y, cell.z);
         let mut first = head.load(Relaxed);
@@ -69,7 +86,7 @@ impl VertexGrid {
             self.next.get(v).store(first, Relaxed);
             // Release: whoever finds v in the chain sees its link.
             match head.compare_exchange_weak(first, v, Release, Relaxed) {
-                Ok(_) => return,
+                Ok(_) => return Ok(()),
                 Err(now) => first = now,
             }
         }

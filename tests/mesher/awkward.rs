@@ -53,7 +53,7 @@ fn noise(seed: u64) -> impl FnMut(u64) -> u64 {
 fn empty_image() {
     for dims in [[1, 1, 1], [5, 4, 3]] {
         let image = image_of(dims, &vec![0; dims.iter().product()]);
-        let result = mesh_image(&image, &params(1.0), &mut Monitor::silent());
+        let result = mesh_image(&image, &params(1.0), &Monitor::silent());
         assert!(matches!(result, Err(Error::EmptyImage)));
     }
 }
@@ -61,7 +61,7 @@ fn empty_image() {
 #[test]
 fn keeping_only_the_background_leaves_an_empty_image() {
     let image = image_of([2, 1, 1], &[0, 5]);
-    let result = mesh_image(&image, &MeshParams { keep: vec![0], ..params(1.0) }, &mut Monitor::silent());
+    let result = mesh_image(&image, &MeshParams { keep: vec![0], ..params(1.0) }, &Monitor::silent());
     assert!(matches!(result, Err(Error::EmptyImage)));
 }
 
@@ -165,7 +165,7 @@ fn delta_above_the_object() {
     for delta in [10.0, 1e3, 1e9] {
         println!("delta {delta}");
         // An object that is lost altogether is an error, never an empty mesh.
-        match mesh_image(&image, &params(delta), &mut Monitor::silent()) {
+        match mesh_image(&image, &params(delta), &Monitor::silent()) {
             Ok(meshing) => assert!(!meshing.mesh.tets.is_empty()),
             Err(error) => assert_eq!(
                 error.to_string(),

@@ -33,7 +33,7 @@ fn params(delta: f64) -> MeshParams {
 
 /// Meshes without checking anything.
 fn run(image: &LabelImage, params: &MeshParams) -> Meshing {
-    mesh_image(image, params, &mut Monitor::silent()).unwrap_or_else(|e| panic!("{e}"))
+    mesh_image(image, params, &Monitor::silent()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Meshes, and checks that the mesh is sound, that every bound of `params` holds, and that no rule is unmet.

@@ -144,7 +144,7 @@ fn keep_meshes_some_labels_only() {
     assert_eq!(boundary_topology(&shell.mesh, &[2]), (4, 0));
     assert!(shell.mesh.facet_labels.iter().all(|&sides| sides == [2, 0]));
     assert!(shell.report.certificate.labels.iter().all(|row| row.label == 2));
-    let missing = mesh_image(&image, &MeshParams { keep: vec![2, 7], ..params(1.5) }, &mut Monitor::silent());
+    let missing = mesh_image(&image, &MeshParams { keep: vec![2, 7], ..params(1.5) }, &Monitor::silent());
     assert!(matches!(missing, Err(Error::InvalidArgument(m)) if m.contains('7')));
 }
 
@@ -175,7 +175,6 @@ fn labels_have_their_own_sizes() {
     let (coarse, fine) = (tets(&one_size, 1), tets(&fine_core, 1));
     println!("core {coarse} -> {fine}, shell {} -> {}", tets(&one_size, 2), tets(&fine_core, 2));
     assert!(fine > 4 * coarse, "the core has {fine} tets, {coarse} without a size of its own");
-    let missing =
-        mesh_image(&image, &MeshParams { label_sizes: vec![(9, 1.0)], ..params(1.5) }, &mut Monitor::silent());
+    let missing = mesh_image(&image, &MeshParams { label_sizes: vec![(9, 1.0)], ..params(1.5) }, &Monitor::silent());
     assert!(matches!(missing, Err(Error::InvalidArgument(m)) if m.contains('9')));
 }

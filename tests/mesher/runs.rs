@@ -1,16 +1,14 @@
 //! One run against another: equal input gives equal meshes, refining again changes nothing, a run can be stopped anywhere.
 
-use std::cell::Cell;
-
 use lapd::Error;
 use lapd::delaunay::Triangulation;
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
 use lapd::mesher::mesh_image;
-use lapd::monitor::{CancelFlag, Monitor, Phase, Progress};
+use lapd::monitor::{CancelFlag, Monitor, Phase, Progress, Step};
 use lapd::oracle::Oracle;
 use lapd::params::{MeshParams, SurfaceModel};
-use lapd::refine::refiner::Schedule;
+use lapd::refine::refiner::{Limits, Schedule};
 use lapd::refine::rules::Rules;
 use lapd::refine::{refine, unmet_rules};
 
@@ -53,13 +51,13 @@ fn refining_again_changes_nothing() {
         let oracle = Oracle::new(&image, surface, &|| Ok(())).unwrap();
         let [lower, upper] = oracle.bounds();
         let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
-        let rules = Rules::new(&triangulation, &oracle, &params, image.labels());
-        let schedule = Schedule { expected_tets: 1000, max_vertices: None };
-        let first = refine(&rules, &schedule, &mut Monitor::silent()).unwrap();
+        let rules = Rules::new(&triangulation, &oracle, &params, image.labels()).unwrap();
+        let schedule = Schedule { expected_tets: 1000, limits: Limits::default() };
+        let first = refine(&rules, &schedule, &Monitor::silent()).unwrap().counters;
         println!("{surface:?}: {first:?}");
         assert!(first.insertions > 1000);
         assert!(triangulation.check().is_sound());
-        let again = refine(&rules, &schedule, &mut Monitor::silent()).unwrap();
+        let again = refine(&rules, &schedule, &Monitor::silent()).unwrap().counters;
         assert_eq!((again.insertions, again.removals, again.created, again.destroyed), (0, 0, 0, 0), "{surface:?}");
         assert_eq!(unmet_rules(&rules, &Monitor::silent()).unwrap(), [0; 6], "{surface:?}");
     }
@@ -72,13 +70,12 @@ fn progress_is_monotone_and_complete() {
         seen.push(progress);
         true
     };
-    let meshing = mesh_image(&busy_image(), &params(0.7), &mut Monitor::new(Some(&mut record), None)).unwrap();
+    let meshing = mesh_image(&busy_image(), &params(0.7), &Monitor::new(Some(&mut record), None)).unwrap();
     assert!(seen.is_sorted_by(|a, b| a.phase <= b.phase && a.fraction <= b.fraction), "{seen:?}");
     assert!(seen.iter().all(|p| (0.0..=1.0).contains(&p.fraction)));
     for phase in [Phase::Distance, Phase::Refine, Phase::Extract, Phase::Certify] {
         assert!(seen.iter().any(|p| p.phase == phase), "{phase:?} was not reported");
     }
-    assert!(seen.iter().filter(|p| p.phase == Phase::Refine).count() > 5, "{seen:?}");
     let last = seen.last().unwrap();
     assert_eq!((last.phase, last.fraction, last.tets), (Phase::Certify, 1.0, meshing.report.all_tets));
 }
@@ -86,14 +83,16 @@ fn progress_is_monotone_and_complete() {
 #[test]
 fn a_callback_cancels_at_any_report() {
     let image = busy_image();
-    let count = Cell::new(0);
+    let mut count = 0;
     let mut counting = |_| {
-        count.set(count.get() + 1);
+        count += 1;
         true
     };
-    mesh_image(&image, &params(1.0), &mut Monitor::new(Some(&mut counting), None)).unwrap();
-    assert!(count.get() > 8);
-    for stop in 0..count.get() {
+    mesh_image(&image, &params(1.0), &Monitor::new(Some(&mut counting), None)).unwrap();
+    // Each step is reported when it begins; what comes between depends on the time it takes.
+    let steps = Step::Done as i32 + 1;
+    assert!(count >= steps);
+    for stop in 0..steps {
         let mut left = stop;
         let mut calls = 0;
         let mut stopping = |_| {
@@ -101,7 +100,7 @@ fn a_callback_cancels_at_any_report() {
             left -= 1;
             left >= 0
         };
-        let result = mesh_image(&image, &params(1.0), &mut Monitor::new(Some(&mut stopping), None));
+        let result = mesh_image(&image, &params(1.0), &Monitor::new(Some(&mut stopping), None));
         assert!(matches!(result, Err(Error::Cancelled)), "at report {stop}");
         assert_eq!(calls, stop + 1, "the callback was called after it had cancelled");
     }
@@ -118,12 +117,12 @@ fn a_flag_cancels_in_every_phase() {
             }
             true
         };
-        let result = mesh_image(&image, &params(1.0), &mut Monitor::new(Some(&mut raise), Some(&flag)));
+        let result = mesh_image(&image, &params(1.0), &Monitor::new(Some(&mut raise), Some(&flag)));
         assert!(matches!(result, Err(Error::Cancelled)), "{phase:?}");
     }
     let raised = CancelFlag::default();
     raised.cancel();
-    assert!(matches!(mesh_image(&image, &params(1.0), &mut Monitor::new(None, Some(&raised))), Err(Error::Cancelled)));
+    assert!(matches!(mesh_image(&image, &params(1.0), &Monitor::new(None, Some(&raised))), Err(Error::Cancelled)));
 }
 
 #[test]
@@ -145,7 +144,7 @@ fn another_thread_cancels_a_run_that_would_take_minutes() {
             }
             true
         };
-        let result = mesh_image(&image, &params(0.02), &mut Monitor::new(Some(&mut in_refinement), Some(&flag)));
+        let result = mesh_image(&image, &params(0.02), &Monitor::new(Some(&mut in_refinement), Some(&flag)));
         assert!(matches!(result, Err(Error::Cancelled)));
     });
     assert!(start.elapsed().as_secs() < 5, "cancelling took {:?}", start.elapsed());
@@ -157,7 +156,7 @@ fn max_vertices_is_exact() {
     let free = run(&image, &params(1.0));
     let limited = |most: u64| {
         let params = MeshParams { max_vertices: Some(most as usize), ..params(1.0) };
-        mesh_image(&image, &params, &mut Monitor::silent())
+        mesh_image(&image, &params, &Monitor::silent())
     };
     // The least limit that suffices: the most vertices that were there at any time, by bisection.
     let (mut fails, mut suffices) = (0, free.report.operations.insertions);
@@ -178,4 +177,42 @@ fn max_vertices_is_exact() {
     assert_eq!(end + 8, free.report.all_vertices, "all vertices are those inserted, and the corners of the box");
     assert!((end..=end + free.report.operations.removals).contains(&suffices));
     assert!(limited(suffices).unwrap().mesh == free.mesh);
+}
+
+#[test]
+fn a_limit_gives_a_partial_mesh_where_asked() {
+    let image = busy_image();
+    let free = run(&image, &params(1.0));
+    assert!(free.ended_by.is_none());
+    let limited = |params: MeshParams| mesh_image(&image, &params, &Monitor::silent());
+    let half = MeshParams { max_vertices: Some(free.mesh.points.len() / 2), partial: true, ..params(1.0) };
+    let partial = limited(half.clone()).unwrap();
+    assert!(matches!(partial.ended_by, Some(Error::LimitReached(_))));
+    let certificate = &partial.report.certificate;
+    assert_eq!(
+        [
+            certificate.non_delaunay_facets,
+            certificate.inverted_tets,
+            certificate.orphan_vertices,
+            certificate.open_edges
+        ],
+        [0; 4]
+    );
+    assert!(certificate.unmet.iter().sum::<u64>() > 0);
+    assert!(partial.mesh.points.len() < free.mesh.points.len());
+    // Limits of vertices and memory are reached at the same operation in every run.
+    assert!(limited(half).unwrap().mesh == partial.mesh);
+    let scarce = MeshParams { max_memory: Some(12 << 20), partial: true, ..params(0.3) };
+    let partial = limited(scarce.clone()).unwrap();
+    assert!(matches!(partial.ended_by, Some(Error::MemoryLimit(_))));
+    assert!(limited(scarce).unwrap().mesh == partial.mesh);
+
+    let none = limited(MeshParams { max_vertices: Some(1), partial: true, ..params(1.0) });
+    assert!(matches!(none, Err(Error::LimitReached(_))));
+    let late = limited(MeshParams { time_limit: Some(1e-9), partial: true, ..params(1.0) });
+    assert!(matches!(late, Err(Error::TimeLimit(_))));
+    for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let refused = limited(MeshParams { time_limit: Some(bad), ..params(1.0) });
+        assert!(matches!(refused, Err(Error::InvalidArgument(_))), "{bad}");
+    }
 }
