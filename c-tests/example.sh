@@ -58,6 +58,12 @@ expect 2 2 box.nrrd -o a.vtu --keep ''
 expect 2 2 box.nrrd -o a.vtu --keep 99999999999
 expect 2 2 box.nrrd -o a.vtu --surface round
 expect 2 2 box.nrrd -o a.vtu --max-vertices -3
+expect 2 2 box.nrrd -o a.vtu --time-limit -1
+expect 2 2 box.nrrd -o a.vtu --time-limit nan
+expect 2 2 box.nrrd -o a.vtu --max-memory -1
+expect 2 2 box.nrrd -o a.vtu --max-memory 1Q
+expect 2 2 box.nrrd -o a.vtu --max-memory 1MB
+expect 2 2 box.nrrd -o a.vtu --max-memory 99999999999G
 expect 2 2 box.nrrd -o a.vtu --threads 0
 # Options of later versions are refused, not ignored.
 expect 2 2 box.nrrd -o a.vtu --threads 2
@@ -139,6 +145,20 @@ END
 else
     echo "SKIPPED: the JSON report, python3 is missing"
 fi
+
+# Limits: one line and status 1, or with --partial a mesh and a word about it.
+for limit in "--max-vertices 5000" "--time-limit 0.2" "--max-memory 24M"; do
+    # Word splitting is wanted: option and value.
+    expect 1 1 box.nrrd -o limited.vtu --delta 0.05 --size 0.1 --quiet $limit
+    grep -q 'limit of .* was reached' err || fail "$limit: $(cat err)"
+    [ ! -e limited.vtu ] || fail "$limit left a mesh"
+    "$mesh_image" box.nrrd -o limited.vtu --delta 0.05 --size 0.1 --quiet --partial --report limited.json $limit 2>err ||
+        fail "$limit --partial: $(cat err)"
+    grep -q 'the mesh is partial: .*limit of' err || fail "$limit --partial: $(cat err)"
+    [ -s limited.vtu ] || fail "$limit --partial wrote no mesh"
+    grep -q '"limit_reached": "LAPD_ERROR_' limited.json || fail "$limit: the report is silent"
+    rm -f limited.vtu limited.json
+done
 
 # Ctrl-C: one line, status 1. An image that takes long enough.
 if command -v timeout >/dev/null 2>&1; then

@@ -1,5 +1,5 @@
-/* Progress is monotone and comes on the calling thread; a run is cancelled by its callback, before it starts, and by
- * another thread. */
+/* Progress is monotone and comes on the calling thread, also when it is slow; log lines tell what each phase did and
+ * what is wrong with the mesh; a run is cancelled by its callback, before it starts, and by another thread. */
 #define _POSIX_C_SOURCE 200809L
 
 #include <pthread.h>
@@ -20,7 +20,7 @@ typedef struct {
     pthread_t thread;
     double last_fraction;
     int32_t last_phase;
-    int calls, cancel_at_call, wrong, logs;
+    int calls, cancel_at_call, wrong, logs, phases;
     lapd_status nested;
 } record;
 
@@ -36,6 +36,8 @@ static int32_t on_progress(void *user, const lapd_progress *progress) {
     r->wrong += !pthread_equal(r->thread, pthread_self());
     r->wrong += !(progress->fraction >= r->last_fraction && progress->fraction <= 1);
     r->wrong += progress->phase < r->last_phase;
+    r->wrong += progress->phase > LAPD_PHASE_REFINE && progress->tets == 0;
+    r->phases |= 1 << progress->phase;
     r->last_fraction = progress->fraction;
     r->last_phase = progress->phase;
     if (r->calls == 1) {
@@ -52,6 +54,21 @@ static void on_log(void *user, int32_t level, const char *message) {
     r->logs++;
     r->wrong += !pthread_equal(r->thread, pthread_self());
     r->wrong += level < LAPD_LOG_WARNING || level > LAPD_LOG_INFO || strlen(message) == 0;
+}
+
+/* Which of these a run logs: bit i for lines[i]; and how many lines of each level. */
+typedef struct {
+    const char *const *lines;
+    int count, seen, levels[2], wrong;
+} log_record;
+
+static void on_line(void *user, int32_t level, const char *message) {
+    log_record *r = user;
+    for (int i = 0; i < r->count; i++) {
+        r->seen |= strstr(message, r->lines[i]) != NULL ? 1 << i : 0;
+    }
+    r->wrong += strchr(message, '\n') != NULL || message[0] == '\0';
+    r->levels[level]++;
 }
 
 static lapd_status run(void) {
@@ -72,8 +89,69 @@ static void whole_run(void) {
     CHECK(lapd_context_set_log(context, on_log, &r) == LAPD_OK);
     CHECK(run() == LAPD_OK);
     CHECK(r.calls > 1 && r.logs > 0 && r.wrong == 0);
+    CHECK(r.phases == 15 && r.last_fraction == 1);
     CHECK(r.nested == LAPD_ERROR_BUSY);
     CHECK(lapd_context_set_log(context, NULL, NULL) == LAPD_OK);
+}
+
+static void log_lines(void) {
+    static const char *const good[] = {"meshing 1 labels of 48 x 48 x 48 voxels",
+                                       "distance transform done in ",
+                                       "refinement done in ",
+                                       "tets per second",
+                                       "interface facets collected in ",
+                                       "certificate measured in "};
+    log_record r = {.lines = good, .count = 6};
+    CHECK(lapd_context_set_progress(context, NULL, NULL) == LAPD_OK);
+    CHECK(lapd_context_set_log(context, on_line, &r) == LAPD_OK);
+    CHECK(run() == LAPD_OK);
+    CHECK(r.seen == 63 && r.wrong == 0);
+    CHECK(r.levels[LAPD_LOG_INFO] == 5 && r.levels[LAPD_LOG_WARNING] == 0);
+
+    /* Single voxels that are too small for delta: one label is lost, another in parts. */
+    enum { N = 24 };
+    uint8_t *voxels = calloc(N * N * N, 1);
+    CHECK(voxels != NULL);
+    for (size_t i = 0; i < N * N * N; i++) {
+        const size_t x = i % N, y = i / N % N, z = i / (N * N);
+        voxels[i] = x > 1 && x < 18 && y > 1 && y < 18 && z > 1 && z < 18;
+    }
+    voxels[6 + N * (6 + N * 6)] = 2;
+    voxels[21 + N * (21 + N * 21)] = 1;
+    lapd_image *const ball = image;
+    image = unit_image(context, voxels, N);
+    CHECK(lapd_params_set_delta(context, params, 4) == LAPD_OK);
+    static const char *const bad[] = {"1 labels have no tet (1 voxels), the first is 2",
+                                      "1 components of 1 labels have vanished or merged"};
+    r = (log_record){.lines = bad, .count = 2};
+    CHECK(run() == LAPD_OK);
+    CHECK(r.seen == 3 && r.wrong == 0 && r.levels[LAPD_LOG_WARNING] >= 2);
+    CHECK(lapd_params_set_delta(context, params, 1) == LAPD_OK);
+    CHECK(lapd_context_set_log(context, NULL, NULL) == LAPD_OK);
+    lapd_image_free(image);
+    image = ball;
+    free(voxels);
+}
+
+/* A callback that takes long is called less often: it does not take all the time there is. */
+static int32_t on_slow_progress(void *user, const lapd_progress *progress) {
+    const struct timespec t = {0, 40 * 1000 * 1000};
+    nanosleep(&t, NULL);
+    return on_progress(user, progress);
+}
+
+static void slow_callback(void) {
+    record r = {.thread = pthread_self()};
+    CHECK(lapd_context_set_progress(context, on_slow_progress, &r) == LAPD_OK);
+    const double start = now();
+    CHECK(run() == LAPD_OK);
+    const double seconds = now() - start;
+    CHECK(r.wrong == 0 && r.phases == 15);
+    /* One call for each step, and beside those one in 90 ms at most. */
+    CHECK(r.calls <= 12 + (int)(seconds / 0.09));
+    r = (record){.thread = pthread_self(), .cancel_at_call = 4};
+    CHECK(run() == LAPD_ERROR_CANCELLED);
+    CHECK(r.calls == 4 && r.wrong == 0);
 }
 
 static void from_callback(void) {
@@ -139,6 +217,8 @@ int main(void) {
     image = unit_image(context, voxels, 48);
     params = params_with_delta(context, 1);
     whole_run();
+    log_lines();
+    slow_callback();
     from_callback();
     before_the_run();
     from_another_thread();

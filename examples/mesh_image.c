@@ -47,12 +47,15 @@ static const char USAGE[] =
     "  --optimize           not in this version\n"
     "  --no-optimize        the default\n"
     "  --max-vertices N     give up when the mesh needs more\n"
+    "  --time-limit S       give up when the refinement has not ended after this many seconds\n"
+    "  --max-memory BYTES   give up when the run needs more; K, M, G stand for 2^10, 2^20, 2^30\n"
+    "  --partial            when such a limit is reached, write the mesh of what there is\n"
     "  --report FILE.json   write a report\n"
     "  --quiet              no progress, no table\n"
     "  --help               this text\n"
     "  --version            the version of the library\n"
     "\n"
-    "Exit status: 0 if the mesh was written, 2 for bad usage, 1 else.\n";
+    "Exit status: 0 if the mesh was written, 2 for bad usage, 1 else. That a mesh is partial is said on stderr.\n";
 
 /* ---- Messages ---- */
 
@@ -149,6 +152,18 @@ static bool parse_label(const char *text, const char **end, int32_t *label) {
     return stop != text && errno == 0 && number >= INT32_MIN && number <= INT32_MAX;
 }
 
+/* Reads a number of bytes, such as 64M. */
+static bool parse_bytes(const char *text, uint64_t *bytes) {
+    static const char units[] = "KMG";
+    char *end;
+    errno = 0;
+    unsigned long long number = strtoull(text, &end, 10);
+    const char *unit = *end != '\0' ? strchr(units, *end) : NULL;
+    const int shift = unit != NULL ? 10 * (int)(unit - units + 1) : 0;
+    *bytes = (uint64_t)number << shift;
+    return *text >= '0' && *text <= '9' && end[unit != NULL] == '\0' && errno == 0 && *bytes >> shift == number;
+}
+
 static bool parse_name(const char *text, const char *const *names, size_t count, int32_t *value) {
     for (size_t i = 0; i < count; i++) {
         if (strcmp(text, names[i]) == 0) {
@@ -195,7 +210,8 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     } numbers[] = {{"--delta", lapd_params_set_delta},
                    {"--size", lapd_params_set_size},
                    {"--radius-edge", lapd_params_set_radius_edge},
-                   {"--facet-angle", lapd_params_set_facet_angle}};
+                   {"--facet-angle", lapd_params_set_facet_angle},
+                   {"--time-limit", lapd_params_set_time_limit}};
     static const struct {
         const char *option;
         lapd_status (*set)(lapd_context *, lapd_params *, size_t);
@@ -228,6 +244,11 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
                        ? from_status(choices[i].set(context, params, choice))
                        : SET_BAD_VALUE;
         }
+    }
+    if (strcmp(option, "--max-memory") == 0) {
+        uint64_t bytes;
+        return parse_bytes(value, &bytes) ? from_status(lapd_params_set_max_memory(context, params, bytes))
+                                          : SET_BAD_VALUE;
     }
     if (strcmp(option, "--label-size") == 0) {
         int32_t label;
@@ -275,6 +296,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
         }
         if (strcmp(option, "--background") == 0) {
             status = lapd_params_set_background(context, params, 1);
+        } else if (strcmp(option, "--partial") == 0) {
+            status = lapd_params_set_partial(context, params, 1);
         } else if (strcmp(option, "--optimize") == 0) {
             status = lapd_params_set_optimize(context, params, 1);
         } else if (strcmp(option, "--no-optimize") == 0) {
@@ -282,10 +305,10 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
         } else if (strcmp(option, "--quiet") == 0) {
             o->quiet = true;
         } else {
-            static const char *const with_value[] = {"-o",        "--report",      "--topology",    "--delta",
-                                                     "--size",    "--label-size",  "--radius-edge", "--facet-angle",
-                                                     "--threads", "--algorithm",   "--contention",  "--keep",
-                                                     "--surface", "--max-vertices"};
+            static const char *const with_value[] = {"-o",        "--report",       "--topology",    "--delta",
+                                                     "--size",    "--label-size",   "--radius-edge", "--facet-angle",
+                                                     "--threads", "--algorithm",    "--contention",  "--keep",
+                                                     "--surface", "--max-vertices", "--time-limit",  "--max-memory"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");

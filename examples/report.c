@@ -29,6 +29,8 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
     if (status == LAPD_OK)
         status = lapd_mesh_get_certificate(mesh, &s->certificate);
     if (status == LAPD_OK)
+        status = lapd_mesh_get_limit_reached(mesh, &s->limit_reached);
+    if (status == LAPD_OK)
         status = lapd_mesh_get_label_row_count(mesh, &s->row_count);
     if (status != LAPD_OK) {
         return status;
@@ -191,7 +193,12 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_number(f, ",\n  ", "delta", delta);
     json_number(f, ",\n  ", "size", size);
     json_count(f, ",\n  ", "threads", threads);
-    fputs(",\n  \"algorithm\": \"podm\"", f);
+    fputs(",\n  \"algorithm\": \"podm\",\n  \"limit_reached\": ", f);
+    if (s->limit_reached != LAPD_OK) {
+        json_string(f, lapd_status_name(s->limit_reached));
+    } else {
+        fputs("null", f);
+    }
     json_count(f, ",\n  ", "tets", s->counts.tissue_tets);
     json_count(f, ",\n  ", "vertices", s->counts.vertices);
     json_count(f, ",\n  ", "interface_facets", s->counts.interface_facets);

@@ -31,6 +31,8 @@ typedef struct {
     lapd_operations operations;
     lapd_quality quality;
     lapd_certificate certificate;
+    /* The limit that cut the refinement short, a lapd_status, or LAPD_OK. */
+    int32_t limit_reached;
     lapd_label_row *rows;
     size_t row_count;
 } summary;

@@ -557,8 +557,10 @@ lapd_status lapd_context_set_log(lapd_context *context,
                                  void *user);
 
 /**
- * Asks the run of this context to end; it returns LAPD_ERROR_CANCELLED soon after. The request stays until
- * lapd_context_reset_cancel: without a run under way, the next one ends at once, so that no request is ever lost.
+ * Asks the run of this context to end, or the writing of a mesh with it; the call returns LAPD_ERROR_CANCELLED within 100 ms, as long
+ * as the run holds less than some 500 MB: the system takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk
+ * when a file is complete, comes on top. The request stays until lapd_context_reset_cancel: without a call under way, the next one
+ * ends at once, so that no request is ever lost.
  *
  * May be called from any thread at any time in the life of the context, from its callbacks, and from a signal handler.
  *
@@ -895,7 +897,7 @@ lapd_status lapd_params_get_max_vertices(const lapd_params *params, size_t *max_
  * has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
  *
  * The limit ends distance transform and refinement, within some ten milliseconds. What follows is not cut short: collecting and
- * certifying the mesh takes about half as long as its refinement took.
+ * certifying the mesh takes up to as long again.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not finite.
  */
@@ -1052,7 +1054,8 @@ lapd_status lapd_mesh_get_limit_reached(const lapd_mesh *mesh,
  * joined at return.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
- * be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number.
+ * be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number; LAPD_ERROR_CANCELLED
+ * after lapd_context_cancel, which leaves an existing file as it is.
  */
 lapd_status lapd_mesh_write(lapd_context *context,
                             const lapd_mesh *mesh,

@@ -137,6 +137,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let unmet = unmet_rules(&rules, monitor)?;
     monitor.enter(Step::Validate, tets + triangulation.vertex_bound() as usize)?;
     let check = triangulation.check_while(|| monitor.advance(CHECK_EVERY as usize))?;
+    monitor.note_tets(check.tets);
     log_refinement(monitor, &counters, &check, seconds.refine);
     monitor.enter(Step::Extract, tets)?;
     let label = |t| image.labels()[usize::from(rules.label(t))];

@@ -7,7 +7,7 @@ use super::context::{lapd_context, with_context};
 use super::image::to_path;
 use super::pool::{processors, with_pool};
 use super::status::lapd_status;
-use crate::io::write_mesh;
+use crate::io::write_mesh_watching;
 use crate::mesh::TetMesh;
 use crate::mesher::Meshing;
 
@@ -66,7 +66,8 @@ pub unsafe extern "C" fn lapd_mesh_get_limit_reached(mesh: *const lapd_mesh, lim
 /// joined at return.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
-/// be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number.
+/// be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number; LAPD_ERROR_CANCELLED
+/// after lapd_context_cancel, which leaves an existing file as it is.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_write(
     context: *mut lapd_context,
@@ -75,10 +76,12 @@ pub unsafe extern "C" fn lapd_mesh_write(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        with_context(context, |_| {
+        with_context(context, |context| {
             let mesh = &borrow(mesh, "mesh")?.meshing.mesh;
             let path = to_path(c_str(path, "path")?)?;
-            with_pool(processors(), |pool| pool.install(|| catch(|| Ok(write_mesh(mesh, path)?))))?
+            let cancel = &context.cancel;
+            let write = || Ok(write_mesh_watching(mesh, path, Some(cancel))?);
+            with_pool(processors(), |pool| pool.install(|| catch(write)))?
         })
     }
 }

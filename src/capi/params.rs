@@ -464,7 +464,7 @@ pub unsafe extern "C" fn lapd_params_get_max_vertices(
 /// has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
 ///
 /// The limit ends distance transform and refinement, within some ten milliseconds. What follows is not cut short: collecting and
-/// certifying the mesh takes about half as long as its refinement took.
+/// certifying the mesh takes up to as long again.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not finite.
 #[unsafe(no_mangle)]

@@ -43,6 +43,7 @@ mod vtu;
 use std::path::Path;
 
 use crate::mesh::TetMesh;
+use crate::monitor::CancelFlag;
 use crate::{Error, Result};
 use groups::distinct;
 use output::Output;
@@ -114,8 +115,16 @@ impl MeshFormat {
 /// [`Error::InvalidArgument`] for an unknown ending; [`Error::LimitReached`] when the mesh has more vertices or tets than the
 /// format can number; [`Error::Io`]. The temporary files are gone then and no file is half written.
 pub fn write_mesh(mesh: &TetMesh, path: &Path) -> Result<()> {
+    write_mesh_watching(mesh, path, None)
+}
+
+/// As [`write_mesh`], until a flag is raised. Only the wait for the disk at the end is not cut short.
+///
+/// # Errors
+/// Those of [`write_mesh`]; [`Error::Cancelled`].
+pub fn write_mesh_watching(mesh: &TetMesh, path: &Path, cancel: Option<&CancelFlag>) -> Result<()> {
     let single = |write: fn(&TetMesh, &mut Output) -> std::io::Result<()>| {
-        let mut output = Output::create(path)?;
+        let mut output = Output::create(path)?.watching(cancel);
         output.fill(|out| write(mesh, out))?;
         Output::commit(vec![output])
     };
@@ -126,7 +135,7 @@ pub fn write_mesh(mesh: &TetMesh, path: &Path) -> Result<()> {
             single(vtk::write)
         }
         MeshFormat::Medit => single(medit::write),
-        MeshFormat::TetGen => tetgen::write(mesh, path),
+        MeshFormat::TetGen => tetgen::write(mesh, path, cancel),
         MeshFormat::Msh41 => single(gmsh::write_4_1),
         MeshFormat::Msh22 => {
             gmsh::check_limits_2_2(mesh, path)?;

@@ -6,17 +6,19 @@ use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
+use crate::monitor::CancelFlag;
 use crate::{Error, Result};
 
 const BUFFER: usize = 1 << 20;
 
 /// A temporary file in the folder of its target. Dropped before [`Output::commit`], it is removed.
-pub(super) struct Output {
+pub(super) struct Output<'a> {
     writer: BufWriter<NamedTempFile>,
     target: PathBuf,
+    cancel: Option<&'a CancelFlag>,
 }
 
-impl Output {
+impl<'a> Output<'a> {
     /// Creates the temporary file for `path`. A symbolic link stays, what it points to is replaced.
     pub fn create(path: &Path) -> Result<Self> {
         let target = match fs::canonicalize(path) {
@@ -40,19 +42,32 @@ impl Output {
             let message = format!("no file can be created in folder {}: {}", folder.display(), error.kind());
             Error::io(path, io::Error::new(error.kind(), message))
         })?;
-        Ok(Self { writer: BufWriter::with_capacity(BUFFER, file), target })
+        Ok(Self { writer: BufWriter::with_capacity(BUFFER, file), target, cancel: None })
+    }
+
+    /// Lets a raised flag end [`Output::fill`] at the next write.
+    pub fn watching(self, cancel: Option<&'a CancelFlag>) -> Self {
+        Self { cancel, ..self }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancel.is_some_and(CancelFlag::is_cancelled)
     }
 
     /// Lets `write` write, and names the target in its error.
     pub fn fill(&mut self, write: impl FnOnce(&mut Self) -> io::Result<()>) -> Result<()> {
-        write(self).map_err(|error| Error::io(&self.target, error))
+        let result = write(self);
+        if self.is_cancelled() {
+            return Err(Error::Cancelled);
+        }
+        result.map_err(|error| Error::io(&self.target, error))
     }
 
     /// Gives all files their names, after all are on the disk. If a renaming fails, the files before it have their names already; each
     /// of them is whole.
     pub fn commit(outputs: Vec<Self>) -> Result<()> {
         let mut ready = Vec::with_capacity(outputs.len());
-        for Self { mut writer, target } in outputs {
+        for Self { mut writer, target, .. } in outputs {
             let synced = writer.flush().and_then(|()| writer.get_ref().as_file().sync_data());
             let file = synced.and_then(|()| writer.into_inner().map_err(|error| error.into_error()));
             ready.push((file.map_err(|error| Error::io(&target, error))?, target));
@@ -64,8 +79,11 @@ impl Output {
     }
 }
 
-impl Write for Output {
+impl Write for Output<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.is_cancelled() {
+            return Err(io::Error::other("cancelled"));
+        }
         self.writer.write(bytes)
     }
 
@@ -74,7 +92,7 @@ impl Write for Output {
     }
 }
 
-impl Seek for Output {
+impl Seek for Output<'_> {
     fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
         self.writer.seek(position)
     }
@@ -104,6 +122,21 @@ mod tests {
         drop(output);
         assert_eq!(names(folder.path()), ["a.vtu"]);
         assert_eq!(fs::read(&path).unwrap(), b"old");
+    }
+
+    #[test]
+    fn a_raised_flag_ends_the_writing() {
+        let folder = tempfile::tempdir().unwrap();
+        let flag = CancelFlag::default();
+        let mut output = Output::create(&folder.path().join("a.vtu")).unwrap().watching(Some(&flag));
+        output.fill(|out| out.write_all(b"before")).unwrap();
+        let result = output.fill(|out| {
+            flag.cancel();
+            out.write_all(b"after")
+        });
+        assert!(matches!(result, Err(Error::Cancelled)));
+        drop(output);
+        assert!(names(folder.path()).is_empty());
     }
 
     #[test]

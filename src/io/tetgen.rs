@@ -11,10 +11,11 @@ use super::output::Output;
 use super::records::{push_float, push_int, push_ints, write_records};
 use crate::Result;
 use crate::mesh::TetMesh;
+use crate::monitor::CancelFlag;
 
 /// Writes the three files that `path`, with any of their endings, stands for.
-pub(super) fn write(mesh: &TetMesh, path: &Path) -> Result<()> {
-    let create = |ending: &str| Output::create(&path.with_extension(ending));
+pub(super) fn write(mesh: &TetMesh, path: &Path, cancel: Option<&CancelFlag>) -> Result<()> {
+    let create = |ending: &str| Ok(Output::create(&path.with_extension(ending))?.watching(cancel));
     let (mut node, mut ele, mut face) = (create("node")?, create("ele")?, create("face")?);
     node.fill(|out| {
         writeln!(out, "{} 3 0 0", mesh.points.len())?;
