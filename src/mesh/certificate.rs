@@ -134,7 +134,7 @@ pub fn inverted_tets(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
 pub fn orphan_vertices(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
-    let mut used = filled(mesh.points.len(), false, "vertices")?;
+    let mut used = filled(mesh.points.len(), false, "vertices", monitor)?;
     for tets in mesh.tets.chunks(CHUNK) {
         monitor.advance(tets.len())?;
         for &v in tets.iter().flatten() {
@@ -155,7 +155,7 @@ pub fn open_edges(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
         let [a, b, c] = *facet;
         [[a, b], [b, c], [c, a]].map(|[v, w]| [v.min(w), v.max(w)])
     };
-    let mut ends = filled(mesh.points.len() + 1, 0_usize, "vertices")?;
+    let mut ends = filled(mesh.points.len() + 1, 0_usize, "vertices", monitor)?;
     for facets in mesh.facets.chunks(CHUNK) {
         monitor.advance(facets.len())?;
         for [v, _] in facets.iter().flat_map(edges) {
@@ -166,7 +166,7 @@ pub fn open_edges(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
         ends[v] += ends[v - 1];
     }
     // The larger vertex of each edge, and its facet. `ends[v]` grows from the start of v's part to its end.
-    let mut stars = filled(3 * mesh.facets.len(), (0_u32, 0_u32), "edges of the interfaces")?;
+    let mut stars = filled(3 * mesh.facets.len(), (0_u32, 0_u32), "edges of the interfaces", monitor)?;
     for (f, facet) in mesh.facets.iter().enumerate() {
         if f % CHUNK == 0 {
             monitor.advance(CHUNK)?;

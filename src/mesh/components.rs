@@ -151,7 +151,7 @@ pub fn mesh_components(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<Vec<TetC
         }
     }
     let mut counts: Vec<TetCount> = labels.iter().map(|&label| TetCount { label, ..TetCount::default() }).collect();
-    let mut sets = DisjointSets { parent: filled(mesh.tets.len(), 0, "sets of tets")? };
+    let mut sets = DisjointSets { parent: filled(mesh.tets.len(), 0, "sets of tets", monitor)? };
     for (t, (tet, &label)) in mesh.tets.iter().zip(&mesh.labels).enumerate() {
         if t % CHUNK == 0 {
             monitor.advance(CHUNK)?;

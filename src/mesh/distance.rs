@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use super::triangle_tree::TriangleTree;
 use super::voxel_faces::VoxelFaces;
-use super::{TetMesh, filled};
+use super::{TetMesh, room};
 use crate::image::LabelImage;
 use crate::monitor::{Monitor, Step};
 use crate::{Error, Result};
@@ -62,11 +62,11 @@ impl SurfaceDistance {
         let frame = image.frame();
         let to_local = frame.direction().transpose();
         let local = |v: u32| to_local * (mesh.point(v) - frame.origin()) + 0.5 * frame.spacing();
-        let mut triangles = filled(mesh.facets.len(), [DVec3::ZERO; 3], "triangles of the interfaces")?;
-        triangles.par_chunks_mut(CHUNK).zip(mesh.facets.par_chunks(CHUNK)).try_for_each(|(triangles, facets)| {
-            triangles.iter_mut().zip(facets).for_each(|(triangle, facet)| *triangle = facet.map(local));
-            monitor.check_cancelled()
-        })?;
+        let mut triangles: Vec<[DVec3; 3]> = room(mesh.facets.len(), "triangles of the interfaces")?;
+        for facets in mesh.facets.chunks(CHUNK) {
+            monitor.advance(0)?;
+            triangles.extend(facets.iter().map(|facet| facet.map(local)));
+        }
         let mesh_to_image = mesh_to_image(&triangles, &faces, 0.5 * frame.spacing().min_element(), monitor)?;
         let [_, ny, nz] = faces.dims();
         monitor.enter(Step::ImageToMesh, ny * nz)?;

@@ -2,13 +2,13 @@
 //!
 //! Vertices keep the order in which they were inserted, tets that of their slots; vertices of no kept tet are left out.
 //!
-//! Every array gets its memory at once, after counting, but for those of the facets: nothing is copied while it grows.
+//! Every array gets its memory at once, after counting: nothing is copied while it grows.
 
 use super::{NONE, TetMesh, filled, room};
+use crate::Result;
 use crate::delaunay::tet::{FACET, NO_VERTEX};
 use crate::delaunay::{TetId, Triangulation};
 use crate::monitor::Monitor;
-use crate::{Error, Result};
 
 /// Tets between two looks at the cancel flag.
 const CHECK_EVERY: usize = 1 << 12;
@@ -20,7 +20,7 @@ pub const BYTES_PER_SLOT: u64 = 64;
 /// Collects the mesh. `label` is the label of a tet, 0 for background; `background` keeps the tets of label 0 too.
 ///
 /// # Errors
-/// [`Error::Cancelled`]; [`Error::OutOfMemory`].
+/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
 pub fn extract(
     triangulation: &Triangulation,
     label: impl Fn(TetId) -> i32,
@@ -48,8 +48,8 @@ pub fn extract(
         }
     }
     let slots = kept.last().map_or(0, |&t| t as usize + 1);
-    let mut tet_index = filled(slots, NONE, "tets of the mesh")?;
-    let mut vertex_index = filled(triangulation.vertex_bound() as usize, NO_VERTEX, "vertices of the mesh")?;
+    let mut tet_index = filled(slots, NONE, "tets of the mesh", monitor)?;
+    let mut vertex_index = filled(triangulation.vertex_bound() as usize, NO_VERTEX, "vertices of the mesh", monitor)?;
     let mut used = 0;
     for (index, &t) in kept.iter().enumerate() {
         if index % CHECK_EVERY == 0 {
@@ -74,10 +74,6 @@ pub fn extract(
     for (index, &t) in kept.iter().enumerate() {
         if index % CHECK_EVERY == 0 {
             monitor.advance(CHECK_EVERY)?;
-            let short = |_| Error::OutOfMemory("interface facets of the mesh".into());
-            mesh.facets.try_reserve(4 * CHECK_EVERY).map_err(short)?;
-            mesh.facet_labels.try_reserve(4 * CHECK_EVERY).map_err(short)?;
-            mesh.facet_tets.try_reserve(4 * CHECK_EVERY).map_err(short)?;
         }
         let record = triangulation.tet(t);
         let vertices = record.vertices().map(|v| vertex_index[v as usize]);
@@ -87,16 +83,40 @@ pub fn extract(
         });
         mesh.tets.push(vertices);
         mesh.neighbors.push(across.map(|n| n.and_then(|n| tet_index.get(n as usize).copied()).unwrap_or(NONE)));
+    }
+    collect_facets(&mut mesh, monitor)?;
+    Ok(mesh)
+}
+
+/// Fills in the interface facets: where labels differ, or where a tet with a label other than 0 has no neighbour. What was not kept is background, and so
+/// is what lies outside of the box: in a finished refinement nothing else lies along it, but a partial mesh may reach it.
+fn collect_facets(mesh: &mut TetMesh, monitor: &Monitor<'_>) -> Result<()> {
+    let label = |mesh: &TetMesh, t: u32| if t == NONE { 0 } else { mesh.labels[t as usize] };
+    // Each interface facet once: from its tet with the larger label, or from the only one that was kept.
+    let is_listed = |here: i32, there: i32, other: u32| here > there || (here < there && other == NONE);
+    let mut count = 0;
+    for (index, neighbors) in mesh.neighbors.iter().enumerate() {
+        if index % CHECK_EVERY == 0 {
+            monitor.advance(0)?;
+        }
         let here = mesh.labels[index];
-        for (i, n) in across.into_iter().enumerate() {
-            // Outside of the box is background. In a finished refinement there is nothing else along it; a partial mesh may reach it.
-            let (there, other) =
-                n.map_or((0, NONE), |n| (label(n), tet_index.get(n as usize).copied().unwrap_or(NONE)));
-            // Each interface facet once: from its tet with the larger label, or from the only one that was kept.
-            if here == there || (here < there && other != NONE) {
+        count += neighbors.iter().filter(|&&other| is_listed(here, label(mesh, other), other)).count();
+    }
+    mesh.facets = room(count, "interface facets of the mesh")?;
+    mesh.facet_labels = room(count, "interface facets of the mesh")?;
+    mesh.facet_tets = room(count, "interface facets of the mesh")?;
+    for index in 0..mesh.tets.len() {
+        if index % CHECK_EVERY == 0 {
+            monitor.advance(0)?;
+        }
+        let here = mesh.labels[index];
+        for i in 0..4 {
+            let other = mesh.neighbors[index][i];
+            let there = label(mesh, other);
+            if !is_listed(here, there, other) {
                 continue;
             }
-            let [a, b, c] = FACET[i].map(|k| vertices[k]);
+            let [a, b, c] = FACET[i].map(|k| mesh.tets[index][k]);
             // FACET's normals point into the tet.
             if here > there {
                 mesh.facets.push([a, c, b]);
@@ -109,5 +129,5 @@ pub fn extract(
             }
         }
     }
-    Ok(mesh)
+    Ok(())
 }

@@ -16,6 +16,7 @@ pub use quality::Quality;
 
 use glam::DVec3;
 
+use crate::monitor::Monitor;
 use crate::{Error, Result};
 
 /// "No tet" in [`TetMesh::neighbors`] and [`TetMesh::facet_tets`].
@@ -51,10 +52,14 @@ fn room<T>(count: usize, what: &str) -> Result<Vec<T>> {
     Ok(values)
 }
 
-/// `count` copies of a value, or an error that names them.
-fn filled<T: Clone>(count: usize, value: T, what: &str) -> Result<Vec<T>> {
+/// `count` copies of a value, or an error that names them. The system hands out memory when it is first written to, which takes time for large tables.
+fn filled<T: Clone>(count: usize, value: T, what: &str, monitor: &Monitor<'_>) -> Result<Vec<T>> {
+    const STEP: usize = 1 << 16;
     let mut values = room(count, what)?;
-    values.resize(count, value);
+    while values.len() < count {
+        monitor.advance(0)?;
+        values.resize((values.len() + STEP).min(count), value.clone());
+    }
     Ok(values)
 }
 

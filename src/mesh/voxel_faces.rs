@@ -12,9 +12,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::filled;
+use crate::Result;
 use crate::image::LabelImage;
 use crate::monitor::Monitor;
-use crate::{Error, Result};
 
 /// Cells along each axis of a brick.
 const BRICK: usize = 8;
@@ -47,9 +48,7 @@ impl VoxelFaces {
         let dims = voxels.map(|n| n + 1);
         let brick_dims = dims.map(|n| n.div_ceil(BRICK));
         let cells = dims[0] * dims[1] * dims[2];
-        let mut masks = Vec::new();
-        masks.try_reserve_exact(cells).map_err(|_| Error::OutOfMemory(format!("{cells} bytes for the voxel faces")))?;
-        masks.resize(cells, 0);
+        let mut masks = filled(cells, 0_u8, "cells of voxel faces", monitor)?;
         let row = |j: usize, k: usize| -> &[u16] {
             if j < voxels[1] && k < voxels[2] {
                 let start = voxels[0] * (j + voxels[1] * k);
