@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "check.h"
 #include "phantom.h"
@@ -164,6 +165,26 @@ static void from_callback(void) {
     }
 }
 
+/* A request ends the writing of a mesh, too; the file that was there stays. */
+static void before_writing(void) {
+    lapd_mesh *mesh = NULL;
+    CHECK(lapd_context_set_progress(context, NULL, NULL) == LAPD_OK);
+    CHECK(lapd_mesh_image(context, image, params, &mesh) == LAPD_OK);
+    for (int cancelled = 1; cancelled >= 0; cancelled--) {
+        static const char *const paths[] = {"cancelled.vtu", "cancelled.mesh", "cancelled.node", "cancelled.stl"};
+        CHECK((cancelled ? lapd_context_cancel(context) : lapd_context_reset_cancel(context)) == LAPD_OK);
+        for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
+            remove(paths[i]);
+            CHECK(lapd_mesh_write(context, mesh, paths[i]) == (cancelled ? LAPD_ERROR_CANCELLED : LAPD_OK));
+            CHECK((access(paths[i], F_OK) != 0) == cancelled);
+            remove(paths[i]);
+        }
+    }
+    remove("cancelled.ele");
+    remove("cancelled.face");
+    lapd_mesh_free(mesh);
+}
+
 static void before_the_run(void) {
     CHECK(lapd_context_set_progress(context, NULL, NULL) == LAPD_OK);
     CHECK(lapd_context_cancel(context) == LAPD_OK);
@@ -221,6 +242,7 @@ int main(void) {
     slow_callback();
     from_callback();
     before_the_run();
+    before_writing();
     from_another_thread();
     lapd_params_free(params);
     lapd_image_free(image);

@@ -294,7 +294,6 @@ mod tests {
             monitor.enter(step, 1000).unwrap();
             (0..1000).for_each(|_| monitor.advance(1).unwrap());
         }
-        drop(monitor);
         // A machine that stands still for a while makes more.
         assert!((5..50).contains(&seen.len()), "{seen:?}");
         assert!(seen.is_sorted());
@@ -314,7 +313,6 @@ mod tests {
             }
         });
         assert!(matches!(monitor.enter(Step::Refine, 1), Err(Error::Cancelled)));
-        drop(monitor);
         assert_eq!(calls, 1);
     }
 
