@@ -43,9 +43,14 @@ pub enum Error {
     /// The caller cancelled the run.
     #[error("cancelled")]
     Cancelled,
-    /// Memory for the named thing could not be had.
-    #[error("out of memory: {0}")]
-    OutOfMemory(String),
+    /// Memory for the named things could not be had. Made without asking for any.
+    #[error("out of memory: {count} {what}")]
+    OutOfMemory {
+        /// How many of them.
+        count: usize,
+        /// What they are.
+        what: &'static str,
+    },
     /// An invariant of the library broke; this is a bug of lapd.
     #[error("internal error: {0}")]
     Internal(String),

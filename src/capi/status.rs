@@ -114,7 +114,7 @@ impl From<&Error> for lapd_status {
             Error::TimeLimit(_) => LAPD_ERROR_TIME_LIMIT,
             Error::MemoryLimit(_) => LAPD_ERROR_MEMORY_LIMIT,
             Error::Cancelled => LAPD_ERROR_CANCELLED,
-            Error::OutOfMemory(_) => LAPD_ERROR_OUT_OF_MEMORY,
+            Error::OutOfMemory { .. } => LAPD_ERROR_OUT_OF_MEMORY,
             Error::Internal(_) => LAPD_ERROR_INTERNAL,
         }
     }

@@ -52,7 +52,7 @@ impl<T: Zeroable> Chunked<T> {
         // SAFETY: the layout has a size above 0.
         let table = unsafe { alloc_zeroed(layout) }.cast::<[AtomicPtr<T>; TABLE]>();
         if table.is_null() {
-            return Err(Error::OutOfMemory(format!("{} bytes for a table of chunks", layout.size())));
+            return Err(Error::OutOfMemory { count: layout.size(), what: "bytes for a table of chunks" });
         }
         // SAFETY: allocated by the global allocator with the layout of the box's content; an AtomicPtr of zero bytes is a null pointer.
         let chunks = unsafe { Box::from_raw(table) };
@@ -82,7 +82,7 @@ impl<T: Zeroable> Chunked<T> {
         // SAFETY: the layout has a size above 0 (asserted in with_capacity).
         let made = unsafe { alloc_zeroed(Self::LAYOUT) }.cast::<T>();
         if made.is_null() {
-            return Err(Error::OutOfMemory(format!("{} bytes for the triangulation", Self::CHUNK_BYTES)));
+            return Err(Error::OutOfMemory { count: Self::CHUNK_BYTES, what: "bytes for the triangulation" });
         }
         // Release: whoever finds the pointer finds zeroed memory. Acquire on failure: the caller uses the other thread's chunk.
         if slot.compare_exchange(ptr::null_mut(), made, Ordering::Release, Ordering::Acquire).is_err() {

@@ -74,7 +74,7 @@ impl<A: Access> Worker<A> {
     pub(super) fn reserve(&mut self, triangulation: &Triangulation, count: usize) -> Result<()> {
         while self.free.len() + self.fresh_tets.len() < count {
             // For what is left of the range, and for most of what is freed until the next one.
-            self.free.try_reserve(CHUNK).map_err(|_| Error::OutOfMemory(format!("{CHUNK} free slots")))?;
+            self.free.try_reserve(CHUNK).map_err(|_| Error::OutOfMemory { count: CHUNK, what: "free slots" })?;
             let range = triangulation.claim_tets()?;
             self.free.extend(std::mem::replace(&mut self.fresh_tets, range).rev());
         }

@@ -63,7 +63,7 @@ impl FeatureTransform {
         let (by_row, by_column) = (Divisor::new(nx as u32), Divisor::new(ny as u32));
 
         // Passes along x and y, plane by plane: in_plane holds x + nx * y of the nearest site of the same plane.
-        let mut in_plane = filled(voxels, NONE, "the feature transform", check)?;
+        let mut in_plane = filled(voxels, NONE, "voxels of the feature transform", check)?;
         in_plane.par_chunks_mut(nx * ny).enumerate().try_for_each_init(
             || (vec![false; nx], Envelope::default()),
             |(row, envelope), (z, plane)| {
@@ -94,7 +94,7 @@ impl FeatureTransform {
 
         // The pass along z, by layers of bricks: each is contiguous in the result.
         let bricks = Bricks::new(dims);
-        let mut sites = filled(bricks.len(), 0, "the feature transform", check)?;
+        let mut sites = filled(bricks.len(), 0, "voxels of the feature transform", check)?;
         sites.par_chunks_mut(bricks.layer()).enumerate().try_for_each_init(
             Envelope::default,
             |envelope, (layer, out)| {
@@ -161,12 +161,12 @@ impl FeatureTransform {
 pub(crate) fn filled<T: Clone>(
     count: usize,
     value: T,
-    what: &str,
+    what: &'static str,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Vec<T>> {
     const STEP: usize = 1 << 18;
     let mut v = Vec::new();
-    v.try_reserve_exact(count).map_err(|_| Error::OutOfMemory(format!("{count} voxels of {what}")))?;
+    v.try_reserve_exact(count).map_err(|_| Error::OutOfMemory { count, what })?;
     while v.len() < count {
         check()?;
         v.resize((v.len() + STEP).min(count), value.clone());

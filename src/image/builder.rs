@@ -101,7 +101,7 @@ impl LabelBuilder {
     fn grow(&mut self, room: usize) -> Result<()> {
         self.ids
             .try_reserve_exact(room)
-            .map_err(|_| Error::OutOfMemory(format!("the {} voxels of an image", self.total)))
+            .map_err(|_| Error::OutOfMemory { count: self.total, what: "voxels of an image" })
     }
 
     fn id_of(&mut self, label: i32) -> Result<u16> {

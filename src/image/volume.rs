@@ -154,7 +154,7 @@ impl LabelImage {
             }
         }
         let mut ids = Vec::new();
-        let short = |_| Error::OutOfMemory(format!("{} voxels of an image", self.ids.len()));
+        let short = |_| Error::OutOfMemory { count: self.ids.len(), what: "voxels of an image" };
         ids.try_reserve_exact(self.ids.len()).map_err(short)?;
         ids.extend(self.ids.iter().map(|&id| new_id[usize::from(id)]));
         Self::from_ids(self.dims, self.frame, ids, self.labels.clone())

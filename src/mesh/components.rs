@@ -29,7 +29,9 @@ impl DisjointSets {
     fn open(&mut self) -> Result<u32> {
         let set = u32::try_from(self.parent.len())
             .map_err(|_| Error::LimitReached("more than 4294967295 runs of equal voxels".into()))?;
-        self.parent.try_reserve(1).map_err(|_| Error::OutOfMemory(format!("{set} runs of equal voxels")))?;
+        self.parent
+            .try_reserve(1)
+            .map_err(|_| Error::OutOfMemory { count: set as usize, what: "runs of equal voxels" })?;
         self.parent.push(set);
         Ok(set)
     }

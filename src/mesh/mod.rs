@@ -46,14 +46,14 @@ pub struct TetMesh {
 }
 
 /// Room for exactly `count` values, or an error that names them.
-fn room<T>(count: usize, what: &str) -> Result<Vec<T>> {
+fn room<T>(count: usize, what: &'static str) -> Result<Vec<T>> {
     let mut values = Vec::new();
-    values.try_reserve_exact(count).map_err(|_| Error::OutOfMemory(format!("{count} {what}")))?;
+    values.try_reserve_exact(count).map_err(|_| Error::OutOfMemory { count, what })?;
     Ok(values)
 }
 
 /// `count` copies of a value, or an error that names them. The system hands out memory when it is first written to, which takes time for large tables.
-fn filled<T: Clone>(count: usize, value: T, what: &str, monitor: &Monitor<'_>) -> Result<Vec<T>> {
+fn filled<T: Clone>(count: usize, value: T, what: &'static str, monitor: &Monitor<'_>) -> Result<Vec<T>> {
     const STEP: usize = 1 << 16;
     let mut values = room(count, what)?;
     while values.len() < count {

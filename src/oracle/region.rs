@@ -48,7 +48,7 @@ pub(super) fn region_voxels(
 ) -> Result<Vec<Voxel>> {
     let [nx, ny, nz] = image.dims();
     let dims = bricks.dims();
-    let mut voxels = filled(bricks.len(), Voxel::default(), "the label volume", check)?;
+    let mut voxels = filled(bricks.len(), Voxel::default(), "voxels of the label volume", check)?;
     voxels.par_chunks_mut(bricks.layer()).enumerate().try_for_each(|(layer, out)| {
         let base = layer * Bricks::EDGE;
         for j in base..(base + Bricks::EDGE).min(dims[1]) {

@@ -209,7 +209,7 @@ fn sample_layer(
 impl Layer {
     /// Makes room for `count` more samples of `units` each.
     fn make_room(&mut self, units: u32, count: usize) -> Result<()> {
-        let short = |_| Error::OutOfMemory("samples for the weights of labels".into());
+        let short = |_| Error::OutOfMemory { count, what: "samples for the weights of labels" };
         self.pairs[units.ilog2() as usize].try_reserve(count).map_err(short)?;
         self.many.try_reserve(count).map_err(short)
     }

@@ -142,7 +142,7 @@ impl Refiner<'_, '_> {
         let part = 1.0 - (-2.0 * tets as f64 / schedule.expected_tets.max(1) as f64).exp();
         monitor.advance_to(part, tets)?;
         for stack in [&mut self.new, &mut self.poor] {
-            stack.try_reserve(ROOM).map_err(|_| Error::OutOfMemory(format!("{ROOM} entries of a stack")))?;
+            stack.try_reserve(ROOM).map_err(|_| Error::OutOfMemory { count: ROOM, what: "entries of a stack" })?;
         }
         let stacks = (self.new.capacity() + self.poor.capacity()) * size_of::<TetStamp>();
         let later = u64::from(self.triangulation.tet_bound()) * schedule.limits.bytes_per_slot;

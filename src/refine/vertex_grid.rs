@@ -41,7 +41,7 @@ impl VertexGrid {
         let mut no_chains = Vec::new();
         no_chains
             .try_reserve_exact(heads)
-            .map_err(|_| Error::OutOfMemory(format!("{heads} cells of a vertex grid")))?;
+            .map_err(|_| Error::OutOfMemory { count: heads, what: "cells of a vertex grid" })?;
         no_chains.resize_with(heads, || AtomicU32::new(NO_VERTEX));
         Ok(Self {
             kind,
