@@ -897,7 +897,7 @@ lapd_status lapd_params_get_max_vertices(const lapd_params *params, size_t *max_
  * has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
  *
  * The limit ends distance transform and refinement, within some ten milliseconds. What follows is not cut short: collecting and
- * certifying the mesh takes up to as long again.
+ * certifying the mesh takes up to as long again. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not finite.
  */
@@ -906,9 +906,10 @@ lapd_status lapd_params_set_time_limit(lapd_context *context,
                                        double seconds);
 
 /**
- * The limit of time in seconds, 0 for none. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The limit of time in seconds, 0 for none. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_time_limit(const lapd_params *params, double *seconds);
+lapd_status lapd_params_get_time_limit(const lapd_params *params,
+                                       double *seconds);
 
 /**
  * Sets a limit of memory in bytes, 0 for none. A run that needs more ends with LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where
@@ -917,7 +918,8 @@ lapd_status lapd_params_get_time_limit(const lapd_params *params, double *second
  * Counted are the tables of the run that grow with the image or the mesh: those of the distance transform and of the labels, of the
  * triangulation and the work that waits, and in advance those of the mesh to come, so that the limit holds to the end of the run.
  * Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
- * refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside.
+ * refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the context
+ * meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
@@ -926,9 +928,10 @@ lapd_status lapd_params_set_max_memory(lapd_context *context,
                                        uint64_t bytes);
 
 /**
- * The limit of memory in bytes, 0 for none. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The limit of memory in bytes, 0 for none. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_max_memory(const lapd_params *params, uint64_t *bytes);
+lapd_status lapd_params_get_max_memory(const lapd_params *params,
+                                       uint64_t *bytes);
 
 /**
  * Whether a limit (of vertices, time or memory) that ends the refinement is an error (0, the default), or the mesh is made of what
@@ -936,7 +939,8 @@ lapd_status lapd_params_get_max_memory(const lapd_params *params, uint64_t *byte
  *
  * A partial mesh is a valid Delaunay mesh whose labels are those at the circumcenters of its tets, and whose interfaces are closed. It
  * is coarser than asked for, may be far from the image and miss labels; its certificate says how much, and counts the rules that
- * are still unmet. A limit reached before the object has any tet is an error all the same. A cancelled run never gives a mesh.
+ * are still unmet. A limit reached before the object has any tet is an error all the same. A cancelled run never gives a mesh. No other
+ * thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
@@ -945,9 +949,10 @@ lapd_status lapd_params_set_partial(lapd_context *context,
                                     int32_t partial);
 
 /**
- * Whether a partial mesh is allowed, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * Whether a partial mesh is allowed, 1 or 0. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_partial(const lapd_params *params, int32_t *partial);
+lapd_status lapd_params_get_partial(const lapd_params *params,
+                                    int32_t *partial);
 
 /**
  * Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only. No other thread may use `params` or the context
@@ -1015,7 +1020,7 @@ lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimiz
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a size is given for a label that the image does not have, or delta is so
  * coarse that no tet lies in the object; LAPD_ERROR_EMPTY_IMAGE when there is no label to mesh;
- * LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT (see lapd_params_set_partial);
+ * LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT, see lapd_params_set_partial;
  * LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
  */
 lapd_status lapd_mesh_image(lapd_context *context,

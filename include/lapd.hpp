@@ -389,6 +389,15 @@ class params {
     params &set_max_vertices(std::size_t max_vertices) {
         return set(lapd_params_set_max_vertices, max_vertices);
     }
+    params &set_time_limit(double seconds) {
+        return set(lapd_params_set_time_limit, seconds);
+    }
+    params &set_max_memory(std::uint64_t bytes) {
+        return set(lapd_params_set_max_memory, bytes);
+    }
+    params &set_partial(bool partial) {
+        return set(lapd_params_set_partial, partial);
+    }
     params &set_algorithm(lapd_algorithm algorithm) {
         return set(lapd_params_set_algorithm, algorithm);
     }
@@ -433,6 +442,15 @@ class params {
     }
     std::size_t max_vertices() const {
         return value<std::size_t>(lapd_params_get_max_vertices);
+    }
+    double time_limit() const {
+        return value<double>(lapd_params_get_time_limit);
+    }
+    std::uint64_t max_memory() const {
+        return value<std::uint64_t>(lapd_params_get_max_memory);
+    }
+    bool partial() const {
+        return value<std::int32_t>(lapd_params_get_partial) != 0;
     }
     lapd_algorithm algorithm() const {
         return static_cast<lapd_algorithm>(value<std::int32_t>(lapd_params_get_algorithm));
@@ -506,6 +524,12 @@ class mesh {
         return array<rows<std::uint32_t, 2>>(lapd_mesh_get_facet_tets);
     }
 
+    /** LAPD_OK for a complete mesh, or the status of the limit that ended the refinement of a partial one. */
+    lapd_status limit_reached() const {
+        std::int32_t limit = LAPD_OK;
+        detail::check(lapd_mesh_get_limit_reached(get(), &limit));
+        return static_cast<lapd_status>(limit);
+    }
     lapd_counts counts() const {
         return filled<lapd_counts>(lapd_mesh_get_counts);
     }

@@ -464,7 +464,7 @@ pub unsafe extern "C" fn lapd_params_get_max_vertices(
 /// has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
 ///
 /// The limit ends distance transform and refinement, within some ten milliseconds. What follows is not cut short: collecting and
-/// certifying the mesh takes up to as long again.
+/// certifying the mesh takes up to as long again. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not finite.
 #[unsafe(no_mangle)]
@@ -482,7 +482,7 @@ pub unsafe extern "C" fn lapd_params_set_time_limit(
     }
 }
 
-/// The limit of time in seconds, 0 for none. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The limit of time in seconds, 0 for none. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_time_limit(params: *const lapd_params, seconds: *mut f64) -> lapd_status {
     // SAFETY: see the module's head.
@@ -495,7 +495,8 @@ pub unsafe extern "C" fn lapd_params_get_time_limit(params: *const lapd_params, 
 /// Counted are the tables of the run that grow with the image or the mesh: those of the distance transform and of the labels, of the
 /// triangulation and the work that waits, and in advance those of the mesh to come, so that the limit holds to the end of the run.
 /// Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
-/// refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside.
+/// refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the context
+/// meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
@@ -513,7 +514,7 @@ pub unsafe extern "C" fn lapd_params_set_max_memory(
     }
 }
 
-/// The limit of memory in bytes, 0 for none. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The limit of memory in bytes, 0 for none. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_max_memory(params: *const lapd_params, bytes: *mut u64) -> lapd_status {
     // SAFETY: see the module's head.
@@ -525,7 +526,8 @@ pub unsafe extern "C" fn lapd_params_get_max_memory(params: *const lapd_params, 
 ///
 /// A partial mesh is a valid Delaunay mesh whose labels are those at the circumcenters of its tets, and whose interfaces are closed. It
 /// is coarser than asked for, may be far from the image and miss labels; its certificate says how much, and counts the rules that
-/// are still unmet. A limit reached before the object has any tet is an error all the same. A cancelled run never gives a mesh.
+/// are still unmet. A limit reached before the object has any tet is an error all the same. A cancelled run never gives a mesh. No other
+/// thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]
@@ -543,7 +545,7 @@ pub unsafe extern "C" fn lapd_params_set_partial(
     }
 }
 
-/// Whether a partial mesh is allowed, 1 or 0. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// Whether a partial mesh is allowed, 1 or 0. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_partial(params: *const lapd_params, partial: *mut i32) -> lapd_status {
     // SAFETY: see the module's head.
