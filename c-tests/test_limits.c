@@ -98,7 +98,7 @@ static uint64_t expect_mesh(lapd_status limit, bool background) {
     int32_t reached = -1;
     int warned = 0;
     CHECK(lapd_context_set_log(context, on_log, &warned) == LAPD_OK);
-    CHECK(lapd_mesh_image(context, image, params, &mesh) == LAPD_OK);
+    CHECK(lapd_mesh_image(context, image, params, &mesh) == limit);
     CHECK(lapd_context_set_log(context, NULL, NULL) == LAPD_OK);
     if (mesh == NULL) {
         return 0;

@@ -388,7 +388,8 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
         status = lapd_mesh_image(context, image, params, &mesh);
     lapd_image_free(image);
     clear_progress(line);
-    if (status != LAPD_OK) {
+    /* With --partial a mesh comes along with the status of a limit. */
+    if (mesh == NULL) {
         complain("%s", lapd_context_last_error(context));
         goto done;
     }

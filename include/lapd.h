@@ -934,12 +934,12 @@ lapd_status lapd_params_get_max_memory(const lapd_params *params,
                                        uint64_t *bytes);
 
 /**
- * Whether a limit (of vertices, time or memory) that ends the refinement is an error (0, the default), or the mesh is made of what
- * there is by then (1). lapd_mesh_image returns LAPD_OK with such a mesh, and lapd_mesh_get_limit_reached tells that it is one.
+ * Whether a run whose refinement is ended by a limit (of vertices, time or memory) hands out the mesh of what there is by then (1), or
+ * none (0, the default). Either way lapd_mesh_image returns the status of the limit, which lapd_mesh_get_limit_reached gives later.
  *
  * A partial mesh is a valid Delaunay mesh whose labels are those at the circumcenters of its tets, and whose interfaces are closed. It
  * is coarser than asked for, may be far from the image and miss labels; its certificate says how much, and counts the rules that
- * are still unmet. A limit reached before the object has any tet is an error all the same. A cancelled run never gives a mesh. No other
+ * are still unmet. A limit reached before the object has any tet gives no mesh. A cancelled run never gives a mesh. No other
  * thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
@@ -1008,7 +1008,8 @@ lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimiz
 /**
  * Meshes an image.
  *
- * The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes on LAPD_OK only. Progress and log
+ * The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes with LAPD_OK; a partial one, where
+ * lapd_params_set_partial asks for it, with the status of the limit. With any other status `*mesh` stays as it is. Progress and log
  * callbacks of the context are called on this thread. The work is done by threads that are all joined at return; the calling
  * thread is neither pinned nor moved. Any number of runs may go on at once, in different threads, each with its own context; they
  * may share the image and the parameters. The same image and parameters give the same mesh, byte for byte, unless a limit of time

@@ -485,12 +485,12 @@ class params {
 // lapd_mesh: never changes, any number of threads; needs none of the other objects to live on.
 class mesh {
   public:
-    // lapd_mesh_image.
+    // lapd_mesh_image. A partial mesh, where the parameters ask for it, is returned too; limit_reached() tells.
     static mesh make(context &context, const image &image, const params &params) {
         lapd_mesh *handle = nullptr;
         lapd_status status = lapd_mesh_image(context.get(), image.get(), params.get(), &handle);
         mesh made(handle);
-        context.check(status);
+        context.check(handle != nullptr ? LAPD_OK : status);
         return made;
     }
 

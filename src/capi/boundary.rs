@@ -32,9 +32,15 @@ impl Failure {
     }
 }
 
+impl From<&Error> for Failure {
+    fn from(error: &Error) -> Self {
+        Self::new(error.into(), error.to_string())
+    }
+}
+
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        Self::new((&error).into(), error.to_string())
+        Self::from(&error)
     }
 }
 

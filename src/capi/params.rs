@@ -521,12 +521,12 @@ pub unsafe extern "C" fn lapd_params_get_max_memory(params: *const lapd_params, 
     unsafe { read(params, bytes, "bytes", |p| p.max_memory.unwrap_or(0)) }
 }
 
-/// Whether a limit (of vertices, time or memory) that ends the refinement is an error (0, the default), or the mesh is made of what
-/// there is by then (1). lapd_mesh_image returns LAPD_OK with such a mesh, and lapd_mesh_get_limit_reached tells that it is one.
+/// Whether a run whose refinement is ended by a limit (of vertices, time or memory) hands out the mesh of what there is by then (1), or
+/// none (0, the default). Either way lapd_mesh_image returns the status of the limit, which lapd_mesh_get_limit_reached gives later.
 ///
 /// A partial mesh is a valid Delaunay mesh whose labels are those at the circumcenters of its tets, and whose interfaces are closed. It
 /// is coarser than asked for, may be far from the image and miss labels; its certificate says how much, and counts the rules that
-/// are still unmet. A limit reached before the object has any tet is an error all the same. A cancelled run never gives a mesh. No other
+/// are still unmet. A limit reached before the object has any tet gives no mesh. A cancelled run never gives a mesh. No other
 /// thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.

@@ -21,7 +21,8 @@ use crate::params::MeshParams;
 
 /// Meshes an image.
 ///
-/// The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes on LAPD_OK only. Progress and log
+/// The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes with LAPD_OK; a partial one, where
+/// lapd_params_set_partial asks for it, with the status of the limit. With any other status `*mesh` stays as it is. Progress and log
 /// callbacks of the context are called on this thread. The work is done by threads that are all joined at return; the calling
 /// thread is neither pinned nor moved. Any number of runs may go on at once, in different threads, each with its own context; they
 /// may share the image and the parameters. The same image and parameters give the same mesh, byte for byte, unless a limit of time
@@ -51,8 +52,10 @@ pub unsafe extern "C" fn lapd_mesh_image(
             let _run = context.start_run()?;
             let callbacks = context.callbacks();
             let meshing = run(image, &params, &context.cancel, &callbacks)?;
+            // The one call that hands something out beside an error: the caller has asked for it.
+            let ended_by = meshing.ended_by.as_ref().map(Failure::from);
             out.set(Box::into_raw(Box::new(lapd_mesh { meshing })));
-            Ok(())
+            ended_by.map_or(Ok(()), Err)
         })
     }
 }
