@@ -430,7 +430,7 @@ typedef struct {
    */
   double mesh_to_image_mean;
   /**
-   * Largest distance from the mesh's interfaces to those of the image.
+   * Largest distance from the mesh's interfaces to those of the image, to within a hundredth of the smallest spacing.
    */
   double mesh_to_image_max;
   /**

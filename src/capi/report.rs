@@ -94,7 +94,7 @@ pub struct lapd_certificate {
     pub unmet: [u64; 6],
     /// Mean distance from the mesh's interfaces to those of the image.
     pub mesh_to_image_mean: f64,
-    /// Largest distance from the mesh's interfaces to those of the image.
+    /// Largest distance from the mesh's interfaces to those of the image, to within a hundredth of the smallest spacing.
     pub mesh_to_image_max: f64,
     /// Mean distance from the image's interfaces to those of the mesh.
     pub image_to_mesh_mean: f64,

@@ -51,7 +51,7 @@ pub struct Certificate {
     pub orphan_vertices: u64,
     /// Edges where the boundary of some label (0 included) is not closed: an odd number of its facets meet there.
     pub open_edges: u64,
-    /// Largest distance from the mesh's interfaces to the faces between voxels of different label.
+    /// Largest distance from the mesh's interfaces to the faces between voxels of different label, to within a hundredth of the smallest spacing.
     pub hausdorff_mesh_to_image: f64,
     /// Largest distance from those faces to the mesh's interfaces; infinite if the mesh has none.
     pub hausdorff_image_to_mesh: f64,
