@@ -1,9 +1,12 @@
+#define _POSIX_C_SOURCE 200809L
+
 #include "phantom.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "check.h"
 
@@ -234,4 +237,10 @@ bool same_mesh(const lapd_mesh *first, const lapd_mesh *second) {
            memcmp(a.labels, b.labels, a.tet_count * sizeof *a.labels) == 0 &&
            memcmp(a.neighbors, b.neighbors, 4 * a.tet_count * sizeof *a.neighbors) == 0 &&
            memcmp(a.facets, b.facets, 3 * a.facet_count * sizeof *a.facets) == 0;
+}
+
+double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }

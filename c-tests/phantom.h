@@ -1,4 +1,4 @@
-/* Images that are easy to reason about, and checks of the meshes made from them. */
+/* Images that are easy to reason about, checks of the meshes made from them, and a clock. */
 #ifndef LAPD_PHANTOM_H
 #define LAPD_PHANTOM_H
 
@@ -31,5 +31,8 @@ double label_volume(const lapd_mesh *mesh, int32_t label);
 
 /* Whether two meshes have the same bytes. */
 bool same_mesh(const lapd_mesh *a, const lapd_mesh *b);
+
+/* Seconds of a clock that only goes forward. */
+double now(void);
 
 #endif

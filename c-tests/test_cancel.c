@@ -25,12 +25,6 @@ typedef struct {
     lapd_status nested;
 } record;
 
-static double now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 static int32_t on_progress(void *user, const lapd_progress *progress) {
     record *r = user;
     r->calls++;

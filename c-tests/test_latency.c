@@ -25,12 +25,6 @@ static lapd_context *context;
 static lapd_image *image;
 static lapd_params *params;
 
-static double now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
 /* The phase of the run, -1 before and after it. */
 static atomic_int phase;
 /* When each phase began, the last report came, and the longest time between two in each phase. */
