@@ -205,10 +205,11 @@ void meshes() {
     CHECK(status_of([&] { mesh.write(moved, "mesh.nonsense"); }) == LAPD_ERROR_INVALID_ARGUMENT);
 
     // A limit throws, or gives the partial mesh that was asked for.
+    lapd::context other;
     lapd::params limited;
     limited.set_max_vertices(static_cast<std::size_t>(counts.all_vertices / 2));
-    CHECK(status_of([&] { lapd::mesh::make(moved, block_image(moved), limited); }) == LAPD_ERROR_LIMIT_REACHED);
-    const lapd::mesh partial = lapd::mesh::make(moved, block_image(moved), limited.set_partial(true));
+    CHECK(status_of([&] { lapd::mesh::make(other, block_image(other), limited); }) == LAPD_ERROR_LIMIT_REACHED);
+    const lapd::mesh partial = lapd::mesh::make(other, block_image(other), limited.set_partial(true));
     CHECK(partial.limit_reached() == LAPD_ERROR_LIMIT_REACHED && partial.counts().tets > 0);
 #if __cplusplus >= 202002L
     const std::span<const std::int32_t> labels = mesh.labels();
