@@ -220,7 +220,7 @@ impl Oracle {
         self.label_at(self.region_point(p))
     }
 
-    /// A lower bound of the distance from `p` to dO; 0 where it may be nearer than the volumes resolve. At most two and a quarter voxel diagonals below
+    /// A lower bound of the distance from `p` to dO; 0 where it may be nearer than the volumes resolve. At most three voxel diagonals below
     /// the true distance, when `p` is in the region.
     #[inline]
     pub fn clearance(&self, p: DVec3) -> f64 {
@@ -309,8 +309,9 @@ impl Oracle {
     pub fn bytes_needed(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<u64> {
         let (_, dims) = region(image, check)?;
         let voxels = dims.iter().map(|&n| n as u64).product::<u64>();
-        // Beside what is held, the feature transform in its last pass has the sites of the planes.
-        Ok(Bricks::new(dims).len() as u64 * Self::BYTES_PER_VOXEL as u64 + voxels * size_of::<u32>() as u64)
+        // Beside what is held, the feature transform in its last pass has the sites of the planes, and later there are the rings.
+        let passing = (voxels * size_of::<u32>() as u64).max(Rings::bytes(dims));
+        Ok(Bricks::new(dims).len() as u64 * Self::BYTES_PER_VOXEL as u64 + passing)
     }
 
     /// Bytes held per voxel of the region: voxel and feature.

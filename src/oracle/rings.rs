@@ -32,6 +32,11 @@ impl Rings {
         Ok(Self([one, two, three]))
     }
 
+    /// Bytes that the rings of a region of `dims` voxels take.
+    pub(super) fn bytes([nx, ny, nz]: [usize; 3]) -> u64 {
+        (MOST * size_of::<u64>()) as u64 * nx.div_ceil(64) as u64 * ny as u64 * nz as u64
+    }
+
     /// The rings of the cells in row (j, k), for `i` from 0 on.
     pub(super) fn row(&self, j: usize, k: usize) -> impl Fn(usize) -> u16 {
         let rows = self.0.each_ref().map(|cells| cells.row(j, k));
