@@ -116,8 +116,8 @@ static void log_lines(void) {
     lapd_image *const ball = image;
     image = unit_image(context, voxels, N);
     CHECK(lapd_params_set_delta(context, params, 4) == LAPD_OK);
-    static const char *const bad[] = {"1 labels have no tet (1 voxels), the first is 2",
-                                      "1 components of 1 labels have vanished or merged"};
+    static const char *const bad[] = {"labels without a tet: 1, of 1 voxels in all; the first is 2",
+                                      "components vanished or merged: 1, of 1 of the labels"};
     r = (log_record){.lines = bad, .count = 2};
     CHECK(run() == LAPD_OK);
     CHECK(r.seen == 3 && r.wrong == 0 && r.levels[LAPD_LOG_WARNING] >= 2);

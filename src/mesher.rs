@@ -231,12 +231,16 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
     let lost = || certificate.labels.iter().filter(|row| row.tets == 0);
     if let Some(first) = lost().next() {
         let voxels: u64 = lost().map(|row| row.image_voxels).sum();
-        lines.push(format!("{} labels have no tet ({voxels} voxels), the first is {}", lost().count(), first.label));
+        lines.push(format!(
+            "labels without a tet: {}, of {voxels} voxels in all; the first is {}",
+            lost().count(),
+            first.label
+        ));
     }
     let torn = || certificate.labels.iter().filter(|row| row.tets > 0 && row.components_mesh < row.components_image);
     let missing: u64 = torn().map(|row| row.components_image - row.components_mesh).sum();
     if missing > 0 {
-        lines.push(format!("{missing} components of {} labels have vanished or merged", torn().count()));
+        lines.push(format!("components vanished or merged: {missing}, of {} of the labels", torn().count()));
     }
     let defects = [
         (certificate.non_delaunay_facets, "facets that are not Delaunay"),
