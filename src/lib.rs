@@ -4,7 +4,7 @@
 //!
 //! | module | what it is |
 //! |---|---|
-//! | [`error`], [`params`], [`monitor`] | plain values: the one error type, what a run is asked for, progress and cancellation |
+//! | [`error`], [`params`], [`monitor`], `memory` | plain values: the one error type, what a run is asked for, progress and cancellation, tables that may not fit |
 //! | [`geometry`] | predicates, circumspheres, shape measures; the one sign convention |
 //! | [`image`] | label images, their place in the world, readers, phantoms |
 //! | [`distance`], [`oracle`] | where the interfaces are; knows no mesh |
@@ -23,6 +23,7 @@ pub mod error;
 pub mod geometry;
 pub mod image;
 pub mod io;
+mod memory;
 pub mod mesh;
 pub mod mesher;
 pub mod monitor;

@@ -16,6 +16,7 @@ mod bricks;
 pub use bricks::Bricks;
 use rayon::prelude::*;
 
+use crate::memory::filled;
 use crate::{Error, Result};
 
 /// "No site in this row or plane", in the passes only.
@@ -154,24 +155,6 @@ impl FeatureTransform {
         let d = |axis: usize, at: usize| squared((at as f64 - f64::from(site[axis])) * self.spacing[axis]);
         (d(0, i) + d(1, j) + d(2, k)).sqrt()
     }
-}
-
-/// `count` copies of `value`; an error, not an abort, when memory is short. `check` is called every some thousand of them: the system takes its time
-/// to hand out large tables.
-pub(crate) fn filled<T: Clone>(
-    count: usize,
-    value: T,
-    what: &'static str,
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<Vec<T>> {
-    const STEP: usize = 1 << 18;
-    let mut v = Vec::new();
-    v.try_reserve_exact(count).map_err(|_| Error::OutOfMemory { count, what })?;
-    while v.len() < count {
-        check()?;
-        v.resize((v.len() + STEP).min(count), value.clone());
-    }
-    Ok(v)
 }
 
 fn squared(x: f64) -> f64 {

@@ -9,6 +9,7 @@ use glam::DVec3;
 
 use super::Frame;
 use super::builder::{LabelBuilder, voxel_count};
+use crate::memory::room;
 use crate::{Error, Result};
 
 /// A caller's voxels, in any of the integer types. Strides are given beside it, in elements.
@@ -153,9 +154,7 @@ impl LabelImage {
                 }
             }
         }
-        let mut ids = Vec::new();
-        let short = |_| Error::OutOfMemory { count: self.ids.len(), what: "voxels of an image" };
-        ids.try_reserve_exact(self.ids.len()).map_err(short)?;
+        let mut ids = room(self.ids.len(), "voxels of an image")?;
         ids.extend(self.ids.iter().map(|&id| new_id[usize::from(id)]));
         Self::from_ids(self.dims, self.frame, ids, self.labels.clone())
     }

@@ -11,11 +11,12 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::TetMesh;
 use super::components::{SLICE, TetCount, image_components, mesh_components};
 use super::distance::SurfaceDistance;
-use super::{TetMesh, filled};
 use crate::Result;
 use crate::image::LabelImage;
+use crate::memory::filled;
 use crate::monitor::{Monitor, Step};
 
 /// Tets per work item.
@@ -134,7 +135,7 @@ pub fn inverted_tets(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
 pub fn orphan_vertices(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
-    let mut used = filled(mesh.points.len(), false, "vertices", monitor)?;
+    let mut used = filled(mesh.points.len(), false, "vertices", || monitor.advance(0))?;
     for tets in mesh.tets.chunks(CHUNK) {
         monitor.advance(tets.len())?;
         for &v in tets.iter().flatten() {
@@ -155,7 +156,7 @@ pub fn open_edges(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
         let [a, b, c] = *facet;
         [[a, b], [b, c], [c, a]].map(|[v, w]| [v.min(w), v.max(w)])
     };
-    let mut ends = filled(mesh.points.len() + 1, 0_usize, "vertices", monitor)?;
+    let mut ends = filled(mesh.points.len() + 1, 0_usize, "vertices", || monitor.advance(0))?;
     for facets in mesh.facets.chunks(CHUNK) {
         monitor.advance(facets.len())?;
         for [v, _] in facets.iter().flat_map(edges) {
@@ -166,7 +167,7 @@ pub fn open_edges(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
         ends[v] += ends[v - 1];
     }
     // The larger vertex of each edge, and its facet. `ends[v]` grows from the start of v's part to its end.
-    let mut stars = filled(3 * mesh.facets.len(), (0_u32, 0_u32), "edges of the interfaces", monitor)?;
+    let mut stars = filled(3 * mesh.facets.len(), (0_u32, 0_u32), "edges of the interfaces", || monitor.advance(0))?;
     for (f, facet) in mesh.facets.iter().enumerate() {
         if f % CHUNK == 0 {
             monitor.advance(CHUNK)?;

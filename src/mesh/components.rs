@@ -7,8 +7,9 @@
 //!
 //! Pure functions, sequential, practically linear.
 
-use super::{NONE, TetMesh, filled};
+use super::{NONE, TetMesh};
 use crate::image::LabelImage;
+use crate::memory::filled;
 use crate::monitor::Monitor;
 use crate::{Error, Result};
 
@@ -153,7 +154,7 @@ pub fn mesh_components(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<Vec<TetC
         }
     }
     let mut counts: Vec<TetCount> = labels.iter().map(|&label| TetCount { label, ..TetCount::default() }).collect();
-    let mut sets = DisjointSets { parent: filled(mesh.tets.len(), 0, "sets of tets", monitor)? };
+    let mut sets = DisjointSets { parent: filled(mesh.tets.len(), 0, "sets of tets", || monitor.advance(0))? };
     for (t, (tet, &label)) in mesh.tets.iter().zip(&mesh.labels).enumerate() {
         if t % CHUNK == 0 {
             monitor.advance(CHUNK)?;

@@ -17,10 +17,11 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::TetMesh;
 use super::triangle_tree::TriangleTree;
 use super::voxel_faces::{Face, VoxelFaces};
-use super::{TetMesh, filled, room};
 use crate::image::LabelImage;
+use crate::memory::{filled, room};
 use crate::monitor::{Monitor, Step};
 use crate::{Error, Result};
 
@@ -114,7 +115,7 @@ fn mesh_to_image(
 ) -> Result<Distance> {
     let step = 0.5 * spacing;
     // The largest distance of each triangle's samples.
-    let mut farthest = filled(triangles.len(), 0.0, "distances of facets", monitor)?;
+    let mut farthest = filled(triangles.len(), 0.0, "distances of facets", || monitor.advance(0))?;
     let parts = triangles.par_chunks(CHUNK).zip(farthest.par_chunks_mut(CHUNK)).map(|(triangles, farthest)| {
         let mut sum = Sum::default();
         let mut start = None;

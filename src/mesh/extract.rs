@@ -4,10 +4,11 @@
 //!
 //! Every array gets its memory at once, after counting: nothing is copied while it grows.
 
-use super::{NONE, TetMesh, filled, room};
+use super::{NONE, TetMesh};
 use crate::Result;
 use crate::delaunay::tet::{FACET, NO_VERTEX};
 use crate::delaunay::{TetId, Triangulation};
+use crate::memory::{filled, room};
 use crate::monitor::Monitor;
 
 /// Tets between two looks at the cancel flag.
@@ -48,8 +49,9 @@ pub fn extract(
         }
     }
     let slots = kept.last().map_or(0, |&t| t as usize + 1);
-    let mut tet_index = filled(slots, NONE, "tets of the mesh", monitor)?;
-    let mut vertex_index = filled(triangulation.vertex_bound() as usize, NO_VERTEX, "vertices of the mesh", monitor)?;
+    let mut tet_index = filled(slots, NONE, "tets of the mesh", || monitor.advance(0))?;
+    let mut vertex_index =
+        filled(triangulation.vertex_bound() as usize, NO_VERTEX, "vertices of the mesh", || monitor.advance(0))?;
     let mut used = 0;
     for (index, &t) in kept.iter().enumerate() {
         if index % CHECK_EVERY == 0 {

@@ -16,9 +16,6 @@ pub use quality::Quality;
 
 use glam::DVec3;
 
-use crate::monitor::Monitor;
-use crate::{Error, Result};
-
 /// "No tet" in [`TetMesh::neighbors`] and [`TetMesh::facet_tets`].
 pub const NONE: u32 = u32::MAX;
 
@@ -43,24 +40,6 @@ pub struct TetMesh {
     pub facet_labels: Vec<[i32; 2]>,
     /// The tets on the two sides of each interface facet; [`NONE`] where that side is background that was not kept.
     pub facet_tets: Vec<[u32; 2]>,
-}
-
-/// Room for exactly `count` values, or an error that names them.
-fn room<T>(count: usize, what: &'static str) -> Result<Vec<T>> {
-    let mut values = Vec::new();
-    values.try_reserve_exact(count).map_err(|_| Error::OutOfMemory { count, what })?;
-    Ok(values)
-}
-
-/// `count` copies of a value, or an error that names them. The system hands out memory when it is first written to, which takes time for large tables.
-fn filled<T: Clone>(count: usize, value: T, what: &'static str, monitor: &Monitor<'_>) -> Result<Vec<T>> {
-    const STEP: usize = 1 << 16;
-    let mut values = room(count, what)?;
-    while values.len() < count {
-        monitor.advance(0)?;
-        values.resize((values.len() + STEP).min(count), value.clone());
-    }
-    Ok(values)
 }
 
 impl TetMesh {

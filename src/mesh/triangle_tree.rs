@@ -7,8 +7,8 @@
 
 use glam::DVec3;
 
-use super::room;
 use crate::Result;
+use crate::memory::room;
 use crate::monitor::Monitor;
 
 /// Triangles per leaf at most.

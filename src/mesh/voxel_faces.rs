@@ -12,9 +12,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::filled;
 use crate::Result;
 use crate::image::LabelImage;
+use crate::memory::filled;
 use crate::monitor::Monitor;
 
 /// Cells along each axis of a brick.
@@ -48,7 +48,7 @@ impl VoxelFaces {
         let dims = voxels.map(|n| n + 1);
         let brick_dims = dims.map(|n| n.div_ceil(BRICK));
         let cells = dims[0] * dims[1] * dims[2];
-        let mut masks = filled(cells, 0_u8, "cells of voxel faces", monitor)?;
+        let mut masks = filled(cells, 0_u8, "cells of voxel faces", || monitor.advance(0))?;
         let row = |j: usize, k: usize| -> &[u16] {
             if j < voxels[1] && k < voxels[2] {
                 let start = voxels[0] * (j + voxels[1] * k);

@@ -180,18 +180,18 @@ impl Oracle {
         )?;
         // No distance in the region exceeds its diagonal.
         let quantum = (DVec3::from(dims.map(|n| n as f64)) * spacing).length() / f64::from(Voxel::DISTANCES);
-        let rings = match model {
-            SurfaceModel::Smooth => Some(Rings::new(&voxels, &bricks, check)?),
-            SurfaceModel::Voxel => None,
-        };
-        set_room(&mut voxels, rings.as_ref(), &features, quantum, check)?;
         let (border, weights) = match model {
             SurfaceModel::Smooth => {
+                let rings = Rings::new(&voxels, &bricks, check)?;
+                set_room(&mut voxels, Some(rings), &features, quantum, check)?;
                 let border = Border::new(first, dims, image.dims());
                 let weights = weights::calibrate(&bricks, &voxels, &border, image.labels().len(), check)?;
                 (border, weights)
             }
-            SurfaceModel::Voxel => (Border::none(dims), Vec::new()),
+            SurfaceModel::Voxel => {
+                set_room(&mut voxels, None, &features, quantum, check)?;
+                (Border::none(dims), Vec::new())
+            }
         };
         let to_world = frame.direction() * DMat3::from_diagonal(spacing);
         Ok(Self {
@@ -357,10 +357,12 @@ impl Oracle {
 
     #[inline(always)]
     fn approach_at(&self, x: DVec3) -> Approach {
-        let sample = match self.uniform_at(x) {
-            Some(sample) => sample,
-            None if self.model == SurfaceModel::Smooth => Sample { label: self.label_at(x), clearance: 0.0 },
-            None => {
+        let sample = match self.model {
+            SurfaceModel::Smooth => {
+                let mixed = || Sample { label: self.label_inside(x), clearance: 0.0 };
+                self.uniform_at(x).unwrap_or_else(mixed)
+            }
+            SurfaceModel::Voxel => {
                 let nearest = self.nearest(x);
                 let clearance = self.clearance_from(&nearest);
                 // dO does not come between the point and the centre of its nearest voxel.
@@ -373,19 +375,15 @@ impl Oracle {
 
     #[inline(always)]
     fn clearance_at(&self, x: DVec3) -> f64 {
-        match self.uniform_at(x) {
-            Some(sample) => sample.clearance,
-            None if self.model == SurfaceModel::Smooth => 0.0,
-            None => self.clearance_from(&self.nearest(x)),
+        match self.model {
+            SurfaceModel::Smooth => self.uniform_at(x).map_or(0.0, |sample| sample.clearance),
+            SurfaceModel::Voxel => self.clearance_from(&self.nearest(x)),
         }
     }
 
-    /// Label and clearance in the smooth model: of points outside of the border, and in uniform cells.
+    /// Label and clearance in the smooth model: of points outside of the border, and in uniform cells. `None`: in a mixed cell.
     #[inline(always)]
     fn uniform_at(&self, x: DVec3) -> Option<Sample> {
-        if self.model == SurfaceModel::Voxel {
-            return None;
-        }
         if !self.border.holds(x) {
             return Some(Sample { label: 0, clearance: self.clearance_from(&self.nearest(x)) });
         }

@@ -6,8 +6,9 @@ use super::Voxel;
 use super::rings::Rings;
 use crate::{
     Error, Result,
-    distance::{Bricks, FeatureTransform, filled},
+    distance::{Bricks, FeatureTransform},
     image::LabelImage,
+    memory::filled,
 };
 
 /// First voxel (may be -1) and dims of the object's bounding box with one voxel more on each side.
@@ -98,7 +99,7 @@ pub(super) fn mark_surface(voxels: &[Voxel], bricks: &Bricks, y: usize, z: usize
 /// Fills in rings and distances.
 pub(super) fn set_room(
     voxels: &mut [Voxel],
-    rings: Option<&Rings>,
+    rings: Option<Rings>,
     features: &FeatureTransform,
     quantum: f64,
     check: &(dyn Fn() -> Result<()> + Sync),
@@ -110,7 +111,7 @@ pub(super) fn set_room(
         for j in base..(base + Bricks::EDGE).min(ny) {
             check()?;
             for k in 0..nz {
-                let rings = rings.map(|rings| rings.row(j, k));
+                let rings = rings.as_ref().map(|rings| rings.row(j, k));
                 for i in 0..nx {
                     let at = bricks.index(i, j, k) - layer * bricks.layer();
                     let distance = ((features.distance(i, j, k) / quantum) as u16).min(Voxel::DISTANCES);

@@ -9,7 +9,7 @@
 use rayon::prelude::*;
 
 use super::Voxel;
-use crate::{Result, distance::Bricks};
+use crate::{Result, distance::Bricks, memory::filled};
 
 /// Rings that are told apart.
 pub(super) const MOST: usize = 3;
@@ -49,7 +49,7 @@ impl Cells {
     fn uniform(voxels: &[Voxel], bricks: &Bricks, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let [nx, ny, nz] = bricks.dims();
         let words = nx.div_ceil(64);
-        let mut bits = crate::distance::filled(words * ny * nz, u64::MAX, "words of the rings of cells", check)?;
+        let mut bits = filled(words * ny * nz, u64::MAX, "words of the rings of cells", check)?;
         bits.par_chunks_mut(words * nz).enumerate().try_for_each(|(j, layer)| {
             check()?;
             if j + 1 == ny {
@@ -87,7 +87,7 @@ impl Cells {
     /// The cells whose 26 neighbours are all marked, as they are themselves. Cells outside count as marked.
     fn within(&self, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let [ny, nz] = self.rows;
-        let mut bits = crate::distance::filled(self.bits.len(), u64::MAX, "words of the rings of cells", check)?;
+        let mut bits = filled(self.bits.len(), u64::MAX, "words of the rings of cells", check)?;
         bits.par_chunks_mut(self.words * nz).enumerate().try_for_each(|(j, layer)| {
             check()?;
             for (k, out) in layer.chunks_mut(self.words).enumerate() {

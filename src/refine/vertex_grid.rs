@@ -9,10 +9,11 @@ use std::sync::atomic::{AtomicU32, Ordering::*};
 
 use glam::{DVec3, I64Vec3};
 
+use crate::Result;
 use crate::delaunay::chunked::{CHUNK, Chunked};
 use crate::delaunay::tet::NO_VERTEX;
 use crate::delaunay::{Triangulation, VertexId, VertexKind};
-use crate::{Error, Result};
+use crate::memory::room;
 
 /// Most chain heads a grid has; more cells share them.
 const MAX_HEADS: usize = 1 << 22;
@@ -38,10 +39,7 @@ impl VertexGrid {
         let cells = ((triangulation.upper() - triangulation.lower()) / cell).ceil().max(DVec3::ONE);
         let heads = (cells.x * cells.y * cells.z).min(MAX_HEADS as f64) as usize;
         let heads = heads.next_power_of_two();
-        let mut no_chains = Vec::new();
-        no_chains
-            .try_reserve_exact(heads)
-            .map_err(|_| Error::OutOfMemory { count: heads, what: "cells of a vertex grid" })?;
+        let mut no_chains = room(heads, "cells of a vertex grid")?;
         no_chains.resize_with(heads, || AtomicU32::new(NO_VERTEX));
         Ok(Self {
             kind,
