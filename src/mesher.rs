@@ -89,7 +89,8 @@ pub struct RunReport {
 /// `params` gives [`Error::LimitReached`], [`Error::TimeLimit`], [`Error::MemoryLimit`]; where a partial mesh is allowed, only if there is none yet.
 pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>) -> Result<Meshing> {
     let mut clock = Instant::now();
-    let limits = limits(params, clock)?;
+    params.validate()?;
+    let limits = limits(params, clock);
     if let Some(&(label, _)) = params.label_sizes.iter().find(|l| image.id_of(l.0).is_none()) {
         return Err(Error::InvalidArgument(format!(
             "a size is given for label {label}, which does not occur in the image"
@@ -185,16 +186,15 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     Ok(Meshing { mesh, report, ended_by })
 }
 
-/// The limits of `params`, which are checked; `start` is when the run began.
-fn limits(params: &MeshParams, start: Instant) -> Result<Limits> {
-    params.validate()?;
+/// The limits of `params`; `start` is when the run began.
+fn limits(params: &MeshParams, start: Instant) -> Limits {
     // A deadline that the clock cannot hold never comes.
     let deadline = params.time_limit.and_then(|seconds| {
         let end = start.checked_add(Duration::try_from_secs_f64(seconds).ok()?)?;
         Some((end, seconds))
     });
     let (max_vertices, max_memory) = (params.max_vertices, params.max_memory);
-    Ok(Limits { max_vertices, deadline, max_memory, bytes_per_slot: BYTES_PER_SLOT })
+    Limits { max_vertices, deadline, max_memory, bytes_per_slot: BYTES_PER_SLOT }
 }
 
 /// A line about what is meshed.

@@ -124,7 +124,7 @@ pub struct lapd_label_row {
     pub components_mesh: u64,
 }
 
-// SAFETY of all five: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of version 0.1 and stays when fields are
+// SAFETY of all six: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of version 0.1 and stays when fields are
 // appended.
 unsafe impl Growing for lapd_counts {
     const FIRST_SIZE: u64 = 56;

@@ -169,7 +169,8 @@ impl<'a> Rules<'a> {
         if sample.clearance < radius {
             // The closest surface point z lies between the circumcenter and the target. Without R2 there is a quick way to refuse R1.
             let target = self.oracle.target(&approach);
-            let is_large = radius > if sample.label == 0 { LARGE_BACKGROUND } else { LARGE_OBJECT } * self.delta;
+            let large = if sample.label == 0 { LARGE_BACKGROUND } else { LARGE_OBJECT };
+            let is_large = radius > large * self.delta;
             if (is_large || !self.covers(vertices, center, sample.label, target))
                 && let Some(z) = self.oracle.closest_on(&approach, target, radius)
             {
