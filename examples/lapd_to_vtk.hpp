@@ -3,11 +3,11 @@
 //
 //   points        shared: lapd's double[n][3] is VTK's
 //   label         shared: int32_t is the int of vtkIntArray
-//   connectivity  shared: since VTK 9, cell arrays may be of 32 bits, and lapd's numbers stay below 2^28, so that their
-//   unsigned
-//                 32 bits read the same when signed
-//   offsets       made, 4 bytes for each tet: VTK wants the place of every cell in the connectivity, lapd knows that it
-//   is 4 * i cell types    made, 1 byte for each tet, by VTK
+//   connectivity  shared: since VTK 9, cell arrays may be of 32 bits, and lapd's numbers stay below 2^28, so that
+//                 their unsigned 32 bits read the same when signed
+//   offsets       made, 4 bytes for each tet: VTK wants the place of every cell in the connectivity, lapd knows
+//                 that it is 4 * i
+//   cell types    made, 1 byte for each tet, by VTK
 //
 // VTK may read the shared arrays as long as it likes: the mesh lives until the last of their buffers is released.
 // Nobody may write to them.

@@ -9,20 +9,17 @@
 //     mesh.write(context, "atlas.vtu");
 //
 // Conventions
-// - What lapd.h says holds here too: units, shapes, thread safety, who may change what. Every member calls the function
-// of the same
-//   name, where its text stands.
-// - A status other than LAPD_OK becomes a lapd::error, which carries the status and the message. Members may throw
-// std::bad_alloc.
-// - context, image, params and mesh own their handle and free it. They can be moved, not copied. One that was moved
-// from holds
-//   NULL, which every function refuses: its members throw. get() gives the handle for calls that are not here.
-// - Arrays come as views, without copying. A view is valid as long as the object that it came from (wherever that is
-// moved to); for
-//   params: until they are changed.
-// - Callbacks may throw. The exception does not cross the C interface: the run is cancelled, and the exception leaves
-// the call of
-//   this header that was running. What that call made is freed.
+// - What lapd.h says holds here too: units, shapes, thread safety, who may change what. Every member calls the
+//   function of the same name, where its text stands.
+// - A status other than LAPD_OK becomes a lapd::error, which carries the status and the message; a partial mesh
+//   that was asked for is returned instead. Members may throw std::bad_alloc.
+// - context, image, params and mesh own their handle and free it. They can be moved, not copied. One that was
+//   moved from holds NULL, which every function refuses: its members throw. get() gives the handle for calls
+//   that are not here.
+// - Arrays come as views, without copying. A view is valid as long as the object that it came from (wherever that
+//   is moved to); for params: until they are changed.
+// - Callbacks may throw. The exception does not cross the C interface: the run is cancelled, and the exception
+//   leaves the call of this header that was running. What that call made is freed.
 #ifndef LAPD_HPP
 #define LAPD_HPP
 

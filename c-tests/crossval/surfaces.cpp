@@ -1,13 +1,12 @@
 // surfaces NAME DELTA SIZE [EDGE]: the interfaces are closed, and our MEDIT file gives CGAL the mesh that we have.
 //
-// - Around every label its facets, turned outwards, form a cycle: each edge is used as often in one direction as in the
-// other, so an even
-//   number of times. The volume inside, by the divergence theorem, is that of the label's tets.
-// - CGAL builds a Mesh_complex_3_in_triangulation_3 from our MEDIT file: its triangulation is valid, cells of every
-// subdomain and facets of every
-//   pair of labels are as many as ours, and no edge is the border of a surface.
-// - With EDGE, CGAL's tetrahedral_isotropic_remeshing takes the mesh to this edge length, and every label keeps its
-// volume.
+// - Around every label its facets, turned outwards, form a cycle: each edge is used as often in one direction as
+//   in the other, so an even number of times. The volume inside, by the divergence theorem, is that of the
+//   label's tets.
+// - CGAL builds a Mesh_complex_3_in_triangulation_3 from our MEDIT file: its triangulation is valid, cells of
+//   every subdomain and facets of every pair of labels are as many as ours, and no edge is the border of a surface.
+// - With EDGE, CGAL's tetrahedral_isotropic_remeshing takes the mesh to this edge length, and every label keeps
+//   its volume.
 
 #include "cases.hpp"
 #include "shape.hpp"
