@@ -103,6 +103,7 @@ expect 0 0 box.nrrd -o b.vtu -o b.mesh -o b.stl --delta 1 --size 2 --label-size 
 expect 0 0 box.nrrd -o k.vtu --keep 2 --report k.json --quiet
 expect 0 0 box.nrrd -o v.vtu --surface voxel --report v.json --quiet
 expect 0 0 box.nrrd -o g.vtu --background --report g.json --quiet
+expect 0 0 box.nrrd --report m.json --memory --quiet
 
 # The report, of a file whose name is a trial for JSON.
 odd=$(printf 'odd "name" \\ \t \303\244 \377.nrrd')
@@ -119,9 +120,9 @@ def load(name):
     with open(name, encoding="utf-8") as file:
         return json.load(file)
 
-odd, keep, background = load("odd.json"), load("k.json"), load("g.json")
+odd, keep, background, memory = load("odd.json"), load("k.json"), load("g.json"), load("m.json")
 assert odd["input"] == 'odd "name" \\ \t \u00e4 \ufffd.nrrd', odd["input"]
-keys = """version input delta size threads algorithm tets vertices interface_facets all_tets peak_rss_bytes seconds operations
+keys = """version input delta size threads algorithm tets vertices interface_facets all_tets peak_rss_bytes oracle_bytes seconds operations
 overhead quality certificate labels""".split()
 assert all(key in odd for key in keys), [key for key in keys if key not in odd]
 inner = {
@@ -139,6 +140,10 @@ assert odd["delta"] == 1.5 and odd["size"] == 3 and odd["threads"] == 1 and odd[
 assert [row["label"] for row in odd["labels"]] == [1, 2]
 assert odd["tets"] == sum(row["tets"] for row in odd["labels"]) > 0
 assert odd["peak_rss_bytes"] > 1 << 20
+assert odd["oracle_bytes"] >= 8 * 10**3 and "memory_bytes" not in odd
+peaks = [memory["memory_bytes"][name] for name in "peak_distance peak_refine peak_extract".split()]
+assert 1 << 20 < peaks[0] <= peaks[1] <= peaks[2] <= memory["peak_rss_bytes"], memory
+assert memory["memory_bytes"]["read"] > 1 << 20, memory
 assert [row["label"] for row in keep["labels"]] == [2], keep["labels"]
 assert background["all_tets"] >= background["tets"] > 0
 END

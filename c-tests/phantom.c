@@ -182,6 +182,7 @@ static void check_report(const lapd_mesh *mesh, const arrays *a) {
     CHECK(counts.vertices == a->point_count && counts.tets == a->tet_count);
     CHECK(counts.interface_facets == a->facet_count);
     CHECK(counts.all_tets >= counts.tets && counts.all_vertices >= counts.vertices);
+    CHECK(counts.oracle_bytes > 0);
 
     size_t rows = 0, row_tets = 0;
     CHECK(lapd_mesh_get_label_row_count(mesh, &rows) == LAPD_OK);

@@ -30,7 +30,7 @@ static const char USAGE[] =
     "OUT, by its ending: .vtu .vtk .mesh .node .ele .msh (Gmsh 4.1) .msh2 (Gmsh 2.2) .inp (Abaqus) .stl .ply .off\n"
     "Lengths are in the image's world units (mm).\n"
     "\n"
-    "  -o OUT               write the mesh; may be given again\n"
+    "  -o OUT               write the mesh; may be given again, or left out with --report\n"
     "  --delta MM           distance between samples on the interfaces;\n"
     "                       default 1.5 times the geometric mean of the voxel's sides\n"
     "  --size MM            largest circumradius of tets; default 2 times delta\n"
@@ -51,6 +51,7 @@ static const char USAGE[] =
     "  --max-memory BYTES   give up when the run needs more; K, M, G stand for 2^10, 2^20, 2^30\n"
     "  --partial            when such a limit is reached, write the mesh of what there is\n"
     "  --report FILE.json   write a report\n"
+    "  --memory             with the peak of memory until the end of each phase in it\n"
     "  --quiet              no progress, no table\n"
     "  --help               this text\n"
     "  --version            the version of the library\n"
@@ -92,15 +93,25 @@ static void cancel_on_interrupt(lapd_context *context) {
 }
 
 typedef struct {
+    bool visible;
     double last_time;
     bool shown;
+    /* Where the peaks of memory are kept, or NULL. */
+    memory_use *memory;
+    int32_t phase;
 } progress_line;
 
 static int32_t show_progress(void *user, const lapd_progress *progress) {
     static const char *const phases[] = {"distance transform", "refinement", "extraction", "certificate"};
     progress_line *line = user;
+    /* The first report of a phase comes before anything is done in it, and the run waits for the answer. */
+    for (; line->phase < progress->phase && line->phase < LAPD_PHASE_CERTIFY; line->phase++) {
+        if (line->memory != NULL) {
+            line->memory->peak[line->phase] = peak_memory();
+        }
+    }
     double time = now();
-    if (time - line->last_time >= 0.1) {
+    if (line->visible && time - line->last_time >= 0.1) {
         size_t phase = (size_t)progress->phase;
         const char *name = phase < sizeof phases / sizeof *phases ? phases[phase] : "meshing";
         fprintf(stderr, "\r%3.0f %%  %-18s  %llu tets ", 100 * progress->fraction, name,
@@ -302,6 +313,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             status = lapd_params_set_optimize(context, params, 1);
         } else if (strcmp(option, "--no-optimize") == 0) {
             status = lapd_params_set_optimize(context, params, 0);
+        } else if (strcmp(option, "--memory") == 0) {
+            o->memory = true;
         } else if (strcmp(option, "--quiet") == 0) {
             o->quiet = true;
         } else {
@@ -343,8 +356,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
     if (o->input == NULL) {
         return usage_error("no input%s%s", "", "");
     }
-    if (o->output_count == 0) {
-        return usage_error("no output (-o)%s%s", "", "");
+    if (o->output_count == 0 && o->report == NULL) {
+        return usage_error("no output (-o) and no --report%s%s", "", "");
     }
     return true;
 }
@@ -377,11 +390,15 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
     lapd_mesh *mesh = NULL;
     summary s;
     file_seconds seconds = {0, 0, 0};
+    memory_use memory;
     memset(&s, 0, sizeof s);
+    memset(&memory, 0, sizeof memory);
+    line->memory = o->memory ? &memory : NULL;
     const double start = now();
 
     lapd_status status = lapd_image_read(context, o->input, &image);
     seconds.read = now() - start;
+    memory.read = resident_memory();
     if (status == LAPD_OK)
         status = set_defaults(context, params, image, o);
     if (status == LAPD_OK)
@@ -409,7 +426,7 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
         complain("%s", lapd_status_message(status));
         goto done;
     }
-    if (o->report != NULL && !save_report(o, params, &s, &seconds)) {
+    if (o->report != NULL && !save_report(o, params, &s, &seconds, line->memory)) {
         goto done;
     }
     if (!o->quiet) {
@@ -418,6 +435,7 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
     exit_status = EXIT_SUCCESS;
 
 done:
+    line->memory = NULL;
     free(s.rows);
     lapd_mesh_free(mesh);
     return exit_status;
@@ -439,8 +457,9 @@ int main(int argc, char **argv) {
     lapd_context *context = NULL;
     lapd_params *params = NULL;
     options o;
-    progress_line line = {0, false};
+    progress_line line;
     memset(&o, 0, sizeof o);
+    memset(&line, 0, sizeof line);
     if (lapd_context_create(&context) != LAPD_OK || lapd_params_create(&params) != LAPD_OK) {
         complain("the library does not start");
     } else if (!parse_options(argc, argv, context, params, &o)) {
@@ -448,7 +467,8 @@ int main(int argc, char **argv) {
     } else {
         cancel_on_interrupt(context);
         lapd_context_set_log(context, show_warning, &line);
-        if (!o.quiet && isatty(STDERR_FILENO)) {
+        line.visible = !o.quiet && isatty(STDERR_FILENO);
+        if (line.visible || o.memory) {
             lapd_context_set_progress(context, show_progress, &line);
         }
         exit_status = run(context, params, &o, &line);

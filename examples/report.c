@@ -175,13 +175,26 @@ static void json_count(FILE *file, const char *before, const char *name, uint64_
     fprintf(file, "%s\"%s\": %llu", before, name, (unsigned long long)value);
 }
 
-static uint64_t peak_memory(void) {
+uint64_t peak_memory(void) {
     struct rusage usage;
     return getrusage(RUSAGE_SELF, &usage) == 0 ? 1024 * (uint64_t)usage.ru_maxrss : 0;
 }
 
+/* Linux tells the pages in the second number of this file; elsewhere there is no such file. */
+uint64_t resident_memory(void) {
+    unsigned long long pages = 0;
+    FILE *file = fopen("/proc/self/statm", "r");
+    if (file != NULL) {
+        if (fscanf(file, "%*u %llu", &pages) != 1) {
+            pages = 0;
+        }
+        fclose(file);
+    }
+    return (uint64_t)pages * (uint64_t)sysconf(_SC_PAGESIZE);
+}
+
 static void write_json(FILE *f, const options *o, const lapd_params *params, const summary *s,
-                       const file_seconds *seconds) {
+                       const file_seconds *seconds, const memory_use *memory) {
     double delta = NAN, size = NAN;
     size_t threads = 0;
     lapd_params_get_delta(params, &delta);
@@ -205,6 +218,14 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_count(f, ",\n  ", "all_tets", s->counts.all_tets);
     json_count(f, ",\n  ", "all_vertices", s->counts.all_vertices);
     json_count(f, ",\n  ", "peak_rss_bytes", peak_memory());
+    json_count(f, ",\n  ", "oracle_bytes", s->counts.oracle_bytes);
+    if (memory != NULL) {
+        json_count(f, ",\n  \"memory_bytes\": {", "read", memory->read);
+        json_count(f, ", ", "peak_distance", memory->peak[LAPD_PHASE_DISTANCE]);
+        json_count(f, ", ", "peak_refine", memory->peak[LAPD_PHASE_REFINE]);
+        json_count(f, ", ", "peak_extract", memory->peak[LAPD_PHASE_EXTRACT]);
+        fputc('}', f);
+    }
 
     fputs(",\n  \"seconds\": {", f);
     json_number(f, "", "read", seconds->read);
@@ -267,7 +288,8 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
 }
 
 /* Writes the report beside its place and moves it there, so that nobody ever reads half of one. */
-bool save_report(const options *o, const lapd_params *params, const summary *s, const file_seconds *seconds) {
+bool save_report(const options *o, const lapd_params *params, const summary *s, const file_seconds *seconds,
+                 const memory_use *memory) {
     size_t length = strlen(o->report) + 32;
     char *temporary = malloc(length);
     if (temporary == NULL) {
@@ -278,7 +300,7 @@ bool save_report(const options *o, const lapd_params *params, const summary *s, 
     FILE *file = fopen(temporary, "w");
     bool ok = file != NULL;
     if (ok) {
-        write_json(file, o, params, s, seconds);
+        write_json(file, o, params, s, seconds, memory);
         ok = !ferror(file);
         ok = fclose(file) == 0 && ok;
         ok = ok && rename(temporary, o->report) == 0;

@@ -5,6 +5,7 @@
 #include <lapd.h>
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 /* What the command line asks for. Parameters go straight to the library's handle, which checks them. */
 typedef struct {
@@ -14,6 +15,7 @@ typedef struct {
     const char *report;
     bool has_delta;
     bool has_size;
+    bool memory;
     bool quiet;
 } options;
 
@@ -23,6 +25,14 @@ typedef struct {
     double write;
     double total;
 } file_seconds;
+
+/* Bytes of resident memory; 0 where the system does not tell. */
+typedef struct {
+    /* Once the image has been read. */
+    uint64_t read;
+    /* The peak until the end of each phase but the last, by lapd_phase. */
+    uint64_t peak[LAPD_PHASE_CERTIFY];
+} memory_use;
 
 /* All that the library knows about a mesh, the arrays apart. */
 typedef struct {
@@ -45,7 +55,13 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s);
 
 void print_table(const summary *s, const file_seconds *seconds);
 
-/* Writes the JSON report. Returns false, with a message on stderr, when it cannot be written. */
-bool save_report(const options *o, const lapd_params *params, const summary *s, const file_seconds *seconds);
+/* Of this process, in bytes; 0 where the system does not tell. */
+uint64_t peak_memory(void);
+uint64_t resident_memory(void);
+
+/* Writes the JSON report; `memory` is NULL when it was not asked for. Returns false, with a message on stderr, when it
+ * cannot be written. */
+bool save_report(const options *o, const lapd_params *params, const summary *s, const file_seconds *seconds,
+                 const memory_use *memory);
 
 #endif

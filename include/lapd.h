@@ -312,6 +312,10 @@ typedef struct {
    * Tets of the whole triangulation, when refinement ended.
    */
   uint64_t all_tets;
+  /**
+   * Bytes of the image's labels and distances that refinement looks at; freed when the mesh was collected.
+   */
+  uint64_t oracle_bytes;
 } lapd_counts;
 
 /**

@@ -72,6 +72,8 @@ pub struct RunReport {
     pub all_tets: u64,
     /// Vertices of the whole triangulation, corners of the box included.
     pub all_vertices: u64,
+    /// Memory of the oracle, held from the distance transform to the end of extraction.
+    pub oracle_bytes: u64,
     /// Operations.
     pub operations: Operations,
     /// Tets and facets to which rules R1 to R6 still apply, but cannot be carried out.
@@ -151,6 +153,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
             ))
         }));
     }
+    let oracle_bytes = oracle.bytes() as u64;
     drop(rules);
     drop(triangulation);
     drop(oracle);
@@ -182,7 +185,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         exact_predicates: counters.exact_predicates,
     };
     let (all_tets, all_vertices) = (check.tets, check.vertices);
-    let report = RunReport { seconds, all_tets, all_vertices, operations, unmet, quality, certificate };
+    let report = RunReport { seconds, all_tets, all_vertices, oracle_bytes, operations, unmet, quality, certificate };
     Ok(Meshing { mesh, report, ended_by })
 }
 

@@ -2,7 +2,7 @@
 // same code from MEDIT files.
 //
 // OURS lies in the world, as lapd writes it; THEIRS along the axes of the image with the first voxel's centre at the
-// origin, as benches/cgal/cgal_mesh_3 writes it. Interfaces are found anew: facets between two labels, or between a
+// origin, as benches/peers/cgal_mesh_3 writes it. Interfaces are found anew: facets between two labels, or between a
 // label and nothing.
 //
 // Surface distance, from samples of one side to the exact nearest point of the other:

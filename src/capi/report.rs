@@ -23,6 +23,8 @@ pub struct lapd_counts {
     pub all_vertices: u64,
     /// Tets of the whole triangulation, when refinement ended.
     pub all_tets: u64,
+    /// Bytes of the image's labels and distances that refinement looks at; freed when the mesh was collected.
+    pub oracle_bytes: u64,
 }
 
 /// Wall-clock seconds of the phases of a run. Set struct_size to sizeof(lapd_timings) before the call.
@@ -181,6 +183,7 @@ pub unsafe extern "C" fn lapd_mesh_get_counts(mesh: *const lapd_mesh, counts: *m
             interface_facets: meshing.mesh.facets.len() as u64,
             all_vertices: meshing.report.all_vertices,
             all_tets: meshing.report.all_tets,
+            oracle_bytes: meshing.report.oracle_bytes,
         })
     }
 }

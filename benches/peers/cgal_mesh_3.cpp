@@ -7,7 +7,7 @@
 //          perturbation, no optimisation, so that what is timed is Delaunay refinement; --optimize adds perturbation and exudation after
 //          it, untimed. The label weights of CGAL are off.
 // Timing:  `seconds.refine` is the wall time of make_mesh_3, `cpu_seconds` the user CPU time of the whole process in it.
-//          Reading, measuring and writing are outside both.
+//          Reading, measuring and writing are outside both. `peak_rss_bytes` is taken when make_mesh_3 returns.
 
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Image_3.h>
@@ -21,6 +21,7 @@
 #include <lapd.h>
 
 #include <tbb/global_control.h>
+#include <tbb/version.h>
 
 #include <sys/resource.h>
 
@@ -162,13 +163,15 @@ std::map<int, std::size_t> count_voxels(const CGAL::Image_3& image) {
   return labels;
 }
 
-struct Times {
+struct Spent {
   double wall, user;
-  static Times now() {
+  std::size_t peak_bytes;  // of resident memory, from the start of the process on
+  static Spent now() {
     rusage usage{};
     getrusage(RUSAGE_SELF, &usage);
     const auto clock = std::chrono::steady_clock::now().time_since_epoch();
-    return {std::chrono::duration<double>(clock).count(), usage.ru_utime.tv_sec + 1e-6 * usage.ru_utime.tv_usec};
+    return {std::chrono::duration<double>(clock).count(), usage.ru_utime.tv_sec + 1e-6 * usage.ru_utime.tv_usec,
+            static_cast<std::size_t>(usage.ru_maxrss) * 1024};
   }
 };
 
@@ -241,21 +244,23 @@ std::string quoted(const std::string& s) {
   return out + '"';
 }
 
-void write_report(std::ostream& os, const Options& o, const CGAL::Image_3& image, std::size_t all_tets, const Times& spent,
+std::string version() {
+  return std::string("CGAL ") + CGAL_STR(CGAL_VERSION) + " with TBB " + std::to_string(TBB_VERSION_MAJOR) + "." + std::to_string(TBB_VERSION_MINOR);
+}
+
+void write_report(std::ostream& os, const Options& o, const CGAL::Image_3& image, std::size_t all_tets, const Spent& spent,
                   double seconds_read, const Quality& q) {
   const auto voxels = count_voxels(image);
   const double voxel_volume = std::abs(image.vx() * image.vy() * image.vz());
   std::size_t tets = 0;
   for (const auto& [label, sum] : q.labels) tets += sum.tets;
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
 
-  os << std::setprecision(8) << "{ \"version\": " << quoted(std::string("CGAL ") + CGAL_STR(CGAL_VERSION)) << ", \"input\": " << quoted(o.image)
+  os << std::setprecision(8) << "{ \"version\": " << quoted(version()) << ", \"input\": " << quoted(o.image)
      << ",\n  \"algorithm\": \"" << (o.parallel ? "Parallel_tag" : "Sequential_tag") << "\", \"threads\": " << o.threads
      << ",\n  \"criteria\": {\"facet_angle\": " << o.facet_angle << ", \"facet_size\": " << o.facet_size << ", \"facet_distance\": " << o.facet_distance
      << ", \"cell_radius_edge\": " << o.cell_radius_edge << ", \"cell_size\": " << o.cell_size << "}"
      << ",\n  \"tets\": " << tets << ", \"vertices\": " << q.vertices << ", \"interface_facets\": " << q.interface_facets << ", \"all_tets\": " << all_tets
-     << ", \"peak_rss_bytes\": " << static_cast<std::size_t>(usage.ru_maxrss) * 1024
+     << ", \"peak_rss_bytes\": " << spent.peak_bytes
      << ",\n  \"seconds\": {\"read\": " << seconds_read << ", \"refine\": " << spent.wall << "}, \"cpu_seconds\": " << spent.user
      << ", \"tets_per_second\": " << tets / spent.wall << ", \"tets_per_cpu_second\": " << tets / spent.user
      << ",\n  \"quality\": {\"min_dihedral\": " << q.min_dihedral << ", \"max_dihedral\": " << q.max_dihedral
@@ -287,22 +292,22 @@ void run(const Options& o) {
   using Criteria = CGAL::Mesh_criteria_3<Triangulation>;
   static_assert(std::is_same<typename Triangulation::Concurrency_tag, Concurrency>::value, "the tag asked for is the one that runs");
 
-  const Times start = Times::now();
+  const Spent start = Spent::now();
   const CGAL::Image_3 image = load_image(o.image);
-  const Times read = Times::now();
+  const Spent read = Spent::now();
   const Domain domain = Domain::create_labeled_image_mesh_domain(image);
   const Criteria criteria(params::facet_angle = o.facet_angle, params::facet_size = o.facet_size, params::facet_distance = o.facet_distance,
                           params::cell_radius_edge_ratio = o.cell_radius_edge, params::cell_size = o.cell_size);
-  const Times before = Times::now();
+  const Spent before = Spent::now();
   C3t3 mesh = CGAL::make_mesh_3<C3t3>(domain, criteria, params::no_perturb(), params::no_exude());
-  const Times after = Times::now();
+  const Spent after = Spent::now();
   if (o.optimize > 0) {
     CGAL::perturb_mesh_3(mesh, domain, params::time_limit = o.optimize);
     CGAL::exude_mesh_3(mesh, params::time_limit = o.optimize);
   }
 
   const Quality quality = measure(mesh);
-  const Times spent{after.wall - before.wall, after.user - before.user};
+  const Spent spent{after.wall - before.wall, after.user - before.user, after.peak_bytes};
   auto report = [&](std::ostream& os) {
     write_report(os, o, image, mesh.triangulation().number_of_finite_cells(), spent, read.wall - start.wall, quality);
   };
