@@ -284,7 +284,8 @@ static void meshing(void) {
         free(buffer);                                                                                                  \
     } while (0)
 
-#define CHECK_STRUCT(name)                                                                                             \
+/* `first` is the size that the struct had in version 0.1: programs of that version have no more room. */
+#define CHECK_STRUCT(name, first)                                                                                      \
     do {                                                                                                               \
         lapd_##name s[2];                                                                                              \
         memset(s, 0x55, sizeof s);                                                                                     \
@@ -294,8 +295,12 @@ static void meshing(void) {
         INVALID(lapd_mesh_get_##name(mesh, NULL));                                                                     \
         s[0].struct_size = 0;                                                                                          \
         INVALID(lapd_mesh_get_##name(mesh, s));                                                                        \
-        s[0].struct_size = sizeof s[0] - 8;                                                                            \
+        s[0].struct_size = (first)-8;                                                                                  \
         INVALID(lapd_mesh_get_##name(mesh, s));                                                                        \
+        s[0].struct_size = (first);                                                                                    \
+        CHECK(lapd_mesh_get_##name(mesh, s) == LAPD_OK);                                                               \
+        CHECK(s[0].struct_size == (first));                                                                            \
+        CHECK(memcmp((char *)s + (first), (const char *)&untouched + (first), sizeof s[0] - (first)) == 0);            \
         s[0].struct_size = UINT64_MAX;                                                                                 \
         INVALID(lapd_mesh_get_##name(mesh, s));                                                                        \
         s[0].struct_size = sizeof s[0];                                                                                \
@@ -315,11 +320,11 @@ static void mesh_getters(void) {
     CHECK_ARRAY(facets, uint32_t, 3);
     CHECK_ARRAY(facet_labels, int32_t, 2);
     CHECK_ARRAY(facet_tets, uint32_t, 2);
-    CHECK_STRUCT(counts);
-    CHECK_STRUCT(timings);
-    CHECK_STRUCT(operations);
-    CHECK_STRUCT(quality);
-    CHECK_STRUCT(certificate);
+    CHECK_STRUCT(counts, 56);
+    CHECK_STRUCT(timings, 40);
+    CHECK_STRUCT(operations, 40);
+    CHECK_STRUCT(quality, 184);
+    CHECK_STRUCT(certificate, 120);
 
     size_t rows = 0;
     lapd_label_row row = {.struct_size = sizeof row};

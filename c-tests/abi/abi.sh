@@ -104,8 +104,8 @@ must_pass() {
     }
 }
 must_fail member_type 's/^  uint64_t tissue_tets;/  uint32_t tissue_tets;/'
-must_fail last_member_type 's/^  uint64_t all_tets;/  uint32_t all_tets;/'
-must_fail last_member_removed '/^  uint64_t all_tets;/d'
+must_fail last_member_type 's/^  uint64_t components_mesh;/  uint32_t components_mesh;/'
+must_fail last_member_removed '/^  uint64_t components_mesh;/d'
 must_fail member_removed '/^  uint64_t tissue_tets;/d'
 must_fail member_inserted 's/^  uint64_t vertices;/  uint64_t before; &/'
 must_fail parameter_type 's/\(lapd_params_set_delta(.*\)double delta/\1float delta/'
