@@ -27,7 +27,7 @@ RESULTS = BUILD / "peers" / "results"
 DOCS = ROOT / "docs" / "benchmarks.md"
 
 # Where tuning starts, for a million tets: delta in world units. Size is always twice delta.
-START = {"aal": 1.35, "brain": 1.7, "abdomen": 1.55, "balls": 0.55}
+START = {"aal": 1.35, "brain": 1.97, "abdomen": 1.61, "balls": 0.55}
 # Criteria of Mesh_3 as multiples of our delta, which give about as many tets and interface facets as we have; a common factor is tuned.
 FACET_SIZE, FACET_DISTANCE, CELL_SIZE = 1.16, 0.26, 2.0
 # How far the number of tets may be from what was asked for: ours from the target, theirs from ours; and in the end, in every timed run.
@@ -431,17 +431,20 @@ def growth(options):
     def measure(delta):
         return ours(image, delta, options.threads, "--memory", *limit)
 
-    # The first round looks for the bounds and measures memory; the later ones are timed. Only the first bound is tuned exactly: from there on each
-    # mesh gets about twice the tets of the one before.
+    # The first round looks for the bounds and measures memory; the later ones are timed. The first bound is tuned; from there on each aims at
+    # twice the tets, and what it misses by the next one makes up for.
     say(f"{name}: looking for the bounds")
-    start = START[name] * (1e6 / options.smallest) ** (1 / 2.2)
+    exponent = 2.2
+    start = START[name] * (1e6 / options.smallest) ** (1 / exponent)
     delta, report = tune("delta", start, options.smallest, 0.05, measure)
-    sizes, exponent = [(delta, report)], 2.6
-    while 2 * report["tets"] <= 1.1 * options.largest:
-        delta = float(f"{delta / 2 ** (1 / exponent):.4g}")
-        before, report = report, measure(delta)
-        exponent = math.log(report["tets"] / before["tets"]) / math.log(sizes[-1][0] / delta)
+    sizes, target = [(delta, report)], 2 * options.smallest
+    while target <= options.largest:
+        coarser, before = sizes[-1]
+        delta = float(f"{coarser * (before['tets'] / target) ** (1 / exponent):.4g}")
+        report = measure(delta)
+        exponent = math.log(report["tets"] / before["tets"]) / math.log(coarser / delta)
         sizes.append((delta, report))
+        target *= 2
         say(f"    delta {delta:g}: {report['tets']} tets, refine {report['seconds']['refine']:.2f} s")
     runs = [[] for _ in sizes]
     for turn in range(options.runs):
