@@ -8,7 +8,7 @@
 use std::time::{Duration, Instant};
 
 use crate::delaunay::Triangulation;
-use crate::delaunay::check::{CHECK_EVERY, Check};
+use crate::delaunay::check::CHECK_EVERY;
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
 use crate::mesh::TetMesh;
@@ -127,21 +127,16 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let margin = (upper - lower).max_element() * BOX_MARGIN + 4.0 * params.delta;
     let triangulation = Triangulation::new(lower - margin, upper + margin)?;
     let rules = Rules::new(&triangulation, &oracle, params, image.labels())?;
-    let schedule = Schedule { expected_tets: expected_tets(image, params, monitor)?, limits };
-    let Refinement { counters, ended_by } = refine(&rules, &schedule, monitor)?;
+    let schedule = Schedule { expected_tets: expected_tets(image, params), limits };
+    let Refinement { counters, work: _, ended_by } = refine(&rules, &schedule, monitor)?;
     let ended_by = match ended_by {
         Some(limit) if !params.partial => return Err(limit),
         ended_by => ended_by,
     };
     seconds.refine = lap();
+    log_refinement(monitor, &counters, seconds.refine);
 
     let tets = triangulation.tet_bound() as usize;
-    monitor.enter(Step::Unmet, tets)?;
-    let unmet = unmet_rules(&rules, monitor)?;
-    monitor.enter(Step::Validate, tets + triangulation.vertex_bound() as usize)?;
-    let check = triangulation.check_while(|| monitor.advance(CHECK_EVERY as usize))?;
-    monitor.note_tets(check.tets);
-    log_refinement(monitor, &counters, &check, seconds.refine);
     monitor.enter(Step::Extract, tets)?;
     let label = |t| image.labels()[usize::from(rules.label(t))];
     let mesh = extract(&triangulation, label, params.background, monitor)?;
@@ -153,10 +148,6 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
             ))
         }));
     }
-    let oracle_bytes = oracle.bytes() as u64;
-    drop(rules);
-    drop(triangulation);
-    drop(oracle);
     seconds.extract = lap();
     monitor.log(
         Level::Info,
@@ -169,6 +160,15 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         ),
     );
 
+    monitor.enter(Step::Unmet, tets)?;
+    let unmet = unmet_rules(&rules, monitor)?;
+    monitor.enter(Step::Validate, tets + triangulation.vertex_bound() as usize)?;
+    let check = triangulation.check_while(|| monitor.advance(CHECK_EVERY as usize))?;
+    monitor.note_tets(check.tets);
+    let oracle_bytes = oracle.bytes() as u64;
+    drop(rules);
+    drop(triangulation);
+    drop(oracle);
     let quality = Quality::measure(&mesh, monitor)?;
     let certificate = Certificate::measure(&mesh, image, check.non_delaunay_facets, unmet, monitor)?;
     seconds.certify = lap();
@@ -215,12 +215,12 @@ fn describe(image: &LabelImage, params: &MeshParams) -> String {
     )
 }
 
-fn log_refinement(monitor: &Monitor<'_>, counters: &Counters, check: &Check, seconds: f64) {
-    let Counters { insertions, removals, .. } = counters;
-    let Check { tets, vertices, .. } = check;
-    let rate = *tets as f64 / seconds.max(1e-9);
+fn log_refinement(monitor: &Monitor<'_>, counters: &Counters, seconds: f64) {
+    let Counters { insertions, removals, created, destroyed, .. } = counters;
+    let tets = created.saturating_sub(*destroyed);
+    let rate = tets as f64 / seconds.max(1e-9);
     let line = format!(
-        "refinement done in {seconds:.2} s: {tets} tets, {vertices} vertices, {insertions} insertions, {removals} removals, {rate:.0} tets per second"
+        "refinement done in {seconds:.2} s: {tets} tets, {insertions} insertions, {removals} removals, {rate:.0} tets per second"
     );
     monitor.log(Level::Info, &line);
 }
@@ -257,21 +257,8 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
     lines
 }
 
-/// A guess of the tets of the whole triangulation, for progress only: some per delta^2 of interface and some per size^3 of object, as measured on the atlases.
-fn expected_tets(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>) -> Result<u64> {
-    let [nx, ny, _] = image.dims();
-    let changes = |a: &[u16], b: &[u16]| a.iter().zip(b).filter(|(a, b)| a != b).count() as f64;
-    let spacing = image.frame().spacing();
-    let voxel = spacing.element_product();
-    let (mut area, mut volume) = (0.0, 0.0);
-    let mut below: &[u16] = &[];
-    for slice in image.ids().chunks(nx * ny) {
-        monitor.check_cancelled()?;
-        area += voxel / spacing.x * changes(slice, &slice[1..])
-            + voxel / spacing.y * changes(slice, &slice[nx..])
-            + voxel / spacing.z * changes(slice, below);
-        volume += voxel * slice.iter().filter(|&&id| id != 0).count() as f64;
-        below = slice;
-    }
-    Ok((4.0 * area / params.delta.powi(2) + 8.0 * volume / params.size.powi(3)) as u64)
+/// A guess of the tets within the object, for progress only: some per size^3, as measured on the atlases.
+fn expected_tets(image: &LabelImage, params: &MeshParams) -> u64 {
+    let voxels = image.ids().iter().filter(|&&id| id != 0).count() as f64;
+    (8.0 * voxels * image.frame().spacing().element_product() / params.size.powi(3)) as u64
 }

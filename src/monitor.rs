@@ -31,16 +31,16 @@ pub enum Phase {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(usize)]
 pub enum Step {
-    /// The oracle: feature transform, labels, weights.
+    /// The oracle: labels, their weights.
     Oracle,
     /// Delaunay refinement.
     Refine,
-    /// Tets that a rule still applies to are counted.
+    /// The mesh is collected.
+    Extract,
+    /// What rules still apply to is counted.
     Unmet,
     /// The triangulation is checked.
     Validate,
-    /// The mesh is collected.
-    Extract,
     /// Shapes are measured.
     Quality,
     /// The image's interfaces are collected, and the mesh's distance to them is measured.
@@ -58,8 +58,8 @@ const STEPS: [(Phase, f64); 10] = [
     (Phase::Distance, 0.0),
     (Phase::Refine, 0.10),
     (Phase::Extract, 0.50),
-    (Phase::Extract, 0.58),
-    (Phase::Extract, 0.65),
+    (Phase::Certify, 0.53),
+    (Phase::Certify, 0.60),
     (Phase::Certify, 0.68),
     (Phase::Certify, 0.73),
     (Phase::Certify, 0.85),

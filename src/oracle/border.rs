@@ -16,8 +16,8 @@ pub(super) struct Border {
     pub(super) lower: DVec3,
     pub(super) upper: DVec3,
     /// The box of the voxel centres that count.
-    first: DVec3,
-    last: DVec3,
+    pub(super) first: DVec3,
+    pub(super) last: DVec3,
 }
 
 impl Border {

@@ -43,6 +43,7 @@
 
 mod border;
 mod crossing;
+mod edges;
 mod indicator;
 mod region;
 mod rings;
@@ -51,6 +52,7 @@ mod weights;
 use glam::{DMat3, DVec3};
 
 use border::Border;
+pub use edges::{CrossedEdge, EdgeGrid};
 use region::{mark_surface, region, region_voxels, set_room};
 use rings::Rings;
 

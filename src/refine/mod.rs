@@ -2,12 +2,14 @@
 //!
 //! | file | what |
 //! |---|---|
+//! | [`sampling`] | R1: samples of the isosurface, before there are tets |
 //! | [`rules`] | what each rule asks for; reads only |
 //! | [`vertex_grid`] | which vertices lie near a point |
 //! | [`refiner`] | one worker's loop: look, insert, remove |
 
 pub mod refiner;
 pub mod rules;
+pub mod sampling;
 pub mod vertex_grid;
 
 pub use refiner::{refine, unmet_rules};

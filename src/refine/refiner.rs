@@ -9,7 +9,8 @@
 
 use std::time::Instant;
 
-use super::rules::{Demand, Rule, Rules};
+use super::rules::{Demand, Lookups, Rule, Rules};
+use super::sampling::sample_isosurface;
 use crate::delaunay::worker::Counters;
 use crate::delaunay::{Insertion, Removal, Solo, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker};
 use crate::monitor::Monitor;
@@ -21,9 +22,12 @@ const LOOK_EVERY: u64 = 1024;
 /// Entries that a stack has room for at each look: more than the steps until the next one push, unless cavities are monstrous.
 const ROOM: usize = 64 * LOOK_EVERY as usize;
 
+/// Tets of the whole triangulation that a sample of the isosurface comes to have about it, for progress only.
+const TETS_PER_SAMPLE: u64 = 8;
+
 /// What the loop is told beside the rules.
 pub struct Schedule {
-    /// Tets expected in the end; progress is measured against it.
+    /// Tets expected in the end, beside those around samples of the isosurface; progress is measured against it.
     pub expected_tets: u64,
     /// Where to end, whether rules still apply or not.
     pub limits: Limits,
@@ -66,11 +70,24 @@ impl Limits {
     }
 }
 
+/// What a refinement did beside the operations of the kernel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Vertices that each of R1 to R5 inserted, and those that R6 removed.
+    pub by_rule: [u64; 6],
+    /// Tets that were looked at.
+    pub looks: u64,
+    /// What was asked of the oracle meanwhile.
+    pub lookups: Lookups,
+}
+
 /// How a refinement ended.
 #[derive(Debug)]
 pub struct Refinement {
     /// Operations.
     pub counters: Counters,
+    /// Rules and lookups.
+    pub work: Work,
     /// The limit that ended it; `None`: no rule applies any more.
     pub ended_by: Option<Error>,
 }
@@ -83,6 +100,8 @@ struct Refiner<'r, 'a> {
     poor: Vec<TetStamp>,
     near: Vec<VertexId>,
     most_vertices: u64,
+    expected_tets: u64,
+    work: Work,
 }
 
 /// Refines until no rule applies, or a limit is reached: one of the schedule's, or that of the ids.
@@ -98,18 +117,61 @@ pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> 
         poor: Vec::new(),
         near: Vec::new(),
         most_vertices: schedule.limits.max_vertices.map_or(u64::MAX, |most| most as u64),
+        expected_tets: schedule.expected_tets,
+        work: Work::default(),
     };
-    let first: Vec<TetId> = refiner.triangulation.living_tets().collect();
-    first.into_iter().for_each(|t| refiner.enqueue(t));
-    let ended_by = match refiner.run(schedule, monitor) {
+    let done = refiner.insert_samples(schedule, monitor).and_then(|()| refiner.run(schedule, monitor));
+    let ended_by = match done {
         Ok(()) => None,
         Err(limit) if limit.is_limit() => Some(limit),
         Err(error) => return Err(error),
     };
-    Ok(Refinement { counters: refiner.worker.counters, ended_by })
+    Ok(Refinement { counters: refiner.worker.counters, work: refiner.work, ended_by })
 }
 
 impl Refiner<'_, '_> {
+    /// R1. Afterwards all tets are new.
+    fn insert_samples(&mut self, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<()> {
+        let go_on = || monitor.check_cancelled().and_then(|()| schedule.limits.check_time());
+        let samples = sample_isosurface(self.rules.oracle, self.rules.delta, go_on)?;
+        self.expected_tets += TETS_PER_SAMPLE * samples.len() as u64;
+        let mut at = self
+            .triangulation
+            .living_tets()
+            .next()
+            .ok_or_else(|| Error::Internal("a triangulation is empty".into()))?;
+        for (steps, &p) in samples.iter().enumerate() {
+            if (steps as u64).is_multiple_of(LOOK_EVERY) {
+                self.look_around(schedule, monitor)?;
+            }
+            self.check_vertices()?;
+            at = self.triangulation.locate(at, p);
+            match self.worker.insert(self.triangulation, at, p, VertexKind::Isovertex)? {
+                Insertion::Done(_) => {
+                    self.work.by_rule[Rule::R1 as usize] += 1;
+                    at = self.worker.created()[0];
+                }
+                Insertion::Duplicate | Insertion::NotInConflict => {}
+                Insertion::Blocked => return Err(blocked()),
+            }
+        }
+        let tets = self.triangulation.living_tets();
+        let count = self.triangulation.tet_bound() as usize;
+        self.new.try_reserve(count).map_err(|_| Error::OutOfMemory { count, what: "entries of a stack" })?;
+        for t in tets {
+            self.enqueue(t);
+        }
+        Ok(())
+    }
+
+    fn check_vertices(&self) -> Result<()> {
+        let counters = &self.worker.counters;
+        if counters.insertions - counters.removals >= self.most_vertices {
+            return Err(Error::LimitReached(format!("the limit of {} vertices was reached", self.most_vertices)));
+        }
+        Ok(())
+    }
+
     fn run(&mut self, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<()> {
         let mut steps = 0_u64;
         loop {
@@ -139,7 +201,7 @@ impl Refiner<'_, '_> {
         // Of the box there are some more.
         let tets = self.worker.counters.created.saturating_sub(self.worker.counters.destroyed);
         // Approaches 1 from below however wrong the expectation is.
-        let part = 1.0 - (-2.0 * tets as f64 / schedule.expected_tets.max(1) as f64).exp();
+        let part = 1.0 - (-2.0 * tets as f64 / self.expected_tets.max(1) as f64).exp();
         monitor.advance_to(part, tets)?;
         for stack in [&mut self.new, &mut self.poor] {
             stack.try_reserve(ROOM).map_err(|_| Error::OutOfMemory { count: ROOM, what: "entries of a stack" })?;
@@ -156,8 +218,9 @@ impl Refiner<'_, '_> {
     }
 
     fn look(&mut self, stamp: TetStamp) -> Result<()> {
+        self.work.looks += 1;
         self.rules.clear_pending(stamp.tet);
-        if let Some(demand) = self.rules.surface_demand(stamp.tet) {
+        if let Some(demand) = self.rules.surface_demand(stamp.tet, &mut self.work.lookups) {
             self.carry_out(stamp, demand)
         } else {
             if self.rules.volume_demand(stamp.tet).is_some() {
@@ -169,12 +232,10 @@ impl Refiner<'_, '_> {
 
     /// Inserts what a rule demanded when it looked at `stamp`, and applies R6.
     fn carry_out(&mut self, stamp: TetStamp, demand: Demand) -> Result<()> {
-        let counters = &self.worker.counters;
-        if counters.insertions - counters.removals >= self.most_vertices {
-            return Err(Error::LimitReached(format!("the limit of {} vertices was reached", self.most_vertices)));
-        }
+        self.check_vertices()?;
         match self.worker.insert(self.triangulation, demand.start, demand.point, demand.kind)? {
             Insertion::Done(v) => {
+                self.work.by_rule[demand.rule as usize] += 1;
                 self.rules.note_vertex(v, demand.point, demand.kind)?;
                 self.enqueue_created();
                 if demand.kind == VertexKind::Isovertex {
@@ -188,7 +249,7 @@ impl Refiner<'_, '_> {
             }
             // Rounding placed the point on a vertex or out of the conflict zone: the demand stays unmet, and is counted so in the end.
             Insertion::Duplicate | Insertion::NotInConflict => Ok(()),
-            Insertion::Blocked => Err(Error::Internal("a lone worker was blocked".into())),
+            Insertion::Blocked => Err(blocked()),
         }
     }
 
@@ -197,6 +258,7 @@ impl Refiner<'_, '_> {
         self.rules.near_free_vertices(demand.point, &mut near);
         for &v in &near {
             if self.worker.remove(self.triangulation, v)? == Removal::Done {
+                self.work.by_rule[Rule::R6 as usize] += 1;
                 self.enqueue_created();
             }
         }
@@ -212,13 +274,18 @@ impl Refiner<'_, '_> {
     }
 }
 
+fn blocked() -> Error {
+    Error::Internal("a lone worker was blocked".into())
+}
+
 /// Counts the tets to which a rule still applies when refinement has ended, by rule: what was demanded and could not be inserted. A tet of the object that
 /// is too flat for its circumcenter to be computed counts under R4.
 ///
 /// # Errors
 /// [`Error::Cancelled`].
 pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]> {
-    let mut unmet = [0; 6];
+    let mut unmet = [rules.uncovered_edges(monitor)?, 0, 0, 0, 0, 0];
+    let mut asked = Lookups::default();
     // As in the loop: a facet is looked at with the second of its tets.
     for (i, t) in rules.triangulation.living_tets().enumerate() {
         if (i as u64).is_multiple_of(16 * LOOK_EVERY) {
@@ -231,7 +298,7 @@ pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]>
             monitor.advance(LOOK_EVERY as usize)?;
         }
         rules.clear_pending(t);
-        if let Some(demand) = rules.surface_demand(t).or_else(|| rules.volume_demand(t)) {
+        if let Some(demand) = rules.surface_demand(t, &mut asked).or_else(|| rules.volume_demand(t)) {
             unmet[demand.rule as usize] += 1;
         } else if rules.is_undecided(t) {
             unmet[Rule::R4 as usize] += 1;

@@ -1,10 +1,11 @@
-//! The rules R1 to R5 as questions about one tet; what they answer is to be inserted. R6, which answers an insertion, is [`Rules::near_free_vertices`].
+//! The rules R2 to R5 as questions about one tet; what they answer is to be inserted. R1 is asked of the image, once, before there are tets: `sampling`. R6,
+//! which answers an insertion, is [`Rules::near_free_vertices`].
 //!
 //! From Foteinos, Chernikov and Chrisochoides, Guaranteed quality tetrahedral Delaunay meshing for medical images (2014), extended to many
 //! labels. docs/algorithm.md states the rules as they stand here, what was added to them, and why the refinement ends.
 //!
-//! A rule only reads. It looks at the tet, at its neighbours and at the isovertices near a point, so the answer changes only when one
-//! of these does: isovertices are never removed, and a changed neighbour is a new tet, which is looked at itself.
+//! A rule only reads. It looks at the tet and at its neighbours, so the answer changes only when one of these does, and a changed neighbour is a new
+//! tet, which is looked at itself.
 
 use glam::DVec3;
 
@@ -14,6 +15,7 @@ use crate::delaunay::tet::FACET;
 use crate::delaunay::{TetId, Triangulation, VertexId, VertexKind};
 use crate::geometry::predicates::perturbation_order;
 use crate::geometry::shape::{largest_cosine, shortest_squared_edge, triangle_circumcircle};
+use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
 
@@ -42,6 +44,15 @@ pub struct Demand {
     pub start: TetId,
 }
 
+/// What was asked of the oracle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lookups {
+    /// Labels of points.
+    pub labels: u64,
+    /// Crossings of segments.
+    pub crossings: u64,
+}
+
 /// Tets carry the label of their circumcenter in the kernel's tag word.
 const LABEL_KNOWN: u32 = 1 << 16;
 /// The tet waits to be looked at. Its facets are looked at then, so that no facet is looked at from both sides.
@@ -51,24 +62,20 @@ const PENDING: u32 = 1 << 17;
 pub struct Rules<'a> {
     pub(super) triangulation: &'a Triangulation,
     pub(super) oracle: &'a Oracle,
-    pub(super) isovertices: VertexGrid,
-    pub(super) free_vertices: VertexGrid,
-    delta: f64,
+    free_vertices: VertexGrid,
+    pub(super) delta: f64,
+    /// Squared radius above which R2 applies.
+    large_squared: f64,
     radius_edge_squared: f64,
     facet_cosine: f64,
     /// Squared size bound of each label id; infinite for the background.
     sizes_squared: Vec<f64>,
     facet_distance: f64,
     spacing_floor: f64,
-    /// Dual segments with the same label at both ends are asked for a crossing when their squared length is at least this.
-    stay_squared: f64,
 }
 
-/// R2 splits circumballs of tets of the object with a radius of more than this many deltas. The proof of termination needs at least 2.
-const LARGE_OBJECT: f64 = 2.0;
-/// The same for the background, whose tets only look for interfaces that nothing else has found: the size of interface facets is
-/// bounded by their tets in the object.
-const LARGE_BACKGROUND: f64 = 3.0;
+/// R2 splits circumballs with a radius of more than this many deltas. The proof of termination needs at least 2.
+const LARGE: f64 = 2.0;
 
 /// An interface facet may stray from the interface, at its circumcenter, by this part of delta.
 pub const FACET_DISTANCE: f64 = 0.25;
@@ -95,14 +102,13 @@ impl<'a> Rules<'a> {
         Ok(Self {
             triangulation,
             oracle,
-            isovertices: VertexGrid::new(triangulation, VertexKind::Isovertex, 2.0 * params.delta)?,
             free_vertices: VertexGrid::new(triangulation, VertexKind::Free, 4.0 * params.delta)?,
             delta: params.delta,
+            large_squared: (LARGE * params.delta).powi(2),
             radius_edge_squared: params.radius_edge * params.radius_edge,
             facet_cosine: params.facet_angle.to_radians().cos(),
             sizes_squared,
             facet_distance: FACET_DISTANCE * params.delta,
-            stay_squared: oracle.spacing().min_element().powi(2),
             spacing_floor: SPACING_FLOOR * params.delta,
         })
     }
@@ -110,8 +116,7 @@ impl<'a> Rules<'a> {
     /// Bytes of the oracle, the triangulation and the grids.
     pub fn bytes(&self) -> u64 {
         let vertices = self.triangulation.vertex_bound();
-        let grids = self.isovertices.bytes(vertices) + self.free_vertices.bytes(vertices);
-        self.oracle.bytes() as u64 + self.triangulation.bytes() + grids
+        self.oracle.bytes() as u64 + self.triangulation.bytes() + self.free_vertices.bytes(vertices)
     }
 
     /// Marks a tet as waiting.
@@ -152,104 +157,50 @@ impl<'a> Rules<'a> {
         label
     }
 
-    /// What the first surface rule (R1, R2, R3) that applies to `t` asks for.
-    pub fn surface_demand(&self, t: TetId) -> Option<Demand> {
+    /// What the first surface rule (R2, R3) that applies to `t` asks for.
+    pub fn surface_demand(&self, t: TetId, asked: &mut Lookups) -> Option<Demand> {
         let record = self.triangulation.tet(t);
         self.triangulation.prefetch_neighbors(t);
         let sphere = record.sphere();
         if !sphere.is_certain() {
             return None;
         }
-        let (center, squared_radius) = (sphere.center, sphere.squared_radius());
-        let approach = self.oracle.approach(center);
-        let sample = approach.sample;
-        record.set_tag(record.tag() | LABEL_KNOWN | u32::from(sample.label));
-        let radius = squared_radius.sqrt();
-        let vertices = record.vertices();
-        if sample.clearance < radius {
-            // The closest surface point z lies between the circumcenter and the target. Without R2 there is a quick way to refuse R1.
-            let target = self.oracle.target(&approach);
-            let large = if sample.label == 0 { LARGE_BACKGROUND } else { LARGE_OBJECT };
-            let is_large = radius > large * self.delta;
-            if (is_large || !self.covers(vertices, center, sample.label, target))
-                && let Some(z) = self.oracle.closest_on(&approach, target, radius)
-            {
-                if self.is_sparse(vertices, z) && self.triangulation.holds(z) {
-                    return Some(Demand { rule: Rule::R1, point: z, kind: VertexKind::Isovertex, start: t });
-                }
-                if is_large && self.triangulation.holds(center) {
-                    return Some(Demand { rule: Rule::R2, point: center, kind: VertexKind::Free, start: t });
-                }
-            }
+        asked.labels += u64::from(record.tag() & LABEL_KNOWN == 0);
+        let label = self.label(t);
+        if label != 0 && sphere.squared_radius() > self.large_squared && self.has_isovertex(record.vertices()) {
+            return Some(Demand { rule: Rule::R2, point: sphere.center, kind: VertexKind::Free, start: t });
         }
-        (0..4).find_map(|i| self.facet_demand(t, i, sample.clearance))
+        (0..4).find_map(|i| self.facet_demand(t, i, label, asked))
     }
 
-    /// Whether an isovertex of the tet is closer than delta to the surface point on the way from the circumcenter to `target`, found without looking
-    /// for that point: the way crosses the interface inside the isovertex's ball of radius delta when the labels where it enters and leaves
-    /// the ball differ. Then R1 does not apply. Two labels are much cheaper than a crossing, and nearly always decide.
     #[inline]
-    fn covers(&self, vertices: [VertexId; 4], center: DVec3, label: u16, target: DVec3) -> bool {
-        let way = target - center;
-        let (squared_way, squared_delta) = (way.length_squared(), self.delta * self.delta);
-        // The ball with the longest chord.
-        let (mut best, mut middle) = (0.0_f64, 0.0);
-        for v in vertices {
-            let vertex = self.triangulation.vertex(v);
-            if vertex.kind() == VertexKind::Isovertex {
-                let to = vertex.position() - center;
-                let along = to.dot(way);
-                let discriminant = along * along - squared_way * (to.length_squared() - squared_delta);
-                if discriminant > best {
-                    (best, middle) = (discriminant, along);
-                }
-            }
-        }
-        if best == 0.0 {
-            return false;
-        }
-        // Rounding must not place the ends outside of the ball.
-        let half = best.sqrt() * (1.0 - 1e-9);
-        let (enter, leave) = ((middle - half) / squared_way, (middle + half) / squared_way);
-        leave > 0.0
-            && enter < 1.0
-            && (leave >= 1.0 || self.oracle.label(center + way * leave) != label)
-            && (enter <= 0.0 || self.oracle.label(center + way * enter) == label)
+    fn has_isovertex(&self, vertices: [VertexId; 4]) -> bool {
+        vertices.into_iter().any(|v| self.triangulation.vertex(v).kind() == VertexKind::Isovertex)
     }
 
-    /// Whether no isovertex is closer than delta to `z`; the tet's own are asked first.
+    /// R3 for facet `i` of `t`, whose label is `label`.
     #[inline]
-    fn is_sparse(&self, vertices: [VertexId; 4], z: DVec3) -> bool {
-        let close = |v: VertexId| {
-            let vertex = self.triangulation.vertex(v);
-            vertex.kind() == VertexKind::Isovertex && vertex.position().distance_squared(z) < self.delta * self.delta
-        };
-        !vertices.into_iter().any(close) && !self.isovertices.any_within(self.triangulation, z, self.delta)
+    fn facet_demand(&self, t: TetId, i: usize, label: u16, asked: &mut Lookups) -> Option<Demand> {
+        let neighbor = self.triangulation.tet(t).neighbor(i);
+        if neighbor.is_none() || self.is_pending(neighbor.tet()) || self.label(neighbor.tet()) == label {
+            return None;
+        }
+        self.interface_demand(t, i, neighbor.tet(), asked)
     }
 
-    /// R3 for facet `i` of `t`. `clearance` is that of the tet's circumcenter.
-    fn facet_demand(&self, t: TetId, i: usize, clearance: f64) -> Option<Demand> {
+    /// R3 for an interface facet: facet `i` of `t`, across which lies `neighbor`.
+    fn interface_demand(&self, t: TetId, i: usize, neighbor: TetId, asked: &mut Lookups) -> Option<Demand> {
         let record = self.triangulation.tet(t);
-        let neighbor = record.neighbor(i);
-        if neighbor.is_none() || self.is_pending(neighbor.tet()) {
-            return None;
-        }
-        let (here, there) = (record.sphere(), self.triangulation.tet(neighbor.tet()).sphere());
+        let (here, there) = (record.sphere(), self.triangulation.tet(neighbor).sphere());
         if !there.is_certain() {
-            return None;
-        }
-        let squared_length = here.center.distance_squared(there.center);
-        let is_interface = self.label(t) != self.label(neighbor.tet());
-        if squared_length <= clearance * clearance || !is_interface && squared_length < self.stay_squared {
             return None;
         }
         let vertices = FACET[i].map(|k| record.vertices()[k]);
         let facet @ [a, b, c] = vertices.map(|v| self.triangulation.position(v));
         let misshapen = vertices.iter().any(|&v| self.triangulation.vertex(v).kind() != VertexKind::Isovertex)
             || largest_cosine(a, b, c) > self.facet_cosine;
-        // A good facet is asked for its surface center only where that lies on the interface of the finished mesh.
-        let strays = || self.strays(facet, [here.center, there.center], [self.label(t), self.label(neighbor.tet())]);
-        if !(misshapen || is_interface && strays()) {
+        if !misshapen && !self.strays(facet, [here.center, there.center], [self.label(t), self.label(neighbor)], asked)
+        {
             return None;
         }
         // A segment that crosses more than once has one surface center, whichever side is asked.
@@ -258,27 +209,31 @@ impl<'a> Rules<'a> {
         } else {
             (there.center, here.center)
         };
+        asked.crossings += 1;
         let x = self.oracle.first_crossing(from, to)?.point;
         if !misshapen && x.distance_squared(a) <= self.spacing_floor * self.spacing_floor
             || !self.triangulation.holds(x)
         {
             return None;
         }
-        let start = if here.contains(x) == Some(true) { t } else { neighbor.tet() };
+        let start = if here.contains(x) == Some(true) { t } else { neighbor };
         Some(Demand { rule: Rule::R3, point: x, kind: VertexKind::Isovertex, start })
     }
 
     /// Whether an interface facet strays from its surface center by more than the facet distance: whether the dual segment, whose ends have
     /// different labels, keeps both labels within that distance of the facet's circumcenter. The segment lies on the facet's axis.
-    fn strays(&self, [a, b, c]: [DVec3; 3], centers: [DVec3; 2], labels: [u16; 2]) -> bool {
+    fn strays(&self, [a, b, c]: [DVec3; 3], centers: [DVec3; 2], labels: [u16; 2], asked: &mut Lookups) -> bool {
         let Some((o, _)) = triangle_circumcircle(a, b, c) else { return true };
         let length = centers[0].distance(centers[1]);
         let axis = (centers[1] - centers[0]) / length;
         let at = (o - centers[0]).dot(axis);
-        let label_at = |s: f64| match s {
+        let mut label_at = |s: f64| match s {
             s if s <= 0.0 => labels[0],
             s if s >= length => labels[1],
-            s => self.oracle.label(centers[0] + axis * s),
+            s => {
+                asked.labels += 1;
+                self.oracle.label(centers[0] + axis * s)
+            }
         };
         label_at(at - self.facet_distance) == label_at(at + self.facet_distance)
     }
@@ -316,12 +271,11 @@ impl<'a> Rules<'a> {
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
     pub fn note_vertex(&self, v: VertexId, p: DVec3, kind: VertexKind) -> Result<()> {
-        match kind {
-            VertexKind::Isovertex => self.isovertices.push(v, p),
-            // R6 reaches 2 delta from the interface.
-            VertexKind::Free if self.oracle.clearance(p) < 2.0 * self.delta => self.free_vertices.push(v, p),
-            _ => Ok(()),
+        // R6 reaches 2 delta from the interface.
+        if kind == VertexKind::Free && self.oracle.clearance(p) < 2.0 * self.delta {
+            self.free_vertices.push(v, p)?;
         }
+        Ok(())
     }
 
     /// R6: the free vertices closer than 2 delta to a new isovertex.
@@ -331,5 +285,29 @@ impl<'a> Rules<'a> {
             found.push(v);
             true
         });
+    }
+
+    /// How many crossed edges of the image's grid have no isovertex within delta: where R1 is unmet.
+    ///
+    /// # Errors
+    /// [`crate::Error::Cancelled`]; [`crate::Error::OutOfMemory`].
+    pub fn uncovered_edges(&self, monitor: &Monitor<'_>) -> Result<u64> {
+        let isovertices = VertexGrid::new(self.triangulation, VertexKind::Isovertex, 2.0 * self.delta)?;
+        for v in 0..self.triangulation.vertex_bound() {
+            let vertex = self.triangulation.vertex(v);
+            if vertex.kind() == VertexKind::Isovertex {
+                isovertices.push(v, vertex.position())?;
+            }
+        }
+        let mut count = 0;
+        let grid = self.oracle.edge_grid(self.delta);
+        for row in 0..grid.rows() {
+            monitor.check_cancelled()?;
+            grid.visit_row(row, |edge| {
+                count += u64::from(!isovertices.any_within(self.triangulation, edge.point, self.delta));
+                Ok(())
+            })?;
+        }
+        Ok(count)
     }
 }

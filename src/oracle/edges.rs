@@ -1,0 +1,150 @@
+//! Where dO crosses the edges of a grid: the places from which it is sampled.
+//!
+//! The grid is that of the voxel centres, its edges divided where they are longer than the caller's spacing. On an undivided edge only the labels of its two
+//! voxels have an indicator above 0, and both are linear there, so the one crossing is known without a search; others are looked for. Every interface of the
+//! image crosses edges of the grid, however small or thin what it bounds.
+
+use glam::DVec3;
+
+use super::Oracle;
+use crate::Result;
+use crate::distance::Bricks;
+
+/// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the surface model has no detail left.
+const MOST_PARTS: f64 = 8.0;
+
+/// An edge of the grid, between points of different labels.
+#[derive(Clone, Copy, Debug)]
+pub struct CrossedEdge {
+    /// Where dO crosses it first, in world coordinates.
+    pub point: DVec3,
+    /// Its ends, in region coordinates.
+    ends: [DVec3; 2],
+    axis: usize,
+}
+
+/// A grid of edges, no longer than a spacing where the voxels are larger.
+pub struct EdgeGrid<'a> {
+    oracle: &'a Oracle,
+    parts: [usize; 3],
+}
+
+impl Oracle {
+    /// The grid whose edges are at most `spacing` long, or else as long as the distance of voxel centres.
+    pub fn edge_grid(&self, spacing: f64) -> EdgeGrid<'_> {
+        // Where voxels are exactly as large as the spacing, rounding is not to divide them.
+        let parts = (self.spacing / spacing - 1e-9).ceil().max(DVec3::ONE).min(DVec3::splat(MOST_PARTS));
+        EdgeGrid { oracle: self, parts: parts.to_array().map(|n| n as usize) }
+    }
+}
+
+impl EdgeGrid<'_> {
+    /// Rows of bricks of voxels; [`EdgeGrid::visit_row`] takes one at a time.
+    pub fn rows(&self) -> usize {
+        let [_, ny, nz] = self.oracle.bricks.dims();
+        ny.div_ceil(Bricks::EDGE) * nz.div_ceil(Bricks::EDGE)
+    }
+
+    /// Calls `visit` for the crossed edges of one row, brick after brick. The rows hold each crossed edge of the grid once.
+    ///
+    /// # Errors
+    /// What `visit` returns; the first ends the visit.
+    pub fn visit_row(&self, row: usize, mut visit: impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
+        let [nx, ny, nz] = self.oracle.bricks.dims();
+        let per_layer = nz.div_ceil(Bricks::EDGE);
+        let along = |brick: usize, count: usize| brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1);
+        for brick in 0..nx.div_ceil(Bricks::EDGE) {
+            for j in along(row / per_layer, ny) {
+                for k in along(row % per_layer, nz) {
+                    for i in along(brick, nx) {
+                        // Without crossings in cells of one label. The outermost voxels are background, so no edge of theirs is crossed.
+                        if self.oracle.at([i, j, k]).rings() == 0 {
+                            if self.parts == [1; 3] {
+                                self.visit_edges_of([i, j, k], &mut visit)?;
+                            } else {
+                                self.visit_parts_of([i, j, k], &mut visit)?;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The edges from a voxel to the next one along each axis; all belong to the cell from this voxel on.
+    #[inline(always)]
+    fn visit_edges_of(&self, voxel: [usize; 3], visit: &mut impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
+        let here = self.oracle.at(voxel).id;
+        for axis in 0..3 {
+            let mut next = voxel;
+            next[axis] += 1;
+            let there = self.oracle.at(next).id;
+            if here != there {
+                let ends = [voxel, next].map(|v| DVec3::from(v.map(|c| c as f64)));
+                let mut x = ends[0];
+                x[axis] = self.oracle.crossing_between(x[axis], axis, [here, there]);
+                visit(CrossedEdge { point: self.oracle.world_point(x), ends, axis })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The parts of edges that belong to the cell from a voxel on, those of its upper faces left to the next cells.
+    fn visit_parts_of(&self, voxel: [usize; 3], visit: &mut impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
+        let oracle = self.oracle;
+        let place = |part: [usize; 3]| {
+            DVec3::from_array([0, 1, 2].map(|a| voxel[a] as f64 + part[a] as f64 / self.parts[a] as f64))
+        };
+        for z in 0..self.parts[2] {
+            for y in 0..self.parts[1] {
+                for x in 0..self.parts[0] {
+                    let part = [x, y, z];
+                    let from = place(part);
+                    let label = oracle.label_at(from);
+                    for axis in 0..3 {
+                        let mut next = part;
+                        next[axis] += 1;
+                        let to = place(next);
+                        if oracle.label_at(to) != label
+                            && let Some((crossing, _)) = oracle.trace(from, to, 0.0, 1.0, label)
+                        {
+                            visit(CrossedEdge { point: oracle.world_point(crossing), ends: [from, to], axis })?;
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Oracle {
+    /// Where the label changes between two voxel centres of these labels, from `at` to `at + 1` along an axis.
+    fn crossing_between(&self, at: f64, axis: usize, ids: [u16; 2]) -> f64 {
+        // Beyond the outermost centres that count there is no interpolation: the crossing is on the wall.
+        if at < self.border.first[axis] {
+            return self.border.lower[axis];
+        }
+        if at >= self.border.last[axis] {
+            return self.border.upper[axis];
+        }
+        let [here, there] = ids.map(|id| self.weights.get(usize::from(id)).map_or(1.0, |&w| f64::from(w)));
+        at + here / (here + there)
+    }
+
+    /// The crossing of the segment beside a crossed edge, moved by `offset` (world units, along the image axes that are not the edge's). `None` where the
+    /// ends of that segment have the same label.
+    pub fn crossing_beside(&self, edge: &CrossedEdge, offset: [f64; 2]) -> Option<DVec3> {
+        let mut shift = DVec3::ZERO;
+        for (axis, offset) in [(edge.axis + 1) % 3, (edge.axis + 2) % 3].into_iter().zip(offset) {
+            shift[axis] = offset / self.spacing[axis];
+        }
+        let [from, to] = edge.ends.map(|end| end + shift);
+        let label = self.label_at(from);
+        if label == self.label_at(to) {
+            return None;
+        }
+        self.trace(from, to, 0.0, 1.0, label).map(|(x, _)| self.world_point(x))
+    }
+}
