@@ -1,5 +1,7 @@
 //! Large tables: an error that names the table where `Vec` alone would end the process.
 
+use bytemuck::Zeroable;
+
 use crate::{Error, Result};
 
 /// Values between two questions whether to go on: the system hands out memory when it is first written to, which takes its time for large tables.
@@ -13,6 +15,23 @@ pub fn room<T>(count: usize, what: &'static str) -> Result<Vec<T>> {
     let mut values = Vec::new();
     values.try_reserve_exact(count).map_err(|_| Error::OutOfMemory { count, what })?;
     Ok(values)
+}
+
+/// Room for `more` values behind those that are there, counted as `what`; amortized as in `Vec`.
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+#[inline(always)]
+pub fn reserve<T>(values: &mut Vec<T>, more: usize, what: &'static str) -> Result<()> {
+    values.try_reserve(more).map_err(|_| Error::OutOfMemory { count: values.len() + more, what })
+}
+
+/// `count` values of all bytes zero, counted as `what`. The system hands out the memory of a large table where it is first written to, by the thread that writes.
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+pub fn zeroed<T: Zeroable>(count: usize, what: &'static str) -> Result<Vec<T>> {
+    bytemuck::try_zeroed_vec(count).map_err(|()| Error::OutOfMemory { count, what })
 }
 
 /// `count` copies of a value, counted as `what`.

@@ -138,8 +138,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
 
     let tets = triangulation.tet_bound() as usize;
     monitor.enter(Step::Extract, tets)?;
-    let label = |t| image.labels()[usize::from(rules.label(t))];
-    let mesh = extract(&triangulation, label, params.background, monitor)?;
+    let mesh = extract(&triangulation, |t| rules.label(t), image.labels(), params.background, monitor)?;
     if !mesh.labels.iter().any(|&label| label != 0) {
         return Err(ended_by.unwrap_or_else(|| {
             Error::InvalidArgument(format!(

@@ -140,6 +140,12 @@ impl Triangulation {
         }
     }
 
+    /// Fetches the record of a slot into the cache, if there is such a slot.
+    #[inline(always)]
+    pub fn prefetch(&self, t: TetId) {
+        self.tets.prefetch(t);
+    }
+
     /// The record of a vertex.
     #[inline(always)]
     pub fn vertex(&self, v: VertexId) -> &VertexRecord {
