@@ -9,6 +9,8 @@
 
 use glam::DVec3;
 
+use super::indicator::Corners;
+
 /// The box in which labels may differ from the background, and how the labels within go on from the outermost voxel centres to its faces.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Border {
@@ -52,5 +54,23 @@ impl Border {
     #[inline(always)]
     pub(super) fn extend(&self, x: DVec3) -> DVec3 {
         x.max(self.first).min(self.last)
+    }
+
+    /// The corners' labels of a cell as the model has them inside of the walls: of the cell's part there all points are projected onto its faces away from the walls. How many walls halve the cell.
+    #[inline]
+    pub(super) fn extend_corners(&self, cell: [usize; 3], ids: &Corners) -> (Corners, u32) {
+        let (mut ids, mut halvings) = (*ids, 0);
+        for a in 0..3 {
+            let at = cell[a] as f64;
+            // To which side corners are projected.
+            let side = match () {
+                () if at < self.first[a] => 1,
+                () if at >= self.last[a] => 0,
+                () => continue,
+            };
+            ids = std::array::from_fn(|c| ids[c & !(1 << a) | side << a]);
+            halvings += 1;
+        }
+        (ids, halvings)
     }
 }

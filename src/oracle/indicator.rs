@@ -7,16 +7,9 @@
 /// Corner c of a cell lies at (c & 1, c >> 1 & 1, c >> 2).
 pub(super) type Corners = [u16; 8];
 
-/// Whether all corners have one label; then the whole cell has it.
-#[inline(always)]
-pub(super) fn is_uniform(ids: &Corners) -> bool {
-    // Branch-free: differences of the corners collected by or.
-    ids.iter().fold(0, |all, &id| all | (id ^ ids[0])) == 0
-}
-
 /// Which corners have label `id`, one bit each. Without branches: which corners differ is as good as random.
 #[inline(always)]
-fn corners_of(ids: &Corners, id: u16) -> u32 {
+pub(super) fn corners_of(ids: &Corners, id: u16) -> u32 {
     (0..8).fold(0, |mask, c| mask | u32::from(ids[c] == id) << c)
 }
 

@@ -53,7 +53,7 @@ use glam::{DMat3, DVec3};
 
 use border::Border;
 pub use edges::{CrossedEdge, EdgeGrid};
-use region::{mark_surface, region, region_voxels, set_room};
+use region::{calibrate, mark_surface, region, region_voxels, set_room};
 use rings::Rings;
 
 use crate::{
@@ -187,7 +187,7 @@ impl Oracle {
                 let rings = Rings::new(&voxels, &bricks, check)?;
                 set_room(&mut voxels, Some(rings), &features, quantum, check)?;
                 let border = Border::new(first, dims, image.dims());
-                let weights = weights::calibrate(&bricks, &voxels, &border, image.labels().len(), check)?;
+                let weights = calibrate(&voxels, &bricks, &border, image.labels().len(), check)?;
                 (border, weights)
             }
             SurfaceModel::Voxel => {

@@ -2,8 +2,13 @@
 
 use rayon::prelude::*;
 
-use super::Voxel;
-use super::rings::Rings;
+use super::{
+    Voxel,
+    border::Border,
+    corners,
+    rings::Rings,
+    weights::{Sampling, Tally},
+};
 use crate::{
     Error, Result,
     distance::{Bricks, FeatureTransform},
@@ -121,4 +126,40 @@ pub(super) fn set_room(
         }
         Ok(())
     })
+}
+
+/// The weights of `labels` dense ids, for voxels whose rings are filled in.
+pub(super) fn calibrate(
+    voxels: &[Voxel],
+    bricks: &Bricks,
+    border: &Border,
+    labels: usize,
+    check: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Vec<f32>> {
+    // Every fourth voxel along each axis: enough to tell large labels from small ones.
+    const STEP: usize = 4;
+    let [nx, ny, nz] = bricks.dims();
+    let mut counts = vec![0_u64; labels];
+    for j in (0..ny).step_by(STEP) {
+        for k in (0..nz).step_by(STEP) {
+            for i in (0..nx).step_by(STEP) {
+                counts[usize::from(voxels[bricks.index(i, j, k)].id)] += (STEP * STEP * STEP) as u64;
+            }
+        }
+    }
+    let sampling = Sampling::new(counts.into_iter());
+    let layer = |mut tally, j: usize| {
+        check()?;
+        for k in 0..nz - 1 {
+            for i in 0..nx - 1 {
+                if voxels[bricks.index(i, j, k)].rings() == 0 {
+                    Tally::add(&mut tally, border, [i, j, k], &corners(voxels, bricks, [i, j, k]))?;
+                }
+            }
+        }
+        Ok(tally)
+    };
+    let none = || Tally::new(&sampling);
+    let tally = (0..ny - 1).into_par_iter().try_fold(none, layer).try_reduce(none, Tally::merge)?;
+    tally.weights(&|| check())
 }

@@ -6,35 +6,49 @@
 //! by h/4 ln(w/v) to first order, where the weights of the two sides are w and v. One number per label cannot follow its curvature from place
 //! to place, but can follow its mean, which is what the volume depends on to first order.
 //!
-//! **Volumes** are counted on samples, in units of 1/64 of a cell. A cell of one label counts as a whole. In the others samples are taken at the points of a
-//! fixed sequence (M. Roberts' R3, a generalised golden ratio), shifted by a hash of the cell's index: more in cells with a label of few voxels.
-//! A label takes part in a sample when some choice of weights lets it win there; where only one does, the sample is settled for good. The
-//! others are kept, so that a count for other weights costs some nanoseconds per contested sample.
+//! **Volumes** need the mixed cells only. Every cell gives each label an eighth of its own volume per corner; summed over all cells that is the label's count of voxels, the
+//! target. So the *surplus* of a label is the sum over cells of what the model gives to it less its corners' eighths, and is 0 in a cell of one label.
+//! - Two labels a and b: a has the part of the cell where its indicator is at least the level w_b / (w_a + w_b). That part depends on the level and on which corners are a's, up to symmetries
+//!   of the cube: 22 shapes, whose curves are tabulated once. For each pair of labels the cells of each shape are counted. No sampling.
+//! - More labels: samples at the points of a fixed sequence (M. Roberts' R3, a generalised golden ratio), shifted by a hash of the cell's index. Cells with a label of few voxels
+//!   get more samples; of the cells of large labels alone only a part, chosen by the hash, is looked at and stands for the others. A label takes part in a sample when some choice
+//!   of weights lets it win there. Where two do, the sample is counted by the level at which it changes hands; the few with more rivals are kept.
 //!
 //! **Steps.** With the logarithms of the weights as unknowns, the derivative of the volumes is about a graph Laplacian: two labels exchange what is contested
 //! between them, spread evenly over the range of their ratio. A few Newton steps with this matrix, kept, bring the volumes to their targets, as
 //! far as the bounds on the weights permit; each is solved by projected Gauss-Seidel, and halved when it leads away. The background's weight stays 1, because only ratios matter.
 //!
-//! Cost: on the brain atlas (256^3 voxels, 312 labels) a third to half of a second on two cores, and for that time 8 bytes per contested sample, about 70 MB.
-//!
 //! Only integers are summed by several threads: the weights do not depend on their number.
 
-use glam::DVec3;
-use rayon::prelude::*;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::LazyLock;
 
-use super::{Voxel, border::Border, corners, indicator};
-use crate::{Error, Result, distance::Bricks};
+use super::{border::Border, indicator};
+use crate::{Error, Result};
 
-/// Weights lie in [1/LIMIT, LIMIT]. The proof of the oracle's clearance needs ratios below 3.
+/// Weights lie in [1/LIMIT, LIMIT].
 pub(super) const LIMIT: f32 = 1.5;
-/// Samples in a cell at most: also the units in a cell. Powers of two.
+/// The largest ratio of two weights.
+const RATIO: f32 = LIMIT * LIMIT;
+/// Volumes are counted in parts of a cell, so that a sample is a whole number of them even where walls leave an eighth of a cell.
+const UNITS: u32 = 512;
+/// Samples in a cell at most. Powers of two.
 const MOST: u32 = 64;
-/// Samples in a cell at least.
+/// Samples in a cell at least, if it is looked at.
 const LEAST: u32 = 4;
-/// How many sizes samples have: powers of two from 1 to MOST / LEAST units.
-const SIZES: usize = (MOST / LEAST).ilog2() as usize + 1;
-/// A label is sampled about this often, as long as a cell's samples are in their range: the error of its volume is then below some tenths of a percent.
-const ENOUGH: u64 = 1 << 17;
+/// One in so many cells at least is looked at.
+const SPARSEST: u32 = 16;
+/// Samples of a cell times the voxels of its smallest label: the error of the label's volume is then some tenths of a percent at most, even where it only has cells of several labels.
+const ENOUGH: u64 = 1 << 14;
+/// Intervals of the tabulated levels.
+const LEVELS: usize = 32;
+/// The levels of the largest ratio of weights and of the smallest.
+const LOWEST: f32 = 1.0 / (1.0 + RATIO);
+const HIGHEST: f32 = RATIO / (1.0 + RATIO);
+/// Sets of corners that differ by more than a symmetry of the cube, the empty and the full one among them.
+const SHAPES: usize = 22;
+/// Points at which a shape is sampled: the error of its part of the cell is some thousandths.
+const SHAPE_POINTS: usize = 1 << 14;
 /// Newton steps. On the atlases two bring the volumes of labels of 1000 voxels within 0.04 % of their targets, as counted here.
 const STEPS: usize = 4;
 /// Lengths that are tried of a step that does not bring the volumes nearer, each half of the one before; then it is given up: in a checkerboard, say, where volumes leap with the weights.
@@ -44,26 +58,89 @@ const SWEEPS: usize = 60;
 /// Labels that take part in one sample at most; more than four with values so much alike hardly occur, and then the least is left out.
 const RIVALS: usize = 4;
 
-/// A sample that two labels may win: the first does when its weight is at least `ratio` times that of the second.
-struct Pair {
-    labels: [u16; 2],
-    ratio: f32,
+/// Something that changes with the level, at the ends of the tabulated intervals.
+type Curve = [f64; LEVELS + 1];
+
+/// The two-label cells: which shape a set of corners has, and the part of the cell that a shape takes, less its corners' eighths.
+struct Shapes {
+    of: [u8; 256],
+    curves: [Curve; SHAPES],
+    /// First points of the sequence.
+    points: [[f32; 3]; MOST as usize],
+}
+
+static TABLES: LazyLock<Shapes> = LazyLock::new(Shapes::new);
+
+impl Shapes {
+    fn new() -> Self {
+        // Symmetries: the axes in any order, each turned round or not. The least image of a set of corners stands for its shape.
+        const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+        let least = |set: usize| {
+            let images = ORDERS.iter().flat_map(|order| (0..8).map(move |turned| (order, turned)));
+            let image = |(order, turned): (&[usize; 3], usize)| {
+                let corner = |c: usize| (0..3).fold(0, |to, a| to | (c >> order[a] & 1) << a) ^ turned;
+                (0..8).filter(|c| set >> c & 1 == 1).fold(0, |all, c| all | 1 << corner(c))
+            };
+            images.map(image).min().unwrap_or(set)
+        };
+        let mut shapes = Self { of: [0; 256], curves: [[0.0; LEVELS + 1]; SHAPES], points: std::array::from_fn(point) };
+        // Each point with its mirror images, as the shapes are those of sets and of their mirror images.
+        let mirrored = |n: usize| {
+            let at = point(n / 8);
+            [0, 1, 2].map(|a| if n >> a & 1 == 1 { 1.0 - at[a] } else { at[a] })
+        };
+        let parts: Vec<_> = (0..SHAPE_POINTS).map(|n| indicator::parts(mirrored(n))).collect();
+        let mut count = 0;
+        for set in 0..256 {
+            let least = least(set);
+            if least < set {
+                shapes.of[set] = shapes.of[least];
+                continue;
+            }
+            shapes.of[set] = count as u8;
+            let ids = std::array::from_fn(|c| (set >> c & 1) as u16);
+            let mut held = [0; LEVELS + 2];
+            parts.iter().for_each(|parts| held[level_above(indicator::indicator(&ids, parts, 1))] += 1);
+            // A point is held at all levels up to its own.
+            let mut part = 0.0;
+            for level in (0..=LEVELS).rev() {
+                part += f64::from(held[level + 1]) / SHAPE_POINTS as f64;
+                shapes.curves[count][level] = part - set.count_ones() as f64 / 8.0;
+            }
+            count += 1;
+        }
+        shapes
+    }
+}
+
+/// The first tabulated level above a value; 0 below all, LEVELS + 1 above all.
+fn level_above(value: f32) -> usize {
+    let at = (value - LOWEST) * (LEVELS as f32 / (HIGHEST - LOWEST));
+    if at < 0.0 { 0 } else { (at as usize + 1).min(LEVELS + 1) }
+}
+
+/// Point n of the sequence.
+fn point(n: usize) -> [f32; 3] {
+    // Powers of the inverse of the root of x^4 = x + 1.
+    const STRIDE: [f64; 3] = [0.819_172_513_396_164_5, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3];
+    STRIDE.map(|s| (n as f64 * s + 0.5).fract() as f32)
+}
+
+/// What two labels have between them, as numbers of units; the first label is the smaller id.
+#[derive(Clone)]
+struct Contest {
+    /// Cells of these two labels, by the shape of the first one's corners.
+    cells: [u64; SHAPES],
+    /// Samples by the first level at which the second label wins; never 0.
+    samples: [u64; LEVELS + 1],
 }
 
 /// A sample that more labels may win; values that are not needed are 0.
+#[derive(Clone)]
 struct Many {
     labels: [u16; RIVALS],
     values: [f32; RIVALS],
     units: u32,
-}
-
-/// What sampling a layer of cells found.
-struct Layer {
-    /// Units of each label for any weights.
-    settled: Vec<u64>,
-    /// The pairs of 1, 2, 4... units each.
-    pairs: [Vec<Pair>; SIZES],
-    many: Vec<Many>,
 }
 
 impl Many {
@@ -73,55 +150,245 @@ impl Many {
     }
 }
 
-/// The weight of each of `labels` dense ids, for the voxels of a region whose outermost ones are background.
-pub(super) fn calibrate(
-    bricks: &Bricks,
-    voxels: &[Voxel],
-    border: &Border,
-    labels: usize,
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<Vec<f32>> {
-    let targets = voxel_counts(bricks, voxels, labels, check)?;
-    let samples: Vec<u32> = targets
-        .iter()
-        .map(|&n| (ENOUGH / n.max(1)).clamp(u64::from(LEAST), u64::from(MOST)) as u32)
-        .map(u32::next_power_of_two)
-        .collect();
-    let layers = (0..bricks.dims()[1] - 1)
-        .into_par_iter()
-        .map(|j| {
-            check()?;
-            sample_layer(bricks, voxels, border, j, &samples, check)
-        })
-        .collect::<Result<Vec<Layer>>>()?;
-    let mut settled = vec![0; labels];
-    layers.iter().for_each(|layer| add(&mut settled, &layer.settled));
-    let exchange = exchange(&layers, labels, check)?;
-    let missing = |logs: &[f64]| -> Result<Missing> {
-        let weights: Vec<f32> = logs.iter().map(|log| log.exp() as f32).collect();
-        let volumes = volumes(&layers, &settled, &weights, check)?;
-        let by_label: Vec<f64> =
-            targets.iter().zip(&volumes).map(|(&n, &v)| n as f64 * f64::from(MOST) - v as f64).collect();
-        // The background has no target: its volume is that of the box less the others.
-        Ok(Missing { all: by_label[1..].iter().map(|m| m.abs()).sum(), by_label })
-    };
-    let mut logs = vec![0.0_f64; labels];
-    let mut now = missing(&logs)?;
-    'steps: for _ in 0..STEPS {
-        check()?;
-        let mut aim = logs.clone();
-        step(&exchange, &now.by_label, &mut aim);
-        for _ in 0..LENGTHS {
-            let then = missing(&aim)?;
-            if then.all < now.all {
-                (logs, now) = (aim, then);
-                continue 'steps;
-            }
-            aim.iter_mut().zip(&logs).for_each(|(aim, log)| *aim = 0.5 * (*aim + log));
-        }
-        break;
+/// How many samples the cells with a voxel of each label get.
+pub(super) struct Sampling(Vec<u32>);
+
+impl Sampling {
+    /// `voxels`: about how many each label has.
+    pub(super) fn new(voxels: impl Iterator<Item = u64>) -> Self {
+        // In sixteenths of a sample, so that fewer than LEAST stand for some of the cells.
+        let samples = |n: u64| {
+            let least = u64::from(LEAST * 16 / SPARSEST);
+            (16 * ENOUGH / n.max(1)).clamp(least, u64::from(16 * MOST)) as u32
+        };
+        Self(voxels.map(|n| samples(n).next_power_of_two()).collect())
     }
-    Ok(logs.iter().map(|log| log.exp() as f32).collect())
+}
+
+/// Slots of the cache in front of the map of contests; neighbouring cells have few pairs of labels.
+const SLOTS: usize = 256;
+
+/// What was counted in some mixed cells. Several are merged into one.
+pub(super) struct Tally<'a> {
+    sampling: &'a Sampling,
+    contests: Vec<Contest>,
+    of_pair: HashMap<[u16; 2], usize>,
+    cache: Vec<([u16; 2], usize)>,
+    /// Units of each label whatever the weights, less those of the corners; of the cells of more than two labels.
+    surplus: Vec<i64>,
+    many: Vec<Many>,
+}
+
+impl<'a> Tally<'a> {
+    pub(super) fn new(sampling: &'a Sampling) -> Self {
+        Self {
+            sampling,
+            contests: Vec::new(),
+            of_pair: HashMap::new(),
+            // No pair has twice the same label.
+            cache: vec![([0, 0], 0); SLOTS],
+            surplus: vec![0; sampling.0.len()],
+            many: Vec::new(),
+        }
+    }
+
+    /// Counts a mixed cell whose corners have the labels `ids`.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    #[inline]
+    pub(super) fn add(&mut self, border: &Border, cell: [usize; 3], ids: &indicator::Corners) -> Result<()> {
+        let (ids, halvings) = border.extend_corners(cell, ids);
+        let first = indicator::corners_of(&ids, ids[0]);
+        if first == 0xff {
+            return Ok(());
+        }
+        let other = ids[(!first).trailing_zeros() as usize];
+        if first | indicator::corners_of(&ids, other) == 0xff {
+            let (pair, corners) =
+                if ids[0] < other { ([ids[0], other], first) } else { ([other, ids[0]], !first & 0xff) };
+            let shape = TABLES.of[corners as usize];
+            self.contest(pair).cells[usize::from(shape)] += u64::from(UNITS >> halvings);
+            Ok(())
+        } else {
+            self.sample(cell, &ids, UNITS >> halvings)
+        }
+    }
+
+    /// Samples a cell of more than two labels; `units` of it are inside of the walls.
+    fn sample(&mut self, cell: [usize; 3], ids: &indicator::Corners, units: u32) -> Result<()> {
+        let sixteenths = ids.iter().filter(|&&id| id != 0).map(|&id| self.sampling.0[usize::from(id)]).max();
+        let sixteenths = sixteenths.unwrap_or(16 * MOST);
+        let count = (sixteenths / 16).max(LEAST);
+        let stands_for = 16 * count / sixteenths;
+        let hash = hash(cell);
+        // Bits that the shift does not use.
+        if (hash >> 60) as u32 & (stands_for - 1) != 0 {
+            return Ok(());
+        }
+        let of_cell = i64::from(units * stands_for);
+        ids.iter().for_each(|&id| self.surplus[usize::from(id)] -= of_cell / 8);
+        let shift = [0, 20, 40].map(|low| (hash >> low & 0xf_ffff) as f32 / (1 << 20) as f32);
+        let units = units / count * stands_for;
+        let (present, labels) = distinct(ids);
+        let short = |_| Error::OutOfMemory { count: count as usize, what: "samples for the weights of labels" };
+        self.many.try_reserve(count as usize).map_err(short)?;
+        for point in &TABLES.points[..count as usize] {
+            let at = [0, 1, 2].map(|a| {
+                let t = point[a] + shift[a];
+                if t < 1.0 { t } else { t - 1.0 }
+            });
+            self.add_sample(ids, &present[..labels], &indicator::parts(at), units);
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn add_sample(&mut self, ids: &indicator::Corners, present: &[u16], parts: &[f32; 8], units: u32) {
+        let mut rivals = [(0.0_f32, 0_u16); 8];
+        let mut largest = 0.0_f32;
+        for (rival, &id) in rivals.iter_mut().zip(present) {
+            *rival = (indicator::indicator(ids, parts, id), id);
+            largest = largest.max(rival.0);
+        }
+        // Those that some weights let win come first.
+        let mut count = 0;
+        for n in 0..present.len() {
+            if rivals[n].0 * RATIO >= largest {
+                rivals.swap(n, count);
+                count += 1;
+            }
+        }
+        match rivals[..count] {
+            [(_, winner)] => self.surplus[usize::from(winner)] += i64::from(units),
+            [a, b] => {
+                let [a, b] = if a.1 < b.1 { [a, b] } else { [b, a] };
+                match level_above(a.0 / (a.0 + b.0)) {
+                    0 => self.surplus[usize::from(b.1)] += i64::from(units),
+                    level if level > LEVELS => self.surplus[usize::from(a.1)] += i64::from(units),
+                    level => {
+                        // As if b won; what a wins is taken from that.
+                        self.surplus[usize::from(b.1)] += i64::from(units);
+                        self.contest([a.1, b.1]).samples[level] += u64::from(units);
+                    }
+                }
+            }
+            _ => {
+                let rivals = &mut rivals[..count];
+                rivals.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+                let rival = |n: usize| rivals.get(n).copied().unwrap_or((0.0, rivals[0].1));
+                self.many.push(Many {
+                    labels: std::array::from_fn(|n| rival(n).1),
+                    values: std::array::from_fn(|n| rival(n).0),
+                    units,
+                });
+            }
+        }
+    }
+
+    #[inline]
+    fn contest(&mut self, pair: [u16; 2]) -> &mut Contest {
+        let slot = (usize::from(pair[0]) ^ usize::from(pair[1]).wrapping_mul(37)) % SLOTS;
+        if self.cache[slot].0 != pair {
+            self.cache[slot] = (pair, self.find_contest(pair));
+        }
+        &mut self.contests[self.cache[slot].1]
+    }
+
+    #[cold]
+    fn find_contest(&mut self, pair: [u16; 2]) -> usize {
+        *self.of_pair.entry(pair).or_insert_with(|| {
+            self.contests.push(Contest { cells: [0; SHAPES], samples: [0; LEVELS + 1] });
+            self.contests.len() - 1
+        })
+    }
+
+    /// The sum of two.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub(super) fn merge(self, other: Self) -> Result<Self> {
+        let (mut all, mut part) =
+            if self.contests.len() < other.contests.len() { (other, self) } else { (self, other) };
+        for (&pair, &at) in &part.of_pair {
+            let (to, from) = (all.contest(pair), &part.contests[at]);
+            to.cells.iter_mut().zip(&from.cells).for_each(|(a, b)| *a += b);
+            to.samples.iter_mut().zip(&from.samples).for_each(|(a, b)| *a += b);
+        }
+        all.surplus.iter_mut().zip(&part.surplus).for_each(|(a, b)| *a += b);
+        let count = part.many.len();
+        let short = |_| Error::OutOfMemory { count, what: "samples for the weights of labels" };
+        all.many.try_reserve(count).map_err(short)?;
+        all.many.append(&mut part.many);
+        Ok(all)
+    }
+
+    /// The weight of each label. `check` is called before each evaluation of the volumes.
+    ///
+    /// # Errors
+    /// Whatever `check` returns.
+    pub(super) fn weights(self, check: &dyn Fn() -> Result<()>) -> Result<Vec<f32>> {
+        // In the order of labels, so that sums of floats do not depend on the order in which pairs were met.
+        let curves: BTreeMap<[u16; 2], Curve> =
+            self.of_pair.iter().map(|(&pair, &at)| (pair, self.contests[at].surplus())).collect();
+        let exchange = exchange(&curves, &self.many, self.surplus.len());
+        let missing = |logs: &[f64]| -> Result<Missing> {
+            check()?;
+            let weights: Vec<f32> = logs.iter().map(|log| log.exp() as f32).collect();
+            let by_label = self.missing(&curves, &weights);
+            // The background has no target: its volume is that of the box less the others.
+            Ok(Missing { all: by_label[1..].iter().map(|m| m.abs()).sum(), by_label })
+        };
+        let mut logs = vec![0.0_f64; self.surplus.len()];
+        let mut now = missing(&logs)?;
+        'steps: for _ in 0..STEPS {
+            let mut aim = logs.clone();
+            step(&exchange, &now.by_label, &mut aim);
+            for _ in 0..LENGTHS {
+                let then = missing(&aim)?;
+                if then.all < now.all {
+                    (logs, now) = (aim, then);
+                    continue 'steps;
+                }
+                aim.iter_mut().zip(&logs).for_each(|(aim, log)| *aim = 0.5 * (*aim + log));
+            }
+            break;
+        }
+        Ok(logs.iter().map(|log| log.exp() as f32).collect())
+    }
+
+    /// What each label lacks under the given weights, in units; negative for too much.
+    fn missing(&self, curves: &BTreeMap<[u16; 2], Curve>, weights: &[f32]) -> Vec<f64> {
+        let mut units = self.surplus.clone();
+        self.many.iter().for_each(|m| units[usize::from(m.winner(weights))] += i64::from(m.units));
+        let mut missing: Vec<f64> = units.iter().map(|&u| -u as f64).collect();
+        for (&[a, b], curve) in curves {
+            let (wa, wb) = (weights[usize::from(a)], weights[usize::from(b)]);
+            let level = wb / (wa + wb);
+            let at = f64::from((level - LOWEST) / (HIGHEST - LOWEST)) * LEVELS as f64;
+            let n = (at.max(0.0) as usize).min(LEVELS - 1);
+            let surplus = curve[n] + (curve[n + 1] - curve[n]) * (at - n as f64);
+            missing[usize::from(a)] -= surplus;
+            missing[usize::from(b)] += surplus;
+        }
+        missing
+    }
+}
+
+impl Contest {
+    /// What goes from the second label to the first at each level: in their cells beyond the first one's corners' eighths, and in the samples.
+    fn surplus(&self) -> Curve {
+        let mut curve = [0.0; LEVELS + 1];
+        let mut won = 0;
+        for level in (0..LEVELS).rev() {
+            won += self.samples[level + 1];
+            curve[level] = won as f64;
+        }
+        for (&cells, shape) in self.cells.iter().zip(&TABLES.curves) {
+            curve.iter_mut().zip(shape).for_each(|(sum, part)| *sum += cells as f64 * part);
+        }
+        curve
+    }
 }
 
 /// What the labels' volumes lack, in units; negative for too much.
@@ -131,207 +398,46 @@ struct Missing {
     all: f64,
 }
 
-fn add(to: &mut [u64], more: &[u64]) {
-    to.iter_mut().zip(more).for_each(|(a, b)| *a += b);
-}
-
-/// Voxels of each label in the region.
-fn voxel_counts(
-    bricks: &Bricks,
-    voxels: &[Voxel],
-    labels: usize,
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<Vec<u64>> {
-    let [nx, ny, nz] = bricks.dims();
-    let count = |mut counts: Vec<u64>, j: usize| {
-        check()?;
-        for k in 0..nz {
-            for i in 0..nx {
-                counts[usize::from(voxels[bricks.index(i, j, k)].id)] += 1;
-            }
-        }
-        Ok(counts)
-    };
-    let zero = || vec![0; labels];
-    (0..ny).into_par_iter().try_fold(zero, count).try_reduce(zero, |mut a, b| {
-        add(&mut a, &b);
-        Ok(a)
-    })
-}
-
-/// The cells between planes j and j + 1 of voxels. `samples`: how many a cell with a voxel of each label gets.
-fn sample_layer(
-    bricks: &Bricks,
-    voxels: &[Voxel],
-    border: &Border,
-    j: usize,
-    samples: &[u32],
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<Layer> {
-    let [nx, _, nz] = bricks.dims();
-    let mut layer = Layer { settled: vec![0; samples.len()], pairs: Default::default(), many: Vec::new() };
-    let points = points();
-    for k in 0..nz - 1 {
-        check()?;
-        for i in 0..nx - 1 {
-            let ids = corners(voxels, bricks, [i, j, k]);
-            if indicator::is_uniform(&ids) {
-                layer.settled[usize::from(ids[0])] += u64::from(MOST);
-                continue;
-            }
-            let (present, count) = distinct(&ids);
-            let present = &present[..count];
-            let n = present.iter().filter(|&&id| id != 0).map(|&id| samples[usize::from(id)]).max().unwrap_or(LEAST);
-            layer.make_room(MOST / n, n as usize)?;
-            let shift = shift([i, j, k]);
-            for point in &points[..n as usize] {
-                let at = [0, 1, 2].map(|a| {
-                    let t = point[a] + shift[a];
-                    if t < 1.0 { t } else { t - 1.0 }
-                });
-                let low = DVec3::new(i as f64, j as f64, k as f64);
-                let x = low + DVec3::from(at.map(f64::from));
-                if border.holds(x) {
-                    let at = (border.extend(x) - low).as_vec3().to_array();
-                    layer.add_sample(&ids, present, at, MOST / n);
-                } else {
-                    layer.settled[0] += u64::from(MOST / n);
-                }
-            }
-        }
-    }
-    // Layers wait for each other: what growing left unused adds up.
-    layer.pairs.iter_mut().for_each(Vec::shrink_to_fit);
-    layer.many.shrink_to_fit();
-    Ok(layer)
-}
-
-impl Layer {
-    /// Makes room for `count` more samples of `units` each.
-    fn make_room(&mut self, units: u32, count: usize) -> Result<()> {
-        let short = |_| Error::OutOfMemory { count, what: "samples for the weights of labels" };
-        self.pairs[units.ilog2() as usize].try_reserve(count).map_err(short)?;
-        self.many.try_reserve(count).map_err(short)
-    }
-
-    fn add_sample(&mut self, ids: &indicator::Corners, present: &[u16], at: [f32; 3], units: u32) {
-        const RATIO: f32 = LIMIT * LIMIT;
-        let corners = indicator::parts(at);
-        if let &[a, b] = present {
-            let value = indicator::indicator(ids, &corners, a);
-            let other = 1.0 - value;
-            if value > RATIO * other {
-                self.settled[usize::from(a)] += u64::from(units);
-            } else if other > RATIO * value {
-                self.settled[usize::from(b)] += u64::from(units);
-            } else {
-                self.pairs[units.ilog2() as usize].push(Pair { labels: [a, b], ratio: other / value });
-            }
-            return;
-        }
-        let mut rivals = [(0.0_f32, 0_u16); 8];
-        for (rival, &id) in rivals.iter_mut().zip(present) {
-            *rival = (indicator::indicator(ids, &corners, id), id);
-        }
-        rivals.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        let least = rivals[0].0 / RATIO;
-        match rivals.iter().take_while(|r| r.0 >= least).count() {
-            1 => self.settled[usize::from(rivals[0].1)] += u64::from(units),
-            2 => self.pairs[units.ilog2() as usize]
-                .push(Pair { labels: [rivals[0].1, rivals[1].1], ratio: rivals[1].0 / rivals[0].0 }),
-            _ => self.many.push(Many {
-                labels: std::array::from_fn(|n| rivals[n].1),
-                values: std::array::from_fn(|n| if rivals[n].0 >= least { rivals[n].0 } else { 0.0 }),
-                units,
-            }),
-        }
-    }
-}
-
 /// The labels at the corners of a cell, and how many.
 fn distinct(ids: &indicator::Corners) -> ([u16; 8], usize) {
     let mut present = [0; 8];
     let mut count = 0;
-    for id in ids {
-        if !present[..count].contains(id) {
-            present[count] = *id;
-            count += 1;
-        }
+    let mut rest = 0xff_u32;
+    while rest != 0 {
+        present[count] = ids[rest.trailing_zeros() as usize];
+        rest &= !indicator::corners_of(ids, present[count]);
+        count += 1;
     }
     (present, count)
 }
 
-/// The first points of the sequence.
-fn points() -> [[f32; 3]; MOST as usize] {
-    // Powers of the inverse of the root of x^4 = x + 1.
-    const STRIDE: [f64; 3] = [0.819_172_513_396_164_5, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3];
-    std::array::from_fn(|n| STRIDE.map(|s| (n as f64 * s).fract() as f32))
-}
-
-/// Where the sequence starts in a cell: in [0, 1)^3, without order.
-fn shift([i, j, k]: [usize; 3]) -> [f32; 3] {
+/// Where a cell's samples start and whether it stands for others, without order.
+fn hash([i, j, k]: [usize; 3]) -> u64 {
     // The finalizer of splitmix64 (G. Steele, D. Lea, C. Flood, OOPSLA 2014).
     let mut h =
         (i as u64 ^ (j as u64).rotate_left(21) ^ (k as u64).rotate_left(42)).wrapping_add(0x9e37_79b9_7f4a_7c15);
     h = (h ^ h >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     h = (h ^ h >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    h ^= h >> 31;
-    [0, 21, 42].map(|low| (h >> low & 0x1f_ffff) as f32 / (1 << 21) as f32 * (1.0 - f32::EPSILON))
-}
-
-/// Units of each label under the given weights.
-fn volumes(
-    layers: &[Layer],
-    settled: &[u64],
-    weights: &[f32],
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<Vec<u64>> {
-    let zero = || vec![0; weights.len()];
-    let count = |mut counts: Vec<u64>, layer: &Layer| {
-        check()?;
-        for (size, pairs) in layer.pairs.iter().enumerate() {
-            for &Pair { labels: [a, b], ratio } in pairs {
-                let wins = weights[usize::from(a)] >= ratio * weights[usize::from(b)];
-                counts[usize::from(if wins { a } else { b })] += 1 << size;
-            }
-        }
-        for sample in &layer.many {
-            counts[usize::from(sample.winner(weights))] += u64::from(sample.units);
-        }
-        Ok(counts)
-    };
-    let mut volumes = layers.par_iter().try_fold(zero, count).try_reduce(zero, |mut a, b| {
-        add(&mut a, &b);
-        Ok(a)
-    })?;
-    add(&mut volumes, settled);
-    Ok(volumes)
+    h ^ h >> 31
 }
 
 /// For each label its rivals and the units that go over to it from each, per unit of the logarithm of their ratio.
-fn exchange(layers: &[Layer], labels: usize, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Vec<Vec<(u16, f64)>>> {
-    let mut units: std::collections::BTreeMap<[u16; 2], u64> = std::collections::BTreeMap::new();
-    let mut note = |labels: [u16; 2], n: u64| {
-        *units.entry([labels[0].min(labels[1]), labels[0].max(labels[1])]).or_default() += n;
-    };
-    for layer in layers {
-        check()?;
-        // Samples of a cell follow each other: runs of a pair are noted as one.
-        for (size, pairs) in layer.pairs.iter().enumerate() {
-            let runs = pairs.chunk_by(|p, q| p.labels == q.labels);
-            runs.for_each(|run| note(run[0].labels, (run.len() as u64) << size));
-        }
-        layer.many.iter().for_each(|m| note([m.labels[0], m.labels[1]], u64::from(m.units)));
+fn exchange(curves: &BTreeMap<[u16; 2], Curve>, many: &[Many], labels: usize) -> Vec<Vec<(u16, f64)>> {
+    let mut units: BTreeMap<[u16; 2], f64> =
+        curves.iter().map(|(&pair, curve)| (pair, curve[0] - curve[LEVELS])).collect();
+    for m in many {
+        let [a, b, ..] = m.labels;
+        *units.entry([a.min(b), a.max(b)]).or_default() += f64::from(m.units);
     }
     let mut exchange = vec![Vec::new(); labels];
-    // Ratios from 1/LIMIT^2 to LIMIT^2 are contested.
-    let width = 4.0 * f64::from(LIMIT).ln();
+    // Levels are those of ratios from 1/RATIO to RATIO.
+    let width = 2.0 * f64::from(RATIO).ln();
     for ([a, b], n) in units {
-        let rate = n as f64 / width;
+        let rate = n / width;
         exchange[usize::from(a)].push((b, rate));
         exchange[usize::from(b)].push((a, rate));
     }
-    Ok(exchange)
+    exchange
 }
 
 /// One Newton step on the logarithms of the weights, towards the volumes that are `missing`.
@@ -348,6 +454,61 @@ fn step(exchange: &[Vec<(u16, f64)>], missing: &[f64], logs: &mut [f64]) {
             }
             if rate > 0.0 {
                 logs[label] = (before[label] + gain / rate).clamp(-limit, limit);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shapes_are_those_of_the_cube() {
+        let classes: std::collections::BTreeSet<u8> = TABLES.of.iter().copied().collect();
+        assert_eq!(classes.len(), SHAPES);
+        // A half of the cell, cut by a plane: what is held at level t is 1 - t of the cell.
+        let half = &TABLES.curves[usize::from(TABLES.of[0b1111])];
+        for (n, &surplus) in half.iter().enumerate() {
+            let level = f64::from(LOWEST) + f64::from(HIGHEST - LOWEST) * n as f64 / LEVELS as f64;
+            assert!((surplus - (0.5 - level)).abs() < 2e-3, "{surplus} at level {level}");
+        }
+        // What a set of corners has not, the other corners have at the opposite level.
+        for set in 0..256 {
+            let curve = |set: usize| &TABLES.curves[usize::from(TABLES.of[set])];
+            for n in 0..=LEVELS {
+                let both = curve(set)[n] + curve(0xff ^ set)[LEVELS - n];
+                assert!(both.abs() < 6e-3, "{set:b} at {n}: {both}");
+            }
+        }
+    }
+
+    /// The surplus of two labels in the cells of some corners, by samples of all cells and by shapes.
+    #[test]
+    fn samples_agree_with_shapes() {
+        let sampling = Sampling::new([1_u64; 4].into_iter());
+        let border = Border::none([1000; 3]);
+        let mut by_shape = Tally::new(&sampling);
+        let mut by_samples = Tally::new(&sampling);
+        let mut seed = 1_u64;
+        for n in 0..2000_usize {
+            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            let ids = std::array::from_fn(|c| 1 + (seed >> (40 + c) & 1) as u16);
+            if indicator::corners_of(&ids, ids[0]) != 0xff {
+                let cell = [n % 10, n / 10 % 10, n / 100];
+                by_shape.add(&border, cell, &ids).unwrap();
+                by_samples.sample(cell, &ids, UNITS).unwrap();
+            }
+        }
+        let missing = |tally: &Tally, weights: &[f32]| {
+            let curves = tally.of_pair.iter().map(|(&pair, &at)| (pair, tally.contests[at].surplus())).collect();
+            tally.missing(&curves, weights)
+        };
+        for ratio in [0.5, 0.7, 1.0, 1.3, 2.0] {
+            let (a, b) = (missing(&by_shape, &[1.0, 1.0, ratio, 1.0]), missing(&by_samples, &[1.0, 1.0, ratio, 1.0]));
+            for label in 1..3 {
+                let difference = (a[label] - b[label]) / f64::from(UNITS) / 2000.0;
+                assert!(difference.abs() < 2e-3, "label {label} at ratio {ratio}: {difference} of a cell");
             }
         }
     }
