@@ -2,8 +2,8 @@
 //!
 //! A point query reads a voxel and its neighbours along all three axes. In rows they lie on four cache lines far apart; in bricks
 //! mostly on one or two. The address is separable: it is a sum of one term per axis, so the eight corners of a cell need six
-//! terms. Bricks are ordered x fastest, then z, then y: all bricks of one range of y are contiguous, which lets the last pass of
-//! the feature transform (along z) write them in parallel.
+//! terms. Bricks are ordered x fastest, then z, then y: all bricks of one range of y are contiguous, so that
+//! ranges can be filled in in parallel.
 
 /// log2 of the edge of a brick; 0 gives plain rows. Chosen by `benches/oracle.rs`.
 const LOG: usize = 2;

@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use super::{Oracle, border::Border, indicator};
+use super::{Oracle, border::Border, indicator, voxel::Voxel};
 use crate::params::SurfaceModel;
 
 /// Width of the final bracket.
@@ -121,10 +121,9 @@ impl Oracle {
             let part = exit.min(stop);
             let voxel = self.at(cell);
             let only = if self.model == SurfaceModel::Smooth && voxel.rings() == 0 {
-                let ids = self.corners(cell);
                 let ends = [t, part].map(|t| line.in_cell(t, cell, &self.border));
                 let tolerance = TOLERANCE * line.unit / (part - t);
-                if let Some((s, to)) = indicator::overtaken(&ids, &self.weights, from, ends, tolerance) {
+                if let Some((s, to)) = self.overtaken(cell, voxel, from, ends, tolerance) {
                     return Some((line.at(t + (part - t) * s), to));
                 }
                 None
@@ -137,7 +136,7 @@ impl Oracle {
                     return Some((line.at(t), id));
                 }
                 // Near dO the clearance does not lead out of the cell.
-                if self.has_room(voxel) {
+                if voxel.rings() > 1 {
                     let clear = t + self.clearance_at(line.at(t)) * per_length;
                     if clear > exit {
                         known = clear.min(end);
@@ -158,6 +157,32 @@ impl Oracle {
         // A change that rounding hid from the walk. Not the label at t = end: that point is the target's but for rounding, and the target may lie on a tie.
         let to = self.label_at(target);
         (to != from).then(|| self.halve(&line, [known.min(end), end], from, to))
+    }
+
+    /// The first change from the label `from` on a segment within a mixed cell, see [`indicator::overtaken`].
+    #[inline(always)]
+    fn overtaken(
+        &self,
+        cell: [usize; 3],
+        voxel: Voxel,
+        from: u16,
+        ends: [[f32; 3]; 2],
+        tolerance: f64,
+    ) -> Option<(f64, u16)> {
+        let first = voxel.first_corners();
+        let other = if voxel.is_two() { self.corner(cell, (!first).trailing_zeros()) } else { from };
+        // Rounding may find a third label leading where the segment enters the cell.
+        let (corners, to) = match () {
+            () if !voxel.is_two() => {
+                return indicator::overtaken(&self.corners(cell), &self.weights, from, ends, tolerance);
+            }
+            () if from == voxel.id => (first, other),
+            () if from == other => (!first, voxel.id),
+            () => return Some((0.0, voxel.id)),
+        };
+        let [weight, against] = [from, to].map(|id| self.weights[usize::from(id)]);
+        let s = indicator::overtaken_by_other(corners, weight, against, ends, tolerance)?;
+        Some((s, to))
     }
 
     /// Narrows a bracket (label `from` at its start, `to` at its end) by labels alone.

@@ -29,6 +29,16 @@ pub(super) fn indicator(ids: &Corners, parts: &[f32; 8], id: u16) -> f32 {
     ((w[0] + w[4]) + (w[2] + w[6])) + ((w[1] + w[5]) + (w[3] + w[7]))
 }
 
+/// The label at a point of a cell of two labels, the first of which the `corners` have.
+#[inline(always)]
+pub(super) fn label_of_two(corners: u32, [id, other]: [u16; 2], weights: &[f32], at: [f32; 3]) -> u16 {
+    let parts = parts(at);
+    let w: [f32; 8] = std::array::from_fn(|c| if corners >> c & 1 == 1 { parts[c] } else { 0.0 });
+    let part = ((w[0] + w[4]) + (w[2] + w[6])) + ((w[1] + w[5]) + (w[3] + w[7]));
+    let (value, against) = (part * weights[usize::from(id)], (1.0 - part) * weights[usize::from(other)]);
+    if value > against || (value == against && id < other) { id } else { other }
+}
+
 /// The label at a point of the cell. `weights`: of each id; `greatest`: the largest of them.
 #[inline]
 pub(super) fn label(ids: &Corners, weights: &[f32], greatest: f32, at: [f32; 3]) -> u16 {
@@ -94,6 +104,23 @@ pub(super) fn overtaken(
         }
     }
     first
+}
+
+/// As [`overtaken`], in a cell of two labels, of which the `corners` have `id`.
+#[inline]
+pub(super) fn overtaken_by_other(
+    corners: u32,
+    weight: f32,
+    against: f32,
+    [start, end]: [[f32; 3]; 2],
+    tolerance: f64,
+) -> Option<f64> {
+    let lead = std::array::from_fn(|c| if corners >> c & 1 == 1 { weight } else { -against });
+    let cubic = along(&lead, start, end);
+    if cubic.iter().all(|&b| b >= 0.0) {
+        return None;
+    }
+    first_descent(cubic.map(f64::from), [0.0, 1.0], tolerance)
 }
 
 /// The Bernstein coefficients of a trilinear function, given by its values at the corners, along a segment. They are means of its blossom: of its values where some
@@ -205,6 +232,23 @@ mod tests {
             if ahead > 1e-6 {
                 prop_assert_eq!(label(&ids, weights, 1.5, at), expected);
             }
+        }
+
+        #[test]
+        fn two_labels_agree_with_many(corners in 1_u32..255, pair in prop_oneof![Just([1_u16, 3]), Just([4, 2])],
+            start in prop::array::uniform3(0.0_f32..=1.0),
+            end in prop::array::uniform3(0.0_f32..=1.0),
+            set in 0..2_usize,
+        ) {
+            let weights = &WEIGHTS[set];
+            let ids = std::array::from_fn(|c| pair[usize::from(corners >> c & 1 == 0)]);
+            let (expected, ahead) = naive(&ids, weights, start);
+            prop_assume!(ahead > 1e-5);
+            prop_assert_eq!(label_of_two(corners, pair, weights, start), expected);
+            let (of_expected, to) = if expected == pair[0] { (corners, pair[1]) } else { (!corners, pair[0]) };
+            let [weight, against] = [expected, to].map(|id| weights[usize::from(id)]);
+            let s = overtaken_by_other(of_expected, weight, against, [start, end], 1e-4);
+            prop_assert_eq!(s.map(|s| (s, to)), overtaken(&ids, weights, expected, [start, end], 1e-4));
         }
 
         #[test]

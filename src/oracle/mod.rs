@@ -5,56 +5,50 @@
 //! case at the border of the image. It works in region coordinates: continuous indices whose origin is the region's first voxel
 //! centre. World distances there are those of the spacing, because image axes are orthonormal.
 //!
-//! **Clearance** rests on one fact, for both surface models: every point x of dO has a surface voxel (one with a face neighbour of
-//! another label) whose centre is at most h = half of a voxel's diagonal away.
-//! - Voxel model: x is on a face of a voxel whose neighbour across it has another label, and no point of a voxel is farther than h from its centre.
-//! - Smooth model: labels have weights with ratios of at most W = 2.25 (`weights::LIMIT` squared; below 3 is what the proof needs). Let v be the corner of x's
-//!   cell nearest to x, L its label, and (a, b, c) in [0, 1/2]^3 the offsets of x from v. If v is a surface voxel, it is at most h away. If not, v and
-//!   its three neighbours in the cell have label L, so the indicators of all other labels sum to at most u = ab + ac + bc - 2abc, what is left for the other four
-//!   corners. As x is in dO, the indicator of some other label M is at least 1/W of that of L. So u >= (1 - u)/W, u >= 1/(1 + W) > 1/4.
-//!   - Of the three corners that share a face of the cell with v but no edge, two or more are not L: with one of them, and the corner opposite to v,
-//!     M's indicator would be at most ab <= 1/4, and L's at least 3/4. Each of the three has two of v's neighbours beside it, any two have
-//!     all: all three neighbours of v in the cell are surface voxels.
-//!   - In e_i = 1 - 2 (a, b, c)_i, the squared distance from x to the nearest of the three is h^2 + m - sum(e_i (2 - e_i) s_i^2) / 4, where s is the spacing
-//!     and m = min(e_i s_i^2); the last sum is at least m (6 - sum(e_i)), so the distance is at most h when sum(e_i) <= 2.
-//!   - 1 - 2u = (sum(e_i) - product(e_i)) / 2 (u is the chance that of three coins most show heads). With u > 1/4 it is below 1/2, and the product is at most the least e_i: the other
-//!     two sum to less than 1, all three to less than 3/2.
-//!   - Where the object reaches the border of the image (see `border`), x may lie up to half a voxel beyond the outermost voxel centres. Let v be the centre nearest to x. If its label
-//!     is not background, v is a surface voxel, because the voxel beyond it is background. If it is, and v is no surface voxel, three of the four centres around x's projection are
-//!     background, the fourth has a part of at most 1/4, and no other label leads there.
+//! **Cells** are the cubes between eight voxel centres; a cell is *mixed* when its corners have several labels. In both surface models dO lies in the mixed cells:
+//! - Smooth model: in a cell of one label all other indicators are 0. Between the outermost voxel centres and a wall (see `border`) a point has the label of its projection onto the face of
+//!   its cell; beyond the wall are background corners, so the cell is mixed unless that face is background.
+//! - Voxel model: a point of dO is on the common face of two voxels of different labels, and every cell that holds a part of this face has both centres as corners.
 //!
-//! So if s(p) is the distance from p to the nearest surface voxel centre, the distance from p to dO is at least s(p) - h. The feature transform has s
-//! at voxel centres, and s(p) >= s(v) - |p - v|. For p outside the region, with q its nearest point in the region's box, which is convex and
-//! holds all surface voxels: s(p)^2 >= |p - q|^2 + s(q)^2.
+//! **Clearance** is a lower bound of the distance to dO.
+//! - In a mixed cell it is 0.
+//! - A uniform cell has one ring or more of cells of one label around it (see `cells`), and dO is no nearer than the faces of that block.
+//! - From three rings on, the *far* cells, there is a second bound. A point of a mixed cell is at most h = half of a voxel's diagonal away from its centre, so if s is the distance to the nearest centre of a mixed
+//!   cell, dO is no nearer than s - h. The feature transform has s exactly at every fourth voxel centre along each axis, and a proven lower bound between; see `distance`.
+//! - For p outside the region, with q its nearest point in the region's box, which is convex and holds dO: the squared distance is at least |p - q|^2 + clearance(q)^2.
+//!
+//! **Target.** The way to the nearest surface leads to a voxel centre of another label: the nearest corner of that kind of a mixed cell. In a mixed cell it is this very cell. In a uniform cell with one or two
+//! rings it is the mixed cell nearest to its centre, exactly. In a far cell it is the nearest to the point of the eight that are nearest to the nodes of the feature transform around: nearly, not always, the
+//! nearest. So whether a large ball meets dO may be decided with a surface point that is slightly farther away than the closest.
 //!
 //! **Volumes.** The smooth model without weights loses volume where interfaces are convex, about h^2/12 per unit of area and curvature (h here the spacing); the weights
 //! restore that of each label, see `weights`. Single voxels stay single voxels: the label at a voxel's centre is its own, whatever the weights, because
 //! all other indicators are 0 there. On the edge between two voxels the change of label lies at a part from 1/(1 + W) to W/(1 + W) of it. A flat interface between two
 //! labels moves by about a quarter of the logarithm of their ratio, in voxels.
 //!
-//! **Near dO** this bound is often 0, half a voxel's diagonal and more away. There the smooth model counts cells: dO lies in cells whose corners have several labels, so
-//! it is no nearer than the faces of the block of cells of one label around the point, see `rings`. In a cell of one label the label needs no interpolation.
-//!
-//! The oracle is immutable and `Sync`. Memory: 8 bytes per voxel of the region.
+//! The oracle is immutable and `Sync`. Memory: a little more than 4 bytes per voxel of the region.
 //!
 //! Sources: the walk to the nearest surface voxel is that of P. Foteinos, N. Chrisochoides, "High quality real-time image-to-mesh conversion for finite element
 //! simulations", J. Parallel and Distributed Computing 74, 2014 (section 3); stepping by a distance bound is sphere tracing (J. C. Hart, The Visual
 //! Computer 12, 1996).
 
 mod border;
+mod cells;
 mod crossing;
 mod edges;
 mod indicator;
 mod region;
-mod rings;
+mod voxel;
 mod weights;
 
 use glam::{DMat3, DVec3};
 
 use border::Border;
 pub use edges::{CrossedEdge, EdgeGrid};
-use region::{calibrate, mark_surface, region, region_voxels, set_room};
-use rings::Rings;
+use cells::Cells;
+use region::{Region, Rows};
+use voxel::Voxel;
+use weights::Sampling;
 
 use crate::{
     Result,
@@ -76,50 +70,19 @@ pub struct Oracle {
     last: DVec3,
     /// Where the smooth model ends.
     border: Border,
-    /// Upper bound of the distance from a point of dO to its nearest surface voxel centre.
+    /// Half of a voxel's diagonal, and more than rounding can eat.
     slack: f64,
     bricks: Bricks,
     /// The voxels of the region, in the bricked layout.
     voxels: Vec<Voxel>,
+    /// Where near cells have their nearest mixed cell.
+    offsets: Vec<[i8; 3]>,
     /// Weight of each dense id in the smooth model; empty in the voxel model.
     weights: Vec<f32>,
     /// The largest weight.
     greatest: f32,
-    /// Unit of the voxels' distances.
-    quantum: f64,
-    /// Two and a half voxel diagonals in quanta.
-    far: u16,
-    /// Nearest surface voxel of each voxel of the region.
+    /// The mixed cells near far points.
     features: FeatureTransform,
-}
-
-/// What most queries need of a voxel; together, so that one cache line has it. Decoding the feature instead costs a clearance twice the time.
-#[derive(Clone, Copy, Debug, Default)]
-struct Voxel {
-    /// Dense id of the label.
-    id: u16,
-    /// Around the voxel: see `pack`.
-    room: u16,
-}
-
-impl Voxel {
-    const DISTANCES: u16 = u16::MAX >> 2;
-
-    /// Two things in one word: the rings of the cell between this voxel and the next one along each axis (0 in the voxel model), and the distance to the nearest surface voxel, in quanta, rounded down.
-    fn pack(rings: u16, distance: u16) -> u16 {
-        debug_assert!(usize::from(rings) <= rings::MOST && distance <= Self::DISTANCES);
-        distance << 2 | rings
-    }
-
-    #[inline(always)]
-    fn rings(self) -> u16 {
-        self.room & 3
-    }
-
-    #[inline(always)]
-    fn distance(self) -> u16 {
-        self.room >> 2
-    }
 }
 
 /// What one look at the volumes tells about a point.
@@ -151,16 +114,6 @@ pub struct Crossing {
     pub to: u16,
 }
 
-/// The voxel nearest to a point.
-struct Nearest {
-    /// Its address.
-    at: usize,
-    /// Distance from the point, moved into the region, to the voxel's centre.
-    offset: f64,
-    /// Squared distance from the point to the region's box.
-    outside2: f64,
-}
-
 impl Oracle {
     /// Builds the oracle; computes the feature transform on all threads of the current rayon pool. `check` is called at least once per
     /// plane of voxels and pass, from several threads; its error ends the computation.
@@ -169,30 +122,26 @@ impl Oracle {
     /// [`crate::Error::EmptyImage`] when no voxel differs from the background; [`crate::Error::InvalidArgument`] when the object's bounding box has
     /// 2^32 voxels or more; [`crate::Error::OutOfMemory`]; whatever `check` returns.
     pub fn new(image: &LabelImage, model: SurfaceModel, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
-        let (first, dims) = region(image, check)?;
-        let bricks = Bricks::new(dims);
-        let mut voxels = region_voxels(image, first, &bricks, check)?;
+        let region = Region::new(image, check)?;
+        let Region { first, dims } = region;
+        let rows = Rows::new(image, &region, check)?;
         let frame = image.frame();
         let spacing = frame.spacing();
-        let features = FeatureTransform::compute(
-            dims,
-            spacing.to_array(),
-            |y, z, row| mark_surface(&voxels, &bricks, y, z, row),
-            check,
-        )?;
-        // No distance in the region exceeds its diagonal.
-        let quantum = (DVec3::from(dims.map(|n| n as f64)) * spacing).length() / f64::from(Voxel::DISTANCES);
-        let (border, weights) = match model {
+        let mixed = Cells::mixed(&rows, check)?;
+        let features =
+            FeatureTransform::compute(dims.map(|n| n - 1), spacing.to_array(), |j, k| mixed.row(j, k), check)?;
+        let offsets = voxel::offsets(spacing);
+        let (border, voxels, weights) = match model {
             SurfaceModel::Smooth => {
-                let rings = Rings::new(&voxels, &bricks, check)?;
-                set_room(&mut voxels, Some(rings), &features, quantum, check)?;
                 let border = Border::new(first, dims, image.dims());
-                let weights = calibrate(&voxels, &bricks, &border, image.labels().len(), check)?;
-                (border, weights)
+                let sampling = Sampling::new(rows.rough_counts(image.labels().len()).into_iter());
+                let (voxels, tally) = voxel::records(&rows, &mixed, &offsets, Some((&sampling, &border)), check)?;
+                let weights = tally.map_or(Ok(Vec::new()), |tally| tally.weights(&|| check()))?;
+                (border, voxels, weights)
             }
             SurfaceModel::Voxel => {
-                set_room(&mut voxels, None, &features, quantum, check)?;
-                (Border::none(dims), Vec::new())
+                let (voxels, _) = voxel::records(&rows, &mixed, &offsets, None, check)?;
+                (Border::none(dims), voxels, Vec::new())
             }
         };
         let to_world = frame.direction() * DMat3::from_diagonal(spacing);
@@ -204,14 +153,12 @@ impl Oracle {
             spacing,
             last: DVec3::from(dims.map(|n| (n - 1) as f64)),
             border,
-            // Above the exact bound by more than rounding can eat.
             slack: 0.5 * spacing.length() * (1.0 + 1e-9),
-            bricks,
+            bricks: Bricks::new(dims),
             voxels,
+            offsets,
             greatest: weights.iter().copied().fold(1.0, f32::max),
             weights,
-            quantum,
-            far: (2.5 * spacing.length() / quantum) as u16,
             features,
         })
     }
@@ -309,19 +256,17 @@ impl Oracle {
     /// # Errors
     /// [`crate::Error::EmptyImage`]; whatever `check` returns.
     pub fn bytes_needed(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<u64> {
-        let (_, dims) = region(image, check)?;
-        let voxels = dims.iter().map(|&n| n as u64).product::<u64>();
-        // Beside what is held, the feature transform in its last pass has the sites of the planes, and later there are the rings.
-        let passing = (voxels * size_of::<u32>() as u64).max(Rings::bytes(dims));
-        Ok(Bricks::new(dims).len() as u64 * Self::BYTES_PER_VOXEL as u64 + passing)
+        let dims = Region::new(image, check)?.dims;
+        let [held, passing] = FeatureTransform::bytes_needed(dims.map(|n| n - 1));
+        let voxels = Bricks::new(dims).len() as u64 * size_of::<Voxel>() as u64;
+        // While the feature transform is computed there is one set of cells; while the voxels are filled in, three.
+        let building = (passing + Cells::bytes(dims)).max(voxels + 3 * Cells::bytes(dims));
+        Ok(Rows::bytes(dims) + held + building)
     }
-
-    /// Bytes held per voxel of the region: voxel and feature.
-    const BYTES_PER_VOXEL: usize = size_of::<Voxel>() + size_of::<u32>();
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.bricks.len() * Self::BYTES_PER_VOXEL
+        self.voxels.len() * size_of::<Voxel>() + self.features.bytes()
     }
 
     #[inline(always)]
@@ -347,68 +292,68 @@ impl Oracle {
                 let x = self.border.extend(x);
                 let cell = self.cell(x);
                 let voxel = self.at(cell);
-                if voxel.rings() > 0 {
-                    voxel.id
-                } else {
-                    indicator::label(&self.corners(cell), &self.weights, self.greatest, place(x, cell))
-                }
+                if voxel.rings() > 0 { voxel.id } else { self.label_in(cell, voxel, x) }
             }
             SurfaceModel::Voxel => self.at(self.voxel(x)).id,
         }
     }
 
+    /// The label in a mixed cell of the smooth model.
+    #[inline(always)]
+    fn label_in(&self, cell: [usize; 3], voxel: Voxel, x: DVec3) -> u16 {
+        if voxel.is_two() {
+            let first = voxel.first_corners();
+            let other = self.corner(cell, (!first).trailing_zeros());
+            indicator::label_of_two(first, [voxel.id, other], &self.weights, place(x, cell))
+        } else {
+            indicator::label(&self.corners(cell), &self.weights, self.greatest, place(x, cell))
+        }
+    }
+
     #[inline(always)]
     fn approach_at(&self, x: DVec3) -> Approach {
-        let sample = match self.model {
-            SurfaceModel::Smooth => {
-                let mixed = || Sample { label: self.label_inside(x), clearance: 0.0 };
-                self.uniform_at(x).unwrap_or_else(mixed)
-            }
-            SurfaceModel::Voxel => {
-                let nearest = self.nearest(x);
-                let clearance = self.clearance_from(&nearest);
-                // dO does not come between the point and the centre of its nearest voxel.
-                let label = if clearance > 0.0 { self.voxels[nearest.at].id } else { self.label_at(x) };
-                Sample { label, clearance }
-            }
-        };
+        let sample = self.uniform_at(x).unwrap_or_else(|| Sample { label: self.label_inside(x), clearance: 0.0 });
         Approach { x, sample }
     }
 
     #[inline(always)]
     fn clearance_at(&self, x: DVec3) -> f64 {
-        match self.model {
-            SurfaceModel::Smooth => self.uniform_at(x).map_or(0.0, |sample| sample.clearance),
-            SurfaceModel::Voxel => self.clearance_from(&self.nearest(x)),
-        }
+        self.uniform_at(x).map_or(0.0, |sample| sample.clearance)
     }
 
-    /// Label and clearance in the smooth model: of points outside of the border, and in uniform cells. `None`: in a mixed cell.
+    /// Label and clearance of points outside of the border and in uniform cells. `None`: in a mixed cell.
     #[inline(always)]
     fn uniform_at(&self, x: DVec3) -> Option<Sample> {
         if !self.border.holds(x) {
-            return Some(Sample { label: 0, clearance: self.clearance_from(&self.nearest(x)) });
+            return Some(Sample { label: 0, clearance: self.clearance_outside(x) });
         }
         let cell = self.cell(x);
         let voxel = self.at(cell);
-        let rings = voxel.rings();
-        if rings == 0 {
-            return None;
-        }
-        let clearance = self.to_faces(x, cell, f64::from(rings - 1));
-        let is_far = usize::from(rings) == rings::MOST;
-        let clearance = if is_far { clearance.max(self.clearance_from(&self.nearest(x))) } else { clearance };
-        Some(Sample { label: voxel.id, clearance })
+        (voxel.rings() > 0).then(|| Sample { label: voxel.id, clearance: self.clearance_in(cell, voxel, x) })
     }
 
-    /// Whether the clearance may lead out of a cell of one label: in the smooth model out of the cell at a voxel, in the voxel model out of the voxel, within which one and
-    /// a half diagonals may be lost.
+    /// The clearance of a point outside of the border.
+    fn clearance_outside(&self, x: DVec3) -> f64 {
+        let q = self.inside(x);
+        let cell = self.cell(q);
+        let within = self.clearance_in(cell, self.at(cell), q);
+        let outside = ((x - q) * self.spacing).length();
+        if outside > 0.0 { outside.hypot(within) } else { within }
+    }
+
+    /// The clearance of a point of a cell.
     #[inline(always)]
-    fn has_room(&self, voxel: Voxel) -> bool {
-        match self.model {
-            SurfaceModel::Smooth => voxel.rings() > 1,
-            SurfaceModel::Voxel => voxel.distance() >= self.far,
+    fn clearance_in(&self, cell: [usize; 3], voxel: Voxel, x: DVec3) -> f64 {
+        let rings = voxel.rings();
+        if rings == 0 {
+            return 0.0;
         }
+        let clearance = self.to_faces(x, cell, f64::from(rings - 1));
+        if rings < voxel::FAR { clearance } else { clearance.max(self.far_clearance(x)) }
+    }
+
+    fn far_clearance(&self, x: DVec3) -> f64 {
+        (self.features.around(x).squared_distance.max(0.0) * (1.0 - 1e-9)).sqrt() - self.slack
     }
 
     /// Distance from a point of a cell to the faces of the block of cells around it, `more` on each side.
@@ -445,55 +390,81 @@ impl Oracle {
         corners(&self.voxels, &self.bricks, cell)
     }
 
+    /// The label of a corner of a cell.
     #[inline(always)]
-    fn nearest(&self, x: DVec3) -> Nearest {
-        let q = x.max(DVec3::ZERO).min(self.last);
-        let [i, j, k] = self.voxel(q);
-        let centre = DVec3::new(i as f64, j as f64, k as f64);
-        Nearest {
-            at: self.bricks.index(i, j, k),
-            offset: ((q - centre) * self.spacing).length(),
-            outside2: ((x - q) * self.spacing).length_squared(),
-        }
+    fn corner(&self, [i, j, k]: [usize; 3], corner: u32) -> u16 {
+        let c = corner as usize;
+        self.at([i + (c & 1), j + (c >> 1 & 1), k + (c >> 2 & 1)]).id
     }
 
-    /// The lower bound of the head comment.
+    /// The nearest point in the region's box.
     #[inline(always)]
-    fn clearance_from(&self, nearest: &Nearest) -> f64 {
-        let to_site = (f64::from(self.voxels[nearest.at].distance()) * self.quantum - nearest.offset).max(0.0);
-        let to_site = if nearest.outside2 > 0.0 { (nearest.outside2 + to_site * to_site).sqrt() } else { to_site };
-        (to_site - self.slack).max(0.0)
+    fn inside(&self, x: DVec3) -> DVec3 {
+        x.max(DVec3::ZERO).min(self.last)
     }
 
-    /// A voxel centre near x that has another label than `from`: the nearest surface voxel, or else its neighbour nearest to x.
+    /// A voxel centre near x that has another label than `from`, the label of x.
+    #[inline(always)]
     fn region_target(&self, x: DVec3, from: u16) -> DVec3 {
-        let [i, j, k] = self.voxel(x.max(DVec3::ZERO).min(self.last));
-        let site = self.features.site_at(self.bricks.index(i, j, k)).map(|c| c as usize);
-        let centre = DVec3::from(site.map(|c| c as f64));
-        if self.at(site).id != from {
-            return centre;
+        let q = self.inside(x);
+        let cell = self.cell(q);
+        let voxel = self.at(cell);
+        let rings = voxel.rings();
+        let (mixed, voxel) = match rings {
+            0 => (cell, voxel),
+            _ => {
+                let mixed = if rings < voxel::FAR {
+                    let offset = self.offsets[voxel.offset()];
+                    [0, 1, 2].map(|a| cell[a].wrapping_add_signed(isize::from(offset[a])))
+                } else {
+                    self.features.around(q).site.map(|c| c as usize)
+                };
+                (mixed, self.at(mixed))
+            }
+        };
+        let first = voxel.first_corners();
+        let others = match () {
+            () if voxel.id == from => !first & 0xff,
+            () if voxel.is_two() => first,
+            () => !indicator::corners_of(&self.corners(mixed), from) & 0xff,
+        };
+        // The nearest of these corners. Without branches: which they are is as good as random.
+        let low = DVec3::from(mixed.map(|c| c as f64));
+        let [to_low, to_high] = [low, low + 1.0].map(|corner| (corner - x) * self.spacing);
+        let squared = [to_low * to_low, to_high * to_high];
+        let mut nearest = (f64::INFINITY, 0);
+        for c in 0..8 {
+            let distance = squared[c & 1].x + squared[c >> 1 & 1].y + squared[c >> 2].z;
+            let distance = if others >> c & 1 == 1 { distance } else { f64::INFINITY };
+            nearest = if distance < nearest.0 { (distance, c) } else { nearest };
         }
-        // Its six neighbours; where it lies at the end of an axis, itself in place of one. Without branches: which of them differ is as good as random.
-        let (b, dims) = (&self.bricks, self.bricks.dims());
-        let at = [b.x(site[0]), b.y(site[1]), b.z(site[2])];
-        let all = at[0] + at[1] + at[2];
-        let to_site = (centre - x) * self.spacing;
+        let corner = low + DVec3::from([0, 1, 2].map(|a| (nearest.1 >> a & 1) as f64));
+        if rings > 1 { corner } else { self.beside(q, from).filter(|b| b.1 < nearest.0).map_or(corner, |b| b.0) }
+    }
+
+    /// Of the neighbours outside of x's cell that the voxel nearest to x has, the nearest one with another label than `from`; and its squared distance.
+    #[inline(always)]
+    fn beside(&self, x: DVec3, from: u16) -> Option<(DVec3, f64)> {
+        let (voxel, cell, b, dims) = (self.voxel(x), self.cell(x), &self.bricks, self.bricks.dims());
+        let terms = [b.x(voxel[0]), b.y(voxel[1]), b.z(voxel[2])];
+        let all = terms[0] + terms[1] + terms[2];
+        let centre = DVec3::from(voxel.map(|c| c as f64));
+        let way = (centre - x) * self.spacing;
         let mut nearest = (f64::INFINITY, 0, 0.0);
         for axis in 0..3 {
-            for step in [-1.0, 1.0] {
-                let moved =
-                    if step < 0.0 { site[axis].saturating_sub(1) } else { (site[axis] + 1).min(dims[axis] - 1) };
-                let term = [b.x(moved), b.y(moved), b.z(moved)][axis];
-                let differs = self.voxels[all - at[axis] + term].id != from;
-                // Squared distance from x, less that of the site.
-                let farther = self.spacing[axis] * (self.spacing[axis] + 2.0 * step * to_site[axis]);
-                let farther = if differs { farther } else { f64::INFINITY };
-                nearest = if farther < nearest.0 { (farther, axis, step) } else { nearest };
-            }
+            let is_upper = voxel[axis] > cell[axis];
+            // At the end of the axis the voxel itself.
+            let to = if is_upper { (voxel[axis] + 1).min(dims[axis] - 1) } else { voxel[axis].saturating_sub(1) };
+            let differs = self.voxels[all - terms[axis] + [b.x(to), b.y(to), b.z(to)][axis]].id != from;
+            // More than the squared distance to the centre.
+            let step = if is_upper { 1.0 } else { -1.0 };
+            let farther = self.spacing[axis] * (self.spacing[axis] + 2.0 * step * way[axis]);
+            let farther = if differs { farther } else { f64::INFINITY };
+            nearest = if farther < nearest.0 { (farther, axis, step) } else { nearest };
         }
         let mut target = centre;
         target[nearest.1] += nearest.2;
-        target
+        (nearest.0 < f64::INFINITY).then(|| (target, nearest.0 + way.length_squared()))
     }
 }
 

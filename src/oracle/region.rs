@@ -1,165 +1,124 @@
-//! The region: the bounding box of the object and one voxel more on each side, filled with what the queries need of each voxel.
+//! The region: the bounding box of the object and one voxel more on each side, as rows of labels from which the oracle is built.
 
 use rayon::prelude::*;
 
-use super::{
-    Voxel,
-    border::Border,
-    corners,
-    rings::Rings,
-    weights::{Sampling, Tally},
-};
-use crate::{
-    Error, Result,
-    distance::{Bricks, FeatureTransform},
-    image::LabelImage,
-    memory::filled,
-};
+use crate::{Error, Result, image::LabelImage, memory::filled};
 
-/// First voxel (may be -1) and dims of the object's bounding box with one voxel more on each side.
-pub(super) fn region(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<([isize; 3], [usize; 3])> {
-    let [nx, ny, _] = image.dims();
-    let empty = ([usize::MAX; 3], [0; 3]);
-    let join = |a: ([usize; 3], [usize; 3]), b: ([usize; 3], [usize; 3])| {
-        ([0, 1, 2].map(|i| a.0[i].min(b.0[i])), [0, 1, 2].map(|i| a.1[i].max(b.1[i])))
-    };
-    let (low, high) = image
-        .ids()
-        .par_chunks(nx * ny)
-        .enumerate()
-        .map(|(z, plane)| {
-            check()?;
-            let mut bounds = empty;
-            for (y, row) in plane.chunks(nx).enumerate() {
-                if let Some(left) = row.iter().position(|&id| id != 0) {
-                    let right = row.iter().rposition(|&id| id != 0).unwrap_or(left);
+/// Where a region lies in its image.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Region {
+    /// The image coordinates of its first voxel; may be -1.
+    pub(super) first: [isize; 3],
+    /// Voxels along each axis; at least three.
+    pub(super) dims: [usize; 3],
+}
+
+impl Region {
+    /// The object's bounding box with one voxel more on each side.
+    ///
+    /// # Errors
+    /// [`Error::EmptyImage`]; whatever `check` returns.
+    pub(super) fn new(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
+        let [nx, ny, _] = image.dims();
+        let empty = ([usize::MAX; 3], [0; 3]);
+        let join = |a: ([usize; 3], [usize; 3]), b: ([usize; 3], [usize; 3])| {
+            ([0, 1, 2].map(|i| a.0[i].min(b.0[i])), [0, 1, 2].map(|i| a.1[i].max(b.1[i])))
+        };
+        let (low, high) = image
+            .ids()
+            .par_chunks(nx * ny)
+            .enumerate()
+            .map(|(z, plane)| {
+                check()?;
+                let mut bounds = empty;
+                for (y, row) in plane.chunks(nx).enumerate() {
+                    // Most rows are told apart without looking for where they begin.
+                    if row.iter().fold(0, |all, &id| all | id) == 0 {
+                        continue;
+                    }
+                    let left = row.iter().take(bounds.0[0]).position(|&id| id != 0).unwrap_or(bounds.0[0]);
+                    let right = row.iter().skip(bounds.1[0] + 1).rposition(|&id| id != 0);
+                    let right = right.map_or(bounds.1[0].max(left), |n| n + bounds.1[0] + 1);
                     bounds = join(bounds, ([left, y, z], [right, y, z]));
                 }
-            }
-            Ok(bounds)
-        })
-        .try_reduce(|| empty, |a, b| Ok(join(a, b)))?;
-    if low[0] > high[0] {
-        return Err(Error::EmptyImage);
+                Ok(bounds)
+            })
+            .try_reduce(|| empty, |a, b| Ok(join(a, b)))?;
+        if low[0] > high[0] {
+            return Err(Error::EmptyImage);
+        }
+        Ok(Self { first: low.map(|c| c as isize - 1), dims: [0, 1, 2].map(|a| high[a] - low[a] + 3) })
     }
-    Ok((low.map(|c| c as isize - 1), [0, 1, 2].map(|a| high[a] - low[a] + 3)))
 }
 
-/// The voxels of the region in the bricked layout, without their distances.
-pub(super) fn region_voxels(
-    image: &LabelImage,
-    first: [isize; 3],
-    bricks: &Bricks,
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<Vec<Voxel>> {
-    let [nx, ny, nz] = image.dims();
-    let dims = bricks.dims();
-    let mut voxels = filled(bricks.len(), Voxel::default(), "voxels of the label volume", check)?;
-    voxels.par_chunks_mut(bricks.layer()).enumerate().try_for_each(|(layer, out)| {
-        let base = layer * Bricks::EDGE;
-        for j in base..(base + Bricks::EDGE).min(dims[1]) {
+/// The dense ids of a region in rows along x, each padded with background to whole words of 64 voxels and one more. Its outermost voxels are background.
+pub(super) struct Rows {
+    dims: [usize; 3],
+    stride: usize,
+    ids: Vec<u16>,
+}
+
+impl Rows {
+    /// # Errors
+    /// [`Error::OutOfMemory`]; whatever `check` returns.
+    pub(super) fn new(image: &LabelImage, region: &Region, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
+        let [nx, ny, _] = image.dims();
+        let dims = region.dims;
+        let stride = Self::stride(dims);
+        let mut ids = filled(stride * dims[1] * dims[2], 0, "voxels of the label volume", check)?;
+        // All but the region's outermost voxels are in the image.
+        let inner = (region.first[0] + 1) as usize;
+        let count = dims[0] - 2;
+        ids.par_chunks_mut(stride * dims[2]).enumerate().take(dims[1] - 1).skip(1).try_for_each(|(j, layer)| {
             check()?;
-            for k in 0..dims[2] {
-                let (Some(y), Some(z)) = (inside(first[1], j, ny), inside(first[2], k, nz)) else {
-                    continue;
-                };
-                let at = bricks.y(j) + bricks.z(k) - layer * bricks.layer();
-                for i in 0..dims[0] {
-                    if let Some(x) = inside(first[0], i, nx) {
-                        out[at + bricks.x(i)].id = image.ids()[x + nx * (y + ny * z)];
-                    }
-                }
+            let y = (region.first[1] + j as isize) as usize;
+            for (k, row) in layer.chunks_mut(stride).enumerate().take(dims[2] - 1).skip(1) {
+                let z = (region.first[2] + k as isize) as usize;
+                row[1..=count].copy_from_slice(&image.ids()[inner + nx * (y + ny * z)..][..count]);
             }
-        }
-        Ok(())
-    })?;
-    Ok(voxels)
-}
-
-/// Image coordinate of a region coordinate, when it is in the image.
-fn inside(first: isize, at: usize, count: usize) -> Option<usize> {
-    first.checked_add_unsigned(at).and_then(|c| usize::try_from(c).ok()).filter(|&c| c < count)
-}
-
-/// Marks the surface voxels of a row. Outside the region is background, as its outermost voxels are, so a neighbour there never differs.
-pub(super) fn mark_surface(voxels: &[Voxel], bricks: &Bricks, y: usize, z: usize, row: &mut [bool]) {
-    let [nx, ny, nz] = bricks.dims();
-    let at = bricks.y(y) + bricks.z(z);
-    let beside = [
-        bricks.y(y.saturating_sub(1)) + bricks.z(z),
-        bricks.y((y + 1).min(ny - 1)) + bricks.z(z),
-        bricks.y(y) + bricks.z(z.saturating_sub(1)),
-        bricks.y(y) + bricks.z((z + 1).min(nz - 1)),
-    ];
-    let mut previous = voxels[at].id;
-    for (x, is_site) in row.iter_mut().enumerate() {
-        let column = bricks.x(x);
-        let id = voxels[at + column].id;
-        let next = voxels[at + bricks.x((x + 1).min(nx - 1))].id;
-        *is_site = previous != id || next != id || beside.iter().any(|&b| voxels[b + column].id != id);
-        previous = id;
+            Ok(())
+        })?;
+        Ok(Self { dims, stride, ids })
     }
-}
 
-/// Fills in rings and distances.
-pub(super) fn set_room(
-    voxels: &mut [Voxel],
-    rings: Option<Rings>,
-    features: &FeatureTransform,
-    quantum: f64,
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<()> {
-    let bricks = features.bricks();
-    let [nx, ny, nz] = bricks.dims();
-    voxels.par_chunks_mut(bricks.layer()).enumerate().try_for_each(|(layer, out)| {
-        let base = layer * Bricks::EDGE;
-        for j in base..(base + Bricks::EDGE).min(ny) {
-            check()?;
-            for k in 0..nz {
-                let rings = rings.as_ref().map(|rings| rings.row(j, k));
-                for i in 0..nx {
-                    let at = bricks.index(i, j, k) - layer * bricks.layer();
-                    let distance = ((features.distance(i, j, k) / quantum) as u16).min(Voxel::DISTANCES);
-                    out[at].room = Voxel::pack(rings.as_ref().map_or(0, |rings| rings(i)), distance);
-                }
-            }
-        }
-        Ok(())
-    })
-}
-
-/// The weights of `labels` dense ids, for voxels whose rings are filled in.
-pub(super) fn calibrate(
-    voxels: &[Voxel],
-    bricks: &Bricks,
-    border: &Border,
-    labels: usize,
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<Vec<f32>> {
-    // Every fourth voxel along each axis: enough to tell large labels from small ones.
-    const STEP: usize = 4;
-    let [nx, ny, nz] = bricks.dims();
-    let mut counts = vec![0_u64; labels];
-    for j in (0..ny).step_by(STEP) {
-        for k in (0..nz).step_by(STEP) {
-            for i in (0..nx).step_by(STEP) {
-                counts[usize::from(voxels[bricks.index(i, j, k)].id)] += (STEP * STEP * STEP) as u64;
-            }
-        }
+    fn stride(dims: [usize; 3]) -> usize {
+        // One voxel more would do; whole vectors are copied faster.
+        dims[0].div_ceil(64) * 64 + 16
     }
-    let sampling = Sampling::new(counts.into_iter());
-    let layer = |mut tally, j: usize| {
-        check()?;
-        for k in 0..nz - 1 {
-            for i in 0..nx - 1 {
-                if voxels[bricks.index(i, j, k)].rings() == 0 {
-                    Tally::add(&mut tally, border, [i, j, k], &corners(voxels, bricks, [i, j, k]))?;
-                }
+
+    /// Bytes that the rows of a region of `dims` voxels take.
+    pub(super) fn bytes(dims: [usize; 3]) -> u64 {
+        (size_of::<u16>() * Self::stride(dims)) as u64 * dims[1] as u64 * dims[2] as u64
+    }
+
+    pub(super) fn dims(&self) -> [usize; 3] {
+        self.dims
+    }
+
+    /// Row (j, k) with its padding.
+    #[inline]
+    pub(super) fn row(&self, j: usize, k: usize) -> &[u16] {
+        &self.ids[(j * self.dims[2] + k) * self.stride..][..self.stride]
+    }
+
+    /// The rows that bound row (j, k) of cells: corner c of cell i is `rows[c >> 1][i + (c & 1)]`.
+    #[inline]
+    pub(super) fn around(&self, j: usize, k: usize) -> [&[u16]; 4] {
+        [self.row(j, k), self.row(j + 1, k), self.row(j, k + 1), self.row(j + 1, k + 1)]
+    }
+
+    /// About how many voxels each of `labels` ids has: of every fourth voxel along each axis.
+    pub(super) fn rough_counts(&self, labels: usize) -> Vec<u64> {
+        const STEP: usize = 4;
+        let mut counts = vec![0; labels];
+        for j in (0..self.dims[1]).step_by(STEP) {
+            for k in (0..self.dims[2]).step_by(STEP) {
+                self.row(j, k)
+                    .iter()
+                    .step_by(STEP)
+                    .for_each(|&id| counts[usize::from(id)] += (STEP * STEP * STEP) as u64);
             }
         }
-        Ok(tally)
-    };
-    let none = || Tally::new(&sampling);
-    let tally = (0..ny - 1).into_par_iter().try_fold(none, layer).try_reduce(none, Tally::merge)?;
-    tally.weights(&|| check())
+        counts
+    }
 }
