@@ -38,8 +38,9 @@ const MOST: u32 = 64;
 const LEAST: u32 = 4;
 /// One in so many cells at least is looked at.
 const SPARSEST: u32 = 16;
-/// Samples of a cell times the voxels of its smallest label: the error of the label's volume is then some tenths of a percent at most, even where it only has cells of several labels.
-const ENOUGH: u64 = 1 << 14;
+/// Samples of a cell times the square of the voxels of its smallest label: so that labels of 1000 voxels and more are off by some tenths of a percent at most, even where they only have cells of several
+/// labels. A label's share of error goes with the root of its cells, and so is smaller for larger ones anyway.
+const ENOUGH: u64 = 1 << 27;
 /// Intervals of the tabulated levels.
 const LEVELS: usize = 32;
 /// The levels of the largest ratio of weights and of the smallest.
@@ -159,7 +160,7 @@ impl Sampling {
         // In sixteenths of a sample, so that fewer than LEAST stand for some of the cells.
         let samples = |n: u64| {
             let least = u64::from(LEAST * 16 / SPARSEST);
-            (16 * ENOUGH / n.max(1)).clamp(least, u64::from(16 * MOST)) as u32
+            (16 * ENOUGH / n.saturating_mul(n).max(1)).clamp(least, u64::from(16 * MOST)) as u32
         };
         Self(voxels.map(|n| samples(n).next_power_of_two()).collect())
     }
