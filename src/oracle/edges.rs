@@ -33,7 +33,7 @@ impl Oracle {
     /// The grid whose edges are at most `spacing` long, or else as long as the distance of voxel centres.
     pub fn edge_grid(&self, spacing: f64) -> EdgeGrid<'_> {
         // Where voxels are exactly as large as the spacing, rounding is not to divide them.
-        let parts = (self.spacing / spacing - 1e-9).ceil().max(DVec3::ONE).min(DVec3::splat(MOST_PARTS));
+        let parts = (self.spacing / spacing).round().max(DVec3::ONE).min(DVec3::splat(MOST_PARTS));
         EdgeGrid { oracle: self, parts: parts.to_array().map(|n| n as usize) }
     }
 }

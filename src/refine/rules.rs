@@ -167,9 +167,6 @@ impl<'a> Rules<'a> {
         }
         asked.labels += u64::from(record.tag() & LABEL_KNOWN == 0);
         let label = self.label(t);
-        if label != 0 && sphere.squared_radius() > self.large_squared && self.has_isovertex(record.vertices()) {
-            return Some(Demand { rule: Rule::R2, point: sphere.center, kind: VertexKind::Free, start: t });
-        }
         (0..4).find_map(|i| self.facet_demand(t, i, label, asked))
     }
 
@@ -250,6 +247,9 @@ impl<'a> Rules<'a> {
         let demand = |rule| Some(Demand { rule, point: sphere.center, kind: VertexKind::Free, start: t });
         if !sphere.is_certain() {
             return None;
+        }
+        if squared_radius > self.large_squared && self.has_isovertex(record.vertices()) {
+            return demand(Rule::R2);
         }
         let shortest = shortest_squared_edge(self.triangulation.corners(record.vertices()));
         if squared_radius > self.radius_edge_squared * shortest {
