@@ -126,3 +126,26 @@ fn a_point_that_is_there_already_changes_nothing() {
     assert_eq!(kernel.canonical(), before);
     kernel.assert_sound();
 }
+
+/// More vertices on the boundary of one cavity than have a number of one byte, then twice as many.
+#[test]
+fn a_star_of_hundreds_of_vertices_is_sound_and_can_be_undone() {
+    for count in [200, 254, 255, 256, 257, 600] {
+        let mut kernel = Kernel::new();
+        let center = DVec3::splat(2.0);
+        // Fibonacci's lattice on a sphere.
+        for i in 0..count {
+            let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(count);
+            let (sin, cos) = (f64::from(i) * 2.399_963_229_728_653).sin_cos();
+            let ring = (1.0 - z * z).sqrt();
+            assert!(kernel.insert(center + DVec3::new(ring * cos, ring * sin, z)).is_some());
+        }
+        let before = kernel.canonical();
+        let v = kernel.insert(center).expect("not there yet");
+        assert_eq!(kernel.worker.created().len(), 2 * count as usize - 4);
+        kernel.assert_sound();
+        assert_eq!(kernel.worker.remove(&kernel.triangulation, v).expect("room"), Removal::Done);
+        kernel.assert_sound();
+        assert_eq!(kernel.canonical(), before);
+    }
+}

@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use super::access::Access;
-use super::tet::{FACET, Facet, TetId, VertexId};
+use super::tet::{FACET, Facet, TetId, TetRecord, VertexId};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
 use crate::geometry::predicates::in_sphere_perturbed;
@@ -12,10 +12,8 @@ use crate::geometry::predicates::in_sphere_perturbed;
 /// A facet of the cavity's boundary.
 #[derive(Clone, Copy, Debug)]
 pub struct CavityFacet {
-    /// The vertices of the tet inside, whose facet `index` this is: the new tet has the point in place of vertex `index`.
-    pub vertices: [VertexId; 4],
-    /// Which facet of that tet.
-    pub index: usize,
+    /// Its vertices, the normal pointing into the cavity: with the point they make a positive tet.
+    pub vertices: [VertexId; 3],
     /// The facet outside, [`Facet::NONE`] on the box.
     pub outside: Facet,
 }
@@ -33,23 +31,24 @@ pub enum Dig {
     Duplicate,
 }
 
-/// Whether `p` is in conflict with tet `t`: the cached sphere first, then the exact predicate. `None` when `p` is a vertex of `t`.
-#[inline]
-pub(super) fn conflict<A>(worker: &mut Worker<A>, triangulation: &Triangulation, t: TetId, p: DVec3) -> Option<bool> {
-    let record = triangulation.tet(t);
-    match record.sphere().contains(p) {
-        Some(answer) => Some(answer),
-        None => {
-            worker.counters.exact_predicates += 1;
-            let corners = triangulation.corners(record.vertices());
-            (!corners.contains(&p)).then(|| in_sphere_perturbed(corners, p))
-        }
-    }
-}
-
 impl<A: Access> Worker<A> {
     fn own_tet(&mut self, triangulation: &Triangulation, t: TetId) -> bool {
         triangulation.tet(t).vertices().iter().all(|&v| self.access.try_own(triangulation, v))
+    }
+
+    /// Whether `p` is in conflict with tet `t`: the cached sphere first, then the exact predicate. `None` when `p` is a vertex of `t`.
+    #[inline(always)]
+    fn conflict(&mut self, triangulation: &Triangulation, t: TetId, p: DVec3) -> Option<bool> {
+        self.counters.in_sphere_tests += 1;
+        let answer = triangulation.tet(t).sphere().contains(p);
+        if answer.is_some() { answer } else { self.exact_conflict(triangulation, t, p) }
+    }
+
+    #[cold]
+    fn exact_conflict(&mut self, triangulation: &Triangulation, t: TetId, p: DVec3) -> Option<bool> {
+        self.counters.exact_predicates += 1;
+        let corners = triangulation.corners(triangulation.tet(t).vertices());
+        (!corners.contains(&p)).then(|| in_sphere_perturbed(corners, p))
     }
 
     /// Finds the cavity of `p`, starting from a tet in conflict with it. Marks stay until the tets die or [`Self::undig`].
@@ -59,66 +58,78 @@ impl<A: Access> Worker<A> {
         if !self.own_tet(triangulation, start) {
             return Dig::Blocked;
         }
-        match conflict(self, triangulation, start, p) {
+        match self.conflict(triangulation, start, p) {
             None => return Dig::Duplicate,
             Some(false) => return Dig::NotInConflict,
             Some(true) => {}
         }
-        self.mark(triangulation, start);
+        let end = self.spread(triangulation, start, p);
+        if end != Dig::Done {
+            self.undig(triangulation);
+        }
+        end
+    }
+
+    /// Digs from a first tet of the cavity, breadth first: between its mark and its turn a tet's neighbours come into the cache.
+    fn spread(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3) -> Dig {
+        // Through no facet did one come to the first tet. Facet 0 stands for it, and is looked through here.
+        self.mark(triangulation, Facet::new(start, 0));
+        let mut end = self.look_through(triangulation, triangulation.tet(start), 0, p);
         let mut next = 0;
-        while let Some(&t) = self.cavity.get(next) {
+        while let (Dig::Done, Some(&entry)) = (end, self.cavity.get(next)) {
             next += 1;
-            let record = triangulation.tet(t);
-            let vertices = record.vertices();
-            for index in 0..4 {
-                let outside = record.neighbor(index);
-                if !outside.is_none() {
-                    let neighbor = outside.tet();
-                    if triangulation.tet(neighbor).is_in_cavity() {
-                        continue;
-                    }
-                    match conflict(self, triangulation, neighbor, p) {
-                        None => {
-                            self.undig(triangulation);
-                            return Dig::Duplicate;
-                        }
-                        Some(true) => {
-                            if !self.own_tet(triangulation, neighbor) {
-                                self.undig(triangulation);
-                                return Dig::Blocked;
-                            }
-                            self.mark(triangulation, neighbor);
-                            continue;
-                        }
-                        Some(false) => {}
-                    }
+            let record = triangulation.tet(entry.tet());
+            for k in 1..4 {
+                end = self.look_through(triangulation, record, (entry.index() + k) % 4, p);
+                if end != Dig::Done {
+                    break;
                 }
-                self.boundary.push(CavityFacet { vertices, index, outside });
             }
         }
+        end
+    }
+
+    /// Asks the tet across facet `index` of a tet of the cavity of `p`: either it is one of the cavity too, or the facet one of the boundary.
+    #[inline(always)]
+    fn look_through(&mut self, triangulation: &Triangulation, record: &TetRecord, index: usize, p: DVec3) -> Dig {
+        let outside = record.neighbor(index);
+        if !outside.is_none() {
+            if triangulation.tet(outside.tet()).is_in_cavity() {
+                return Dig::Done;
+            }
+            match self.conflict(triangulation, outside.tet(), p) {
+                None => return Dig::Duplicate,
+                Some(true) => {
+                    if !self.own_tet(triangulation, outside.tet()) {
+                        return Dig::Blocked;
+                    }
+                    self.mark(triangulation, outside);
+                    return Dig::Done;
+                }
+                Some(false) => {}
+            }
+        }
+        let vertices = record.vertices();
+        self.boundary.push(CavityFacet { vertices: FACET[index].map(|k| vertices[k]), outside });
         Dig::Done
     }
 
-    fn mark(&mut self, triangulation: &Triangulation, t: TetId) {
-        triangulation.tet(t).set_in_cavity(true);
-        // They are tested when the tet's turn comes.
-        triangulation.prefetch_neighbors(t);
-        self.cavity.push(t);
+    /// Takes a tet into the cavity, found through facet `entry` of it.
+    #[inline(always)]
+    fn mark(&mut self, triangulation: &Triangulation, entry: Facet) {
+        triangulation.tet(entry.tet()).set_in_cavity(true);
+        // The neighbours are tested when the tet's turn comes, the rest is needed when the star is filled.
+        triangulation.prefetch_neighbors(entry.tet());
+        triangulation.prefetch_rest(entry);
+        self.cavity.push(entry);
     }
 
     /// Takes the marks of an unfinished dig back.
     pub(super) fn undig(&mut self, triangulation: &Triangulation) {
-        for &t in &self.cavity {
-            triangulation.tet(t).set_in_cavity(false);
+        for entry in &self.cavity {
+            triangulation.tet(entry.tet()).set_in_cavity(false);
         }
         self.cavity.clear();
         self.boundary.clear();
-    }
-}
-
-impl CavityFacet {
-    /// The facet's vertices, the normal pointing into the cavity.
-    pub fn facet(&self) -> [VertexId; 3] {
-        FACET[self.index].map(|i| self.vertices[i])
     }
 }

@@ -18,8 +18,8 @@
 //!    its vertex set.
 //! 2. Adjacency is mutual; a facet without a neighbour lies on the box.
 //! 3. Every vertex that is not removed names one tet of its star.
-//! 4. An operation writes only to tets all of whose vertices its worker owns, and to the adjacency slots that face them. A tet shares three
-//!    vertices with each neighbour, so nobody else can change the neighbour meanwhile.
+//! 4. An operation writes only to vertices that its worker owns, to tets all of whose vertices it owns, and to the adjacency slots that face these tets. A tet
+//!    shares three vertices with each neighbour, so nobody else can change the neighbour meanwhile.
 //! 5. An operation either completes or changes nothing.
 //!
 //! All shared words are relaxed atomics: a race is a logic error that the ownership protocol excludes, never undefined behaviour.

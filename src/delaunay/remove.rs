@@ -130,10 +130,13 @@ impl LinkScratch {
         for &i in &self.close_calls {
             let e = positions[i];
             *exact_predicates += 1;
-            let better = match apex {
-                None => orient(a, b, c, e) > 0.0,
-                Some(d) => orient(a, b, c, e) > 0.0 && in_sphere_perturbed([a, b, c, positions[d]], e),
-            };
+            if orient(a, b, c, e) <= 0.0 {
+                continue;
+            }
+            let better = apex.is_none_or(|d| {
+                *exact_predicates += 1;
+                in_sphere_perturbed([a, b, c, positions[d]], e)
+            });
             if better {
                 apex = Some(i);
             }
@@ -223,12 +226,12 @@ impl<A: Access> Worker<A> {
         link.vertices.clear();
         link.positions.clear();
         link.open.clear();
-        self.cavity.push(triangulation.vertex(v).star());
+        self.cavity.push(Facet::new(triangulation.vertex(v).star(), 0));
         let mut next = 0;
         let mut owned = true;
-        'star: while let Some(&t) = self.cavity.get(next) {
+        'star: while let Some(entry) = self.cavity.get(next) {
             next += 1;
-            let record = triangulation.tet(t);
+            let record = triangulation.tet(entry.tet());
             let vertices = record.vertices();
             if !vertices.iter().all(|&w| self.access.try_own(triangulation, w)) {
                 owned = false;
@@ -239,8 +242,8 @@ impl<A: Access> Worker<A> {
                 if vertices[index] == v {
                     let facet = FACET[index].map(|k| link.index_of(triangulation, vertices[k]));
                     link.open.push(OpenFacet { vertices: facet, key: key(facet), behind: Side::Outside(neighbor) });
-                } else if !neighbor.is_none() && !self.cavity.contains(&neighbor.tet()) {
-                    self.cavity.push(neighbor.tet());
+                } else if !neighbor.is_none() && !self.cavity.iter().any(|entry| entry.tet() == neighbor.tet()) {
+                    self.cavity.push(neighbor);
                 }
             }
         }
@@ -250,8 +253,8 @@ impl<A: Access> Worker<A> {
 
     fn sew(&mut self, triangulation: &Triangulation, link: &mut LinkScratch) {
         let mut star = std::mem::take(&mut self.cavity);
-        for &t in &star {
-            self.give_tet(triangulation, t);
+        for entry in &star {
+            self.give_tet(triangulation, entry.tet());
         }
         star.clear();
         self.cavity = star;

@@ -205,6 +205,8 @@ pub struct VertexRecord {
     /// Who owns the vertex: 0 nobody, else worker + 1. Only `access` reads and writes it.
     pub(super) owner: AtomicU16,
     kind: AtomicU8,
+    /// The vertex's number within the operation of its owner, see `insert`; means nothing between operations.
+    local: AtomicU8,
 }
 
 impl VertexRecord {
@@ -241,6 +243,16 @@ impl VertexRecord {
     #[inline(always)]
     pub(super) fn set_star(&self, tet: TetId) {
         self.star.store(tet, Relaxed);
+    }
+
+    #[inline(always)]
+    pub(super) fn local(&self) -> u8 {
+        self.local.load(Relaxed)
+    }
+
+    #[inline(always)]
+    pub(super) fn set_local(&self, local: u8) {
+        self.local.store(local, Relaxed);
     }
 
     pub(super) fn set_removed(&self) {

@@ -146,6 +146,14 @@ impl Triangulation {
         self.tets.prefetch(t);
     }
 
+    /// Fetches what an operation that destroys a tet needs of it besides its record: its generation, and the vertex opposite to the facet through which
+    /// the tet was found. The other three are those of the tet before it.
+    #[inline]
+    pub(super) fn prefetch_rest(&self, entry: Facet) {
+        self.generations.prefetch(entry.tet());
+        self.vertices.prefetch(self.tet(entry.tet()).vertices()[entry.index()]);
+    }
+
     /// The record of a vertex.
     #[inline(always)]
     pub fn vertex(&self, v: VertexId) -> &VertexRecord {
@@ -210,26 +218,38 @@ impl Triangulation {
         (!neighbor.is_none()).then(|| neighbor.tet())
     }
 
-    /// Writes a new tet into a slot, with its circumsphere; neighbours follow.
+    /// Writes a new tet into a free slot, with its circumsphere; neighbours follow.
     #[inline]
     pub(super) fn fill_tet(&self, t: TetId, vertices: [VertexId; 4]) {
         let [a, b, c, d] = self.corners(vertices);
         self.tet(t).fill(vertices, &Circumsphere::of_tet(a, b, c, d));
-        self.advance(t);
+        self.begin_tet(t);
     }
 
-    /// Ends one use of a slot, or begins the next. Only the slot's owner does, so that no exchange is needed.
+    /// Begins the use of a free slot.
     #[inline]
-    fn advance(&self, t: TetId) {
-        let generation = self.generations.get(t);
-        generation.store(generation.load(Relaxed).wrapping_add(1), Relaxed);
+    pub(super) fn begin_tet(&self, t: TetId) {
+        self.advance(t, 1);
+    }
+
+    /// Ends one use of a slot and begins the next.
+    #[inline]
+    pub(super) fn renew_tet(&self, t: TetId) {
+        self.advance(t, 2);
     }
 
     /// Frees a slot.
     #[inline]
     pub(super) fn clear_tet(&self, t: TetId) {
         self.tet(t).clear();
-        self.advance(t);
+        self.advance(t, 1);
+    }
+
+    /// Only the slot's owner does this, so that no exchange is needed.
+    #[inline]
+    fn advance(&self, t: TetId, steps: u32) {
+        let generation = self.generations.get(t);
+        generation.store(generation.load(Relaxed).wrapping_add(steps), Relaxed);
     }
 
     /// A range of fresh tet slots for one worker.

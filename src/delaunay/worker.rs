@@ -5,6 +5,7 @@ use std::ops::Range;
 use super::access::Access;
 use super::cavity::CavityFacet;
 use super::chunked::CHUNK;
+use super::insert::StarScratch;
 use super::remove::LinkScratch;
 use super::tet::{Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
@@ -20,12 +21,16 @@ pub struct Counters {
     pub removals: u64,
     /// Operations given up because another worker owned a vertex.
     pub rollbacks: u64,
-    /// In-sphere and orientation tests that went to exact arithmetic's door.
+    /// In-sphere tests of insertions: a tet of a cavity or around it against the point.
+    pub in_sphere_tests: u64,
+    /// Of these, and of the in-sphere and orientation tests of removals, those that their error bound in floating point left undecided.
     pub exact_predicates: u64,
     /// Tets created, living or not.
     pub created: u64,
     /// Tets destroyed.
     pub destroyed: u64,
+    /// Of these, by insertions: the tets of all cavities.
+    pub cavity_tets: u64,
 }
 
 /// A worker. Slots that it frees it uses again at once, last in first out: a cavity's new tets land on the lines that are hot.
@@ -36,9 +41,10 @@ pub struct Worker<A> {
     free: Vec<TetId>,
     fresh_tets: Range<u32>,
     fresh_vertices: Range<u32>,
-    pub(super) cavity: Vec<TetId>,
+    /// The cavity's tets, each by the facet through which it was found.
+    pub(super) cavity: Vec<Facet>,
     pub(super) boundary: Vec<CavityFacet>,
-    pub(super) edges: EdgeTable,
+    pub(super) star: StarScratch,
     pub(super) created: Vec<TetId>,
     pub(super) link: LinkScratch,
 }
@@ -54,7 +60,7 @@ impl<A: Access> Worker<A> {
             fresh_vertices: 0..0,
             cavity: Vec::new(),
             boundary: Vec::new(),
-            edges: EdgeTable::default(),
+            star: StarScratch::default(),
             created: Vec::new(),
             link: LinkScratch::default(),
         }
@@ -100,64 +106,32 @@ impl<A: Access> Worker<A> {
         self.free.push(t);
     }
 
+    /// Exchanges the tets of the cavity for `count` new ones, listed in `created`: the slots stay, without a way through the free list.
+    pub(super) fn exchange_slots(&mut self, triangulation: &Triangulation, count: usize) {
+        let mut cavity = std::mem::take(&mut self.cavity);
+        self.created.clear();
+        let spare = cavity.len().saturating_sub(count);
+        // The last found first: their lines are the hottest.
+        for entry in cavity.drain(spare..).rev() {
+            triangulation.renew_tet(entry.tet());
+            self.created.push(entry.tet());
+        }
+        self.counters.created += self.created.len() as u64;
+        self.counters.destroyed += self.created.len() as u64;
+        for entry in cavity.drain(..) {
+            self.give_tet(triangulation, entry.tet());
+        }
+        self.cavity = cavity;
+        while self.created.len() < count {
+            let t = self.take_tet();
+            triangulation.begin_tet(t);
+            self.created.push(t);
+        }
+    }
+
     pub(super) fn take_vertex(&mut self, triangulation: &Triangulation, position: DVec3, kind: VertexKind) -> VertexId {
         let v = self.fresh_vertices.next().expect("reserve() keeps a vertex ready");
         triangulation.vertex(v).fill(position, kind);
         v
-    }
-}
-
-/// Finds the two new facets that share an edge: a small open-addressed table, emptied by moving its epoch.
-///
-/// While a cavity is filled every boundary edge is met exactly twice; the second meeting joins the facets.
-pub struct EdgeTable {
-    entries: Vec<EdgeEntry>,
-    epoch: u32,
-}
-
-#[derive(Clone, Copy)]
-struct EdgeEntry {
-    key: u64,
-    epoch: u32,
-    facet: Facet,
-}
-
-const EMPTY: EdgeEntry = EdgeEntry { key: 0, epoch: 0, facet: Facet::NONE };
-
-impl Default for EdgeTable {
-    fn default() -> Self {
-        Self { entries: vec![EMPTY; 256], epoch: 0 }
-    }
-}
-
-impl EdgeTable {
-    /// Empties the table and gives it room for `edges` edges.
-    pub fn begin(&mut self, edges: usize) {
-        let wanted = (2 * edges).next_power_of_two();
-        if wanted > self.entries.len() || self.epoch == u32::MAX {
-            self.entries = vec![EMPTY; wanted.max(self.entries.len())];
-            self.epoch = 0;
-        }
-        self.epoch += 1;
-    }
-
-    /// Notes `facet` under the edge (a, b) in either direction; returns the facet noted there before.
-    #[inline]
-    pub fn meet(&mut self, a: VertexId, b: VertexId, facet: Facet) -> Option<Facet> {
-        let key = u64::from(a.min(b)) << 32 | u64::from(a.max(b));
-        let mask = self.entries.len() - 1;
-        // Fibonacci hashing; the table is a power of two and at most half full, so the probe ends.
-        let mut slot = (key.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40) as usize & mask;
-        loop {
-            let entry = &mut self.entries[slot];
-            if entry.epoch != self.epoch {
-                *entry = EdgeEntry { key, epoch: self.epoch, facet };
-                return None;
-            }
-            if entry.key == key {
-                return Some(entry.facet);
-            }
-            slot = (slot + 1) & mask;
-        }
     }
 }

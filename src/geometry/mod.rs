@@ -10,5 +10,6 @@
 pub mod predicates;
 pub mod shape;
 pub mod sphere;
+pub mod star;
 
 pub use glam::DVec3;

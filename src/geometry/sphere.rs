@@ -9,8 +9,18 @@
 //! wherever its magnitude exceeds 2 |e| |a - p|. When |p - c'| <= 2 r' then |a - p| <= 3 r' and 6 |e| r' bounds the error; when p
 //! is farther, the left side exceeds 3/4 |p - c'|^2 while the error is at most 3 |e| |p - c'|, smaller for |e| < r'/4.
 //! Rounding of the two squared lengths is a few units in the last place of f64; the bounds are kept as f32, rounded
-//! away from each other by 2^-22, which covers it a millionfold. The bound on |e| is the forward error of the formula
-//! below: sums of products of exactly rounded differences, divided by the determinant.
+//! away from each other by 2^-22, which covers it a millionfold.
+//!
+//! # The bound on |e|
+//! It is the forward error of the formula below: sums of products of exactly rounded differences, divided by the determinant. With D the
+//! determinant, L the longest of the three edges, r the true radius and d = 32 units L^3, the error of D is at most d, that of the numerator 3/2 L d. With k = d / D,
+//! and t for the rounding of the sum of the vertex and its offset to the centre, |e| <= (3/2 L + r') k + t. The edges are chords, L <= 2 r <= 2 (r' + |e|), so
+//! |e| (1 - 3 k) <= 4 r' k + t, and for k <= 1/16
+//!
+//! |e| <= 5 r' k + 5/4 t,  6 |e| r' <= 30 r'^2 k + 15/2 t r',
+//!
+//! where t is below 2 units of the largest coordinate of vertex plus that of the centre, the latter below the former plus r'. No square root is taken for a bound:
+//! where L and r' stand alone, any upper bound serves, at the price of a wider gap.
 
 use glam::DVec3;
 
@@ -20,6 +30,8 @@ const UNIT: f64 = f64::EPSILON / 2.0;
 const ROUNDINGS: f64 = 32.0;
 /// Widening of the bounds when they are rounded to f32.
 const WIDEN: f64 = 1.0 / 4_194_304.0;
+/// Squared radii for which f32 keeps its full precision and no product of the formula overflows or underflows.
+const RANGE: std::ops::Range<f64> = 1e-30..1e30;
 
 /// A circumsphere: centre and the two squared radii that bound the exact one for the in-sphere test.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,41 +44,74 @@ pub struct Circumsphere {
     pub outside: f32,
 }
 
+/// The vertex that spheres are computed relative to; any vertex of the tet serves.
+#[derive(Clone, Copy)]
+pub(super) struct Origin {
+    /// Where it is.
+    pub at: DVec3,
+    /// Twice its largest coordinate.
+    reach: f64,
+    /// A length, for upper bounds of other lengths.
+    scale: f64,
+    per_scale: f64,
+}
+
+impl Origin {
+    /// `other`: a point about as far away as the other vertices are.
+    pub fn new(at: DVec3, other: DVec3) -> Self {
+        let scale = (other - at).length();
+        Self { at, reach: 2.0 * at.abs().max_element(), scale, per_scale: 1.0 / scale }
+    }
+
+    /// An upper bound of the length whose square is `squared`, a good one when `scale` is about as long: the arithmetic mean of
+    /// squared / scale and scale is above the geometric one. The sixteenth covers its roundings.
+    #[inline(always)]
+    fn length_bound(&self, squared: f64) -> f64 {
+        0.5625 * (squared * self.per_scale + self.scale)
+    }
+}
+
+/// Centre, inside and outside bound of the positive tet (origin, origin + u, origin + v, origin + w). Selects instead of branches, so that loops over tets vectorise.
+#[inline(always)]
+pub(super) fn relative_to(origin: &Origin, u: DVec3, v: DVec3, w: DVec3) -> [f64; 5] {
+    let larger = |x: f64, y: f64| if x > y { x } else { y };
+    let (uu, vv, ww) = (u.length_squared(), v.length_squared(), w.length_squared());
+    let (vw, wu, uv) = (v.cross(w), w.cross(u), u.cross(v));
+    let det = u.dot(vw);
+    let longest_squared = larger(larger(uu, vv), ww);
+    let det_error = ROUNDINGS * UNIT * longest_squared * origin.length_bound(longest_squared);
+    let per_det = 1.0 / det;
+    let center = origin.at + (uu * vw + vv * wu + ww * uv) * (0.5 * per_det);
+    let squared_radius = (origin.at - center).length_squared();
+    let slack = 30.0 * squared_radius * (det_error * per_det)
+        + 32.0 * UNIT * (origin.reach * origin.length_bound(squared_radius) + squared_radius);
+    // Each comparison is false for a NaN.
+    let certain = (det > 16.0 * det_error)
+        & (slack < 0.06 * squared_radius)
+        & (squared_radius > RANGE.start)
+        & (squared_radius < RANGE.end);
+    let centroid = origin.at + (u + v + w) * 0.25;
+    let pick = |x: f64, y: f64| if certain { x } else { y };
+    [
+        pick(center.x, centroid.x),
+        pick(center.y, centroid.y),
+        pick(center.z, centroid.z),
+        pick((squared_radius - slack) * (1.0 - WIDEN), -1.0),
+        pick((squared_radius + slack) * (1.0 + WIDEN), f64::INFINITY),
+    ]
+}
+
 impl Circumsphere {
     /// The circumsphere of a positive tet. When the tet is too flat for f64 the result is centred at its centroid and certain of nothing.
     #[inline]
     pub fn of_tet(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> Self {
-        let (u, v, w) = (b - a, c - a, d - a);
-        let (uu, vv, ww) = (u.length_squared(), v.length_squared(), w.length_squared());
-        let (vw, wu, uv) = (v.cross(w), w.cross(u), u.cross(v));
-        let det = u.dot(vw);
-        let longest_squared = uu.max(vv).max(ww);
-        let longest = longest_squared.sqrt();
-        // The determinant is a sum of products of three lengths, the numerator below one of four.
-        let det_error = ROUNDINGS * UNIT * longest_squared * longest;
-        if det <= 4.0 * det_error {
-            return Self::uncertain((a + b + c + d) * 0.25);
-        }
-        let per_det = 1.0 / det;
-        let x = (uu * vw + vv * wu + ww * uv) * (0.5 * per_det);
-        let center = a + x;
-        let squared_radius = (a - center).length_squared();
-        let radius = squared_radius.sqrt();
-        let error = (1.5 * longest + radius) * det_error * per_det
-            + 2.0 * UNIT * (center.abs().max_element() + a.abs().max_element());
-        if !(error < 0.01 * radius && squared_radius.is_finite()) {
-            return Self::uncertain((a + b + c + d) * 0.25);
-        }
-        let slack = 6.0 * error * radius;
-        Self {
-            center,
-            inside: ((squared_radius - slack) * (1.0 - WIDEN)) as f32,
-            outside: ((squared_radius + slack) * (1.0 + WIDEN)) as f32,
-        }
+        Self::from_row(relative_to(&Origin::new(a, b), b - a, c - a, d - a))
     }
 
-    fn uncertain(center: DVec3) -> Self {
-        Self { center, inside: -1.0, outside: f32::INFINITY }
+    /// f32 keeps the bounds apart, see `WIDEN`.
+    #[inline(always)]
+    pub(super) fn from_row([x, y, z, inside, outside]: [f64; 5]) -> Self {
+        Self { center: DVec3::new(x, y, z), inside: inside as f32, outside: outside as f32 }
     }
 
     /// Whether the centre is usable (the tet was not too flat for f64).
