@@ -127,7 +127,8 @@ overhead quality certificate labels""".split()
 assert all(key in odd for key in keys), [key for key in keys if key not in odd]
 inner = {
     "seconds": "read distance refine optimize extract write total",
-    "operations": "insertions removals rollbacks exact_predicates",
+    "operations": """insertions removals rollbacks exact_predicates in_sphere_tests tets_created cavity_tets looks label_lookups
+crossing_lookups by_rule insertions_per_vertex removals_per_vertex mean_cavity exact_share looks_per_tet lookups_per_tet""",
     "overhead": "rollback_s idle_s remote_s remote_accesses local_accesses",
     "quality": "min_dihedral max_dihedral max_radius_edge min_facet_angle dihedral_histogram",
     "certificate": "non_delaunay_facets inverted_tets hausdorff_mesh_to_image hausdorff_image_to_mesh unmet",

@@ -171,6 +171,11 @@ static void json_number(FILE *file, const char *before, const char *name, double
     }
 }
 
+/* Of nothing there is no mean: NaN, which becomes null. */
+static double ratio(double part, double whole) {
+    return whole > 0 ? part / whole : NAN;
+}
+
 static void json_count(FILE *file, const char *before, const char *name, uint64_t value) {
     fprintf(file, "%s\"%s\": %llu", before, name, (unsigned long long)value);
 }
@@ -243,6 +248,26 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_count(f, ", ", "removals", s->operations.removals);
     json_count(f, ", ", "rollbacks", s->operations.rollbacks);
     json_count(f, ", ", "exact_predicates", s->operations.exact_predicates);
+    json_count(f, ", ", "in_sphere_tests", s->operations.in_sphere_tests);
+    json_count(f, ", ", "tets_created", s->operations.tets_created);
+    json_count(f, ", ", "cavity_tets", s->operations.cavity_tets);
+    json_count(f, ", ", "looks", s->operations.looks);
+    json_count(f, ", ", "label_lookups", s->operations.label_lookups);
+    json_count(f, ", ", "crossing_lookups", s->operations.crossing_lookups);
+    fputs(", \"by_rule\": {", f);
+    for (int i = 0; i < 6; i++) {
+        fprintf(f, "%s\"R%d\": %llu", i > 0 ? ", " : "", i + 1, (unsigned long long)s->operations.by_rule[i]);
+    }
+    fputs("}", f);
+    const double vertices = (double)s->counts.all_vertices, tets = (double)s->counts.all_tets;
+    const double insertions = (double)s->operations.insertions, tests = (double)s->operations.in_sphere_tests;
+    json_number(f, ", ", "insertions_per_vertex", ratio(insertions, vertices));
+    json_number(f, ", ", "removals_per_vertex", ratio((double)s->operations.removals, vertices));
+    json_number(f, ", ", "mean_cavity", ratio((double)s->operations.cavity_tets, insertions));
+    json_number(f, ", ", "exact_share", ratio((double)s->operations.exact_predicates, tests));
+    json_number(f, ", ", "looks_per_tet", ratio((double)s->operations.looks, tets));
+    json_number(f, ", ", "lookups_per_tet",
+                ratio((double)(s->operations.label_lookups + s->operations.crossing_lookups), tets));
     fputs("},\n  \"overhead\": {\"rollback_s\": 0, \"idle_s\": 0, \"remote_s\": 0, \"remote_accesses\": 0, "
           "\"local_accesses\": 0}",
           f);

@@ -327,11 +327,11 @@ typedef struct {
    */
   uint64_t struct_size;
   /**
-   * The distance transform.
+   * Preparing the image: volumes and weights of the labels, distances to the interfaces.
    */
   double distance;
   /**
-   * From the finished distance transform to the last rule satisfied.
+   * From there to the last rule satisfied.
    */
   double refine;
   /**
@@ -368,6 +368,34 @@ typedef struct {
    * Predicates that floating point could not decide.
    */
   uint64_t exact_predicates;
+  /**
+   * In-sphere tests of insertions.
+   */
+  uint64_t in_sphere_tests;
+  /**
+   * Tets created, living or not.
+   */
+  uint64_t tets_created;
+  /**
+   * Tets that insertions destroyed: the tets of all cavities.
+   */
+  uint64_t cavity_tets;
+  /**
+   * Tets that the rules were asked of.
+   */
+  uint64_t looks;
+  /**
+   * Labels of points that the rules asked for.
+   */
+  uint64_t label_lookups;
+  /**
+   * Crossings of segments with the interfaces that the rules asked for.
+   */
+  uint64_t crossing_lookups;
+  /**
+   * Vertices that each of rules R1 to R5 inserted, and those that R6 removed, in this order.
+   */
+  uint64_t by_rule[6];
 } lapd_operations;
 
 /**

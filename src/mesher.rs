@@ -40,7 +40,7 @@ pub struct Meshing {
 /// Wall-clock seconds of the phases.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seconds {
-    /// The oracle: feature transform, labels.
+    /// The oracle: the labels' volumes and weights, distances in cells.
     pub distance: f64,
     /// From the finished oracle to the last rule satisfied.
     pub refine: f64,
@@ -50,7 +50,7 @@ pub struct Seconds {
     pub certify: f64,
 }
 
-/// Operations of the kernel.
+/// What refinement did: operations of the kernel, and the questions behind them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Operations {
     /// Vertices inserted.
@@ -61,6 +61,20 @@ pub struct Operations {
     pub rollbacks: u64,
     /// Tests that floating point could not decide.
     pub exact_predicates: u64,
+    /// In-sphere tests of insertions.
+    pub in_sphere_tests: u64,
+    /// Tets created, living or not.
+    pub tets_created: u64,
+    /// Tets that insertions destroyed: the tets of all cavities.
+    pub cavity_tets: u64,
+    /// Tets that the rules were asked of.
+    pub looks: u64,
+    /// Labels of points that the rules asked for.
+    pub label_lookups: u64,
+    /// Crossings of segments that the rules asked for.
+    pub crossing_lookups: u64,
+    /// Vertices that each of R1 to R5 inserted, and those that R6 removed.
+    pub by_rule: [u64; 6],
 }
 
 /// The report of a run.
@@ -128,7 +142,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let triangulation = Triangulation::new(lower - margin, upper + margin)?;
     let rules = Rules::new(&triangulation, &oracle, params, image.labels())?;
     let schedule = Schedule { expected_tets: expected_tets(image, params), limits };
-    let Refinement { counters, work: _, ended_by } = refine(&rules, &schedule, monitor)?;
+    let Refinement { counters, work, ended_by } = refine(&rules, &schedule, monitor)?;
     let ended_by = match ended_by {
         Some(limit) if !params.partial => return Err(limit),
         ended_by => ended_by,
@@ -182,6 +196,13 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         removals: counters.removals,
         rollbacks: counters.rollbacks,
         exact_predicates: counters.exact_predicates,
+        in_sphere_tests: counters.in_sphere_tests,
+        tets_created: counters.created,
+        cavity_tets: counters.cavity_tets,
+        looks: work.looks,
+        label_lookups: work.lookups.labels,
+        crossing_lookups: work.lookups.crossings,
+        by_rule: work.by_rule,
     };
     let (all_tets, all_vertices) = (check.tets, check.vertices);
     let report = RunReport { seconds, all_tets, all_vertices, oracle_bytes, operations, unmet, quality, certificate };

@@ -33,9 +33,9 @@ pub struct lapd_counts {
 pub struct lapd_timings {
     /// sizeof(lapd_timings), set by the caller.
     pub struct_size: u64,
-    /// The distance transform.
+    /// Preparing the image: volumes and weights of the labels, distances to the interfaces.
     pub distance: f64,
-    /// From the finished distance transform to the last rule satisfied.
+    /// From there to the last rule satisfied.
     pub refine: f64,
     /// Collecting the mesh.
     pub extract: f64,
@@ -57,6 +57,20 @@ pub struct lapd_operations {
     pub rollbacks: u64,
     /// Predicates that floating point could not decide.
     pub exact_predicates: u64,
+    /// In-sphere tests of insertions.
+    pub in_sphere_tests: u64,
+    /// Tets created, living or not.
+    pub tets_created: u64,
+    /// Tets that insertions destroyed: the tets of all cavities.
+    pub cavity_tets: u64,
+    /// Tets that the rules were asked of.
+    pub looks: u64,
+    /// Labels of points that the rules asked for.
+    pub label_lookups: u64,
+    /// Crossings of segments with the interfaces that the rules asked for.
+    pub crossing_lookups: u64,
+    /// Vertices that each of rules R1 to R5 inserted, and those that R6 removed, in this order.
+    pub by_rule: [u64; 6],
 }
 
 /// Shape of the tets with a label other than 0, and of the interface facets. Set struct_size to sizeof(lapd_quality) before the
@@ -226,6 +240,13 @@ pub unsafe extern "C" fn lapd_mesh_get_operations(
                 removals: operations.removals,
                 rollbacks: operations.rollbacks,
                 exact_predicates: operations.exact_predicates,
+                in_sphere_tests: operations.in_sphere_tests,
+                tets_created: operations.tets_created,
+                cavity_tets: operations.cavity_tets,
+                looks: operations.looks,
+                label_lookups: operations.label_lookups,
+                crossing_lookups: operations.crossing_lookups,
+                by_rule: operations.by_rule,
             }
         })
     }

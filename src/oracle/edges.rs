@@ -1,6 +1,6 @@
 //! Where dO crosses the edges of a grid: the places from which it is sampled.
 //!
-//! The grid is that of the voxel centres, its edges divided where they are longer than the caller's spacing. On an undivided edge only the labels of its two
+//! The grid is that of the voxel centres, its edges divided where they are much longer than the caller's spacing. On an undivided edge only the labels of its two
 //! voxels have an indicator above 0, and both are linear there, so the one crossing is known without a search; others are looked for. Every interface of the
 //! image crosses edges of the grid, however small or thin what it bounds.
 
@@ -23,16 +23,15 @@ pub struct CrossedEdge {
     axis: usize,
 }
 
-/// A grid of edges, no longer than a spacing where the voxels are larger.
+/// A grid of edges; see [`Oracle::edge_grid`].
 pub struct EdgeGrid<'a> {
     oracle: &'a Oracle,
     parts: [usize; 3],
 }
 
 impl Oracle {
-    /// The grid whose edges are at most `spacing` long, or else as long as the distance of voxel centres.
+    /// The grid whose edges are about `spacing` long, at most half as long again; or as long as the distance of voxel centres where that is less.
     pub fn edge_grid(&self, spacing: f64) -> EdgeGrid<'_> {
-        // Where voxels are exactly as large as the spacing, rounding is not to divide them.
         let parts = (self.spacing / spacing).round().max(DVec3::ONE).min(DVec3::splat(MOST_PARTS));
         EdgeGrid { oracle: self, parts: parts.to_array().map(|n| n as usize) }
     }

@@ -1,8 +1,9 @@
 //! One worker's loop over the poor elements.
 //!
-//! Two stacks, last in first out, so that the work stays where the caches are warm. *New* tets wait to be looked at; looking at a tet asks
-//! the surface rules, then the volume rules. A surface demand is carried out at once; a tet that only a volume rule finds poor goes to the *poor* stack (the
-//! PEL). A poor tet is served when no new one is left: the interfaces around are sampled before circumcenters are placed near them, which keeps R6 rare.
+//! First the samples of the isosurface are inserted. Then there are two stacks, last in first out, so that the work stays where the caches are warm. *New*
+//! tets wait to be looked at; looking at a tet asks the surface rule R3, then the volume rules. A surface demand is carried out at once; a tet that only a
+//! volume rule finds poor goes to the *poor* stack (the PEL). A poor tet is served when no new one is left: all interfaces are sampled before the first
+//! circumcenter is inserted, which leaves R6 next to nothing to do.
 //!
 //! Limits end the loop between two operations, so the triangulation is whole then: a mesh can be made of it. Time and memory are looked at every
 //! thousand steps, as is the cancel flag; a step takes microseconds.

@@ -157,7 +157,7 @@ impl<'a> Rules<'a> {
         label
     }
 
-    /// What the first surface rule (R2, R3) that applies to `t` asks for.
+    /// What R3 asks for `t`.
     pub fn surface_demand(&self, t: TetId, asked: &mut Lookups) -> Option<Demand> {
         let record = self.triangulation.tet(t);
         self.triangulation.prefetch_neighbors(t);
@@ -235,7 +235,7 @@ impl<'a> Rules<'a> {
         label_at(at - self.facet_distance) == label_at(at + self.facet_distance)
     }
 
-    /// What the first volume rule (R4, R5) that applies to `t` asks for.
+    /// What the first volume rule (R2, R4, R5) that applies to `t` asks for.
     pub fn volume_demand(&self, t: TetId) -> Option<Demand> {
         let label = self.label(t);
         if label == 0 {
