@@ -162,6 +162,9 @@ fn copy_vertices(
     Ok((index, points))
 }
 
+/// What the tet pass fills in: four vertices, or four neighbours, of each tet of a range.
+type Fours<'a> = &'a mut [[u32; 4]];
+
 /// The tet pass: fills in vertices and neighbours. Returns the interface facets of each range of tets.
 fn copy_tets(
     triangulation: &Triangulation,
@@ -173,7 +176,7 @@ fn copy_tets(
     let count = end_of(&slots.ranges);
     mesh.tets = zeroed(count, "tets of the mesh")?;
     mesh.neighbors = zeroed(count, "tets of the mesh")?;
-    let copy = |(range, (mut tets, mut neighbors)): (usize, (&mut [[u32; 4]], &mut [[u32; 4]]))| {
+    let copy = |(range, (mut tets, mut neighbors)): (usize, (Fours<'_>, Fours<'_>))| {
         monitor.advance(RANGE / 2)?;
         let mut listed = Vec::new();
         let mut index = slots.ranges[range].start as u32;

@@ -1,0 +1,60 @@
+//! The oracle's queries at points near the interfaces, where most circumcenters are: in random order, and coherent, so that neighbours follow each
+//! other as refinement makes them.
+
+use std::hint::black_box;
+
+use criterion::{Criterion, Throughput};
+use glam::DVec3;
+use lapd::Result;
+use lapd::image::LabelImage;
+use lapd::oracle::Oracle;
+use lapd::params::SurfaceModel;
+
+use crate::{Random, sort_along_curve};
+
+const POINTS: usize = 1 << 16;
+/// The points' clearance in voxels at most, and how far a closest surface point is looked for.
+const NEAR: f64 = 2.0;
+const WITHIN: f64 = 5.0;
+
+pub fn run(criterion: &mut Criterion, image: &LabelImage) -> Result<()> {
+    for (name, model) in [("smooth", SurfaceModel::Smooth), ("voxel", SurfaceModel::Voxel)] {
+        let oracle = Oracle::new(image, model, &|| Ok(()))?;
+        let voxel = oracle.spacing().min_element();
+        let mut random = Random(1);
+        let mut ends = near_interfaces(&oracle, NEAR * voxel, &mut random);
+        let mut group = criterion.benchmark_group(format!("oracle/{name}"));
+        group.throughput(Throughput::Elements(POINTS as u64));
+        for order in ["random", "coherent"] {
+            if order == "coherent" {
+                sort_along_curve(&mut ends, oracle.bounds());
+            }
+            // Segments of about the length of the dual of a facet.
+            let segments: Vec<[DVec3; 2]> =
+                ends.iter().map(|&p| [p, p + random.direction() * WITHIN * voxel * random.unit()]).collect();
+            let mut bench = |query: &str, ask: &dyn Fn([DVec3; 2]) -> f64| {
+                group.bench_function(format!("{query}/{order}"), |bencher| {
+                    bencher.iter(|| black_box(&segments).iter().map(|&segment| ask(segment)).sum::<f64>());
+                });
+            };
+            bench("label", &|[p, _]| f64::from(oracle.label(p)));
+            bench("clearance", &|[p, _]| oracle.clearance(p));
+            bench("approach", &|[p, _]| oracle.approach(p).sample.clearance);
+            bench("closest surface point", &|[p, _]| {
+                oracle.closest_surface_point(p, WITHIN * voxel).map_or(0.0, |point| point.x)
+            });
+            bench("first crossing", &|[p, q]| oracle.first_crossing(p, q).map_or(0.0, |crossing| crossing.point.x));
+        }
+        group.finish();
+    }
+    Ok(())
+}
+
+/// Points from all over the image whose clearance is below `near`.
+fn near_interfaces(oracle: &Oracle, near: f64, random: &mut Random) -> Vec<DVec3> {
+    let [lower, upper] = oracle.bounds();
+    std::iter::repeat_with(|| lower + (upper - lower) * random.point())
+        .filter(|&p| oracle.clearance(p) < near)
+        .take(POINTS)
+        .collect()
+}
