@@ -66,6 +66,8 @@ pub struct Rules<'a> {
     pub(super) delta: f64,
     /// Squared radius above which R2 applies.
     large_squared: f64,
+    /// Squared radius below which R4 cannot apply: vertices keep a distance from each other (docs/algorithm.md, why it ends).
+    small_squared: f64,
     radius_edge_squared: f64,
     facet_cosine: f64,
     /// Squared size bound of each label id; infinite for the background.
@@ -98,14 +100,19 @@ impl<'a> Rules<'a> {
             .iter()
             .enumerate()
             .map(|(id, &label)| if id == 0 { f64::INFINITY } else { size(label) * size(label) })
-            .collect();
+            .collect::<Vec<f64>>();
+        let delta_squared = params.delta * params.delta;
+        let closest_squared = 0.25 * sizes_squared.iter().copied().fold(delta_squared, f64::min);
+        let radius_edge_squared = params.radius_edge * params.radius_edge;
         Ok(Self {
             triangulation,
             oracle,
             free_vertices: VertexGrid::new(triangulation, VertexKind::Free, 4.0 * params.delta)?,
             delta: params.delta,
             large_squared: (LARGE * params.delta).powi(2),
-            radius_edge_squared: params.radius_edge * params.radius_edge,
+            radius_edge_squared,
+            // Less a little, for rounding.
+            small_squared: 0.999 * radius_edge_squared * closest_squared,
             facet_cosine: params.facet_angle.to_radians().cos(),
             sizes_squared,
             facet_distance: FACET_DISTANCE * params.delta,
@@ -248,17 +255,21 @@ impl<'a> Rules<'a> {
         if !sphere.is_certain() {
             return None;
         }
-        if squared_radius > self.large_squared && self.has_isovertex(record.vertices()) {
-            return demand(Rule::R2);
-        }
-        let shortest = shortest_squared_edge(self.triangulation.corners(record.vertices()));
-        if squared_radius > self.radius_edge_squared * shortest {
-            demand(Rule::R4)
-        } else if squared_radius > self.sizes_squared[usize::from(label)] {
+        // The cheapest first: all three ask for the same point.
+        if squared_radius > self.sizes_squared[usize::from(label)] {
             demand(Rule::R5)
+        } else if squared_radius > self.large_squared && self.has_isovertex(record.vertices()) {
+            demand(Rule::R2)
+        } else if squared_radius > self.small_squared && self.is_skinny(record.vertices(), squared_radius) {
+            demand(Rule::R4)
         } else {
             None
         }
+    }
+
+    #[inline]
+    fn is_skinny(&self, vertices: [VertexId; 4], squared_radius: f64) -> bool {
+        squared_radius > self.radius_edge_squared * shortest_squared_edge(self.triangulation.corners(vertices))
     }
 
     /// Whether a tet of the object is too flat for the rules, whose circumcenter f64 cannot compute.
