@@ -7,7 +7,7 @@
 //! | [`error`], [`params`], [`monitor`], `memory` | plain values: the one error type, what a run is asked for, progress and cancellation, tables that may not fit |
 //! | [`geometry`] | predicates, circumspheres, shape measures; the one sign convention |
 //! | [`image`] | label images, their place in the world, readers, phantoms |
-//! | [`distance`], [`oracle`] | where the interfaces are; knows no mesh |
+//! | [`oracle`] | where the interfaces are; knows no mesh |
 //! | [`delaunay`] | the Delaunay triangulation; knows no image |
 //! | [`refine`] | the rules R1 to R6 and the loop that applies them |
 //! | [`mesh`], [`io`] | the finished mesh: extraction, measures, certificate, files |
@@ -18,7 +18,6 @@
 
 pub mod capi;
 pub mod delaunay;
-pub mod distance;
 pub mod error;
 pub mod geometry;
 pub mod image;

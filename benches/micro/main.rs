@@ -1,11 +1,10 @@
-//! What the parts of a run cost: predicates, insertion and removal, the oracle's queries, the feature transform, extraction. One thread, on
+//! What the parts of a run cost: predicates, insertion and removal, the oracle and its queries, extraction. One thread, on
 //! phantoms; where an image is needed, LAPD_BENCH_IMAGE names another one.
 //!
 //! `cargo bench --bench micro` runs all in some two minutes, `cargo bench --bench micro -- oracle/smooth` what has that in its name. Criterion
 //! says by how much a figure has changed since the run before. `cargo test --bench micro` tries everything once.
 
 mod delaunay;
-mod distance;
 mod geometry;
 mod mesh;
 mod oracle;
@@ -29,7 +28,6 @@ fn main() -> Result<()> {
     geometry::run(&mut criterion);
     delaunay::run(&mut criterion)?;
     oracle::run(&mut criterion, &image)?;
-    distance::run(&mut criterion, &image)?;
     mesh::run(&mut criterion)?;
     criterion.final_summary();
     Ok(())

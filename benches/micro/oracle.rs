@@ -1,4 +1,4 @@
-//! The oracle's queries at points near the interfaces, where most circumcenters are: in random order, and coherent, so that neighbours follow each
+//! The cost of the oracle per voxel of the image, and of its queries at points near the interfaces, where most circumcenters are: in random order, and coherent, so that neighbours follow each
 //! other as refinement makes them.
 
 use std::hint::black_box;
@@ -13,12 +13,18 @@ use lapd::params::SurfaceModel;
 use crate::{Random, sort_along_curve};
 
 const POINTS: usize = 1 << 16;
-/// The points' clearance in voxels at most, and how far a closest surface point is looked for.
+/// The points' clearance at most and the segments' length at most, in voxels.
 const NEAR: f64 = 2.0;
-const WITHIN: f64 = 5.0;
+const LONGEST: f64 = 5.0;
 
 pub fn run(criterion: &mut Criterion, image: &LabelImage) -> Result<()> {
     for (name, model) in [("smooth", SurfaceModel::Smooth), ("voxel", SurfaceModel::Voxel)] {
+        let mut group = criterion.benchmark_group("oracle per voxel");
+        let [nx, ny, nz] = image.dims();
+        group.throughput(Throughput::Elements((nx * ny * nz) as u64));
+        group.bench_function(name, |bencher| bencher.iter(|| Oracle::new(image, model, &|| Ok(()))));
+        group.finish();
+
         let oracle = Oracle::new(image, model, &|| Ok(()))?;
         let voxel = oracle.spacing().min_element();
         let mut random = Random(1);
@@ -31,7 +37,7 @@ pub fn run(criterion: &mut Criterion, image: &LabelImage) -> Result<()> {
             }
             // Segments of about the length of the dual of a facet.
             let segments: Vec<[DVec3; 2]> =
-                ends.iter().map(|&p| [p, p + random.direction() * WITHIN * voxel * random.unit()]).collect();
+                ends.iter().map(|&p| [p, p + random.direction() * LONGEST * voxel * random.unit()]).collect();
             let mut bench = |query: &str, ask: &dyn Fn([DVec3; 2]) -> f64| {
                 group.bench_function(format!("{query}/{order}"), |bencher| {
                     bencher.iter(|| black_box(&segments).iter().map(|&segment| ask(segment)).sum::<f64>());
@@ -39,10 +45,6 @@ pub fn run(criterion: &mut Criterion, image: &LabelImage) -> Result<()> {
             };
             bench("label", &|[p, _]| f64::from(oracle.label(p)));
             bench("clearance", &|[p, _]| oracle.clearance(p));
-            bench("approach", &|[p, _]| oracle.approach(p).sample.clearance);
-            bench("closest surface point", &|[p, _]| {
-                oracle.closest_surface_point(p, WITHIN * voxel).map_or(0.0, |point| point.x)
-            });
             bench("first crossing", &|[p, q]| oracle.first_crossing(p, q).map_or(0.0, |crossing| crossing.point.x));
         }
         group.finish();

@@ -11,9 +11,6 @@ use rayon::prelude::*;
 use super::region::Rows;
 use crate::{Result, memory::filled};
 
-/// How far along each axis [`Window`] reaches.
-pub(super) const REACH: isize = 3;
-
 /// A set of cells of the region; bit i of row (j, k) is the cell between voxels (i, j, k) and (i + 1, j + 1, k + 1). There is a row for each row of voxels; the last cell of each axis
 /// lies outside of the region, and is uniform.
 pub(super) struct Cells {
@@ -81,38 +78,6 @@ impl Cells {
         })?;
         Ok(Self { bits, ..*self })
     }
-
-    /// The rows around word `w` of row (j, k); nothing is in the set outside of the region.
-    pub(super) fn window(&self, j: usize, k: usize, w: usize) -> Window {
-        const SPAN: usize = 2 * REACH as usize + 1;
-        let mut rows = [0; SPAN * SPAN];
-        for dj in 0..SPAN {
-            for dk in 0..SPAN {
-                let (j, k) = ((j + dj).wrapping_sub(REACH as usize), (k + dk).wrapping_sub(REACH as usize));
-                if j < self.rows[0] && k < self.rows[1] {
-                    let row = self.row(j, k);
-                    let before = if w > 0 { row[w - 1] } else { 0 };
-                    let after = if w + 1 < row.len() { row[w + 1] } else { 0 };
-                    rows[dj * SPAN + dk] = u128::from(before >> (64 - REACH))
-                        | u128::from(row[w]) << REACH
-                        | u128::from(after) << (64 + REACH);
-                }
-            }
-        }
-        Window(rows)
-    }
-}
-
-/// 64 cells of a row and those up to [`REACH`] away from them.
-pub(super) struct Window([u128; ((2 * REACH + 1) * (2 * REACH + 1)) as usize]);
-
-impl Window {
-    /// Which of the 64 cells have a cell of the set at an offset from them.
-    #[inline(always)]
-    pub(super) fn shifted(&self, [di, dj, dk]: [i8; 3]) -> u64 {
-        let row = (isize::from(dj) + REACH) * (2 * REACH + 1) + isize::from(dk) + REACH;
-        (self.0[row as usize] >> (isize::from(di) + REACH)) as u64
-    }
 }
 
 /// A bit for each of 64 cells: whether its corners differ.
@@ -133,13 +98,4 @@ fn differ(rows: [&[u16]; 4]) -> u64 {
         .iter()
         .enumerate()
         .fold(0, |word, (n, &eight)| word | (u64::from_le_bytes(eight).wrapping_mul(GATHER) >> 56) << (8 * n))
-}
-
-/// Calls `visit` with the position of each bit that is set.
-#[inline(always)]
-pub(super) fn for_each_bit(mut word: u64, mut visit: impl FnMut(usize)) {
-    while word != 0 {
-        visit(word.trailing_zeros() as usize);
-        word &= word - 1;
-    }
 }

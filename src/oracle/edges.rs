@@ -6,9 +6,8 @@
 
 use glam::DVec3;
 
-use super::Oracle;
+use super::{Oracle, bricks::Bricks};
 use crate::Result;
-use crate::distance::Bricks;
 
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the surface model has no detail left.
 const MOST_PARTS: f64 = 8.0;
@@ -106,7 +105,7 @@ impl EdgeGrid<'_> {
                         next[axis] += 1;
                         let to = place(next);
                         if oracle.label_at(to) != label
-                            && let Some((crossing, _)) = oracle.trace(from, to, 0.0, 1.0, label)
+                            && let Some((crossing, _)) = oracle.trace(from, to, label)
                         {
                             visit(CrossedEdge { point: oracle.world_point(crossing), ends: [from, to], axis })?;
                         }
@@ -144,6 +143,6 @@ impl Oracle {
         if label == self.label_at(to) {
             return None;
         }
-        self.trace(from, to, 0.0, 1.0, label).map(|(x, _)| self.world_point(x))
+        self.trace(from, to, label).map(|(x, _)| self.world_point(x))
     }
 }

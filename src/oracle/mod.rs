@@ -1,4 +1,4 @@
-//! The isosurface oracle: what label a point has, where the nearest interface is, where a segment crosses one. Knows no mesh.
+//! The isosurface oracle: what label a point has, how far it is from all interfaces at least, where a segment crosses one. Knows no mesh.
 //!
 //! The isosurface dO is where the label changes; everything outside the image's grid is background. The oracle keeps the **region**: the
 //! bounding box of the object and one voxel more on each side, so its outermost voxels are background and no query needs a special
@@ -12,14 +12,8 @@
 //!
 //! **Clearance** is a lower bound of the distance to dO.
 //! - In a mixed cell it is 0.
-//! - A uniform cell has one ring or more of cells of one label around it (see `cells`), and dO is no nearer than the faces of that block.
-//! - From three rings on, the *far* cells, there is a second bound. A point of a mixed cell is at most h = half of a voxel's diagonal away from its centre, so if s is the distance to the nearest centre of a mixed
-//!   cell, dO is no nearer than s - h. The feature transform has s exactly at every fourth voxel centre along each axis, and a proven lower bound between; see `distance`.
+//! - A uniform cell has one ring or more of cells of one label around it, counted up to three (see `cells`), and dO is no nearer than the faces of that block.
 //! - For p outside the region, with q its nearest point in the region's box, which is convex and holds dO: the squared distance is at least |p - q|^2 + clearance(q)^2.
-//!
-//! **Target.** The way to the nearest surface leads to a voxel centre of another label: the nearest corner of that kind of a mixed cell. In a mixed cell it is this very cell. In a uniform cell with one or two
-//! rings it is the mixed cell nearest to its centre, exactly. In a far cell it is the nearest to the point of the eight that are nearest to the nodes of the feature transform around: nearly, not always, the
-//! nearest. So whether a large ball meets dO may be decided with a surface point that is slightly farther away than the closest.
 //!
 //! **Volumes.** The smooth model without weights loses volume where interfaces are convex, about h^2/12 per unit of area and curvature (h here the spacing); the weights
 //! restore that of each label, see `weights`. Single voxels stay single voxels: the label at a voxel's centre is its own, whatever the weights, because
@@ -27,12 +21,9 @@
 //! labels moves by about a quarter of the logarithm of their ratio, in voxels.
 //!
 //! The oracle is immutable and `Sync`. Memory: a little more than 4 bytes per voxel of the region.
-//!
-//! Sources: the walk to the nearest surface voxel is that of P. Foteinos, N. Chrisochoides, "High quality real-time image-to-mesh conversion for finite element
-//! simulations", J. Parallel and Distributed Computing 74, 2014 (section 3); stepping by a distance bound is sphere tracing (J. C. Hart, The Visual
-//! Computer 12, 1996).
 
 mod border;
+mod bricks;
 mod cells;
 mod crossing;
 mod edges;
@@ -44,18 +35,14 @@ mod weights;
 use glam::{DMat3, DVec3};
 
 use border::Border;
-pub use edges::{CrossedEdge, EdgeGrid};
+use bricks::Bricks;
 use cells::Cells;
+pub use edges::{CrossedEdge, EdgeGrid};
 use region::{Region, Rows};
 use voxel::Voxel;
 use weights::Sampling;
 
-use crate::{
-    Result,
-    distance::{Bricks, FeatureTransform},
-    image::LabelImage,
-    params::SurfaceModel,
-};
+use crate::{Result, image::LabelImage, params::SurfaceModel};
 
 /// Answers questions about the isosurface. Built once from an image; points are in world coordinates.
 #[derive(Clone, Debug)]
@@ -70,37 +57,13 @@ pub struct Oracle {
     last: DVec3,
     /// Where the smooth model ends.
     border: Border,
-    /// Half of a voxel's diagonal, and more than rounding can eat.
-    slack: f64,
     bricks: Bricks,
     /// The voxels of the region, in the bricked layout.
     voxels: Vec<Voxel>,
-    /// Where near cells have their nearest mixed cell.
-    offsets: Vec<[i8; 3]>,
     /// Weight of each dense id in the smooth model; empty in the voxel model.
     weights: Vec<f32>,
     /// The largest weight.
     greatest: f32,
-    /// The mixed cells near far points.
-    features: FeatureTransform,
-}
-
-/// What one look at the volumes tells about a point.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
-    /// Dense id of the label at the point.
-    pub label: u16,
-    /// Lower bound of the distance to dO, as [`Oracle::clearance`].
-    pub clearance: f64,
-}
-
-/// What the oracle found around a point, to ask on from.
-#[derive(Clone, Copy, Debug)]
-pub struct Approach {
-    /// The point, in region coordinates.
-    x: DVec3,
-    /// Its label and clearance.
-    pub sample: Sample,
 }
 
 /// A point where a segment crosses dO.
@@ -115,7 +78,7 @@ pub struct Crossing {
 }
 
 impl Oracle {
-    /// Builds the oracle; computes the feature transform on all threads of the current rayon pool. `check` is called at least once per
+    /// Builds the oracle, on all threads of the current rayon pool. `check` is called at least once per
     /// plane of voxels and pass, from several threads; its error ends the computation.
     ///
     /// # Errors
@@ -128,19 +91,16 @@ impl Oracle {
         let frame = image.frame();
         let spacing = frame.spacing();
         let mixed = Cells::mixed(&rows, check)?;
-        let features =
-            FeatureTransform::compute(dims.map(|n| n - 1), spacing.to_array(), |j, k| mixed.row(j, k), check)?;
-        let offsets = voxel::offsets(spacing);
         let (border, voxels, weights) = match model {
             SurfaceModel::Smooth => {
                 let border = Border::new(first, dims, image.dims());
                 let sampling = Sampling::new(rows.rough_counts(image.labels().len()).into_iter());
-                let (voxels, tally) = voxel::records(&rows, &mixed, &offsets, Some((&sampling, &border)), check)?;
+                let (voxels, tally) = voxel::records(&rows, &mixed, Some((&sampling, &border)), check)?;
                 let weights = tally.map_or(Ok(Vec::new()), |tally| tally.weights(&|| check()))?;
                 (border, voxels, weights)
             }
             SurfaceModel::Voxel => {
-                let (voxels, _) = voxel::records(&rows, &mixed, &offsets, None, check)?;
+                let (voxels, _) = voxel::records(&rows, &mixed, None, check)?;
                 (Border::none(dims), voxels, Vec::new())
             }
         };
@@ -153,13 +113,10 @@ impl Oracle {
             spacing,
             last: DVec3::from(dims.map(|n| (n - 1) as f64)),
             border,
-            slack: 0.5 * spacing.length() * (1.0 + 1e-9),
             bricks: Bricks::new(dims),
             voxels,
-            offsets,
             greatest: weights.iter().copied().fold(1.0, f32::max),
             weights,
-            features,
         })
     }
 
@@ -169,50 +126,11 @@ impl Oracle {
         self.label_at(self.region_point(p))
     }
 
-    /// A lower bound of the distance from `p` to dO; 0 where it may be nearer than the volumes resolve. At most three voxel diagonals below
-    /// the true distance, when `p` is in the region.
+    /// A lower bound of the distance from `p` to dO; 0 in mixed cells. No more than about three voxels where `p` is in the region: enough to say
+    /// what is near dO, not how far away the rest is.
     #[inline]
     pub fn clearance(&self, p: DVec3) -> f64 {
         self.clearance_at(self.region_point(p))
-    }
-
-    /// Label and clearance at the cost of about one of them: away from dO the label is that of the nearest voxel.
-    #[inline]
-    pub fn sample(&self, p: DVec3) -> Sample {
-        self.approach(p).sample
-    }
-
-    /// All that the oracle knows of `p` at once: label, clearance, and on the way where the closest surface point is looked for.
-    #[inline]
-    pub fn approach(&self, p: DVec3) -> Approach {
-        self.approach_at(self.region_point(p))
-    }
-
-    /// A point whose label is not that of the approach's: the closest surface point lies on the segment from the approach's point to it.
-    #[inline]
-    pub fn target(&self, approach: &Approach) -> DVec3 {
-        self.world_point(self.region_target(approach.x, approach.sample.label))
-    }
-
-    /// A point of dO near the approach's point, about the closest one: on the way to the nearest surface voxel, and from there to its neighbour of
-    /// another label, which [`Oracle::target`] gave. `None` when that point, or the bound by clearance, is farther than `within`.
-    pub fn closest_on(&self, approach: &Approach, target: DVec3, within: f64) -> Option<DVec3> {
-        let &Approach { x, sample: Sample { label, clearance }, .. } = approach;
-        if clearance > within {
-            return None;
-        }
-        let target = self.region_point(target);
-        let way = (target - x) * self.spacing;
-        let length = way.length();
-        let (point, _) = self.trace(x, target, clearance / length, within / length, label)?;
-        let squared = ((point - x) * self.spacing).length_squared();
-        (squared <= within * within).then(|| self.world_point(point))
-    }
-
-    /// As [`Oracle::closest_on`], for callers that know nothing of `p` yet.
-    pub fn closest_surface_point(&self, p: DVec3, within: f64) -> Option<DVec3> {
-        let approach = self.approach(p);
-        self.closest_on(&approach, self.target(&approach), within)
     }
 
     /// Where the segment from `a` to `b` first leaves the label of `a`. Never `None` when the labels of `a` and `b` differ. Nor is a shorter stay in another label missed, but for
@@ -220,12 +138,8 @@ impl Oracle {
     pub fn first_crossing(&self, a: DVec3, b: DVec3) -> Option<Crossing> {
         let x = self.region_point(a);
         let target = self.region_point(b);
-        let length = ((target - x) * self.spacing).length();
-        let Sample { label: from, clearance } = self.approach_at(x).sample;
-        if clearance >= length {
-            return None;
-        }
-        let (point, to) = self.trace(x, target, clearance / length, 1.0, from)?;
+        let from = self.label_at(x);
+        let (point, to) = self.trace(x, target, from)?;
         Some(Crossing { point: self.world_point(point), from, to })
     }
 
@@ -257,16 +171,14 @@ impl Oracle {
     /// [`crate::Error::EmptyImage`]; whatever `check` returns.
     pub fn bytes_needed(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<u64> {
         let dims = Region::new(image, check)?.dims;
-        let [held, passing] = FeatureTransform::bytes_needed(dims.map(|n| n - 1));
         let voxels = Bricks::new(dims).len() as u64 * size_of::<Voxel>() as u64;
-        // While the feature transform is computed there is one set of cells; while the voxels are filled in, three.
-        let building = (passing + Cells::bytes(dims)).max(voxels + 3 * Cells::bytes(dims));
-        Ok(Rows::bytes(dims) + held + building)
+        // While the voxels are filled in there are three sets of cells.
+        Ok(Rows::bytes(dims) + voxels + 3 * Cells::bytes(dims))
     }
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.voxels.len() * size_of::<Voxel>() + self.features.bytes()
+        self.voxels.len() * size_of::<Voxel>()
     }
 
     #[inline(always)]
@@ -311,25 +223,13 @@ impl Oracle {
     }
 
     #[inline(always)]
-    fn approach_at(&self, x: DVec3) -> Approach {
-        let sample = self.uniform_at(x).unwrap_or_else(|| Sample { label: self.label_inside(x), clearance: 0.0 });
-        Approach { x, sample }
-    }
-
-    #[inline(always)]
     fn clearance_at(&self, x: DVec3) -> f64 {
-        self.uniform_at(x).map_or(0.0, |sample| sample.clearance)
-    }
-
-    /// Label and clearance of points outside of the border and in uniform cells. `None`: in a mixed cell.
-    #[inline(always)]
-    fn uniform_at(&self, x: DVec3) -> Option<Sample> {
-        if !self.border.holds(x) {
-            return Some(Sample { label: 0, clearance: self.clearance_outside(x) });
+        if self.border.holds(x) {
+            let cell = self.cell(x);
+            self.clearance_in(cell, self.at(cell), x)
+        } else {
+            self.clearance_outside(x)
         }
-        let cell = self.cell(x);
-        let voxel = self.at(cell);
-        (voxel.rings() > 0).then(|| Sample { label: voxel.id, clearance: self.clearance_in(cell, voxel, x) })
     }
 
     /// The clearance of a point outside of the border.
@@ -345,15 +245,7 @@ impl Oracle {
     #[inline(always)]
     fn clearance_in(&self, cell: [usize; 3], voxel: Voxel, x: DVec3) -> f64 {
         let rings = voxel.rings();
-        if rings == 0 {
-            return 0.0;
-        }
-        let clearance = self.to_faces(x, cell, f64::from(rings - 1));
-        if rings < voxel::FAR { clearance } else { clearance.max(self.far_clearance(x)) }
-    }
-
-    fn far_clearance(&self, x: DVec3) -> f64 {
-        (self.features.around(x).squared_distance.max(0.0) * (1.0 - 1e-9)).sqrt() - self.slack
+        if rings == 0 { 0.0 } else { self.to_faces(x, cell, f64::from(rings - 1)) }
     }
 
     /// Distance from a point of a cell to the faces of the block of cells around it, `more` on each side.
@@ -401,70 +293,6 @@ impl Oracle {
     #[inline(always)]
     fn inside(&self, x: DVec3) -> DVec3 {
         x.max(DVec3::ZERO).min(self.last)
-    }
-
-    /// A voxel centre near x that has another label than `from`, the label of x.
-    #[inline(always)]
-    fn region_target(&self, x: DVec3, from: u16) -> DVec3 {
-        let q = self.inside(x);
-        let cell = self.cell(q);
-        let voxel = self.at(cell);
-        let rings = voxel.rings();
-        let (mixed, voxel) = match rings {
-            0 => (cell, voxel),
-            _ => {
-                let mixed = if rings < voxel::FAR {
-                    let offset = self.offsets[voxel.offset()];
-                    [0, 1, 2].map(|a| cell[a].wrapping_add_signed(isize::from(offset[a])))
-                } else {
-                    self.features.around(q).site.map(|c| c as usize)
-                };
-                (mixed, self.at(mixed))
-            }
-        };
-        let first = voxel.first_corners();
-        let others = match () {
-            () if voxel.id == from => !first & 0xff,
-            () if voxel.is_two() => first,
-            () => !indicator::corners_of(&self.corners(mixed), from) & 0xff,
-        };
-        // The nearest of these corners. Without branches: which they are is as good as random.
-        let low = DVec3::from(mixed.map(|c| c as f64));
-        let [to_low, to_high] = [low, low + 1.0].map(|corner| (corner - x) * self.spacing);
-        let squared = [to_low * to_low, to_high * to_high];
-        let mut nearest = (f64::INFINITY, 0);
-        for c in 0..8 {
-            let distance = squared[c & 1].x + squared[c >> 1 & 1].y + squared[c >> 2].z;
-            let distance = if others >> c & 1 == 1 { distance } else { f64::INFINITY };
-            nearest = if distance < nearest.0 { (distance, c) } else { nearest };
-        }
-        let corner = low + DVec3::from([0, 1, 2].map(|a| (nearest.1 >> a & 1) as f64));
-        if rings > 1 { corner } else { self.beside(q, from).filter(|b| b.1 < nearest.0).map_or(corner, |b| b.0) }
-    }
-
-    /// Of the neighbours outside of x's cell that the voxel nearest to x has, the nearest one with another label than `from`; and its squared distance.
-    #[inline(always)]
-    fn beside(&self, x: DVec3, from: u16) -> Option<(DVec3, f64)> {
-        let (voxel, cell, b, dims) = (self.voxel(x), self.cell(x), &self.bricks, self.bricks.dims());
-        let terms = [b.x(voxel[0]), b.y(voxel[1]), b.z(voxel[2])];
-        let all = terms[0] + terms[1] + terms[2];
-        let centre = DVec3::from(voxel.map(|c| c as f64));
-        let way = (centre - x) * self.spacing;
-        let mut nearest = (f64::INFINITY, 0, 0.0);
-        for axis in 0..3 {
-            let is_upper = voxel[axis] > cell[axis];
-            // At the end of the axis the voxel itself.
-            let to = if is_upper { (voxel[axis] + 1).min(dims[axis] - 1) } else { voxel[axis].saturating_sub(1) };
-            let differs = self.voxels[all - terms[axis] + [b.x(to), b.y(to), b.z(to)][axis]].id != from;
-            // More than the squared distance to the centre.
-            let step = if is_upper { 1.0 } else { -1.0 };
-            let farther = self.spacing[axis] * (self.spacing[axis] + 2.0 * step * way[axis]);
-            let farther = if differs { farther } else { f64::INFINITY };
-            nearest = if farther < nearest.0 { (farther, axis, step) } else { nearest };
-        }
-        let mut target = centre;
-        target[nearest.1] += nearest.2;
-        (nearest.0 < f64::INFINITY).then(|| (target, nearest.0 + way.length_squared()))
     }
 }
 

@@ -5,7 +5,7 @@
 //! terms. Bricks are ordered x fastest, then z, then y: all bricks of one range of y are contiguous, so that
 //! ranges can be filled in in parallel.
 
-/// log2 of the edge of a brick; 0 gives plain rows. Chosen by `benches/oracle.rs`.
+/// log2 of the edge of a brick; 0 gives plain rows. Chosen by `benches/micro/oracle.rs`.
 const LOG: usize = 2;
 const EDGE: usize = 1 << LOG;
 const MASK: usize = EDGE - 1;
@@ -13,7 +13,7 @@ const VOLUME: usize = EDGE * EDGE * EDGE;
 
 /// The layout of a grid in bricks; sizes are rounded up to whole bricks.
 #[derive(Clone, Copy, Debug)]
-pub struct Bricks {
+pub(super) struct Bricks {
     dims: [usize; 3],
     /// Elements from one brick to the next along z.
     z_stride: usize,
@@ -23,55 +23,50 @@ pub struct Bricks {
 
 impl Bricks {
     /// Voxels along y in one brick.
-    pub const EDGE: usize = EDGE;
+    pub(super) const EDGE: usize = EDGE;
 
     /// The layout of a grid of `dims` voxels.
-    pub fn new(dims: [usize; 3]) -> Self {
+    pub(super) fn new(dims: [usize; 3]) -> Self {
         let z_stride = dims[0].div_ceil(EDGE) * VOLUME;
         Self { dims, z_stride, y_stride: dims[2].div_ceil(EDGE) * z_stride }
     }
 
     /// Voxels along each axis, without the rounding.
-    pub fn dims(&self) -> [usize; 3] {
+    pub(super) fn dims(&self) -> [usize; 3] {
         self.dims
     }
 
     /// Elements to allocate.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.dims[1].div_ceil(EDGE) * self.y_stride
     }
 
-    /// Whether the grid has no voxel.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Elements of all bricks that share a range of y: those of `y` in `EDGE * b .. EDGE * (b + 1)` are `b * layer() .. (b + 1) * layer()`.
-    pub fn layer(&self) -> usize {
+    pub(super) fn layer(&self) -> usize {
         self.y_stride
     }
 
     /// The term of x in the address.
     #[inline(always)]
-    pub fn x(&self, i: usize) -> usize {
+    pub(super) fn x(&self, i: usize) -> usize {
         (i >> LOG) * VOLUME + (i & MASK)
     }
 
     /// The term of y in the address.
     #[inline(always)]
-    pub fn y(&self, j: usize) -> usize {
+    pub(super) fn y(&self, j: usize) -> usize {
         (j >> LOG) * self.y_stride + ((j & MASK) << (2 * LOG))
     }
 
     /// The term of z in the address.
     #[inline(always)]
-    pub fn z(&self, k: usize) -> usize {
+    pub(super) fn z(&self, k: usize) -> usize {
         (k >> LOG) * self.z_stride + ((k & MASK) << LOG)
     }
 
     /// The address of voxel (i, j, k).
     #[inline(always)]
-    pub fn index(&self, i: usize, j: usize, k: usize) -> usize {
+    pub(super) fn index(&self, i: usize, j: usize, k: usize) -> usize {
         self.x(i) + self.y(j) + self.z(k)
     }
 }
