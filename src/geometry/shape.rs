@@ -9,17 +9,14 @@ pub fn shortest_squared_edge(v: [DVec3; 4]) -> f64 {
     edge(0, 1).min(edge(0, 2)).min(edge(0, 3)).min(edge(1, 2)).min(edge(1, 3)).min(edge(2, 3))
 }
 
-/// Cosine of the smallest planar angle of a triangle: the one opposite to its shortest edge. 1 when two corners coincide.
+/// Whether the smallest planar angle of a triangle, at most 60 degrees, has a squared cosine above `cosine_squared`. True when two corners coincide.
 #[inline]
-pub fn largest_cosine(a: DVec3, b: DVec3, c: DVec3) -> f64 {
+pub fn has_angle_below(a: DVec3, b: DVec3, c: DVec3, cosine_squared: f64) -> bool {
     let (bc, ca, ab) = ((c - b).length_squared(), (a - c).length_squared(), (b - a).length_squared());
     let shortest = bc.min(ca).min(ab);
-    let product = bc * ca * ab;
-    if product == 0.0 {
-        return 1.0;
-    }
-    // Law of cosines at the corner between the two longer edges, whose squared lengths multiply to product / shortest.
-    (bc + ca + ab - 2.0 * shortest) * 0.5 * (shortest / product).sqrt()
+    // Law of cosines at the corner opposite to the shortest edge, between the two longer ones, whose squared lengths multiply to bc * ca * ab / shortest.
+    let twice = bc + ca + ab - 2.0 * shortest;
+    twice * twice * shortest > 4.0 * cosine_squared * bc * ca * ab || shortest == 0.0
 }
 
 /// Circumcenter and squared circumradius of a triangle; `None` when it is degenerate.
@@ -42,14 +39,18 @@ mod tests {
     #[test]
     fn an_equilateral_triangle_has_60_degrees() {
         let c = DVec3::new(0.5, 0.75_f64.sqrt(), 0.0);
-        assert!((largest_cosine(DVec3::ZERO, DVec3::X, c) - 0.5).abs() < 1e-12);
+        assert!(
+            has_angle_below(DVec3::ZERO, DVec3::X, c, 0.25 - 1e-12)
+                && !has_angle_below(DVec3::ZERO, DVec3::X, c, 0.25 + 1e-12)
+        );
         let (o, r2) = triangle_circumcircle(DVec3::ZERO, DVec3::X, c).expect("not degenerate");
         assert!((r2 - 1.0 / 3.0).abs() < 1e-12 && (o.distance_squared(c) - r2).abs() < 1e-12);
     }
 
     #[test]
     fn a_needle_has_a_small_angle() {
-        let cosine = largest_cosine(DVec3::ZERO, DVec3::X, DVec3::new(1.0, 0.1, 0.0));
-        assert!((cosine.acos().to_degrees() - 0.1_f64.atan().to_degrees()).abs() < 1e-9);
+        let below = |angle: f64| has_angle_below(DVec3::ZERO, DVec3::X, DVec3::new(1.0, 0.1, 0.0), angle.cos().powi(2));
+        assert!(below(0.1_f64.atan() + 1e-9) && !below(0.1_f64.atan() - 1e-9));
+        assert!(has_angle_below(DVec3::ZERO, DVec3::ZERO, DVec3::X, 1.0));
     }
 }

@@ -14,7 +14,7 @@ use crate::Result;
 use crate::delaunay::tet::FACET;
 use crate::delaunay::{TetId, Triangulation, VertexId, VertexKind};
 use crate::geometry::predicates::perturbation_order;
-use crate::geometry::shape::{largest_cosine, shortest_squared_edge, triangle_circumcircle};
+use crate::geometry::shape::{has_angle_below, shortest_squared_edge, triangle_circumcircle};
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
@@ -69,7 +69,7 @@ pub struct Rules<'a> {
     /// Squared radius below which R4 cannot apply: vertices keep a distance from each other (docs/algorithm.md, why it ends).
     small_squared: f64,
     radius_edge_squared: f64,
-    facet_cosine: f64,
+    facet_cosine_squared: f64,
     /// Squared size bound of each label id; infinite for the background.
     sizes_squared: Vec<f64>,
     facet_distance: f64,
@@ -113,7 +113,7 @@ impl<'a> Rules<'a> {
             radius_edge_squared,
             // Less a little, for rounding.
             small_squared: 0.999 * radius_edge_squared * closest_squared,
-            facet_cosine: params.facet_angle.to_radians().cos(),
+            facet_cosine_squared: params.facet_angle.to_radians().cos().powi(2),
             sizes_squared,
             facet_distance: FACET_DISTANCE * params.delta,
             spacing_floor: SPACING_FLOOR * params.delta,
@@ -138,11 +138,6 @@ impl<'a> Rules<'a> {
     pub fn clear_pending(&self, t: TetId) {
         let record = self.triangulation.tet(t);
         record.set_tag(record.tag() & !PENDING);
-    }
-
-    #[inline]
-    fn is_pending(&self, t: TetId) -> bool {
-        self.triangulation.tet(t).tag() & PENDING != 0
     }
 
     /// The label id of the tet's circumcenter: the tet's label.
@@ -174,7 +169,15 @@ impl<'a> Rules<'a> {
         }
         asked.labels += u64::from(record.tag() & LABEL_KNOWN == 0);
         let label = self.label(t);
-        (0..4).find_map(|i| self.facet_demand(t, i, label, asked))
+        let mut interfaces = self.interfaces(t, label);
+        while interfaces != 0 {
+            let i = interfaces.trailing_zeros() as usize;
+            interfaces &= interfaces - 1;
+            if let Some(demand) = self.interface_demand(t, i, record.neighbor(i).tet(), asked) {
+                return Some(demand);
+            }
+        }
+        None
     }
 
     #[inline]
@@ -182,14 +185,22 @@ impl<'a> Rules<'a> {
         vertices.into_iter().any(|v| self.triangulation.vertex(v).kind() == VertexKind::Isovertex)
     }
 
-    /// R3 for facet `i` of `t`, whose label is `label`.
+    /// The facets of `t`, whose label is `label`, that are interfaces, as bits; without those whose other tet waits to be looked at. Which tets wait is as
+    /// good as random, so there is no branch on it.
     #[inline]
-    fn facet_demand(&self, t: TetId, i: usize, label: u16, asked: &mut Lookups) -> Option<Demand> {
-        let neighbor = self.triangulation.tet(t).neighbor(i);
-        if neighbor.is_none() || self.is_pending(neighbor.tet()) || self.label(neighbor.tet()) == label {
-            return None;
+    fn interfaces(&self, t: TetId, label: u16) -> u32 {
+        let record = self.triangulation.tet(t);
+        let mut bits = 0;
+        for i in 0..4 {
+            let neighbor = record.neighbor(i);
+            if neighbor.is_none() {
+                continue;
+            }
+            let tag = self.triangulation.tet(neighbor.tet()).tag();
+            let tag = if tag & (LABEL_KNOWN | PENDING) == 0 { u32::from(self.find_label(neighbor.tet())) } else { tag };
+            bits |= u32::from((tag & PENDING == 0) & (tag as u16 != label)) << i;
         }
-        self.interface_demand(t, i, neighbor.tet(), asked)
+        bits
     }
 
     /// R3 for an interface facet: facet `i` of `t`, across which lies `neighbor`.
@@ -202,7 +213,7 @@ impl<'a> Rules<'a> {
         let vertices = FACET[i].map(|k| record.vertices()[k]);
         let facet @ [a, b, c] = vertices.map(|v| self.triangulation.position(v));
         let misshapen = vertices.iter().any(|&v| self.triangulation.vertex(v).kind() != VertexKind::Isovertex)
-            || largest_cosine(a, b, c) > self.facet_cosine;
+            || has_angle_below(a, b, c, self.facet_cosine_squared);
         if !misshapen && !self.strays(facet, [here.center, there.center], [self.label(t), self.label(neighbor)], asked)
         {
             return None;
