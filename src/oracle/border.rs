@@ -56,6 +56,13 @@ impl Border {
         x.max(self.first).min(self.last)
     }
 
+    /// Whether the model in a cell is that between its eight voxel centres, without walls.
+    #[inline]
+    pub(super) fn leaves(&self, cell: [usize; 3]) -> bool {
+        let at = DVec3::from(cell.map(|c| c as f64));
+        at.cmpge(self.first).all() && at.cmplt(self.last).all()
+    }
+
     /// The corners' labels of a cell as the model has them inside of the walls: of the cell's part there all points are projected onto its faces away from the walls. How many walls halve the cell.
     #[inline]
     pub(super) fn extend_corners(&self, cell: [usize; 3], ids: &Corners) -> (Corners, u32) {

@@ -9,7 +9,7 @@
 use rayon::prelude::*;
 
 use super::region::Rows;
-use crate::{Result, memory::filled};
+use crate::{Result, memory::zeroed};
 
 /// A set of cells of the region; bit i of row (j, k) is the cell between voxels (i, j, k) and (i + 1, j + 1, k + 1). There is a row for each row of voxels; the last cell of each axis
 /// lies outside of the region, and is uniform.
@@ -27,7 +27,7 @@ impl Cells {
     pub(super) fn mixed(voxels: &Rows, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let [nx, ny, nz] = voxels.dims();
         let words = nx.div_ceil(64);
-        let mut bits = filled(words * ny * nz, 0, "words of the sets of cells", check)?;
+        let mut bits: Vec<u64> = zeroed(words * ny * nz, "words of the sets of cells")?;
         bits.par_chunks_mut(words * nz).enumerate().take(ny - 1).try_for_each(|(j, layer)| {
             check()?;
             for (k, row) in layer.chunks_mut(words).enumerate().take(nz - 1) {
@@ -57,7 +57,7 @@ impl Cells {
     /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
     pub(super) fn dilated(&self, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let [ny, nz] = self.rows;
-        let mut bits = filled(self.bits.len(), 0, "words of the sets of cells", check)?;
+        let mut bits: Vec<u64> = zeroed(self.bits.len(), "words of the sets of cells")?;
         bits.par_chunks_mut(self.words * nz).enumerate().try_for_each(|(j, layer)| {
             check()?;
             for (k, out) in layer.chunks_mut(self.words).enumerate() {

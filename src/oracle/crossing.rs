@@ -112,7 +112,7 @@ impl Oracle {
         while known < stop {
             let voxel = self.at(cell);
             // Cells of one label beside this one, on each side. In the voxel model as many voxels: the corners of these cells.
-            let beside = usize::from(voxel.rings().saturating_sub(1));
+            let beside = voxel.rings().saturating_sub(1) as usize;
             let low = DVec3::from(cell.map(|c| c as f64)) + shift;
             let (exit, axis) = line.exit(low - beside as f64, low + (1 + beside) as f64);
             let (exit, t) = (exit.max(known), known);
@@ -123,8 +123,8 @@ impl Oracle {
                 if let Some((s, to)) = self.overtaken(cell, voxel, from, ends, tolerance) {
                     return Some((line.at(t + (part - t) * s), to));
                 }
-            } else if voxel.id != from {
-                return Some((line.at(t), voxel.id));
+            } else if voxel.id() != from {
+                return Some((line.at(t), voxel.id()));
             }
             known = part;
             // Across the face; along the other axes it may be any of the next cells that have it.
@@ -164,9 +164,9 @@ impl Oracle {
             () if !voxel.is_two() => {
                 return indicator::overtaken(&self.corners(cell), &self.weights, from, ends, tolerance);
             }
-            () if from == voxel.id => (first, other),
-            () if from == other => (!first, voxel.id),
-            () => return Some((0.0, voxel.id)),
+            () if from == voxel.id() => (first, other),
+            () if from == other => (!first, voxel.id()),
+            () => return Some((0.0, voxel.id())),
         };
         let [weight, against] = [from, to].map(|id| self.weights[usize::from(id)]);
         let s = indicator::overtaken_by_other(corners, weight, against, ends, tolerance)?;

@@ -73,11 +73,11 @@ impl EdgeGrid<'_> {
     /// The edges from a voxel to the next one along each axis; all belong to the cell from this voxel on.
     #[inline(always)]
     fn visit_edges_of(&self, voxel: [usize; 3], visit: &mut impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
-        let here = self.oracle.at(voxel).id;
+        let here = self.oracle.at(voxel).id();
         for axis in 0..3 {
             let mut next = voxel;
             next[axis] += 1;
-            let there = self.oracle.at(next).id;
+            let there = self.oracle.at(next).id();
             if here != there {
                 let ends = [voxel, next].map(|v| DVec3::from(v.map(|c| c as f64)));
                 let mut x = ends[0];

@@ -204,9 +204,9 @@ impl Oracle {
                 let x = self.border.extend(x);
                 let cell = self.cell(x);
                 let voxel = self.at(cell);
-                if voxel.rings() > 0 { voxel.id } else { self.label_in(cell, voxel, x) }
+                if voxel.rings() > 0 { voxel.id() } else { self.label_in(cell, voxel, x) }
             }
-            SurfaceModel::Voxel => self.at(self.voxel(x)).id,
+            SurfaceModel::Voxel => self.at(self.voxel(x)).id(),
         }
     }
 
@@ -216,7 +216,7 @@ impl Oracle {
         if voxel.is_two() {
             let first = voxel.first_corners();
             let other = self.corner(cell, (!first).trailing_zeros());
-            indicator::label_of_two(first, [voxel.id, other], &self.weights, place(x, cell))
+            indicator::label_of_two(first, [voxel.id(), other], &self.weights, place(x, cell))
         } else {
             indicator::label(&self.corners(cell), &self.weights, self.greatest, place(x, cell))
         }
@@ -286,7 +286,7 @@ impl Oracle {
     #[inline(always)]
     fn corner(&self, [i, j, k]: [usize; 3], corner: u32) -> u16 {
         let c = corner as usize;
-        self.at([i + (c & 1), j + (c >> 1 & 1), k + (c >> 2 & 1)]).id
+        self.at([i + (c & 1), j + (c >> 1 & 1), k + (c >> 2 & 1)]).id()
     }
 
     /// The nearest point in the region's box.
@@ -310,7 +310,7 @@ fn corners(voxels: &[Voxel], b: &Bricks, [i, j, k]: [usize; 3]) -> indicator::Co
     let x = [b.x(i), b.x(i + 1)];
     let y = [b.y(j), b.y(j + 1)];
     let z = [b.z(k), b.z(k + 1)];
-    std::array::from_fn(|c| voxels[x[c & 1] + y[c >> 1 & 1] + z[c >> 2]].id)
+    std::array::from_fn(|c| voxels[x[c & 1] + y[c >> 1 & 1] + z[c >> 2]].id())
 }
 
 /// Coordinates of a point within its cell.

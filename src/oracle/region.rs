@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::{Error, Result, image::LabelImage, memory::filled};
+use crate::{Error, Result, image::LabelImage, memory::zeroed};
 
 /// Where a region lies in its image.
 #[derive(Clone, Copy, Debug)]
@@ -65,7 +65,7 @@ impl Rows {
         let [nx, ny, _] = image.dims();
         let dims = region.dims;
         let stride = Self::stride(dims);
-        let mut ids = filled(stride * dims[1] * dims[2], 0, "voxels of the label volume", check)?;
+        let mut ids = zeroed(stride * dims[1] * dims[2], "voxels of the label volume")?;
         // All but the region's outermost voxels are in the image.
         let inner = (region.first[0] + 1) as usize;
         let count = dims[0] - 2;

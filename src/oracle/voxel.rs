@@ -11,48 +11,92 @@ use super::{
     border::Border,
     bricks::Bricks,
     cells::Cells,
-    indicator::{self, Corners},
+    indicator::Corners,
     region::Rows,
-    weights::{Sampling, Tally},
+    weights::{Sampling, Tally, UNITS},
 };
 use crate::{Result, memory::filled};
 
 /// Rings are counted up to this.
 const MOST_RINGS: u16 = 3;
 
-/// A voxel and its cell.
+/// A voxel and its cell, in one word: one load tells a uniform cell and its label. From the lowest bit on: two bits for the rings, 0 for a mixed cell; a bit "two labels" and, in the second
+/// byte, a bit for each corner that has the label of the first, both of mixed cells; the dense id of the voxel's label in the upper half.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Voxel {
-    /// Dense id of the voxel's label; of a uniform cell too.
-    pub(super) id: u16,
-    /// The lowest two bits have the rings, 0 for a mixed cell. Above, for a mixed one: a bit "two labels", and in the upper byte a bit
-    /// for each corner that has the label of the first.
-    cell: u16,
-}
+pub(super) struct Voxel(u32);
 
 impl Voxel {
     const TWO: u16 = 1 << 2;
 
-    fn mixed(id: u16, first: u32, is_two: bool) -> Self {
-        Self { id, cell: (first << 8) as u16 | if is_two { Self::TWO } else { 0 } }
+    fn new(id: u16, cell: u16) -> Self {
+        Self(u32::from(id) << 16 | u32::from(cell))
+    }
+
+    /// Dense id of the voxel's label; of a uniform cell too.
+    #[inline(always)]
+    pub(super) fn id(self) -> u16 {
+        (self.0 >> 16) as u16
     }
 
     /// Rings of cells of one label around the point's cell, that cell being one; 0 for a mixed cell, at most [`MOST_RINGS`].
     #[inline(always)]
-    pub(super) fn rings(self) -> u16 {
-        self.cell & 3
+    pub(super) fn rings(self) -> u32 {
+        self.0 & 3
     }
 
     /// Of a mixed cell: a bit for each corner that has the label of the first.
     #[inline(always)]
     pub(super) fn first_corners(self) -> u32 {
-        u32::from(self.cell >> 8)
+        self.0 >> 8 & 0xff
     }
 
     /// Of a mixed cell: whether all other corners have one label.
     #[inline(always)]
     pub(super) fn is_two(self) -> bool {
-        self.cell & Self::TWO != 0
+        self.0 & u32::from(Self::TWO) != 0
+    }
+}
+
+/// What the records have of 64 cells of a row.
+struct Block {
+    /// The word of each cell.
+    cells: [u16; 64],
+    /// Of mixed cells of two labels: the first one's id XOR the other's.
+    differences: [u16; 64],
+}
+
+impl Block {
+    /// The rings, from words of the sets of cells with none, at most one and at most two.
+    fn of_rings(sets: [u64; 3]) -> Self {
+        let mut cells = [MOST_RINGS; 64];
+        for (n, eight) in cells.as_chunks_mut::<8>().0.iter_mut().enumerate() {
+            for word in sets {
+                let byte = (word >> (8 * n)) as u16;
+                for (bit, cell) in eight.iter_mut().enumerate() {
+                    *cell -= u16::from(byte & 1 << bit != 0);
+                }
+            }
+        }
+        Self { cells, differences: [0; 64] }
+    }
+
+    /// Adds what is known of mixed cells; `rows` are those around the row of cells, from the block's first voxel on. All cells are looked at, side by side.
+    fn add_mixed(&mut self, rows: [&[u16]; 4]) {
+        let [a, b, c, d] = rows.map(|row| &row[..65]);
+        for i in 0..64 {
+            let id = a[i];
+            let corners = [id, a[i + 1], b[i], b[i + 1], c[i], c[i + 1], d[i], d[i + 1]].map(|corner| corner ^ id);
+            let any = corners.iter().fold(0, |all, &corner| all | corner);
+            let (mut first, mut is_two) = (0, true);
+            for (n, &corner) in corners.iter().enumerate() {
+                first |= u16::from(corner == 0) << n;
+                // One label differs from the first in the same bits everywhere.
+                is_two &= (corner == 0) | (corner == any);
+            }
+            let word = first << 8 | if is_two { Voxel::TWO } else { 0 };
+            self.cells[i] |= if any != 0 { word } else { 0 };
+            self.differences[i] = any;
+        }
     }
 }
 
@@ -78,29 +122,27 @@ pub(super) fn records<'a>(
             check()?;
             for k in 0..nz {
                 let at = bricks.y(j) + bricks.z(k) - layer * bricks.layer();
+                let row = rows.row(j, k);
                 let sets = [mixed, &beside, &near].map(|set| set.row(j, k));
-                for (i, &id) in rows.row(j, k)[..nx].iter().enumerate() {
-                    // Each set holds the one before.
-                    let held: u64 = sets.iter().map(|row| row[i / 64] >> (i % 64) & 1).sum();
-                    out[at + bricks.x(i)] = Voxel { id, cell: MOST_RINGS - held as u16 };
-                }
-                for (w, &mixed_word) in sets[0].iter().enumerate() {
-                    if mixed_word == 0 {
-                        continue;
-                    }
-                    let around = rows.around(j, k);
-                    let mut rest = mixed_word;
-                    while rest != 0 {
-                        let i = 64 * w + rest.trailing_zeros() as usize;
-                        rest &= rest - 1;
-                        let ids: Corners = std::array::from_fn(|c| around[c >> 1][i + (c & 1)]);
-                        let first = indicator::corners_of(&ids, ids[0]);
-                        let other = ids[(!first).trailing_zeros() as usize];
-                        let is_two = first | indicator::corners_of(&ids, other) == 0xff;
-                        out[at + bricks.x(i)] = Voxel::mixed(ids[0], first, is_two);
+                for w in 0..sets[0].len() {
+                    let words = sets.map(|set| set[w]);
+                    let mut block = Block::of_rings(words);
+                    if words[0] != 0 {
+                        let around = rows.around(j, k).map(|row| &row[64 * w..]);
+                        block.add_mixed(around);
                         if let (Some(tally), Some((_, border))) = (&mut tally, weighing) {
-                            tally.add(border, [i, j, k], &ids)?;
+                            count(tally, border, [64 * w, j, k], words[0], &block, around)?;
                         }
+                    }
+                    for (n, (ids, cells)) in row[64 * w..nx.min(64 * (w + 1))]
+                        .chunks(Bricks::EDGE)
+                        .zip(block.cells.chunks(Bricks::EDGE))
+                        .enumerate()
+                    {
+                        let out = &mut out[at + bricks.x(64 * w + n * Bricks::EDGE)..];
+                        out.iter_mut()
+                            .zip(ids.iter().zip(cells))
+                            .for_each(|(out, (&id, &cell))| *out = Voxel::new(id, cell));
                     }
                 }
             }
@@ -114,10 +156,44 @@ pub(super) fn records<'a>(
     Ok((voxels, tally))
 }
 
+/// Counts the `mixed` ones of 64 cells from `first` on for the weights of labels.
+///
+/// # Errors
+/// [`crate::Error::OutOfMemory`].
+#[inline]
+fn count(
+    tally: &mut Tally<'_>,
+    border: &Border,
+    first: [usize; 3],
+    mixed: u64,
+    block: &Block,
+    around: [&[u16]; 4],
+) -> Result<()> {
+    let around = around.map(|row| &row[..65]);
+    let mut rest = mixed;
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize;
+        rest &= rest - 1;
+        let cell = [first[0] + i, first[1], first[2]];
+        let id = around[0][i];
+        let voxel = Voxel::new(id, block.cells[i]);
+        let corners = || -> Corners { std::array::from_fn(|c| around[c >> 1][i + (c & 1)]) };
+        if !border.leaves(cell) {
+            tally.add(border, cell, &corners())?;
+        } else if voxel.is_two() {
+            tally.add_two(voxel.first_corners(), [id, id ^ block.differences[i]], UNITS);
+        } else {
+            tally.sample(cell, &corners(), UNITS)?;
+        }
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::image::{Frame, LabelImage};
+    use crate::oracle::indicator;
     use crate::oracle::region::Region;
 
     /// Few voxels of other labels, at both ends of words too: rings by definition.
@@ -156,9 +232,9 @@ mod tests {
         }
         for cell in all {
             let (voxel, ids) = (voxels[bricks.index(cell[0], cell[1], cell[2])], corners(cell));
-            let steps = |m: &[usize; 3]| (0..3).map(|a| m[a].abs_diff(cell[a])).max().unwrap() as u16;
-            let rings = mixed.iter().map(steps).min().unwrap().min(MOST_RINGS);
-            assert_eq!((voxel.id, voxel.rings()), (ids[0], rings), "{cell:?}");
+            let steps = |m: &[usize; 3]| (0..3).map(|a| m[a].abs_diff(cell[a])).max().unwrap() as u32;
+            let rings = mixed.iter().map(steps).min().unwrap().min(u32::from(MOST_RINGS));
+            assert_eq!((voxel.id(), voxel.rings()), (ids[0], rings), "{cell:?}");
             if rings == 0 {
                 assert_eq!(voxel.first_corners(), indicator::corners_of(&ids, ids[0]));
                 let mut labels = ids.to_vec();

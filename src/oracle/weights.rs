@@ -31,7 +31,7 @@ pub(super) const LIMIT: f32 = 1.5;
 /// The largest ratio of two weights.
 const RATIO: f32 = LIMIT * LIMIT;
 /// Volumes are counted in parts of a cell, so that a sample is a whole number of them even where walls leave an eighth of a cell.
-const UNITS: u32 = 512;
+pub(super) const UNITS: u32 = 512;
 /// Samples in a cell at most. Powers of two.
 const MOST: u32 = 64;
 /// Samples in a cell at least, if it is looked at.
@@ -62,12 +62,17 @@ const RIVALS: usize = 4;
 /// Something that changes with the level, at the ends of the tabulated intervals.
 type Curve = [f64; LEVELS + 1];
 
+/// Points whose coordinates along an axis lie side by side: samples are taken several at a time, which vectorises.
+type Points = [[f32; MOST as usize]; 3];
+/// Samples taken at a time.
+const LANES: usize = LEAST as usize;
+
 /// The two-label cells: which shape a set of corners has, and the part of the cell that a shape takes, less its corners' eighths.
 struct Shapes {
     of: [u8; 256],
     curves: [Curve; SHAPES],
     /// First points of the sequence.
-    points: [[f32; 3]; MOST as usize],
+    points: Points,
 }
 
 static TABLES: LazyLock<Shapes> = LazyLock::new(Shapes::new);
@@ -84,7 +89,11 @@ impl Shapes {
             };
             images.map(image).min().unwrap_or(set)
         };
-        let mut shapes = Self { of: [0; 256], curves: [[0.0; LEVELS + 1]; SHAPES], points: std::array::from_fn(point) };
+        let mut shapes = Self {
+            of: [0; 256],
+            curves: [[0.0; LEVELS + 1]; SHAPES],
+            points: std::array::from_fn(|a| std::array::from_fn(|n| point(n)[a])),
+        };
         // Each point with its mirror images, as the shapes are those of sets and of their mirror images.
         let mirrored = |n: usize| {
             let at = point(n / 8);
@@ -145,6 +154,18 @@ struct Many {
 }
 
 impl Many {
+    /// Of values and labels, at most eight.
+    fn new(values: impl Iterator<Item = (f32, u16)>, units: u32) -> Self {
+        let (mut rivals, mut count) = ([(0.0, 0); 8], 0);
+        for value in values {
+            rivals[count] = value;
+            count += 1;
+        }
+        rivals[..count].sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let rival = |n: usize| if n < count { rivals[n] } else { (0.0, rivals[0].1) };
+        Self { labels: std::array::from_fn(|n| rival(n).1), values: std::array::from_fn(|n| rival(n).0), units }
+    }
+
     fn winner(&self, weights: &[f32]) -> u16 {
         let value = |n: usize| self.values[n] * weights[usize::from(self.labels[n])];
         self.labels[(1..RIVALS).fold(0, |best, n| if value(n) > value(best) { n } else { best })]
@@ -197,7 +218,6 @@ impl<'a> Tally<'a> {
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
-    #[inline]
     pub(super) fn add(&mut self, border: &Border, cell: [usize; 3], ids: &indicator::Corners) -> Result<()> {
         let (ids, halvings) = border.extend_corners(cell, ids);
         let first = indicator::corners_of(&ids, ids[0]);
@@ -206,18 +226,26 @@ impl<'a> Tally<'a> {
         }
         let other = ids[(!first).trailing_zeros() as usize];
         if first | indicator::corners_of(&ids, other) == 0xff {
-            let (pair, corners) =
-                if ids[0] < other { ([ids[0], other], first) } else { ([other, ids[0]], !first & 0xff) };
-            let shape = TABLES.of[corners as usize];
-            self.contest(pair).cells[usize::from(shape)] += u64::from(UNITS >> halvings);
+            self.add_two(first, [ids[0], other], UNITS >> halvings);
             Ok(())
         } else {
             self.sample(cell, &ids, UNITS >> halvings)
         }
     }
 
+    /// Counts a cell of two labels, the first of which the `corners` have; `units` of it are inside of the walls.
+    #[inline(always)]
+    pub(super) fn add_two(&mut self, corners: u32, [id, other]: [u16; 2], units: u32) {
+        let (pair, corners) = if id < other { ([id, other], corners) } else { ([other, id], !corners & 0xff) };
+        let shape = TABLES.of[corners as usize];
+        self.contest(pair).cells[usize::from(shape)] += u64::from(units);
+    }
+
     /// Samples a cell of more than two labels; `units` of it are inside of the walls.
-    fn sample(&mut self, cell: [usize; 3], ids: &indicator::Corners, units: u32) -> Result<()> {
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub(super) fn sample(&mut self, cell: [usize; 3], ids: &indicator::Corners, units: u32) -> Result<()> {
         let sixteenths = ids.iter().filter(|&&id| id != 0).map(|&id| self.sampling.0[usize::from(id)]).max();
         let sixteenths = sixteenths.unwrap_or(16 * MOST);
         let count = (sixteenths / 16).max(LEAST);
@@ -232,57 +260,68 @@ impl<'a> Tally<'a> {
         let shift = [0, 20, 40].map(|low| (hash >> low & 0xf_ffff) as f32 / (1 << 20) as f32);
         let units = units / count * stands_for;
         let (present, labels) = distinct(ids);
+        let held: [[f32; 8]; 8] =
+            std::array::from_fn(|n| ids.map(|id| if n < labels && id == present[n] { 1.0 } else { 0.0 }));
         let short = |_| Error::OutOfMemory { count: count as usize, what: "samples for the weights of labels" };
         self.many.try_reserve(count as usize).map_err(short)?;
-        for point in &TABLES.points[..count as usize] {
+        for start in (0..count as usize).step_by(LANES) {
             let at = [0, 1, 2].map(|a| {
-                let t = point[a] + shift[a];
-                if t < 1.0 { t } else { t - 1.0 }
+                std::array::from_fn(|lane| {
+                    let t = TABLES.points[a][start + lane] + shift[a];
+                    if t < 1.0 { t } else { t - 1.0 }
+                })
             });
-            self.add_sample(ids, &present[..labels], &indicator::parts(at), units);
+            self.add_samples(&present[..labels], &held, at, units);
         }
         Ok(())
     }
 
-    #[inline]
-    fn add_sample(&mut self, ids: &indicator::Corners, present: &[u16], parts: &[f32; 8], units: u32) {
-        let mut rivals = [(0.0_f32, 0_u16); 8];
-        let mut largest = 0.0_f32;
-        for (rival, &id) in rivals.iter_mut().zip(present) {
-            *rival = (indicator::indicator(ids, parts, id), id);
-            largest = largest.max(rival.0);
-        }
-        // Those that some weights let win come first.
-        let mut count = 0;
-        for n in 0..present.len() {
-            if rivals[n].0 * RATIO >= largest {
-                rivals.swap(n, count);
-                count += 1;
+    /// Counts samples of one cell; `held` are the indicators of its labels at the corners.
+    #[inline(always)]
+    fn add_samples(&mut self, present: &[u16], held: &[[f32; 8]; 8], at: [[f32; LANES]; 3], units: u32) {
+        let parts: [[f32; 8]; LANES] = std::array::from_fn(|lane| indicator::parts(at.map(|along| along[lane])));
+        let mut values = [[0.0_f32; LANES]; 8];
+        let mut largest = [0.0_f32; LANES];
+        for (values, held) in values.iter_mut().zip(held).take(present.len()) {
+            for lane in 0..LANES {
+                let w: [f32; 8] = std::array::from_fn(|c| held[c] * parts[lane][c]);
+                values[lane] = ((w[0] + w[4]) + (w[2] + w[6])) + ((w[1] + w[5]) + (w[3] + w[7]));
+                largest[lane] = largest[lane].max(values[lane]);
             }
         }
-        match rivals[..count] {
-            [(_, winner)] => self.surplus[usize::from(winner)] += i64::from(units),
-            [a, b] => {
-                let [a, b] = if a.1 < b.1 { [a, b] } else { [b, a] };
-                match level_above(a.0 / (a.0 + b.0)) {
-                    0 => self.surplus[usize::from(b.1)] += i64::from(units),
-                    level if level > LEVELS => self.surplus[usize::from(a.1)] += i64::from(units),
-                    level => {
-                        // As if b won; what a wins is taken from that.
-                        self.surplus[usize::from(b.1)] += i64::from(units);
-                        self.contest([a.1, b.1]).samples[level] += u64::from(units);
-                    }
-                }
+        // Those that some weights let win, one bit each.
+        let mut rivals = [0_u32; LANES];
+        for (n, values) in values[..present.len()].iter().enumerate() {
+            for lane in 0..LANES {
+                rivals[lane] |= u32::from(values[lane] * RATIO >= largest[lane]) << n;
             }
-            _ => {
-                let rivals = &mut rivals[..count];
-                rivals.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-                let rival = |n: usize| rivals.get(n).copied().unwrap_or((0.0, rivals[0].1));
-                self.many.push(Many {
-                    labels: std::array::from_fn(|n| rival(n).1),
-                    values: std::array::from_fn(|n| rival(n).0),
-                    units,
-                });
+        }
+        for lane in 0..LANES {
+            let (one, rest) = (rivals[lane].trailing_zeros() as usize, rivals[lane] & (rivals[lane] - 1));
+            if rest == 0 {
+                self.surplus[usize::from(present[one])] += i64::from(units);
+            } else if rest & (rest - 1) == 0 {
+                let rival = |n: usize| (present[n], values[n][lane]);
+                self.add_contested(rival(one), rival(rest.trailing_zeros() as usize), units);
+            } else {
+                let is_rival = |n: &usize| rivals[lane] >> n & 1 == 1;
+                self.many
+                    .push(Many::new((0..present.len()).filter(is_rival).map(|n| (values[n][lane], present[n])), units));
+            }
+        }
+    }
+
+    /// Counts a sample that either of two labels may win.
+    #[inline(always)]
+    fn add_contested(&mut self, a: (u16, f32), b: (u16, f32), units: u32) {
+        let [a, b] = if a.0 < b.0 { [a, b] } else { [b, a] };
+        match level_above(a.1 / (a.1 + b.1)) {
+            0 => self.surplus[usize::from(b.0)] += i64::from(units),
+            level if level > LEVELS => self.surplus[usize::from(a.0)] += i64::from(units),
+            level => {
+                // As if b won; what a wins is taken from that.
+                self.surplus[usize::from(b.0)] += i64::from(units);
+                self.contest([a.0, b.0]).samples[level] += u64::from(units);
             }
         }
     }
