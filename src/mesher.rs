@@ -113,8 +113,8 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         )));
     }
     let [nx, ny, nz] = image.dims();
-    // The most that the oracle asks whether to go on.
-    monitor.enter(Step::Oracle, nz * (nx + 2 * ny + 1) + 3 * ny)?;
+    // The most that the oracle asks whether to go on: per plane, per layer in five passes, where a table is filled in, in each step of the weights.
+    monitor.enter(Step::Oracle, 2 * nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)?;
     let restricted;
     let image = if params.keep.is_empty() {
         image

@@ -21,20 +21,33 @@ pub(super) fn parts([x, y, z]: [f32; 3]) -> [f32; 8] {
     std::array::from_fn(|c| xs[c & 1] * yz[c >> 1])
 }
 
+/// `inside` at the corners in the set `corners`, `outside` at the others. By bits: a choice may become a branch, and which corners are in the set is as good as random.
+#[inline(always)]
+fn choose(corners: u32, inside: [f32; 8], outside: f32) -> [f32; 8] {
+    std::array::from_fn(|c| {
+        let mask = u32::from(corners & 1 << c == 0).wrapping_sub(1);
+        f32::from_bits(inside[c].to_bits() & mask | outside.to_bits() & !mask)
+    })
+}
+
+/// The sum of the parts of some corners: their interpolated indicator.
+#[inline(always)]
+pub(super) fn sum_of(corners: u32, parts: &[f32; 8]) -> f32 {
+    let w = choose(corners, *parts, 0.0);
+    // Summed in pairs: one order, which vectorises.
+    ((w[0] + w[4]) + (w[2] + w[6])) + ((w[1] + w[5]) + (w[3] + w[7]))
+}
+
 /// The interpolated indicator of `id`.
 #[inline(always)]
 pub(super) fn indicator(ids: &Corners, parts: &[f32; 8], id: u16) -> f32 {
-    let w: [f32; 8] = std::array::from_fn(|c| if ids[c] == id { parts[c] } else { 0.0 });
-    // Summed in pairs: one order, which vectorises.
-    ((w[0] + w[4]) + (w[2] + w[6])) + ((w[1] + w[5]) + (w[3] + w[7]))
+    sum_of(corners_of(ids, id), parts)
 }
 
 /// The label at a point of a cell of two labels, the first of which the `corners` have.
 #[inline(always)]
 pub(super) fn label_of_two(corners: u32, [id, other]: [u16; 2], weights: &[f32], at: [f32; 3]) -> u16 {
-    let parts = parts(at);
-    let w: [f32; 8] = std::array::from_fn(|c| if corners >> c & 1 == 1 { parts[c] } else { 0.0 });
-    let part = ((w[0] + w[4]) + (w[2] + w[6])) + ((w[1] + w[5]) + (w[3] + w[7]));
+    let part = sum_of(corners, &parts(at));
     let (value, against) = (part * weights[usize::from(id)], (1.0 - part) * weights[usize::from(other)]);
     if value > against || (value == against && id < other) { id } else { other }
 }
@@ -115,7 +128,7 @@ pub(super) fn overtaken_by_other(
     [start, end]: [[f32; 3]; 2],
     tolerance: f64,
 ) -> Option<f64> {
-    let lead = std::array::from_fn(|c| if corners >> c & 1 == 1 { weight } else { -against });
+    let lead = choose(corners, [weight; 8], -against);
     let cubic = along(&lead, start, end);
     if cubic.iter().all(|&b| b >= 0.0) {
         return None;

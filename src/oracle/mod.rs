@@ -260,16 +260,14 @@ impl Oracle {
     /// The cell that holds a point of the region.
     #[inline(always)]
     fn cell(&self, x: DVec3) -> [usize; 3] {
-        let dims = self.bricks.dims();
         // Rounded, not cut off: a point on a face is in either cell, which agree there. A region has at least three voxels along each axis.
-        [0, 1, 2].map(|a| rounded((x[a] - 0.5).max(0.0)).min(dims[a] - 2))
+        (x - 0.5).max(DVec3::ZERO).min(self.last - 1.0).to_array().map(rounded)
     }
 
     /// The voxel that holds a point of the region.
     #[inline(always)]
     fn voxel(&self, x: DVec3) -> [usize; 3] {
-        let dims = self.bricks.dims();
-        [0, 1, 2].map(|a| rounded(x[a]).min(dims[a] - 1))
+        x.min(self.last).to_array().map(rounded)
     }
 
     #[inline(always)]
