@@ -91,7 +91,7 @@ static void whole_run(void) {
 
 static void log_lines(void) {
     static const char *const good[] = {"meshing 1 labels of 48 x 48 x 48 voxels",
-                                       "distance transform done in ",
+                                       "image prepared in ",
                                        "refinement done in ",
                                        "tets per second",
                                        "interface facets collected in ",

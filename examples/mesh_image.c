@@ -102,7 +102,7 @@ typedef struct {
 } progress_line;
 
 static int32_t show_progress(void *user, const lapd_progress *progress) {
-    static const char *const phases[] = {"distance transform", "refinement", "extraction", "certificate"};
+    static const char *const phases[] = {"preparing the image", "refinement", "extraction", "certificate"};
     progress_line *line = user;
     /* The first report of a phase comes before anything is done in it, and the run waits for the answer. */
     for (; line->phase < progress->phase && line->phase < LAPD_PHASE_CERTIFY; line->phase++) {

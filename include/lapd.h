@@ -104,7 +104,7 @@ typedef enum {
  */
 typedef enum {
   /**
-   * The distance transform of the image.
+   * The image is prepared: volumes and weights of the labels, distances to the interfaces.
    */
   LAPD_PHASE_DISTANCE = 0,
   /**
@@ -313,7 +313,7 @@ typedef struct {
    */
   uint64_t all_tets;
   /**
-   * Bytes of the image's labels and distances that refinement looks at; freed when the mesh was collected.
+   * Bytes of what refinement keeps of the image: labels and distances; freed before the certificate is measured.
    */
   uint64_t oracle_bytes;
 } lapd_counts;
@@ -928,8 +928,8 @@ lapd_status lapd_params_get_max_vertices(const lapd_params *params, size_t *max_
  * Sets a limit of time, in wall-clock seconds from the call of lapd_mesh_image on; above 0, or 0 for no limit. A run whose refinement
  * has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
  *
- * The limit ends distance transform and refinement, within some ten milliseconds. What follows is not cut short: collecting and
- * certifying the mesh takes up to as long again. No other thread may use `params` or the context meanwhile.
+ * The limit ends the preparation of the image and refinement, within some ten milliseconds. What follows is not cut short:
+ * collecting and certifying the mesh takes up to twice as long. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not finite.
  */
@@ -947,7 +947,7 @@ lapd_status lapd_params_get_time_limit(const lapd_params *params,
  * Sets a limit of memory in bytes, 0 for none. A run that needs more ends with LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where
  * lapd_params_set_partial allows it.
  *
- * Counted are the tables of the run that grow with the image or the mesh: those of the distance transform and of the labels, of the
+ * Counted are the tables of the run that grow with the image or the mesh: those made of the image's labels, of the
  * triangulation and the work that waits, and in advance those of the mesh to come, so that the limit holds to the end of the run.
  * Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
  * refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the context

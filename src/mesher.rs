@@ -86,7 +86,7 @@ pub struct RunReport {
     pub all_tets: u64,
     /// Vertices of the whole triangulation, corners of the box included.
     pub all_vertices: u64,
-    /// Memory of the oracle, held from the distance transform to the end of extraction.
+    /// Memory of the oracle, held until the triangulation has been checked.
     pub oracle_bytes: u64,
     /// Operations.
     pub operations: Operations,
@@ -134,7 +134,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     }
     let oracle = Oracle::new(image, params.surface, &go_on)?;
     seconds.distance = lap();
-    monitor.log(Level::Info, &format!("distance transform done in {:.2} s", seconds.distance));
+    monitor.log(Level::Info, &format!("image prepared in {:.2} s", seconds.distance));
 
     monitor.enter(Step::Refine, 1)?;
     let [lower, upper] = oracle.bounds();

@@ -17,7 +17,7 @@ use crate::{Error, Result};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(i32)]
 pub enum Phase {
-    /// The feature transform of the image.
+    /// The image is prepared: the oracle is built.
     Distance = 0,
     /// Delaunay refinement.
     Refine = 1,

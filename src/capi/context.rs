@@ -24,7 +24,7 @@ pub struct lapd_context {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_phase {
-    /// The distance transform of the image.
+    /// The image is prepared: volumes and weights of the labels, distances to the interfaces.
     LAPD_PHASE_DISTANCE = 0,
     /// Delaunay refinement.
     LAPD_PHASE_REFINE = 1,

@@ -463,8 +463,8 @@ pub unsafe extern "C" fn lapd_params_get_max_vertices(
 /// Sets a limit of time, in wall-clock seconds from the call of lapd_mesh_image on; above 0, or 0 for no limit. A run whose refinement
 /// has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
 ///
-/// The limit ends distance transform and refinement, within some ten milliseconds. What follows is not cut short: collecting and
-/// certifying the mesh takes up to as long again. No other thread may use `params` or the context meanwhile.
+/// The limit ends the preparation of the image and refinement, within some ten milliseconds. What follows is not cut short:
+/// collecting and certifying the mesh takes up to twice as long. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not finite.
 #[unsafe(no_mangle)]
@@ -492,7 +492,7 @@ pub unsafe extern "C" fn lapd_params_get_time_limit(params: *const lapd_params, 
 /// Sets a limit of memory in bytes, 0 for none. A run that needs more ends with LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where
 /// lapd_params_set_partial allows it.
 ///
-/// Counted are the tables of the run that grow with the image or the mesh: those of the distance transform and of the labels, of the
+/// Counted are the tables of the run that grow with the image or the mesh: those made of the image's labels, of the
 /// triangulation and the work that waits, and in advance those of the mesh to come, so that the limit holds to the end of the run.
 /// Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
 /// refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the context

@@ -23,7 +23,7 @@ pub struct lapd_counts {
     pub all_vertices: u64,
     /// Tets of the whole triangulation, when refinement ended.
     pub all_tets: u64,
-    /// Bytes of the image's labels and distances that refinement looks at; freed when the mesh was collected.
+    /// Bytes of what refinement keeps of the image: labels and distances; freed before the certificate is measured.
     pub oracle_bytes: u64,
 }
 
