@@ -141,7 +141,7 @@ assert odd["delta"] == 1.5 and odd["size"] == 3 and odd["threads"] == 1 and odd[
 assert [row["label"] for row in odd["labels"]] == [1, 2]
 assert odd["tets"] == sum(row["tets"] for row in odd["labels"]) > 0
 assert odd["peak_rss_bytes"] > 1 << 20
-assert odd["oracle_bytes"] >= 8 * 10**3 and "memory_bytes" not in odd
+assert odd["oracle_bytes"] >= 4 * 10**3 and "memory_bytes" not in odd
 peaks = [memory["memory_bytes"][name] for name in "peak_distance peak_refine peak_extract".split()]
 assert 1 << 20 < peaks[0] <= peaks[1] <= peaks[2] <= memory["peak_rss_bytes"], memory
 assert memory["memory_bytes"]["read"] > 1 << 20, memory
