@@ -214,13 +214,13 @@ impl Refiner<'_, '_> {
     }
 
     fn enqueue(&mut self, t: TetId) {
-        self.rules.set_pending(t);
+        self.rules.mark_waiting(t);
         self.new.push(self.triangulation.stamp(t));
     }
 
     fn look(&mut self, stamp: TetStamp) -> Result<()> {
         self.work.looks += 1;
-        self.rules.clear_pending(stamp.tet);
+        self.rules.mark_looked(stamp.tet);
         if let Some(demand) = self.rules.surface_demand(stamp.tet, &mut self.work.lookups) {
             self.carry_out(stamp, demand)
         } else {
@@ -269,8 +269,7 @@ impl Refiner<'_, '_> {
 
     fn enqueue_created(&mut self) {
         for i in 0..self.worker.created().len() {
-            let t = self.worker.created()[i];
-            self.enqueue(t);
+            self.new.push(self.triangulation.stamp(self.worker.created()[i]));
         }
     }
 }
@@ -292,13 +291,13 @@ pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]>
         if (i as u64).is_multiple_of(16 * LOOK_EVERY) {
             monitor.check_cancelled()?;
         }
-        rules.set_pending(t);
+        rules.mark_waiting(t);
     }
     for (i, t) in rules.triangulation.living_tets().enumerate() {
         if (i as u64).is_multiple_of(LOOK_EVERY) {
             monitor.advance(LOOK_EVERY as usize)?;
         }
-        rules.clear_pending(t);
+        rules.mark_looked(t);
         if let Some(demand) = rules.surface_demand(t, &mut asked).or_else(|| rules.volume_demand(t)) {
             unmet[demand.rule as usize] += 1;
         } else if rules.is_undecided(t) {

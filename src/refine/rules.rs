@@ -55,8 +55,8 @@ pub struct Lookups {
 
 /// Tets carry the label of their circumcenter in the kernel's tag word.
 const LABEL_KNOWN: u32 = 1 << 16;
-/// The tet waits to be looked at. Its facets are looked at then, so that no facet is looked at from both sides.
-const PENDING: u32 = 1 << 17;
+/// The tet was looked at; without this it waits, as every new tet does. Its facets are looked at with it, so that no facet is looked at from both sides.
+const LOOKED: u32 = 1 << 17;
 
 /// The rules for one image and one set of parameters.
 pub struct Rules<'a> {
@@ -126,18 +126,18 @@ impl<'a> Rules<'a> {
         self.oracle.bytes() as u64 + self.triangulation.bytes() + self.free_vertices.bytes(vertices)
     }
 
-    /// Marks a tet as waiting.
+    /// Lets a tet wait to be looked at; new tets do.
     #[inline]
-    pub fn set_pending(&self, t: TetId) {
+    pub fn mark_waiting(&self, t: TetId) {
         let record = self.triangulation.tet(t);
-        record.set_tag(record.tag() | PENDING);
+        record.set_tag(record.tag() & !LOOKED);
     }
 
-    /// Takes the mark off.
+    /// Notes that a tet is looked at.
     #[inline]
-    pub fn clear_pending(&self, t: TetId) {
+    pub fn mark_looked(&self, t: TetId) {
         let record = self.triangulation.tet(t);
-        record.set_tag(record.tag() & !PENDING);
+        record.set_tag(record.tag() | LOOKED);
     }
 
     /// The label id of the tet's circumcenter: the tet's label.
@@ -197,8 +197,9 @@ impl<'a> Rules<'a> {
                 continue;
             }
             let tag = self.triangulation.tet(neighbor.tet()).tag();
-            let tag = if tag & (LABEL_KNOWN | PENDING) == 0 { u32::from(self.find_label(neighbor.tet())) } else { tag };
-            bits |= u32::from((tag & PENDING == 0) & (tag as u16 != label)) << i;
+            let known = tag & (LABEL_KNOWN | LOOKED) != LOOKED;
+            let id = if known { tag as u16 } else { self.find_label(neighbor.tet()) };
+            bits |= u32::from((tag & LOOKED != 0) & (id != label)) << i;
         }
         bits
     }

@@ -94,25 +94,40 @@ impl<'a> Net<'a> {
     /// Whether a sample is closer than delta to `p`.
     #[inline]
     fn covers(&mut self, p: DVec3) -> bool {
-        let squared = self.delta * self.delta;
-        if self.last.distance_squared(p) < squared {
+        if self.last.distance_squared(p) < self.delta * self.delta {
+            return true;
+        }
+        // The cell of the point most likely has it.
+        let own = self.cell(p);
+        let own = self.head(own.x, own.y, own.z);
+        if self.is_in_chain(own, p) {
             return true;
         }
         let (from, to) = (self.cell(p - self.delta), self.cell(p + self.delta));
         for z in from.z..=to.z {
             for y in from.y..=to.y {
                 for x in from.x..=to.x {
-                    let mut at = self.heads[self.head(x, y, z)];
-                    while at != NONE {
-                        let q = self.points[at as usize];
-                        if q.distance_squared(p) < squared {
-                            self.last = q;
-                            return true;
-                        }
-                        at = self.next[at as usize];
+                    let head = self.head(x, y, z);
+                    if head != own && self.is_in_chain(head, p) {
+                        return true;
                     }
                 }
             }
+        }
+        false
+    }
+
+    /// Whether a sample of a chain is closer than delta to `p`.
+    #[inline]
+    fn is_in_chain(&mut self, head: usize, p: DVec3) -> bool {
+        let mut at = self.heads[head];
+        while at != NONE {
+            let q = self.points[at as usize];
+            if q.distance_squared(p) < self.delta * self.delta {
+                self.last = q;
+                return true;
+            }
+            at = self.next[at as usize];
         }
         false
     }
