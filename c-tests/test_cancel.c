@@ -90,12 +90,9 @@ static void whole_run(void) {
 }
 
 static void log_lines(void) {
-    static const char *const good[] = {"meshing 1 labels of 48 x 48 x 48 voxels",
-                                       "image prepared in ",
-                                       "refinement done in ",
-                                       "tets per second",
-                                       "interface facets collected in ",
-                                       "certificate measured in "};
+    static const char *const good[] = {
+        "meshing 1 labels of 48 x 48 x 48 voxels", "image prepared in ",      "refinement done in ", "tets per second",
+        "interface facets collected in ",          "certificate measured in "};
     log_record r = {.lines = good, .count = 6};
     CHECK(lapd_context_set_progress(context, NULL, NULL) == LAPD_OK);
     CHECK(lapd_context_set_log(context, on_line, &r) == LAPD_OK);
