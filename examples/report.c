@@ -180,6 +180,15 @@ static void json_count(FILE *file, const char *before, const char *name, uint64_
     fprintf(file, "%s\"%s\": %llu", before, name, (unsigned long long)value);
 }
 
+/* One count for each of R1 to R6. */
+static void json_rules(FILE *file, const char *before, const char *name, const uint64_t counts[6]) {
+    fprintf(file, "%s\"%s\": {", before, name);
+    for (int i = 0; i < 6; i++) {
+        fprintf(file, "%s\"R%d\": %llu", i > 0 ? ", " : "", i + 1, (unsigned long long)counts[i]);
+    }
+    fputc('}', file);
+}
+
 uint64_t peak_memory(void) {
     struct rusage usage;
     return getrusage(RUSAGE_SELF, &usage) == 0 ? 1024 * (uint64_t)usage.ru_maxrss : 0;
@@ -254,11 +263,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_count(f, ", ", "looks", s->operations.looks);
     json_count(f, ", ", "label_lookups", s->operations.label_lookups);
     json_count(f, ", ", "crossing_lookups", s->operations.crossing_lookups);
-    fputs(", \"by_rule\": {", f);
-    for (int i = 0; i < 6; i++) {
-        fprintf(f, "%s\"R%d\": %llu", i > 0 ? ", " : "", i + 1, (unsigned long long)s->operations.by_rule[i]);
-    }
-    fputs("}", f);
+    json_rules(f, ", ", "by_rule", s->operations.by_rule);
     const double vertices = (double)s->counts.all_vertices, tets = (double)s->counts.all_tets;
     const double insertions = (double)s->operations.insertions, tests = (double)s->operations.in_sphere_tests;
     json_number(f, ", ", "insertions_per_vertex", ratio(insertions, vertices));
@@ -292,12 +297,9 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_number(f, ", ", "hausdorff_image_to_mesh", c->image_to_mesh_max);
     json_number(f, ", ", "mean_mesh_to_image", c->mesh_to_image_mean);
     json_number(f, ", ", "mean_image_to_mesh", c->image_to_mesh_mean);
-    fputs(", \"unmet\": {", f);
-    for (int i = 0; i < 6; i++) {
-        fprintf(f, "%s\"R%d\": %llu", i > 0 ? ", " : "", i + 1, (unsigned long long)c->unmet[i]);
-    }
+    json_rules(f, ", ", "unmet", c->unmet);
 
-    fputs("}},\n  \"labels\": [", f);
+    fputs("},\n  \"labels\": [", f);
     for (size_t i = 0; i < s->row_count; i++) {
         const lapd_label_row *row = &s->rows[i];
         fprintf(f, "%s\n    {\"label\": %lld", i > 0 ? "," : "", (long long)row->label);

@@ -18,7 +18,7 @@ use crate::mesh::quality::Quality;
 use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
-use crate::refine::refiner::{Limits, Refinement, Schedule};
+use crate::refine::refiner::{Limits, Refinement, Schedule, Work};
 use crate::refine::rules::Rules;
 use crate::refine::{refine, unmet_rules};
 use crate::{Error, Result};
@@ -50,33 +50,6 @@ pub struct Seconds {
     pub certify: f64,
 }
 
-/// What refinement did: operations of the kernel, and the questions behind them.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Operations {
-    /// Vertices inserted.
-    pub insertions: u64,
-    /// Vertices removed.
-    pub removals: u64,
-    /// Operations given up because of another thread.
-    pub rollbacks: u64,
-    /// Tests that floating point could not decide.
-    pub exact_predicates: u64,
-    /// In-sphere tests of insertions.
-    pub in_sphere_tests: u64,
-    /// Tets created, living or not.
-    pub tets_created: u64,
-    /// Tets that insertions destroyed: the tets of all cavities.
-    pub cavity_tets: u64,
-    /// Tets that the rules were asked of.
-    pub looks: u64,
-    /// Labels of points that the rules asked for.
-    pub label_lookups: u64,
-    /// Crossings of segments that the rules asked for.
-    pub crossing_lookups: u64,
-    /// Vertices that each of R1 to R5 inserted, and those that R6 removed.
-    pub by_rule: [u64; 6],
-}
-
 /// The report of a run.
 #[derive(Clone, Debug)]
 pub struct RunReport {
@@ -88,8 +61,10 @@ pub struct RunReport {
     pub all_vertices: u64,
     /// Memory of the oracle, held until the triangulation has been checked.
     pub oracle_bytes: u64,
-    /// Operations.
-    pub operations: Operations,
+    /// Operations of the kernel.
+    pub operations: Counters,
+    /// The rules' part.
+    pub work: Work,
     /// Tets and facets to which rules R1 to R6 still apply, but cannot be carried out.
     pub unmet: [u64; 6],
     /// Shape of tets and interface facets.
@@ -191,21 +166,18 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     }
     warnings(&certificate).iter().for_each(|line| monitor.log(Level::Warning, line));
     monitor.enter(Step::Done, 0)?;
-    let operations = Operations {
-        insertions: counters.insertions,
-        removals: counters.removals,
-        rollbacks: counters.rollbacks,
-        exact_predicates: counters.exact_predicates,
-        in_sphere_tests: counters.in_sphere_tests,
-        tets_created: counters.created,
-        cavity_tets: counters.cavity_tets,
-        looks: work.looks,
-        label_lookups: work.lookups.labels,
-        crossing_lookups: work.lookups.crossings,
-        by_rule: work.by_rule,
-    };
     let (all_tets, all_vertices) = (check.tets, check.vertices);
-    let report = RunReport { seconds, all_tets, all_vertices, oracle_bytes, operations, unmet, quality, certificate };
+    let report = RunReport {
+        seconds,
+        all_tets,
+        all_vertices,
+        oracle_bytes,
+        operations: counters,
+        work,
+        unmet,
+        quality,
+        certificate,
+    };
     Ok(Meshing { mesh, report, ended_by })
 }
 

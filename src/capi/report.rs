@@ -233,7 +233,7 @@ pub unsafe extern "C" fn lapd_mesh_get_operations(
     // SAFETY: see the module's head.
     unsafe {
         fill(mesh, operations, "operations", |meshing| {
-            let operations = &meshing.report.operations;
+            let (operations, work) = (&meshing.report.operations, &meshing.report.work);
             lapd_operations {
                 struct_size: own_size::<lapd_operations>(),
                 insertions: operations.insertions,
@@ -241,12 +241,12 @@ pub unsafe extern "C" fn lapd_mesh_get_operations(
                 rollbacks: operations.rollbacks,
                 exact_predicates: operations.exact_predicates,
                 in_sphere_tests: operations.in_sphere_tests,
-                tets_created: operations.tets_created,
+                tets_created: operations.created,
                 cavity_tets: operations.cavity_tets,
-                looks: operations.looks,
-                label_lookups: operations.label_lookups,
-                crossing_lookups: operations.crossing_lookups,
-                by_rule: operations.by_rule,
+                looks: work.looks,
+                label_lookups: work.lookups.labels,
+                crossing_lookups: work.lookups.crossings,
+                by_rule: work.by_rule,
             }
         })
     }

@@ -4,9 +4,11 @@
 //! |---|---|
 //! | [`sampling`] | R1: samples of the isosurface, before there are tets |
 //! | [`rules`] | what each rule asks for; reads only |
+//! | [`cell_table`] | cells of points, for the two that look for near points |
 //! | [`vertex_grid`] | which vertices lie near a point |
 //! | [`refiner`] | one worker's loop: look, insert, remove |
 
+pub mod cell_table;
 pub mod refiner;
 pub mod rules;
 pub mod sampling;

@@ -14,10 +14,12 @@
 //!
 //! Cost: some tens of nanoseconds per crossed edge, some hundreds per sample. Memory: 36 bytes per sample.
 
-use glam::{DVec3, I64Vec3};
+use glam::DVec3;
 
+use super::cell_table::CellTable;
+use crate::Result;
+use crate::memory::{filled, reserve, room};
 use crate::oracle::{CrossedEdge, Oracle};
-use crate::{Error, Result};
 
 /// How far samples are moved beside their edges at most, in voxels and in deltas.
 const MOVE: f64 = 0.2;
@@ -25,15 +27,13 @@ const MOVE: f64 = 0.2;
 const FARTHEST: f64 = 0.5;
 /// A round of insertion has this many times the points of the one before, as a power of two.
 const ROUND_LOG: u32 = 3;
-/// Most heads of chains.
-const MAX_HEADS: f64 = (1_u32 << 22) as f64;
 /// No sample.
 const NONE: u32 = u32::MAX;
 
 /// Samples of dO in the order in which they are best inserted. `go_on` is asked once per row of bricks of voxels.
 ///
 /// # Errors
-/// [`Error::OutOfMemory`]; those of `go_on`.
+/// [`crate::Error::OutOfMemory`]; those of `go_on`.
 pub fn sample_isosurface(oracle: &Oracle, delta: f64, go_on: impl Fn() -> Result<()>) -> Result<Vec<DVec3>> {
     let mut net = Net::new(oracle, delta)?;
     let grid = oracle.edge_grid(delta);
@@ -49,9 +49,7 @@ pub fn sample_isosurface(oracle: &Oracle, delta: f64, go_on: impl Fn() -> Result
 struct Net<'a> {
     oracle: &'a Oracle,
     delta: f64,
-    lower: DVec3,
-    row: u64,
-    slice: u64,
+    cells: CellTable,
     heads: Vec<u32>,
     next: Vec<u32>,
     points: Vec<DVec3>,
@@ -63,32 +61,9 @@ impl<'a> Net<'a> {
     fn new(oracle: &'a Oracle, delta: f64) -> Result<Self> {
         let [lower, upper] = oracle.bounds();
         // Queries reach delta beyond the bounds.
-        let cells = ((upper - lower) / (2.0 * delta)).ceil() + 2.0;
-        let heads = ((cells.x * cells.y * cells.z).min(MAX_HEADS) as usize).next_power_of_two();
-        Ok(Self {
-            oracle,
-            delta,
-            lower: lower - 2.0 * delta,
-            row: cells.x as u64,
-            slice: (cells.x * cells.y) as u64,
-            heads: crate::memory::filled(heads, NONE, "cells of the net of samples", || Ok(()))?,
-            next: Vec::new(),
-            points: Vec::new(),
-            last: DVec3::INFINITY,
-        })
-    }
-
-    #[inline]
-    fn cell(&self, p: DVec3) -> I64Vec3 {
-        ((p - self.lower) / (2.0 * self.delta)).as_i64vec3()
-    }
-
-    #[inline]
-    fn head(&self, x: i64, y: i64, z: i64) -> usize {
-        let index = (x as u64)
-            .wrapping_add((y as u64).wrapping_mul(self.row))
-            .wrapping_add((z as u64).wrapping_mul(self.slice));
-        index as usize & (self.heads.len() - 1)
+        let cells = CellTable::new(lower - 2.0 * delta, upper + 2.0 * delta, 2.0 * delta);
+        let heads = filled(cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
+        Ok(Self { oracle, delta, cells, heads, next: Vec::new(), points: Vec::new(), last: DVec3::INFINITY })
     }
 
     /// Whether a sample is closer than delta to `p`.
@@ -98,16 +73,15 @@ impl<'a> Net<'a> {
             return true;
         }
         // The cell of the point most likely has it.
-        let own = self.cell(p);
-        let own = self.head(own.x, own.y, own.z);
+        let own = self.cells.head_of(p);
         if self.is_in_chain(own, p) {
             return true;
         }
-        let (from, to) = (self.cell(p - self.delta), self.cell(p + self.delta));
+        let (from, to) = (self.cells.cell(p - self.delta), self.cells.cell(p + self.delta));
         for z in from.z..=to.z {
             for y in from.y..=to.y {
                 for x in from.x..=to.x {
-                    let head = self.head(x, y, z);
+                    let head = self.cells.head(x, y, z);
                     if head != own && self.is_in_chain(head, p) {
                         return true;
                     }
@@ -135,12 +109,9 @@ impl<'a> Net<'a> {
     /// Adds the sample of an edge that no sample covers.
     fn add(&mut self, edge: &CrossedEdge) -> Result<()> {
         let p = self.moved(edge);
-        let count = self.points.len() + 1;
-        let full = |_| Error::OutOfMemory { count, what: "samples of the isosurface" };
-        self.next.try_reserve(1).map_err(full)?;
-        self.points.try_reserve(1).map_err(full)?;
-        let cell = self.cell(p);
-        let head = self.head(cell.x, cell.y, cell.z);
+        reserve(&mut self.next, 1, "samples of the isosurface")?;
+        reserve(&mut self.points, 1, "samples of the isosurface")?;
+        let head = self.cells.head_of(p);
         self.next.push(self.heads[head]);
         self.heads[head] = self.points.len() as u32;
         self.points.push(p);
@@ -178,7 +149,7 @@ fn insertion_order(points: &mut Vec<DVec3>) -> Result<()> {
         (lower, upper) = (lower.min(p), upper.max(p));
     }
     let scale = f64::from((1 << BITS) - 1) / (upper - lower).max_element().max(f64::MIN_POSITIVE);
-    let mut keys = crate::memory::room(points.len(), "places in the order of insertion")?;
+    let mut keys = room(points.len(), "places in the order of insertion")?;
     for (at, &p) in points.iter().enumerate() {
         let round = (mix(at as u64, 0) | 1 << (ROUND_LOG * 15)).trailing_zeros() / ROUND_LOG;
         let place = ((p - lower) * scale).to_array().map(|c| spread(c as u64));
@@ -187,7 +158,7 @@ fn insertion_order(points: &mut Vec<DVec3>) -> Result<()> {
         keys.push((key, at as u32));
     }
     keys.sort_unstable();
-    let mut sorted = crate::memory::room(points.len(), "samples of the isosurface")?;
+    let mut sorted = room(points.len(), "samples of the isosurface")?;
     sorted.extend(keys.iter().map(|&(_, at)| points[at as usize]));
     *points = sorted;
     Ok(())
