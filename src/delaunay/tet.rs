@@ -76,16 +76,17 @@ pub struct TetRecord {
     center: [AtomicU64; 3],
     /// The squared radius above which a point is outside, as f32.
     outside: AtomicU32,
-    /// Bits 0 to 23: the word of the layer above. Bit 24: the tet is in the cavity that its owner digs. From bit 25: the slack of the
-    /// in-sphere test, see [`slack_exponent`].
-    flags: AtomicU32,
+    /// Two words of the layer above, apart from the flags because they are written without owning the tet.
+    tag: AtomicU16,
+    mark: AtomicU8,
+    /// Bit 0: the tet is in the cavity that its owner digs. From bit 1: the slack of the in-sphere test, see [`slack_exponent`].
+    flags: AtomicU8,
 }
 
-/// Bits of [`TetRecord`]'s flags that belong to the layer above.
-pub const TAG_BITS: u32 = 24;
-const TAG_MASK: u32 = (1 << TAG_BITS) - 1;
-const IN_CAVITY: u32 = 1 << TAG_BITS;
-const SLACK_SHIFT: u32 = TAG_BITS + 1;
+/// What the word of the layer above is in a new tet.
+pub const NO_TAG: u16 = u16::MAX;
+const IN_CAVITY: u8 = 1;
+const SLACK_SHIFT: u32 = 1;
 
 /// The inside bound of a sphere is kept as an exponent e: outside * (1 - 2^-e), rounded down; e = 0 is certain of nothing.
 #[inline(always)]
@@ -107,7 +108,7 @@ impl TetRecord {
         [0, 1, 2, 3].map(|i: usize| self.vertices[i].load(Relaxed))
     }
 
-    /// Makes this the record of a new tet with word 0; its neighbours follow by [`Self::set_neighbor`].
+    /// Makes this the record of a new tet with tag [`NO_TAG`] and mark 0; its neighbours follow by [`Self::set_neighbor`].
     #[inline(always)]
     pub(super) fn fill(&self, vertices: [VertexId; 4], sphere: &Circumsphere) {
         for (slot, v) in self.vertices.iter().zip(vertices) {
@@ -117,7 +118,9 @@ impl TetRecord {
             slot.store(x.to_bits(), Relaxed);
         }
         self.outside.store(sphere.outside.to_bits(), Relaxed);
-        self.flags.store(slack_exponent(sphere) << SLACK_SHIFT, Relaxed);
+        self.tag.store(NO_TAG, Relaxed);
+        self.mark.store(0, Relaxed);
+        self.flags.store((slack_exponent(sphere) << SLACK_SHIFT) as u8, Relaxed);
     }
 
     /// Marks the slot free.
@@ -143,22 +146,33 @@ impl TetRecord {
         let outside = f32::from_bits(self.outside.load(Relaxed));
         Circumsphere {
             center: DVec3::from_array([0, 1, 2].map(|i: usize| f64::from_bits(self.center[i].load(Relaxed)))),
-            inside: inside_bound(outside, self.flags.load(Relaxed) >> SLACK_SHIFT),
+            inside: inside_bound(outside, u32::from(self.flags.load(Relaxed) >> SLACK_SHIFT)),
             outside,
         }
     }
 
-    /// The word of the layer above, of [`TAG_BITS`] bits; 0 in a new tet.
+    /// The first word of the layer above; [`NO_TAG`] in a new tet.
     #[inline(always)]
-    pub fn tag(&self) -> u32 {
-        self.flags.load(Relaxed) & TAG_MASK
+    pub fn tag(&self) -> u16 {
+        self.tag.load(Relaxed)
     }
 
-    /// Sets the word of the layer above. Not to be called while the tet is dug.
+    /// Sets the first word of the layer above.
     #[inline(always)]
-    pub fn set_tag(&self, tag: u32) {
-        let flags = self.flags.load(Relaxed);
-        self.flags.store(flags & !TAG_MASK | tag & TAG_MASK, Relaxed);
+    pub fn set_tag(&self, tag: u16) {
+        self.tag.store(tag, Relaxed);
+    }
+
+    /// The second word of the layer above; 0 in a new tet.
+    #[inline(always)]
+    pub fn mark(&self) -> u8 {
+        self.mark.load(Relaxed)
+    }
+
+    /// Sets the second word of the layer above.
+    #[inline(always)]
+    pub fn set_mark(&self, mark: u8) {
+        self.mark.store(mark, Relaxed);
     }
 
     #[inline(always)]

@@ -136,10 +136,12 @@ impl Oracle {
     /// Where the segment from `a` to `b` first leaves the label of `a`. Never `None` when the labels of `a` and `b` differ. Nor is a shorter stay in another label missed, but for
     /// rounding.
     pub fn first_crossing(&self, a: DVec3, b: DVec3) -> Option<Crossing> {
-        let x = self.region_point(a);
-        let target = self.region_point(b);
-        let from = self.label_at(x);
-        let (point, to) = self.trace(x, target, from)?;
+        self.first_crossing_from(self.label(a), a, b)
+    }
+
+    /// As [`Self::first_crossing`], by a caller who knows the label `from` of `a`.
+    pub fn first_crossing_from(&self, from: u16, a: DVec3, b: DVec3) -> Option<Crossing> {
+        let (point, to) = self.trace(self.region_point(a), self.region_point(b), from)?;
         Some(Crossing { point: self.world_point(point), from, to })
     }
 

@@ -6,9 +6,11 @@
 //! | [`rules`] | what each rule asks for; reads only |
 //! | [`cell_table`] | cells of points, for the two that look for near points |
 //! | [`vertex_grid`] | which vertices lie near a point |
+//! | [`pel`] | the poor element list: what a worker does next |
 //! | [`refiner`] | one worker's loop: look, insert, remove |
 
 pub mod cell_table;
+pub mod pel;
 pub mod refiner;
 pub mod rules;
 pub mod sampling;

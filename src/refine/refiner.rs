@@ -1,19 +1,18 @@
 //! One worker's loop over the poor elements.
 //!
-//! First the samples of the isosurface are inserted. Then there are two stacks, last in first out, so that the work stays where the caches are warm. *New*
-//! tets wait to be looked at; looking at a tet asks the surface rule R3, then the volume rules. A surface demand is carried out at once; a tet that only a
-//! volume rule finds poor goes to the *poor* stack (the PEL). A poor tet is served when no new one is left: all interfaces are sampled before the first
-//! circumcenter is inserted, which leaves R6 next to nothing to do.
+//! First the samples of the isosurface are inserted. Then all tets are looked at, in the order of the PEL (`pel`): looking asks the surface rule R3, then the
+//! volume rules. A surface demand is carried out at once; a tet that only a volume rule finds poor waits until no tet is left to be looked at.
 //!
 //! Limits end the loop between two operations, so the triangulation is whole then: a mesh can be made of it. Time and memory are looked at every
 //! thousand steps, as is the cancel flag; a step takes microseconds.
 
 use std::time::Instant;
 
-use super::rules::{Demand, Lookups, Rule, Rules};
+use super::pel::{Pel, Task};
+use super::rules::{Demand, Facets, Lookups, Rule, Rules};
 use super::sampling::sample_isosurface;
 use crate::delaunay::worker::Counters;
-use crate::delaunay::{Insertion, Removal, Solo, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker};
+use crate::delaunay::{Insertion, Removal, Solo, TetStamp, Triangulation, VertexId, VertexKind, Worker};
 use crate::monitor::Monitor;
 use crate::{Error, Result};
 
@@ -97,8 +96,7 @@ struct Refiner<'r, 'a> {
     rules: &'r Rules<'a>,
     triangulation: &'a Triangulation,
     worker: Worker<Solo>,
-    new: Vec<TetStamp>,
-    poor: Vec<TetStamp>,
+    pel: Pel,
     near: Vec<VertexId>,
     most_vertices: u64,
     expected_tets: u64,
@@ -114,8 +112,7 @@ pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> 
         rules,
         triangulation: rules.triangulation,
         worker: Worker::new(Solo),
-        new: Vec::new(),
-        poor: Vec::new(),
+        pel: Pel::default(),
         near: Vec::new(),
         most_vertices: schedule.limits.max_vertices.map_or(u64::MAX, |most| most as u64),
         expected_tets: schedule.expected_tets,
@@ -156,11 +153,9 @@ impl Refiner<'_, '_> {
                 Insertion::Blocked => return Err(blocked()),
             }
         }
-        let tets = self.triangulation.living_tets();
-        let count = self.triangulation.tet_bound() as usize;
-        self.new.try_reserve(count).map_err(|_| Error::OutOfMemory { count, what: "entries of a stack" })?;
-        for t in tets {
-            self.enqueue(t);
+        self.pel.make_room(self.triangulation.tet_bound() as usize)?;
+        for t in self.triangulation.living_tets() {
+            self.pel.push_waiting(self.triangulation.stamp(t));
         }
         Ok(())
     }
@@ -180,18 +175,15 @@ impl Refiner<'_, '_> {
                 self.look_around(schedule, monitor)?;
             }
             steps += 1;
-            if let Some(stamp) = self.new.pop() {
-                if self.triangulation.is_current(stamp) {
-                    self.look(stamp)?;
+            let Some(task) = self.pel.pop() else { return Ok(()) };
+            match task {
+                Task::Look(stamp) if self.triangulation.is_current(stamp) => self.look(stamp)?,
+                Task::Serve(stamp) if self.triangulation.is_current(stamp) => {
+                    if let Some(demand) = self.rules.volume_demand(stamp.tet) {
+                        self.carry_out(demand)?;
+                    }
                 }
-            } else if let Some(stamp) = self.poor.pop() {
-                if self.triangulation.is_current(stamp)
-                    && let Some(demand) = self.rules.volume_demand(stamp.tet)
-                {
-                    self.carry_out(stamp, demand)?;
-                }
-            } else {
-                return Ok(());
+                Task::Look(..) | Task::Serve(_) => {}
             }
         }
     }
@@ -204,52 +196,41 @@ impl Refiner<'_, '_> {
         // Approaches 1 from below however wrong the expectation is.
         let part = 1.0 - (-2.0 * tets as f64 / self.expected_tets.max(1) as f64).exp();
         monitor.advance_to(part, tets)?;
-        for stack in [&mut self.new, &mut self.poor] {
-            stack.try_reserve(ROOM).map_err(|_| Error::OutOfMemory { count: ROOM, what: "entries of a stack" })?;
-        }
-        let stacks = (self.new.capacity() + self.poor.capacity()) * size_of::<TetStamp>();
+        self.pel.make_room(ROOM)?;
         let later = u64::from(self.triangulation.tet_bound()) * schedule.limits.bytes_per_slot;
-        schedule.limits.check_memory(self.rules.bytes() + self.worker.bytes() + stacks as u64 + later)?;
+        schedule.limits.check_memory(self.rules.bytes() + self.worker.bytes() + self.pel.bytes() + later)?;
         schedule.limits.check_time()
-    }
-
-    fn enqueue(&mut self, t: TetId) {
-        self.rules.mark_waiting(t);
-        self.new.push(self.triangulation.stamp(t));
     }
 
     fn look(&mut self, stamp: TetStamp) -> Result<()> {
         self.work.looks += 1;
         self.rules.mark_looked(stamp.tet);
-        if let Some(demand) = self.rules.surface_demand(stamp.tet, &mut self.work.lookups) {
-            self.carry_out(stamp, demand)
-        } else {
-            if self.rules.volume_demand(stamp.tet).is_some() {
-                self.poor.push(stamp);
+        if let Some(demand) = self.rules.surface_demand(stamp.tet, Facets::Second, &mut self.work.lookups) {
+            // What was inserted may lie in the neighbour's circumball alone: then the tet is looked at again.
+            if self.carry_out(demand)? && self.triangulation.is_current(stamp) {
+                self.pel.push_made(stamp);
             }
-            Ok(())
+        } else if self.rules.volume_demand(stamp.tet).is_some() {
+            self.pel.push_poor(stamp);
         }
+        Ok(())
     }
 
-    /// Inserts what a rule demanded when it looked at `stamp`, and applies R6.
-    fn carry_out(&mut self, stamp: TetStamp, demand: Demand) -> Result<()> {
+    /// Inserts what a rule demanded, and applies R6. `false`: rounding placed the point on a vertex or out of the conflict zone; the demand stays unmet, and
+    /// is counted so in the end.
+    fn carry_out(&mut self, demand: Demand) -> Result<bool> {
         self.check_vertices()?;
         match self.worker.insert(self.triangulation, demand.start, demand.point, demand.kind)? {
             Insertion::Done(v) => {
                 self.work.by_rule[demand.rule as usize] += 1;
                 self.rules.note_vertex(v, demand.point, demand.kind)?;
-                self.enqueue_created();
+                self.push_created();
                 if demand.kind == VertexKind::Isovertex {
                     self.remove_near_free_vertices(demand)?;
                 }
-                // R3 may have served the tet's neighbour: the tet is looked at again.
-                if self.triangulation.is_current(stamp) {
-                    self.enqueue(stamp.tet);
-                }
-                Ok(())
+                Ok(true)
             }
-            // Rounding placed the point on a vertex or out of the conflict zone: the demand stays unmet, and is counted so in the end.
-            Insertion::Duplicate | Insertion::NotInConflict => Ok(()),
+            Insertion::Duplicate | Insertion::NotInConflict => Ok(false),
             Insertion::Blocked => Err(blocked()),
         }
     }
@@ -260,16 +241,16 @@ impl Refiner<'_, '_> {
         for &v in &near {
             if self.worker.remove(self.triangulation, v)? == Removal::Done {
                 self.work.by_rule[Rule::R6 as usize] += 1;
-                self.enqueue_created();
+                self.push_created();
             }
         }
         self.near = near;
         Ok(())
     }
 
-    fn enqueue_created(&mut self) {
-        for i in 0..self.worker.created().len() {
-            self.new.push(self.triangulation.stamp(self.worker.created()[i]));
+    fn push_created(&mut self) {
+        for &t in self.worker.created() {
+            self.pel.push_made(self.triangulation.stamp(t));
         }
     }
 }
@@ -286,19 +267,11 @@ fn blocked() -> Error {
 pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]> {
     let mut unmet = [rules.uncovered_edges(monitor)?, 0, 0, 0, 0, 0];
     let mut asked = Lookups::default();
-    // As in the loop: a facet is looked at with the second of its tets.
-    for (i, t) in rules.triangulation.living_tets().enumerate() {
-        if (i as u64).is_multiple_of(16 * LOOK_EVERY) {
-            monitor.check_cancelled()?;
-        }
-        rules.mark_waiting(t);
-    }
     for (i, t) in rules.triangulation.living_tets().enumerate() {
         if (i as u64).is_multiple_of(LOOK_EVERY) {
             monitor.advance(LOOK_EVERY as usize)?;
         }
-        rules.mark_looked(t);
-        if let Some(demand) = rules.surface_demand(t, &mut asked).or_else(|| rules.volume_demand(t)) {
+        if let Some(demand) = rules.surface_demand(t, Facets::Once, &mut asked).or_else(|| rules.volume_demand(t)) {
             unmet[demand.rule as usize] += 1;
         } else if rules.is_undecided(t) {
             unmet[Rule::R4 as usize] += 1;

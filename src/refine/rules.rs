@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use super::vertex_grid::VertexGrid;
 use crate::Result;
-use crate::delaunay::tet::FACET;
+use crate::delaunay::tet::{FACET, NO_TAG};
 use crate::delaunay::{TetId, Triangulation, VertexId, VertexKind};
 use crate::geometry::predicates::perturbation_order;
 use crate::geometry::shape::{has_angle_below, shortest_squared_edge, triangle_circumcircle};
@@ -53,10 +53,20 @@ pub struct Lookups {
     pub crossings: u64,
 }
 
-/// Tets carry the label of their circumcenter in the kernel's tag word.
-const LABEL_KNOWN: u32 = 1 << 16;
-/// The tet was looked at; without this it waits, as every new tet does. Its facets are looked at with it, so that no facet is looked at from both sides.
-const LOOKED: u32 = 1 << 17;
+/// Tets carry the label of their circumcenter in the kernel's tag, once it is known.
+const LABEL_UNKNOWN: u16 = NO_TAG;
+
+/// The mark of a tet that was looked at; without it the tet waits, as every new tet does.
+const LOOKED: u8 = 1;
+
+/// Which facets of a tet a look is to ask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Facets {
+    /// Those whose other tet was looked at: a facet is looked at with the second of its tets.
+    Second,
+    /// Those whose other tet has a smaller id: each facet of a triangulation at rest once, if all tets are asked.
+    Once,
+}
 
 /// The rules for one image and one set of parameters.
 pub struct Rules<'a> {
@@ -126,50 +136,38 @@ impl<'a> Rules<'a> {
         self.oracle.bytes() as u64 + self.triangulation.bytes() + self.free_vertices.bytes(vertices)
     }
 
-    /// Lets a tet wait to be looked at; new tets do.
-    #[inline]
-    pub fn mark_waiting(&self, t: TetId) {
-        let record = self.triangulation.tet(t);
-        record.set_tag(record.tag() & !LOOKED);
-    }
-
-    /// Notes that a tet is looked at.
-    #[inline]
-    pub fn mark_looked(&self, t: TetId) {
-        let record = self.triangulation.tet(t);
-        record.set_tag(record.tag() | LOOKED);
-    }
-
     /// The label id of the tet's circumcenter: the tet's label.
     #[inline(always)]
     pub fn label(&self, t: TetId) -> u16 {
-        let record = self.triangulation.tet(t);
-        let tag = record.tag();
-        if tag & LABEL_KNOWN != 0 {
-            return tag as u16;
-        }
-        self.find_label(t)
+        let label = self.triangulation.tet(t).tag();
+        if label != LABEL_UNKNOWN { label } else { self.find_label(t) }
     }
 
     #[cold]
     fn find_label(&self, t: TetId) -> u16 {
         let record = self.triangulation.tet(t);
         let label = self.oracle.label(record.sphere().center);
-        record.set_tag(record.tag() | LABEL_KNOWN | u32::from(label));
+        record.set_tag(label);
         label
     }
 
-    /// What R3 asks for `t`.
-    pub fn surface_demand(&self, t: TetId, asked: &mut Lookups) -> Option<Demand> {
+    /// Notes that a tet is looked at.
+    #[inline]
+    pub fn mark_looked(&self, t: TetId) {
+        self.triangulation.tet(t).set_mark(LOOKED);
+    }
+
+    /// What R3 asks for `facets` of `t`.
+    pub fn surface_demand(&self, t: TetId, facets: Facets, asked: &mut Lookups) -> Option<Demand> {
         let record = self.triangulation.tet(t);
         self.triangulation.prefetch_neighbors(t);
         let sphere = record.sphere();
         if !sphere.is_certain() {
             return None;
         }
-        asked.labels += u64::from(record.tag() & LABEL_KNOWN == 0);
+        asked.labels += u64::from(record.tag() == LABEL_UNKNOWN);
         let label = self.label(t);
-        let mut interfaces = self.interfaces(t, label);
+        let mut interfaces = self.interfaces(t, label, facets);
         while interfaces != 0 {
             let i = interfaces.trailing_zeros() as usize;
             interfaces &= interfaces - 1;
@@ -185,10 +183,9 @@ impl<'a> Rules<'a> {
         vertices.into_iter().any(|v| self.triangulation.vertex(v).kind() == VertexKind::Isovertex)
     }
 
-    /// The facets of `t`, whose label is `label`, that are interfaces, as bits; without those whose other tet waits to be looked at. Which tets wait is as
-    /// good as random, so there is no branch on it.
+    /// Those of `facets` of `t`, whose label is `label`, that are interfaces, as bits. Which tets wait is as good as random, so there is no branch on it.
     #[inline]
-    fn interfaces(&self, t: TetId, label: u16) -> u32 {
+    fn interfaces(&self, t: TetId, label: u16, facets: Facets) -> u32 {
         let record = self.triangulation.tet(t);
         let mut bits = 0;
         for i in 0..4 {
@@ -196,10 +193,14 @@ impl<'a> Rules<'a> {
             if neighbor.is_none() {
                 continue;
             }
-            let tag = self.triangulation.tet(neighbor.tet()).tag();
-            let known = tag & (LABEL_KNOWN | LOOKED) != LOOKED;
-            let id = if known { tag as u16 } else { self.find_label(neighbor.tet()) };
-            bits |= u32::from((tag & LOOKED != 0) & (id != label)) << i;
+            let other = self.triangulation.tet(neighbor.tet());
+            let ask = match facets {
+                Facets::Second => other.mark() & LOOKED != 0,
+                Facets::Once => neighbor.tet() < t,
+            };
+            let known = other.tag();
+            let id = if ask & (known == LABEL_UNKNOWN) { self.find_label(neighbor.tet()) } else { known };
+            bits |= u32::from(ask & (id != label)) << i;
         }
         bits
     }
@@ -213,20 +214,20 @@ impl<'a> Rules<'a> {
         }
         let vertices = FACET[i].map(|k| record.vertices()[k]);
         let facet @ [a, b, c] = vertices.map(|v| self.triangulation.position(v));
+        let labels = [self.label(t), self.label(neighbor)];
         let misshapen = vertices.iter().any(|&v| self.triangulation.vertex(v).kind() != VertexKind::Isovertex)
             || has_angle_below(a, b, c, self.facet_cosine_squared);
-        if !misshapen && !self.strays(facet, [here.center, there.center], [self.label(t), self.label(neighbor)], asked)
-        {
+        if !misshapen && !self.strays(facet, [here.center, there.center], labels, asked) {
             return None;
         }
         // A segment that crosses more than once has one surface center, whichever side is asked.
-        let (from, to) = if perturbation_order(here.center, there.center).is_lt() {
-            (here.center, there.center)
+        let (label, from, to) = if perturbation_order(here.center, there.center).is_lt() {
+            (labels[0], here.center, there.center)
         } else {
-            (there.center, here.center)
+            (labels[1], there.center, here.center)
         };
         asked.crossings += 1;
-        let x = self.oracle.first_crossing(from, to)?.point;
+        let x = self.oracle.first_crossing_from(label, from, to)?.point;
         if !misshapen && x.distance_squared(a) <= self.spacing_floor * self.spacing_floor
             || !self.triangulation.holds(x)
         {
