@@ -4,10 +4,11 @@
 //!
 //! | module | what it is |
 //! |---|---|
-//! | [`error`], [`params`], [`monitor`], `memory` | plain values: the one error type, what a run is asked for, progress and cancellation, tables that may not fit |
+//! | [`error`], [`params`], [`monitor`], `memory`, `panics` | plain values: the one error type, what a run is asked for, progress and cancellation, tables that may not fit, panics caught |
 //! | [`geometry`] | predicates, circumspheres, shape measures; the one sign convention |
 //! | [`image`] | label images, their place in the world, readers, phantoms |
 //! | [`oracle`] | where the interfaces are; knows no mesh |
+//! | [`parallel`], `sync` | how workers wait, share work and stay out of each other's way; knows no mesh |
 //! | [`delaunay`] | the Delaunay triangulation; knows no image |
 //! | [`refine`] | the rules R1 to R6 and the loop that applies them |
 //! | [`mesh`], [`io`] | the finished mesh: extraction, measures, certificate, files |
@@ -27,7 +28,10 @@ pub mod mesh;
 pub mod mesher;
 pub mod monitor;
 pub mod oracle;
+mod panics;
+pub mod parallel;
 pub mod params;
 pub mod refine;
+mod sync;
 
 pub use error::{Error, Result};

@@ -18,8 +18,11 @@ use crate::mesh::quality::Quality;
 use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
-use crate::refine::refiner::{Limits, Refinement, Schedule, Work};
+use crate::refine::activity::ThreadReport;
+use crate::refine::podm::Refinement;
+use crate::refine::refiner::Work;
 use crate::refine::rules::Rules;
+use crate::refine::team::{Limits, Schedule};
 use crate::refine::{refine, unmet_rules};
 use crate::{Error, Result};
 
@@ -65,6 +68,8 @@ pub struct RunReport {
     pub operations: Counters,
     /// The rules' part.
     pub work: Work,
+    /// The same for each thread that refined, and what it lost.
+    pub threads: Vec<ThreadReport>,
     /// Tets and facets to which rules R1 to R6 still apply, but cannot be carried out.
     pub unmet: [u64; 6],
     /// Shape of tets and interface facets.
@@ -116,8 +121,15 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let margin = (upper - lower).max_element() * BOX_MARGIN + 4.0 * params.delta;
     let triangulation = Triangulation::new(lower - margin, upper + margin)?;
     let rules = Rules::new(&triangulation, &oracle, params, image.labels())?;
-    let schedule = Schedule { expected_tets: expected_tets(image, params), limits };
-    let Refinement { counters, work, ended_by } = refine(&rules, &schedule, monitor)?;
+    let schedule = Schedule {
+        expected_tets: expected_tets(image, params),
+        limits,
+        threads: params.threads,
+        contention: params.contention,
+        begging: params.begging,
+        timeline: params.timeline,
+    };
+    let Refinement { counters, work, threads, ended_by } = refine(&rules, &schedule, monitor)?;
     let ended_by = match ended_by {
         Some(limit) if !params.partial => return Err(limit),
         ended_by => ended_by,
@@ -174,6 +186,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         oracle_bytes,
         operations: counters,
         work,
+        threads,
         unmet,
         quality,
         certificate,

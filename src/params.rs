@@ -14,6 +14,33 @@ pub enum SurfaceModel {
     Voxel,
 }
 
+/// What a thread does when another one owns a vertex that it needs: the contention manager. All give up the operation first, with nothing changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Contention {
+    /// It waits until the thread that it met has made some progress, unless that one waits itself.
+    #[default]
+    Local,
+    /// It waits, in one list for all threads, until others have made some progress; the last one that works never waits.
+    Global,
+    /// After some conflicts in sequence it sleeps for a random time.
+    Random,
+    /// It goes on at once.
+    Aggressive,
+}
+
+/// Whom a thread without work asks for some first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Begging {
+    /// The threads of its own cache, then of its socket, then of the machine.
+    #[default]
+    ByLevel,
+    /// All threads alike.
+    Flat,
+}
+
+/// Most threads of a run.
+pub const MAX_THREADS: usize = 255;
+
 /// Parameters of one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshParams {
@@ -33,8 +60,14 @@ pub struct MeshParams {
     pub keep: Vec<i32>,
     /// Keep the whole triangulation: tets outside the object get label 0.
     pub background: bool,
-    /// Threads; only 1 exists in this version.
+    /// Threads that refine, 1 to [`MAX_THREADS`]. One thread makes the same mesh in every run; several do not.
     pub threads: usize,
+    /// What threads do after conflicts.
+    pub contention: Contention,
+    /// Whom threads without work ask.
+    pub begging: Begging,
+    /// Keep for each thread what it did when.
+    pub timeline: bool,
     /// End the refinement with [`Error::LimitReached`] when it needs more vertices than this; `None` is no limit of the caller's.
     pub max_vertices: Option<usize>,
     /// End the refinement with [`Error::TimeLimit`] when the run has taken this many wall-clock seconds; > 0. What follows the refinement is not
@@ -58,6 +91,9 @@ impl Default for MeshParams {
             keep: Vec::new(),
             background: false,
             threads: 1,
+            contention: Contention::Local,
+            begging: Begging::ByLevel,
+            timeline: false,
             max_vertices: None,
             time_limit: None,
             max_memory: None,
@@ -99,10 +135,12 @@ impl MeshParams {
         if let Some(seconds) = self.time_limit {
             positive("time limit", seconds)?;
         }
-        match self.threads {
-            1 => Ok(()),
-            0 => Err(Error::InvalidArgument("threads must be at least 1, got 0".into())),
-            n => Err(Error::Unsupported(format!("{n} threads: this version refines with 1 thread"))),
+        if !(1..=MAX_THREADS).contains(&self.threads) {
+            return Err(Error::InvalidArgument(format!(
+                "threads must lie in 1 to {MAX_THREADS}, got {}",
+                self.threads
+            )));
         }
+        Ok(())
     }
 }

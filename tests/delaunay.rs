@@ -12,7 +12,7 @@ struct Kernel {
 impl Kernel {
     fn new() -> Self {
         let triangulation = Triangulation::new(DVec3::splat(-1.0), DVec3::splat(5.0)).expect("a valid box");
-        Self { triangulation, worker: Worker::new(Solo) }
+        Self { triangulation, worker: Worker::new(Solo, 0) }
     }
 
     fn insert(&mut self, p: DVec3) -> Option<u32> {

@@ -53,7 +53,7 @@ pub fn run(criterion: &mut Criterion) -> Result<()> {
 }
 
 fn new() -> Result<(Triangulation, Worker<Solo>)> {
-    Ok((Triangulation::new(DVec3::splat(-1.0), DVec3::splat(2.0))?, Worker::new(Solo)))
+    Ok((Triangulation::new(DVec3::splat(-1.0), DVec3::splat(2.0))?, Worker::new(Solo, 0)))
 }
 
 /// For each point the tet that holds it when it is inserted.

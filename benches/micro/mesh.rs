@@ -36,7 +36,7 @@ pub fn run(criterion: &mut Criterion) -> Result<()> {
 /// Of points in a ball.
 fn triangulation() -> Result<Triangulation> {
     let triangulation = Triangulation::new(DVec3::ZERO, DVec3::ONE)?;
-    let mut worker = Worker::new(Solo);
+    let mut worker = Worker::new(Solo, 0);
     let mut random = Random(1);
     let mut start = 0;
     for _ in 0..POINTS {

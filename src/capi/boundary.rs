@@ -1,16 +1,12 @@
 //! What stands between C and Rust: panics, pointers, failures.
 //!
-//! A panic must not unwind into C, and the default panic hook would print it on the host's stderr. [`catch`] therefore keeps the
-//! place of a panic in a thread-local instead; the process's own hook still gets every panic that happens outside of it.
+//! A panic must not unwind into C, and the default panic hook would print it on the host's stderr. [`catch`] therefore keeps both
+//! away; the process's own hook still gets every panic that happens outside of it.
 
-use std::any::Any;
-use std::cell::{Cell, RefCell};
 use std::ffi::{CStr, c_char};
-use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
-use std::sync::Once;
 
 use super::status::lapd_status;
-use crate::Error;
+use crate::{Error, panics};
 
 /// Why a call failed: the code, and the line for `lapd_context_last_error`.
 #[derive(Debug)]
@@ -44,47 +40,10 @@ impl From<Error> for Failure {
     }
 }
 
-thread_local! {
-    static SILENT: Cell<bool> = const { Cell::new(false) };
-    static PLACE: RefCell<Option<String>> = const { RefCell::new(None) };
-}
-
-/// Runs `f`; panics inside it, on this thread, are not printed.
-pub(super) fn silently<T>(f: impl FnOnce() -> T) -> T {
-    static HOOK: Once = Once::new();
-    HOOK.call_once(|| {
-        let outer = take_hook();
-        set_hook(Box::new(move |info| {
-            if SILENT.get() {
-                PLACE.set(info.location().map(ToString::to_string));
-            } else {
-                outer(info);
-            }
-        }));
-    });
-    // Restores the flag on unwinding too.
-    struct Restore(bool);
-    impl Drop for Restore {
-        fn drop(&mut self) {
-            SILENT.set(self.0);
-        }
-    }
-    let _restore = Restore(SILENT.replace(true));
-    f()
-}
-
 /// Runs `f`; a panic becomes an internal error that says where it happened.
 pub(super) fn catch<T>(f: impl FnOnce() -> Outcome<T>) -> Outcome<T> {
-    // Unwind safe: what `f` was changing is dropped or, in a context, kept behind mutexes that tolerate poison.
-    silently(|| catch_unwind(AssertUnwindSafe(f))).unwrap_or_else(|payload| {
-        let place = PLACE.take().unwrap_or_else(|| "unknown place".into());
-        Err(Error::Internal(format!("panic at {place}: {}", panic_text(&*payload))).into())
-    })
-}
-
-fn panic_text(payload: &(dyn Any + Send)) -> &str {
-    let text = payload.downcast_ref::<&str>().copied();
-    text.or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message")
+    // What `f` was changing is dropped or, in a context, kept behind mutexes that tolerate poison.
+    panics::catch(f).unwrap_or_else(|line| Err(Error::Internal(line).into()))
 }
 
 /// Boundary of a function without a context: the status alone tells what went wrong.

@@ -7,8 +7,9 @@ use std::thread;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use super::boundary::{Failure, Outcome, silently};
+use super::boundary::{Failure, Outcome};
 use super::status::lapd_status;
+use crate::panics::silently;
 
 /// Runs `f` on the caller's thread with a pool of `threads` workers (at least 1), which are gone when this returns.
 pub(super) fn with_pool<T>(threads: usize, f: impl FnOnce(&ThreadPool) -> T) -> Outcome<T> {

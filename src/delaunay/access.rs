@@ -1,18 +1,25 @@
 //! Who may touch a vertex: the policy under which a worker operates, a type parameter of the kernel.
 //!
 //! An operation asks to own every vertex of every tet that it will rewrite, before it writes anything (invariant 4). A refusal ends the operation
-//! with *blocked* and nothing changed. Nobody waits while owning.
+//! with *blocked* and nothing changed. Nobody waits while owning. The protocol is told in `ownership`.
 
 use super::VertexId;
+use super::ownership::{Claim, OwnerId, word};
 use super::triangulation::Triangulation;
 
 /// A locking policy.
 pub trait Access {
+    /// Whether others may operate at the same time: what was read without owning is to be checked.
+    const SHARED: bool;
+
     /// Asks for `vertex` until [`Access::release_all`]; `false` when another worker owns it. Asking twice is fine.
     fn try_own(&mut self, triangulation: &Triangulation, vertex: VertexId) -> bool;
 
     /// Gives back every vertex.
     fn release_all(&mut self, triangulation: &Triangulation);
+
+    /// The number of the worker that caused the last refusal, from 0; `None`: there was none.
+    fn met(&self) -> Option<usize>;
 }
 
 /// Nobody else is there: one thread refines, locks compile to nothing.
@@ -20,6 +27,8 @@ pub trait Access {
 pub struct Solo;
 
 impl Access for Solo {
+    const SHARED: bool = false;
+
     #[inline(always)]
     fn try_own(&mut self, _: &Triangulation, _: VertexId) -> bool {
         true
@@ -27,4 +36,54 @@ impl Access for Solo {
 
     #[inline(always)]
     fn release_all(&mut self, _: &Triangulation) {}
+
+    fn met(&self) -> Option<usize> {
+        None
+    }
+}
+
+/// One of many workers on one triangulation: vertices are owned by the word in their record.
+#[derive(Debug)]
+pub struct TryLock {
+    me: OwnerId,
+    /// Words of groups of vertices.
+    owned: Vec<u32>,
+    met: OwnerId,
+}
+
+impl TryLock {
+    /// Worker `number`, from 0; no two of a triangulation have the same.
+    pub fn new(number: usize) -> Self {
+        let me = OwnerId::try_from(number + 1).expect("fewer workers than owner words can name");
+        Self { me, owned: Vec::new(), met: me }
+    }
+}
+
+impl Access for TryLock {
+    const SHARED: bool = true;
+
+    #[inline]
+    fn try_own(&mut self, triangulation: &Triangulation, vertex: VertexId) -> bool {
+        let word = word(vertex);
+        match triangulation.owner(word).claim(self.me) {
+            Claim::Taken => self.owned.push(word),
+            Claim::Held => {}
+            Claim::Refused(other) => {
+                self.met = other;
+                return false;
+            }
+        }
+        true
+    }
+
+    #[inline]
+    fn release_all(&mut self, triangulation: &Triangulation) {
+        for word in self.owned.drain(..) {
+            triangulation.owner(word).release();
+        }
+    }
+
+    fn met(&self) -> Option<usize> {
+        (self.met != self.me).then(|| usize::from(self.met) - 1)
+    }
 }

@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use super::access::Access;
-use super::tet::{FACET, Facet, TetId, TetRecord, VertexId};
+use super::tet::{FACET, Facet, NO_VERTEX, TetId, TetRecord, VertexId};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
 use crate::geometry::predicates::in_sphere_perturbed;
@@ -25,6 +25,8 @@ pub enum Dig {
     Done,
     /// Another worker owns a vertex of the cavity.
     Blocked,
+    /// The tet to start from is no longer what the caller took it for.
+    Stale,
     /// The tet to start from is not in conflict with the point.
     NotInConflict,
     /// A vertex lies exactly there already.
@@ -32,8 +34,19 @@ pub enum Dig {
 }
 
 impl<A: Access> Worker<A> {
-    fn own_tet(&mut self, triangulation: &Triangulation, t: TetId) -> bool {
-        triangulation.tet(t).vertices().iter().all(|&v| self.access.try_own(triangulation, v))
+    /// Comes to own a tet of which nothing is owned yet; see `ownership`, the way in.
+    fn own_first(&mut self, triangulation: &Triangulation, t: TetId) -> Dig {
+        if !A::SHARED {
+            return Dig::Done;
+        }
+        let vertices = triangulation.tet(t).vertices();
+        if vertices.contains(&NO_VERTEX) {
+            return Dig::Stale;
+        }
+        if !vertices.iter().all(|&v| self.access.try_own(triangulation, v)) {
+            return Dig::Blocked;
+        }
+        if triangulation.tet(t).vertices() == vertices { Dig::Done } else { Dig::Stale }
     }
 
     /// Whether `p` is in conflict with tet `t`: the cached sphere first, then the exact predicate. `None` when `p` is a vertex of `t`.
@@ -51,13 +64,25 @@ impl<A: Access> Worker<A> {
         (!corners.contains(&p)).then(|| in_sphere_perturbed(corners, p))
     }
 
-    /// Finds the cavity of `p`, starting from a tet in conflict with it. Marks stay until the tets die or [`Self::undig`].
-    pub(super) fn dig(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3) -> Dig {
+    /// Finds the cavity of `p`, starting from a tet in conflict with it. Marks stay until the tets die or [`Self::undig`]. With others at work, `holds` is asked, when
+    /// the first tet is owned, whether what the caller knows of it is still true.
+    pub(super) fn dig(
+        &mut self,
+        triangulation: &Triangulation,
+        start: TetId,
+        p: DVec3,
+        holds: impl FnOnce() -> bool,
+    ) -> Dig {
         self.cavity.clear();
         self.boundary.clear();
-        if !self.own_tet(triangulation, start) {
-            return Dig::Blocked;
+        match self.own_first(triangulation, start) {
+            Dig::Done => {}
+            end => return end,
         }
+        if A::SHARED && !holds() {
+            return Dig::Stale;
+        }
+        debug_assert!(triangulation.holds(p));
         match self.conflict(triangulation, start, p) {
             None => return Dig::Duplicate,
             Some(false) => return Dig::NotInConflict,
@@ -73,7 +98,7 @@ impl<A: Access> Worker<A> {
     /// Digs from a first tet of the cavity, breadth first: between its mark and its turn a tet's neighbours come into the cache.
     fn spread(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3) -> Dig {
         // Through no facet did one come to the first tet. Facet 0 stands for it, and is looked through here.
-        self.mark(triangulation, Facet::new(start, 0));
+        self.take_in(triangulation, Facet::new(start, 0));
         let mut end = self.look_through(triangulation, triangulation.tet(start), 0, p);
         let mut next = 0;
         while let (Dig::Done, Some(&entry)) = (end, self.cavity.get(next)) {
@@ -100,10 +125,12 @@ impl<A: Access> Worker<A> {
             match self.conflict(triangulation, outside.tet(), p) {
                 None => return Dig::Duplicate,
                 Some(true) => {
-                    if !self.own_tet(triangulation, outside.tet()) {
+                    // It shares its other vertices with a tet that is owned.
+                    let opposite = triangulation.tet(outside.tet()).vertices()[outside.index()];
+                    if !self.access.try_own(triangulation, opposite) {
                         return Dig::Blocked;
                     }
-                    self.mark(triangulation, outside);
+                    self.take_in(triangulation, outside);
                     return Dig::Done;
                 }
                 Some(false) => {}
@@ -116,7 +143,7 @@ impl<A: Access> Worker<A> {
 
     /// Takes a tet into the cavity, found through facet `entry` of it.
     #[inline(always)]
-    fn mark(&mut self, triangulation: &Triangulation, entry: Facet) {
+    fn take_in(&mut self, triangulation: &Triangulation, entry: Facet) {
         triangulation.tet(entry.tet()).set_in_cavity(true);
         // The neighbours are tested when the tet's turn comes, the rest is needed when the star is filled.
         triangulation.prefetch_neighbors(entry.tet());

@@ -26,6 +26,25 @@ pub unsafe trait Zeroable: Sync + Sized {
     const NO_DROP: bool = !std::mem::needs_drop::<Self>();
 }
 
+// SAFETY: an atomic pointer of zero bytes is a null pointer, and owns nothing.
+unsafe impl<T> Zeroable for AtomicPtr<T> {}
+
+/// An array of zeros that was never touched: memory that is not used costs nothing.
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+pub fn zeroed_array<T: Zeroable, const N: usize>() -> Result<Box<[T; N]>> {
+    let layout = Layout::new::<[T; N]>();
+    const { assert!(T::NO_DROP && size_of::<T>() > 0 && N > 0) };
+    // SAFETY: the layout has a size above 0.
+    let array = unsafe { alloc_zeroed(layout) }.cast::<[T; N]>();
+    if array.is_null() {
+        return Err(Error::OutOfMemory { count: layout.size(), what: "bytes for a table of the triangulation" });
+    }
+    // SAFETY: allocated by the global allocator with the layout of the box's content, which zeros are a valid value of.
+    Ok(unsafe { Box::from_raw(array) })
+}
+
 // SAFETY: an atomic integer is an integer in memory, for which 0 is a value.
 unsafe impl Zeroable for std::sync::atomic::AtomicU32 {}
 
@@ -48,14 +67,7 @@ impl<T: Zeroable> Chunked<T> {
     /// [`Error::OutOfMemory`].
     pub fn with_capacity(capacity: usize) -> Result<Self> {
         const { assert!(T::NO_DROP && size_of::<T>() > 0) };
-        let layout = Layout::new::<[AtomicPtr<T>; TABLE]>();
-        // SAFETY: the layout has a size above 0.
-        let table = unsafe { alloc_zeroed(layout) }.cast::<[AtomicPtr<T>; TABLE]>();
-        if table.is_null() {
-            return Err(Error::OutOfMemory { count: layout.size(), what: "bytes for a table of chunks" });
-        }
-        // SAFETY: allocated by the global allocator with the layout of the box's content; an AtomicPtr of zero bytes is a null pointer.
-        let chunks = unsafe { Box::from_raw(table) };
+        let chunks = zeroed_array::<AtomicPtr<T>, TABLE>()?;
         Ok(Self { chunks, max_chunks: capacity.div_ceil(CHUNK).min(TABLE) })
     }
 

@@ -20,6 +20,8 @@ pub enum Insertion {
     Done(VertexId),
     /// Another worker owned a vertex of the cavity; nothing changed.
     Blocked,
+    /// Another worker changed what the caller relied on; nothing changed.
+    Stale,
     /// The tet to start from is not in conflict with the point; nothing changed.
     NotInConflict,
     /// A vertex lies exactly there; nothing changed.
@@ -38,18 +40,37 @@ impl<A: Access> Worker<A> {
         p: DVec3,
         kind: VertexKind,
     ) -> Result<Insertion> {
-        debug_assert!(triangulation.holds(p));
-        let outcome = match self.dig(triangulation, start, p) {
-            Dig::Done => Insertion::Done(self.fill_star(triangulation, p, kind)?),
+        self.insert_if(triangulation, start, p, kind, || true, |_, _| Ok(()))
+    }
+
+    /// As [`Self::insert`], with others at work. `holds` is asked, once `start` is owned, whether what the caller found out about it and its neighbours
+    /// is still true; `note` is told the vertex and its tets while nobody else can have come to them.
+    ///
+    /// # Errors
+    /// As [`Self::insert`]. Those of `note`; the vertex is in then.
+    pub fn insert_if(
+        &mut self,
+        triangulation: &Triangulation,
+        start: TetId,
+        p: DVec3,
+        kind: VertexKind,
+        holds: impl FnOnce() -> bool,
+        note: impl FnOnce(VertexId, &[TetId]) -> Result<()>,
+    ) -> Result<Insertion> {
+        let outcome = match self.dig(triangulation, start, p, holds) {
+            Dig::Done => {
+                self.fill_star(triangulation, p, kind).and_then(|v| note(v, &self.created).map(|()| Insertion::Done(v)))
+            }
             Dig::Blocked => {
                 self.counters.rollbacks += 1;
-                Insertion::Blocked
+                Ok(Insertion::Blocked)
             }
-            Dig::NotInConflict => Insertion::NotInConflict,
-            Dig::Duplicate => Insertion::Duplicate,
+            Dig::Stale => Ok(Insertion::Stale),
+            Dig::NotInConflict => Ok(Insertion::NotInConflict),
+            Dig::Duplicate => Ok(Insertion::Duplicate),
         };
         self.access.release_all(triangulation);
-        Ok(outcome)
+        outcome
     }
 
     fn fill_star(&mut self, triangulation: &Triangulation, p: DVec3, kind: VertexKind) -> Result<VertexId> {
@@ -62,7 +83,7 @@ impl<A: Access> Worker<A> {
         self.counters.cavity_tets += self.cavity.len() as u64;
         self.exchange_slots(triangulation, self.boundary.len());
         triangulation.vertex(apex).set_star(self.created[0]);
-        self.star.fill(triangulation, &self.boundary, &self.created, apex, p);
+        self.star.fill(triangulation, &self.boundary, &self.created, (apex, p), self.mark);
         self.counters.insertions += 1;
         Ok(apex)
     }
@@ -108,8 +129,8 @@ impl StarScratch {
         triangulation: &Triangulation,
         boundary: &[CavityFacet],
         slots: &[TetId],
-        apex: VertexId,
-        p: DVec3,
+        (apex, p): (VertexId, DVec3),
+        mark: u8,
     ) {
         let vertices = boundary.len() / 2 + 2;
         let numbered = vertices <= MOST_LOCALS;
@@ -146,7 +167,7 @@ impl StarScratch {
         for (i, ((facet, &t), &[a, b, c])) in boundary.iter().zip(slots).zip(&self.numbers).enumerate() {
             let record = triangulation.tet(t);
             let [v0, v1, v2] = facet.vertices;
-            record.fill([v0, v1, v2, apex], &self.spheres.get(i));
+            record.fill([v0, v1, v2, apex], &self.spheres.get(i), mark);
             record.set_neighbor(0, sides[at(c, b)]);
             record.set_neighbor(1, sides[at(a, c)]);
             record.set_neighbor(2, sides[at(b, a)]);

@@ -1,15 +1,16 @@
-//! Walking to the tet that holds a point, for callers that know none in conflict with it. Refinement never walks.
+//! Walking to the tet that holds a point, for callers that know none in conflict with it: samples. Circumcenters need no walk.
 
 use glam::DVec3;
 
-use super::tet::{FACET, TetId};
+use super::tet::{FACET, NO_VERTEX, TetId};
 use super::triangulation::Triangulation;
 use crate::geometry::predicates::orient;
 
 impl Triangulation {
     /// The tet that holds `p`, by a visibility walk from `start`: through a facet that separates the tet from `p`, the facets tried
     /// from the one after that through which the walk came. In a Delaunay triangulation the visibility walk ends (Edelsbrunner 1990, acyclicity of the
-    /// in-front relation). Not to be used while others operate. `p` must lie inside the box.
+    /// in-front relation). `p` must lie inside the box. While others operate the walk may meet records that are being rewritten, and its answer is a hint: whether
+    /// the tet's circumball holds `p` is to be asked again when it is owned.
     pub fn locate(&self, start: TetId, p: DVec3) -> TetId {
         let mut t = start;
         // The facet through which the walk came, which it need not try: at first none.
@@ -18,7 +19,14 @@ impl Triangulation {
         'walk: loop {
             self.prefetch_neighbors(t);
             let record = self.tet(t);
-            let corners = self.corners(record.vertices());
+            let vertices = record.vertices();
+            if vertices[0] == NO_VERTEX {
+                // Another worker has just freed the slot. Corners of the box always have a tet.
+                (t, entry) = (self.vertex(0).star(), 3);
+                tries = 1..=4;
+                continue;
+            }
+            let corners = self.corners(vertices);
             let arms = corners.map(|corner| corner - p);
             let reach = arms.iter().fold(0.0_f64, |reach, arm| reach.max(arm.abs().max_element()));
             // Six products of three rounded differences, each with at most 8 roundings, 48 units; a third more for the terms of higher order.

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`chunked`] | memory in chunks that never move |
 //! | [`tet`] | records of tets and vertices, ids, the facet notation |
+//! | [`ownership`] | the lock of a vertex, and the protocol: why there is no deadlock, and which memory order |
 //! | [`access`] | who may touch a vertex: the locking policy, a type parameter |
 //! | [`triangulation`] | the shared structure and the virtual box |
 //! | [`worker`] | one thread's view: scratch memory, free slots, counters |
@@ -22,7 +23,7 @@
 //!    shares three vertices with each neighbour, so nobody else can change the neighbour meanwhile.
 //! 5. An operation either completes or changes nothing.
 //!
-//! All shared words are relaxed atomics: a race is a logic error that the ownership protocol excludes, never undefined behaviour.
+//! All shared words are atomics: a race is a logic error that the ownership protocol excludes, never undefined behaviour.
 
 pub mod access;
 pub mod cavity;
@@ -30,12 +31,13 @@ pub mod check;
 pub mod chunked;
 pub mod insert;
 pub mod locate;
+pub mod ownership;
 pub mod remove;
 pub mod tet;
 pub mod triangulation;
 pub mod worker;
 
-pub use access::{Access, Solo};
+pub use access::{Access, Solo, TryLock};
 pub use insert::Insertion;
 pub use remove::Removal;
 pub use tet::{Facet, TetId, TetStamp, VertexId, VertexKind};

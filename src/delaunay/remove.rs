@@ -190,7 +190,23 @@ impl<A: Access> Worker<A> {
     /// # Errors
     /// [`Error::LimitReached`] when ids run out, [`Error::Internal`] when the link cannot be triangulated; nothing changed then.
     pub fn remove(&mut self, triangulation: &Triangulation, v: VertexId) -> Result<Removal> {
+        self.remove_and(triangulation, v, |_| {})
+    }
+
+    /// As [`Self::remove`], with others at work: `note` is told the tets that fill the place while nobody else can have come to them.
+    ///
+    /// # Errors
+    /// As [`Self::remove`].
+    pub fn remove_and(
+        &mut self,
+        triangulation: &Triangulation,
+        v: VertexId,
+        note: impl FnOnce(&[TetId]),
+    ) -> Result<Removal> {
         let outcome = self.try_remove(triangulation, v);
+        if let Ok(Removal::Done) = outcome {
+            note(&self.created);
+        }
         self.access.release_all(triangulation);
         outcome
     }
@@ -264,7 +280,7 @@ impl<A: Access> Worker<A> {
         }
         for (&t, new) in link.slots.iter().zip(&link.tets) {
             let vertices = new.vertices.map(|i| link.vertices[i]);
-            triangulation.fill_tet(t, vertices);
+            triangulation.fill_tet(t, vertices, self.mark);
             for (index, side) in new.sides.iter().enumerate() {
                 let neighbor = match *side {
                     Side::Outside(outside) => {

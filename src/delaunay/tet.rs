@@ -14,7 +14,7 @@
 //! One tet is one 64-byte cache line: vertices, neighbours, circumcenter, squared radius with its slack, and a word for the
 //! layer above. Only the generation of the slot lies in a second array.
 
-use std::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, AtomicU64, Ordering::*};
 
 use glam::DVec3;
 
@@ -105,21 +105,23 @@ impl TetRecord {
     /// The four vertices.
     #[inline(always)]
     pub fn vertices(&self) -> [VertexId; 4] {
-        [0, 1, 2, 3].map(|i: usize| self.vertices[i].load(Relaxed))
+        // Acquire: pairs with the release of fill, for those who look without owning.
+        [0, 1, 2, 3].map(|i: usize| self.vertices[i].load(Acquire))
     }
 
-    /// Makes this the record of a new tet with tag [`NO_TAG`] and mark 0; its neighbours follow by [`Self::set_neighbor`].
+    /// Makes this the record of a new tet with tag [`NO_TAG`] and the given mark; its neighbours follow by [`Self::set_neighbor`].
     #[inline(always)]
-    pub(super) fn fill(&self, vertices: [VertexId; 4], sphere: &Circumsphere) {
+    pub(super) fn fill(&self, vertices: [VertexId; 4], sphere: &Circumsphere, mark: u8) {
         for (slot, v) in self.vertices.iter().zip(vertices) {
-            slot.store(v, Relaxed);
+            // Release: who reads the id finds the chunk of the vertex.
+            slot.store(v, Release);
         }
         for (slot, x) in self.center.iter().zip(sphere.center.to_array()) {
             slot.store(x.to_bits(), Relaxed);
         }
         self.outside.store(sphere.outside.to_bits(), Relaxed);
         self.tag.store(NO_TAG, Relaxed);
-        self.mark.store(0, Relaxed);
+        self.mark.store(mark, Relaxed);
         self.flags.store((slack_exponent(sphere) << SLACK_SHIFT) as u8, Relaxed);
     }
 
@@ -132,12 +134,14 @@ impl TetRecord {
     /// The facet of the neighbour that is this tet's facet `i`.
     #[inline(always)]
     pub fn neighbor(&self, i: usize) -> Facet {
-        Facet(self.neighbors[i].load(Relaxed))
+        // Acquire: pairs with the release of set_neighbor, for those who look without owning.
+        Facet(self.neighbors[i].load(Acquire))
     }
 
     #[inline(always)]
     pub(super) fn set_neighbor(&self, i: usize, facet: Facet) {
-        self.neighbors[i].store(facet.0, Relaxed);
+        // Release: who comes through the link finds a chunk, and a record that was filled.
+        self.neighbors[i].store(facet.0, Release);
     }
 
     /// The circumsphere.
@@ -163,7 +167,7 @@ impl TetRecord {
         self.tag.store(tag, Relaxed);
     }
 
-    /// The second word of the layer above; 0 in a new tet.
+    /// The second word of the layer above; in a new tet the mark of the worker that made it.
     #[inline(always)]
     pub fn mark(&self) -> u8 {
         self.mark.load(Relaxed)
@@ -216,8 +220,6 @@ pub struct VertexRecord {
     position: [AtomicU64; 3],
     /// A tet of the star.
     star: AtomicU32,
-    /// Who owns the vertex: 0 nobody, else worker + 1. Only `access` reads and writes it.
-    pub(super) owner: AtomicU16,
     kind: AtomicU8,
     /// The vertex's number within the operation of its owner, see `insert`; means nothing between operations.
     local: AtomicU8,

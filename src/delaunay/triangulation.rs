@@ -2,11 +2,14 @@
 //!
 //! The box's eight corners are vertices like others, so every facet has two sides or lies on the box and no case for infinity exists.
 
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::ops::Range;
+use std::sync::atomic::{AtomicU32, Ordering::*};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use glam::DVec3;
 
 use super::chunked::{CHUNK, Chunked};
+use super::ownership::{Owner, Owners};
 use super::tet::{FACET, Facet, MAX_TETS, NO_VERTEX, TetId, TetRecord, TetStamp, VertexId, VertexKind, VertexRecord};
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
@@ -21,8 +24,12 @@ pub struct Triangulation {
     /// Counts the uses of each slot: odd while a tet lives in it, even otherwise.
     generations: Chunked<AtomicU32>,
     vertices: Chunked<VertexRecord>,
+    /// The locks of vertices, apart from the records: digging asks for them before it needs anything else of a vertex.
+    owners: Owners,
     tet_chunks: AtomicU32,
     vertex_chunks: AtomicU32,
+    /// Held while a chunk is made and counted, so that every chunk that is counted exists.
+    growing: Mutex<()>,
     lower: DVec3,
     upper: DVec3,
 }
@@ -40,8 +47,10 @@ impl Triangulation {
             tets: Chunked::with_capacity(MAX_TETS)?,
             generations: Chunked::with_capacity(MAX_TETS)?,
             vertices: Chunked::with_capacity(MAX_TETS / 4)?,
+            owners: Owners::new()?,
             tet_chunks: AtomicU32::new(0),
             vertex_chunks: AtomicU32::new(0),
+            growing: Mutex::new(()),
             lower,
             upper,
         };
@@ -86,7 +95,7 @@ impl Triangulation {
             }
         }
         for (t, &vertices) in tets.iter().enumerate() {
-            self.fill_tet(t as u32, vertices);
+            self.fill_tet(t as u32, vertices, 0);
             for v in vertices {
                 self.vertex(v).set_star(t as u32);
             }
@@ -160,6 +169,12 @@ impl Triangulation {
         self.vertices.get(v)
     }
 
+    /// A word that locks vertices.
+    #[inline(always)]
+    pub(super) fn owner(&self, word: u32) -> &Owner {
+        self.owners.get(word)
+    }
+
     /// Where a vertex is.
     #[inline(always)]
     pub fn position(&self, v: VertexId) -> DVec3 {
@@ -194,9 +209,14 @@ impl Triangulation {
         self.generations.get(t).load(Relaxed) & 1 == 1
     }
 
+    /// The slots among which the tets of the box were made.
+    pub fn box_slots(&self) -> Range<TetId> {
+        0..CHUNK as u32
+    }
+
     /// Slots below this may hold tets.
     pub fn tet_bound(&self) -> u32 {
-        self.tet_chunks.load(Relaxed) * CHUNK as u32
+        self.tet_chunks.load(Acquire) * CHUNK as u32
     }
 
     /// Bytes of all chunks.
@@ -208,7 +228,7 @@ impl Triangulation {
 
     /// Ids below this may be vertices.
     pub fn vertex_bound(&self) -> u32 {
-        self.vertex_chunks.load(Relaxed) * CHUNK as u32
+        self.vertex_chunks.load(Acquire) * CHUNK as u32
     }
 
     /// The tet across facet `facet`, or `None` on the box.
@@ -220,9 +240,9 @@ impl Triangulation {
 
     /// Writes a new tet into a free slot, with its circumsphere; neighbours follow.
     #[inline]
-    pub(super) fn fill_tet(&self, t: TetId, vertices: [VertexId; 4]) {
+    pub(super) fn fill_tet(&self, t: TetId, vertices: [VertexId; 4], mark: u8) {
         let [a, b, c, d] = self.corners(vertices);
-        self.tet(t).fill(vertices, &Circumsphere::of_tet(a, b, c, d));
+        self.tet(t).fill(vertices, &Circumsphere::of_tet(a, b, c, d), mark);
         self.begin_tet(t);
     }
 
@@ -253,35 +273,38 @@ impl Triangulation {
     }
 
     /// A range of fresh tet slots for one worker.
-    pub(super) fn claim_tets(&self) -> Result<std::ops::Range<u32>> {
-        // Relaxed: the counter only hands out distinct numbers; the chunk itself is published by make_chunk.
-        let chunk = self.tet_chunks.fetch_add(1, Relaxed);
+    pub(super) fn claim_tets(&self) -> Result<Range<u32>> {
+        let _growing = self.growing();
+        let chunk = self.tet_chunks.load(Relaxed);
         if chunk as usize >= self.tets.max_chunks() {
-            self.tet_chunks.fetch_sub(1, Relaxed);
             return Err(Error::LimitReached(format!("the triangulation would exceed {MAX_TETS} tets")));
         }
-        let made = self.tets.make_chunk(chunk as usize).and_then(|()| self.generations.make_chunk(chunk as usize));
-        made.inspect_err(|_| _ = self.tet_chunks.fetch_sub(1, Relaxed))?;
-        for t in 0..CHUNK as u32 {
-            self.tet(chunk * CHUNK as u32 + t).clear();
-        }
-        Ok(chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32)
+        self.tets.make_chunk(chunk as usize)?;
+        self.generations.make_chunk(chunk as usize)?;
+        let slots = chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32;
+        slots.clone().for_each(|t| self.tet(t).clear());
+        // Release: whoever counts the chunk finds it.
+        self.tet_chunks.store(chunk + 1, Release);
+        Ok(slots)
     }
 
     /// A range of fresh vertex ids for one worker.
-    pub(super) fn claim_vertices(&self) -> Result<std::ops::Range<u32>> {
-        // Relaxed: as above.
-        let chunk = self.vertex_chunks.fetch_add(1, Relaxed);
+    pub(super) fn claim_vertices(&self) -> Result<Range<u32>> {
+        let _growing = self.growing();
+        let chunk = self.vertex_chunks.load(Relaxed);
         if chunk as usize >= self.vertices.max_chunks() {
-            self.vertex_chunks.fetch_sub(1, Relaxed);
             return Err(Error::LimitReached(format!("the triangulation would exceed {} vertices", MAX_TETS / 4)));
         }
-        let made = self.vertices.make_chunk(chunk as usize);
-        made.inspect_err(|_| _ = self.vertex_chunks.fetch_sub(1, Relaxed))?;
-        for v in 0..CHUNK as u32 {
-            self.vertex(chunk * CHUNK as u32 + v).set_removed();
-        }
-        Ok(chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32)
+        self.vertices.make_chunk(chunk as usize)?;
+        let ids = chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32;
+        ids.clone().for_each(|v| self.vertex(v).set_removed());
+        // Release: as above.
+        self.vertex_chunks.store(chunk + 1, Release);
+        Ok(ids)
+    }
+
+    fn growing(&self) -> MutexGuard<'_, ()> {
+        self.growing.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether the record of a slot says that it is free.

@@ -33,11 +33,19 @@ pub struct Counters {
     pub cavity_tets: u64,
 }
 
+/// Most different marks of workers.
+pub const MARKS: usize = 255;
+
 /// A worker. Slots that it frees it uses again at once, last in first out: a cavity's new tets land on the lines that are hot.
 pub struct Worker<A> {
-    pub(super) access: A,
+    /// The policy, which knows whom the worker met.
+    pub access: A,
     /// What this worker has done.
     pub counters: Counters,
+    /// The mark of the tets that it makes.
+    pub(super) mark: u8,
+    /// The chunks of tets that it claimed.
+    claimed: Vec<Range<TetId>>,
     free: Vec<TetId>,
     fresh_tets: Range<u32>,
     fresh_vertices: Range<u32>,
@@ -49,12 +57,28 @@ pub struct Worker<A> {
     pub(super) link: LinkScratch,
 }
 
+impl Counters {
+    /// Adds what another worker has done.
+    pub fn add(&mut self, other: &Self) {
+        self.insertions += other.insertions;
+        self.removals += other.removals;
+        self.rollbacks += other.rollbacks;
+        self.in_sphere_tests += other.in_sphere_tests;
+        self.exact_predicates += other.exact_predicates;
+        self.created += other.created;
+        self.destroyed += other.destroyed;
+        self.cavity_tets += other.cavity_tets;
+    }
+}
+
 impl<A: Access> Worker<A> {
-    /// A worker without memory; it claims some when it first needs it.
-    pub fn new(access: A) -> Self {
+    /// A worker without memory; it claims some when it first needs it. Its tets get mark `number`.
+    pub fn new(access: A, number: usize) -> Self {
         Self {
             access,
             counters: Counters::default(),
+            mark: (number % MARKS) as u8,
+            claimed: Vec::new(),
             free: Vec::new(),
             fresh_tets: 0..0,
             fresh_vertices: 0..0,
@@ -64,6 +88,48 @@ impl<A: Access> Worker<A> {
             created: Vec::new(),
             link: LinkScratch::default(),
         }
+    }
+
+    /// The same worker under another policy.
+    pub fn with_access<B: Access>(self, access: B) -> Worker<B> {
+        let Self {
+            counters,
+            mark,
+            claimed,
+            free,
+            fresh_tets,
+            fresh_vertices,
+            cavity,
+            boundary,
+            star,
+            created,
+            link,
+            ..
+        } = self;
+        Worker {
+            access,
+            counters,
+            mark,
+            claimed,
+            free,
+            fresh_tets,
+            fresh_vertices,
+            cavity,
+            boundary,
+            star,
+            created,
+            link,
+        }
+    }
+
+    /// The mark of the tets that this worker makes; below [`MARKS`].
+    pub fn mark(&self) -> u8 {
+        self.mark
+    }
+
+    /// The slots of tets that this worker claimed, other workers' tets in them or not.
+    pub fn claimed(&self) -> &[Range<TetId>] {
+        &self.claimed
     }
 
     /// The tets that the last completed operation made.
@@ -81,7 +147,9 @@ impl<A: Access> Worker<A> {
         while self.free.len() + self.fresh_tets.len() < count {
             // For what is left of the range, and for most of what is freed until the next one.
             self.free.try_reserve(CHUNK).map_err(|_| Error::OutOfMemory { count: CHUNK, what: "free slots" })?;
+            self.claimed.try_reserve(1).map_err(|_| Error::OutOfMemory { count: 1, what: "chunks of a worker" })?;
             let range = triangulation.claim_tets()?;
+            self.claimed.push(range.clone());
             self.free.extend(std::mem::replace(&mut self.fresh_tets, range).rev());
         }
         if self.fresh_vertices.is_empty() {

@@ -288,7 +288,7 @@ mod tests {
     /// Some ranges of slots: thousands of points, of which some are removed, so that slots in between are free.
     fn triangulation() -> Triangulation {
         let triangulation = Triangulation::new(DVec3::ZERO, DVec3::ONE).unwrap();
-        let mut worker = Worker::new(Solo);
+        let mut worker = Worker::new(Solo, 0);
         let mut state = 1_u64;
         let mut random = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

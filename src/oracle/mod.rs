@@ -126,6 +126,35 @@ impl Oracle {
         self.label_at(self.region_point(p))
     }
 
+    /// As [`Self::label`] for `count` points, of which `point` tells each and `found` is told the label, in order. The voxels of many points come
+    /// into the cache at once.
+    #[inline]
+    pub fn labels(&self, count: usize, point: impl Fn(usize) -> DVec3, mut found: impl FnMut(usize, u16)) {
+        const AT_ONCE: usize = 32;
+        if self.model == SurfaceModel::Voxel {
+            return (0..count).for_each(|i| found(i, self.label(point(i))));
+        }
+        let mut places = [(DVec3::ZERO, [0; 3], OUTSIDE); AT_ONCE];
+        for from in (0..count).step_by(AT_ONCE) {
+            let points = from..(from + AT_ONCE).min(count);
+            for (i, place) in points.clone().zip(&mut places) {
+                let x = self.region_point(point(i));
+                *place = if self.border.holds(x) {
+                    let x = self.border.extend(x);
+                    let cell = self.cell(x);
+                    let index = self.bricks.index(cell[0], cell[1], cell[2]);
+                    prefetch(&self.voxels, index);
+                    (x, cell, index)
+                } else {
+                    (x, [0; 3], OUTSIDE)
+                };
+            }
+            for (i, &(x, cell, index)) in points.zip(&places) {
+                found(i, if index == OUTSIDE { 0 } else { self.label_of(cell, self.voxels[index], x) });
+            }
+        }
+    }
+
     /// A lower bound of the distance from `p` to dO; 0 in mixed cells. No more than about three voxels where `p` is in the region: enough to say
     /// what is near dO, not how far away the rest is.
     #[inline]
@@ -147,9 +176,14 @@ impl Oracle {
 
     /// Corners of an axis-aligned world box that holds dO and everything that is not background.
     pub fn bounds(&self) -> [DVec3; 2] {
+        self.box_of(DVec3::ZERO, self.last)
+    }
+
+    /// An axis-aligned world box that holds a box in region coordinates.
+    fn box_of(&self, lower: DVec3, upper: DVec3) -> [DVec3; 2] {
         let mut bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
         for corner in 0..8 {
-            let x = DVec3::from([0, 1, 2].map(|a| if corner >> a & 1 == 1 { self.last[a] } else { 0.0 }));
+            let x = DVec3::from([0, 1, 2].map(|a| if corner >> a & 1 == 1 { upper[a] } else { lower[a] }));
             let p = self.world_point(x);
             bounds = [bounds[0].min(p), bounds[1].max(p)];
         }
@@ -205,11 +239,16 @@ impl Oracle {
             SurfaceModel::Smooth => {
                 let x = self.border.extend(x);
                 let cell = self.cell(x);
-                let voxel = self.at(cell);
-                if voxel.rings() > 0 { voxel.id() } else { self.label_in(cell, voxel, x) }
+                self.label_of(cell, self.at(cell), x)
             }
             SurfaceModel::Voxel => self.at(self.voxel(x)).id(),
         }
+    }
+
+    /// The label in a cell of the smooth model.
+    #[inline(always)]
+    fn label_of(&self, cell: [usize; 3], voxel: Voxel, x: DVec3) -> u16 {
+        if voxel.rings() > 0 { voxel.id() } else { self.label_in(cell, voxel, x) }
     }
 
     /// The label in a mixed cell of the smooth model.
@@ -302,6 +341,22 @@ impl Oracle {
 fn rounded(x: f64) -> usize {
     const SHIFT: f64 = (1_u64 << 52) as f64;
     (x + SHIFT).to_bits() as u32 as usize
+}
+
+/// The place of no voxel.
+const OUTSIDE: usize = usize::MAX;
+
+/// Asks the processor to fetch an element that is looked at soon.
+#[inline(always)]
+fn prefetch<T>(elements: &[T], index: usize) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: prefetching never faults, whatever the address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(elements.as_ptr().wrapping_add(index).cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (elements, index);
 }
 
 /// The ids at the corners of a cell.

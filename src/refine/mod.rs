@@ -7,13 +7,20 @@
 //! | [`cell_table`] | cells of points, for the two that look for near points |
 //! | [`vertex_grid`] | which vertices lie near a point |
 //! | [`pel`] | the poor element list: what a worker does next |
+//! | [`activity`] | what each thread did, and with what it lost time |
+//! | [`team`] | what the workers of a refinement share: limits, the way to stop |
+//! | [`podm`] | all workers on one triangulation: the phases of a refinement |
 //! | [`refiner`] | one worker's loop: look, insert, remove |
 
+pub mod activity;
 pub mod cell_table;
 pub mod pel;
+pub mod podm;
 pub mod refiner;
 pub mod rules;
 pub mod sampling;
+pub mod team;
 pub mod vertex_grid;
 
-pub use refiner::{refine, unmet_rules};
+pub use podm::refine;
+pub use refiner::unmet_rules;

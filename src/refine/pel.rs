@@ -7,7 +7,7 @@
 //!
 //! An entry is never taken out when its tet dies: the stamp tells.
 
-use crate::delaunay::TetStamp;
+use crate::delaunay::{TetStamp, VertexId};
 use crate::{Error, Result};
 
 /// Waiting tets that begin a round.
@@ -15,18 +15,36 @@ const ROUND: usize = 512;
 /// Poor tets that are served before the tets that this makes are looked at.
 const SERVED: usize = 64;
 
+/// Least tets that wait of which some are given away.
+const MANY_WAITING: usize = 64;
+/// Least poor tets of which some are given away.
+const MANY_POOR: usize = 16;
+
 /// What a worker does next.
 #[derive(Clone, Copy, Debug)]
 pub enum Task {
+    /// Removes a free vertex near a new isovertex.
+    Remove(VertexId),
     /// Looks at a tet.
     Look(TetStamp),
     /// Serves a poor tet.
     Serve(TetStamp),
 }
 
+/// A part of a list, for another worker. Tets that came first, which lie farthest from those at hand.
+#[derive(Debug, Default)]
+pub struct Gift {
+    /// To be looked at.
+    pub waiting: Vec<TetStamp>,
+    /// Poor.
+    pub poor: Vec<TetStamp>,
+}
+
 /// The list.
 #[derive(Default)]
 pub struct Pel {
+    /// Vertices to be removed.
+    removals: Vec<VertexId>,
     /// To be looked at in a later round: last in, first out.
     waiting: Vec<TetStamp>,
     /// To be looked at in this round, the first at the end.
@@ -51,6 +69,47 @@ impl Pel {
         self.made.push(stamp);
     }
 
+    /// Adds vertices to be removed, before anything else is done.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub fn push_removals(&mut self, vertices: &[VertexId]) -> Result<()> {
+        let count = vertices.len();
+        self.removals.try_reserve(count).map_err(|_| Error::OutOfMemory { count, what: "vertices to remove" })?;
+        self.removals.extend_from_slice(vertices);
+        Ok(())
+    }
+
+    /// Whether there is enough to give some away.
+    #[inline]
+    pub fn can_give(&self) -> bool {
+        self.waiting.len() >= MANY_WAITING || self.poor.len() >= MANY_POOR
+    }
+
+    /// Takes half of the tets out that wait, or of the poor ones where few wait.
+    pub fn gift(&mut self) -> Gift {
+        let half = |list: &mut Vec<TetStamp>| {
+            let kept = list.split_off(list.len() / 2);
+            std::mem::replace(list, kept)
+        };
+        if self.waiting.len() >= MANY_WAITING {
+            Gift { waiting: half(&mut self.waiting), poor: Vec::new() }
+        } else {
+            Gift { waiting: Vec::new(), poor: half(&mut self.poor) }
+        }
+    }
+
+    /// Takes a gift in.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub fn accept(&mut self, mut gift: Gift) -> Result<()> {
+        self.make_room(gift.waiting.len().max(gift.poor.len()))?;
+        self.waiting.append(&mut gift.waiting);
+        self.poor.append(&mut gift.poor);
+        Ok(())
+    }
+
     /// Adds a poor tet.
     #[inline]
     pub fn push_poor(&mut self, stamp: TetStamp) {
@@ -60,6 +119,9 @@ impl Pel {
     /// The next task; `None`: nothing is left.
     #[inline]
     pub fn pop(&mut self) -> Option<Task> {
+        if let Some(v) = self.removals.pop() {
+            return Some(Task::Remove(v));
+        }
         if let Some(stamp) = self.served.pop() {
             return Some(Task::Serve(stamp));
         }

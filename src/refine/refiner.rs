@@ -1,76 +1,37 @@
-//! One worker's loop over the poor elements.
+//! One worker's loop over its poor element list.
 //!
 //! First the samples of the isosurface are inserted. Then all tets are looked at, in the order of the PEL (`pel`): looking asks the surface rule R3, then the
 //! volume rules. A surface demand is carried out at once; a tet that only a volume rule finds poor waits until no tet is left to be looked at.
 //!
+//! The same loop serves a lone worker and one of a team (`podm`): the policy of the kernel is a type parameter, and what concerns others is compiled out for a lone worker.
+//! With others at work a look is a hint, checked when the operation owns what it looked at (`delaunay/ownership`); an operation that is given up leaves its tet in the list.
+//!
 //! Limits end the loop between two operations, so the triangulation is whole then: a mesh can be made of it. Time and memory are looked at every
 //! thousand steps, as is the cancel flag; a step takes microseconds.
 
-use std::time::Instant;
+use std::ops::Range;
 
-use super::pel::{Pel, Task};
+use glam::DVec3;
+
+use super::activity::{Doing, Lost, Timeline};
+use super::pel::{Gift, Pel, Task};
 use super::rules::{Demand, Facets, Lookups, Rule, Rules};
-use super::sampling::sample_isosurface;
-use crate::delaunay::worker::Counters;
-use crate::delaunay::{Insertion, Removal, Solo, TetStamp, Triangulation, VertexId, VertexKind, Worker};
+use super::team::Team;
+use crate::delaunay::chunked::CHUNK;
+use crate::delaunay::{Access, Insertion, Removal, TetStamp, Triangulation, VertexId, VertexKind, Worker};
+use crate::memory::room;
 use crate::monitor::Monitor;
+use crate::parallel::clock::{Ticks, ticks};
+use crate::parallel::contention::Streak;
 use crate::{Error, Result};
 
 /// Steps between two looks at the cancel flag and the limits.
-const LOOK_EVERY: u64 = 1024;
+pub(super) const LOOK_EVERY: u64 = 1024;
 
-/// Entries that a stack has room for at each look: more than the steps until the next one push, unless cavities are monstrous.
+/// Entries that the list has room for at each look: more than the steps until the next one push, unless cavities are monstrous.
 const ROOM: usize = 64 * LOOK_EVERY as usize;
 
-/// Tets of the whole triangulation that a sample of the isosurface comes to have about it, for progress only.
-const TETS_PER_SAMPLE: u64 = 8;
-
-/// What the loop is told beside the rules.
-pub struct Schedule {
-    /// Tets expected in the end, beside those around samples of the isosurface; progress is measured against it.
-    pub expected_tets: u64,
-    /// Where to end, whether rules still apply or not.
-    pub limits: Limits,
-}
-
-/// Limits of a run; `None` is no limit.
-#[derive(Clone, Debug, Default)]
-pub struct Limits {
-    /// Most vertices, those of the box not counted.
-    pub max_vertices: Option<usize>,
-    /// When to end, and how many seconds that was after the run's start.
-    pub deadline: Option<(Instant, f64)>,
-    /// Most bytes: of the oracle, the triangulation, the grids, the stacks, and of what comes after the refinement.
-    pub max_memory: Option<u64>,
-    /// Bytes that are needed after the refinement for each slot of a tet.
-    pub bytes_per_slot: u64,
-}
-
-impl Limits {
-    /// # Errors
-    /// [`Error::TimeLimit`] past the deadline.
-    pub fn check_time(&self) -> Result<()> {
-        match self.deadline {
-            Some((end, seconds)) if Instant::now() >= end => {
-                Err(Error::TimeLimit(format!("the time limit of {seconds} seconds was reached")))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// # Errors
-    /// [`Error::MemoryLimit`] when `needed`, in bytes, is more than allowed.
-    pub fn check_memory(&self, needed: u64) -> Result<()> {
-        match self.max_memory {
-            Some(most) if needed > most => {
-                Err(Error::MemoryLimit(format!("the memory limit of {most} bytes was reached: {needed} are needed")))
-            }
-            _ => Ok(()),
-        }
-    }
-}
-
-/// What a refinement did beside the operations of the kernel.
+/// What a worker of a refinement did beside the operations of the kernel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
     /// Vertices that each of R1 to R5 inserted, and those that R6 removed.
@@ -81,133 +42,184 @@ pub struct Work {
     pub lookups: Lookups,
 }
 
-/// How a refinement ended.
-#[derive(Debug)]
-pub struct Refinement {
-    /// Operations.
-    pub counters: Counters,
-    /// Rules and lookups.
-    pub work: Work,
-    /// The limit that ended it; `None`: no rule applies any more.
-    pub ended_by: Option<Error>,
+impl Work {
+    /// Adds what another worker did.
+    pub fn add(&mut self, other: &Self) {
+        for (sum, count) in self.by_rule.iter_mut().zip(other.by_rule) {
+            *sum += count;
+        }
+        self.looks += other.looks;
+        self.lookups.labels += other.lookups.labels;
+        self.lookups.crossings += other.lookups.crossings;
+    }
 }
 
-struct Refiner<'r, 'a> {
-    rules: &'r Rules<'a>,
+/// What came of an operation that a rule asked for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Fate {
+    Done,
+    /// Others were in the way: the tet is to be asked again.
+    GivenUp,
+    /// Rounding placed the point on a vertex or out of the conflict zone; the demand stays unmet, and is counted so in the end.
+    Dropped,
+}
+
+/// A worker with its list.
+pub(super) struct Refiner<'t, 'a, A> {
+    team: &'t Team<'a>,
+    rules: &'t Rules<'a>,
     triangulation: &'a Triangulation,
-    worker: Worker<Solo>,
+    /// Its number in the team.
+    me: usize,
+    pub worker: Worker<A>,
     pel: Pel,
     near: Vec<VertexId>,
-    most_vertices: u64,
-    expected_tets: u64,
-    work: Work,
+    /// Vertices that it may insert before it asks the team again.
+    permits: u64,
+    /// What it told the team of its tets and its memory.
+    told: (u64, u64),
+    streak: Streak,
+    pub work: Work,
+    pub lost: Lost,
+    pub timeline: Timeline,
 }
 
-/// Refines until no rule applies, or a limit is reached: one of the schedule's, or that of the ids.
-///
-/// # Errors
-/// [`Error::Cancelled`]; [`Error::OutOfMemory`]; [`Error::Internal`].
-pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<Refinement> {
-    let mut refiner = Refiner {
-        rules,
-        triangulation: rules.triangulation,
-        worker: Worker::new(Solo),
-        pel: Pel::default(),
-        near: Vec::new(),
-        most_vertices: schedule.limits.max_vertices.map_or(u64::MAX, |most| most as u64),
-        expected_tets: schedule.expected_tets,
-        work: Work::default(),
-    };
-    let done = refiner.insert_samples(schedule, monitor).and_then(|()| refiner.run(schedule, monitor));
-    let ended_by = match done {
-        Ok(()) => None,
-        Err(limit) if limit.is_limit() => Some(limit),
-        Err(error) => return Err(error),
-    };
-    Ok(Refinement { counters: refiner.worker.counters, work: refiner.work, ended_by })
-}
+impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
+    pub fn new(team: &'t Team<'a>, me: usize, worker: Worker<A>) -> Self {
+        Self {
+            team,
+            rules: team.rules,
+            triangulation: team.rules.triangulation,
+            me,
+            worker,
+            pel: Pel::default(),
+            near: Vec::new(),
+            permits: 0,
+            told: (0, 0),
+            streak: Streak::new(me),
+            work: Work::default(),
+            lost: Lost::default(),
+            timeline: Timeline::new(team.keeps_timeline),
+        }
+    }
 
-impl Refiner<'_, '_> {
-    /// R1. Afterwards all tets are new.
-    fn insert_samples(&mut self, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<()> {
-        let go_on = || monitor.check_cancelled().and_then(|()| schedule.limits.check_time());
-        let samples = sample_isosurface(self.rules.oracle, self.rules.delta, go_on)?;
-        self.expected_tets += TETS_PER_SAMPLE * samples.len() as u64;
-        let mut at = self
-            .triangulation
-            .living_tets()
-            .next()
-            .ok_or_else(|| Error::Internal("a triangulation is empty".into()))?;
-        for (steps, &p) in samples.iter().enumerate() {
-            if (steps as u64).is_multiple_of(LOOK_EVERY) {
-                self.look_around(schedule, monitor)?;
-            }
-            self.check_vertices()?;
-            at = self.triangulation.locate(at, p);
-            match self.worker.insert(self.triangulation, at, p, VertexKind::Isovertex)? {
-                Insertion::Done(_) => {
-                    self.work.by_rule[Rule::R1 as usize] += 1;
-                    at = self.worker.created()[0];
+    /// The same worker under another policy.
+    pub fn with_access<B: Access>(self, access: B) -> Refiner<'t, 'a, B> {
+        let Self { team, rules, triangulation, me, worker, pel, near, permits, told, streak, work, lost, timeline } =
+            self;
+        let worker = worker.with_access(access);
+        Refiner { team, rules, triangulation, me, worker, pel, near, permits, told, streak, work, lost, timeline }
+    }
+
+    /// R1: inserts the samples that `next` gives, some at a time.
+    pub fn insert_samples(&mut self, mut next: impl FnMut() -> Option<Range<usize>>) -> Result<()> {
+        let mut at = self.triangulation.vertex(0).star();
+        let mut again: Vec<DVec3> = Vec::new();
+        let mut steps = 0_u64;
+        while let Some(block) = next() {
+            let mut waiting = block.map(|sample| self.team.samples[sample]);
+            while let Some(p) = waiting.next().or_else(|| again.pop()) {
+                if steps.is_multiple_of(LOOK_EVERY) {
+                    self.look_around()?;
                 }
-                Insertion::Duplicate | Insertion::NotInConflict => {}
-                Insertion::Blocked => return Err(blocked()),
+                steps += 1;
+                let begin = self.stamp_time();
+                at = self.triangulation.locate(at, p);
+                self.take_permit()?;
+                match self.worker.insert(self.triangulation, at, p, VertexKind::Isovertex)? {
+                    Insertion::Done(_) => {
+                        self.work.by_rule[Rule::R1 as usize] += 1;
+                        at = self.worker.created()[0];
+                        self.after_success();
+                        continue;
+                    }
+                    // Others have changed the tet since the walk came to it.
+                    Insertion::NotInConflict | Insertion::Stale if A::SHARED => {
+                        again.push(p);
+                        self.after_stale(begin);
+                    }
+                    Insertion::Duplicate | Insertion::NotInConflict | Insertion::Stale => {}
+                    Insertion::Blocked => {
+                        again.push(p);
+                        self.after_conflict(Rule::R1, begin)?;
+                    }
+                }
+                self.permits += 1;
             }
         }
-        self.pel.make_room(self.triangulation.tet_bound() as usize)?;
-        for t in self.triangulation.living_tets() {
-            self.pel.push_waiting(self.triangulation.stamp(t));
+        Ok(())
+    }
+
+    /// Takes the tets in the slots that this worker claimed into its list. While nobody operates.
+    pub fn collect(&mut self) -> Result<()> {
+        // Slots of the box are nobody's claim.
+        let mut living = room(CHUNK, "tets of a chunk")?;
+        let of_box = (self.me == 0).then(|| self.triangulation.box_slots());
+        for slots in self.worker.claimed().iter().cloned().chain(of_box) {
+            self.pel.make_room(slots.len())?;
+            living.clear();
+            living.extend(slots.filter(|&t| self.triangulation.is_living(t)));
+            self.rules.find_labels(&living);
+            self.work.lookups.labels += living.len() as u64;
+            for &t in &living {
+                self.triangulation.tet(t).set_mark(self.worker.mark());
+                self.pel.push_waiting(self.triangulation.stamp(t));
+            }
         }
         Ok(())
     }
 
-    fn check_vertices(&self) -> Result<()> {
-        let counters = &self.worker.counters;
-        if counters.insertions - counters.removals >= self.most_vertices {
-            return Err(Error::LimitReached(format!("the limit of {} vertices was reached", self.most_vertices)));
-        }
-        Ok(())
-    }
-
-    fn run(&mut self, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<()> {
+    /// Works until no rule applies, for the whole team.
+    pub fn run(&mut self) -> Result<()> {
+        self.timeline.turn_to(Doing::Refining, ticks());
         let mut steps = 0_u64;
         loop {
             if steps.is_multiple_of(LOOK_EVERY) {
-                self.look_around(schedule, monitor)?;
+                self.look_around()?;
             }
             steps += 1;
-            let Some(task) = self.pel.pop() else { return Ok(()) };
-            match task {
-                Task::Look(stamp) if self.triangulation.is_current(stamp) => self.look(stamp)?,
-                Task::Serve(stamp) if self.triangulation.is_current(stamp) => {
-                    if let Some(demand) = self.rules.volume_demand(stamp.tet) {
-                        self.carry_out(demand)?;
-                    }
-                }
-                Task::Look(..) | Task::Serve(_) => {}
+            if A::SHARED && self.team.begging.is_wanted() {
+                self.give();
+            }
+            match self.pel.pop() {
+                Some(Task::Remove(v)) => self.remove(v)?,
+                Some(Task::Look(stamp)) if self.triangulation.is_current(stamp) => self.look(stamp)?,
+                Some(Task::Serve(stamp)) if self.triangulation.is_current(stamp) => self.serve(stamp)?,
+                Some(Task::Look(_) | Task::Serve(_)) => {}
+                None if A::SHARED && self.beg()? => {}
+                None => return Ok(()),
             }
         }
     }
 
-    /// Reports, looks at the limits, and makes room on the stacks, so that pushing need not ask for memory.
+    /// Reports, looks at the limits, and makes room in the list, so that pushing need not ask for memory.
     #[cold]
-    fn look_around(&mut self, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<()> {
-        // Of the box there are some more.
+    fn look_around(&mut self) -> Result<()> {
+        // The box has some that nobody created.
         let tets = self.worker.counters.created.saturating_sub(self.worker.counters.destroyed);
-        // Approaches 1 from below however wrong the expectation is.
-        let part = 1.0 - (-2.0 * tets as f64 / self.expected_tets.max(1) as f64).exp();
-        monitor.advance_to(part, tets)?;
         self.pel.make_room(ROOM)?;
-        let later = u64::from(self.triangulation.tet_bound()) * schedule.limits.bytes_per_slot;
-        schedule.limits.check_memory(self.rules.bytes() + self.worker.bytes() + self.pel.bytes() + later)?;
-        schedule.limits.check_time()
+        let bytes = self.worker.bytes() + self.pel.bytes();
+        let told = std::mem::replace(&mut self.told, (tets, bytes));
+        self.team.look_around((tets.wrapping_sub(told.0), bytes.wrapping_sub(told.1)))
+    }
+
+    #[inline]
+    fn take_permit(&mut self) -> Result<()> {
+        if self.permits == 0 {
+            self.permits = self.team.take_permits()?;
+        }
+        self.permits -= 1;
+        Ok(())
     }
 
     fn look(&mut self, stamp: TetStamp) -> Result<()> {
         self.work.looks += 1;
-        self.rules.mark_looked(stamp.tet);
-        if let Some(demand) = self.rules.surface_demand(stamp.tet, Facets::Second, &mut self.work.lookups) {
+        self.rules.mark_elsewhere(stamp.tet);
+        let facets = Facets::Second(self.worker.mark());
+        if let Some(demand) = self.rules.surface_demand(stamp.tet, facets, &mut self.work.lookups) {
+            let fate = self.carry_out(stamp, &demand)?;
             // What was inserted may lie in the neighbour's circumball alone: then the tet is looked at again.
-            if self.carry_out(demand)? && self.triangulation.is_current(stamp) {
+            if fate != Fate::Dropped && self.triangulation.is_current(stamp) {
                 self.pel.push_made(stamp);
             }
         } else if self.rules.volume_demand(stamp.tet).is_some() {
@@ -216,47 +228,158 @@ impl Refiner<'_, '_> {
         Ok(())
     }
 
-    /// Inserts what a rule demanded, and applies R6. `false`: rounding placed the point on a vertex or out of the conflict zone; the demand stays unmet, and
-    /// is counted so in the end.
-    fn carry_out(&mut self, demand: Demand) -> Result<bool> {
-        self.check_vertices()?;
-        match self.worker.insert(self.triangulation, demand.start, demand.point, demand.kind)? {
-            Insertion::Done(v) => {
-                self.work.by_rule[demand.rule as usize] += 1;
-                self.rules.note_vertex(v, demand.point, demand.kind)?;
-                self.push_created();
-                if demand.kind == VertexKind::Isovertex {
-                    self.remove_near_free_vertices(demand)?;
-                }
-                Ok(true)
-            }
-            Insertion::Duplicate | Insertion::NotInConflict => Ok(false),
-            Insertion::Blocked => Err(blocked()),
+    fn serve(&mut self, stamp: TetStamp) -> Result<()> {
+        if let Some(demand) = self.rules.volume_demand(stamp.tet)
+            && self.carry_out(stamp, &demand)? == Fate::GivenUp
+        {
+            self.pel.push_poor(stamp);
         }
+        Ok(())
     }
 
-    fn remove_near_free_vertices(&mut self, demand: Demand) -> Result<()> {
-        let mut near = std::mem::take(&mut self.near);
-        self.rules.near_free_vertices(demand.point, &mut near);
-        for &v in &near {
-            if self.worker.remove(self.triangulation, v)? == Removal::Done {
-                self.work.by_rule[Rule::R6 as usize] += 1;
+    /// Inserts what the tet of `stamp` demanded.
+    fn carry_out(&mut self, stamp: TetStamp, demand: &Demand) -> Result<Fate> {
+        self.take_permit()?;
+        let begin = self.stamp_time();
+        let (rules, triangulation) = (self.rules, self.triangulation);
+        let outcome = self.worker.insert_if(
+            triangulation,
+            demand.start,
+            demand.point,
+            demand.kind,
+            || rules.still_demands(stamp, demand),
+            |v, tets| {
+                rules.find_labels(tets);
+                // While its vertices are owned: an isovertex that is inserted near it later finds it in the grid.
+                rules.note_vertex(v, demand.point, demand.kind)
+            },
+        )?;
+        let fate = match outcome {
+            Insertion::Done(_) => {
+                self.work.by_rule[demand.rule as usize] += 1;
                 self.push_created();
+                if demand.kind == VertexKind::Isovertex {
+                    self.rules.near_free_vertices(demand.point, &mut self.near);
+                    self.pel.push_removals(&self.near)?;
+                }
+                self.after_success();
+                return Ok(Fate::Done);
+            }
+            Insertion::Duplicate | Insertion::NotInConflict => Fate::Dropped,
+            Insertion::Stale => {
+                self.after_stale(begin);
+                Fate::GivenUp
+            }
+            Insertion::Blocked => {
+                self.after_conflict(demand.rule, begin)?;
+                Fate::GivenUp
+            }
+        };
+        self.permits += 1;
+        Ok(fate)
+    }
+
+    /// R6.
+    fn remove(&mut self, v: VertexId) -> Result<()> {
+        let begin = self.stamp_time();
+        let rules = self.rules;
+        match self.worker.remove_and(self.triangulation, v, |tets| rules.find_labels(tets))? {
+            Removal::Done => {
+                self.work.by_rule[Rule::R6 as usize] += 1;
+                self.permits += 1;
+                self.push_created();
+                self.after_success();
+            }
+            Removal::Stale => {}
+            Removal::Blocked => {
+                self.pel.push_removals(&[v])?;
+                self.after_conflict(Rule::R6, begin)?;
             }
         }
-        self.near = near;
         Ok(())
     }
 
     fn push_created(&mut self) {
+        self.work.lookups.labels += self.worker.created().len() as u64;
         for &t in self.worker.created() {
             self.pel.push_made(self.triangulation.stamp(t));
         }
     }
-}
 
-fn blocked() -> Error {
-    Error::Internal("a lone worker was blocked".into())
+    /// The time, if others might make this operation a vain one.
+    #[inline(always)]
+    fn stamp_time(&self) -> Ticks {
+        if A::SHARED { ticks() } else { 0 }
+    }
+
+    #[inline(always)]
+    fn after_success(&mut self) {
+        if A::SHARED {
+            self.team.contention.after_success(self.me, &mut self.streak, &self.team.waiters);
+        }
+    }
+
+    #[cold]
+    fn after_stale(&mut self, begin: Ticks) {
+        let end = ticks();
+        self.lost.overhead.stale += 1;
+        self.lost.rolling_back += end - begin;
+        self.timeline.interrupt(Doing::RollingBack, begin, end);
+    }
+
+    #[cold]
+    fn after_conflict(&mut self, rule: Rule, begin: Ticks) -> Result<()> {
+        let met = self.worker.access.met().ok_or_else(|| Error::Internal("a lone worker was blocked".into()))?;
+        let end = ticks();
+        self.lost.overhead.rollbacks[rule as usize] += 1;
+        self.lost.rolling_back += end - begin;
+        self.timeline.interrupt(Doing::RollingBack, begin, end);
+        if self.team.contention.after_conflict(self.me, met, &mut self.streak, &self.team.waiters) {
+            let woken = ticks();
+            self.lost.overhead.waits += 1;
+            self.lost.waiting += woken - end;
+            self.timeline.interrupt(Doing::Waiting, end, woken);
+        }
+        self.team.go_on()
+    }
+
+    /// Gives a beggar a part of the list, if there is enough of it.
+    #[cold]
+    fn give(&mut self) {
+        if self.pel.can_give()
+            && let Some(beggar) = self.team.begging.take_beggar(self.me)
+        {
+            let gift = self.pel.gift();
+            for stamp in &gift.waiting {
+                // Where the tet has died meanwhile, its slot's next one is looked at twice at worst.
+                self.rules.mark_elsewhere(stamp.tet);
+            }
+            self.lost.overhead.gifts += 1;
+            self.team.begging.give(beggar, gift, &self.team.waiters);
+        }
+    }
+
+    /// Waits for work; `false`: nobody has any.
+    fn beg(&mut self) -> Result<bool> {
+        let begin = ticks();
+        self.team.return_permits(std::mem::take(&mut self.permits));
+        self.team.contention.leave(self.me, &self.team.waiters);
+        self.lost.overhead.begs += 1;
+        let gift: Option<Gift> = self.team.begging.beg(self.me, &self.team.waiters);
+        self.lose_idle(begin);
+        self.team.go_on()?;
+        let Some(gift) = gift else { return Ok(false) };
+        self.team.contention.come_back(self.me);
+        self.pel.accept(gift)?;
+        Ok(true)
+    }
+
+    /// Notes that the worker had nothing to do since `begin`.
+    pub fn lose_idle(&mut self, begin: Ticks) {
+        let end = ticks();
+        self.lost.idle += end - begin;
+        self.timeline.interrupt(Doing::Begging, begin, end);
+    }
 }
 
 /// Counts the tets to which a rule still applies when refinement has ended, by rule: what was demanded and could not be inserted. A tet of the object that

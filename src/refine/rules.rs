@@ -11,8 +11,9 @@ use glam::DVec3;
 
 use super::vertex_grid::VertexGrid;
 use crate::Result;
-use crate::delaunay::tet::{FACET, NO_TAG};
-use crate::delaunay::{TetId, Triangulation, VertexId, VertexKind};
+use crate::delaunay::tet::{FACET, NO_TAG, NO_VERTEX, TetRecord};
+use crate::delaunay::worker::MARKS;
+use crate::delaunay::{Facet, TetId, TetStamp, Triangulation, VertexId, VertexKind};
 use crate::geometry::predicates::perturbation_order;
 use crate::geometry::shape::{has_angle_below, shortest_squared_edge, triangle_circumcircle};
 use crate::monitor::Monitor;
@@ -42,6 +43,19 @@ pub struct Demand {
     pub kind: VertexKind,
     /// A tet whose circumball holds the point.
     pub start: TetId,
+    /// What was found out about the neighbour of the tet that asks, where that matters.
+    pub across: Option<Across>,
+}
+
+/// The tet across a facet, as it was seen: it may have changed when the demand is carried out.
+#[derive(Clone, Copy, Debug)]
+pub struct Across {
+    /// The facet.
+    facet: Facet,
+    /// The tet's circumcenter.
+    center: DVec3,
+    /// Its label.
+    label: u16,
 }
 
 /// What was asked of the oracle.
@@ -56,14 +70,15 @@ pub struct Lookups {
 /// Tets carry the label of their circumcenter in the kernel's tag, once it is known.
 const LABEL_UNKNOWN: u16 = NO_TAG;
 
-/// The mark of a tet that was looked at; without it the tet waits, as every new tet does.
-const LOOKED: u8 = 1;
+/// The mark of a tet that does not wait in the list of the worker that made it: it was looked at, or waits in another list. No worker's mark.
+const ELSEWHERE: u8 = MARKS as u8;
 
 /// Which facets of a tet a look is to ask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Facets {
-    /// Those whose other tet was looked at: a facet is looked at with the second of its tets.
-    Second,
+    /// All but those whose other tet still waits in the list of this worker, by its mark: a facet is looked at with the second of its tets. Where the two are in different
+    /// workers' lists, each asks: both might believe to be the first.
+    Second(u8),
     /// Those whose other tet has a smaller id: each facet of a triangulation at rest once, if all tets are asked.
     Once,
 }
@@ -136,42 +151,40 @@ impl<'a> Rules<'a> {
         self.oracle.bytes() as u64 + self.triangulation.bytes() + self.free_vertices.bytes(vertices)
     }
 
-    /// The label id of the tet's circumcenter: the tet's label.
+    /// Finds the labels of tets that nobody else can have come to, or that all stand still. A tag is written at no other time: whoever found a label while the tet is destroyed
+    /// would write it to the next tet in the slot.
+    pub fn find_labels(&self, tets: &[TetId]) {
+        let tet = |i: usize| self.triangulation.tet(tets[i]);
+        self.oracle.labels(tets.len(), |i| tet(i).sphere().center, |i, label| tet(i).set_tag(label));
+    }
+
+    /// The label id of the tet's circumcenter: the tet's label. Of a triangulation at rest; tets that were made before the samples were complete have no tag.
     #[inline(always)]
     pub fn label(&self, t: TetId) -> u16 {
-        let label = self.triangulation.tet(t).tag();
-        if label != LABEL_UNKNOWN { label } else { self.find_label(t) }
-    }
-
-    #[cold]
-    fn find_label(&self, t: TetId) -> u16 {
         let record = self.triangulation.tet(t);
-        let label = self.oracle.label(record.sphere().center);
-        record.set_tag(label);
-        label
+        let label = record.tag();
+        if label == LABEL_UNKNOWN { self.oracle.label(record.sphere().center) } else { label }
     }
 
-    /// Notes that a tet is looked at.
+    /// Notes that a tet is no longer one that waits in the list of the worker that made it. A note that comes too late, to the slot's next tet, only makes its facets be
+    /// looked at twice.
     #[inline]
-    pub fn mark_looked(&self, t: TetId) {
-        self.triangulation.tet(t).set_mark(LOOKED);
+    pub fn mark_elsewhere(&self, t: TetId) {
+        self.triangulation.tet(t).set_mark(ELSEWHERE);
     }
 
-    /// What R3 asks for `facets` of `t`.
+    /// What R3 asks for `facets` of `t`, whose label is known.
     pub fn surface_demand(&self, t: TetId, facets: Facets, asked: &mut Lookups) -> Option<Demand> {
         let record = self.triangulation.tet(t);
         self.triangulation.prefetch_neighbors(t);
-        let sphere = record.sphere();
-        if !sphere.is_certain() {
+        if !record.sphere().is_certain() {
             return None;
         }
-        asked.labels += u64::from(record.tag() == LABEL_UNKNOWN);
-        let label = self.label(t);
-        let mut interfaces = self.interfaces(t, label, facets);
+        let mut interfaces = self.interfaces(record, t, facets);
         while interfaces != 0 {
             let i = interfaces.trailing_zeros() as usize;
             interfaces &= interfaces - 1;
-            if let Some(demand) = self.interface_demand(t, i, record.neighbor(i).tet(), asked) {
+            if let Some(demand) = self.interface_demand(t, i, asked) {
                 return Some(demand);
             }
         }
@@ -183,10 +196,10 @@ impl<'a> Rules<'a> {
         vertices.into_iter().any(|v| self.triangulation.vertex(v).kind() == VertexKind::Isovertex)
     }
 
-    /// Those of `facets` of `t`, whose label is `label`, that are interfaces, as bits. Which tets wait is as good as random, so there is no branch on it.
+    /// Those of `facets` of `t` that are interfaces, as bits. Which tets wait is as good as random, so there is no branch on it.
     #[inline]
-    fn interfaces(&self, t: TetId, label: u16, facets: Facets) -> u32 {
-        let record = self.triangulation.tet(t);
+    fn interfaces(&self, record: &TetRecord, t: TetId, facets: Facets) -> u32 {
+        let label = record.tag();
         let mut bits = 0;
         for i in 0..4 {
             let neighbor = record.neighbor(i);
@@ -195,26 +208,35 @@ impl<'a> Rules<'a> {
             }
             let other = self.triangulation.tet(neighbor.tet());
             let ask = match facets {
-                Facets::Second => other.mark() & LOOKED != 0,
+                Facets::Second(mark) => other.mark() != mark,
                 Facets::Once => neighbor.tet() < t,
             };
-            let known = other.tag();
-            let id = if ask & (known == LABEL_UNKNOWN) { self.find_label(neighbor.tet()) } else { known };
-            bits |= u32::from(ask & (id != label)) << i;
+            bits |= u32::from(ask & (other.tag() != label)) << i;
         }
         bits
     }
 
-    /// R3 for an interface facet: facet `i` of `t`, across which lies `neighbor`.
-    fn interface_demand(&self, t: TetId, i: usize, neighbor: TetId, asked: &mut Lookups) -> Option<Demand> {
+    /// R3 for an interface facet: facet `i` of `t`.
+    fn interface_demand(&self, t: TetId, i: usize, asked: &mut Lookups) -> Option<Demand> {
         let record = self.triangulation.tet(t);
-        let (here, there) = (record.sphere(), self.triangulation.tet(neighbor).sphere());
+        let vertices = record.vertices();
+        let neighbor = record.neighbor(i);
+        // With others at work the tet may be another one by now, or none: then the answer does not matter.
+        if vertices[0] == NO_VERTEX || neighbor.is_none() {
+            return None;
+        }
+        let other = self.triangulation.tet(neighbor.tet());
+        let (here, there) = (record.sphere(), other.sphere());
         if !there.is_certain() {
             return None;
         }
-        let vertices = FACET[i].map(|k| record.vertices()[k]);
+        let across = Across { facet: neighbor, center: there.center, label: other.tag() };
+        let vertices = FACET[i].map(|k| vertices[k]);
         let facet @ [a, b, c] = vertices.map(|v| self.triangulation.position(v));
-        let labels = [self.label(t), self.label(neighbor)];
+        let labels = [record.tag(), across.label];
+        if labels.contains(&LABEL_UNKNOWN) {
+            return None;
+        }
         let misshapen = vertices.iter().any(|&v| self.triangulation.vertex(v).kind() != VertexKind::Isovertex)
             || has_angle_below(a, b, c, self.facet_cosine_squared);
         if !misshapen && !self.strays(facet, [here.center, there.center], labels, asked) {
@@ -233,8 +255,20 @@ impl<'a> Rules<'a> {
         {
             return None;
         }
-        let start = if here.contains(x) == Some(true) { t } else { neighbor };
-        Some(Demand { rule: Rule::R3, point: x, kind: VertexKind::Isovertex, start })
+        let start = if here.contains(x) == Some(true) { t } else { neighbor.tet() };
+        Some(Demand { rule: Rule::R3, point: x, kind: VertexKind::Isovertex, start, across: Some(across) })
+    }
+
+    /// Whether a demand of the tet that `stamp` was taken of is still true. To be asked when `demand.start` is owned: then the tet, which is this or a neighbour, cannot change, nor can its neighbour
+    /// across the facet in question, which shares three vertices with it.
+    pub fn still_demands(&self, stamp: TetStamp, demand: &Demand) -> bool {
+        self.triangulation.is_current(stamp)
+            && demand.across.is_none_or(|seen| {
+                let other = self.triangulation.tet(seen.facet.tet());
+                other.neighbor(seen.facet.index()).tet() == stamp.tet
+                    && other.tag() == seen.label
+                    && other.sphere().center == seen.center
+            })
     }
 
     /// Whether an interface facet strays from its surface center by more than the facet distance: whether the dual segment, whose ends have
@@ -257,23 +291,29 @@ impl<'a> Rules<'a> {
 
     /// What the first volume rule (R2, R4, R5) that applies to `t` asks for.
     pub fn volume_demand(&self, t: TetId) -> Option<Demand> {
-        let label = self.label(t);
+        let record = self.triangulation.tet(t);
+        let label = record.tag();
         if label == 0 {
             return None;
         }
-        let record = self.triangulation.tet(t);
         let sphere = record.sphere();
         let squared_radius = sphere.squared_radius();
-        let demand = |rule| Some(Demand { rule, point: sphere.center, kind: VertexKind::Free, start: t });
+        let demand = |rule| Some(Demand { rule, point: sphere.center, kind: VertexKind::Free, start: t, across: None });
         if !sphere.is_certain() {
             return None;
         }
+        let vertices = record.vertices();
+        // With others at work the tet may have gone by now.
+        if vertices[0] == NO_VERTEX {
+            return None;
+        }
         // The cheapest first: all three ask for the same point.
-        if squared_radius > self.sizes_squared[usize::from(label)] {
+        let &size_squared = self.sizes_squared.get(usize::from(label))?;
+        if squared_radius > size_squared {
             demand(Rule::R5)
-        } else if squared_radius > self.large_squared && self.has_isovertex(record.vertices()) {
+        } else if squared_radius > self.large_squared && self.has_isovertex(vertices) {
             demand(Rule::R2)
-        } else if squared_radius > self.small_squared && self.is_skinny(record.vertices(), squared_radius) {
+        } else if squared_radius > self.small_squared && self.is_skinny(vertices, squared_radius) {
             demand(Rule::R4)
         } else {
             None

@@ -3,7 +3,8 @@
 //! The paper's R1 lets circumcenters look for dO: it inserts their closest surface points as long as these are delta away from all isovertices. What no circumcenter
 //! is near to it never finds, and every tet has to be asked. Here the image is asked instead, once, before there are tets: an interface, however small,
 //! crosses edges of the grid of voxel centres (`oracle/edges.rs`; divided where voxels are larger than delta), and each such crossing gets an isovertex
-//! within delta. Isovertices are never removed, so this holds from then on. The order of edges is that of the image, and the greedy choice depends on it alone.
+//! within delta. Isovertices are never removed, so this holds from then on. The greedy choice goes slab by slab of the image, of a thickness that spacing and delta alone
+//! decide: first every other slab, all at once; then those between them, each mindful of its two neighbours. So the samples are the same whatever the number of threads.
 //!
 //! **Moved crossings.** Crossings on a grid are massively cocircular. A sample is moved to a point of dO nearby, by up to a fifth of a voxel beside its edge, less where
 //! delta is below a voxel: exact arithmetic stays the exception, and facets are not all halves of squares. The move is at most delta/2, so samples
@@ -15,6 +16,7 @@
 //! Cost: some tens of nanoseconds per crossed edge, some hundreds per sample. Memory: 36 bytes per sample.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::cell_table::CellTable;
 use crate::Result;
@@ -30,22 +32,52 @@ const ROUND_LOG: u32 = 3;
 /// No sample.
 const NONE: u32 = u32::MAX;
 
-/// Samples of dO in the order in which they are best inserted. `go_on` is asked once per row of bricks of voxels.
+/// Samples of dO in the order in which they are best inserted.
+pub struct Samples {
+    /// Where they are.
+    pub points: Vec<DVec3>,
+    /// Where each round of insertion begins.
+    pub rounds: Vec<usize>,
+}
+
+/// Samples dO, on all threads of the current rayon pool. `go_on` is asked once per row of bricks of voxels.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; those of `go_on`.
-pub fn sample_isosurface(oracle: &Oracle, delta: f64, go_on: impl Fn() -> Result<()>) -> Result<Vec<DVec3>> {
-    let mut net = Net::new(oracle, delta)?;
+pub fn sample_isosurface(oracle: &Oracle, delta: f64, go_on: impl Fn() -> Result<()> + Sync) -> Result<Samples> {
     let grid = oracle.edge_grid(delta);
-    for row in 0..grid.rows() {
-        go_on()?;
-        grid.visit_row(row, |edge| if net.covers(edge.point) { Ok(()) } else { net.add(&edge) })?;
+    // Samples of two slabs with one between them are delta apart, and that one reaches no further.
+    let slabs = grid.slabs(2.0 * delta);
+    let sample = |slab: usize, before: &[&Net<'_>]| -> Result<Net<'_>> {
+        let mut net = Net::new(oracle, delta, grid.slab_bounds(&slabs[slab]))?;
+        for row in grid.slab_rows(&slabs[slab]) {
+            go_on()?;
+            grid.visit_row(row, |edge| {
+                let covered = net.covers(edge.point)
+                    || before.iter().any(|other| other.reaches(edge.point) && other.sample_near(edge.point).is_some());
+                if covered { Ok(()) } else { net.add(&edge) }
+            })?;
+        }
+        Ok(net)
+    };
+    let count = slabs.len();
+    let first = (0..count).into_par_iter().step_by(2).map(|slab| sample(slab, &[])).collect::<Result<Vec<_>>>()?;
+    let second = (1..count).into_par_iter().step_by(2).map(|slab| {
+        let neighbors: Vec<&Net<'_>> = first[slab / 2..].iter().take(2).collect();
+        sample(slab, &neighbors)
+    });
+    let second = second.collect::<Result<Vec<_>>>()?;
+    let total = first.iter().chain(&second).map(|net| net.points.len()).sum();
+    let mut points = room(total, "samples of the isosurface")?;
+    for slab in 0..count {
+        let nets = if slab % 2 == 0 { &first } else { &second };
+        points.extend_from_slice(&nets[slab / 2].points);
     }
-    insertion_order(&mut net.points)?;
-    Ok(net.points)
+    drop((first, second));
+    insertion_order(points)
 }
 
-/// The samples so far, in chains by cells of twice delta.
+/// The samples of a slab so far, in chains by cells of twice delta.
 struct Net<'a> {
     oracle: &'a Oracle,
     delta: f64,
@@ -53,17 +85,19 @@ struct Net<'a> {
     heads: Vec<u32>,
     next: Vec<u32>,
     points: Vec<DVec3>,
+    /// Holds all that its samples cover.
+    reach: [DVec3; 2],
     /// The sample that covered a point last: it is likely to cover the next one.
     last: DVec3,
 }
 
 impl<'a> Net<'a> {
-    fn new(oracle: &'a Oracle, delta: f64) -> Result<Self> {
-        let [lower, upper] = oracle.bounds();
-        // Queries reach delta beyond the bounds.
+    fn new(oracle: &'a Oracle, delta: f64, [lower, upper]: [DVec3; 2]) -> Result<Self> {
+        // Points and queries beyond share cells with others, which costs time alone.
         let cells = CellTable::new(lower - 2.0 * delta, upper + 2.0 * delta, 2.0 * delta);
+        let reach = [lower - 1.5 * delta, upper + 1.5 * delta];
         let heads = filled(cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
-        Ok(Self { oracle, delta, cells, heads, next: Vec::new(), points: Vec::new(), last: DVec3::INFINITY })
+        Ok(Self { oracle, delta, cells, heads, next: Vec::new(), points: Vec::new(), reach, last: DVec3::INFINITY })
     }
 
     /// Whether a sample is closer than delta to `p`.
@@ -72,38 +106,53 @@ impl<'a> Net<'a> {
         if self.last.distance_squared(p) < self.delta * self.delta {
             return true;
         }
+        let near = self.sample_near(p);
+        self.last = near.unwrap_or(self.last);
+        near.is_some()
+    }
+
+    /// Whether a sample may be closer than delta to `p`.
+    #[inline]
+    fn reaches(&self, p: DVec3) -> bool {
+        p.cmpge(self.reach[0]).all() && p.cmple(self.reach[1]).all()
+    }
+
+    /// A sample closer than delta to `p`.
+    #[inline]
+    fn sample_near(&self, p: DVec3) -> Option<DVec3> {
         // The cell of the point most likely has it.
         let own = self.cells.head_of(p);
-        if self.is_in_chain(own, p) {
-            return true;
+        if let near @ Some(_) = self.in_chain(own, p) {
+            return near;
         }
         let (from, to) = (self.cells.cell(p - self.delta), self.cells.cell(p + self.delta));
         for z in from.z..=to.z {
             for y in from.y..=to.y {
                 for x in from.x..=to.x {
                     let head = self.cells.head(x, y, z);
-                    if head != own && self.is_in_chain(head, p) {
-                        return true;
+                    if head != own
+                        && let near @ Some(_) = self.in_chain(head, p)
+                    {
+                        return near;
                     }
                 }
             }
         }
-        false
+        None
     }
 
-    /// Whether a sample of a chain is closer than delta to `p`.
+    /// A sample of a chain closer than delta to `p`.
     #[inline]
-    fn is_in_chain(&mut self, head: usize, p: DVec3) -> bool {
+    fn in_chain(&self, head: usize, p: DVec3) -> Option<DVec3> {
         let mut at = self.heads[head];
         while at != NONE {
             let q = self.points[at as usize];
             if q.distance_squared(p) < self.delta * self.delta {
-                self.last = q;
-                return true;
+                return Some(q);
             }
             at = self.next[at as usize];
         }
-        false
+        None
     }
 
     /// Adds the sample of an edge that no sample covers.
@@ -142,26 +191,34 @@ fn mix(state: u64, next: u64) -> u64 {
 }
 
 /// Sorts points into rounds, and along a space-filling curve in each.
-fn insertion_order(points: &mut Vec<DVec3>) -> Result<()> {
+fn insertion_order(points: Vec<DVec3>) -> Result<Samples> {
     const BITS: u32 = 16;
     let (mut lower, mut upper) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for &p in points.iter() {
         (lower, upper) = (lower.min(p), upper.max(p));
     }
     let scale = f64::from((1 << BITS) - 1) / (upper - lower).max_element().max(f64::MIN_POSITIVE);
-    let mut keys = room(points.len(), "places in the order of insertion")?;
-    for (at, &p) in points.iter().enumerate() {
+    let key = |(at, &p): (usize, &DVec3)| {
         let round = (mix(at as u64, 0) | 1 << (ROUND_LOG * 15)).trailing_zeros() / ROUND_LOG;
         let place = ((p - lower) * scale).to_array().map(|c| spread(c as u64));
         // The last round holds most of the points.
-        let key = u64::from(15 - round) << (3 * BITS) | place[0] | place[1] << 1 | place[2] << 2;
-        keys.push((key, at as u32));
-    }
-    keys.sort_unstable();
+        (u64::from(15 - round) << (3 * BITS) | place[0] | place[1] << 1 | place[2] << 2, at as u32)
+    };
+    let mut keys = room(points.len(), "places in the order of insertion")?;
+    points.par_iter().enumerate().map(key).collect_into_vec(&mut keys);
+    keys.par_sort_unstable();
     let mut sorted = room(points.len(), "samples of the isosurface")?;
-    sorted.extend(keys.iter().map(|&(_, at)| points[at as usize]));
-    *points = sorted;
-    Ok(())
+    keys.par_iter().map(|&(_, at)| points[at as usize]).collect_into_vec(&mut sorted);
+    let round = |at: usize| keys[at].0 >> (3 * BITS);
+    // Rounds grow by a factor: few ends have to be looked for.
+    let mut rounds = Vec::new();
+    let mut at = 0;
+    while at < keys.len() {
+        rounds.push(at);
+        let this = round(at);
+        at += keys[at..].partition_point(|key| key.0 >> (3 * BITS) == this);
+    }
+    Ok(Samples { points: sorted, rounds })
 }
 
 /// Puts two zeros behind each of the 16 low bits: three such numbers interleave to a place on the Z-order curve.

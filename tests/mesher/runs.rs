@@ -8,8 +8,8 @@ use lapd::mesher::mesh_image;
 use lapd::monitor::{CancelFlag, Monitor, Phase, Progress, Step};
 use lapd::oracle::Oracle;
 use lapd::params::{MeshParams, SurfaceModel};
-use lapd::refine::refiner::{Limits, Schedule};
 use lapd::refine::rules::Rules;
+use lapd::refine::team::Schedule;
 use lapd::refine::{refine, unmet_rules};
 
 use super::{params, run};
@@ -52,7 +52,7 @@ fn refining_again_changes_nothing() {
         let [lower, upper] = oracle.bounds();
         let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
         let rules = Rules::new(&triangulation, &oracle, &params, image.labels()).unwrap();
-        let schedule = Schedule { expected_tets: 1000, limits: Limits::default() };
+        let schedule = Schedule::solo();
         let first = refine(&rules, &schedule, &Monitor::silent()).unwrap().counters;
         println!("{surface:?}: {first:?}");
         assert!(first.insertions > 1000);

@@ -1,0 +1,103 @@
+//! The word that says who owns a vertex: the lock of speculative refinement.
+//!
+//! # The protocol
+//! **What is locked.** Vertices, [`GROUP`] with neighbouring ids by one word; what is said of a vertex here is true of its group. Ids are given out in sequence, and vertices that one worker inserts one after the other lie
+//! close together, so that most of an operation's vertices share few words. An operation owns every vertex of every tet that it rewrites before it writes anything (invariant 4 of the module), and gives all back when it has
+//! ended, completed or not. A tet can be rewritten only by a worker that owns its four vertices. Two tets that share a facet share three vertices, so from a tet that
+//! one owns one can go to its neighbours safely: they stay as they are although one does not own their fourth vertex.
+//!
+//! **The way in.** A worker comes to its first tet by a note that may be out of date. It reads the four vertices, owns them, and reads them again: if they are the same, the tet lives
+//! and nobody else can change it. (Whoever changes the slot owns all four old vertices meanwhile, and writes before giving them back; a free slot names no vertex.)
+//!
+//! **No deadlock.** A refusal ends the operation: its worker gives back all that it owns before it does anything else. Nobody waits while owning.
+//!
+//! **No livelock.** What a worker does after a refusal is the contention manager's business (`parallel/contention.rs`, which argues for each).
+//!
+//! **What is not locked.** Looking. Rules read tets and neighbours that they do not own, and may read a record while another worker rewrites it. All words are atomics, so this is no
+//! undefined behaviour, but what was read is a hint. It is checked when the tet is owned: the stamp is current, so the tet is what it was when the stamp was taken; the neighbour has the circumcenter and label that were
+//! read. A vertex that is being inserted need not be owned: each of its tets has three vertices that its worker owns.
+//!
+//! # Memory order
+//! `Acquire` on taking pairs with `Release` on giving back: who owns a vertex sees all that its former owners wrote. So all other words can be relaxed. The ids in a tet's record, of its neighbours and its vertices, are written with `Release` and read with
+//! `Acquire`, for those who look without owning: who reads an id finds the memory that it names, and a record that was filled once. On x86 all of these are plain loads and stores but the exchange itself.
+
+use super::VertexId;
+use super::chunked::{Zeroable, zeroed_array};
+use crate::sync::{AtomicU16, Ordering::*};
+
+/// log2 of [`GROUP`].
+const GROUP_LOG: u32 = 3;
+/// Vertices with neighbouring ids that one word locks.
+pub const GROUP: u32 = 1 << GROUP_LOG;
+/// Words. Vertices whose ids are so many groups apart share one: 8 million.
+const WORDS: usize = 1 << 20;
+
+/// The number of a vertex's word.
+#[inline(always)]
+pub fn word(v: VertexId) -> u32 {
+    (v >> GROUP_LOG) % WORDS as u32
+}
+
+/// The words of a triangulation's vertices: 2 MiB, of which what is never used is never touched.
+pub struct Owners(Box<[Owner; WORDS]>);
+
+impl Owners {
+    /// All nobody's.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn new() -> crate::Result<Self> {
+        Ok(Self(zeroed_array()?))
+    }
+
+    /// Word `word`.
+    #[inline(always)]
+    pub fn get(&self, word: u32) -> &Owner {
+        &self.0[word as usize % WORDS]
+    }
+}
+
+/// A worker as the owner of vertices: its number, from 1.
+pub type OwnerId = u16;
+
+const NOBODY: OwnerId = 0;
+
+/// What came of asking for a vertex.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Claim {
+    /// It is the worker's now, and was nobody's before.
+    Taken,
+    /// It was the worker's before.
+    Held,
+    /// Another worker owns it.
+    Refused(OwnerId),
+}
+
+/// Who owns a group of vertices. All bytes zero: nobody.
+#[derive(Debug, Default)]
+pub struct Owner(AtomicU16);
+
+// SAFETY: an atomic integer, for which 0 is a value; dropping it does nothing.
+unsafe impl Zeroable for Owner {}
+
+impl Owner {
+    /// Asks for the vertex in the name of worker `me`, without waiting.
+    #[inline]
+    pub fn claim(&self, me: OwnerId) -> Claim {
+        // Relaxed: only `me` itself can have written `me`, and a refusal needs no more than a name.
+        match self.0.load(Relaxed) {
+            NOBODY => match self.0.compare_exchange(NOBODY, me, Acquire, Relaxed) {
+                Ok(_) => Claim::Taken,
+                Err(other) => Claim::Refused(other),
+            },
+            owner if owner == me => Claim::Held,
+            other => Claim::Refused(other),
+        }
+    }
+
+    /// Gives the vertex back; only its owner does.
+    #[inline]
+    pub fn release(&self) {
+        self.0.store(NOBODY, Release);
+    }
+}

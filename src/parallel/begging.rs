@@ -1,0 +1,108 @@
+//! Begging lists: workers without work wait in them, and workers with more than they need give to the nearest.
+//!
+//! There is a list for every group of workers at every level: those that share a cache, those of a socket, all. A worker begs in its lowest list, unless all others
+//! of that group beg there already: the last of a group begs one level higher, so that work comes in from outside when a group has none (hierarchical work stealing; Foteinos and
+//! Chrisochoides 2014). With one level there is one list for all.
+//!
+//! **The end.** A worker that begins to beg is counted idle. A giver takes it off the count before it gives, and is not idle itself. So while a gift is on its way the count is
+//! below the number of workers; when it reaches that number, nobody has work and none is under way. No lock is needed to notice, and the worker that completes the count is the one that
+//! notices.
+//!
+//! **No gift is lost.** A beggar leaves its list only by the hand of a giver, which then puts the gift into the beggar's own slot.
+
+use super::topology::Levels;
+use super::waiters::Waiters;
+use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
+
+/// The lists of a team; `G` is what is given.
+#[derive(Debug)]
+pub struct Begging<G> {
+    levels: Levels,
+    /// By level and group.
+    lists: Vec<Vec<Mutex<Vec<usize>>>>,
+    slots: Vec<Slot<G>>,
+    /// Workers in lists; may be out of date.
+    beggars: AtomicUsize,
+    idle: AtomicUsize,
+    over: AtomicBool,
+}
+
+#[derive(Debug)]
+struct Slot<G> {
+    gift: Mutex<Option<G>>,
+    ready: AtomicBool,
+}
+
+impl<G> Begging<G> {
+    /// For the workers of `levels`, all of which have work.
+    pub fn new(levels: Levels) -> Self {
+        let lists = (0..levels.count())
+            .map(|level| (0..levels.groups(level)).map(|_| Mutex::new(Vec::new())).collect())
+            .collect();
+        let slot = |_| Slot { gift: Mutex::new(None), ready: AtomicBool::new(false) };
+        Self {
+            lists,
+            slots: (0..levels.workers()).map(slot).collect(),
+            levels,
+            beggars: AtomicUsize::new(0),
+            idle: AtomicUsize::new(0),
+            over: AtomicBool::new(false),
+        }
+    }
+
+    /// Worker `me` has no work: waits for some. `None`: nobody has any, or all waits are ended.
+    pub fn beg(&self, me: usize, waiters: &Waiters) -> Option<G> {
+        // Release: who sees all idle sees what all have done. Acquire: the same for this worker.
+        if self.idle.fetch_add(1, AcqRel) + 1 == self.slots.len() {
+            self.over.store(true, Release);
+            waiters.wake_all();
+            return None;
+        }
+        self.join(me);
+        let slot = &self.slots[me];
+        waiters.wait(|| slot.ready.load(Acquire) || self.over.load(Acquire));
+        if slot.ready.swap(false, AcqRel) { lock(&slot.gift).take() } else { None }
+    }
+
+    fn join(&self, me: usize) {
+        // Counted first: a giver that looks too early finds nobody, one that looks too late would never look.
+        self.beggars.fetch_add(1, Relaxed);
+        let top = self.lists.len() - 1;
+        for (level, lists) in self.lists.iter().enumerate() {
+            let group = self.levels.group(level, me);
+            let mut list = lock(&lists[group]);
+            if level == top || list.len() + 1 < self.levels.members(level, group) {
+                list.push(me);
+                return;
+            }
+        }
+    }
+
+    /// Whether somebody seems to beg.
+    #[inline]
+    pub fn is_wanted(&self) -> bool {
+        // Relaxed: a hint; the lists are looked at under their locks.
+        self.beggars.load(Relaxed) != 0
+    }
+
+    /// The beggar nearest to worker `me`, to whom it must [give](Self::give).
+    pub fn take_beggar(&self, me: usize) -> Option<usize> {
+        let beggar = self.lists.iter().enumerate().find_map(|(level, lists)| {
+            // First come, first served.
+            let mut list = lock(&lists[self.levels.group(level, me)]);
+            (!list.is_empty()).then(|| list.remove(0))
+        })?;
+        self.beggars.fetch_sub(1, Relaxed);
+        // Before the gift: the beggar counts as one with work from now on. This worker has some, so the count was below the number of workers.
+        self.idle.fetch_sub(1, AcqRel);
+        Some(beggar)
+    }
+
+    /// Gives to a beggar that was taken.
+    pub fn give(&self, beggar: usize, gift: G, waiters: &Waiters) {
+        let slot = &self.slots[beggar];
+        *lock(&slot.gift) = Some(gift);
+        slot.ready.store(true, Release);
+        waiters.wake(beggar);
+    }
+}

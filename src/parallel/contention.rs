@@ -1,0 +1,230 @@
+//! Contention managers: what a worker does after a conflict, when it has given up its operation and owns nothing.
+//!
+//! **Why there is no livelock.** A worker that waits owns nothing, so conflicts are with workers that run.
+//! - *Local*. A worker waits for the one it met, unless that one waits itself. Suppose the workers that run met only each other for ever. Each conflict makes one of the two wait, unless the other has
+//!   begun to wait meanwhile; so fewer and fewer run, and the last one meets nobody. It completes its operations, and wakes those who wait for it. *No cycle of waits*: before a worker waits it raises its own flag, then
+//!   looks at the other's, both sequentially consistent. Of the members of a cycle, the one that raised its flag last would have seen the flag of the one that it waits for. So the chain of waits from any worker ends at one that
+//!   runs; that one wakes its followers when it has made some progress, or has no work left.
+//! - *Global*. The same with one list; the last worker that runs never waits (counted under the list's lock).
+//! - *Random*. Two workers that meet again and again sleep for times that differ sooner or later. Certain only in probability.
+//! - *Aggressive*. None: workers go on with another element, which makes meeting again unlikely, not impossible.
+//!
+//! The first two are the published Local-CM and Global-CM; there the flags are raised under the locks of both workers.
+
+use std::collections::VecDeque;
+
+use super::waiters::Waiters;
+use crate::params::Contention as Policy;
+use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
+
+/// Operations that a worker completes before it wakes one of those who wait for it.
+const PROGRESS: u32 = 2;
+/// Conflicts in sequence after which a worker sleeps, under the policy Random.
+const PATIENCE: u32 = 3;
+/// Longest sleep after that many conflicts, as a power of two in microseconds; twice as long after each more.
+const SLEEP_LOG: u32 = 4;
+/// Longest sleep at all, as such a power.
+const MOST_SLEEP_LOG: u32 = 10;
+
+/// What a worker remembers of its own conflicts.
+#[derive(Debug)]
+pub struct Streak {
+    conflicts: u32,
+    successes: u32,
+    random: u64,
+}
+
+impl Streak {
+    /// That of worker `me` in the beginning.
+    pub fn new(me: usize) -> Self {
+        Self { conflicts: 0, successes: 0, random: (me as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15) }
+    }
+
+    /// The next pseudo-random number (G. Marsaglia, "Xorshift RNGs", 2003).
+    fn next_random(&mut self) -> u64 {
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 7;
+        self.random ^= self.random << 17;
+        self.random
+    }
+}
+
+/// The manager of a team.
+#[derive(Debug)]
+pub struct Contention {
+    policy: Policy,
+    workers: Vec<Place>,
+    line: Mutex<Line>,
+}
+
+/// A worker as one that waits and is waited for.
+#[derive(Debug)]
+struct Place {
+    waits: AtomicBool,
+    followers: Mutex<Followers>,
+    /// How many there are, to be looked at without the lock.
+    following: AtomicUsize,
+}
+
+/// Who waits for a worker.
+#[derive(Debug)]
+struct Followers {
+    /// Whether the worker has work: nobody waits for one that has none.
+    open: bool,
+    list: VecDeque<usize>,
+}
+
+/// Who waits, under the policy Global.
+#[derive(Debug)]
+struct Line {
+    /// Workers that have work and do not wait.
+    running: usize,
+    list: VecDeque<usize>,
+}
+
+impl Contention {
+    /// For `size` workers, all of which run.
+    pub fn new(policy: Policy, size: usize) -> Self {
+        let place = |_| Place {
+            waits: AtomicBool::new(false),
+            followers: Mutex::new(Followers { open: true, list: VecDeque::new() }),
+            following: AtomicUsize::new(0),
+        };
+        let line = Mutex::new(Line { running: size, list: VecDeque::new() });
+        Self { policy, workers: (0..size).map(place).collect(), line }
+    }
+
+    /// Worker `me` met worker `met`, and owns nothing any more. Returns whether it waited.
+    pub fn after_conflict(&self, me: usize, met: usize, streak: &mut Streak, waiters: &Waiters) -> bool {
+        streak.conflicts += 1;
+        streak.successes = 0;
+        match self.policy {
+            Policy::Local => self.follow(me, met, waiters),
+            Policy::Global => self.stand_in_line(me, waiters),
+            Policy::Random => {
+                let too_many = streak.conflicts.checked_sub(PATIENCE);
+                if let Some(more) = too_many {
+                    let most = 1 << (SLEEP_LOG + more).min(MOST_SLEEP_LOG);
+                    crate::sync::sleep_micros(1 + streak.next_random() % most);
+                }
+                too_many.is_some()
+            }
+            Policy::Aggressive => false,
+        }
+    }
+
+    fn follow(&self, me: usize, met: usize, waiters: &Waiters) -> bool {
+        let own = &self.workers[me].waits;
+        let other = &self.workers[met];
+        // SeqCst, here and below: the proof needs one order of all these.
+        own.store(true, SeqCst);
+        let follows = {
+            let mut followers = lock(&other.followers);
+            let may = followers.open && !other.waits.load(SeqCst);
+            if may {
+                followers.list.push_back(me);
+                other.following.store(followers.list.len(), Relaxed);
+            }
+            may
+        };
+        if follows {
+            waiters.wait(|| !own.load(SeqCst));
+        } else {
+            own.store(false, SeqCst);
+        }
+        follows
+    }
+
+    fn stand_in_line(&self, me: usize, waiters: &Waiters) -> bool {
+        let own = &self.workers[me].waits;
+        {
+            let mut line = lock(&self.line);
+            if line.running == 1 {
+                return false;
+            }
+            line.running -= 1;
+            line.list.push_back(me);
+            own.store(true, SeqCst);
+        }
+        waiters.wait(|| !own.load(SeqCst));
+        true
+    }
+
+    /// Worker `me` completed an operation.
+    #[inline]
+    pub fn after_success(&self, me: usize, streak: &mut Streak, waiters: &Waiters) {
+        streak.conflicts = 0;
+        streak.successes += 1;
+        if streak.successes >= PROGRESS {
+            streak.successes = 0;
+            match self.policy {
+                Policy::Local => self.wake_follower(me, waiters),
+                Policy::Global => self.wake_first(waiters),
+                Policy::Random | Policy::Aggressive => {}
+            }
+        }
+    }
+
+    fn wake_follower(&self, me: usize, waiters: &Waiters) {
+        let own = &self.workers[me];
+        // Relaxed: who comes too late to be seen is seen after the next operations, or when this worker has none left.
+        if own.following.load(Relaxed) == 0 {
+            return;
+        }
+        let first = {
+            let mut followers = lock(&own.followers);
+            let first = followers.list.pop_front();
+            own.following.store(followers.list.len(), Relaxed);
+            first
+        };
+        if let Some(first) = first {
+            self.wake(first, waiters);
+        }
+    }
+
+    fn wake_first(&self, waiters: &Waiters) {
+        let first = {
+            let mut line = lock(&self.line);
+            let first = line.list.pop_front();
+            line.running += usize::from(first.is_some());
+            first
+        };
+        if let Some(first) = first {
+            self.wake(first, waiters);
+        }
+    }
+
+    fn wake(&self, who: usize, waiters: &Waiters) {
+        self.workers[who].waits.store(false, SeqCst);
+        waiters.wake(who);
+    }
+
+    /// Worker `me` has no work left: nobody is to wait for it.
+    pub fn leave(&self, me: usize, waiters: &Waiters) {
+        match self.policy {
+            Policy::Local => {
+                let list = {
+                    let mut followers = lock(&self.workers[me].followers);
+                    followers.open = false;
+                    self.workers[me].following.store(0, Relaxed);
+                    std::mem::take(&mut followers.list)
+                };
+                list.into_iter().for_each(|follower| self.wake(follower, waiters));
+            }
+            Policy::Global => {
+                lock(&self.line).running -= 1;
+                self.wake_first(waiters);
+            }
+            Policy::Random | Policy::Aggressive => {}
+        }
+    }
+
+    /// Worker `me`, which had left, has work again.
+    pub fn come_back(&self, me: usize) {
+        match self.policy {
+            Policy::Local => lock(&self.workers[me].followers).open = true,
+            Policy::Global => lock(&self.line).running += 1,
+            Policy::Random | Policy::Aggressive => {}
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! How workers share work and stay out of each other's way; knows no mesh.
+//!
+//! From the paper's sections 1 to 3, and P. Foteinos, N. Chrisochoides, "High quality real-time image-to-mesh conversion for finite element simulations" (2014), where the
+//! contention managers and the hierarchical begging lists are published.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`contention`] | what a worker does when another one owned a vertex that it needed; why there is no livelock |
+//! | [`begging`] | who gets work from whom; how the end is noticed |
+//! | [`stretches`] | a list that all work off, each from its own place |
+//! | [`topology`] | which workers are near to each other |
+//! | [`waiters`] | waiting, waking, and ending all waits |
+//! | [`clock`] | time stamps that cost next to nothing |
+//!
+//! All of it is modelled with the loom model checker, together with the lock of vertices: `verification/loom`.
+
+pub mod begging;
+pub mod clock;
+pub mod contention;
+pub mod stretches;
+pub mod topology;
+pub mod waiters;

@@ -1,0 +1,92 @@
+//! A list that all workers work off. Each begins with a stretch of its own, so that what lies together in the list is done by one worker, and takes from the ends of others' stretches when
+//! its own is done.
+
+use std::ops::Range;
+
+use crate::sync::{AtomicU64, Ordering::Relaxed};
+
+/// Entries that a worker takes at once.
+const BLOCK: usize = 32;
+
+/// What is left of each worker's stretch: first entry, and the one after the last in the upper half.
+#[derive(Debug)]
+pub struct Stretches(Vec<AtomicU64>);
+
+fn pack(range: Range<usize>) -> u64 {
+    range.start as u64 | (range.end as u64) << 32
+}
+
+fn unpack(word: u64) -> Range<usize> {
+    word as u32 as usize..(word >> 32) as usize
+}
+
+impl Stretches {
+    /// Divides a range, of numbers below 2^32, among `size` workers.
+    pub fn new(range: Range<usize>, size: usize) -> Self {
+        let at = |part: usize| range.start + (range.len() as u64 * part as u64 / size as u64) as usize;
+        Self((0..size).map(|part| AtomicU64::new(pack(at(part)..at(part + 1)))).collect())
+    }
+
+    /// The next entries for worker `me`; `None`: all are taken.
+    pub fn take(&self, me: usize) -> Option<Range<usize>> {
+        self.take_of(me, |left| left.start..(left.start + BLOCK).min(left.end), |left, taken| taken.end..left.end)
+            .or_else(|| {
+                let left = |who: &usize| unpack(self.0[*who].load(Relaxed)).len();
+                // Another worker may be faster: then there is another longest, until nothing is left.
+                loop {
+                    let longest = (0..self.0.len()).max_by_key(left).filter(|who| left(who) > 0)?;
+                    let from = |left: &Range<usize>| left.end.saturating_sub(BLOCK).max(left.start)..left.end;
+                    if let Some(taken) = self.take_of(longest, from, |left, taken| left.start..taken.start) {
+                        return Some(taken);
+                    }
+                }
+            })
+    }
+
+    /// Takes a part of a stretch. Relaxed: the words say who does what, and publish nothing.
+    fn take_of(
+        &self,
+        who: usize,
+        part: impl Fn(&Range<usize>) -> Range<usize>,
+        rest: impl Fn(&Range<usize>, &Range<usize>) -> Range<usize>,
+    ) -> Option<Range<usize>> {
+        let mut now = self.0[who].load(Relaxed);
+        loop {
+            let left = unpack(now);
+            if left.is_empty() {
+                return None;
+            }
+            let taken = part(&left);
+            match self.0[who].compare_exchange_weak(now, pack(rest(&left, &taken)), Relaxed, Relaxed) {
+                Ok(_) => return Some(taken),
+                Err(other) => now = other,
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_entry_is_taken_once() {
+        let stretches = Stretches::new(5..10_000, 3);
+        let taken = std::thread::scope(|scope| {
+            let work = |me| {
+                let stretches = &stretches;
+                scope.spawn(move || std::iter::from_fn(|| stretches.take(me)).flatten().collect::<Vec<_>>())
+            };
+            let workers = [work(0), work(1), work(2)];
+            workers.map(|worker| worker.join().unwrap()).concat()
+        });
+        let mut sorted = taken;
+        sorted.sort_unstable();
+        assert!(sorted.into_iter().eq(5..10_000));
+    }
+
+    #[test]
+    fn an_empty_list_has_nothing_to_take() {
+        assert_eq!(Stretches::new(7..7, 4).take(2), None);
+    }
+}

@@ -1,0 +1,153 @@
+//! What each thread of a refinement did, and with what it lost time.
+//!
+//! The three overheads are those of the paper's section 5.2, without that of remote accesses: operations that were rolled back, waiting after conflicts, and waiting for work.
+
+use super::refiner::Work;
+use crate::delaunay::worker::Counters;
+use crate::parallel::clock::{Clock, Ticks, ticks};
+
+/// What a thread does in a span of time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doing {
+    /// It inserts samples of the isosurface.
+    Sampling,
+    /// It looks at tets and serves those that are poor.
+    Refining,
+    /// It made a part of an operation that it gave up.
+    RollingBack,
+    /// It waits after a conflict, as the contention manager said.
+    Waiting,
+    /// It has no work and waits for some, or for the others to end.
+    Begging,
+}
+
+/// A span of time, in seconds since the refinement began.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Span {
+    /// What the thread did.
+    pub doing: Doing,
+    /// When it began.
+    pub start: f64,
+    /// When it ended.
+    pub end: f64,
+}
+
+/// Time lost, and how often for what.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Overhead {
+    /// Operations given up because another thread owned a vertex: insertions for each of R1 to R5, removals for R6.
+    pub rollbacks: [u64; 6],
+    /// Operations given up because the tet, its neighbour or the vertex had changed when they were owned at last.
+    pub stale: u64,
+    /// Seconds spent in operations that were given up.
+    pub rollback_seconds: f64,
+    /// Seconds spent waiting after conflicts.
+    pub contention_seconds: f64,
+    /// Seconds spent without work.
+    pub idle_seconds: f64,
+    /// How often the thread waited after a conflict.
+    pub waits: u64,
+    /// How often it asked for work.
+    pub begs: u64,
+    /// How often it gave work to another thread.
+    pub gifts: u64,
+}
+
+/// What one thread did.
+#[derive(Clone, Debug, Default)]
+pub struct ThreadReport {
+    /// Operations of the kernel.
+    pub operations: Counters,
+    /// The rules' part.
+    pub work: Work,
+    /// Time lost.
+    pub overhead: Overhead,
+    /// What it did when, if that was asked for: one thing after the other.
+    pub timeline: Vec<Span>,
+}
+
+impl Overhead {
+    /// Adds what another thread lost.
+    pub fn add(&mut self, other: &Self) {
+        for (sum, count) in self.rollbacks.iter_mut().zip(other.rollbacks) {
+            *sum += count;
+        }
+        self.stale += other.stale;
+        self.rollback_seconds += other.rollback_seconds;
+        self.contention_seconds += other.contention_seconds;
+        self.idle_seconds += other.idle_seconds;
+        self.waits += other.waits;
+        self.begs += other.begs;
+        self.gifts += other.gifts;
+    }
+}
+
+/// Time lost, while it is being counted.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Lost {
+    /// All but the times.
+    pub overhead: Overhead,
+    pub rolling_back: Ticks,
+    pub waiting: Ticks,
+    pub idle: Ticks,
+}
+
+impl Lost {
+    /// With the times in seconds.
+    pub fn overhead(&self, seconds_per_tick: f64) -> Overhead {
+        let seconds = |ticks: Ticks| ticks as f64 * seconds_per_tick;
+        Overhead {
+            rollback_seconds: seconds(self.rolling_back),
+            contention_seconds: seconds(self.waiting),
+            idle_seconds: seconds(self.idle),
+            ..self.overhead
+        }
+    }
+}
+
+/// Most spans that a thread keeps; later ones are dropped.
+const MOST_SPANS: usize = 1 << 18;
+
+/// What a thread does when, while it does it: one thing after the other.
+#[derive(Debug)]
+pub(super) struct Timeline {
+    keeps: bool,
+    spans: Vec<(Doing, Ticks, Ticks)>,
+    /// What it does when nothing else is noted, and since when that is so.
+    now: Doing,
+    since: Ticks,
+}
+
+impl Timeline {
+    pub fn new(keeps: bool) -> Self {
+        Self { keeps, spans: Vec::new(), now: Doing::Sampling, since: ticks() }
+    }
+
+    /// From `start` on the thread does something else by default.
+    pub fn turn_to(&mut self, doing: Doing, start: Ticks) {
+        self.push(self.now, self.since, start);
+        (self.now, self.since) = (doing, start);
+    }
+
+    /// Between the two the thread did something else.
+    pub fn interrupt(&mut self, doing: Doing, start: Ticks, end: Ticks) {
+        self.push(self.now, self.since, start);
+        self.push(doing, start, end);
+        self.since = end;
+    }
+
+    fn push(&mut self, doing: Doing, start: Ticks, end: Ticks) {
+        if self.keeps && end > start && self.spans.len() < MOST_SPANS && self.spans.try_reserve(1).is_ok() {
+            self.spans.push((doing, start, end));
+        }
+    }
+
+    /// The spans; the thread ends here.
+    pub fn spans(mut self, clock: &Clock, seconds_per_tick: f64) -> Vec<Span> {
+        self.push(self.now, self.since, ticks());
+        let seconds = |ticks: Ticks| ticks.saturating_sub(clock.first()) as f64 * seconds_per_tick;
+        let span =
+            |&(doing, start, end): &(Doing, Ticks, Ticks)| Span { doing, start: seconds(start), end: seconds(end) };
+        self.spans.iter().map(span).collect()
+    }
+}

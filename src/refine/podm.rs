@@ -1,0 +1,192 @@
+//! PODM: parallel optimistic Delaunay meshing, the paper's sections 1 to 3. All workers refine one triangulation, each from its own poor element list; vertices are locked by trial
+//! (`delaunay/ownership`), an operation that meets another worker's lock is given up (`parallel/contention`), and who has no work begs for some (`parallel/begging`).
+//!
+//! 1. The image is sampled (`sampling`), on all threads.
+//! 2. One worker inserts the first rounds of samples: some hundreds, of which each cavity takes a large part of the triangulation.
+//! 3. All workers insert the rest, each along its own stretch of each round's curve.
+//! 4. When all samples are in, each worker takes the tets of the memory that it claimed into its list.
+//! 5. All work off their lists until nobody has any work.
+//!
+//! With one worker the same steps run on the calling thread, and nothing is locked. The result of one worker is the same in every run; that of several depends on who came first.
+//!
+//! A worker that ends early, because of a limit, a cancel or a panic, stops the team: every wait ends at once, and the others end at their next look around, between two operations.
+
+use std::ops::Range;
+use std::thread;
+
+use super::activity::ThreadReport;
+use super::refiner::{Refiner, Work};
+use super::rules::Rules;
+use super::sampling::{Samples, sample_isosurface};
+use super::team::{Schedule, Team};
+use crate::delaunay::worker::Counters;
+use crate::delaunay::{Access, Solo, TetId, TryLock, Worker};
+use crate::monitor::Monitor;
+use crate::panics;
+use crate::parallel::clock::{Clock, ticks};
+use crate::parallel::stretches::Stretches;
+use crate::{Error, Result};
+
+/// Least samples that all workers insert at once, for each of them: with fewer in the triangulation cavities meet too often.
+const SAMPLES_PER_WORKER: usize = 100;
+
+/// How a refinement ended.
+#[derive(Debug)]
+pub struct Refinement {
+    /// Operations of all threads.
+    pub counters: Counters,
+    /// Rules and lookups.
+    pub work: Work,
+    /// The same for each thread, and what it lost.
+    pub threads: Vec<ThreadReport>,
+    /// The limit that ended it; `None`: no rule applies any more.
+    pub ended_by: Option<Error>,
+}
+
+/// Refines until no rule applies, or a limit is reached: one of the schedule's, or that of the ids. Worker threads are joined before this returns.
+///
+/// # Errors
+/// [`Error::Cancelled`]; [`Error::OutOfMemory`], also when a thread cannot be had; [`Error::Internal`], also when a worker panics.
+pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<Refinement> {
+    let clock = Clock::start();
+    let go_on = || monitor.check_cancelled().and_then(|()| schedule.limits.check_time());
+    let Samples { points, rounds } = match sample_isosurface(rules.oracle, rules.delta, go_on) {
+        Err(limit) if limit.is_limit() => return Ok(Refinement::none(limit)),
+        samples => samples?,
+    };
+    let first = first_for_all(&rounds, points.len(), schedule.threads);
+    let total = points.len();
+    let report_progress = |part, tets| monitor.advance_to(part, tets);
+    let team = Team::new(rules, points, schedule, &report_progress);
+    let mut lead = Refiner::new(&team, 0, Worker::new(Solo, 0));
+    team.waiters.register(0);
+    let alone = if schedule.threads == 1 { total } else { first };
+    let mut begun = false;
+    let done = lead.insert_samples(|| (!std::mem::replace(&mut begun, true)).then_some(0..alone));
+    let threads = match done {
+        Err(error) => {
+            team.stop(error);
+            vec![report(lead, &clock)]
+        }
+        Ok(()) if schedule.threads == 1 => {
+            if let Err(error) = lead.collect().and_then(|()| lead.run()) {
+                team.stop(error);
+            }
+            vec![report(lead, &clock)]
+        }
+        Ok(()) => {
+            let starts = rounds.iter().copied().filter(|&start| start >= first);
+            let ends = rounds.iter().copied().filter(|&start| start > first).chain([total]);
+            let stretches: Vec<Stretches> =
+                starts.zip(ends).map(|(start, end)| Stretches::new(start..end, schedule.threads)).collect();
+            work_together(&team, lead.with_access(TryLock::new(0)), &stretches, &clock)
+        }
+    };
+    let (mut counters, mut work) = (Counters::default(), Work::default());
+    for thread in &threads {
+        counters.add(&thread.operations);
+        work.add(&thread.work);
+    }
+    let ended_by = match team.failure() {
+        Some(limit) if limit.is_limit() => Some(limit),
+        Some(error) => return Err(error),
+        None => None,
+    };
+    if ended_by.is_some() {
+        // Those that were made before the samples were complete have none.
+        let tets: Vec<TetId> = rules.triangulation.living_tets().collect();
+        rules.find_labels(&tets);
+    }
+    Ok(Refinement { counters, work, threads, ended_by })
+}
+
+impl Refinement {
+    fn none(limit: Error) -> Self {
+        Self { counters: Counters::default(), work: Work::default(), threads: Vec::new(), ended_by: Some(limit) }
+    }
+}
+
+/// The first sample that all workers insert at once: a round's first. Rounds grow by a constant factor, so those before are few.
+fn first_for_all(rounds: &[usize], total: usize, threads: usize) -> usize {
+    let enough = SAMPLES_PER_WORKER * threads;
+    rounds.iter().copied().find(|&start| start >= enough).unwrap_or(total)
+}
+
+/// Lets all workers do their part; the first is the calling thread.
+fn work_together<'t, 'a>(
+    team: &'t Team<'a>,
+    lead: Refiner<'t, 'a, TryLock>,
+    stretches: &[Stretches],
+    clock: &Clock,
+) -> Vec<ThreadReport> {
+    thread::scope(|scope| {
+        let others: Vec<_> = (1..team.size())
+            .map(|me| {
+                let part = move || {
+                    let worker = Refiner::new(team, me, Worker::new(TryLock::new(me), me));
+                    do_part(team, me, worker, stretches, clock)
+                };
+                thread::Builder::new().name(format!("lapd-{me}")).spawn_scoped(scope, part)
+            })
+            .collect();
+        if others.iter().any(|thread| thread.is_err()) {
+            team.stop(Error::OutOfMemory { count: team.size(), what: "threads" });
+        }
+        let mut reports = vec![do_part(team, 0, lead, stretches, clock)];
+        // A worker's panic is caught within its part.
+        reports.extend(others.into_iter().flatten().map(|thread| thread.join().unwrap_or_default()));
+        reports
+    })
+}
+
+/// A worker's part.
+fn do_part(
+    team: &Team<'_>,
+    me: usize,
+    mut worker: Refiner<'_, '_, TryLock>,
+    stretches: &[Stretches],
+    clock: &Clock,
+) -> ThreadReport {
+    team.waiters.register(me);
+    let done = panics::catch(|| {
+        let mut rounds = stretches.iter();
+        let mut round = rounds.next();
+        let next = || -> Option<Range<usize>> {
+            while let Some(stretches) = round {
+                if let taken @ Some(_) = stretches.take(me) {
+                    return taken;
+                }
+                round = rounds.next();
+            }
+            None
+        };
+        worker.insert_samples(next)?;
+        // Nobody waits any more for one who waits for all.
+        team.contention.leave(me, &team.waiters);
+        let begin = ticks();
+        team.meet(0)?;
+        team.contention.come_back(me);
+        worker.lose_idle(begin);
+        worker.collect()?;
+        let begin = ticks();
+        team.meet(1)?;
+        worker.lose_idle(begin);
+        worker.run()
+    });
+    // A worker that panicked has lost count, and may own vertices for ever: all others are stopped.
+    let done = done.unwrap_or_else(|panic| Err(Error::Internal(panic)));
+    if let Err(error) = done {
+        team.stop(error);
+    }
+    report(worker, clock)
+}
+
+fn report<A: Access>(worker: Refiner<'_, '_, A>, clock: &Clock) -> ThreadReport {
+    let seconds_per_tick = clock.seconds_per_tick();
+    ThreadReport {
+        operations: worker.worker.counters,
+        work: worker.work,
+        overhead: worker.lost.overhead(seconds_per_tick),
+        timeline: worker.timeline.spans(clock, seconds_per_tick),
+    }
+}

@@ -1,0 +1,211 @@
+//! What the workers of one refinement share: the rules, the limits, the way to stop, and who waits for whom.
+
+use std::time::Instant;
+
+use glam::DVec3;
+
+use super::pel::Gift;
+use super::rules::Rules;
+use crate::parallel::begging::Begging;
+use crate::parallel::contention::Contention;
+use crate::parallel::topology::Levels;
+use crate::parallel::waiters::Waiters;
+use crate::params;
+use crate::sync::{AtomicU64, AtomicUsize, Mutex, Ordering::*, lock};
+use crate::{Error, Result};
+
+/// Permits to insert a vertex that a worker takes at once.
+const PERMITS: u64 = 64;
+
+/// Tets of the whole triangulation that a sample of the isosurface comes to have about it, for progress only.
+const TETS_PER_SAMPLE: u64 = 8;
+
+/// What a refinement is told beside the rules.
+pub struct Schedule {
+    /// Tets expected in the end, beside those around samples of the isosurface; progress is measured against it.
+    pub expected_tets: u64,
+    /// Where to end, whether rules still apply or not.
+    pub limits: Limits,
+    /// Workers; at least 1.
+    pub threads: usize,
+    /// What workers do after conflicts.
+    pub contention: params::Contention,
+    /// Whom workers without work ask.
+    pub begging: params::Begging,
+    /// Whether to keep what each worker did when.
+    pub timeline: bool,
+}
+
+impl Schedule {
+    /// One worker without limits.
+    pub fn solo() -> Self {
+        Self {
+            expected_tets: 1,
+            limits: Limits::default(),
+            threads: 1,
+            contention: params::Contention::default(),
+            begging: params::Begging::default(),
+            timeline: false,
+        }
+    }
+}
+
+/// Limits of a run; `None` is no limit.
+#[derive(Clone, Debug, Default)]
+pub struct Limits {
+    /// Most vertices, those of the box not counted.
+    pub max_vertices: Option<usize>,
+    /// When to end, and how many seconds that was after the run's start.
+    pub deadline: Option<(Instant, f64)>,
+    /// Most bytes: of the oracle, the triangulation, the grids, the lists, and of what comes after the refinement.
+    pub max_memory: Option<u64>,
+    /// Bytes that are needed after the refinement for each slot of a tet.
+    pub bytes_per_slot: u64,
+}
+
+impl Limits {
+    /// # Errors
+    /// [`Error::TimeLimit`] past the deadline.
+    pub fn check_time(&self) -> Result<()> {
+        match self.deadline {
+            Some((end, seconds)) if Instant::now() >= end => {
+                Err(Error::TimeLimit(format!("the time limit of {seconds} seconds was reached")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// # Errors
+    /// [`Error::MemoryLimit`] when `needed`, in bytes, is more than allowed.
+    pub fn check_memory(&self, needed: u64) -> Result<()> {
+        match self.max_memory {
+            Some(most) if needed > most => {
+                Err(Error::MemoryLimit(format!("the memory limit of {most} bytes was reached: {needed} are needed")))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Told which part is done, and how many tets there are; an error stops the team.
+pub(super) type Report<'a> = dyn Fn(f64, u64) -> Result<()> + Sync + 'a;
+
+/// The team.
+pub(super) struct Team<'a> {
+    pub rules: &'a Rules<'a>,
+    pub samples: Vec<DVec3>,
+    pub keeps_timeline: bool,
+    pub waiters: Waiters,
+    pub contention: Contention,
+    pub begging: Begging<Gift>,
+    limits: &'a Limits,
+    report: &'a Report<'a>,
+    expected_tets: u64,
+    size: usize,
+    /// Vertices that may still be inserted and that no worker has a permit for.
+    permits: AtomicU64,
+    /// Tets, and bytes of the workers, as they last told; sums that wrap.
+    tets: AtomicU64,
+    bytes: AtomicU64,
+    /// Workers that came to each meeting.
+    meetings: [AtomicUsize; 2],
+    /// Why the team was stopped: the first reason.
+    failure: Mutex<Option<Error>>,
+}
+
+impl<'a> Team<'a> {
+    pub fn new(rules: &'a Rules<'a>, samples: Vec<DVec3>, schedule: &'a Schedule, report: &'a Report<'a>) -> Self {
+        let size = schedule.threads;
+        Self {
+            rules,
+            keeps_timeline: schedule.timeline,
+            waiters: Waiters::new(size),
+            contention: Contention::new(schedule.contention, size),
+            begging: Begging::new(Levels::of_machine(size, schedule.begging)),
+            limits: &schedule.limits,
+            report,
+            expected_tets: schedule.expected_tets + TETS_PER_SAMPLE * samples.len() as u64,
+            size,
+            samples,
+            permits: AtomicU64::new(schedule.limits.max_vertices.map_or(u64::MAX / 2, |most| most as u64)),
+            tets: AtomicU64::new(0),
+            bytes: AtomicU64::new(0),
+            meetings: [AtomicUsize::new(0), AtomicUsize::new(0)],
+            failure: Mutex::new(None),
+        }
+    }
+
+    /// How many workers there are.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    /// Reports, and looks at limits and the cancel flag; a worker's tets and bytes have grown by `more`, which may be less than nothing, wrapped.
+    pub fn look_around(&self, more: (u64, u64)) -> Result<()> {
+        self.go_on()?;
+        // Relaxed: sums for people and limits.
+        let tets = self.tets.fetch_add(more.0, Relaxed).wrapping_add(more.0);
+        let bytes = self.bytes.fetch_add(more.1, Relaxed).wrapping_add(more.1);
+        // Approaches 1 from below however wrong the expectation is.
+        let part = 1.0 - (-2.0 * tets as f64 / self.expected_tets.max(1) as f64).exp();
+        (self.report)(part, tets)?;
+        let later = u64::from(self.rules.triangulation.tet_bound()) * self.limits.bytes_per_slot;
+        self.limits.check_memory(self.rules.bytes() + bytes + later)?;
+        self.limits.check_time()
+    }
+
+    /// Ends all waits; each worker ends at its next look around. The first reason counts.
+    pub fn stop(&self, reason: Error) {
+        lock(&self.failure).get_or_insert(reason);
+        self.waiters.stop();
+    }
+
+    /// Nothing while the team works on.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] when it was stopped; the reason is told by [`Self::failure`].
+    #[inline]
+    pub fn go_on(&self) -> Result<()> {
+        if self.waiters.is_stopped() { Err(Error::Cancelled) } else { Ok(()) }
+    }
+
+    /// Why the team was stopped.
+    pub fn failure(self) -> Option<Error> {
+        lock(&self.failure).take()
+    }
+
+    /// Some permits to insert a vertex.
+    ///
+    /// # Errors
+    /// [`Error::LimitReached`] when none is left.
+    pub fn take_permits(&self) -> Result<u64> {
+        // Relaxed: a number of which each takes a part.
+        let left = self.permits.fetch_update(Relaxed, Relaxed, |left| Some(left.saturating_sub(PERMITS)));
+        match left.unwrap_or_else(|left| left).min(PERMITS) {
+            0 => {
+                let most = self.limits.max_vertices.unwrap_or(usize::MAX);
+                Err(Error::LimitReached(format!("the limit of {most} vertices was reached")))
+            }
+            permits => Ok(permits),
+        }
+    }
+
+    /// Gives back permits that were not used.
+    pub fn return_permits(&self, permits: u64) {
+        self.permits.fetch_add(permits, Relaxed);
+    }
+
+    /// Waits until all workers have come to meeting `which`.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`] when the team was stopped.
+    pub fn meet(&self, which: usize) -> Result<()> {
+        let come = &self.meetings[which];
+        // What each did before the meeting all see after it.
+        if come.fetch_add(1, AcqRel) + 1 == self.size {
+            self.waiters.wake_all();
+        }
+        self.waiters.wait(|| come.load(Acquire) == self.size);
+        self.go_on()
+    }
+}
