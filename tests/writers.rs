@@ -1,11 +1,12 @@
-//! The writers: bytes of a small mesh against committed files, and what other programs' readers make of it.
+//! The writers: bytes of a small mesh against committed files, and what other programs' readers make of it; timelines as a JSON parser reads them.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use lapd::io::write_mesh;
+use lapd::io::{write_mesh, write_timeline};
 use lapd::mesh::{NONE, TetMesh};
+use lapd::refine::activity::{Doing, Span, ThreadReport};
 
 /// Two tets with labels 7 and -2 that share a facet, and one of label 0 on the side of the first.
 fn mesh() -> TetMesh {
@@ -159,4 +160,38 @@ fn meshio_reads_what_was_written() {
         String::from_utf8_lossy(&output.stdout),
         String::from_utf8_lossy(&output.stderr)
     );
+}
+
+/// A thread whose spans follow each other without gaps, at times that are no binary fractions.
+fn thread(spans: usize, step: f64) -> ThreadReport {
+    const ALL: [Doing; 5] = [Doing::Sampling, Doing::Refining, Doing::RollingBack, Doing::Waiting, Doing::Begging];
+    let span = |i: usize| Span { doing: ALL[i % 5], start: i as f64 * step, end: (i + 1) as f64 * step };
+    ThreadReport { timeline: (0..spans).map(span).collect(), ..ThreadReport::default() }
+}
+
+#[test]
+fn timelines_are_json_in_the_order_of_time() {
+    let names = ["sampling", "refining", "rolling back", "waiting", "begging"];
+    let threads = [thread(40_001, 1.1e-6), thread(7, 0.3), thread(0, 1.0)];
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("timeline.json");
+    write_timeline(&threads, &path, None).unwrap();
+    let trace: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let events = trace["traceEvents"].as_array().unwrap();
+
+    let rows: Vec<_> = events.iter().filter(|e| e["name"] == "thread_name").map(|e| &e["args"]["name"]).collect();
+    assert_eq!(rows, ["thread 0", "thread 1", "thread 2"]);
+    for (row, thread) in threads.iter().enumerate() {
+        let spans: Vec<_> = events.iter().filter(|e| e["ph"] == "X" && e["tid"] == row).collect();
+        assert_eq!(spans.len(), thread.timeline.len());
+        let mut last_end = 0.0;
+        for (i, (event, span)) in spans.into_iter().zip(&thread.timeline).enumerate() {
+            let [start, duration] = ["ts", "dur"].map(|key| event[key].as_f64().unwrap());
+            assert_eq!(event["name"], names[i % 5]);
+            // Microseconds, to the nearest nanosecond.
+            assert!((start - 1e6 * span.start).abs() < 6e-4 && (start + duration - 1e6 * span.end).abs() < 6e-4);
+            assert!((start - last_end).abs() < 1e-6, "a gap or an overlap at {start}");
+            last_end = start + duration;
+        }
+    }
 }

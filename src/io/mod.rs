@@ -25,6 +25,8 @@
 //! Data go to a temporary file in the folder of the target, are synced, and take the target's name in the end, so that a file of that
 //! name is always whole: the new one, or after an error the old one. Records are made in parallel batches and written in order;
 //! nothing is held in memory but a few batches, and, where a format wants things by label, their order. Equal meshes give equal bytes.
+//!
+//! [`write_timeline`] writes in the same way what the threads of a run did when.
 
 mod abaqus;
 mod gmsh;
@@ -37,6 +39,7 @@ mod records;
 mod stl;
 mod surface;
 mod tetgen;
+mod trace;
 mod vtk;
 mod vtu;
 
@@ -47,6 +50,8 @@ use crate::monitor::CancelFlag;
 use crate::{Error, Result};
 use groups::distinct;
 use output::Output;
+
+pub use trace::write_timeline;
 
 /// A file format for meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
