@@ -33,9 +33,16 @@
 #define LAPD_VERSION "0.1.0"
 
 /**
+ * Most threads of a run.
+ */
+#define LAPD_MAX_THREADS 1024
+
+/**
  * "No tet", among the neighbours of a tet and beside a facet.
  */
 #define LAPD_NO_TET UINT32_MAX
+
+
 
 /**
  * What a function came to. The numbers are stable: none will ever change its meaning, new ones may be added. 0 is success.
@@ -202,26 +209,40 @@ typedef enum {
 } lapd_algorithm;
 
 /**
- * What a thread does after a conflict with another one.
+ * What a thread does after it met another one: it needed a vertex that the other one was using, and has given its operation up.
  */
 typedef enum {
   /**
-   * It waits for the thread it met. The default.
+   * It waits until the thread that it met has made some progress, unless that one waits itself. The default.
    */
   LAPD_CONTENTION_LOCAL = 0,
   /**
-   * It waits in one list for all threads. Not in this version.
+   * It waits, in one list for all threads, until others have made some progress; the last one that works never waits.
    */
   LAPD_CONTENTION_GLOBAL = 1,
   /**
-   * It waits a random time. Not in this version.
+   * After some conflicts in sequence it waits for a random time.
    */
   LAPD_CONTENTION_RANDOM = 2,
   /**
-   * It tries again at once. Not in this version.
+   * It goes on at once.
    */
   LAPD_CONTENTION_AGGRESSIVE = 3,
 } lapd_contention;
+
+/**
+ * Whom a thread without work asks for some first.
+ */
+typedef enum {
+  /**
+   * The threads of its own cache, then those of its processor, then those of the machine. The default.
+   */
+  LAPD_BEGGING_BY_LEVEL = 0,
+  /**
+   * All threads alike.
+   */
+  LAPD_BEGGING_FLAT = 1,
+} lapd_begging;
 
 /**
  * What a call reports to. Holds the message of the last call that failed, the callbacks for progress and log lines, and the
@@ -345,7 +366,7 @@ typedef struct {
 } lapd_timings;
 
 /**
- * What refinement did. Set struct_size to sizeof(lapd_operations) before the call.
+ * What refinement did, all threads together. Set struct_size to sizeof(lapd_operations) before the call.
  */
 typedef struct {
   /**
@@ -361,7 +382,7 @@ typedef struct {
    */
   uint64_t removals;
   /**
-   * Operations given up because of a conflict with another thread.
+   * Operations given up because of a conflict with another thread: 0 with 1 thread. lapd_thread_report has more about them.
    */
   uint64_t rollbacks;
   /**
@@ -512,6 +533,66 @@ typedef struct {
    */
   uint64_t components_mesh;
 } lapd_label_row;
+
+/**
+ * What one thread of the refinement did, and with what it lost time. Set struct_size to sizeof(lapd_thread_report) before the call.
+ *
+ * Of the seconds that refinement took (lapd_timings) a thread worked those that it did not lose. With 1 thread none are lost.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_thread_report), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * Vertices inserted.
+   */
+  uint64_t insertions;
+  /**
+   * Vertices removed.
+   */
+  uint64_t removals;
+  /**
+   * Tets created, living or not.
+   */
+  uint64_t tets_created;
+  /**
+   * Operations given up because another thread was using a vertex.
+   */
+  uint64_t rollbacks;
+  /**
+   * Of these, the insertions for each of rules R1 to R5, and the removals for R6, in this order.
+   */
+  uint64_t rollbacks_by_rule[6];
+  /**
+   * Operations given up because another thread had changed the place before it was locked.
+   */
+  uint64_t stale;
+  /**
+   * Seconds spent in operations that were given up.
+   */
+  double rollback_seconds;
+  /**
+   * Seconds spent waiting after conflicts.
+   */
+  double contention_seconds;
+  /**
+   * Seconds spent without work.
+   */
+  double idle_seconds;
+  /**
+   * How often the thread waited after a conflict.
+   */
+  uint64_t waits;
+  /**
+   * How often it asked others for work.
+   */
+  uint64_t begs;
+  /**
+   * How often it gave work to another thread.
+   */
+  uint64_t gifts;
+} lapd_thread_report;
 
 #ifdef __cplusplus
 extern "C" {
@@ -890,23 +971,6 @@ lapd_status lapd_params_set_background(lapd_context *context,
 lapd_status lapd_params_get_background(const lapd_params *params, int32_t *background);
 
 /**
- * Sets the number of threads that refine; at least 1. This version has 1 only. No other thread may use `params` or the context
- * meanwhile.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is 0; LAPD_ERROR_UNSUPPORTED above 1.
- */
-lapd_status lapd_params_set_threads(lapd_context *context,
-                                    lapd_params *params,
-                                    size_t threads);
-
-/**
- * The number of threads. Any thread, unless another one changes `params`.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
- */
-lapd_status lapd_params_get_threads(const lapd_params *params, size_t *threads);
-
-/**
  * Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED, or with a partial mesh where
  * lapd_params_set_partial allows it. 0 means no limit. No other thread may use `params` or the
  * context meanwhile.
@@ -1004,23 +1068,6 @@ lapd_status lapd_params_set_algorithm(lapd_context *context,
 lapd_status lapd_params_get_algorithm(const lapd_params *params, int32_t *algorithm);
 
 /**
- * Sets what threads do after conflicts, a lapd_contention. This version has LAPD_CONTENTION_LOCAL only. No other thread may use
- * `params` or the context meanwhile.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
- */
-lapd_status lapd_params_set_contention(lapd_context *context,
-                                       lapd_params *params,
-                                       int32_t contention);
-
-/**
- * What threads do after conflicts, a lapd_contention. Any thread, unless another one changes `params`.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
- */
-lapd_status lapd_params_get_contention(const lapd_params *params, int32_t *contention);
-
-/**
  * Whether to optimise the mesh after refinement (1) or not (0). This version does not. No other thread may use `params` or the
  * context meanwhile.
  *
@@ -1038,14 +1085,86 @@ lapd_status lapd_params_set_optimize(lapd_context *context,
 lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimize);
 
 /**
+ * Sets the number of threads of a run, 1 (the default) to LAPD_MAX_THREADS. lapd_mesh_image starts them and joins them before it
+ * returns. More than there are processors work, but do not help.
+ *
+ * With 1 the mesh is the same in every run. With more it is not, because it depends on which thread is first; what the
+ * certificate and the bounds on quality promise holds all the same. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is out of range.
+ */
+lapd_status lapd_params_set_threads(lapd_context *context,
+                                    lapd_params *params,
+                                    size_t threads);
+
+/**
+ * The number of threads of a run. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_threads(const lapd_params *params, size_t *threads);
+
+/**
+ * Sets what threads do after conflicts, a lapd_contention. With 1 thread there are none. No other thread may use `params` or the
+ * context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
+ */
+lapd_status lapd_params_set_contention(lapd_context *context,
+                                       lapd_params *params,
+                                       int32_t contention);
+
+/**
+ * What threads do after conflicts, a lapd_contention. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_contention(const lapd_params *params, int32_t *contention);
+
+/**
+ * Sets whom threads without work ask for some first, a lapd_begging. With 1 thread there is nobody to ask. No other thread may
+ * use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
+ */
+lapd_status lapd_params_set_begging(lapd_context *context,
+                                    lapd_params *params,
+                                    int32_t begging);
+
+/**
+ * Whom threads without work ask for some first, a lapd_begging. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_begging(const lapd_params *params, int32_t *begging);
+
+/**
+ * Whether to keep what each thread did when (1), for lapd_mesh_write_timeline, or not (0, the default). It takes memory while the mesh
+ * lives, some ten bytes for each time that a thread begins something else. No other thread may use `params` or the context
+ * meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+ */
+lapd_status lapd_params_set_timeline(lapd_context *context,
+                                     lapd_params *params,
+                                     int32_t timeline);
+
+/**
+ * Whether a timeline is kept, 1 or 0. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_timeline(const lapd_params *params, int32_t *timeline);
+
+/**
  * Meshes an image.
  *
  * The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes with LAPD_OK; a partial one, where
  * lapd_params_set_partial asks for it, with the status of the limit. With any other status `*mesh` stays as it is. Progress and log
  * callbacks of the context are called on this thread. The work is done by threads that are all joined at return; the calling
  * thread is neither pinned nor moved. Any number of runs may go on at once, in different threads, each with its own context; they
- * may share the image and the parameters. The same image and parameters give the same mesh, byte for byte, unless a limit of time
- * ended it.
+ * may share the image and the parameters. With 1 thread the same image and parameters give the same mesh, byte for byte, unless a
+ * limit of time ended it; with more they do not, see lapd_params_set_threads.
  *
  * The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to live on.
  *
@@ -1098,6 +1217,25 @@ lapd_status lapd_mesh_get_limit_reached(const lapd_mesh *mesh,
 lapd_status lapd_mesh_write(lapd_context *context,
                             const lapd_mesh *mesh,
                             const char *path);
+
+/**
+ * Writes what each thread of the refinement did when, for a mesh whose parameters asked for it (lapd_params_set_timeline): JSON in
+ * Chrome's trace format, which chrome://tracing and ui.perfetto.dev show as one row for each thread.
+ *
+ * Each span of time is an event with "ph": "X"; "tid" is the thread's number as in lapd_mesh_get_thread_report, "ts" and "dur" are
+ * microseconds since the refinement began. "name" is "sampling" (inserting samples of the interfaces), "refining", "rolling back" (work
+ * on an operation that was given up), "waiting" (after a conflict) or "begging" (without work). The events of a thread stand in the
+ * order of time.
+ *
+ * `path` is as in lapd_mesh_write, with any ending. An existing file is replaced. Any thread; several may write at once, to
+ * different files. The work is shared by threads as that of lapd_mesh_write.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no timeline was kept; LAPD_ERROR_IO when the file cannot be
+ * written; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is.
+ */
+lapd_status lapd_mesh_write_timeline(lapd_context *context,
+                                     const lapd_mesh *mesh,
+                                     const char *path);
 
 /**
  * The positions of the vertices in world units: `*points` is [count][3].
@@ -1232,7 +1370,7 @@ lapd_status lapd_mesh_get_counts(const lapd_mesh *mesh, lapd_counts *counts);
 lapd_status lapd_mesh_get_timings(const lapd_mesh *mesh, lapd_timings *timings);
 
 /**
- * What refinement did. Any thread.
+ * What refinement did, all threads together; lapd_mesh_get_thread_report tells what each of them did. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
  */
@@ -1268,6 +1406,23 @@ lapd_status lapd_mesh_get_label_row_count(const lapd_mesh *mesh, size_t *count);
 lapd_status lapd_mesh_get_label_row(const lapd_mesh *mesh,
                                     size_t index,
                                     lapd_label_row *row);
+
+/**
+ * The number of threads that refined. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_thread_count(const lapd_mesh *mesh, size_t *count);
+
+/**
+ * What thread `index` (from 0) of the refinement did, or, for LAPD_ALL_THREADS, the sum of what all of them did. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is neither below the count nor LAPD_ALL_THREADS, or
+ * struct_size is not that of a known version.
+ */
+lapd_status lapd_mesh_get_thread_report(const lapd_mesh *mesh,
+                                        size_t index,
+                                        lapd_thread_report *report);
 
 #ifdef __cplusplus
 }  // extern "C"

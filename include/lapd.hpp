@@ -401,6 +401,12 @@ class params {
     params &set_contention(lapd_contention contention) {
         return set(lapd_params_set_contention, contention);
     }
+    params &set_begging(lapd_begging begging) {
+        return set(lapd_params_set_begging, begging);
+    }
+    params &set_timeline(bool timeline) {
+        return set(lapd_params_set_timeline, timeline);
+    }
     params &set_optimize(bool optimize) {
         return set(lapd_params_set_optimize, optimize);
     }
@@ -455,6 +461,12 @@ class params {
     lapd_contention contention() const {
         return static_cast<lapd_contention>(value<std::int32_t>(lapd_params_get_contention));
     }
+    lapd_begging begging() const {
+        return static_cast<lapd_begging>(value<std::int32_t>(lapd_params_get_begging));
+    }
+    bool timeline() const {
+        return value<std::int32_t>(lapd_params_get_timeline) != 0;
+    }
     bool optimize() const {
         return value<std::int32_t>(lapd_params_get_optimize) != 0;
     }
@@ -497,6 +509,9 @@ class mesh {
 
     void write(context &context, const std::string &path) const {
         context.check(lapd_mesh_write(context.get(), get(), path.c_str()));
+    }
+    void write_timeline(context &context, const std::string &path) const {
+        context.check(lapd_mesh_write_timeline(context.get(), get(), path.c_str()));
     }
 
     rows<double, 3> points() const {
@@ -552,6 +567,18 @@ class mesh {
         row.struct_size = sizeof row;
         detail::check(lapd_mesh_get_label_row(get(), index, &row));
         return row;
+    }
+    std::size_t thread_count() const {
+        std::size_t count = 0;
+        detail::check(lapd_mesh_get_thread_count(get(), &count));
+        return count;
+    }
+    // Of LAPD_ALL_THREADS: the sum.
+    lapd_thread_report thread_report(std::size_t index) const {
+        lapd_thread_report report{};
+        report.struct_size = sizeof report;
+        detail::check(lapd_mesh_get_thread_report(get(), index, &report));
+        return report;
     }
 
     lapd_mesh *get() const noexcept {

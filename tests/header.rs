@@ -6,7 +6,7 @@
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 7] = ["status", "context", "image", "params", "run", "mesh", "report"];
+const SOURCES: [&str; 8] = ["status", "context", "image", "params", "threads", "run", "mesh", "report"];
 
 const HEAD: &str = "\
 /*

@@ -7,7 +7,7 @@ use super::context::{lapd_context, with_context};
 use super::image::to_path;
 use super::pool::{processors, with_pool};
 use super::status::lapd_status;
-use crate::io::write_mesh_watching;
+use crate::io::{write_mesh_watching, write_timeline};
 use crate::mesh::TetMesh;
 use crate::mesher::Meshing;
 
@@ -81,6 +81,37 @@ pub unsafe extern "C" fn lapd_mesh_write(
             let path = to_path(c_str(path, "path")?)?;
             let cancel = &context.cancel;
             let write = || Ok(write_mesh_watching(mesh, path, Some(cancel))?);
+            with_pool(processors(), |pool| pool.install(|| catch(write)))?
+        })
+    }
+}
+
+/// Writes what each thread of the refinement did when, for a mesh whose parameters asked for it (lapd_params_set_timeline): JSON in
+/// Chrome's trace format, which chrome://tracing and ui.perfetto.dev show as one row for each thread.
+///
+/// Each span of time is an event with "ph": "X"; "tid" is the thread's number as in lapd_mesh_get_thread_report, "ts" and "dur" are
+/// microseconds since the refinement began. "name" is "sampling" (inserting samples of the interfaces), "refining", "rolling back" (work
+/// on an operation that was given up), "waiting" (after a conflict) or "begging" (without work). The events of a thread stand in the
+/// order of time.
+///
+/// `path` is as in lapd_mesh_write, with any ending. An existing file is replaced. Any thread; several may write at once, to
+/// different files. The work is shared by threads as that of lapd_mesh_write.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no timeline was kept; LAPD_ERROR_IO when the file cannot be
+/// written; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_write_timeline(
+    context: *mut lapd_context,
+    mesh: *const lapd_mesh,
+    path: *const c_char,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |context| {
+            let threads = &borrow(mesh, "mesh")?.meshing.report.threads;
+            let path = to_path(c_str(path, "path")?)?;
+            let cancel = &context.cancel;
+            let write = || Ok(write_timeline(threads, path, Some(cancel))?);
             with_pool(processors(), |pool| pool.install(|| catch(write)))?
         })
     }

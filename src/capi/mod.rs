@@ -27,3 +27,4 @@ mod pool;
 pub mod report;
 pub mod run;
 pub mod status;
+pub mod threads;

@@ -1,4 +1,4 @@
-//! Parameters of a run.
+//! Parameters of a run; those of its threads are in [`threads`](super::threads).
 //!
 //! Every setter tries its value on a copy and lets [`MeshParams::validate`] judge, so that ranges are stated in one place.
 
@@ -32,21 +32,7 @@ pub enum lapd_algorithm {
     LAPD_ALGORITHM_LAPD = 1,
 }
 
-/// What a thread does after a conflict with another one.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum lapd_contention {
-    /// It waits for the thread it met. The default.
-    LAPD_CONTENTION_LOCAL = 0,
-    /// It waits in one list for all threads. Not in this version.
-    LAPD_CONTENTION_GLOBAL = 1,
-    /// It waits a random time. Not in this version.
-    LAPD_CONTENTION_RANDOM = 2,
-    /// It tries again at once. Not in this version.
-    LAPD_CONTENTION_AGGRESSIVE = 3,
-}
-
-fn unknown(argument: &str, type_name: &str, number: i32) -> Failure {
+pub(super) fn unknown(argument: &str, type_name: &str, number: i32) -> Failure {
     Failure::invalid(format!("{argument} must be {type_name}, got {number}"))
 }
 
@@ -55,7 +41,7 @@ fn unsupported(message: &str) -> Failure {
 }
 
 /// `on` or `off` of a C flag.
-fn flag(number: i32, argument: &str) -> Outcome<bool> {
+pub(super) fn flag(number: i32, argument: &str) -> Outcome<bool> {
     match number {
         0 => Ok(false),
         1 => Ok(true),
@@ -67,7 +53,7 @@ fn flag(number: i32, argument: &str) -> Outcome<bool> {
 ///
 /// # Safety
 /// See the module's head.
-unsafe fn change(
+pub(super) unsafe fn change(
     context: *mut lapd_context,
     params: *mut lapd_params,
     edit: impl FnOnce(&mut MeshParams) -> Outcome<()>,
@@ -89,7 +75,7 @@ unsafe fn change(
 ///
 /// # Safety
 /// See the module's head.
-unsafe fn read<T>(
+pub(super) unsafe fn read<T>(
     params: *const lapd_params,
     out: *mut T,
     name: &str,
@@ -400,34 +386,6 @@ pub unsafe extern "C" fn lapd_params_get_background(params: *const lapd_params, 
     unsafe { read(params, background, "background", |p| i32::from(p.background)) }
 }
 
-/// Sets the number of threads that refine; at least 1. This version has 1 only. No other thread may use `params` or the context
-/// meanwhile.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is 0; LAPD_ERROR_UNSUPPORTED above 1.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_set_threads(
-    context: *mut lapd_context,
-    params: *mut lapd_params,
-    threads: usize,
-) -> lapd_status {
-    // SAFETY: see the module's head.
-    unsafe {
-        change(context, params, |p| {
-            p.threads = threads;
-            Ok(())
-        })
-    }
-}
-
-/// The number of threads. Any thread, unless another one changes `params`.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_threads(params: *const lapd_params, threads: *mut usize) -> lapd_status {
-    // SAFETY: see the module's head.
-    unsafe { read(params, threads, "threads", |p| p.threads) }
-}
-
 /// Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED, or with a partial mesh where
 /// lapd_params_set_partial allows it. 0 means no limit. No other thread may use `params` or the
 /// context meanwhile.
@@ -581,40 +539,6 @@ pub unsafe extern "C" fn lapd_params_set_algorithm(
 pub unsafe extern "C" fn lapd_params_get_algorithm(params: *const lapd_params, algorithm: *mut i32) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, algorithm, "algorithm", |_| lapd_algorithm::LAPD_ALGORITHM_PODM as i32) }
-}
-
-/// Sets what threads do after conflicts, a lapd_contention. This version has LAPD_CONTENTION_LOCAL only. No other thread may use
-/// `params` or the context meanwhile.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_set_contention(
-    context: *mut lapd_context,
-    params: *mut lapd_params,
-    contention: i32,
-) -> lapd_status {
-    use lapd_contention::*;
-    let name =
-        |name| Err(unsupported(&format!("contention {name}: this version refines with 1 thread and has local only")));
-    // SAFETY: see the module's head.
-    unsafe {
-        change(context, params, |_| match contention {
-            c if c == LAPD_CONTENTION_LOCAL as i32 => Ok(()),
-            c if c == LAPD_CONTENTION_GLOBAL as i32 => name("global"),
-            c if c == LAPD_CONTENTION_RANDOM as i32 => name("random"),
-            c if c == LAPD_CONTENTION_AGGRESSIVE as i32 => name("aggressive"),
-            _ => Err(unknown("contention", "a lapd_contention", contention)),
-        })
-    }
-}
-
-/// What threads do after conflicts, a lapd_contention. Any thread, unless another one changes `params`.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_contention(params: *const lapd_params, contention: *mut i32) -> lapd_status {
-    // SAFETY: see the module's head.
-    unsafe { read(params, contention, "contention", |_| lapd_contention::LAPD_CONTENTION_LOCAL as i32) }
 }
 
 /// Whether to optimise the mesh after refinement (1) or not (0). This version does not. No other thread may use `params` or the

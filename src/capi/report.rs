@@ -3,7 +3,8 @@
 use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
 use super::status::lapd_status;
-use crate::mesher::Meshing;
+use crate::mesher::{Meshing, RunReport};
+use crate::refine::activity::{Overhead, ThreadReport};
 
 /// How large a mesh is. Set struct_size to sizeof(lapd_counts) before the call.
 #[repr(C)]
@@ -43,7 +44,7 @@ pub struct lapd_timings {
     pub certify: f64,
 }
 
-/// What refinement did. Set struct_size to sizeof(lapd_operations) before the call.
+/// What refinement did, all threads together. Set struct_size to sizeof(lapd_operations) before the call.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_operations {
@@ -53,7 +54,7 @@ pub struct lapd_operations {
     pub insertions: u64,
     /// Vertices removed.
     pub removals: u64,
-    /// Operations given up because of a conflict with another thread.
+    /// Operations given up because of a conflict with another thread: 0 with 1 thread. lapd_thread_report has more about them.
     pub rollbacks: u64,
     /// Predicates that floating point could not decide.
     pub exact_predicates: u64,
@@ -140,7 +141,44 @@ pub struct lapd_label_row {
     pub components_mesh: u64,
 }
 
-// SAFETY of all six: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of version 0.1 and stays when fields are
+/// What one thread of the refinement did, and with what it lost time. Set struct_size to sizeof(lapd_thread_report) before the call.
+///
+/// Of the seconds that refinement took (lapd_timings) a thread worked those that it did not lose. With 1 thread none are lost.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct lapd_thread_report {
+    /// sizeof(lapd_thread_report), set by the caller.
+    pub struct_size: u64,
+    /// Vertices inserted.
+    pub insertions: u64,
+    /// Vertices removed.
+    pub removals: u64,
+    /// Tets created, living or not.
+    pub tets_created: u64,
+    /// Operations given up because another thread was using a vertex.
+    pub rollbacks: u64,
+    /// Of these, the insertions for each of rules R1 to R5, and the removals for R6, in this order.
+    pub rollbacks_by_rule: [u64; 6],
+    /// Operations given up because another thread had changed the place before it was locked.
+    pub stale: u64,
+    /// Seconds spent in operations that were given up.
+    pub rollback_seconds: f64,
+    /// Seconds spent waiting after conflicts.
+    pub contention_seconds: f64,
+    /// Seconds spent without work.
+    pub idle_seconds: f64,
+    /// How often the thread waited after a conflict.
+    pub waits: u64,
+    /// How often it asked others for work.
+    pub begs: u64,
+    /// How often it gave work to another thread.
+    pub gifts: u64,
+}
+
+/// "The sum of all threads", as the number of a thread.
+pub const LAPD_ALL_THREADS: usize = usize::MAX;
+
+// SAFETY of all seven: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of version 0.1 and stays when fields are
 // appended.
 unsafe impl Growing for lapd_counts {
     const FIRST_SIZE: u64 = 56;
@@ -159,6 +197,9 @@ unsafe impl Growing for lapd_certificate {
 }
 unsafe impl Growing for lapd_label_row {
     const FIRST_SIZE: u64 = 64;
+}
+unsafe impl Growing for lapd_thread_report {
+    const FIRST_SIZE: u64 = 144;
 }
 
 /// `size_of` as the value of `struct_size`; [`fill_struct`] puts the caller's there.
@@ -222,7 +263,7 @@ pub unsafe extern "C" fn lapd_mesh_get_timings(mesh: *const lapd_mesh, timings: 
     }
 }
 
-/// What refinement did. Any thread.
+/// What refinement did, all threads together; lapd_mesh_get_thread_report tells what each of them did. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
 #[unsafe(no_mangle)]
@@ -342,6 +383,66 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
     })
 }
 
+/// The number of threads that refined. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_thread_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(count, "count")?;
+        out.set(borrow(mesh, "mesh")?.meshing.report.threads.len());
+        Ok(())
+    })
+}
+
+/// All threads as one.
+fn all_threads(report: &RunReport) -> ThreadReport {
+    let mut overhead = Overhead::default();
+    report.threads.iter().for_each(|thread| overhead.add(&thread.overhead));
+    ThreadReport { operations: report.operations, work: report.work, overhead, timeline: Vec::new() }
+}
+
+/// What thread `index` (from 0) of the refinement did, or, for LAPD_ALL_THREADS, the sum of what all of them did. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is neither below the count nor LAPD_ALL_THREADS, or
+/// struct_size is not that of a known version.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_thread_report(
+    mesh: *const lapd_mesh,
+    index: usize,
+    report: *mut lapd_thread_report,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let run = &borrow(mesh, "mesh")?.meshing.report;
+        let sum;
+        let found = if index == LAPD_ALL_THREADS {
+            sum = all_threads(run);
+            &sum
+        } else {
+            run.threads.get(index).ok_or_else(|| Failure::invalid(format!("there is no thread {index}")))?
+        };
+        let (operations, overhead) = (&found.operations, &found.overhead);
+        let value = lapd_thread_report {
+            struct_size: own_size::<lapd_thread_report>(),
+            insertions: operations.insertions,
+            removals: operations.removals,
+            tets_created: operations.created,
+            rollbacks: operations.rollbacks,
+            rollbacks_by_rule: overhead.rollbacks,
+            stale: overhead.stale,
+            rollback_seconds: overhead.rollback_seconds,
+            contention_seconds: overhead.contention_seconds,
+            idle_seconds: overhead.idle_seconds,
+            waits: overhead.waits,
+            begs: overhead.begs,
+            gifts: overhead.gifts,
+        };
+        fill_struct(report, value, "report")
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -354,5 +455,6 @@ mod tests {
         own_size::<lapd_quality>();
         own_size::<lapd_certificate>();
         own_size::<lapd_label_row>();
+        own_size::<lapd_thread_report>();
     }
 }
