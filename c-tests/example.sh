@@ -64,13 +64,17 @@ expect 2 2 box.nrrd -o a.vtu --max-memory -1
 expect 2 2 box.nrrd -o a.vtu --max-memory 1Q
 expect 2 2 box.nrrd -o a.vtu --max-memory 1MB
 expect 2 2 box.nrrd -o a.vtu --max-memory 99999999999G
-expect 2 2 box.nrrd -o a.vtu --threads 0
+for threads in 0 1025; do
+    expect 2 2 box.nrrd -o a.vtu --threads $threads
+    grep -q -e "--threads: threads must lie in 1 to 1024, got $threads\$" err || fail "--threads $threads: $(cat err)"
+done
+expect 2 2 box.nrrd -o a.vtu --threads -1
+expect 2 2 box.nrrd -o a.vtu --threads 2x
+expect 2 2 box.nrrd -o a.vtu --contention never
+expect 2 2 box.nrrd -o a.vtu --begging nobody
+expect 2 2 box.nrrd -o a.vtu --timeline
 # Options of later versions are refused, not ignored.
-expect 2 2 box.nrrd -o a.vtu --threads 2
 expect 2 2 box.nrrd -o a.vtu --algorithm lapd
-expect 2 2 box.nrrd -o a.vtu --contention global
-expect 2 2 box.nrrd -o a.vtu --contention random
-expect 2 2 box.nrrd -o a.vtu --contention aggressive
 expect 2 2 box.nrrd -o a.vtu --topology 'node:2 core:4'
 expect 2 2 box.nrrd -o a.vtu --optimize
 [ ! -e a.vtu ] || fail "bad usage wrote a mesh"
@@ -84,6 +88,7 @@ grep -q cut.nrrd err || fail "the message does not name the file"
 expect 1 1 box.nrrd -o a.nonsense --quiet
 expect 1 1 box.nrrd -o no/such/folder/a.vtu --quiet
 expect 1 1 box.nrrd -o a.vtu --report no/such/folder/a.json --quiet
+expect 1 1 box.nrrd -o a.vtu --timeline no/such/folder/t.json --threads 2 --quiet
 expect 1 1 box.nrrd -o a.vtu --max-vertices 9 --quiet
 rm -f a.vtu
 
@@ -95,15 +100,23 @@ expect 0 0 --version
 expect 0 0 box.nrrd -o a.vtu
 grep -q 'tets' out || fail "no table"
 grep -q 'certificate' out || fail "no certificate"
+! grep -q '^[0-9]* threads' out || fail "the table speaks of threads where there is one"
 [ -s a.vtu ] || fail "a.vtu was not written"
 expect 0 0 box.nrrd -o b.vtu -o b.mesh -o b.stl --delta 1 --size 2 --label-size 2=1 --radius-edge 2.5 --facet-angle 25 \
-    --threads 1 --algorithm podm --contention local --no-optimize --surface smooth --max-vertices 1000000 --quiet
+    --threads 1 --algorithm podm --contention local --begging levels --no-optimize --surface smooth --max-vertices 1000000 --quiet
 [ -s b.vtu ] && [ -s b.mesh ] && [ -s b.stl ] || fail "not all outputs were written"
 [ ! -s out ] || fail "--quiet printed: $(cat out)"
 expect 0 0 box.nrrd -o k.vtu --keep 2 --report k.json --quiet
 expect 0 0 box.nrrd -o v.vtu --surface voxel --report v.json --quiet
 expect 0 0 box.nrrd -o g.vtu --background --report g.json --quiet
 expect 0 0 box.nrrd --report m.json --memory --quiet
+# Several threads, which the table has two lines about.
+for contention in local global random aggressive; do
+    expect 0 0 box.nrrd -o t.vtu --threads 3 --contention $contention --begging flat --quiet
+done
+expect 0 0 box.nrrd --report t.json --timeline timeline.json --threads 2 --delta 0.3
+grep -q '^2 threads$' out && grep -q 'rollbacks [0-9]*, .* % of operations' out && grep -q 'time lost' out ||
+    fail "the table says nothing about 2 threads: $(cat out)"
 
 # The report, of a file whose name is a trial for JSON.
 odd=$(printf 'odd "name" \\ \t \303\244 \377.nrrd')
@@ -120,16 +133,17 @@ def load(name):
     with open(name, encoding="utf-8") as file:
         return json.load(file)
 
-odd, keep, background, memory = load("odd.json"), load("k.json"), load("g.json"), load("m.json")
+odd, keep, background, memory, threads = (load(name + ".json") for name in "odd k g m t".split())
 assert odd["input"] == 'odd "name" \\ \t \u00e4 \ufffd.nrrd', odd["input"]
 keys = """version input delta size threads algorithm tets vertices interface_facets all_tets peak_rss_bytes oracle_bytes seconds operations
-overhead quality certificate labels""".split()
+overhead thread_reports quality certificate labels""".split()
 assert all(key in odd for key in keys), [key for key in keys if key not in odd]
 inner = {
     "seconds": "read distance refine optimize extract write total",
     "operations": """insertions removals rollbacks exact_predicates in_sphere_tests tets_created cavity_tets looks label_lookups
 crossing_lookups by_rule insertions_per_vertex removals_per_vertex mean_cavity exact_share looks_per_tet lookups_per_tet""",
-    "overhead": "rollback_s idle_s remote_s remote_accesses local_accesses",
+    "overhead": """rollback_s contention_s idle_s rollbacks_by_rule stale waits begs gifts remote_s remote_accesses
+local_accesses""",
     "quality": "min_dihedral max_dihedral max_radius_edge min_facet_angle dihedral_histogram",
     "certificate": "non_delaunay_facets inverted_tets hausdorff_mesh_to_image hausdorff_image_to_mesh unmet",
 }
@@ -147,6 +161,32 @@ assert 1 << 20 < peaks[0] <= peaks[1] <= peaks[2] <= memory["peak_rss_bytes"], m
 assert memory["memory_bytes"]["read"] > 1 << 20, memory
 assert [row["label"] for row in keep["labels"]] == [2], keep["labels"]
 assert background["all_tets"] >= background["tets"] > 0
+
+# What single threads did sums up.
+assert len(odd["thread_reports"]) == 1 and not any(odd["overhead"][name] for name in "rollback_s waits begs gifts".split())
+assert threads["threads"] == len(threads["thread_reports"]) == 2
+for name in "insertions removals tets_created rollbacks".split():
+    total = sum(thread[name] for thread in threads["thread_reports"])
+    assert total == threads["operations"][name], (name, total, threads["operations"])
+for name in "rollback_s contention_s idle_s stale waits begs gifts".split():
+    total = sum(thread[name] for thread in threads["thread_reports"])
+    assert abs(total - threads["overhead"][name]) <= 1e-9, (name, total, threads["overhead"])
+assert sum(threads["overhead"]["rollbacks_by_rule"].values()) == threads["operations"]["rollbacks"]
+
+# The timeline: a row for each thread; spans in the order of time, none reaching into the next, none after the end.
+events = load("timeline.json")["traceEvents"]
+rows = {event["tid"]: event["args"]["name"] for event in events if event["name"] == "thread_name"}
+assert rows == {0: "thread 0", 1: "thread 1"}, rows
+for row in rows:
+    end = 0
+    spans = [event for event in events if event["ph"] == "X" and event["tid"] == row]
+    assert spans, f"thread {row} has no spans"
+    for span in spans:
+        assert span["name"] in ("sampling", "refining", "rolling back", "waiting", "begging"), span
+        assert span["dur"] >= 0 and span["ts"] >= end - 1e-3, (end, span)
+        end = span["ts"] + span["dur"]
+    assert end <= 1e6 * threads["seconds"]["refine"], (end, threads["seconds"])
+assert {event["ph"] for event in events} == {"M", "X"}
 END
 else
     echo "SKIPPED: the JSON report, python3 is missing"

@@ -162,7 +162,9 @@ static void choice_parameters(void) {
     } table[] = {{lapd_params_set_surface, lapd_params_get_surface, 2, 2},
                  {lapd_params_set_background, lapd_params_get_background, 2, 2},
                  {lapd_params_set_algorithm, lapd_params_get_algorithm, 2, 1},
-                 {lapd_params_set_contention, lapd_params_get_contention, 4, 1},
+                 {lapd_params_set_contention, lapd_params_get_contention, 4, 4},
+                 {lapd_params_set_begging, lapd_params_get_begging, 2, 2},
+                 {lapd_params_set_timeline, lapd_params_get_timeline, 2, 2},
                  {lapd_params_set_optimize, lapd_params_get_optimize, 2, 1}};
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
         int32_t value = -7;
@@ -189,13 +191,17 @@ static void other_parameters(void) {
     size_t count = 0;
     INVALID(lapd_params_set_threads(NULL, params, 1));
     INVALID(lapd_params_set_threads(context, NULL, 1));
+    CHECK(lapd_params_get_threads(params, &count) == LAPD_OK && count == 1);
+    CHECK(lapd_params_set_threads(context, params, LAPD_MAX_THREADS) == LAPD_OK);
     INVALID(lapd_params_set_threads(context, params, 0));
-    CHECK(lapd_params_set_threads(context, params, 2) == LAPD_ERROR_UNSUPPORTED);
-    CHECK(said("thread"));
-    CHECK(lapd_params_set_threads(context, params, 1) == LAPD_OK);
+    CHECK(said("threads must lie in 1 to 1024, got 0"));
+    INVALID(lapd_params_set_threads(context, params, LAPD_MAX_THREADS + 1));
+    CHECK(said("threads must lie in 1 to 1024, got 1025"));
+    INVALID(lapd_params_set_threads(context, params, SIZE_MAX));
     INVALID(lapd_params_get_threads(NULL, &count));
     INVALID(lapd_params_get_threads(params, NULL));
-    CHECK(lapd_params_get_threads(params, &count) == LAPD_OK && count == 1);
+    CHECK(lapd_params_get_threads(params, &count) == LAPD_OK && count == LAPD_MAX_THREADS);
+    CHECK(lapd_params_set_threads(context, params, 1) == LAPD_OK);
 
     INVALID(lapd_params_set_max_vertices(NULL, params, 1));
     INVALID(lapd_params_set_max_vertices(context, NULL, 1));
@@ -258,6 +264,11 @@ static void meshing(void) {
     INVALID(lapd_mesh_write(context, mesh, "mesh.nonsense"));
     CHECK(said("mesh.nonsense"));
     CHECK(lapd_mesh_write(context, mesh, "no/such/folder/mesh.vtu") == LAPD_ERROR_IO);
+    INVALID(lapd_mesh_write_timeline(NULL, mesh, "timeline.json"));
+    INVALID(lapd_mesh_write_timeline(context, NULL, "timeline.json"));
+    INVALID(lapd_mesh_write_timeline(context, mesh, NULL));
+    INVALID(lapd_mesh_write_timeline(context, mesh, "timeline.json"));
+    CHECK(said("timeline.json: there is no timeline"));
     lapd_mesh_free(NULL);
 }
 
@@ -337,6 +348,27 @@ static void mesh_getters(void) {
     CHECK(lapd_mesh_get_label_row(mesh, 0, &row) == LAPD_OK && row.label == 7);
     row.struct_size = 4;
     INVALID(lapd_mesh_get_label_row(mesh, 0, &row));
+
+    size_t threads = 0;
+    lapd_operations operations = {.struct_size = sizeof operations};
+    lapd_thread_report report = {.struct_size = sizeof report};
+    CHECK(lapd_mesh_get_operations(mesh, &operations) == LAPD_OK);
+    INVALID(lapd_mesh_get_thread_count(NULL, &threads));
+    INVALID(lapd_mesh_get_thread_count(mesh, NULL));
+    CHECK(lapd_mesh_get_thread_count(mesh, &threads) == LAPD_OK && threads == 1);
+    INVALID(lapd_mesh_get_thread_report(NULL, 0, &report));
+    INVALID(lapd_mesh_get_thread_report(mesh, 0, NULL));
+    INVALID(lapd_mesh_get_thread_report(mesh, threads, &report));
+    INVALID(lapd_mesh_get_thread_report(mesh, LAPD_ALL_THREADS - 1, &report));
+    CHECK(report.insertions == 0);
+    for (int all = 0; all < 2; all++) {
+        CHECK(lapd_mesh_get_thread_report(mesh, all ? LAPD_ALL_THREADS : 0, &report) == LAPD_OK);
+        CHECK(report.insertions == operations.insertions && report.removals == operations.removals);
+        CHECK(report.tets_created == operations.tets_created && report.insertions > 0);
+        CHECK(report.rollbacks == 0 && report.stale == 0 && report.rollback_seconds == 0);
+    }
+    report.struct_size = 143;
+    INVALID(lapd_mesh_get_thread_report(mesh, 0, &report));
 }
 
 int main(void) {

@@ -147,14 +147,16 @@ void errors() {
 void parameters() {
     lapd::params params;
     params.set_delta(0.5).set_size(1.5).set_radius_edge(2.5).set_facet_angle(25).set_surface(LAPD_SURFACE_VOXEL);
-    params.set_keep({5, -9}).set_background(true).set_threads(1).set_max_vertices(100000);
-    params.set_algorithm(LAPD_ALGORITHM_PODM).set_contention(LAPD_CONTENTION_LOCAL).set_optimize(false);
+    params.set_keep({5, -9}).set_background(true).set_threads(2).set_max_vertices(100000);
+    params.set_algorithm(LAPD_ALGORITHM_PODM).set_contention(LAPD_CONTENTION_RANDOM).set_optimize(false);
+    params.set_begging(LAPD_BEGGING_FLAT).set_timeline(true);
     params.set_time_limit(2.5).set_max_memory(std::uint64_t{1} << 40).set_partial(true);
     params.set_label_size(5, 1.25);
     CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 && params.facet_angle() == 25);
-    CHECK(params.surface() == LAPD_SURFACE_VOXEL && params.background() && params.threads() == 1);
+    CHECK(params.surface() == LAPD_SURFACE_VOXEL && params.background() && params.threads() == 2);
     CHECK(params.max_vertices() == 100000 && params.algorithm() == LAPD_ALGORITHM_PODM);
-    CHECK(params.contention() == LAPD_CONTENTION_LOCAL && !params.optimize());
+    CHECK(params.contention() == LAPD_CONTENTION_RANDOM && !params.optimize());
+    CHECK(params.begging() == LAPD_BEGGING_FLAT && params.timeline());
     CHECK(params.time_limit() == 2.5 && params.max_memory() == std::uint64_t{1} << 40 && params.partial());
     CHECK(params.label_size(5) == 1.25 && params.clear_label_sizes().label_size(5) == 1.5);
     CHECK(params.keep().size() == 2 && params.keep()[1] == -9 && params.set_keep({}).keep().empty());
@@ -202,6 +204,10 @@ void meshes() {
     CHECK(status_of([&] { mesh.label_row(2); }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(mesh.certificate().inverted_tets == 0 && mesh.quality().max_radius_edge <= 2.000001);
     CHECK(mesh.timings().refine >= 0 && mesh.operations().insertions > 0);
+    CHECK(mesh.thread_count() == 1 && mesh.thread_report(0).insertions == mesh.operations().insertions);
+    CHECK(mesh.thread_report(LAPD_ALL_THREADS).removals == mesh.operations().removals);
+    CHECK(status_of([&] { mesh.thread_report(1); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { mesh.write_timeline(moved, "timeline.json"); }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { mesh.write(moved, "mesh.nonsense"); }) == LAPD_ERROR_INVALID_ARGUMENT);
 
     // A limit throws, or gives the partial mesh that was asked for.

@@ -1,5 +1,5 @@
-/* Two meshers at once in one process share image and parameters and give the bytes of a lone one; no thread is left
- * behind. */
+/* Two meshers at once in one process share image and parameters and give the bytes of a lone one; runs with several
+ * threads have a clean certificate, whatever the contention manager and whom threads beg; no thread is left behind. */
 #define _GNU_SOURCE
 
 #include <dirent.h>
@@ -43,6 +43,55 @@ static bool is_only_thread(void) {
     return thread_count() == 1;
 }
 
+/* One run with several threads: its certificate, and that the threads' reports sum up. */
+static void mesh_with_threads(lapd_context *context, int32_t contention, int32_t begging) {
+    const size_t several = 3;
+    CHECK(lapd_params_set_threads(context, params, several) == LAPD_OK);
+    CHECK(lapd_params_set_contention(context, params, contention) == LAPD_OK);
+    CHECK(lapd_params_set_begging(context, params, begging) == LAPD_OK);
+    CHECK(lapd_params_set_timeline(context, params, 1) == LAPD_OK);
+    lapd_mesh *mesh = NULL;
+    CHECK(lapd_mesh_image(context, image, params, &mesh) == LAPD_OK);
+    CHECK(is_only_thread());
+
+    lapd_certificate certificate = {.struct_size = sizeof certificate};
+    CHECK(lapd_mesh_get_certificate(mesh, &certificate) == LAPD_OK);
+    CHECK(certificate.non_delaunay_facets == 0 && certificate.inverted_tets == 0);
+    CHECK(certificate.orphan_vertices == 0 && certificate.open_edges == 0);
+
+    size_t threads = 0;
+    lapd_operations operations = {.struct_size = sizeof operations};
+    lapd_thread_report all = {.struct_size = sizeof all}, sum = {0};
+    CHECK(lapd_mesh_get_operations(mesh, &operations) == LAPD_OK);
+    CHECK(lapd_mesh_get_thread_count(mesh, &threads) == LAPD_OK && threads == several);
+    CHECK(lapd_mesh_get_thread_report(mesh, LAPD_ALL_THREADS, &all) == LAPD_OK);
+    for (size_t i = 0; i < threads; i++) {
+        lapd_thread_report one = {.struct_size = sizeof one};
+        CHECK(lapd_mesh_get_thread_report(mesh, i, &one) == LAPD_OK);
+        uint64_t by_rule = 0;
+        for (int rule = 0; rule < 6; rule++) {
+            by_rule += one.rollbacks_by_rule[rule];
+        }
+        CHECK(by_rule == one.rollbacks && one.waits <= one.rollbacks);
+        CHECK(one.rollback_seconds >= 0 && one.contention_seconds >= 0 && one.idle_seconds >= 0);
+        sum.insertions += one.insertions;
+        sum.removals += one.removals;
+        sum.tets_created += one.tets_created;
+        sum.rollbacks += one.rollbacks;
+        sum.stale += one.stale;
+        sum.begs += one.begs;
+        sum.gifts += one.gifts;
+    }
+    CHECK(sum.insertions == all.insertions && all.insertions == operations.insertions);
+    CHECK(sum.removals == all.removals && all.removals == operations.removals);
+    CHECK(sum.tets_created == all.tets_created && all.tets_created == operations.tets_created);
+    CHECK(sum.rollbacks == all.rollbacks && all.rollbacks == operations.rollbacks);
+    CHECK(sum.stale == all.stale && sum.begs == all.begs && sum.gifts == all.gifts);
+    CHECK(lapd_mesh_write_timeline(context, mesh, "threads.json") == LAPD_OK);
+    CHECK(is_only_thread());
+    lapd_mesh_free(mesh);
+}
+
 int main(void) {
     lapd_context *context = NULL;
     CHECK(lapd_context_create(&context) == LAPD_OK);
@@ -67,6 +116,11 @@ int main(void) {
         CHECK(pthread_join(threads[i], NULL) == 0);
         CHECK(pair[i] != NULL && same_mesh(pair[i], lone));
         lapd_mesh_free(pair[i]);
+    }
+
+    for (int32_t contention = LAPD_CONTENTION_LOCAL; contention <= LAPD_CONTENTION_AGGRESSIVE; contention++) {
+        mesh_with_threads(context, contention, LAPD_BEGGING_BY_LEVEL);
+        mesh_with_threads(context, contention, LAPD_BEGGING_FLAT);
     }
 
     lapd_mesh_free(lone);

@@ -37,9 +37,10 @@ static const char USAGE[] =
     "  --label-size L=MM    the same for one label; may be given again\n"
     "  --radius-edge R      largest circumradius over shortest edge; at least 2, default 2\n"
     "  --facet-angle DEG    smallest angle of interface facets; at most 30, default 30\n"
-    "  --threads N          this version has 1\n"
+    "  --threads N          threads of the run; default 1, which makes the same mesh each time\n"
     "  --algorithm NAME     podm | lapd; this version has podm\n"
-    "  --contention NAME    local | global | random | aggressive; this version has local\n"
+    "  --contention NAME    what threads do after conflicts: local | global | random | aggressive; default local\n"
+    "  --begging NAME       whom threads without work ask first: levels | flat; default levels\n"
     "  --topology SYNTHETIC not in this version\n"
     "  --keep L,L,...       mesh these labels only\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
@@ -52,6 +53,7 @@ static const char USAGE[] =
     "  --partial            when such a limit is reached, write the mesh of what there is\n"
     "  --report FILE.json   write a report\n"
     "  --memory             with the peak of memory until the end of each phase in it\n"
+    "  --timeline FILE.json write what each thread did when, for chrome://tracing or ui.perfetto.dev\n"
     "  --quiet              no progress, no table\n"
     "  --help               this text\n"
     "  --version            the version of the library\n"
@@ -215,6 +217,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     static const char *const surfaces[] = {"smooth", "voxel"};
     static const char *const algorithms[] = {"podm", "lapd"};
     static const char *const contentions[] = {"local", "global", "random", "aggressive"};
+    static const char *const beggings[] = {"levels", "flat"};
     static const struct {
         const char *option;
         lapd_status (*set)(lapd_context *, lapd_params *, double);
@@ -234,7 +237,8 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
         size_t count;
     } choices[] = {{"--surface", lapd_params_set_surface, surfaces, 2},
                    {"--algorithm", lapd_params_set_algorithm, algorithms, 2},
-                   {"--contention", lapd_params_set_contention, contentions, 4}};
+                   {"--contention", lapd_params_set_contention, contentions, 4},
+                   {"--begging", lapd_params_set_begging, beggings, 2}};
 
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
         double number;
@@ -318,10 +322,10 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
         } else if (strcmp(option, "--quiet") == 0) {
             o->quiet = true;
         } else {
-            static const char *const with_value[] = {"-o",        "--report",       "--topology",    "--delta",
-                                                     "--size",    "--label-size",   "--radius-edge", "--facet-angle",
-                                                     "--threads", "--algorithm",    "--contention",  "--keep",
-                                                     "--surface", "--max-vertices", "--time-limit",  "--max-memory"};
+            static const char *const with_value[] = {
+                "-o",           "--report",      "--timeline",    "--topology",     "--delta",      "--size",
+                "--label-size", "--radius-edge", "--facet-angle", "--threads",      "--algorithm",  "--contention",
+                "--begging",    "--keep",        "--surface",     "--max-vertices", "--time-limit", "--max-memory"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");
@@ -334,6 +338,9 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                 o->outputs[o->output_count++] = value;
             } else if (strcmp(option, "--report") == 0) {
                 o->report = value;
+            } else if (strcmp(option, "--timeline") == 0) {
+                o->timeline = value;
+                status = lapd_params_set_timeline(context, params, 1);
             } else if (strcmp(option, "--topology") == 0) {
                 return usage_error("%s: this version has no synthetic topologies%s", option, "");
             } else {
@@ -418,6 +425,10 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
             goto done;
         }
     }
+    if (o->timeline != NULL && lapd_mesh_write_timeline(context, mesh, o->timeline) != LAPD_OK) {
+        complain("%s", lapd_context_last_error(context));
+        goto done;
+    }
     seconds.write = now() - write_start;
     seconds.total = now() - start;
 
@@ -437,6 +448,7 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
 done:
     line->memory = NULL;
     free(s.rows);
+    free(s.threads);
     lapd_mesh_free(mesh);
     return exit_status;
 }

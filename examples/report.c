@@ -19,6 +19,7 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
     s->operations.struct_size = sizeof s->operations;
     s->quality.struct_size = sizeof s->quality;
     s->certificate.struct_size = sizeof s->certificate;
+    s->all_threads.struct_size = sizeof s->all_threads;
     lapd_status status = lapd_mesh_get_counts(mesh, &s->counts);
     if (status == LAPD_OK)
         status = lapd_mesh_get_timings(mesh, &s->timings);
@@ -32,16 +33,25 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
         status = lapd_mesh_get_limit_reached(mesh, &s->limit_reached);
     if (status == LAPD_OK)
         status = lapd_mesh_get_label_row_count(mesh, &s->row_count);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_thread_count(mesh, &s->thread_count);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_thread_report(mesh, LAPD_ALL_THREADS, &s->all_threads);
     if (status != LAPD_OK) {
         return status;
     }
     s->rows = calloc(s->row_count + 1, sizeof *s->rows);
-    if (s->rows == NULL) {
+    s->threads = calloc(s->thread_count + 1, sizeof *s->threads);
+    if (s->rows == NULL || s->threads == NULL) {
         return LAPD_ERROR_OUT_OF_MEMORY;
     }
     for (size_t i = 0; i < s->row_count && status == LAPD_OK; i++) {
         s->rows[i].struct_size = sizeof s->rows[i];
         status = lapd_mesh_get_label_row(mesh, i, &s->rows[i]);
+    }
+    for (size_t i = 0; i < s->thread_count && status == LAPD_OK; i++) {
+        s->threads[i].struct_size = sizeof s->threads[i];
+        status = lapd_mesh_get_thread_report(mesh, i, &s->threads[i]);
     }
     return status;
 }
@@ -49,6 +59,11 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
 /* Volume error of a label in percent. */
 static double volume_error(const lapd_label_row *row) {
     return row->image_volume > 0 ? 100 * (row->mesh_volume / row->image_volume - 1) : 0;
+}
+
+/* Of nothing there is no mean: NaN, which becomes null in JSON. */
+static double ratio(double part, double whole) {
+    return whole > 0 ? part / whole : NAN;
 }
 
 /* The worst label first. */
@@ -118,6 +133,17 @@ void print_table(const summary *s, const file_seconds *seconds) {
     for (int i = 0; i < 6; i++) {
         printf(" R%d %llu%s", i + 1, (unsigned long long)c->unmet[i], i < 5 ? "," : "\n");
     }
+
+    if (s->thread_count > 1) {
+        const lapd_thread_report *all = &s->all_threads;
+        const double attempts = (double)(all->insertions + all->removals + all->rollbacks);
+        const double seconds_of_all = (double)s->thread_count * s->timings.refine;
+        printf("\n%zu threads\n  rollbacks %llu, %.2f %% of operations\n", s->thread_count,
+               (unsigned long long)all->rollbacks, 100 * ratio((double)all->rollbacks, attempts));
+        printf("  time lost in refinement: %.2f %% rolled back, %.2f %% waiting after conflicts, %.2f %% idle\n",
+               100 * ratio(all->rollback_seconds, seconds_of_all), 100 * ratio(all->contention_seconds, seconds_of_all),
+               100 * ratio(all->idle_seconds, seconds_of_all));
+    }
 }
 
 /* ---- The JSON report ---- */
@@ -171,11 +197,6 @@ static void json_number(FILE *file, const char *before, const char *name, double
     }
 }
 
-/* Of nothing there is no mean: NaN, which becomes null. */
-static double ratio(double part, double whole) {
-    return whole > 0 ? part / whole : NAN;
-}
-
 static void json_count(FILE *file, const char *before, const char *name, uint64_t value) {
     fprintf(file, "%s\"%s\": %llu", before, name, (unsigned long long)value);
 }
@@ -187,6 +208,18 @@ static void json_rules(FILE *file, const char *before, const char *name, const u
         fprintf(file, "%s\"R%d\": %llu", i > 0 ? ", " : "", i + 1, (unsigned long long)counts[i]);
     }
     fputc('}', file);
+}
+
+/* With what one thread, or all of them together, lost time. */
+static void json_overhead(FILE *file, const lapd_thread_report *thread) {
+    json_number(file, "", "rollback_s", thread->rollback_seconds);
+    json_number(file, ", ", "contention_s", thread->contention_seconds);
+    json_number(file, ", ", "idle_s", thread->idle_seconds);
+    json_rules(file, ", ", "rollbacks_by_rule", thread->rollbacks_by_rule);
+    json_count(file, ", ", "stale", thread->stale);
+    json_count(file, ", ", "waits", thread->waits);
+    json_count(file, ", ", "begs", thread->begs);
+    json_count(file, ", ", "gifts", thread->gifts);
 }
 
 uint64_t peak_memory(void) {
@@ -245,7 +278,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_number(f, "", "read", seconds->read);
     json_number(f, ", ", "distance", s->timings.distance);
     json_number(f, ", ", "refine", s->timings.refine);
-    /* This version does not optimise, and one thread has no overhead: the fields are there for those who compare. */
+    /* This version does not optimise: the field is there for those who compare. */
     json_number(f, ", ", "optimize", 0);
     json_number(f, ", ", "extract", s->timings.extract);
     json_number(f, ", ", "certify", s->timings.certify);
@@ -273,9 +306,20 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_number(f, ", ", "looks_per_tet", ratio((double)s->operations.looks, tets));
     json_number(f, ", ", "lookups_per_tet",
                 ratio((double)(s->operations.label_lookups + s->operations.crossing_lookups), tets));
-    fputs("},\n  \"overhead\": {\"rollback_s\": 0, \"idle_s\": 0, \"remote_s\": 0, \"remote_accesses\": 0, "
-          "\"local_accesses\": 0}",
-          f);
+    fputs("},\n  \"overhead\": {", f);
+    json_overhead(f, &s->all_threads);
+    /* This version does not count accesses to memory of other processors, as above. */
+    fputs(", \"remote_s\": 0, \"remote_accesses\": 0, \"local_accesses\": 0},\n  \"thread_reports\": [", f);
+    for (size_t i = 0; i < s->thread_count; i++) {
+        json_count(f, i > 0 ? ",\n    {" : "\n    {", "insertions", s->threads[i].insertions);
+        json_count(f, ", ", "removals", s->threads[i].removals);
+        json_count(f, ", ", "tets_created", s->threads[i].tets_created);
+        json_count(f, ", ", "rollbacks", s->threads[i].rollbacks);
+        fputs(", ", f);
+        json_overhead(f, &s->threads[i]);
+        fputc('}', f);
+    }
+    fputs("\n  ]", f);
 
     fputs(",\n  \"quality\": {", f);
     json_number(f, "", "min_dihedral", s->quality.min_dihedral);

@@ -13,6 +13,7 @@ typedef struct {
     const char **outputs;
     size_t output_count;
     const char *report;
+    const char *timeline;
     bool has_delta;
     bool has_size;
     bool memory;
@@ -45,12 +46,16 @@ typedef struct {
     int32_t limit_reached;
     lapd_label_row *rows;
     size_t row_count;
+    /* What each thread did, and the sum. */
+    lapd_thread_report *threads;
+    size_t thread_count;
+    lapd_thread_report all_threads;
 } summary;
 
 /* Prints one line on stderr. */
 void complain(const char *format, ...);
 
-/* Fills `s`, whose rows the caller frees. */
+/* Fills `s`, whose rows and threads the caller frees, whatever this returns. */
 lapd_status summarize(const lapd_mesh *mesh, summary *s);
 
 void print_table(const summary *s, const file_seconds *seconds);
