@@ -42,7 +42,10 @@
  */
 #define LAPD_NO_TET UINT32_MAX
 
-
+/**
+ * "The sum of all threads", as the number of a thread.
+ */
+#define LAPD_ALL_THREADS (size_t)-1
 
 /**
  * What a function came to. The numbers are stable: none will ever change its meaning, new ones may be added. 0 is success.

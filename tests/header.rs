@@ -69,7 +69,7 @@ fn header_is_up_to_date() {
 }
 
 #[test]
-fn every_exported_function_is_in_the_header() {
+fn every_exported_function_and_constant_is_in_the_header() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let header = generate(root);
     let mut exported = 0;
@@ -80,6 +80,11 @@ fn every_exported_function_is_in_the_header() {
             let name = item.split("fn ").nth(1).and_then(|rest| rest.split('(').next()).expect("a function follows");
             assert!(header.contains(&format!("{name}(")), "{name} is not in the header");
             exported += 1;
+        }
+        // cbindgen leaves out what it cannot write in C, with no more than a warning.
+        for constant in source.split("\npub const ").skip(1) {
+            let name = constant.split(':').next().expect("a type follows");
+            assert!(header.contains(&format!("#define {name} ")), "{name} is not in the header");
         }
     }
     assert!(exported > 50, "only {exported} exported functions found");

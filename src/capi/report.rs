@@ -176,7 +176,10 @@ pub struct lapd_thread_report {
 }
 
 /// "The sum of all threads", as the number of a thread.
-pub const LAPD_ALL_THREADS: usize = usize::MAX;
+pub const LAPD_ALL_THREADS: usize = -1_isize as usize;
+
+// cbindgen knows no usize::MAX.
+const _: () = assert!(LAPD_ALL_THREADS == usize::MAX);
 
 // SAFETY of all seven: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of version 0.1 and stays when fields are
 // appended.
