@@ -2,15 +2,25 @@
 //!
 //! Checking every facet against the vertex across it suffices: a triangulation of a convex box that is locally Delaunay at each facet is
 //! Delaunay (Delaunay 1934).
+//!
+//! Runs in the current rayon pool, by pieces of slots; the counts do not depend on the number of threads. Linear; what it costs is the memory that
+//! neighbours lie in.
 
-use super::tet::{FACET, TetId, VertexKind};
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::tet::{FACET, Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
 use crate::Result;
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
 
-/// Tets between two questions whether to go on.
-pub const CHECK_EVERY: u64 = 1 << 12;
+/// Slots of tets, or vertices, between two questions whether to go on: one piece of work.
+pub const CHECK_EVERY: u32 = 1 << 12;
+
+/// A sweep fetches the neighbours of the tet this many slots ahead: they lie anywhere.
+const AHEAD: u32 = 8;
 
 /// What the validator counted. All but `tets` and `vertices` are 0 for a sound triangulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,6 +44,17 @@ impl Check {
     pub fn is_sound(&self) -> bool {
         self.inverted_tets + self.broken_adjacency + self.non_delaunay_facets + self.broken_stars == 0
     }
+
+    fn merged(self, other: Self) -> Self {
+        Self {
+            tets: self.tets + other.tets,
+            vertices: self.vertices + other.vertices,
+            inverted_tets: self.inverted_tets + other.inverted_tets,
+            broken_adjacency: self.broken_adjacency + other.broken_adjacency,
+            non_delaunay_facets: self.non_delaunay_facets + other.non_delaunay_facets,
+            broken_stars: self.broken_stars + other.broken_stars,
+        }
+    }
 }
 
 impl Triangulation {
@@ -42,23 +63,40 @@ impl Triangulation {
         self.check_while(|| Ok(())).unwrap_or_default()
     }
 
-    /// As [`Self::check`]; asks `go_on` every [`CHECK_EVERY`] tets.
+    /// As [`Self::check`]; asks `go_on` before every [`CHECK_EVERY`] slots and vertices, on any thread of the pool.
     ///
     /// # Errors
     /// Those of `go_on`.
-    pub fn check_while(&self, go_on: impl Fn() -> Result<()>) -> Result<Check> {
+    pub fn check_while(&self, go_on: impl Fn() -> Result<()> + Sync) -> Result<Check> {
+        let in_pieces = |bound: u32, check: &(dyn Fn(Range<u32>) -> Check + Sync)| {
+            let pieces = (0..bound.div_ceil(CHECK_EVERY)).into_par_iter().map(|piece| {
+                go_on()?;
+                let first = piece * CHECK_EVERY;
+                Ok(check(first..(first + CHECK_EVERY).min(bound)))
+            });
+            // Counts: their sum does not depend on the order.
+            pieces.try_reduce(Check::default, |a, b| Ok(a.merged(b)))
+        };
+        let of_tets = in_pieces(self.tet_bound(), &|slots| self.check_slots(slots))?;
+        Ok(of_tets.merged(in_pieces(self.vertex_bound(), &|vertices| self.check_vertices(vertices))?))
+    }
+
+    fn check_slots(&self, slots: Range<TetId>) -> Check {
         let mut check = Check::default();
-        for t in self.living_tets() {
-            if check.tets % CHECK_EVERY == 0 {
-                go_on()?;
+        let last = slots.end - 1;
+        for t in slots {
+            self.prefetch_neighbors((t + AHEAD).min(last));
+            if self.is_living(t) {
+                check.tets += 1;
+                self.check_tet(t, &mut check);
             }
-            check.tets += 1;
-            self.check_tet(t, &mut check);
         }
-        for v in 0..self.vertex_bound() {
-            if u64::from(v).is_multiple_of(CHECK_EVERY) {
-                go_on()?;
-            }
+        check
+    }
+
+    fn check_vertices(&self, vertices: Range<VertexId>) -> Check {
+        let mut check = Check::default();
+        for v in vertices {
             if self.vertex(v).kind() == VertexKind::Removed {
                 continue;
             }
@@ -68,7 +106,7 @@ impl Triangulation {
                 check.broken_stars += 1;
             }
         }
-        Ok(check)
+        check
     }
 
     fn check_tet(&self, t: TetId, check: &mut Check) {
@@ -91,28 +129,90 @@ impl Triangulation {
                 check.broken_adjacency += u64::from(!on_box);
                 continue;
             }
-            let other = self.tet(twin.tet()).vertices();
-            let mut facet = FACET[i].map(|k| vertices[k]);
-            let mut facet_across = FACET[twin.index()].map(|k| other[k]);
-            facet.sort_unstable();
-            facet_across.sort_unstable();
-            let back = self.tet(twin.tet()).neighbor(twin.index());
-            if self.is_cleared(twin.tet())
-                || back.is_none()
-                || back.tet() != t
-                || back.index() != i
-                || facet != facet_across
-            {
+            if self.is_cleared(twin.tet()) || self.tet(twin.tet()).neighbor(twin.index()) != Facet::new(t, i) {
                 check.broken_adjacency += 1;
                 continue;
             }
-            // Each facet once.
-            if t < twin.tet() {
-                let across = self.position(other[twin.index()]);
-                // The sphere made anew: what the tet keeps is not trusted here. Its bounds are proved, so an answer is the exact one.
-                let inside = sphere.contains(across).unwrap_or_else(|| in_sphere_perturbed(corners, across));
-                check.non_delaunay_facets += u64::from(inside);
+            // The two sides name each other; what they share is looked at from one of them.
+            if t > twin.tet() {
+                continue;
             }
+            let other = self.tet(twin.tet()).vertices();
+            if !is_same_facet(FACET[i].map(|k| vertices[k]), FACET[twin.index()].map(|k| other[k])) {
+                check.broken_adjacency += 1;
+                continue;
+            }
+            let across = self.position(other[twin.index()]);
+            // The sphere made anew: what the tet keeps is not trusted here. Its bounds are proved, so an answer is the exact one.
+            let inside = sphere.contains(across).unwrap_or_else(|| in_sphere_perturbed(corners, across));
+            check.non_delaunay_facets += u64::from(inside);
         }
+    }
+}
+
+/// Whether two facets have the same vertices, in any order. A facet of a positive tet has three different ones.
+fn is_same_facet(facet: [VertexId; 3], across: [VertexId; 3]) -> bool {
+    facet.map(|v| across.map(|w| u32::from(v == w)).iter().sum::<u32>()) == [1; 3]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Error;
+    use crate::delaunay::{Solo, Worker};
+    use glam::DVec3;
+    use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+    /// A few thousand points of a lattice.
+    fn triangulation() -> Triangulation {
+        let triangulation = Triangulation::new(DVec3::splat(-1.0), DVec3::splat(12.5)).unwrap();
+        let mut worker = Worker::new(Solo);
+        let mut start = 0;
+        for i in 0..12 * 12 * 12 {
+            let p = DVec3::new(f64::from(i % 12), f64::from(i / 12 % 12), f64::from(i / 144));
+            start = triangulation.locate(start, p);
+            worker.insert(&triangulation, start, p, VertexKind::Free).unwrap();
+            start = worker.created()[0];
+        }
+        triangulation
+    }
+
+    fn check_on(threads: usize, triangulation: &Triangulation) -> Check {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| triangulation.check())
+    }
+
+    #[test]
+    fn faults_are_found_by_any_number_of_threads() {
+        let triangulation = triangulation();
+        let sound = check_on(1, &triangulation);
+        assert!(sound.is_sound() && sound.vertices == 8 + 12 * 12 * 12, "{sound:?}");
+        assert_eq!(sound, check_on(3, &triangulation));
+
+        // One side of a facet forgets the other; a vertex names a tet of another place.
+        let living: Vec<TetId> = triangulation.living_tets().collect();
+        let inner = |t: &TetId| (0..4).all(|i| !triangulation.tet(*t).neighbor(i).is_none());
+        let t = *living.iter().find(|t| inner(t)).unwrap();
+        let twin = triangulation.tet(t).neighbor(2);
+        triangulation.tet(t).set_neighbor(2, Facet::new(twin.tet(), (twin.index() + 1) % 4));
+        let v = triangulation.tet(t).vertices()[0];
+        let far = *living.iter().find(|&&t| !triangulation.tet(t).vertices().contains(&v)).unwrap();
+        triangulation.vertex(v).set_star(far);
+        let broken = check_on(1, &triangulation);
+        assert_eq!((broken.broken_adjacency, broken.broken_stars), (2, 1), "{broken:?}");
+        assert_eq!(broken, check_on(3, &triangulation));
+    }
+
+    #[test]
+    fn facets_are_the_same_in_any_order() {
+        assert!(is_same_facet([1, 2, 3], [3, 1, 2]) && is_same_facet([1, 2, 3], [2, 1, 3]));
+        assert!(!is_same_facet([1, 2, 3], [1, 2, 4]) && !is_same_facet([1, 2, 3], [1, 2, 2]));
+    }
+
+    #[test]
+    fn the_check_ends_when_told_to() {
+        let left = AtomicU32::new(1);
+        let stop = || if left.fetch_sub(1, Relaxed) == 0 { Err(Error::Cancelled) } else { Ok(()) };
+        assert!(matches!(triangulation().check_while(stop), Err(Error::Cancelled)));
     }
 }
