@@ -11,6 +11,7 @@
 //! | [`team`] | what the workers of a refinement share: limits, the way to stop |
 //! | [`podm`] | all workers on one triangulation: the phases of a refinement |
 //! | [`refiner`] | one worker's loop: look, insert, remove |
+//! | [`unmet`] | what the rules still apply to in the end |
 
 pub mod activity;
 pub mod cell_table;
@@ -20,7 +21,8 @@ pub mod refiner;
 pub mod rules;
 pub mod sampling;
 pub mod team;
+pub mod unmet;
 pub mod vertex_grid;
 
 pub use podm::refine;
-pub use refiner::unmet_rules;
+pub use unmet::unmet_rules;

@@ -381,24 +381,3 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         self.timeline.interrupt(Doing::Begging, begin, end);
     }
 }
-
-/// Counts the tets to which a rule still applies when refinement has ended, by rule: what was demanded and could not be inserted. A tet of the object that
-/// is too flat for its circumcenter to be computed counts under R4.
-///
-/// # Errors
-/// [`Error::Cancelled`].
-pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]> {
-    let mut unmet = [rules.uncovered_edges(monitor)?, 0, 0, 0, 0, 0];
-    let mut asked = Lookups::default();
-    for (i, t) in rules.triangulation.living_tets().enumerate() {
-        if (i as u64).is_multiple_of(LOOK_EVERY) {
-            monitor.advance(LOOK_EVERY as usize)?;
-        }
-        if let Some(demand) = rules.surface_demand(t, Facets::Once, &mut asked).or_else(|| rules.volume_demand(t)) {
-            unmet[demand.rule as usize] += 1;
-        } else if rules.is_undecided(t) {
-            unmet[Rule::R4 as usize] += 1;
-        }
-    }
-    Ok(unmet)
-}

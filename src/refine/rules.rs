@@ -16,7 +16,6 @@ use crate::delaunay::worker::MARKS;
 use crate::delaunay::{Facet, TetId, TetStamp, Triangulation, VertexId, VertexKind};
 use crate::geometry::predicates::perturbation_order;
 use crate::geometry::shape::{has_angle_below, shortest_squared_edge, triangle_circumcircle};
-use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
 
@@ -349,29 +348,5 @@ impl<'a> Rules<'a> {
             found.push(v);
             true
         });
-    }
-
-    /// How many crossed edges of the image's grid have no isovertex within delta: where R1 is unmet.
-    ///
-    /// # Errors
-    /// [`crate::Error::Cancelled`]; [`crate::Error::OutOfMemory`].
-    pub fn uncovered_edges(&self, monitor: &Monitor<'_>) -> Result<u64> {
-        let isovertices = VertexGrid::new(self.triangulation, VertexKind::Isovertex, 2.0 * self.delta)?;
-        for v in 0..self.triangulation.vertex_bound() {
-            let vertex = self.triangulation.vertex(v);
-            if vertex.kind() == VertexKind::Isovertex {
-                isovertices.push(v, vertex.position())?;
-            }
-        }
-        let mut count = 0;
-        let grid = self.oracle.edge_grid(self.delta);
-        for row in 0..grid.rows() {
-            monitor.check_cancelled()?;
-            grid.visit_row(row, |edge| {
-                count += u64::from(!isovertices.any_within(self.triangulation, edge.point, self.delta));
-                Ok(())
-            })?;
-        }
-        Ok(count)
     }
 }

@@ -1,0 +1,81 @@
+//! What the rules still apply to when refinement has ended: demands that could not be carried out, for rounding placed a point on a vertex or out of its
+//! conflict zone, or since a limit ended the run.
+//!
+//! Reads only, in parallel in the current rayon pool; nobody may operate on the triangulation meanwhile. The counts do not depend on the number of threads.
+//! Linear in the slots of tets, and in the cells of the image through which interfaces pass.
+
+use rayon::prelude::*;
+
+use super::rules::{Facets, Lookups, Rule, Rules};
+use super::vertex_grid::VertexGrid;
+use crate::Result;
+use crate::delaunay::{TetId, VertexKind};
+use crate::monitor::Monitor;
+
+/// Slots of tets, or vertices, of one piece of work, between two looks at the cancel flag.
+const PIECE: u32 = 1 << 12;
+
+/// The sweep fetches the neighbours of the tet this many slots ahead: they lie anywhere.
+const AHEAD: u32 = 8;
+
+/// Counts the tets to which a rule still applies, by rule. A tet of the object that is too flat for its circumcenter to be computed counts under R4; under
+/// R1 count the crossed edges of the image's grid that have no isovertex within delta.
+///
+/// # Errors
+/// [`crate::Error::Cancelled`]; [`crate::Error::OutOfMemory`].
+pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]> {
+    let bound = rules.triangulation.tet_bound();
+    let pieces = (0..bound.div_ceil(PIECE)).into_par_iter().map(|piece| {
+        monitor.advance(PIECE as usize)?;
+        let mut unmet = [0; 6];
+        let end = ((piece + 1) * PIECE).min(bound);
+        for t in piece * PIECE..end {
+            rules.triangulation.prefetch_neighbors((t + AHEAD).min(end - 1));
+            if let Some(rule) = rules.unmet_rule(t) {
+                unmet[rule as usize] += 1;
+            }
+        }
+        Ok(unmet)
+    });
+    let mut unmet = pieces.try_reduce(|| [0; 6], |a, b| Ok(std::array::from_fn(|rule| a[rule] + b[rule])))?;
+    unmet[Rule::R1 as usize] = rules.uncovered_edges(monitor)?;
+    Ok(unmet)
+}
+
+impl Rules<'_> {
+    /// The first rule that applies to a slot, if a tet lives there. With all tets each facet is asked once.
+    fn unmet_rule(&self, t: TetId) -> Option<Rule> {
+        if !self.triangulation.is_living(t) {
+            return None;
+        }
+        let demand = self.surface_demand(t, Facets::Once, &mut Lookups::default()).or_else(|| self.volume_demand(t));
+        demand.map(|demand| demand.rule).or_else(|| self.is_undecided(t).then_some(Rule::R4))
+    }
+
+    /// How many crossed edges of the image's grid have no isovertex within delta: where R1 is unmet.
+    fn uncovered_edges(&self, monitor: &Monitor<'_>) -> Result<u64> {
+        let isovertices = VertexGrid::new(self.triangulation, VertexKind::Isovertex, 2.0 * self.delta)?;
+        let bound = self.triangulation.vertex_bound();
+        (0..bound.div_ceil(PIECE)).into_par_iter().try_for_each(|piece| {
+            monitor.check_cancelled()?;
+            for v in piece * PIECE..((piece + 1) * PIECE).min(bound) {
+                let vertex = self.triangulation.vertex(v);
+                if vertex.kind() == VertexKind::Isovertex {
+                    isovertices.push(v, vertex.position())?;
+                }
+            }
+            Ok(())
+        })?;
+        let grid = self.oracle.edge_grid(self.delta);
+        let rows = (0..grid.rows()).into_par_iter().map(|row| {
+            monitor.check_cancelled()?;
+            let mut uncovered = 0;
+            grid.visit_row(row, |edge| {
+                uncovered += u64::from(!isovertices.any_within(self.triangulation, edge.point, self.delta));
+                Ok(())
+            })?;
+            Ok(uncovered)
+        });
+        rows.try_reduce(|| 0, |a, b| Ok(a + b))
+    }
+}
