@@ -3,11 +3,12 @@
 //! The radius-edge ratio is the measure that Delaunay refinement bounds (Shewchuk, "Tetrahedral mesh generation by Delaunay
 //! refinement", 1998); it says nothing about slivers, which is why dihedral angles are reported beside it.
 //!
-//! Angles come from `atan2` of a sine and a cosine that share their scale: unlike `acos` this loses no digits near 0 and 180
-//! degrees, where slivers are. Only tets with a label other than 0 count; background that was kept is not part of the object.
+//! Angles come from a sine and a cosine that share their scale, by `atan2`, or, where only their order matters, as the squared cotangent
+//! with its sign, which takes no root: unlike `acos` neither loses digits near 0 and 180 degrees, where slivers are. Only tets with a label
+//! other than 0 count; background that was kept is not part of the object.
 //!
-//! Pure functions of the mesh, safe from any thread. Linear in the number of tets and parallel; the partial results are combined in
-//! the order of the tets, so that equal meshes give equal bits whatever the number of threads.
+//! Pure functions of the mesh, safe from any thread. Linear in the number of tets and parallel in the current rayon pool; the partial results are
+//! combined in the order of the tets, so that equal meshes give equal bits whatever the number of threads.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -22,6 +23,60 @@ const CHUNK: usize = 4096;
 /// The vertices of the edges of a tet, and the two others, in the order of [`dihedral_angles`].
 const EDGES: [[usize; 4]; 6] = [[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 2, 0], [2, 3, 0, 1]];
 
+/// The edges at each vertex, as places in [`EDGES`], and the vertices at their other ends.
+const STARS: [[(usize, usize); 3]; 4] =
+    [[(0, 1), (1, 2), (2, 3)], [(0, 0), (3, 2), (4, 3)], [(1, 0), (3, 1), (5, 3)], [(2, 0), (4, 1), (5, 2)]];
+
+/// What all measures of a tet are made of.
+struct TetShape {
+    /// Squared lengths of the edges.
+    squares: [f64; 6],
+    /// Of the facet opposite to each vertex: normals that all point out, or all in; twice the area long.
+    normals: [DVec3; 4],
+    /// Six times the signed volume.
+    six_volumes: f64,
+}
+
+impl TetShape {
+    #[inline]
+    fn new(&[a, b, c, d]: &[DVec3; 4]) -> Self {
+        let (ab, ac, ad, bc, bd, cd) = (b - a, c - a, d - a, c - b, d - b, d - c);
+        Self {
+            squares: [ab, ac, ad, bc, bd, cd].map(DVec3::length_squared),
+            normals: [bc.cross(bd), ad.cross(ac), ab.cross(ad), ac.cross(ab)],
+            six_volumes: ab.cross(ac).dot(ad),
+        }
+    }
+
+    /// At each edge, the cosine of the dihedral angle and the square of its sine, both to the scale of the two areas.
+    #[inline]
+    fn dihedrals(&self) -> [(f64, f64); 6] {
+        // Two facets with normals n and m at an edge: |n x m| = |edge| * 6 |volume|. Both normals point out, so that the angle is that of n and -m.
+        let squared_volume = self.six_volumes * self.six_volumes;
+        std::array::from_fn(|e| {
+            let [.., k, l] = EDGES[e];
+            (-self.normals[k].dot(self.normals[l]), self.squares[e] * squared_volume)
+        })
+    }
+
+    #[inline]
+    fn circumradius(&self) -> f64 {
+        if self.six_volumes == 0.0 {
+            return f64::INFINITY;
+        }
+        // Relative to the vertex with the shortest edges, which keeps the cancellation of the sum smallest.
+        let size = |a: usize| STARS[a].iter().map(|&(edge, _)| self.squares[edge]).sum::<f64>();
+        let apex = (1..4).fold((0, size(0)), |best, a| if size(a) < best.1 { (a, size(a)) } else { best }).0;
+        let sum: DVec3 = STARS[apex].iter().map(|&(edge, other)| self.squares[edge] * self.normals[other]).sum();
+        sum.length() / (2.0 * self.six_volumes.abs())
+    }
+
+    #[inline]
+    fn shortest_edge(&self) -> f64 {
+        self.squares.into_iter().fold(f64::INFINITY, f64::min).sqrt()
+    }
+}
+
 /// Signed volume of a tet: positive when (b - a) x (c - a) . (d - a) > 0.
 pub fn tet_volume(p: &[DVec3; 4]) -> f64 {
     (p[1] - p[0]).cross(p[2] - p[0]).dot(p[3] - p[0]) / 6.0
@@ -30,57 +85,85 @@ pub fn tet_volume(p: &[DVec3; 4]) -> f64 {
 /// The six dihedral angles of a tet in degrees, 0 to 180, at the edges 01, 02, 03, 12, 13, 23. The orientation does not matter; a
 /// flat tet gives angles of 0 and 180.
 pub fn dihedral_angles(p: &[DVec3; 4]) -> [f64; 6] {
-    let six_volumes = 6.0 * tet_volume(p).abs();
-    EDGES.map(|[i, j, k, l]| {
-        let edge = p[j] - p[i];
-        // With n = edge x (p_k - p_i) and m = edge x (p_l - p_i): |n x m| = |edge| * 6 |volume|.
-        let n = edge.cross(p[k] - p[i]);
-        let m = edge.cross(p[l] - p[i]);
-        (edge.length() * six_volumes).atan2(n.dot(m)).to_degrees()
-    })
+    TetShape::new(p).dihedrals().map(|(cosine, squared_sine)| squared_sine.sqrt().atan2(cosine).to_degrees())
 }
 
 /// Circumradius of a tet; infinite when it is flat.
 pub fn tet_circumradius(p: &[DVec3; 4]) -> f64 {
-    // Differences to the vertex with the shortest edges keep the cancellation of the numerator smallest.
-    let apex = (0..4).min_by(|&a, &b| star_size(p, a).total_cmp(&star_size(p, b))).unwrap_or(0);
-    let [u, v, w] = [1, 2, 3].map(|i| p[(apex + i) % 4] - p[apex]);
-    let determinant = u.dot(v.cross(w));
-    if determinant == 0.0 {
-        return f64::INFINITY;
-    }
-    let numerator = u.length_squared() * v.cross(w) + v.length_squared() * w.cross(u) + w.length_squared() * u.cross(v);
-    numerator.length() / (2.0 * determinant.abs())
-}
-
-/// Sum of the squared lengths of the edges at vertex `a`.
-fn star_size(p: &[DVec3; 4], a: usize) -> f64 {
-    p.iter().map(|q| q.distance_squared(p[a])).sum()
+    TetShape::new(p).circumradius()
 }
 
 /// Length of the shortest of the six edges.
 pub fn shortest_edge(p: &[DVec3; 4]) -> f64 {
-    EDGES.iter().map(|&[i, j, ..]| p[i].distance_squared(p[j])).fold(f64::INFINITY, f64::min).sqrt()
+    TetShape::new(p).shortest_edge()
 }
 
 /// Circumradius over shortest edge; at least sqrt(6) / 4, infinite for a flat tet.
 pub fn radius_edge_ratio(p: &[DVec3; 4]) -> f64 {
-    let radius = tet_circumradius(p);
-    if radius.is_infinite() { radius } else { radius / shortest_edge(p) }
+    let shape = TetShape::new(p);
+    let radius = shape.circumradius();
+    if radius.is_infinite() { radius } else { radius / shape.shortest_edge() }
+}
+
+/// At each vertex of a triangle, the cosine of its angle and the square of its sine, both to the scale of twice the area.
+#[inline]
+fn corner_angles(&[a, b, c]: &[DVec3; 3]) -> [(f64, f64); 3] {
+    let (ab, bc, ca) = (b - a, c - b, a - c);
+    let squared_sine = ab.cross(ca).length_squared();
+    [-ab.dot(ca), -bc.dot(ab), -ca.dot(bc)].map(|cosine| (cosine, squared_sine))
 }
 
 /// The planar angles of a triangle in degrees, at its vertices in their order.
 pub fn triangle_angles(p: &[DVec3; 3]) -> [f64; 3] {
-    [0, 1, 2].map(|i| {
-        let u = p[(i + 1) % 3] - p[i];
-        let v = p[(i + 2) % 3] - p[i];
-        u.cross(v).length().atan2(u.dot(v)).to_degrees()
-    })
+    corner_angles(p).map(|(cosine, squared_sine)| squared_sine.sqrt().atan2(cosine).to_degrees())
 }
 
 /// Area of a triangle.
 pub fn triangle_area(p: &[DVec3; 3]) -> f64 {
     0.5 * (p[1] - p[0]).cross(p[2] - p[0]).length()
+}
+
+/// The square of an angle's cotangent, with its sign: it falls as the angle grows, from infinity at 0 to minus infinity at 180 degrees.
+#[derive(Clone, Copy, PartialEq, PartialOrd)]
+struct Cotangent(f64);
+
+impl Cotangent {
+    const OF_ZERO: Self = Self(f64::INFINITY);
+    const OF_STRAIGHT: Self = Self(f64::NEG_INFINITY);
+
+    #[inline]
+    fn new((cosine, squared_sine): (f64, f64)) -> Self {
+        let ratio = cosine * cosine.abs() / squared_sine;
+        // 0 / 0, where vertices coincide: as atan2 has it, an angle of 0.
+        if ratio.is_nan() { Self::OF_ZERO } else { Self(ratio) }
+    }
+
+    #[inline]
+    fn max(self, other: Self) -> Self {
+        Self(self.0.max(other.0))
+    }
+
+    #[inline]
+    fn min(self, other: Self) -> Self {
+        Self(self.0.min(other.0))
+    }
+
+    /// The angle in degrees.
+    fn angle(self) -> f64 {
+        1.0_f64.atan2(self.0.abs().sqrt().copysign(self.0)).to_degrees()
+    }
+}
+
+/// The ends of the bins of dihedral angles: 10 to 170 degrees.
+fn bin_ends() -> [Cotangent; 17] {
+    std::array::from_fn(|bin| match bin + 1 {
+        // Right angles are common: theirs is exact.
+        9 => Cotangent(0.0),
+        end => {
+            let (sine, cosine) = (10.0 * end as f64).to_radians().sin_cos();
+            Cotangent::new((cosine, sine * sine))
+        }
+    })
 }
 
 /// Shape of the tets with a label other than 0 and of the interface facets. Lengths are in world units, angles in degrees. Where
@@ -124,6 +207,7 @@ impl Quality {
     /// [`crate::Error::Cancelled`].
     pub fn measure(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<Self> {
         monitor.enter(Step::Quality, mesh.tets.len() + mesh.facets.len())?;
+        let bin_ends = bin_ends();
         let tet_parts: Vec<TetSummary> = mesh
             .tets
             .par_chunks(CHUNK)
@@ -132,28 +216,24 @@ impl Quality {
                 monitor.advance(tets.len())?;
                 let mut part = TetSummary::default();
                 for (tet, _) in tets.iter().zip(labels).filter(|&(_, &label)| label != 0) {
-                    part.add(&tet.map(|v| mesh.point(v)));
+                    part.add(&tet.map(|v| mesh.point(v)), &bin_ends);
                 }
                 Ok(part)
             })
             .collect::<Result<_>>()?;
-        let facet_parts: Vec<(f64, f64)> = mesh
-            .facets
-            .par_chunks(CHUNK)
-            .map(|facets| {
-                monitor.advance(facets.len())?;
-                let angles = facets.iter().flat_map(|facet| triangle_angles(&facet.map(|v| mesh.point(v))));
-                Ok(angles.fold((f64::INFINITY, 0.0), |(min, max), angle| (angle.min(min), angle.max(max))))
-            })
-            .collect::<Result<_>>()?;
+        let facet_parts = mesh.facets.par_chunks(CHUNK).map(|facets| {
+            monitor.advance(facets.len())?;
+            let angles = facets.iter().flat_map(|facet| corner_angles(&facet.map(|v| mesh.point(v))));
+            Ok(angles.map(Cotangent::new).fold(NO_ANGLES, |range, angle| merged(range, [angle; 2])))
+        });
+        let facet_angles = facet_parts.try_reduce(|| NO_ANGLES, |a, b| Ok(merged(a, b)))?;
 
         let mut quality = Quality::default();
         let all = tet_parts.into_iter().reduce(TetSummary::merged).unwrap_or_default();
         if all.tets > 0 {
             quality.tets = all.tets;
-            quality.min_dihedral = all.min_dihedral;
-            quality.max_dihedral = all.max_dihedral;
-            quality.dihedral_histogram = all.histogram;
+            [quality.min_dihedral, quality.max_dihedral] = all.dihedrals.map(Cotangent::angle);
+            quality.dihedral_histogram = all.histogram();
             quality.max_radius_edge = all.max_radius_edge;
             quality.mean_radius_edge = all.sum_radius_edge / all.tets as f64;
             quality.max_circumradius = all.max_circumradius;
@@ -164,19 +244,29 @@ impl Quality {
         }
         if !mesh.facets.is_empty() {
             quality.facets = mesh.facets.len() as u64;
-            (quality.min_facet_angle, quality.max_facet_angle) =
-                facet_parts.into_iter().fold((f64::INFINITY, 0.0), |(min, max), (lo, hi)| (lo.min(min), hi.max(max)));
+            [quality.min_facet_angle, quality.max_facet_angle] = facet_angles.map(Cotangent::angle);
         }
         Ok(quality)
     }
 }
 
+/// The smallest and the largest of some angles.
+type AngleRange = [Cotangent; 2];
+
+/// The range of no angles.
+const NO_ANGLES: AngleRange = [Cotangent::OF_STRAIGHT, Cotangent::OF_ZERO];
+
+#[inline]
+fn merged(a: AngleRange, b: AngleRange) -> AngleRange {
+    [a[0].max(b[0]), a[1].min(b[1])]
+}
+
 /// What is gathered over some tets; `default()` is neutral.
 struct TetSummary {
     tets: u64,
-    min_dihedral: f64,
-    max_dihedral: f64,
-    histogram: [u64; 18],
+    dihedrals: AngleRange,
+    /// How many dihedral angles are at least as large as the end of each bin.
+    beyond: [u64; 17],
     max_radius_edge: f64,
     sum_radius_edge: f64,
     max_circumradius: f64,
@@ -190,9 +280,8 @@ impl Default for TetSummary {
     fn default() -> Self {
         Self {
             tets: 0,
-            min_dihedral: f64::INFINITY,
-            max_dihedral: 0.0,
-            histogram: [0; 18],
+            dihedrals: NO_ANGLES,
+            beyond: [0; 17],
             max_radius_edge: 0.0,
             sum_radius_edge: 0.0,
             max_circumradius: 0.0,
@@ -205,21 +294,25 @@ impl Default for TetSummary {
 }
 
 impl TetSummary {
-    fn add(&mut self, p: &[DVec3; 4]) {
+    fn add(&mut self, p: &[DVec3; 4], bin_ends: &[Cotangent; 17]) {
+        let shape = TetShape::new(p);
         self.tets += 1;
-        for angle in dihedral_angles(p) {
-            self.min_dihedral = angle.min(self.min_dihedral);
-            self.max_dihedral = angle.max(self.max_dihedral);
-            self.histogram[((angle / 10.0) as usize).min(17)] += 1;
+        for dihedral in shape.dihedrals() {
+            let angle = Cotangent::new(dihedral);
+            self.dihedrals = merged(self.dihedrals, [angle; 2]);
+            // All bins without a branch, which could not be foreseen.
+            for (beyond, end) in self.beyond.iter_mut().zip(bin_ends) {
+                *beyond += u64::from(angle.0 <= end.0);
+            }
         }
-        let radius = tet_circumradius(p);
-        let edge = shortest_edge(p);
+        let radius = shape.circumradius();
+        let edge = shape.shortest_edge();
         let ratio = if radius.is_infinite() { radius } else { radius / edge };
         self.max_radius_edge = ratio.max(self.max_radius_edge);
         self.sum_radius_edge += ratio;
         self.max_circumradius = radius.max(self.max_circumradius);
         self.min_edge = edge.min(self.min_edge);
-        let volume = tet_volume(p);
+        let volume = shape.six_volumes / 6.0;
         self.min_volume = volume.min(self.min_volume);
         self.max_volume = volume.max(self.max_volume);
         self.total_volume += volume;
@@ -227,10 +320,9 @@ impl TetSummary {
 
     fn merged(mut self, other: Self) -> Self {
         self.tets += other.tets;
-        self.min_dihedral = self.min_dihedral.min(other.min_dihedral);
-        self.max_dihedral = self.max_dihedral.max(other.max_dihedral);
-        for (bin, more) in self.histogram.iter_mut().zip(other.histogram) {
-            *bin += more;
+        self.dihedrals = merged(self.dihedrals, other.dihedrals);
+        for (beyond, more) in self.beyond.iter_mut().zip(other.beyond) {
+            *beyond += more;
         }
         self.max_radius_edge = self.max_radius_edge.max(other.max_radius_edge);
         self.sum_radius_edge += other.sum_radius_edge;
@@ -240,6 +332,13 @@ impl TetSummary {
         self.max_volume = self.max_volume.max(other.max_volume);
         self.total_volume += other.total_volume;
         self
+    }
+
+    fn histogram(&self) -> [u64; 18] {
+        std::array::from_fn(|bin| {
+            let from = if bin == 0 { 6 * self.tets } else { self.beyond[bin - 1] };
+            from - self.beyond.get(bin).unwrap_or(&0)
+        })
     }
 }
 
@@ -367,6 +466,59 @@ mod tests {
         close(quality.min_facet_angle, 45.0);
         close(quality.max_facet_angle, 90.0);
         assert_eq!(quality.dihedral_histogram.iter().sum::<u64>(), 6 * quality.tets);
+    }
+
+    /// Points of a grid, shaken, so that no two tets are alike and sums depend on their order.
+    fn shaken_box() -> TetMesh {
+        let mut mesh = testing::kuhn_box([20, 15, 12], [1.0, 0.7, 0.4], |i, j, k| ((i + j * k) % 4) as i32);
+        for (v, p) in mesh.points.iter_mut().enumerate() {
+            *p = p.map(|x| x + 0.3 * ((v * 37 % 101) as f64 / 101.0 - 0.5));
+        }
+        mesh
+    }
+
+    #[test]
+    fn bins_and_extremes_are_those_of_the_angles() {
+        let mesh = shaken_box();
+        let quality = Quality::measure(&mesh, &Monitor::silent()).unwrap();
+        let corners = |tet: &[u32; 4]| tet.map(|v| mesh.point(v));
+        let object = mesh.tets.iter().zip(&mesh.labels).filter(|&(_, &label)| label != 0);
+        let angles: Vec<f64> = object.flat_map(|(tet, _)| dihedral_angles(&corners(tet))).collect();
+        let mut bins = [0; 18];
+        angles.iter().for_each(|angle| bins[(angle / 10.0) as usize] += 1);
+        assert_eq!(quality.dihedral_histogram, bins);
+        close(quality.min_dihedral, angles.iter().copied().fold(f64::INFINITY, f64::min));
+        close(quality.max_dihedral, angles.iter().copied().fold(0.0, f64::max));
+        let planar = || mesh.facets.iter().flat_map(|f| triangle_angles(&f.map(|v| mesh.point(v))));
+        close(quality.min_facet_angle, planar().fold(f64::INFINITY, f64::min));
+        close(quality.max_facet_angle, planar().fold(0.0, f64::max));
+    }
+
+    #[test]
+    fn extreme_angles_are_counted() {
+        let square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        let tet = |points: [[f64; 3]; 4]| TetMesh {
+            points: points.to_vec(),
+            tets: vec![[0, 1, 2, 3]],
+            labels: vec![1],
+            ..TetMesh::default()
+        };
+        let flat = Quality::measure(&tet(square), &Monitor::silent()).unwrap();
+        assert_eq!((flat.min_dihedral, flat.max_dihedral, flat.max_radius_edge), (0.0, 180.0, f64::INFINITY));
+        assert_eq!((flat.dihedral_histogram[0], flat.dihedral_histogram[17]), (4, 2));
+        let point = Quality::measure(&tet([[1.0; 3]; 4]), &Monitor::silent()).unwrap();
+        assert_eq!((point.dihedral_histogram[0], point.min_edge), (6, 0.0));
+    }
+
+    #[test]
+    fn equal_bits_on_any_number_of_threads() {
+        let mesh = shaken_box();
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| Quality::measure(&mesh, &Monitor::silent()).unwrap())
+        };
+        assert!(mesh.tets.len() > 5 * CHUNK);
+        assert_eq!(on(1), on(3));
     }
 
     #[test]
