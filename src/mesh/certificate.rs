@@ -6,7 +6,9 @@
 //! predicates", 1997) from the `robust` crate. Distances are those of [`distance`](super::distance), components those of
 //! [`components`](super::components).
 //!
-//! Deterministic; parallel inside; safe from any thread.
+//! Deterministic whatever the number of threads; parallel in the current rayon pool; safe from any thread. Linear, but for the distances.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -16,7 +18,7 @@ use super::components::{SLICE, TetCount, image_components, mesh_components};
 use super::distance::SurfaceDistance;
 use crate::Result;
 use crate::image::LabelImage;
-use crate::memory::filled;
+use crate::memory::zeroed;
 use crate::monitor::{Monitor, Step};
 
 /// Tets per work item.
@@ -135,14 +137,18 @@ pub fn inverted_tets(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
 pub fn orphan_vertices(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
-    let mut used = filled(mesh.points.len(), false, "vertices", || monitor.advance(0))?;
-    for tets in mesh.tets.chunks(CHUNK) {
+    let used: Vec<AtomicBool> = zeroed(mesh.points.len(), "vertices")?;
+    mesh.tets.par_chunks(CHUNK).try_for_each(|tets| {
         monitor.advance(tets.len())?;
         for &v in tets.iter().flatten() {
-            used[v as usize] = true;
+            // Most are marked already: looking first lets threads share what they only read.
+            if !used[v as usize].load(Relaxed) {
+                used[v as usize].store(true, Relaxed);
+            }
         }
-    }
-    Ok(used.iter().filter(|&&used| !used).count() as u64)
+        Ok(())
+    })?;
+    Ok(used.par_chunks(CHUNK).map(|used| used.iter().filter(|used| !used.load(Relaxed)).count() as u64).sum())
 }
 
 /// Edges at which the boundary between some label and all others is not closed. The boundary of a union of tets is a cycle modulo 2:
@@ -156,44 +162,65 @@ pub fn open_edges(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
         let [a, b, c] = *facet;
         [[a, b], [b, c], [c, a]].map(|[v, w]| [v.min(w), v.max(w)])
     };
-    let mut ends = filled(mesh.points.len() + 1, 0_usize, "vertices", || monitor.advance(0))?;
-    for facets in mesh.facets.chunks(CHUNK) {
+    let mut ends: Vec<AtomicUsize> = zeroed(mesh.points.len() + 1, "vertices")?;
+    mesh.facets.par_chunks(CHUNK).try_for_each(|facets| {
         monitor.advance(facets.len())?;
-        for [v, _] in facets.iter().flat_map(edges) {
-            ends[v as usize + 1] += 1;
+        facets.iter().flat_map(edges).for_each(|[v, _]| _ = ends[v as usize + 1].fetch_add(1, Relaxed));
+        Ok(())
+    })?;
+    let mut end = 0;
+    for part in ends.chunks_mut(CHUNK) {
+        monitor.check_cancelled()?;
+        for count in part {
+            end += *count.get_mut();
+            *count.get_mut() = end;
         }
     }
-    for v in 1..ends.len() {
-        ends[v] += ends[v - 1];
-    }
-    // The larger vertex of each edge, and its facet. `ends[v]` grows from the start of v's part to its end.
-    let mut stars = filled(3 * mesh.facets.len(), (0_u32, 0_u32), "edges of the interfaces", || monitor.advance(0))?;
-    for (f, facet) in mesh.facets.iter().enumerate() {
-        if f % CHUNK == 0 {
-            monitor.advance(CHUNK)?;
+    // The larger vertex of each edge, and its facet. `ends[v]` grows from the start of v's part to its end; who comes first does not matter, since each
+    // part is sorted.
+    let stars: Vec<AtomicU64> = zeroed(3 * mesh.facets.len(), "edges of the interfaces")?;
+    mesh.facets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, facets)| {
+        monitor.advance(facets.len())?;
+        for (facet, f) in facets.iter().zip((chunk * CHUNK) as u64..) {
+            for [v, w] in edges(facet) {
+                let place = ends[v as usize].fetch_add(1, Relaxed);
+                stars[place].store(u64::from(w) << 32 | f, Relaxed);
+            }
         }
-        for [v, w] in edges(facet) {
-            let end = &mut ends[v as usize];
-            stars[*end] = (w, f as u32);
-            *end += 1;
-        }
-    }
-    let open_at = |v: usize| {
-        let start = if v == 0 { 0 } else { ends[v - 1] };
-        let mut star = stars[start..ends[v]].to_vec();
-        star.sort_unstable();
-        let open = star.chunk_by(|x, y| x.0 == y.0).filter(|edge| {
-            let mut sides: Vec<i32> = edge.iter().flat_map(|&(_, f)| mesh.facet_labels[f as usize]).collect();
-            sides.sort_unstable();
-            sides.chunk_by(|x, y| x == y).any(|side| side.len() % 2 == 1)
-        });
-        open.count() as u64
-    };
+        Ok(())
+    })?;
     let open_in = |chunk: usize| {
-        monitor.advance(0)?;
-        Ok((chunk * CHUNK..((chunk + 1) * CHUNK).min(mesh.points.len())).map(open_at).sum::<u64>())
+        monitor.check_cancelled()?;
+        let (mut star, mut sides) = (Vec::new(), Vec::new());
+        let mut open = 0;
+        let mut start = if chunk == 0 { 0 } else { ends[chunk * CHUNK - 1].load(Relaxed) };
+        for v in chunk * CHUNK..((chunk + 1) * CHUNK).min(mesh.points.len()) {
+            let end = ends[v].load(Relaxed);
+            star.clear();
+            star.extend(stars[start..end].iter().map(|entry| entry.load(Relaxed)));
+            star.sort_unstable();
+            let edges = star.chunk_by(|x, y| x >> 32 == y >> 32);
+            open += edges.filter(|edge| is_open(edge, &mesh.facet_labels, &mut sides)).count() as u64;
+            start = end;
+        }
+        Ok(open)
     };
     (0..mesh.points.len().div_ceil(CHUNK)).into_par_iter().map(open_in).try_reduce(|| 0, |a, b| Ok(a + b))
+}
+
+/// Whether some label has an odd number of the facets at an edge, whose numbers are the low halves of `edge`. `sides`: room to work in.
+fn is_open(edge: &[u64], facet_labels: &[[i32; 2]], sides: &mut Vec<i32>) -> bool {
+    let labels = |entry: u64| facet_labels[entry as u32 as usize];
+    // Most edges are inside an interface.
+    if let &[one, other] = edge
+        && labels(one) == labels(other)
+    {
+        return false;
+    }
+    sides.clear();
+    sides.extend(edge.iter().flat_map(|&entry| labels(entry)));
+    sides.sort_unstable();
+    sides.chunk_by(|x, y| x == y).any(|side| side.len() % 2 == 1)
 }
 
 /// The table of labels: those of the image, lost ones included, and those that only the mesh has.
@@ -309,6 +336,34 @@ mod tests {
             .map(|z| inverted_tets(&tet(z), &Monitor::silent()).unwrap());
         assert_eq!(counts[1], 1, "a flat tet counts");
         assert_eq!(counts[0] + counts[2], 1, "one side of the plane is inverted, the other is not");
+    }
+
+    #[test]
+    fn equal_bits_on_any_number_of_threads() {
+        // Some chunks of everything, with faults of every kind.
+        let label = |i: usize, j: usize, k: usize| ((i / 3 + j / 4 * k) % 4) as i32;
+        let mut mesh = testing::kuhn_box([18, 16, 12], [1.0; 3], label);
+        let image = testing::image([18, 16, 12], Frame::axis_aligned([1.0; 3]).unwrap(), label);
+        for (v, p) in mesh.points.iter_mut().enumerate() {
+            *p = p.map(|x| x + 0.45 + 0.2 * ((v * 37 % 101) as f64 / 101.0));
+        }
+        mesh.points.push([5.0; 3]);
+        for t in (0..mesh.tets.len()).step_by(1000) {
+            mesh.tets[t].swap(1, 2);
+        }
+        for f in (0..mesh.facets.len()).rev().step_by(500) {
+            mesh.facets.remove(f);
+            mesh.facet_labels.remove(f);
+            mesh.facet_tets.remove(f);
+        }
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| Certificate::measure(&mesh, &image, 0, [0; 6], &Monitor::silent()).unwrap())
+        };
+        let certificate = on(1);
+        assert!(mesh.tets.len() > 4 * CHUNK && mesh.facets.len() > CHUNK);
+        assert!(certificate.inverted_tets == 21 && certificate.orphan_vertices == 1 && certificate.open_edges > 10);
+        assert_eq!(certificate, on(3));
     }
 
     #[test]
