@@ -21,7 +21,7 @@ use super::TetMesh;
 use super::triangle_tree::TriangleTree;
 use super::voxel_faces::{Face, VoxelFaces};
 use crate::image::LabelImage;
-use crate::memory::{filled, room};
+use crate::memory::{room, zeroed};
 use crate::monitor::{Monitor, Step};
 use crate::{Error, Result};
 
@@ -59,7 +59,7 @@ impl SurfaceDistance {
     /// # Errors
     /// [`Error::InvalidArgument`] when a vertex is not finite, [`Error::OutOfMemory`], [`Error::Cancelled`].
     pub fn measure(mesh: &TetMesh, image: &LabelImage, monitor: &Monitor<'_>) -> Result<Self> {
-        if let Some(v) = mesh.points.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
+        if let Some(v) = mesh.points.par_iter().position_first(|p| p.iter().any(|x| !x.is_finite())) {
             return Err(Error::InvalidArgument(format!("vertex {v} is not finite: {:?}", mesh.points[v])));
         }
         monitor.enter(Step::MeshToImage, mesh.facets.len())?;
@@ -68,9 +68,9 @@ impl SurfaceDistance {
         let to_local = frame.direction().transpose();
         let local = |v: u32| to_local * (mesh.point(v) - frame.origin()) + 0.5 * frame.spacing();
         let mut triangles: Vec<[DVec3; 3]> = room(mesh.facets.len(), "triangles of the interfaces")?;
-        for facets in mesh.facets.chunks(CHUNK) {
+        for facets in mesh.facets.chunks(1 << 16) {
             monitor.advance(0)?;
-            triangles.extend(facets.iter().map(|facet| facet.map(local)));
+            triangles.par_extend(facets.par_iter().map(|facet| facet.map(local)));
         }
         let mesh_to_image = mesh_to_image(&triangles, &faces, frame.spacing().min_element(), monitor)?;
         let [_, ny, nz] = faces.dims();
@@ -115,7 +115,7 @@ fn mesh_to_image(
 ) -> Result<Distance> {
     let step = 0.5 * spacing;
     // The largest distance of each triangle's samples.
-    let mut farthest = filled(triangles.len(), 0.0, "distances of facets", || monitor.advance(0))?;
+    let mut farthest: Vec<f64> = zeroed(triangles.len(), "distances of facets")?;
     let parts = triangles.par_chunks(CHUNK).zip(farthest.par_chunks_mut(CHUNK)).map(|(triangles, farthest)| {
         let mut sum = Sum::default();
         let mut start = None;
@@ -254,8 +254,12 @@ fn image_to_mesh(tree: &TriangleTree, faces: &VoxelFaces, monitor: &Monitor<'_>)
                 let Some(found) = tree.nearest(faces.centre(face), start) else {
                     return Ok(Sum { weight: 1.0, weighted: f64::INFINITY, max: f64::INFINITY });
                 };
+                let distance = found.distance_squared.sqrt();
                 start = Some(found.slot);
-                sum.add(faces.area(face), found.distance_squared.sqrt());
+                sum.add(faces.area(face), distance);
+                if distance + faces.half_diagonal(face) <= sum.max {
+                    continue;
+                }
                 for corner in faces.corners(face) {
                     // A corner with any triangle within the maximum so far cannot raise it.
                     if tree.distance_squared_to(found.slot, corner) > sum.max * sum.max

@@ -13,8 +13,8 @@
 //! depend on the number of threads, and every array gets its memory at once, touched first by the thread that fills it.
 //!
 //! Cost: two reads of every record, and for each kept tet eight lookups anywhere in two tables: four bytes a slot, four a vertex. On one thread a third
-//! of the time is the system's, for the pages of the new arrays. Beside the mesh it holds the tables, the first of which becomes the labels, and four
-//! to eight bytes an interface facet.
+//! of the time is the system's, for the pages of the new arrays. Beside the mesh it holds the tables, the first of which goes before the facets come,
+//! and four to eight bytes an interface facet.
 //!
 //! Thread safety: runs in the current rayon pool; nobody may operate on the triangulation meanwhile.
 
@@ -27,7 +27,7 @@ use super::{NONE, TetMesh};
 use crate::Result;
 use crate::delaunay::tet::{FACET, Facet, NO_VERTEX};
 use crate::delaunay::{TetId, Triangulation};
-use crate::memory::{reserve, room, zeroed};
+use crate::memory::{reserve, zeroed};
 use crate::monitor::Monitor;
 
 /// Slots, or vertices, of one piece of work: some hundred microseconds, between two looks at the cancel flag.
@@ -61,7 +61,8 @@ pub fn extract(
     let mut mesh = TetMesh { points, ..TetMesh::default() };
     let listed = copy_tets(triangulation, &slots, &vertex_index, &mut mesh, monitor)?;
     drop(vertex_index);
-    mesh.labels = slots.into_labels(labels);
+    mesh.labels = slots.labels(labels, monitor)?;
+    drop(slots);
     copy_facets(&mut mesh, &listed, monitor)?;
     Ok(mesh)
 }
@@ -87,8 +88,7 @@ impl Slots {
         monitor: &Monitor<'_>,
     ) -> Result<(Self, Vec<AtomicU32>)> {
         let words = triangulation.vertex_bound().div_ceil(u32::BITS) as usize;
-        let mut in_use = room(words, "vertices of the mesh")?;
-        in_use.resize_with(words, AtomicU32::default);
+        let in_use: Vec<AtomicU32> = zeroed(words, "vertices of the mesh")?;
         let mut notes = zeroed(triangulation.tet_bound() as usize, "slots of tets")?;
         let keep = |(range, notes): (usize, &mut [u32])| {
             monitor.advance(notes.len() / 2)?;
@@ -121,19 +121,17 @@ impl Slots {
         Ok((Self { notes, ranges: consecutive(kept) }, in_use))
     }
 
-    /// The labels of the mesh's tets, in the memory of the notes.
-    fn into_labels(self, labels: &[i32]) -> Vec<i32> {
-        let mut list: Vec<i32> = bytemuck::cast_vec(self.notes);
-        let mut end = 0;
-        for slot in 0..list.len() {
-            let note = list[slot] as u32;
-            // What is overwritten was read: no tet moves up.
-            list[end] = labels[(note >> 16) as usize];
-            end += usize::from(note & NOT_KEPT != NOT_KEPT);
-        }
-        list.truncate(end);
-        list.shrink_to_fit();
-        list
+    /// The labels of the mesh's tets.
+    fn labels(&self, labels: &[i32], monitor: &Monitor<'_>) -> Result<Vec<i32>> {
+        let mut list = zeroed(end_of(&self.ranges), "tets of the mesh")?;
+        let pieces = split(&mut list, &self.ranges).into_par_iter().zip(self.notes.par_chunks(RANGE));
+        pieces.try_for_each(|(list, notes)| {
+            monitor.check_cancelled()?;
+            let kept = notes.iter().filter(|&note| note & NOT_KEPT != NOT_KEPT);
+            list.iter_mut().zip(kept).for_each(|(label, note)| *label = labels[(note >> 16) as usize]);
+            Ok(())
+        })?;
+        Ok(list)
     }
 }
 

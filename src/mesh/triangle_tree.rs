@@ -1,11 +1,13 @@
 //! Nearest triangle of a set, by a hierarchy of bounding boxes split at the median (Ericson, "Real-Time Collision Detection", 2005,
 //! sections 5.1.5 and 6.2).
 //!
-//! Built once, O(n log n); read-only afterwards, so any number of threads may ask. A query that starts from a triangle known to be near
+//! Built once, O(n log n), the halves in parallel in the current rayon pool; read-only afterwards, so any number of threads may ask. The hierarchy does
+//! not depend on the number of threads. A query that starts from a triangle known to be near
 //! visits only the few boxes that come closer; the surface is walked in scan order, and the answer for one point is that start for the
 //! next.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::Result;
 use crate::memory::room;
@@ -13,6 +15,12 @@ use crate::monitor::Monitor;
 
 /// Triangles per leaf at most.
 const LEAF: usize = 4;
+
+/// Hierarchies over at most twice as many triangles are built by one thread.
+const ALONE: usize = 1 << 11;
+
+/// Boxes between two looks at the cancel flag when their memory is touched.
+const FILL: usize = 1 << 16;
 
 /// A box of the hierarchy. Its left child follows it in the array.
 #[derive(Clone, Copy)]
@@ -26,6 +34,8 @@ struct Node {
 }
 
 impl Node {
+    const EMPTY: Self = Self { min: DVec3::ZERO, max: DVec3::ZERO, link: 0, count: 0 };
+
     /// Squared distance from `p` to the box.
     #[inline]
     fn distance_squared(&self, p: DVec3) -> f64 {
@@ -53,10 +63,15 @@ impl TriangleTree {
     /// # Errors
     /// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::OutOfMemory`](crate::Error::OutOfMemory).
     pub fn new(mut triangles: Vec<[DVec3; 3]>, monitor: &Monitor<'_>) -> Result<Self> {
-        // A leaf that was split off has two triangles at least.
-        let mut nodes = room(triangles.len(), "boxes around triangles")?;
-        if !triangles.is_empty() {
-            build(&mut triangles, 0, &mut nodes, monitor)?;
+        let count = boxes(triangles.len());
+        let mut nodes: Vec<Node> = room(count, "boxes around triangles")?;
+        while nodes.len() < count {
+            monitor.advance(0)?;
+            let more = (count - nodes.len()).min(FILL);
+            nodes.par_extend(rayon::iter::repeat_n(Node::EMPTY, more));
+        }
+        if count > 0 {
+            build(&mut triangles, 0, &mut nodes, 0, monitor)?;
         }
         Ok(Self { triangles, nodes })
     }
@@ -111,8 +126,35 @@ impl TriangleTree {
     }
 }
 
-/// Appends the hierarchy over `triangles`, the first of which has index `first`, and brings them into its order.
-fn build(triangles: &mut [[DVec3; 3]], first: usize, nodes: &mut Vec<Node>, monitor: &Monitor<'_>) -> Result<()> {
+/// How many boxes a hierarchy over so many triangles has.
+fn boxes(triangles: usize) -> usize {
+    // Halves of one level differ by one at most: boxes of a size, and of that size less one.
+    let (mut smaller, mut larger) = (0, usize::from(triangles > 0));
+    let (mut size, mut total) = (triangles, 0);
+    while smaller + larger > 0 {
+        total += smaller + larger;
+        let split = |size: usize, boxes: usize| if size > LEAF { boxes } else { 0 };
+        let (from_smaller, from_larger) = (split(size - 1, smaller), split(size, larger));
+        // A box of an even number 2 m gives m and m, one of 2 m + 1 gives m and m + 1.
+        (smaller, larger) = if size % 2 == 0 {
+            (from_smaller, from_smaller + 2 * from_larger)
+        } else {
+            (2 * from_smaller + from_larger, from_larger)
+        };
+        size = size.div_ceil(2);
+    }
+    total
+}
+
+/// Builds the hierarchy over `triangles`, the first of which has index `first`, in `nodes`, the first of which has index `index`, and brings the
+/// triangles into its order.
+fn build(
+    triangles: &mut [[DVec3; 3]],
+    first: usize,
+    nodes: &mut [Node],
+    index: usize,
+    monitor: &Monitor<'_>,
+) -> Result<()> {
     monitor.advance(0)?;
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (mut centre_min, mut centre_max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -123,9 +165,8 @@ fn build(triangles: &mut [[DVec3; 3]], first: usize, nodes: &mut Vec<Node>, moni
         centre_min = centre_min.min(centre);
         centre_max = centre_max.max(centre);
     }
-    let index = nodes.len();
-    nodes.push(Node { min, max, link: first as u32, count: triangles.len() as u32 });
     if triangles.len() <= LEAF {
+        nodes[0] = Node { min, max, link: first as u32, count: triangles.len() as u32 };
         return Ok(());
     }
     let axis = (centre_max - centre_min).max_position();
@@ -133,11 +174,15 @@ fn build(triangles: &mut [[DVec3; 3]], first: usize, nodes: &mut Vec<Node>, moni
     let key = |t: &[DVec3; 3]| t[0][axis] + t[1][axis] + t[2][axis];
     triangles.select_nth_unstable_by(middle, |s, t| key(s).total_cmp(&key(t)));
     let (left, right) = triangles.split_at_mut(middle);
-    build(left, first, nodes, monitor)?;
-    let link = nodes.len() as u32;
-    build(right, first + middle, nodes, monitor)?;
-    nodes[index] = Node { min, max, link, count: 0 };
-    Ok(())
+    let (own, below) = nodes.split_at_mut(1);
+    let (left_nodes, right_nodes) = below.split_at_mut(boxes(middle));
+    let right_index = index + 1 + left_nodes.len();
+    own[0] = Node { min, max, link: right_index as u32, count: 0 };
+    let mut build_left = || build(left, first, left_nodes, index + 1, monitor);
+    let mut build_right = || build(right, first + middle, right_nodes, right_index, monitor);
+    let (on_left, on_right) =
+        if middle > ALONE { rayon::join(build_left, build_right) } else { (build_left(), build_right()) };
+    on_left.and(on_right)
 }
 
 /// The point of triangle (a, b, c) closest to `p`, by the Voronoi region of the feature that holds it.
@@ -218,6 +263,34 @@ mod tests {
             prop_assert_eq!(found.distance_squared, expected);
             prop_assert_eq!(tree.distance_squared_to(found.slot, p), expected);
         }
+    }
+
+    #[test]
+    fn boxes_are_counted_without_building() {
+        fn slowly(triangles: usize) -> usize {
+            let middle = triangles / 2;
+            1 + if triangles > LEAF { slowly(middle) + slowly(triangles - middle) } else { 0 }
+        }
+        assert_eq!(boxes(0), 0);
+        (1..3000).for_each(|n| assert_eq!(boxes(n), slowly(n), "{n}"));
+    }
+
+    #[test]
+    fn one_hierarchy_on_any_number_of_threads() {
+        let triangles: Vec<[DVec3; 3]> = (0..3 * ALONE + 77)
+            .map(|i| {
+                let at = |n: usize| DVec3::new((i * n % 97) as f64, (i * n % 89) as f64, (i * n % 83) as f64);
+                [at(3), at(3) + DVec3::X, at(3) + DVec3::Y + at(5) * 0.01]
+            })
+            .collect();
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let tree = pool.install(|| TriangleTree::new(triangles.clone(), &Monitor::silent()).unwrap());
+            (tree.triangles, tree.nodes.iter().map(|n| (n.min, n.max, n.link, n.count)).collect::<Vec<_>>())
+        };
+        let tree = on(1);
+        assert!(tree.1.iter().all(|&(min, max, ..)| min.cmplt(max).any()));
+        assert!(tree == on(3));
     }
 
     #[test]

@@ -4,17 +4,18 @@
 //! spacing. The step from world to local is an isometry, so distances are world distances.
 //!
 //! A face belongs to the cell on its upper side; there is one more cell along each axis than there are voxels. One byte per cell holds which of its
-//! three lower faces are interfaces; bricks of 8 x 8 x 8 cells tell where there are any. A query looks at the cells of the ball
-//! that can still hold something nearer; only when that ball is large does it search brick by brick, in growing shells.
+//! three lower faces are interfaces; bricks of 8 x 8 x 8 cells tell where there are any. A query looks at the sides of the voxel that holds the
+//! point, and mostly ends there, since a mesh lies close to its interfaces; then at the cells of the ball that can still hold something nearer; only when that
+//! ball is large does it search brick by brick, in growing shells.
 //!
-//! Read-only after `new`, so any number of threads may ask. Linear in the voxels to build.
+//! Read-only after `new`, so any number of threads may ask. Linear in the voxels to build, layer of bricks by layer of bricks in parallel.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Result;
 use crate::image::LabelImage;
-use crate::memory::filled;
+use crate::memory::zeroed;
 use crate::monitor::Monitor;
 
 /// Cells along each axis of a brick.
@@ -32,6 +33,9 @@ pub(super) struct VoxelFaces {
     /// Cells along each axis: voxels + 1.
     dims: [usize; 3],
     spacing: DVec3,
+    per_spacing: DVec3,
+    /// Of the faces across each axis.
+    half_diagonals: [f64; 3],
     /// Bit `axis` of `masks[i + dims[0] * (j + dims[1] * k)]`: the lower face along `axis` is an interface.
     masks: Vec<u8>,
     brick_dims: [usize; 3],
@@ -48,8 +52,9 @@ impl VoxelFaces {
         let dims = voxels.map(|n| n + 1);
         let brick_dims = dims.map(|n| n.div_ceil(BRICK));
         let cells = dims[0] * dims[1] * dims[2];
-        let mut masks = filled(cells, 0_u8, "cells of voxel faces", || monitor.advance(0))?;
-        let row = |j: usize, k: usize| -> &[u16] {
+        let mut masks: Vec<u8> = zeroed(cells, "cells of voxel faces")?;
+        let mut bricks = vec![false; brick_dims[0] * brick_dims[1] * brick_dims[2]];
+        let row_of = |j: usize, k: usize| -> &[u16] {
             if j < voxels[1] && k < voxels[2] {
                 let start = voxels[0] * (j + voxels[1] * k);
                 &image.ids()[start..start + voxels[0]]
@@ -57,35 +62,26 @@ impl VoxelFaces {
                 &[]
             }
         };
-        masks.par_chunks_mut(dims[0] * dims[1]).enumerate().try_for_each(|(k, slice)| {
-            monitor.advance(0)?;
-            for (j, cells) in slice.chunks_exact_mut(dims[0]).enumerate() {
+        let layers =
+            masks.par_chunks_mut(dims[0] * dims[1] * BRICK).zip(bricks.par_chunks_mut(brick_dims[0] * brick_dims[1]));
+        layers.enumerate().try_for_each(|(layer, (masks, bricks))| {
+            for (row, cells) in masks.chunks_exact_mut(dims[0]).enumerate() {
+                let (j, k) = (row % dims[1], layer * BRICK + row / dims[1]);
+                if j == 0 {
+                    monitor.advance(0)?;
+                }
                 // Below 0 wraps to an index past the end, which is outside just as well.
-                let (own, below_y, below_z) = (row(j, k), row(j.wrapping_sub(1), k), row(j, k.wrapping_sub(1)));
-                let at = |row: &[u16], i: usize| row.get(i).copied().unwrap_or(0);
-                let mut left = 0;
-                for (i, mask) in cells.iter_mut().enumerate() {
-                    let id = at(own, i);
-                    *mask = u8::from(id != left)
-                        | u8::from(id != at(below_y, i)) << 1
-                        | u8::from(id != at(below_z, i)) << 2;
-                    left = id;
+                fill_row(cells, row_of(j, k), row_of(j.wrapping_sub(1), k), row_of(j, k.wrapping_sub(1)));
+                let bricks = &mut bricks[brick_dims[0] * (j / BRICK)..];
+                for (brick, cells) in bricks.iter_mut().zip(cells.chunks(BRICK)) {
+                    *brick |= cells.iter().any(|&mask| mask != 0);
                 }
             }
             Ok(())
         })?;
-        let mut bricks = vec![false; brick_dims[0] * brick_dims[1] * brick_dims[2]];
-        for (row, cells) in masks.chunks_exact(dims[0]).enumerate() {
-            let (j, k) = (row % dims[1], row / dims[1]);
-            if j == 0 {
-                monitor.advance(0)?;
-            }
-            let first = brick_dims[0] * (j / BRICK + brick_dims[1] * (k / BRICK));
-            for (i, cells) in cells.chunks(BRICK).enumerate() {
-                bricks[first + i] |= cells.iter().any(|&mask| mask != 0);
-            }
-        }
-        Ok(Self { dims, spacing: image.frame().spacing(), masks, brick_dims, bricks })
+        let spacing = image.frame().spacing();
+        let half_diagonals = [0, 1, 2].map(|axis| 0.5 * spacing[(axis + 1) % 3].hypot(spacing[(axis + 2) % 3]));
+        Ok(Self { dims, spacing, per_spacing: 1.0 / spacing, half_diagonals, masks, brick_dims, bricks })
     }
 
     /// Cells along each axis; one more than voxels.
@@ -106,6 +102,11 @@ impl VoxelFaces {
     /// Area of a face.
     pub fn area(&self, face: Face) -> f64 {
         self.spacing[(face.axis + 1) % 3] * self.spacing[(face.axis + 2) % 3]
+    }
+
+    /// Half the diagonal of a face.
+    pub fn half_diagonal(&self, face: Face) -> f64 {
+        self.half_diagonals[face.axis]
     }
 
     /// Centre of a face.
@@ -140,6 +141,9 @@ impl VoxelFaces {
     /// no interfaces.
     pub fn nearest(&self, p: DVec3, start: Option<Face>) -> Option<(Face, f64)> {
         let mut best = start.map_or((None, f64::INFINITY), |face| (Some(face), self.distance_squared(face, p)));
+        if self.scan_voxel(p, &mut best) {
+            return best.0.map(|face| (face, best.1));
+        }
         let near = 1.5 * self.spacing.max_element();
         if best.1 > near * near {
             self.scan(p, self.spacing, &mut best);
@@ -150,6 +154,34 @@ impl VoxelFaces {
             self.scan_bricks(p, &mut best);
         }
         best.0.map(|face| (face, best.1))
+    }
+
+    /// Looks at the six sides of the voxel that holds `p`. Whether nothing can be nearer: what is not inside the voxel is no nearer than its nearest side.
+    #[inline]
+    fn scan_voxel(&self, p: DVec3, best: &mut (Option<Face>, f64)) -> bool {
+        let index = (p * self.per_spacing).floor();
+        let voxels = DVec3::from(self.dims.map(|n| (n - 1) as f64));
+        if !(index.cmpge(DVec3::ZERO).all() && index.cmplt(voxels).all()) {
+            return false;
+        }
+        let cell = [index.x as usize, index.y as usize, index.z as usize];
+        let at = cell[0] + self.dims[0] * (cell[1] + self.dims[1] * cell[2]);
+        let steps = [1, self.dims[0], self.dims[0] * self.dims[1]];
+        let mut wall = f64::INFINITY;
+        for axis in 0..3 {
+            let low = index[axis] * self.spacing[axis];
+            let high = (index[axis] + 1.0) * self.spacing[axis];
+            for (upper, plane) in [(0, low), (1, high)] {
+                let distance = (p[axis] - plane).powi(2);
+                wall = wall.min(distance);
+                if self.masks[at + upper * steps[axis]] >> axis & 1 == 1 && distance < best.1 {
+                    let mut face = Face { cell, axis };
+                    face.cell[axis] += upper;
+                    *best = (Some(face), distance);
+                }
+            }
+        }
+        best.1 <= wall
     }
 
     /// Looks at all cells that come within `reach` of `p` along every axis.
@@ -245,6 +277,17 @@ impl VoxelFaces {
     }
 }
 
+/// The masks of one row of cells, from the ids of its voxels and of the rows below it along y and z; rows outside the image are empty.
+fn fill_row(masks: &mut [u8], own: &[u16], below_y: &[u16], below_z: &[u16]) {
+    let at = |row: &[u16], i: usize| row.get(i).copied().unwrap_or(0);
+    let mut left = 0;
+    for (i, mask) in masks.iter_mut().enumerate() {
+        let id = at(own, i);
+        *mask = u8::from(id != left) | u8::from(id != at(below_y, i)) << 1 | u8::from(id != at(below_z, i)) << 2;
+        left = id;
+    }
+}
+
 /// How far `x` is outside [low, high].
 #[inline]
 fn outside(x: f64, low: f64, high: f64) -> f64 {
@@ -286,6 +329,21 @@ mod tests {
         let image = testing::image([3, 2, 1], Frame::axis_aligned([1.0; 3]).unwrap(), |_, _, _| 0);
         let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
         assert!(faces.nearest(DVec3::ONE, None).is_none());
+    }
+
+    #[test]
+    fn equal_tables_on_any_number_of_threads() {
+        let image = testing::image([19, 18, 21], Frame::axis_aligned([1.0; 3]).unwrap(), |i, j, k| {
+            i32::from(i * 7 + j * j + k * 3 > 300 && k > 9)
+        });
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let faces = pool.install(|| VoxelFaces::new(&image, &Monitor::silent()).unwrap());
+            (faces.masks, faces.bricks)
+        };
+        let (masks, bricks) = on(1);
+        assert!(bricks.contains(&true) && bricks.contains(&false));
+        assert_eq!((masks, bricks), on(3));
     }
 
     proptest! {
