@@ -1,4 +1,7 @@
-//! Records made in parallel and written in order, and the numbers in them.
+//! Batches of bytes made in parallel and written in order, records in them, and the numbers in those.
+//!
+//! While one round of batches is written, the next one is made. Rounds are as large as the pool, so memory is a few batches for each thread;
+//! what is written does not depend on the number of threads.
 //!
 //! Shortest decimal forms come from `zmij` and `itoa`, several times as fast as the standard formatter.
 
@@ -6,30 +9,51 @@ use std::io::{self, Write};
 
 use rayon::prelude::*;
 
-/// Records per parallel work item.
+/// Records of one batch.
 const CHUNK: usize = 8192;
+
+/// Batches of one round, for each thread: enough to keep all threads busy, few enough that memory stays small.
+const BATCHES: usize = 4;
+
+/// Calls `make(batch, bytes)`, which appends the bytes of a batch, for all numbers below `count`, and `write` with the bytes in this order.
+pub(super) fn write_batches(
+    count: usize,
+    make: impl Fn(usize, &mut Vec<u8>) -> io::Result<()> + Sync,
+    mut write: impl FnMut(&[u8]) -> io::Result<()> + Send,
+) -> io::Result<()> {
+    let round = BATCHES * rayon::current_num_threads();
+    let mut made: Vec<Vec<u8>> = Vec::new();
+    let mut next: Vec<Vec<u8>> = Vec::new();
+    // One step more than there are rounds: the last one only writes.
+    for start in (0..count + round).step_by(round) {
+        let batches = round.min(count.saturating_sub(start));
+        next.resize_with(batches, Vec::new);
+        let (written, result) = rayon::join(
+            || made.iter().try_for_each(|bytes| write(bytes)),
+            || {
+                next.par_iter_mut().enumerate().try_for_each(|(batch, bytes)| {
+                    bytes.clear();
+                    make(start + batch, bytes)
+                })
+            },
+        );
+        written.and(result)?;
+        std::mem::swap(&mut made, &mut next);
+    }
+    Ok(())
+}
 
 /// Calls `record(i, bytes)`, which appends record `i`, for all `i` below `count`, and writes the bytes in this order.
 pub(super) fn write_records(
-    out: &mut impl Write,
+    out: &mut (impl Write + Send),
     count: usize,
     record: impl Fn(usize, &mut Vec<u8>) + Sync,
 ) -> io::Result<()> {
-    // Enough chunks to keep all threads busy, few enough that memory stays small.
-    let round = CHUNK * 4 * rayon::current_num_threads();
-    let mut buffers: Vec<Vec<u8>> = vec![Vec::new(); round.min(count).div_ceil(CHUNK)];
-    for start in (0..count).step_by(round) {
-        let end = (start + round).min(count);
-        buffers.par_iter_mut().enumerate().for_each(|(chunk, buffer)| {
-            buffer.clear();
-            let first = start + chunk * CHUNK;
-            (first..(first + CHUNK).min(end)).for_each(|i| record(i, buffer));
-        });
-        for buffer in &buffers {
-            out.write_all(buffer)?;
-        }
-    }
-    Ok(())
+    let make = |batch: usize, bytes: &mut Vec<u8>| {
+        (batch * CHUNK..((batch + 1) * CHUNK).min(count)).for_each(|i| record(i, bytes));
+        Ok(())
+    };
+    write_batches(count.div_ceil(CHUNK), make, |bytes| out.write_all(bytes))
 }
 
 /// Appends an integer in decimal.
@@ -70,6 +94,20 @@ mod tests {
                 bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
             assert!(values.iter().copied().eq(0..count as u32));
         }
+    }
+
+    #[test]
+    fn errors_end_the_writing() {
+        let make = |batch: usize, bytes: &mut Vec<u8>| match batch {
+            30 => Err(io::Error::other("batch 30")),
+            _ => Ok(bytes.push(batch as u8)),
+        };
+        let mut bytes = Vec::new();
+        let collect = |batch: &[u8]| Ok(bytes.extend_from_slice(batch));
+        assert_eq!(write_batches(100, make, collect).unwrap_err().to_string(), "batch 30");
+        assert!(bytes.len() <= 30 && bytes.iter().copied().eq(0..bytes.len() as u8));
+        let refuse = |_: &[u8]| Err(io::Error::other("disk full"));
+        assert_eq!(write_batches(20, make, refuse).unwrap_err().to_string(), "disk full");
     }
 
     proptest! {

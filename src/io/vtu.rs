@@ -3,14 +3,16 @@
 //! The cell array `label` (Int32) stands first: readers that take one integer array for the material take the first. An array is
 //! stored as the number of blocks, the size of a block, the size of the last one if that is smaller (else 0), the compressed size of each
 //! block, then the blocks. Offsets in the XML and sizes in the headers are known only when the blocks are written; room is left for them
-//! and filled in afterwards, so that nothing is held in memory but the blocks at work.
+//! and filled in afterwards, so that nothing is held in memory but the blocks at work. Blocks are compressed in parallel, each on its own, so the bytes do not
+//! depend on the number of threads.
 
 use std::io::{self, Seek, SeekFrom, Write};
+use std::ops::Range;
 
 use flate2::{Compression, write::ZlibEncoder};
-use rayon::prelude::*;
 
 use super::output::Output;
+use super::records::write_batches;
 use super::vtk::TETRA;
 use crate::mesh::TetMesh;
 
@@ -20,15 +22,15 @@ const BLOCK: usize = 1 << 18;
 /// Room for the decimal digits of an offset.
 const DIGITS: usize = 20;
 
-/// Appends the bytes of a value, given its index.
-type PushValue<'a> = dyn Fn(usize, &mut Vec<u8>) + Sync + 'a;
+/// Appends the bytes of a range of values.
+type PushValues<'a> = dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a;
 
-/// An array of the file: its XML attributes, its length, and the bytes of value `i`.
+/// An array of the file: its XML attributes, its length, and the bytes of its values.
 struct Array<'a> {
     attributes: &'static str,
     values: usize,
     value_size: usize,
-    push: Box<PushValue<'a>>,
+    push: Box<PushValues<'a>>,
 }
 
 impl<'a> Array<'a> {
@@ -37,7 +39,10 @@ impl<'a> Array<'a> {
         values: usize,
         value: impl Fn(usize) -> [u8; N] + Sync + 'a,
     ) -> Self {
-        Self { attributes, values, value_size: N, push: Box::new(move |i, bytes| bytes.extend_from_slice(&value(i))) }
+        let push = move |range: Range<usize>, bytes: &mut Vec<u8>| {
+            range.for_each(|i| bytes.extend_from_slice(&value(i)));
+        };
+        Self { attributes, values, value_size: N, push: Box::new(push) }
     }
 
     /// Writes headers and blocks; the file ends behind them afterwards.
@@ -48,24 +53,18 @@ impl<'a> Array<'a> {
         let header_at = out.stream_position()?;
         out.write_all(&vec![0; 8 * (header.len() + blocks)])?;
         let block_values = BLOCK / self.value_size;
-        let round = 4 * rayon::current_num_threads();
-        for first in (0..blocks).step_by(round) {
-            let compressed: io::Result<Vec<Vec<u8>>> = (first..(first + round).min(blocks))
-                .into_par_iter()
-                .map(|block| {
-                    let start = block * block_values;
-                    let mut bytes = Vec::with_capacity(BLOCK);
-                    (start..(start + block_values).min(self.values)).for_each(|i| (self.push)(i, &mut bytes));
-                    let mut encoder = ZlibEncoder::new(Vec::with_capacity(BLOCK), Compression::fast());
-                    encoder.write_all(&bytes)?;
-                    encoder.finish()
-                })
-                .collect();
-            for block in compressed? {
-                header.push(block.len() as u64);
-                out.write_all(&block)?;
-            }
-        }
+        let compress = |block: usize, compressed: &mut Vec<u8>| {
+            let start = block * block_values;
+            let mut bytes = Vec::with_capacity(BLOCK);
+            (self.push)(start..(start + block_values).min(self.values), &mut bytes);
+            let mut encoder = ZlibEncoder::new(compressed, Compression::fast());
+            encoder.write_all(&bytes)?;
+            encoder.finish().map(|_| ())
+        };
+        write_batches(blocks, compress, |block| {
+            header.push(block.len() as u64);
+            out.write_all(block)
+        })?;
         let end = out.stream_position()?;
         out.seek(SeekFrom::Start(header_at))?;
         for word in header {
