@@ -47,6 +47,29 @@ fn small_mesh_gives_the_committed_bytes() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 11, "temporary files are gone");
 }
 
+#[test]
+fn any_number_of_threads_writes_the_same_bytes() {
+    // Some rounds of batches and blocks, however many threads there are.
+    let count = 150_000;
+    let mesh = TetMesh {
+        points: (0..count).map(|v| [0.1, 0.7, 1.3].map(|x| x * f64::from(v))).collect(),
+        tets: (0..count).map(|t| [0, 7, 99, 1000].map(|step| (t + step) % count)).collect(),
+        labels: (0..count).map(|t| (t / 1000 % 3) as i32).collect(),
+        neighbors: vec![[NONE; 4]; count as usize],
+        ..TetMesh::default()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.vtu", "a.mesh", "a.msh"] {
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let path = folder.path().join(name);
+            pool.install(|| write_mesh(&mesh, &path).unwrap());
+            std::fs::read(path).unwrap()
+        };
+        assert!(on(1) == on(3), "{name}");
+    }
+}
+
 /// The uncompressed bytes of the appended array at `offset`.
 fn appended(data: &[u8], offset: usize) -> Vec<u8> {
     let word = |i: usize| u64::from_le_bytes(data[offset + 8 * i..offset + 8 * (i + 1)].try_into().unwrap()) as usize;

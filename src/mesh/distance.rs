@@ -114,14 +114,15 @@ fn mesh_to_image(
     monitor: &Monitor<'_>,
 ) -> Result<Distance> {
     let step = 0.5 * spacing;
-    // The largest distance of each triangle's samples.
-    let mut farthest: Vec<f64> = zeroed(triangles.len(), "distances of facets")?;
-    let parts = triangles.par_chunks(CHUNK).zip(farthest.par_chunks_mut(CHUNK)).map(|(triangles, farthest)| {
+    // No point of a triangle is farther than this; see `Facet::bound`.
+    let mut bounds: Vec<f64> = zeroed(triangles.len(), "distances of facets")?;
+    let parts = triangles.par_chunks(CHUNK).zip(bounds.par_chunks_mut(CHUNK)).map(|(triangles, bounds)| {
         let mut sum = Sum::default();
         let mut start = None;
         let mut samples = 0_usize;
-        for (triangle, farthest) in triangles.iter().zip(farthest) {
-            for_each_sample(triangle, step, |p, weight| {
+        for (triangle, bound) in triangles.iter().zip(bounds) {
+            let mut farthest = 0.0_f64;
+            let edge = for_each_sample(triangle, step, |p, weight| {
                 samples += 1;
                 if samples.is_multiple_of(CHECK_EVERY) {
                     monitor.advance(0)?;
@@ -129,10 +130,11 @@ fn mesh_to_image(
                 let found = faces.nearest(p, start);
                 start = found.map(|(face, _)| face);
                 let distance = found.map_or(f64::INFINITY, |(_, squared)| squared.sqrt());
-                *farthest = distance.max(*farthest);
+                farthest = farthest.max(distance);
                 sum.add(weight, distance);
                 Ok(())
             })?;
+            *bound = farthest + edge / 3.0_f64.sqrt();
         }
         monitor.advance(triangles.len())?;
         Ok(sum)
@@ -141,14 +143,13 @@ fn mesh_to_image(
     if sampled.max.is_infinite() {
         return Ok(sampled);
     }
-    // Around samples with edges of at most a step between them; see `Facet::bound`.
-    let enough = sampled.max + TOLERANCE * spacing - step / 3.0_f64.sqrt();
+    let enough = sampled.max + TOLERANCE * spacing;
     // Each chunk starts from the maximum of the samples, not from what others have found, so that equal input gives equal bits.
-    let raised = triangles.par_chunks(CHUNK).zip(farthest.par_chunks(CHUNK)).map(|(triangles, farthest)| {
+    let raised = triangles.par_chunks(CHUNK).zip(bounds.par_chunks(CHUNK)).map(|(triangles, bounds)| {
         monitor.advance(0)?;
         let mut max = sampled.max;
         let mut start = None;
-        for (triangle, _) in triangles.iter().zip(farthest).filter(|&(_, &farthest)| farthest > enough) {
+        for (triangle, _) in triangles.iter().zip(bounds).filter(|&(_, &bound)| bound > enough) {
             if let Some(facet) = Facet::new(triangle, faces, &mut start) {
                 facet.raise(faces, TOLERANCE * spacing, &mut max, &mut || monitor.advance(0))?;
             }
@@ -220,8 +221,12 @@ impl Facet {
 }
 
 /// Calls `sample` with the vertices of a subdivision of the triangle into n x n similar ones with edges of at most `step`, and with
-/// the area each stands for. The areas sum up to that of the triangle. An error of `sample` ends the calls.
-fn for_each_sample(&[a, b, c]: &[DVec3; 3], step: f64, mut sample: impl FnMut(DVec3, f64) -> Result<()>) -> Result<()> {
+/// the area each stands for. The areas sum up to that of the triangle. An error of `sample` ends the calls. Returns the longest edge of the similar triangles.
+fn for_each_sample(
+    &[a, b, c]: &[DVec3; 3],
+    step: f64,
+    mut sample: impl FnMut(DVec3, f64) -> Result<()>,
+) -> Result<f64> {
     let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a)).sqrt();
     let n = ((longest / step).ceil() as usize).max(1);
     let scale = 1.0 / n as f64;
@@ -234,7 +239,7 @@ fn for_each_sample(&[a, b, c]: &[DVec3; 3], step: f64, mut sample: impl FnMut(DV
             sample(a + (b - a) * (i as f64 * scale) + (c - a) * (j as f64 * scale), weight)?;
         }
     }
-    Ok(())
+    Ok(longest * scale)
 }
 
 fn image_to_mesh(tree: &TriangleTree, faces: &VoxelFaces, monitor: &Monitor<'_>) -> Result<Distance> {
@@ -372,6 +377,27 @@ mod tests {
         close(measured.image_to_mesh.mean, back.mean);
         close(measured.image_to_mesh.max, back.max);
         assert!(there.max > 0.1 && back.max > 0.1);
+    }
+
+    #[test]
+    fn equal_bits_on_any_number_of_threads() {
+        let dims = [14, 12, 11];
+        let label = |i: usize, j: usize, k: usize| ((i / 2 + j / 3 * k) % 3) as i32;
+        let frame = Frame::new([3.0, 2.0, 1.0], [0.5, 1.0, 0.8], [[0.0, 0.6, 0.8], [0.0, 0.8, -0.6], [1.0, 0.0, 0.0]]);
+        let image = testing::image(dims, frame.unwrap(), label);
+        let mut mesh = testing::kuhn_box(dims, [1.0; 3], label);
+        for (v, p) in mesh.points.iter_mut().enumerate() {
+            let index = DVec3::from_array(*p) - 0.5 + 0.4 * ((v * 37 % 101) as f64 / 101.0 - 0.5);
+            *p = image.frame().to_world(index).to_array();
+        }
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| SurfaceDistance::measure(&mesh, &image, &Monitor::silent()).unwrap())
+        };
+        assert!(mesh.facets.len() > 5 * CHUNK);
+        let measured = on(1);
+        assert!(measured.mesh_to_image.max > 0.1 && measured.image_to_mesh.max > 0.1);
+        assert_eq!(measured, on(3));
     }
 
     #[test]

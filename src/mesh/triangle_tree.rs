@@ -16,6 +16,12 @@ use crate::monitor::Monitor;
 /// Triangles per leaf at most.
 const LEAF: usize = 4;
 
+/// The box around no points.
+const NOTHING: [DVec3; 2] = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+
+/// Levels of boxes at most: halving as many triangles as u32 counts gives leaves after 30.
+const LEVELS: usize = 32;
+
 /// Hierarchies over at most twice as many triangles are built by one thread.
 const ALONE: usize = 1 << 11;
 
@@ -90,16 +96,11 @@ impl TriangleTree {
         }
         let slot = start.unwrap_or(0);
         let mut best = Nearest { slot, distance_squared: self.distance_squared_to(slot, p) };
-        // Each level leaves at most one box behind, and 64 levels hold more triangles than u32 counts.
-        let mut stack = [(0.0, 0u32); 64];
-        let mut depth = 1;
-        stack[0] = (self.nodes[0].distance_squared(p), 0);
-        while depth > 0 {
-            depth -= 1;
-            let (bound, index) = stack[depth];
-            if bound >= best.distance_squared {
-                continue;
-            }
+        // Boxes left behind, each with a bound: at most one of each level.
+        let mut stack = [(0.0, 0_u32); LEVELS];
+        let mut depth = 0;
+        let mut index = 0;
+        loop {
             let node = &self.nodes[index as usize];
             if node.count > 0 {
                 for slot in node.link as usize..(node.link + node.count) as usize {
@@ -108,21 +109,32 @@ impl TriangleTree {
                         best = Nearest { slot, distance_squared };
                     }
                 }
-                continue;
-            }
-            let mut near = (self.nodes[index as usize + 1].distance_squared(p), index + 1);
-            let mut far = (self.nodes[node.link as usize].distance_squared(p), node.link);
-            if far.0 < near.0 {
-                std::mem::swap(&mut near, &mut far);
-            }
-            for child in [far, near] {
-                if child.0 < best.distance_squared {
-                    stack[depth] = child;
+            } else {
+                let mut near = (self.nodes[index as usize + 1].distance_squared(p), index + 1);
+                let mut far = (self.nodes[node.link as usize].distance_squared(p), node.link);
+                if far.0 < near.0 {
+                    std::mem::swap(&mut near, &mut far);
+                }
+                if far.0 < best.distance_squared {
+                    stack[depth] = far;
                     depth += 1;
                 }
+                if near.0 < best.distance_squared {
+                    index = near.1;
+                    continue;
+                }
             }
+            index = loop {
+                if depth == 0 {
+                    return Some(best);
+                }
+                depth -= 1;
+                let (bound, index) = stack[depth];
+                if bound < best.distance_squared {
+                    break index;
+                }
+            };
         }
-        Some(best)
     }
 }
 
@@ -147,29 +159,23 @@ fn boxes(triangles: usize) -> usize {
 }
 
 /// Builds the hierarchy over `triangles`, the first of which has index `first`, in `nodes`, the first of which has index `index`, and brings the
-/// triangles into its order.
+/// triangles into its order. Returns the corners of the box around them.
 fn build(
     triangles: &mut [[DVec3; 3]],
     first: usize,
     nodes: &mut [Node],
     index: usize,
     monitor: &Monitor<'_>,
-) -> Result<()> {
+) -> Result<[DVec3; 2]> {
     monitor.advance(0)?;
-    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (mut centre_min, mut centre_max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for &[a, b, c] in triangles.iter() {
-        min = min.min(a).min(b).min(c);
-        max = max.max(a).max(b).max(c);
-        let centre = a + b + c;
-        centre_min = centre_min.min(centre);
-        centre_max = centre_max.max(centre);
-    }
+    let around = |[min, max]: [DVec3; 2], p: DVec3| [min.min(p), max.max(p)];
     if triangles.len() <= LEAF {
+        let [min, max] = triangles.as_flattened().iter().copied().fold(NOTHING, around);
         nodes[0] = Node { min, max, link: first as u32, count: triangles.len() as u32 };
-        return Ok(());
+        return Ok([min, max]);
     }
-    let axis = (centre_max - centre_min).max_position();
+    let centres = triangles.iter().map(|[a, b, c]| a + b + c).fold(NOTHING, around);
+    let axis = (centres[1] - centres[0]).max_position();
     let middle = triangles.len() / 2;
     let key = |t: &[DVec3; 3]| t[0][axis] + t[1][axis] + t[2][axis];
     triangles.select_nth_unstable_by(middle, |s, t| key(s).total_cmp(&key(t)));
@@ -177,12 +183,13 @@ fn build(
     let (own, below) = nodes.split_at_mut(1);
     let (left_nodes, right_nodes) = below.split_at_mut(boxes(middle));
     let right_index = index + 1 + left_nodes.len();
-    own[0] = Node { min, max, link: right_index as u32, count: 0 };
     let mut build_left = || build(left, first, left_nodes, index + 1, monitor);
     let mut build_right = || build(right, first + middle, right_nodes, right_index, monitor);
     let (on_left, on_right) =
         if middle > ALONE { rayon::join(build_left, build_right) } else { (build_left(), build_right()) };
-    on_left.and(on_right)
+    let [min, max] = on_right?.into_iter().fold(on_left?, around);
+    own[0] = Node { min, max, link: right_index as u32, count: 0 };
+    Ok([min, max])
 }
 
 /// The point of triangle (a, b, c) closest to `p`, by the Voronoi region of the feature that holds it.

@@ -64,6 +64,27 @@ fn refining_again_changes_nothing() {
 }
 
 #[test]
+fn what_stays_unmet_is_the_same_on_any_number_of_threads() {
+    let image = busy_image();
+    let params = params(0.5);
+    let oracle = Oracle::new(&image, params.surface, &|| Ok(())).unwrap();
+    let [lower, upper] = oracle.bounds();
+    let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
+    let rules = Rules::new(&triangulation, &oracle, &params, image.labels()).unwrap();
+    // Ended early, so that rules still apply.
+    let limits = Limits { max_vertices: Some(5000), ..Limits::default() };
+    let ended = refine(&rules, &Schedule { expected_tets: 1000, limits }, &Monitor::silent()).unwrap();
+    assert!(matches!(ended.ended_by, Some(Error::LimitReached(_))));
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| (unmet_rules(&rules, &Monitor::silent()).unwrap(), triangulation.check()))
+    };
+    let counted = on(1);
+    assert!(counted.0.iter().sum::<u64>() > 100, "{:?}", counted.0);
+    assert_eq!(counted, on(3));
+}
+
+#[test]
 fn progress_is_monotone_and_complete() {
     let mut seen: Vec<Progress> = Vec::new();
     let mut record = |progress| {
