@@ -56,14 +56,14 @@ pub enum Step {
 /// Phase of each step, and the part of a run's time at which it starts: as on the brain atlas at 1.5 voxels' delta, one thread.
 const STEPS: [(Phase, f64); 10] = [
     (Phase::Distance, 0.0),
-    (Phase::Refine, 0.10),
-    (Phase::Extract, 0.50),
-    (Phase::Certify, 0.53),
-    (Phase::Certify, 0.60),
-    (Phase::Certify, 0.68),
-    (Phase::Certify, 0.73),
-    (Phase::Certify, 0.85),
-    (Phase::Certify, 0.98),
+    (Phase::Refine, 0.02),
+    (Phase::Extract, 0.31),
+    (Phase::Certify, 0.34),
+    (Phase::Certify, 0.43),
+    (Phase::Certify, 0.49),
+    (Phase::Certify, 0.52),
+    (Phase::Certify, 0.70),
+    (Phase::Certify, 0.95),
     (Phase::Certify, 1.0),
 ];
 

@@ -98,12 +98,15 @@ mod tests {
 
     #[test]
     fn errors_end_the_writing() {
-        let make = |batch: usize, bytes: &mut Vec<u8>| match batch {
-            30 => Err(io::Error::other("batch 30")),
-            _ => Ok(bytes.push(batch as u8)),
+        let make = |batch: usize, bytes: &mut Vec<u8>| {
+            bytes.push(batch as u8);
+            if batch == 30 { Err(io::Error::other("batch 30")) } else { Ok(()) }
         };
         let mut bytes = Vec::new();
-        let collect = |batch: &[u8]| Ok(bytes.extend_from_slice(batch));
+        let collect = |batch: &[u8]| {
+            bytes.extend_from_slice(batch);
+            Ok(())
+        };
         assert_eq!(write_batches(100, make, collect).unwrap_err().to_string(), "batch 30");
         assert!(bytes.len() <= 30 && bytes.iter().copied().eq(0..bytes.len() as u8));
         let refuse = |_: &[u8]| Err(io::Error::other("disk full"));
