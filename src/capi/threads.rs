@@ -6,7 +6,7 @@ use super::status::lapd_status;
 use crate::params::{Begging, Contention};
 
 /// Most threads of a run.
-pub const LAPD_MAX_THREADS: usize = 1024;
+pub const LAPD_MAX_THREADS: usize = 255;
 
 const _: () = assert!(LAPD_MAX_THREADS == crate::params::MAX_THREADS);
 

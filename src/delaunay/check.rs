@@ -166,7 +166,7 @@ mod tests {
     /// A few thousand points of a lattice.
     fn triangulation() -> Triangulation {
         let triangulation = Triangulation::new(DVec3::splat(-1.0), DVec3::splat(12.5)).unwrap();
-        let mut worker = Worker::new(Solo);
+        let mut worker = Worker::new(Solo, 0);
         let mut start = 0;
         for i in 0..12 * 12 * 12 {
             let p = DVec3::new(f64::from(i % 12), f64::from(i / 12 % 12), f64::from(i / 144));

@@ -20,7 +20,6 @@ use super::team::Team;
 use crate::delaunay::chunked::CHUNK;
 use crate::delaunay::{Access, Insertion, Removal, TetStamp, Triangulation, VertexId, VertexKind, Worker};
 use crate::memory::room;
-use crate::monitor::Monitor;
 use crate::parallel::clock::{Ticks, ticks};
 use crate::parallel::contention::Streak;
 use crate::{Error, Result};

@@ -9,7 +9,7 @@ use lapd::monitor::{CancelFlag, Monitor, Phase, Progress, Step};
 use lapd::oracle::Oracle;
 use lapd::params::{MeshParams, SurfaceModel};
 use lapd::refine::rules::Rules;
-use lapd::refine::team::Schedule;
+use lapd::refine::team::{Limits, Schedule};
 use lapd::refine::{refine, unmet_rules};
 
 use super::{params, run};
@@ -73,7 +73,7 @@ fn what_stays_unmet_is_the_same_on_any_number_of_threads() {
     let rules = Rules::new(&triangulation, &oracle, &params, image.labels()).unwrap();
     // Ended early, so that rules still apply.
     let limits = Limits { max_vertices: Some(5000), ..Limits::default() };
-    let ended = refine(&rules, &Schedule { expected_tets: 1000, limits }, &Monitor::silent()).unwrap();
+    let ended = refine(&rules, &Schedule { limits, ..Schedule::solo() }, &Monitor::silent()).unwrap();
     assert!(matches!(ended.ended_by, Some(Error::LimitReached(_))));
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
