@@ -95,6 +95,11 @@ impl Owner {
         }
     }
 
+    /// Whether a worker owns the vertex; out of date at once while others are at work.
+    pub fn is_owned(&self) -> bool {
+        self.0.load(Relaxed) != NOBODY
+    }
+
     /// Gives the vertex back; only its owner does.
     #[inline]
     pub fn release(&self) {

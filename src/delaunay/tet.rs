@@ -246,7 +246,8 @@ impl VertexRecord {
     /// A tet that has this vertex.
     #[inline(always)]
     pub fn star(&self) -> TetId {
-        self.star.load(Relaxed)
+        // Acquire: pairs with the release of set_star, for walks that start here without owning.
+        self.star.load(Acquire)
     }
 
     pub(super) fn fill(&self, position: DVec3, kind: VertexKind) {
@@ -258,7 +259,8 @@ impl VertexRecord {
 
     #[inline(always)]
     pub(super) fn set_star(&self, tet: TetId) {
-        self.star.store(tet, Relaxed);
+        // Release: who reads the id finds the chunk of the tet.
+        self.star.store(tet, Release);
     }
 
     #[inline(always)]

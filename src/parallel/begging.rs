@@ -1,8 +1,8 @@
 //! Begging lists: workers without work wait in them, and workers with more than they need give to the nearest.
 //!
 //! There is a list for every group of workers at every level: those that share a cache, those of a socket, all. A worker begs in its lowest list, unless all others
-//! of that group beg there already: the last of a group begs one level higher, so that work comes in from outside when a group has none (hierarchical work stealing; Foteinos and
-//! Chrisochoides 2014). With one level there is one list for all.
+//! of that group beg already: the last of a group begs one level higher, so that work comes in from outside when a group has none (hierarchical work stealing; Foteinos and
+//! Chrisochoides 2014). To the list of a group of groups each of these sends its last, so that the last of them goes on to the next level. With one level there is one list for all.
 //!
 //! **The end.** A worker that begins to beg is counted idle. A giver takes it off the count before it gives, and is not idle itself. So while a gift is on its way the count is
 //! below the number of workers; when it reaches that number, nobody has work and none is under way. No lock is needed to notice, and the worker that completes the count is the one that
@@ -71,7 +71,7 @@ impl<G> Begging<G> {
         for (level, lists) in self.lists.iter().enumerate() {
             let group = self.levels.group(level, me);
             let mut list = lock(&lists[group]);
-            if level == top || list.len() + 1 < self.levels.members(level, group) {
+            if level == top || list.len() + 1 < self.levels.most_beggars(level, group) {
                 list.push(me);
                 return;
             }
@@ -104,5 +104,61 @@ impl<G> Begging<G> {
         *lock(&slot.gift) = Some(gift);
         slot.ready.store(true, Release);
         waiters.wake(beggar);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::AtomicU64;
+
+    /// Two sockets of two caches of two processors.
+    fn two_sockets() -> Levels {
+        let names = |size: usize| (0..8).map(|worker| Some((worker / size).to_string())).collect();
+        Levels::new(&[names(2), names(4), names(8)])
+    }
+
+    #[test]
+    fn a_socket_without_work_begs_at_the_others() {
+        let begging = Begging::<()>::new(two_sockets());
+        (0..4).for_each(|me| begging.join(me));
+        // One in the list of each cache, one in that of the socket, one in that of the machine.
+        assert_eq!(begging.take_beggar(7), Some(3));
+        assert_eq!(begging.take_beggar(7), None);
+        assert_eq!(begging.take_beggar(3), Some(2));
+        assert_eq!(begging.take_beggar(3), Some(1));
+        assert_eq!(begging.take_beggar(1), Some(0));
+    }
+
+    /// Work that makes work: a task of size n makes one of each size below n.
+    #[test]
+    fn all_work_is_done_before_the_end() {
+        const SIZE: u32 = 14;
+        let (begging, waiters) = (Begging::<Vec<u32>>::new(two_sockets()), Waiters::new(8));
+        let done = AtomicU64::new(0);
+        std::thread::scope(|scope| {
+            for me in 0..8 {
+                let (begging, waiters, done) = (&begging, &waiters, &done);
+                scope.spawn(move || {
+                    waiters.register(me);
+                    let mut tasks = if me == 0 { vec![SIZE] } else { Vec::new() };
+                    loop {
+                        while let Some(task) = tasks.pop() {
+                            done.fetch_add(1, Relaxed);
+                            tasks.extend(0..task);
+                            if begging.is_wanted()
+                                && tasks.len() > 1
+                                && let Some(beggar) = begging.take_beggar(me)
+                            {
+                                begging.give(beggar, tasks.split_off(tasks.len() / 2), waiters);
+                            }
+                        }
+                        let Some(gift) = begging.beg(me, waiters) else { return };
+                        tasks = gift;
+                    }
+                });
+            }
+        });
+        assert_eq!(done.into_inner(), 1 << SIZE);
     }
 }

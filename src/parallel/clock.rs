@@ -6,7 +6,8 @@ use std::time::Instant;
 pub type Ticks = u64;
 
 /// Now. On x86-64 the processor's time stamp counter, some 20 cycles; it runs at one rate on all cores of the machines of the last decade. Elsewhere nanoseconds of the system's
-/// monotonic clock.
+/// monotonic clock. A thread that moves to another core may find a stamp that is a little
+/// smaller than its last: differences are to be taken with `saturating_sub`.
 #[inline(always)]
 pub fn ticks() -> Ticks {
     #[cfg(target_arch = "x86_64")]

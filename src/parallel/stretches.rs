@@ -31,10 +31,11 @@ impl Stretches {
     pub fn take(&self, me: usize) -> Option<Range<usize>> {
         self.take_of(me, |left| left.start..(left.start + BLOCK).min(left.end), |left, taken| taken.end..left.end)
             .or_else(|| {
-                let left = |who: &usize| unpack(self.0[*who].load(Relaxed)).len();
-                // Another worker may be faster: then there is another longest, until nothing is left.
+                let left = |who: usize| (unpack(self.0[who].load(Relaxed)).len(), who);
+                // Another worker may be faster: then there is another longest, until nothing is left. Each is read once: stretches only shrink, so those
+                // that are all found empty are.
                 loop {
-                    let longest = (0..self.0.len()).max_by_key(left).filter(|who| left(who) > 0)?;
+                    let (_, longest) = (0..self.0.len()).map(left).max().filter(|&(entries, _)| entries > 0)?;
                     let from = |left: &Range<usize>| left.end.saturating_sub(BLOCK).max(left.start)..left.end;
                     if let Some(taken) = self.take_of(longest, from, |left, taken| left.start..taken.start) {
                         return Some(taken);

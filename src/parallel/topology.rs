@@ -11,8 +11,8 @@ use crate::params::Begging;
 pub struct Levels {
     /// The group of each worker, by level.
     group: Vec<Vec<usize>>,
-    /// How many workers each group has, by level.
-    members: Vec<Vec<usize>>,
+    /// How many workers each group has at the lowest level; how many groups of the level below, above.
+    parts: Vec<Vec<usize>>,
 }
 
 impl Levels {
@@ -33,10 +33,10 @@ impl Levels {
         Self::new(&levels)
     }
 
-    /// Levels from what each worker's group is called at each; the last level has one group. Levels that say the same as the next, or put every worker
+    /// Levels from what each worker's group is called at each; the last level has one group. Levels that say the same as the one before, or put every worker
     /// by itself, are left out.
-    fn new(names: &[Vec<Option<String>>]) -> Self {
-        let mut levels = Self { group: Vec::new(), members: Vec::new() };
+    pub fn new(names: &[Vec<Option<String>>]) -> Self {
+        let mut levels = Self { group: Vec::new(), parts: Vec::new() };
         for names in names {
             let mut known: Vec<&Option<String>> = Vec::new();
             let mut members = Vec::new();
@@ -56,8 +56,17 @@ impl Levels {
             if levels.group.last() == Some(&group) {
                 continue;
             }
+            let parts = match levels.group.last() {
+                None => members,
+                Some(below) => {
+                    let mut pairs: Vec<_> = group.iter().zip(below).collect();
+                    pairs.sort_unstable();
+                    pairs.dedup();
+                    (0..members.len()).map(|at| pairs.iter().filter(|&&(&g, _)| g == at).count()).collect()
+                }
+            };
             levels.group.push(group);
-            levels.members.push(members);
+            levels.parts.push(parts);
         }
         levels
     }
@@ -74,7 +83,7 @@ impl Levels {
 
     /// How many groups a level has.
     pub fn groups(&self, level: usize) -> usize {
-        self.members[level].len()
+        self.parts[level].len()
     }
 
     /// The group of a worker at a level.
@@ -82,9 +91,9 @@ impl Levels {
         self.group[level][worker]
     }
 
-    /// How many workers a group has.
-    pub fn members(&self, level: usize, group: usize) -> usize {
-        self.members[level][group]
+    /// Most workers that beg in a group's list, were all of them without work: its workers at the lowest level; above, the last of each group of the level below.
+    pub fn most_beggars(&self, level: usize, group: usize) -> usize {
+        self.parts[level][group]
     }
 }
 
@@ -102,20 +111,20 @@ mod tests {
         let levels = Levels::new(&[names(&["1", "2", "3", "4"]), pairs.clone(), pairs, names(&["m"; 4])]);
         assert_eq!(levels.count(), 2);
         assert_eq!(levels.group, [[0, 0, 1, 1], [0, 0, 0, 0]]);
-        assert_eq!(levels.members, [vec![2, 2], vec![4]]);
+        assert_eq!(levels.parts, [vec![2, 2], vec![2]]);
     }
 
     #[test]
     fn one_worker_has_one_level() {
         for begging in [Begging::ByLevel, Begging::Flat] {
             let levels = Levels::of_machine(1, begging);
-            assert_eq!((levels.count(), levels.workers(), levels.members(0, 0)), (1, 1, 1));
+            assert_eq!((levels.count(), levels.workers(), levels.most_beggars(0, 0)), (1, 1, 1));
         }
     }
 
     #[test]
     fn flat_is_one_group_for_all() {
         let levels = Levels::of_machine(5, Begging::Flat);
-        assert_eq!((levels.count(), levels.groups(0), levels.members(0, 0)), (1, 1, 5));
+        assert_eq!((levels.count(), levels.groups(0), levels.most_beggars(0, 0)), (1, 1, 5));
     }
 }

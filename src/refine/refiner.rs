@@ -322,7 +322,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     fn after_stale(&mut self, begin: Ticks) {
         let end = ticks();
         self.lost.overhead.stale += 1;
-        self.lost.rolling_back += end - begin;
+        self.lost.rolling_back += end.saturating_sub(begin);
         self.timeline.interrupt(Doing::RollingBack, begin, end);
     }
 
@@ -331,12 +331,12 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         let met = self.worker.access.met().ok_or_else(|| Error::Internal("a lone worker was blocked".into()))?;
         let end = ticks();
         self.lost.overhead.rollbacks[rule as usize] += 1;
-        self.lost.rolling_back += end - begin;
+        self.lost.rolling_back += end.saturating_sub(begin);
         self.timeline.interrupt(Doing::RollingBack, begin, end);
         if self.team.contention.after_conflict(self.me, met, &mut self.streak, &self.team.waiters) {
             let woken = ticks();
             self.lost.overhead.waits += 1;
-            self.lost.waiting += woken - end;
+            self.lost.waiting += woken.saturating_sub(end);
             self.timeline.interrupt(Doing::Waiting, end, woken);
         }
         self.team.go_on()
@@ -376,7 +376,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     /// Notes that the worker had nothing to do since `begin`.
     pub fn lose_idle(&mut self, begin: Ticks) {
         let end = ticks();
-        self.lost.idle += end - begin;
+        self.lost.idle += end.saturating_sub(begin);
         self.timeline.interrupt(Doing::Begging, begin, end);
     }
 }

@@ -264,7 +264,10 @@ impl<'a> Rules<'a> {
         self.triangulation.is_current(stamp)
             && demand.across.is_none_or(|seen| {
                 let other = self.triangulation.tet(seen.facet.tet());
-                other.neighbor(seen.facet.index()).tet() == stamp.tet
+                let back = other.neighbor(seen.facet.index());
+                // Asked of both: which of the two is owned is not known, and a tet that has been freed still names its neighbours.
+                back.tet() == stamp.tet
+                    && self.triangulation.tet(stamp.tet).neighbor(back.index()) == seen.facet
                     && other.tag() == seen.label
                     && other.sphere().center == seen.center
             })

@@ -154,9 +154,14 @@ impl<'a> Team<'a> {
         self.limits.check_time()
     }
 
-    /// Ends all waits; each worker ends at its next look around. The first reason counts.
+    /// Ends all waits; each worker ends at its next look around. The first reason counts, but for a broken invariant, which outweighs all others: no mesh can be made then.
     pub fn stop(&self, reason: Error) {
-        lock(&self.failure).get_or_insert(reason);
+        {
+            let mut failure = lock(&self.failure);
+            if failure.is_none() || matches!(reason, Error::Internal(_)) {
+                *failure = Some(reason);
+            }
+        }
         self.waiters.stop();
     }
 
