@@ -35,7 +35,7 @@
 /**
  * Most threads of a run.
  */
-#define LAPD_MAX_THREADS 1024
+#define LAPD_MAX_THREADS 255
 
 /**
  * "No tet", among the neighbours of a tet and beside a facet.
