@@ -48,6 +48,9 @@ impl Waiter {
     }
 }
 
+/// Offers the processor to other threads.
+pub use std::thread::yield_now;
+
 /// Sleeps for about so many microseconds.
 pub fn sleep_micros(micros: u64) {
     thread::sleep(Duration::from_micros(micros));

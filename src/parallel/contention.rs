@@ -7,7 +7,8 @@
 //!   runs; that one wakes its followers when it has made some progress, or has no work left.
 //! - *Global*. The same with one list; the last worker that runs never waits (counted under the list's lock).
 //! - *Random*. Two workers that meet again and again sleep for times that differ sooner or later. Certain only in probability.
-//! - *Aggressive*. None: workers go on with another element, which makes meeting again unlikely, not impossible.
+//! - *Aggressive*. None: workers go on with another element, which makes meeting again unlikely, not impossible. After some conflicts in sequence they offer their
+//!   processor: with more workers than processors the one that they met may have lost its own while it owns vertices, and would get it back only when their time is up.
 //!
 //! The first two are the published Local-CM and Global-CM; there the flags are raised under the locks of both workers.
 
@@ -19,7 +20,7 @@ use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
 
 /// Operations that a worker completes before it wakes one of those who wait for it.
 const PROGRESS: u32 = 2;
-/// Conflicts in sequence after which a worker sleeps, under the policy Random.
+/// Conflicts in sequence after which a worker sleeps, under the policy Random, or offers its processor, under Aggressive.
 const PATIENCE: u32 = 3;
 /// Longest sleep after that many conflicts, as a power of two in microseconds; twice as long after each more.
 const SLEEP_LOG: u32 = 4;
@@ -109,7 +110,12 @@ impl Contention {
                 }
                 too_many.is_some()
             }
-            Policy::Aggressive => false,
+            Policy::Aggressive => {
+                if streak.conflicts >= PATIENCE {
+                    crate::sync::yield_now();
+                }
+                false
+            }
         }
     }
 
