@@ -4,6 +4,8 @@
 //! with *blocked* and nothing changed. Nobody waits while owning. The protocol is told in `ownership`.
 
 use super::VertexId;
+#[cfg(feature = "force-conflicts")]
+use super::forced_conflicts::ForcedConflicts;
 use super::ownership::{Claim, OwnerId, word};
 use super::triangulation::Triangulation;
 
@@ -49,13 +51,21 @@ pub struct TryLock {
     /// Words of groups of vertices.
     owned: Vec<u32>,
     met: OwnerId,
+    #[cfg(feature = "force-conflicts")]
+    forced: ForcedConflicts,
 }
 
 impl TryLock {
     /// Worker `number`, from 0; no two of a triangulation have the same.
     pub fn new(number: usize) -> Self {
         let me = OwnerId::try_from(number + 1).expect("fewer workers than owner words can name");
-        Self { me, owned: Vec::new(), met: me }
+        Self {
+            me,
+            owned: Vec::new(),
+            met: me,
+            #[cfg(feature = "force-conflicts")]
+            forced: ForcedConflicts::new(me),
+        }
     }
 }
 
@@ -64,6 +74,11 @@ impl Access for TryLock {
 
     #[inline]
     fn try_own(&mut self, triangulation: &Triangulation, vertex: VertexId) -> bool {
+        #[cfg(feature = "force-conflicts")]
+        if let Some(other) = self.forced.refuses() {
+            self.met = other;
+            return false;
+        }
         let word = word(vertex);
         match triangulation.owner(word).claim(self.me) {
             Claim::Taken => self.owned.push(word),
@@ -81,6 +96,8 @@ impl Access for TryLock {
         for word in self.owned.drain(..) {
             triangulation.owner(word).release();
         }
+        #[cfg(feature = "force-conflicts")]
+        self.forced.next_operation();
     }
 
     fn met(&self) -> Option<usize> {

@@ -12,6 +12,7 @@
 //! | [`cavity`] | the conflict zone of a point (digging) |
 //! | [`insert`] | Bowyer-Watson insertion (filling) |
 //! | [`remove`] | vertex removal by the Delaunay triangulation of the link |
+//! | `forced_conflicts` | locks refused at random, in a build for tests |
 //! | [`check`] | the validator: every invariant below, exactly |
 //!
 //! # Invariants
@@ -29,6 +30,8 @@ pub mod access;
 pub mod cavity;
 pub mod check;
 pub mod chunked;
+#[cfg(feature = "force-conflicts")]
+mod forced_conflicts;
 pub mod insert;
 pub mod locate;
 pub mod ownership;

@@ -50,6 +50,11 @@ impl Owners {
         Ok(Self(zeroed_array()?))
     }
 
+    /// How many are somebody's; out of date at once while others are at work.
+    pub fn count_owned(&self) -> usize {
+        self.0.iter().filter(|owner| owner.0.load(Relaxed) != NOBODY).count()
+    }
+
     /// Word `word`.
     #[inline(always)]
     pub fn get(&self, word: u32) -> &Owner {
@@ -93,11 +98,6 @@ impl Owner {
             owner if owner == me => Claim::Held,
             other => Claim::Refused(other),
         }
-    }
-
-    /// Whether a worker owns the vertex; out of date at once while others are at work.
-    pub fn is_owned(&self) -> bool {
-        self.0.load(Relaxed) != NOBODY
     }
 
     /// Gives the vertex back; only its owner does.

@@ -209,6 +209,12 @@ impl Triangulation {
         self.generations.get(t).load(Relaxed) & 1 == 1
     }
 
+    /// Words of vertices that a worker owns, and living tets marked as in a cavity: 0 when no operation is under way. Not to be used while others operate.
+    pub fn left_over(&self) -> usize {
+        let owned = self.owners.count_owned();
+        owned + self.living_tets().filter(|&t| self.tet(t).is_in_cavity()).count()
+    }
+
     /// The slots among which the tets of the box were made.
     pub fn box_slots(&self) -> Range<TetId> {
         0..CHUNK as u32

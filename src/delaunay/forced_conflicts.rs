@@ -1,0 +1,71 @@
+//! Conflicts by force: in a build with the feature `force-conflicts` every lock step of an operation is refused now and then, as if another worker owned the vertex.
+//!
+//! Real conflicts are rare, and those at the last of forty vertices rarer. Here every third operation is refused at a vertex drawn at random, the first to the 48th that it asks
+//! for: at the way in, in the middle of a cavity, at the last vertex of a star. An operation that asks for fewer completes. So any refusal that leaves
+//! a mark, a lock or a half-written tet behind shows in the tests that refine with this feature (`tests/podm.rs`). It is for these alone.
+
+use super::ownership::OwnerId;
+
+/// Most vertices of an operation that may be refused.
+const MOST: u64 = 48;
+
+/// Which refusals a worker meets, by a pseudo-random sequence of its own.
+#[derive(Debug)]
+pub(super) struct ForcedConflicts {
+    me: OwnerId,
+    random: u64,
+    /// Vertices that this operation may still ask for, before it is refused one; 0: it is not refused any more.
+    left: u64,
+}
+
+impl ForcedConflicts {
+    /// For worker `me`.
+    pub fn new(me: OwnerId) -> Self {
+        let mut forced = Self { me, random: u64::from(me).wrapping_mul(0x9E37_79B9_7F4A_7C15), left: 0 };
+        forced.next_operation();
+        forced
+    }
+
+    /// A pseudo-random number (G. Marsaglia, "Xorshift RNGs", 2003).
+    fn draw(&mut self) -> u64 {
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 7;
+        self.random ^= self.random << 17;
+        self.random >> 8
+    }
+
+    /// Whether the vertex that is asked for is refused, and in whose name: any of the workers before this one, which exist; for the first it is the second.
+    pub fn refuses(&mut self) -> Option<OwnerId> {
+        self.left = self.left.checked_sub(1)?;
+        (self.left == 0).then(|| match u64::from(self.me) {
+            1 => 2,
+            me => (1 + self.draw() % (me - 1)) as OwnerId,
+        })
+    }
+
+    /// The operation has ended.
+    pub fn next_operation(&mut self) {
+        let draw = self.draw();
+        self.left = if draw.is_multiple_of(3) { 1 + draw / 3 % MOST } else { 0 };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_step_is_refused_and_most_operations_are_not() {
+        let mut forced = ForcedConflicts::new(3);
+        let mut refused = [0; MOST as usize];
+        for _ in 0..100_000 {
+            if let Some((step, other)) = (0..MOST as usize).find_map(|step| Some((step, forced.refuses()?))) {
+                refused[step] += 1;
+                assert!((1..3).contains(&other));
+            }
+            forced.next_operation();
+        }
+        assert!(refused.iter().all(|&count| count > 300), "{refused:?}");
+        assert!(refused.iter().sum::<i32>() < 40_000, "{refused:?}");
+    }
+}
