@@ -126,7 +126,7 @@ impl<A: Access> Worker<A> {
                 None => return Dig::Duplicate,
                 Some(true) => {
                     // It shares its other vertices with a tet that is owned.
-                    let opposite = triangulation.tet(outside.tet()).vertices()[outside.index()];
+                    let opposite = triangulation.tet(outside.tet()).vertex(outside.index());
                     if !self.access.try_own(triangulation, opposite) {
                         return Dig::Blocked;
                     }

@@ -26,7 +26,7 @@ pub type VertexId = u32;
 /// Index of a tet's slot. Slots are used again; a [`TetStamp`] tells whether the tet is still the same.
 pub type TetId = u32;
 
-/// No vertex; in slot 0 of a tet it marks a free slot.
+/// No vertex; in slot 0 of a tet it marks a slot that was freed.
 pub const NO_VERTEX: VertexId = u32::MAX;
 
 /// `FACET[i]` lists the vertices of facet i, see the picture above.
@@ -107,6 +107,13 @@ impl TetRecord {
     pub fn vertices(&self) -> [VertexId; 4] {
         // Acquire: pairs with the release of fill, for those who look without owning.
         [0, 1, 2, 3].map(|i: usize| self.vertices[i].load(Acquire))
+    }
+
+    /// Vertex `i`, opposite to facet `i`.
+    #[inline(always)]
+    pub fn vertex(&self, i: usize) -> VertexId {
+        // Acquire: as above.
+        self.vertices[i].load(Acquire)
     }
 
     /// Makes this the record of a new tet with tag [`NO_TAG`] and the given mark; its neighbours follow by [`Self::set_neighbor`].
@@ -204,14 +211,14 @@ pub struct TetStamp {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum VertexKind {
+    /// Not in the triangulation: not any more, or not yet.
+    Removed = 0,
     /// A corner of the virtual box.
-    Box = 0,
+    Box = 1,
     /// On an interface (dO).
-    Isovertex = 1,
+    Isovertex = 2,
     /// An inserted circumcenter.
-    Free = 2,
-    /// No longer in the triangulation.
-    Removed = 3,
+    Free = 3,
 }
 
 /// The record of a vertex.
@@ -236,9 +243,9 @@ impl VertexRecord {
     #[inline(always)]
     pub fn kind(&self) -> VertexKind {
         match self.kind.load(Relaxed) {
-            0 => VertexKind::Box,
-            1 => VertexKind::Isovertex,
-            2 => VertexKind::Free,
+            1 => VertexKind::Box,
+            2 => VertexKind::Isovertex,
+            3 => VertexKind::Free,
             _ => VertexKind::Removed,
         }
     }

@@ -160,7 +160,7 @@ impl Triangulation {
     #[inline]
     pub(super) fn prefetch_rest(&self, entry: Facet) {
         self.generations.prefetch(entry.tet());
-        self.vertices.prefetch(self.tet(entry.tet()).vertices()[entry.index()]);
+        self.vertices.prefetch(self.tet(entry.tet()).vertex(entry.index()));
     }
 
     /// The record of a vertex.
@@ -288,7 +288,6 @@ impl Triangulation {
         self.tets.make_chunk(chunk as usize)?;
         self.generations.make_chunk(chunk as usize)?;
         let slots = chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32;
-        slots.clone().for_each(|t| self.tet(t).clear());
         // Release: whoever counts the chunk finds it.
         self.tet_chunks.store(chunk + 1, Release);
         Ok(slots)
@@ -303,7 +302,6 @@ impl Triangulation {
         }
         self.vertices.make_chunk(chunk as usize)?;
         let ids = chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32;
-        ids.clone().for_each(|v| self.vertex(v).set_removed());
         // Release: as above.
         self.vertex_chunks.store(chunk + 1, Release);
         Ok(ids)

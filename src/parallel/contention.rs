@@ -19,7 +19,7 @@ use crate::params::Contention as Policy;
 use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
 
 /// Operations that a worker completes before it wakes one of those who wait for it.
-const PROGRESS: u32 = 2;
+const PROGRESS: u32 = 1;
 /// Conflicts in sequence after which a worker sleeps, under the policy Random, or offers its processor, under Aggressive.
 const PATIENCE: u32 = 3;
 /// Longest sleep after that many conflicts, as a power of two in microseconds; twice as long after each more.

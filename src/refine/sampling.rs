@@ -61,8 +61,13 @@ pub fn sample_isosurface(oracle: &Oracle, delta: f64, go_on: impl Fn() -> Result
         Ok(net)
     };
     let count = slabs.len();
-    let first = (0..count).into_par_iter().step_by(2).map(|slab| sample(slab, &[])).collect::<Result<Vec<_>>>()?;
-    let second = (1..count).into_par_iter().step_by(2).map(|slab| {
+    let first = (0..count)
+        .into_par_iter()
+        .step_by(2)
+        .with_max_len(1)
+        .map(|slab| sample(slab, &[]))
+        .collect::<Result<Vec<_>>>()?;
+    let second = (1..count).into_par_iter().step_by(2).with_max_len(1).map(|slab| {
         let neighbors: Vec<&Net<'_>> = first[slab / 2..].iter().take(2).collect();
         sample(slab, &neighbors)
     });
