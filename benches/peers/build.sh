@@ -1,5 +1,5 @@
 #!/bin/sh
-# Builds what run.sh and growth.sh run: our library and mesh_image, as users install them, under build/; with `peers`, CGAL's programs too.
+# Builds what the benches beside it and ../threads.sh run: our library and mesh_image, as users install them, under build/; with `peers`, CGAL's programs too.
 #
 #   sh benches/peers/build.sh [peers]
 set -eu

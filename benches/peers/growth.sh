@@ -11,4 +11,4 @@ command -v python3 >/dev/null 2>&1 || {
     exit 1
 }
 sh "$here/build.sh"
-exec python3 "$here/peers.py" growth "$@"
+exec python3 -B "$here/peers.py" growth "$@"

@@ -3,108 +3,31 @@
 compare  ours, Mesh_3 with each tag, and the Delaunay triangulation of our vertices; bounds are tuned until the numbers of tets agree.
 growth   ours alone, on one image, finer and finer.
 
-Tuning, and the runs whose meshes and memory are measured, come before those that are timed. Everything that was run is kept as JSON
-in build/peers/results/. Needs the standard library only.
+Tuning, and the runs whose meshes and memory are measured, come before those that are timed. harness.py has what all benches share.
 """
 import argparse
 import dataclasses
-import datetime
 import json
 import math
 import os
 import pathlib
-import platform
-import re
-import resource
 import statistics
-import subprocess
 import sys
-import time
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-BUILD = ROOT / "build"
-RESULTS = BUILD / "peers" / "results"
-DOCS = ROOT / "docs" / "benchmarks.md"
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+from harness import (BUILD, RESULTS, START, at_least_one, check_tets, execute, fail, find_image, find_images, machine, markdown, ours,
+                     publish, runs_text, say, spread, threads_text, tune, tune_ours, Bystanders)
 
-# Where tuning starts, for a million tets: delta in world units. Size is always twice delta.
-START = {"aal": 1.35, "brain": 1.97, "abdomen": 1.61, "balls": 0.55}
 # Criteria of Mesh_3 as multiples of our delta, which give about as many tets and interface facets as we have; a common factor is tuned.
 FACET_SIZE, FACET_DISTANCE, CELL_SIZE = 1.16, 0.26, 2.0
-# How far the number of tets may be from what was asked for: ours from the target, theirs from ours; and in the end, in every timed run.
-OURS_WITHIN, THEIRS_WITHIN, IN_THE_END = 0.03, 0.02, 0.05
-TRIES = 6
+# How far the peers' number of tets may be from ours: at the end of tuning, and in every timed run.
+THEIRS_WITHIN, IN_THE_END = 0.02, 0.05
 TAGS = {"parallel": "Mesh_3, Parallel_tag", "sequential": "Mesh_3, Sequential_tag"}
 # So that the finest mesh of the growth study gives up before the machine does.
 MOST_MEMORY = 0.85
 
 
-def fail(line):
-    sys.exit(f"peers.py: {line}")
-
-
-def say(line):
-    print(line, file=sys.stderr, flush=True)
-
-
-# ---- Images ----
-
-
-def phantom():
-    """A ball of two halves inside a larger one, 96^3 voxels: for where there are no images."""
-    path, n = RESULTS / "balls.nrrd", 96
-    middle, inner, outer = (n - 1) / 2, (7 / 32 * n) ** 2, (13 / 32 * n) ** 2
-    voxels = bytearray()
-    for z in range(n):
-        for y in range(n):
-            base = (z - middle) ** 2 + (y - middle) ** 2
-            for x in range(n):
-                r = base + (x - middle) ** 2
-                voxels.append((3 if x < middle else 2) if r < inner else 1 if r < outer else 0)
-    header = f"NRRD0004\ntype: uchar\ndimension: 3\nsizes: {n} {n} {n}\nencoding: raw\nspacings: 1 1 1\n\n"
-    path.write_bytes(header.encode() + bytes(voxels))
-    return path
-
-
-def find_image(name):
-    """The path of an image, or None where it is not installed."""
-    folder = pathlib.Path(os.environ.get("LAPD_IMAGES") or ROOT.parent / "shared" / "images")
-    known = {
-        "aal": pathlib.Path("/usr/share/mricron/templates/aal.nii.gz"),
-        "brain": folder / "spl" / "brain.nrrd",
-        "abdomen": folder / "spl" / "abdomen.nrrd",
-    }
-    if name == "balls":
-        return phantom()
-    if name not in known:
-        fail(f"unknown image {name}; there are {', '.join(known)} and balls")
-    if not known[name].exists():
-        say(f"SKIPPED: {name}, no file {known[name]}")
-        return None
-    return known[name]
-
-
 # ---- Programs ----
-
-
-def execute(command, statuses=(0,)):
-    """Standard output of a program."""
-    command = [str(word) for word in command]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode not in statuses:
-        message = "; ".join(done.stderr.strip().splitlines()) or "no message"
-        fail(f"{pathlib.Path(command[0]).name} ended with status {done.returncode}: {message}")
-    return done.stdout
-
-
-def ours(image, delta, threads, *more):
-    """The report of one run of our mesher."""
-    report = RESULTS / "lapd.json"
-    bounds = ["--delta", repr(delta), "--size", repr(2 * delta), "--threads", threads]
-    execute([BUILD / "bin" / "mesh_image", image, *bounds, "--quiet", "--report", report, *more])
-    found = json.loads(report.read_text())
-    found["span"] = sum(found["seconds"][phase] for phase in ("distance", "refine", "extract"))
-    found["rate"] = found["tets"] / found["span"]
-    return found
 
 
 def criteria(delta, factor):
@@ -141,24 +64,6 @@ def surface_distances(image, our_mesh, their_mesh):
     return [{name: float(rows[row][side]) for name, row in names.items()} for side in (0, 1)]
 
 
-def tune(what, value, target, within, run):
-    """Looks for the bound at which `run` gives `target` tets: (bound, report). By the law of powers through the last two tries; the first guess
-    lies between that of surfaces, 2, and that of volumes, 3."""
-    exponent, tries = 2.6, []
-    for _ in range(TRIES):
-        report = run(value)
-        tries.append((value, report["tets"]))
-        say(f"    {what} {value:.4f}: {report['tets']} tets")
-        if abs(report["tets"] / target - 1) <= within:
-            return value, report
-        if len(tries) > 1:
-            (a, m), (b, n) = tries[-2:]
-            if a != b and m != n:
-                exponent = min(max(-math.log(n / m) / math.log(b / a), 1.5), 3.5)
-        value = float(f"{value * (report['tets'] / target) ** (1 / exponent):.4g}")
-    return fail(f"{what} gives {tries[-1][1]} tets, not within {100 * within:g} % of {target}, after {TRIES} tries")
-
-
 # ---- One image, all programs ----
 
 
@@ -178,14 +83,14 @@ class Case:
 def compare_image(name, image, options):
     say(f"{name}: tuning")
     meshes = {program: RESULTS / f"{program}.mesh" for program in ("lapd", *TAGS)}
-    start = START[name] * (1e6 / options.tets) ** (1 / 2.6)
 
     def run_ours(delta):
         return ours(image, delta, options.threads, "-o", meshes["lapd"], "--memory")
 
-    delta, first = tune("delta", start, options.tets, OURS_WITHIN, run_ours)
-    # Sequential_tag has one thread, whatever the others have: it is a peer of one thread only.
-    tags = [tag for tag in TAGS if tag == "parallel" or options.threads == 1]
+    delta, first = tune_ours(name, options.tets, run_ours)
+    # Sequential_tag and the Delaunay triangulation have one thread, whatever the others have: they are peers of one thread only.
+    alone = options.threads == 1
+    tags = [tag for tag in TAGS if tag == "parallel" or alone]
     factors, measured, factor = {}, {}, 1.0
     for tag in tags:
 
@@ -197,7 +102,8 @@ def compare_image(name, image, options):
         measured["lapd"], measured[tag] = surface_distances(image, meshes["lapd"], meshes[tag])
     points = RESULTS / "points.bin"
     delaunay = [BUILD / "peers" / "cgal_delaunay_3"]
-    execute([*delaunay, "collect", image, repr(delta), repr(2 * delta), options.threads, points])
+    if alone:
+        execute([*delaunay, "collect", image, repr(delta), repr(2 * delta), options.threads, points])
 
     turns = {
         "lapd": lambda: ours(image, delta, options.threads),
@@ -205,14 +111,14 @@ def compare_image(name, image, options):
         "delaunay": lambda: json.loads(execute([*delaunay, "time", points])),
         "sequential": lambda: mesh_3("sequential", image, delta, factors["sequential"], 1),
     }
-    runs = {program: [] for program in turns if program in (*tags, "lapd", "delaunay")}
+    runs = {program: [] for program in turns if alone or program in ("lapd", "parallel")}
     for turn in range(options.runs):
         for program, done in runs.items():
             done.append(turns[program]())
         say(f"    run {turn + 1}: " + ", ".join(f"{program} {seconds(done[-1]):.2f} s" for program, done in runs.items()))
     for leftover in (*meshes.values(), points):
         leftover.unlink(missing_ok=True)
-    check(name, first, runs, options)
+    check(name, first, runs)
     return Case(name, delta, factors, measured, first["memory_bytes"], runs, len(first["labels"]))
 
 
@@ -221,34 +127,20 @@ def seconds(run):
     return run["span"] if "span" in run else run["seconds"]
 
 
-def check(name, first, runs, options):
+def check(name, first, runs):
     """What must hold for the figures to mean something."""
-    all_runs = [first, *runs["lapd"]]
-    if options.threads == 1 and len({(run["tets"], run["all_tets"]) for run in all_runs}) > 1:
-        fail(f"{name}: our number of tets differs from run to run: {[run['tets'] for run in all_runs]}")
+    check_tets(name, [first, *runs["lapd"]])
     for program in runs:
         for run in runs[program]:
             wanted = first["all_tets"] if program == "delaunay" else first["tets"]
             if abs(run["tets"] / wanted - 1) > IN_THE_END:
                 fail(f"{name}: {program} has {run['tets']} tets, we have {wanted}: more than {100 * IN_THE_END:g} % apart")
             # One thread's mesh is always the same, and so is the Delaunay triangulation of its vertices.
-            if program == "delaunay" and options.threads == 1 and run["tets"] != wanted:
+            if program == "delaunay" and run["tets"] != wanted:
                 fail(f"{name}: Delaunay_triangulation_3 makes {run['tets']} tets of our vertices, we have {wanted}")
 
 
 # ---- Tables ----
-
-
-def spread(values, digits):
-    """Median, and in brackets the least and the largest."""
-    low, middle, high = (f"{value:.{digits}f}" for value in (min(values), statistics.median(values), max(values)))
-    return middle if len(values) == 1 else f"{middle} ({low} to {high})"
-
-
-def markdown(head, rows):
-    align = ["---" if name in ("image", "program") else "---:" for name in head]
-    lines = ["| " + " | ".join(row) + " |" for row in [head, *rows]]
-    return "\n".join([lines[0], "|" + "|".join(align) + "|", *lines[1:]])
 
 
 def phases(run_list):
@@ -322,104 +214,28 @@ def bounds_table(cases):
     return markdown(head, rows)
 
 
-# ---- The machine ----
-
-
-def first_line(command):
-    try:
-        return execute(command).splitlines()[0].strip()
-    except (FileNotFoundError, IndexError):
-        return "unknown"
-
-
-def field(path, name, separator):
-    """What stands after `name` in a file of the system."""
-    try:
-        for line in pathlib.Path(path).read_text(errors="replace").splitlines():
-            key, found, value = line.partition(separator)
-            if found and key.strip() == name:
-                return value.strip().strip('"')
-    except OSError:
-        pass
-    return "unknown"
-
-
-class Bystanders:
-    """What the machine does beside our programs, from the making of this on: work of others that a bench must tell of."""
-
-    def __init__(self):
-        self.start = self.read()
-
-    @staticmethod
-    def read():
-        """Seconds: those of the clock, busy ones of all cores, stolen ones, those of our own programs."""
-        words = pathlib.Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:]
-        user, nice, system, _, _, irq, soft_irq, stolen = (int(word) / os.sysconf("SC_CLK_TCK") for word in words[:8])
-        own = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-        return time.monotonic(), user + nice + system + irq + soft_irq, stolen, sum(use.ru_utime + use.ru_stime for use in own)
-
-    def describe(self):
-        wall, busy, stolen, own = (now - then for now, then in zip(self.read(), self.start))
-        others = max(busy - own, 0) / wall
-        return f"other programs kept {others:.2f} cores busy meanwhile; the host withheld {stolen / wall:.2f}"
-
-
-def machine(bystanders, versions):
-    """Lines about where and with what the figures were made."""
-    memory = field("/proc/meminfo", "MemTotal", ":").split()[0]
-    gib = f"{int(memory) / 2**20:.0f} GiB" if memory.isdigit() else memory
-    system = f"{field('/etc/os-release', 'PRETTY_NAME', '=')}, {platform.system()} {platform.release()}"
-    commit = "unknown"
-    if (ROOT / ".git").exists():
-        commit = first_line(["git", "-C", ROOT, "rev-parse", "--short=12", "HEAD"])
-        # The tables that this program writes are no change of what was measured.
-        changes = execute(["git", "-C", ROOT, "status", "--porcelain", "--untracked-files=no", "--", ".", f":!{DOCS.relative_to(ROOT)}"])
-        commit += " with changes" if changes else ""
-    lapd = field(ROOT / "Cargo.toml", "version", "=")
-    return "\n".join([
-        f"- {datetime.date.today().isoformat()}, lapd {lapd}, commit {commit}{''.join(', ' + version for version in versions)}",
-        f"- {field('/proc/cpuinfo', 'model name', ':')}, {os.cpu_count()} cores, {gib} of memory; {system}",
-        f"- {first_line(['c++', '--version'])}, -O3; {first_line(['rustc', '--version'])}, profile release",
-        f"- {bystanders.describe()}",
-    ])
-
-
-def publish(part, text, options):
-    """Prints the text, and puts it between the marks of that part in docs/benchmarks.md."""
-    print(text)
-    if options.print_only:
-        return
-    begin, end = f"<!-- {part}: written by {part}.sh -->", f"<!-- end of {part} -->"
-    page = DOCS.read_text(encoding="utf-8")
-    pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
-    if len(pattern.findall(page)) != 1:
-        fail(f"{DOCS.relative_to(ROOT)} has no part between {begin} and {end}")
-    DOCS.write_text(pattern.sub(lambda _: f"{begin}\n{text}\n{end}", page), encoding="utf-8")
-    say(f"written into {DOCS.relative_to(ROOT)}")
-
-
 # ---- Commands ----
 
 
 def compare(options):
     bystanders = Bystanders()
-    images = {name: find_image(name) for name in options.images.split(",")}
-    images = {name: path for name, path in images.items() if path} or {"balls": find_image("balls")}
+    threads = threads_text(options.threads)
     cases = []
-    for name, image in images.items():
+    for name, image in find_images(options.images).items():
         cases.append(compare_image(name, image, options))
-        (RESULTS / "compare.json").write_text(json.dumps([dataclasses.asdict(case) for case in cases], indent=1))
+        kept = RESULTS / f"compare with {threads}.json"
+        kept.write_text(json.dumps([dataclasses.asdict(case) for case in cases], indent=1))
     version = cases[0].runs["parallel"][0]["version"]
-    threads = "one thread each" if options.threads == 1 else f"{options.threads} threads, but one for the Delaunay triangulation"
-    runs = "one run" if options.runs == 1 else f"medians of {options.runs} runs in turn, with least and largest"
     parts = [
+        f"### With {threads}",
         machine(bystanders, [version]),
-        f"About {options.tets / 1e6:g} M tets with a label, {threads}; {runs}.",
+        f"About {options.tets / 1e6:g} M tets with a label, {threads} each; {runs_text(options.runs)}.",
         main_table(cases),
-        kernel_table(cases),
+        *([kernel_table(cases)] if options.threads == 1 else []),
         bounds_table(cases),
     ]
-    publish("run", "\n\n".join(parts), options)
+    part, *fewer = (f"run with {threads_text(count)}" for count in range(options.threads, 0, -1))
+    publish(part, "run.sh", "\n\n".join(parts), options, behind=reversed(fewer))
 
 
 def growth(options):
@@ -469,21 +285,13 @@ def growth(options):
     def fall(rates):
         return f"{100 * (rates[-1] / rates[0] - 1):+.1f} % against the coarsest mesh, {100 * (rates[-1] / max(rates) - 1):+.1f} % against the fastest"
 
-    runs_text = "one run" if options.runs == 1 else f"medians of {options.runs} rounds through all sizes, with least and largest"
-    threads = "one thread" if options.threads == 1 else f"{options.threads} threads"
     parts = [
         machine(bystanders, []),
-        f"{name}, {threads}; {runs_text}.",
+        f"{name}, {threads_text(options.threads)}; {runs_text(options.runs, 'through all sizes in turn')}.",
         markdown(head, rows),
         f"The rate of the finest mesh: refine {fall(refine_rates)}; whole {fall(whole_rates)}.",
     ]
-    publish("growth", "\n\n".join(parts), options)
-
-
-def at_least_one(text):
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, got {text}")
-    return int(text)
+    publish("growth", "growth.sh", "\n\n".join(parts), options)
 
 
 def main():
