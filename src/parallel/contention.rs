@@ -2,15 +2,15 @@
 //!
 //! **Why there is no livelock.** A worker that waits owns nothing, so conflicts are with workers that run.
 //! - *Local*. A worker waits for the one it met, unless that one waits itself. Suppose the workers that run met only each other for ever. Each conflict makes one of the two wait, unless the other has
-//!   begun to wait meanwhile; so fewer and fewer run, and the last one meets nobody. It completes its operations, and wakes those who wait for it. *No cycle of waits*: before a worker waits it raises its own flag, then
-//!   looks at the other's, both sequentially consistent. Of the members of a cycle, the one that raised its flag last would have seen the flag of the one that it waits for. So the chain of waits from any worker ends at one that
+//!   begun to wait meanwhile; so fewer and fewer run, and the last one meets nobody. It completes its operations, and wakes those who wait for it. *No cycle of waits*: a worker looks at the other's flag and raises
+//!   its own under the locks of both. Of the members of a cycle, the one that raised its flag last would have seen the flag of the one that it waits for. So the chain of waits from any worker ends at one that
 //!   runs; that one wakes its followers when it has made some progress, or has no work left.
 //! - *Global*. The same with one list; the last worker that runs never waits (counted under the list's lock).
 //! - *Random*. Two workers that meet again and again sleep for times that differ sooner or later. Certain only in probability.
 //! - *Aggressive*. None: workers go on with another element, which makes meeting again unlikely, not impossible. After some conflicts in sequence they offer their
 //!   processor: with more workers than processors the one that they met may have lost its own while it owns vertices, and would get it back only when their time is up.
 //!
-//! The first two are the published Local-CM and Global-CM; there the flags are raised under the locks of both workers.
+//! The first two are the published Local-CM and Global-CM.
 
 use std::collections::VecDeque;
 
@@ -122,21 +122,22 @@ impl Contention {
     fn follow(&self, me: usize, met: usize, waiters: &Waiters) -> bool {
         let own = &self.workers[me].waits;
         let other = &self.workers[met];
-        // SeqCst, here and below: the proof needs one order of all these.
-        own.store(true, SeqCst);
         let follows = {
+            // The locks of both, the smaller number's first: of two who meet each other at once, one comes first and waits.
+            let _first = (me < met).then(|| lock(&self.workers[me].followers));
             let mut followers = lock(&other.followers);
-            let may = followers.open && !other.waits.load(SeqCst);
+            let _second = (me > met).then(|| lock(&self.workers[me].followers));
+            let may = followers.open && !other.waits.load(Relaxed);
             if may {
+                // Relaxed: raised under this worker's lock, looked at by others under the same. A worker that wakes lowers it without; who looks too early does not wait.
+                own.store(true, Relaxed);
                 followers.list.push_back(me);
                 other.following.store(followers.list.len(), Relaxed);
             }
             may
         };
         if follows {
-            waiters.wait(|| !own.load(SeqCst));
-        } else {
-            own.store(false, SeqCst);
+            waiters.wait(|| !own.load(Acquire));
         }
         follows
     }
@@ -150,9 +151,9 @@ impl Contention {
             }
             line.running -= 1;
             line.list.push_back(me);
-            own.store(true, SeqCst);
+            own.store(true, Relaxed);
         }
-        waiters.wait(|| !own.load(SeqCst));
+        waiters.wait(|| !own.load(Acquire));
         true
     }
 
@@ -201,7 +202,7 @@ impl Contention {
     }
 
     fn wake(&self, who: usize, waiters: &Waiters) {
-        self.workers[who].waits.store(false, SeqCst);
+        self.workers[who].waits.store(false, Release);
         waiters.wake(who);
     }
 

@@ -1,0 +1,11 @@
+//! The library's own coordination code, compiled against the primitives of the loom model checker instead of those of the standard library. The models are in `tests/models.rs`.
+//!
+//! The sources are included as they are; `sync` and `params` stand in for the library's modules of these names.
+
+pub mod params;
+pub mod sync;
+
+#[path = "../../../src/delaunay/ownership.rs"]
+pub mod ownership;
+#[path = "../../../src/parallel/mod.rs"]
+pub mod parallel;
