@@ -307,9 +307,10 @@ fn a_limit_of_vertices_is_never_exceeded() {
 fn limits_of_time_and_memory_end_all_threads() {
     let _watchdog = Watchdog::new("limits_of_time_and_memory_end_all_threads");
     let subject = large_subject();
+    let alone = outcome(&subject, &Schedule::solo(), true).seconds;
     for threads in [2, 8] {
-        for tenths in 1..4 {
-            let deadline = Some((Instant::now() + Duration::from_millis(30 * tenths), 0.03 * tenths as f64));
+        for part in [0.01, 0.05, 0.1] {
+            let deadline = Some((Instant::now() + Duration::from_secs_f64(part * alone), part * alone));
             let limits = Limits { deadline, ..Limits::default() };
             let schedule = Schedule { limits, ..team(threads, Contention::Global, Begging::Flat) };
             let ended = outcome(&subject, &schedule, false);

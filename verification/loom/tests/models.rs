@@ -8,9 +8,10 @@
 //! |---|---|
 //! | `Owner::release` relaxed; `Owner::claim` relaxed; `claim` by a load and a store | `owners_exclude_each_other` |
 //! | the vertices not read again when they are owned | `who_owns_the_vertices_of_a_tet_owns_the_tet`, `a_slot_that_was_freed_is_not_taken_for_a_tet` |
+//! | `stop` relaxed | `who_waits_is_stopped_*` |
 //! | Local: the look and the raising of the flag not under the locks of both; `open` not asked; followers not woken by `leave` | `local_*` |
 //! | Global: the last one waits too; `leave` wakes nobody | `global_*` |
-//! | a beggar taken off the count of the idle after its gift; that count relaxed; `ready` raised before the gift is in the slot | `begging_*` |
+//! | a beggar taken off the count of the idle after its gift; that count or the word of the end relaxed; `ready` raised before the gift is in the slot; a wake forgotten | `begging_*` |
 //! | `Stretches`: the longest stretch read twice | `stretches_*` |
 //!
 //! # What they cannot see
