@@ -6,7 +6,8 @@
 use super::VertexId;
 #[cfg(feature = "force-conflicts")]
 use super::forced_conflicts::ForcedConflicts;
-use super::ownership::{Claim, OwnerId, word};
+use super::lock::{Claim, OwnerId};
+use super::ownership::word;
 use super::triangulation::Triangulation;
 
 /// A locking policy.

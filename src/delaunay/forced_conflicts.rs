@@ -4,7 +4,7 @@
 //! for: at the way in, in the middle of a cavity, at the last vertex of a star. An operation that asks for fewer completes. So any refusal that leaves
 //! a mark, a lock or a half-written tet behind shows in the tests that refine with this feature (`tests/podm.rs`). It is for these alone.
 
-use super::ownership::OwnerId;
+use super::lock::OwnerId;
 
 /// Most vertices of an operation that may be refused.
 const MOST: u64 = 48;

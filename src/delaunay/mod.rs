@@ -4,7 +4,8 @@
 //! |---|---|
 //! | [`chunked`] | memory in chunks that never move |
 //! | [`tet`] | records of tets and vertices, ids, the facet notation |
-//! | [`ownership`] | the lock of a vertex, and the protocol: why there is no deadlock, and which memory order |
+//! | [`ownership`] | who owns which vertices, and the protocol: why there is no deadlock, and which memory order |
+//! | [`lock`] | the word of one lock |
 //! | [`access`] | who may touch a vertex: the locking policy, a type parameter |
 //! | [`triangulation`] | the shared structure and the virtual box |
 //! | [`worker`] | one thread's view: scratch memory, free slots, counters |
@@ -34,6 +35,7 @@ pub mod chunked;
 mod forced_conflicts;
 pub mod insert;
 pub mod locate;
+pub mod lock;
 pub mod ownership;
 pub mod remove;
 pub mod tet;

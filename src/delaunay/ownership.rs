@@ -1,4 +1,4 @@
-//! The word that says who owns a vertex: the lock of speculative refinement.
+//! Who owns which vertices: the locks of speculative refinement.
 //!
 //! # The protocol
 //! **What is locked.** Vertices, [`GROUP`] with neighbouring ids by one word; what is said of a vertex here is true of its group. Ids are given out in sequence, and vertices that one worker inserts one after the other lie
@@ -23,7 +23,7 @@
 
 use super::VertexId;
 use super::chunked::{Zeroable, zeroed_array};
-use crate::sync::{AtomicU16, Ordering::*};
+use super::lock::Owner;
 
 /// log2 of [`GROUP`].
 const GROUP_LOG: u32 = 3;
@@ -52,7 +52,7 @@ impl Owners {
 
     /// How many are somebody's; out of date at once while others are at work.
     pub fn count_owned(&self) -> usize {
-        self.0.iter().filter(|owner| owner.0.load(Relaxed) != NOBODY).count()
+        self.0.iter().filter(|owner| owner.is_owned()).count()
     }
 
     /// Word `word`.
@@ -62,47 +62,5 @@ impl Owners {
     }
 }
 
-/// A worker as the owner of vertices: its number, from 1.
-pub type OwnerId = u16;
-
-const NOBODY: OwnerId = 0;
-
-/// What came of asking for a vertex.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Claim {
-    /// It is the worker's now, and was nobody's before.
-    Taken,
-    /// It was the worker's before.
-    Held,
-    /// Another worker owns it.
-    Refused(OwnerId),
-}
-
-/// Who owns a group of vertices. All bytes zero: nobody.
-#[derive(Debug, Default)]
-pub struct Owner(AtomicU16);
-
 // SAFETY: an atomic integer, for which 0 is a value; dropping it does nothing.
 unsafe impl Zeroable for Owner {}
-
-impl Owner {
-    /// Asks for the vertex in the name of worker `me`, without waiting.
-    #[inline]
-    pub fn claim(&self, me: OwnerId) -> Claim {
-        // Relaxed: only `me` itself can have written `me`, and a refusal needs no more than a name.
-        match self.0.load(Relaxed) {
-            NOBODY => match self.0.compare_exchange(NOBODY, me, Acquire, Relaxed) {
-                Ok(_) => Claim::Taken,
-                Err(other) => Claim::Refused(other),
-            },
-            owner if owner == me => Claim::Held,
-            other => Claim::Refused(other),
-        }
-    }
-
-    /// Gives the vertex back; only its owner does.
-    #[inline]
-    pub fn release(&self) {
-        self.0.store(NOBODY, Release);
-    }
-}

@@ -29,6 +29,12 @@ pub type TetId = u32;
 /// No vertex; in slot 0 of a tet it marks a slot that was freed.
 pub const NO_VERTEX: VertexId = u32::MAX;
 
+/// Whether these are the vertices of a tet, and not what stands in a slot that was freed, or in one that was never used, where all are 0. Of a triangulation at rest.
+#[inline(always)]
+pub fn is_tet(vertices: [VertexId; 4]) -> bool {
+    vertices[0] != NO_VERTEX && vertices[0] != vertices[1]
+}
+
 /// `FACET[i]` lists the vertices of facet i, see the picture above.
 pub const FACET: [[usize; 3]; 4] = [[1, 3, 2], [0, 2, 3], [0, 3, 1], [0, 1, 2]];
 

@@ -9,8 +9,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use glam::DVec3;
 
 use super::chunked::{CHUNK, Chunked};
-use super::ownership::{Owner, Owners};
-use super::tet::{FACET, Facet, MAX_TETS, NO_VERTEX, TetId, TetRecord, TetStamp, VertexId, VertexKind, VertexRecord};
+use super::lock::Owner;
+use super::ownership::Owners;
+use super::tet::{FACET, Facet, MAX_TETS, TetId, TetRecord, TetStamp, VertexId, VertexKind, VertexRecord, is_tet};
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
 use crate::{Error, Result};
@@ -313,6 +314,6 @@ impl Triangulation {
 
     /// Whether the record of a slot says that it is free.
     pub(super) fn is_cleared(&self, t: TetId) -> bool {
-        self.tet(t).vertices()[0] == NO_VERTEX
+        !is_tet(self.tet(t).vertices())
     }
 }

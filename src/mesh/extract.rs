@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 use super::{NONE, TetMesh};
 use crate::Result;
-use crate::delaunay::tet::{FACET, Facet, NO_VERTEX};
+use crate::delaunay::tet::{FACET, Facet, is_tet};
 use crate::delaunay::{TetId, Triangulation};
 use crate::memory::{reserve, zeroed};
 use crate::monitor::Monitor;
@@ -98,7 +98,7 @@ impl Slots {
                 let t = (range * RANGE + slot) as TetId;
                 triangulation.prefetch(t + AHEAD);
                 let vertices = triangulation.tet(t).vertices();
-                if vertices[0] == NO_VERTEX {
+                if !is_tet(vertices) {
                     continue;
                 }
                 let id = label_id(t);

@@ -5,7 +5,7 @@
 pub mod params;
 pub mod sync;
 
-#[path = "../../../src/delaunay/ownership.rs"]
-pub mod ownership;
+#[path = "../../../src/delaunay/lock.rs"]
+pub mod lock;
 #[path = "../../../src/parallel/mod.rs"]
 pub mod parallel;

@@ -24,7 +24,7 @@ use loom::sync::Arc;
 use loom::sync::atomic::{AtomicU32, AtomicUsize, Ordering::*};
 use loom::thread;
 
-use lapd_loom::ownership::{Claim, Owner, OwnerId};
+use lapd_loom::lock::{Claim, Owner, OwnerId};
 use lapd_loom::parallel::begging::Begging;
 use lapd_loom::parallel::contention::{Contention, Streak};
 use lapd_loom::parallel::stretches::Stretches;
