@@ -21,10 +21,8 @@ impl Triangulation {
             let record = self.tet(t);
             let vertices = record.vertices();
             if vertices[0] == NO_VERTEX {
-                // Another worker has just freed the slot. Corners of the box always have a tet.
-                (t, entry) = (self.vertex(0).star(), 3);
-                tries = 1..=4;
-                continue;
+                // Another worker has just freed the slot: the caller finds that out, and begins elsewhere.
+                return t;
             }
             let corners = self.corners(vertices);
             let arms = corners.map(|corner| corner - p);

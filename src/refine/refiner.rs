@@ -135,6 +135,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                     // Others have changed the tet since the walk came to it.
                     Insertion::NotInConflict | Insertion::Stale if A::SHARED => {
                         again.push(p);
+                        // Corners of the box always have a tet.
+                        at = self.triangulation.vertex(0).star();
                         self.after_stale(begin);
                     }
                     Insertion::Duplicate | Insertion::NotInConflict | Insertion::Stale => {}
