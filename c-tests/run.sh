@@ -112,6 +112,10 @@ passed=$((passed + $(sum passed)))
 failed=$((failed + $(sum failed)))
 grep -h '^ *SKIPPED' "$logs/cargo-test.log" | sort -u | tee -a "$skipped"
 
+# ---- Parallel refinement: models of its coordination, and locks that refuse at every step ----
+
+step verification sh verification/run.sh loom conflicts
+
 # ---- C: build and install as users do, then the tests ----
 
 build_package() {
