@@ -104,7 +104,7 @@ pub struct Rules<'a> {
 const LARGE: f64 = 2.0;
 
 /// An interface facet may stray from the interface, at its circumcenter, by this part of delta.
-pub const FACET_DISTANCE: f64 = 0.25;
+pub const FACET_DISTANCE: f64 = 0.22;
 /// Sampling for the sake of the facet distance keeps isovertices this part of delta apart.
 pub const SPACING_FLOOR: f64 = 0.5;
 
