@@ -2,8 +2,8 @@
 
 use glam::{DVec3, I64Vec3};
 
-/// Most chain heads a table has; more cells share them.
-const MAX_HEADS: usize = 1 << 22;
+/// Most chain heads that all tables of one purpose have together; more cells share them.
+pub const MAX_HEADS: usize = 1 << 22;
 
 /// Which head a point's chain has.
 pub struct CellTable {
@@ -15,10 +15,12 @@ pub struct CellTable {
 }
 
 impl CellTable {
-    /// Cells of edge `cell` over a box, which must hold all points and queries.
-    pub fn new(lower: DVec3, upper: DVec3, cell: f64) -> Self {
+    /// Cells of edge `cell` over a box, with no more than `most` heads, at least 1. Points and queries beyond the box share cells with others, which costs time alone.
+    pub fn new(lower: DVec3, upper: DVec3, cell: f64, most: usize) -> Self {
         let cells = ((upper - lower) / cell).ceil().max(DVec3::ONE);
-        let heads = ((cells.x * cells.y * cells.z).min(MAX_HEADS as f64) as usize).next_power_of_two();
+        // A power of two, not above the most.
+        let heads =
+            ((cells.x * cells.y * cells.z).min(most as f64) as usize).next_power_of_two().min(1 << most.ilog2());
         Self {
             lower,
             per_cell: 1.0 / cell,

@@ -18,7 +18,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::cell_table::CellTable;
+use super::cell_table::{CellTable, MAX_HEADS};
 use crate::Result;
 use crate::memory::{filled, reserve, room};
 use crate::oracle::{CrossedEdge, Oracle};
@@ -48,8 +48,9 @@ pub fn sample_isosurface(oracle: &Oracle, delta: f64, go_on: impl Fn() -> Result
     let grid = oracle.edge_grid(delta);
     // Samples of two slabs with one between them are delta apart, and that one reaches no further.
     let slabs = grid.slabs(2.0 * delta);
+    let most_heads = (MAX_HEADS / slabs.len()).max(1);
     let sample = |slab: usize, before: &[&Net<'_>]| -> Result<Net<'_>> {
-        let mut net = Net::new(oracle, delta, grid.slab_bounds(&slabs[slab]))?;
+        let mut net = Net::new(oracle, delta, grid.slab_bounds(&slabs[slab]), most_heads)?;
         for row in grid.slab_rows(&slabs[slab]) {
             go_on()?;
             grid.visit_row(row, |edge| {
@@ -97,9 +98,8 @@ struct Net<'a> {
 }
 
 impl<'a> Net<'a> {
-    fn new(oracle: &'a Oracle, delta: f64, [lower, upper]: [DVec3; 2]) -> Result<Self> {
-        // Points and queries beyond share cells with others, which costs time alone.
-        let cells = CellTable::new(lower - 2.0 * delta, upper + 2.0 * delta, 2.0 * delta);
+    fn new(oracle: &'a Oracle, delta: f64, [lower, upper]: [DVec3; 2], most_heads: usize) -> Result<Self> {
+        let cells = CellTable::new(lower - 2.0 * delta, upper + 2.0 * delta, 2.0 * delta, most_heads);
         let reach = [lower - 1.5 * delta, upper + 1.5 * delta];
         let heads = filled(cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
         Ok(Self { oracle, delta, cells, heads, next: Vec::new(), points: Vec::new(), reach, last: DVec3::INFINITY })

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU32, Ordering::*};
 
 use glam::DVec3;
 
-use super::cell_table::CellTable;
+use super::cell_table::{CellTable, MAX_HEADS};
 use crate::Result;
 use crate::delaunay::chunked::{CHUNK, Chunked};
 use crate::delaunay::tet::NO_VERTEX;
@@ -30,7 +30,7 @@ impl VertexGrid {
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
     pub fn new(triangulation: &Triangulation, kind: VertexKind, cell: f64) -> Result<Self> {
-        let cells = CellTable::new(triangulation.lower(), triangulation.upper(), cell);
+        let cells = CellTable::new(triangulation.lower(), triangulation.upper(), cell, MAX_HEADS);
         let mut no_chains = room(cells.heads(), "cells of a vertex grid")?;
         no_chains.resize_with(cells.heads(), || AtomicU32::new(NO_VERTEX));
         Ok(Self { kind, cells, heads: no_chains, next: Chunked::with_capacity(crate::delaunay::tet::MAX_TETS / 4)? })
