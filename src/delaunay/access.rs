@@ -3,12 +3,12 @@
 //! An operation asks to own every vertex of every tet that it will rewrite, before it writes anything (invariant 4). A refusal ends the operation
 //! with *blocked* and nothing changed. Nobody waits while owning. The protocol is told in `ownership`.
 
-use super::VertexId;
 #[cfg(feature = "force-conflicts")]
 use super::forced_conflicts::ForcedConflicts;
 use super::lock::{Claim, OwnerId};
 use super::ownership::word;
 use super::triangulation::Triangulation;
+use super::{TetId, VertexId};
 
 /// A locking policy.
 pub trait Access {
@@ -23,6 +23,15 @@ pub trait Access {
 
     /// The number of the worker that caused the last refusal, from 0; `None`: there was none.
     fn met(&self) -> Option<usize>;
+
+    /// Told of each tet to which an operation comes: on a walk; tested against the point of a cavity, once for each facet through which that happens; in the star of a vertex
+    /// to be removed or across its link; written. Nothing happens, and nothing is compiled, unless a policy counts.
+    #[inline(always)]
+    fn visit_tet(&mut self, _: TetId) {}
+
+    /// Told of each vertex whose record an operation comes to, once in each of its parts: on a walk, taken into a cavity, on the boundary when the star is filled, in the link of a vertex to be removed.
+    #[inline(always)]
+    fn visit_vertex(&mut self, _: VertexId) {}
 }
 
 /// Nobody else is there: one thread refines, locks compile to nothing.

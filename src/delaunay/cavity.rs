@@ -36,13 +36,15 @@ pub enum Dig {
 impl<A: Access> Worker<A> {
     /// Comes to own a tet of which nothing is owned yet; see `ownership`, the way in.
     fn own_first(&mut self, triangulation: &Triangulation, t: TetId) -> Dig {
+        let vertices = triangulation.tet(t).vertices();
         if !A::SHARED {
+            vertices.into_iter().for_each(|v| self.access.visit_vertex(v));
             return Dig::Done;
         }
-        let vertices = triangulation.tet(t).vertices();
         if vertices.contains(&NO_VERTEX) {
             return Dig::Stale;
         }
+        vertices.into_iter().for_each(|v| self.access.visit_vertex(v));
         if !vertices.iter().all(|&v| self.access.try_own(triangulation, v)) {
             return Dig::Blocked;
         }
@@ -53,6 +55,7 @@ impl<A: Access> Worker<A> {
     #[inline(always)]
     fn conflict(&mut self, triangulation: &Triangulation, t: TetId, p: DVec3) -> Option<bool> {
         self.counters.in_sphere_tests += 1;
+        self.access.visit_tet(t);
         let answer = triangulation.tet(t).sphere().contains(p);
         if answer.is_some() { answer } else { self.exact_conflict(triangulation, t, p) }
     }
@@ -127,6 +130,7 @@ impl<A: Access> Worker<A> {
                 Some(true) => {
                     // It shares its other vertices with a tet that is owned.
                     let opposite = triangulation.tet(outside.tet()).vertex(outside.index());
+                    self.access.visit_vertex(opposite);
                     if !self.access.try_own(triangulation, opposite) {
                         return Dig::Blocked;
                     }

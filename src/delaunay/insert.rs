@@ -83,7 +83,10 @@ impl<A: Access> Worker<A> {
         self.counters.cavity_tets += self.cavity.len() as u64;
         self.exchange_slots(triangulation, self.boundary.len());
         triangulation.vertex(apex).set_star(self.created[0]);
-        self.star.fill(triangulation, &self.boundary, &self.created, (apex, p), self.mark);
+        self.access.visit_vertex(apex);
+        self.created.iter().for_each(|&t| self.access.visit_tet(t));
+        let access = &mut self.access;
+        self.star.fill(triangulation, &self.boundary, &self.created, (apex, p), self.mark, access);
         self.counters.insertions += 1;
         Ok(apex)
     }
@@ -123,7 +126,8 @@ impl Default for StarScratch {
 }
 
 impl StarScratch {
-    /// Writes the tets between the boundary's facets and vertex `apex` at `p` into `slots`, one for each facet: (facet, apex).
+    /// Writes the tets between the boundary's facets and vertex `apex` at `p` into `slots`, one for each facet: (facet, apex). `access` is told of the boundary's vertices,
+    /// of each once unless numbers run out.
     fn fill(
         &mut self,
         triangulation: &Triangulation,
@@ -131,6 +135,7 @@ impl StarScratch {
         slots: &[TetId],
         (apex, p): (VertexId, DVec3),
         mark: u8,
+        access: &mut impl Access,
     ) {
         let vertices = boundary.len() / 2 + 2;
         let numbered = vertices <= MOST_LOCALS;
@@ -150,6 +155,9 @@ impl StarScratch {
                 // Stores that may change nothing instead of branches that cannot be predicted.
                 let local = record.local();
                 let known = (local < met) & (self.locals[usize::from(local)] == v);
+                if !known {
+                    access.visit_vertex(v);
+                }
                 let local = if known { local } else { met };
                 met = met.wrapping_add(u8::from(!known));
                 self.locals[usize::from(local)] = v;

@@ -2,8 +2,10 @@
 
 use glam::DVec3;
 
+use super::access::{Access, Solo};
 use super::tet::{FACET, NO_VERTEX, TetId};
 use super::triangulation::Triangulation;
+use super::worker::Worker;
 use crate::geometry::predicates::orient;
 
 impl Triangulation {
@@ -12,6 +14,12 @@ impl Triangulation {
     /// in-front relation). `p` must lie inside the box. While others operate the walk may meet records that are being rewritten, and its answer is a hint: whether
     /// the tet's circumball holds `p` is to be asked again when it is owned.
     pub fn locate(&self, start: TetId, p: DVec3) -> TetId {
+        self.walk(start, p, &mut Solo)
+    }
+
+    /// The walk, of which `access` is told.
+    #[inline(always)]
+    fn walk(&self, start: TetId, p: DVec3, access: &mut impl Access) -> TetId {
         let mut t = start;
         // The facet through which the walk came, which it need not try: at first none.
         let mut entry = 3;
@@ -23,6 +31,12 @@ impl Triangulation {
             if vertices[0] == NO_VERTEX {
                 // Another worker has just freed the slot: the caller finds that out, and begins elsewhere.
                 return t;
+            }
+            access.visit_tet(t);
+            match tries.end() {
+                4 => vertices.into_iter().for_each(|v| access.visit_vertex(v)),
+                // It shares the others with the tet before it.
+                _ => access.visit_vertex(vertices[entry]),
             }
             let corners = self.corners(vertices);
             let arms = corners.map(|corner| corner - p);
@@ -50,5 +64,12 @@ impl Triangulation {
             }
             return t;
         }
+    }
+}
+
+impl<A: Access> Worker<A> {
+    /// [`Triangulation::locate`] as a part of an operation.
+    pub fn locate(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3) -> TetId {
+        triangulation.walk(start, p, &mut self.access)
     }
 }

@@ -212,6 +212,7 @@ impl<A: Access> Worker<A> {
     }
 
     fn try_remove(&mut self, triangulation: &Triangulation, v: VertexId) -> Result<Removal> {
+        self.access.visit_vertex(v);
         if !self.access.try_own(triangulation, v) {
             self.counters.rollbacks += 1;
             return Ok(Removal::Blocked);
@@ -247,6 +248,7 @@ impl<A: Access> Worker<A> {
         let mut owned = true;
         'star: while let Some(entry) = self.cavity.get(next) {
             next += 1;
+            self.access.visit_tet(entry.tet());
             let record = triangulation.tet(entry.tet());
             let vertices = record.vertices();
             if !vertices.iter().all(|&w| self.access.try_own(triangulation, w)) {
@@ -263,6 +265,7 @@ impl<A: Access> Worker<A> {
                 }
             }
         }
+        link.vertices.iter().for_each(|&w| self.access.visit_vertex(w));
         self.link = link;
         owned
     }
@@ -280,11 +283,13 @@ impl<A: Access> Worker<A> {
         }
         for (&t, new) in link.slots.iter().zip(&link.tets) {
             let vertices = new.vertices.map(|i| link.vertices[i]);
+            self.access.visit_tet(t);
             triangulation.fill_tet(t, vertices, self.mark);
             for (index, side) in new.sides.iter().enumerate() {
                 let neighbor = match *side {
                     Side::Outside(outside) => {
                         if !outside.is_none() {
+                            self.access.visit_tet(outside.tet());
                             triangulation.tet(outside.tet()).set_neighbor(outside.index(), Facet::new(t, index));
                         }
                         outside

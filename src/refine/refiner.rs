@@ -123,7 +123,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                 }
                 steps += 1;
                 let begin = self.stamp_time();
-                at = self.triangulation.locate(at, p);
+                at = self.worker.locate(self.triangulation, at, p);
                 self.take_permit()?;
                 match self.worker.insert(self.triangulation, at, p, VertexKind::Isovertex)? {
                     Insertion::Done(_) => {
