@@ -8,6 +8,7 @@
 //! | [`contention`] | what a worker does when another one owned a vertex that it needed; why there is no livelock |
 //! | [`begging`] | who gets work from whom; how the end is noticed |
 //! | [`stretches`] | a list that all work off, each from its own place |
+//! | [`machine`], [`bisection`] | cores, memory nodes, and the hops between them; groups of nodes halved |
 //! | [`topology`] | which workers are near to each other |
 //! | [`waiters`] | waiting, waking, and ending all waits |
 //! | [`clock`] | time stamps that cost next to nothing |
@@ -15,8 +16,10 @@
 //! All of it is modelled with the loom model checker, together with the lock of vertices: `verification/loom`.
 
 pub mod begging;
+pub mod bisection;
 pub mod clock;
 pub mod contention;
+pub mod machine;
 pub mod stretches;
 pub mod topology;
 pub mod waiters;

@@ -2,6 +2,8 @@
 //!
 //! The sources are included as they are; `sync` and `params` stand in for the library's modules of these names.
 
+#[path = "../../../src/error.rs"]
+pub mod error;
 pub mod params;
 pub mod sync;
 
@@ -9,3 +11,5 @@ pub mod sync;
 pub mod lock;
 #[path = "../../../src/parallel/mod.rs"]
 pub mod parallel;
+
+pub use error::{Error, Result};
