@@ -52,7 +52,8 @@ impl<'a> Bisection<'a> {
         let (mut farthest, mut most) = ((0, 1), hops(0, 1));
         for a in 0..group.len() {
             for b in a + 1..group.len() {
-                if hops(a, b) > most {
+                // Of pairs that are as far the one whose nodes stand farthest apart in the group: its order decides where distance does not.
+                if hops(a, b) > most || (hops(a, b) == most && a == farthest.0) {
                     (farthest, most) = ((a, b), hops(a, b));
                 }
             }
