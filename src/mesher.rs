@@ -17,11 +17,12 @@ use crate::mesh::extract::{BYTES_PER_SLOT, extract};
 use crate::mesh::quality::Quality;
 use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::Oracle;
+use crate::parallel::machine::Machine;
 use crate::params::MeshParams;
 use crate::refine::activity::ThreadReport;
 use crate::refine::podm::Refinement;
 use crate::refine::refiner::Work;
-use crate::refine::rules::Rules;
+use crate::refine::rules::{Rules, TETS_PER_SIZE};
 use crate::refine::team::{Limits, Schedule};
 use crate::refine::{refine, unmet_rules};
 use crate::{Error, Result};
@@ -128,6 +129,9 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         contention: params.contention,
         begging: params.begging,
         timeline: params.timeline,
+        algorithm: params.algorithm,
+        machine: params.machine.clone().unwrap_or_else(|| Machine::one_node(params.threads)),
+        count_accesses: params.count_accesses,
     };
     let Refinement { counters, work, threads, ended_by } = refine(&rules, &schedule, monitor)?;
     let ended_by = match ended_by {
@@ -262,8 +266,8 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
     lines
 }
 
-/// A guess of the tets within the object, for progress only: some per size^3, as measured on the atlases.
+/// A guess of the tets within the object, for progress only.
 fn expected_tets(image: &LabelImage, params: &MeshParams) -> u64 {
     let voxels = image.ids().iter().filter(|&&id| id != 0).count() as f64;
-    (8.0 * voxels * image.frame().spacing().element_product() / params.size.powi(3)) as u64
+    (TETS_PER_SIZE * voxels * image.frame().spacing().element_product() / params.size.powi(3)) as u64
 }

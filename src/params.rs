@@ -1,5 +1,6 @@
 //! What a run is asked for: sizes, quality bounds, the surface model. All lengths are in the image's world units (mm for medical images).
 
+use crate::parallel::machine::Machine;
 use crate::{Error, Result};
 
 /// How labels between voxel centres are decided.
@@ -38,6 +39,16 @@ pub enum Begging {
     Flat,
 }
 
+/// How the work is shared by threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Algorithm {
+    /// All threads refine one triangulation, each where it comes to.
+    #[default]
+    Podm,
+    /// The threads of each memory node refine a region of their own, of the same triangulation. On a machine of one memory node the same as [`Algorithm::Podm`].
+    Lapd,
+}
+
 /// Most threads of a run.
 pub const MAX_THREADS: usize = 255;
 
@@ -62,6 +73,12 @@ pub struct MeshParams {
     pub background: bool,
     /// Threads that refine, 1 to [`MAX_THREADS`]. One thread makes the same mesh in every run; several do not.
     pub threads: usize,
+    /// How the work is shared.
+    pub algorithm: Algorithm,
+    /// The machine as the threads are to see it, thread i on its i-th core; `None`: one memory node.
+    pub machine: Option<Machine>,
+    /// Count the tets and vertices that each thread's operations visit, by the distance of the memory node where they are.
+    pub count_accesses: bool,
     /// What threads do after conflicts.
     pub contention: Contention,
     /// Whom threads without work ask.
@@ -91,6 +108,9 @@ impl Default for MeshParams {
             keep: Vec::new(),
             background: false,
             threads: 1,
+            algorithm: Algorithm::Podm,
+            machine: None,
+            count_accesses: false,
             contention: Contention::Local,
             begging: Begging::ByLevel,
             timeline: false,

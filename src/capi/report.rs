@@ -4,7 +4,7 @@ use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
 use super::status::lapd_status;
 use crate::mesher::{Meshing, RunReport};
-use crate::refine::activity::{Overhead, ThreadReport};
+use crate::refine::activity::{Accesses, Overhead, ThreadReport};
 
 /// How large a mesh is. Set struct_size to sizeof(lapd_counts) before the call.
 #[repr(C)]
@@ -173,6 +173,12 @@ pub struct lapd_thread_report {
     pub begs: u64,
     /// How often it gave work to another thread.
     pub gifts: u64,
+    /// Tets and vertices that its operations visited in the memory of its own node; 0 where accesses were not counted (lapd_params_set_count_accesses).
+    pub local_accesses: u64,
+    /// Those that they visited in the memory of other nodes.
+    pub remote_accesses: u64,
+    /// The hops to other nodes' memory, summed up over all accesses.
+    pub access_hops: u64,
 }
 
 /// "The sum of all threads", as the number of a thread.
@@ -401,9 +407,12 @@ pub unsafe extern "C" fn lapd_mesh_get_thread_count(mesh: *const lapd_mesh, coun
 
 /// All threads as one.
 fn all_threads(report: &RunReport) -> ThreadReport {
-    let mut overhead = Overhead::default();
-    report.threads.iter().for_each(|thread| overhead.add(&thread.overhead));
-    ThreadReport { operations: report.operations, work: report.work, overhead, timeline: Vec::new() }
+    let (mut overhead, mut accesses) = (Overhead::default(), Accesses::default());
+    for thread in &report.threads {
+        overhead.add(&thread.overhead);
+        accesses.add(&thread.accesses);
+    }
+    ThreadReport { operations: report.operations, work: report.work, overhead, accesses, timeline: Vec::new() }
 }
 
 /// What thread `index` (from 0) of the refinement did, or, for LAPD_ALL_THREADS, the sum of what all of them did. Any thread.
@@ -441,6 +450,9 @@ pub unsafe extern "C" fn lapd_mesh_get_thread_report(
             waits: overhead.waits,
             begs: overhead.begs,
             gifts: overhead.gifts,
+            local_accesses: found.accesses.local(),
+            remote_accesses: found.accesses.remote(),
+            access_hops: found.accesses.hops(),
         };
         fill_struct(report, value, "report")
     })

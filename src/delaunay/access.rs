@@ -3,6 +3,7 @@
 //! An operation asks to own every vertex of every tet that it will rewrite, before it writes anything (invariant 4). A refusal ends the operation
 //! with *blocked* and nothing changed. Nobody waits while owning. The protocol is told in `ownership`.
 
+use super::counted::Visits;
 #[cfg(feature = "force-conflicts")]
 use super::forced_conflicts::ForcedConflicts;
 use super::lock::{Claim, OwnerId};
@@ -32,6 +33,11 @@ pub trait Access {
     /// Told of each vertex whose record an operation comes to, once in each of its parts: on a walk, taken into a cavity, on the boundary when the star is filled, in the link of a vertex to be removed.
     #[inline(always)]
     fn visit_vertex(&mut self, _: VertexId) {}
+
+    /// What was counted; `None`: the policy does not count.
+    fn visits(&self) -> Option<&Visits> {
+        None
+    }
 }
 
 /// Nobody else is there: one thread refines, locks compile to nothing.

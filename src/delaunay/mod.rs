@@ -7,6 +7,8 @@
 //! | [`ownership`] | who owns which vertices, and the protocol: why there is no deadlock, and which memory order |
 //! | [`lock`] | the word of one lock |
 //! | [`access`] | who may touch a vertex: the locking policy, a type parameter |
+//! | [`counted`] | a policy that counts the visits of tets and vertices by memory node |
+//! | [`homes`] | the memory node of each chunk; slots on their way home |
 //! | [`triangulation`] | the shared structure and the virtual box |
 //! | [`worker`] | one thread's view: scratch memory, free slots, counters |
 //! | [`locate`] | walking to the tet that holds a point |
@@ -31,8 +33,10 @@ pub mod access;
 pub mod cavity;
 pub mod check;
 pub mod chunked;
+pub mod counted;
 #[cfg(feature = "force-conflicts")]
 mod forced_conflicts;
+pub mod homes;
 pub mod insert;
 pub mod locate;
 pub mod lock;
@@ -43,6 +47,7 @@ pub mod triangulation;
 pub mod worker;
 
 pub use access::{Access, Solo, TryLock};
+pub use counted::Counted;
 pub use insert::Insertion;
 pub use remove::Removal;
 pub use tet::{Facet, TetId, TetStamp, VertexId, VertexKind};

@@ -9,6 +9,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use glam::DVec3;
 
 use super::chunked::{CHUNK, Chunked};
+use super::homes::{Homes, NodeId};
 use super::lock::Owner;
 use super::ownership::Owners;
 use super::tet::{FACET, Facet, MAX_TETS, TetId, TetRecord, TetStamp, VertexId, VertexKind, VertexRecord, is_tet};
@@ -27,6 +28,7 @@ pub struct Triangulation {
     vertices: Chunked<VertexRecord>,
     /// The locks of vertices, apart from the records: digging asks for them before it needs anything else of a vertex.
     owners: Owners,
+    homes: Homes,
     tet_chunks: AtomicU32,
     vertex_chunks: AtomicU32,
     /// Held while a chunk is made and counted, so that every chunk that is counted exists.
@@ -49,6 +51,7 @@ impl Triangulation {
             generations: Chunked::with_capacity(MAX_TETS)?,
             vertices: Chunked::with_capacity(MAX_TETS / 4)?,
             owners: Owners::new()?,
+            homes: Homes::new()?,
             tet_chunks: AtomicU32::new(0),
             vertex_chunks: AtomicU32::new(0),
             growing: Mutex::new(()),
@@ -62,8 +65,8 @@ impl Triangulation {
     /// The perturbed Delaunay triangulation of eight cospherical points, by its definition: of all positive tets of corners, those in
     /// conflict with no other corner.
     fn triangulate_box(&self) -> Result<()> {
-        let first_tet = self.claim_tets()?.start;
-        let first_vertex = self.claim_vertices()?.start;
+        let first_tet = self.claim_tets(0)?.start;
+        let first_vertex = self.claim_vertices(0)?.start;
         debug_assert!(first_tet == 0 && first_vertex == 0);
         let corners: [DVec3; 8] = std::array::from_fn(|i| {
             let pick = |axis: usize| if i >> axis & 1 == 0 { self.lower[axis] } else { self.upper[axis] };
@@ -176,6 +179,11 @@ impl Triangulation {
         self.owners.get(word)
     }
 
+    /// Where chunks are at home.
+    pub fn homes(&self) -> &Homes {
+        &self.homes
+    }
+
     /// Where a vertex is.
     #[inline(always)]
     pub fn position(&self, v: VertexId) -> DVec3 {
@@ -279,8 +287,8 @@ impl Triangulation {
         generation.store(generation.load(Relaxed).wrapping_add(steps), Relaxed);
     }
 
-    /// A range of fresh tet slots for one worker.
-    pub(super) fn claim_tets(&self) -> Result<Range<u32>> {
+    /// A range of fresh tet slots for one worker, at home on its node.
+    pub(super) fn claim_tets(&self, node: NodeId) -> Result<Range<u32>> {
         let _growing = self.growing();
         let chunk = self.tet_chunks.load(Relaxed);
         if chunk as usize >= self.tets.max_chunks() {
@@ -288,20 +296,22 @@ impl Triangulation {
         }
         self.tets.make_chunk(chunk as usize)?;
         self.generations.make_chunk(chunk as usize)?;
+        self.homes.set_tets(chunk as usize, node);
         let slots = chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32;
         // Release: whoever counts the chunk finds it.
         self.tet_chunks.store(chunk + 1, Release);
         Ok(slots)
     }
 
-    /// A range of fresh vertex ids for one worker.
-    pub(super) fn claim_vertices(&self) -> Result<Range<u32>> {
+    /// A range of fresh vertex ids for one worker, at home on its node.
+    pub(super) fn claim_vertices(&self, node: NodeId) -> Result<Range<u32>> {
         let _growing = self.growing();
         let chunk = self.vertex_chunks.load(Relaxed);
         if chunk as usize >= self.vertices.max_chunks() {
             return Err(Error::LimitReached(format!("the triangulation would exceed {} vertices", MAX_TETS / 4)));
         }
         self.vertices.make_chunk(chunk as usize)?;
+        self.homes.set_vertices(chunk as usize, node);
         let ids = chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32;
         // Release: as above.
         self.vertex_chunks.store(chunk + 1, Release);

@@ -5,6 +5,7 @@ use std::ops::Range;
 use super::access::Access;
 use super::cavity::CavityFacet;
 use super::chunked::CHUNK;
+use super::homes::NodeId;
 use super::insert::StarScratch;
 use super::remove::LinkScratch;
 use super::tet::{Facet, TetId, VertexId, VertexKind};
@@ -36,6 +37,14 @@ pub struct Counters {
 /// Most different marks of workers.
 pub const MARKS: usize = 255;
 
+/// The mark of the tets of worker `number`.
+pub fn mark_of(number: usize) -> u8 {
+    (number % MARKS) as u8
+}
+
+/// Slots of one other node that a worker frees before it sends them home.
+const PARCEL: usize = 64;
+
 /// A worker. Slots that it frees it uses again at once, last in first out: a cavity's new tets land on the lines that are hot.
 pub struct Worker<A> {
     /// The policy, which knows whom the worker met.
@@ -44,6 +53,10 @@ pub struct Worker<A> {
     pub counters: Counters,
     /// The mark of the tets that it makes.
     pub(super) mark: u8,
+    /// Its memory node.
+    node: NodeId,
+    /// Freed slots of other nodes that are to be sent home, by node; `None`: it uses them itself.
+    foreign: Option<Vec<Vec<TetId>>>,
     /// The chunks of tets that it claimed.
     claimed: Vec<Range<TetId>>,
     free: Vec<TetId>,
@@ -77,7 +90,9 @@ impl<A: Access> Worker<A> {
         Self {
             access,
             counters: Counters::default(),
-            mark: (number % MARKS) as u8,
+            mark: mark_of(number),
+            node: 0,
+            foreign: None,
             claimed: Vec::new(),
             free: Vec::new(),
             fresh_tets: 0..0,
@@ -90,11 +105,19 @@ impl<A: Access> Worker<A> {
         }
     }
 
-    /// The same worker under another policy.
-    pub fn with_access<B: Access>(self, access: B) -> Worker<B> {
+    /// The same worker on memory node `node`; it is to have no memory yet. `keeps_home`: it uses only slots of its node (`homes`).
+    pub fn at_node(self, node: NodeId, keeps_home: bool) -> Self {
+        Self { node, foreign: keeps_home.then(Vec::new), ..self }
+    }
+
+    /// The same worker under another policy, made of the one that it had.
+    pub fn with_access<B: Access>(self, access: impl FnOnce(A) -> B) -> Worker<B> {
         let Self {
+            access: before,
             counters,
             mark,
+            node,
+            foreign,
             claimed,
             free,
             fresh_tets,
@@ -104,12 +127,13 @@ impl<A: Access> Worker<A> {
             star,
             created,
             link,
-            ..
         } = self;
         Worker {
-            access,
+            access: access(before),
             counters,
             mark,
+            node,
+            foreign,
             claimed,
             free,
             fresh_tets,
@@ -145,15 +169,18 @@ impl<A: Access> Worker<A> {
     /// Makes sure that the next `count` tets and one vertex can be had without failing: an operation asks before it writes (invariant 5).
     pub(super) fn reserve(&mut self, triangulation: &Triangulation, count: usize) -> Result<()> {
         while self.free.len() + self.fresh_tets.len() < count {
+            if self.foreign.is_some() && triangulation.homes().take_returned(self.node, &mut self.free)? {
+                continue;
+            }
             // For what is left of the range, and for most of what is freed until the next one.
             self.free.try_reserve(CHUNK).map_err(|_| Error::OutOfMemory { count: CHUNK, what: "free slots" })?;
             self.claimed.try_reserve(1).map_err(|_| Error::OutOfMemory { count: 1, what: "chunks of a worker" })?;
-            let range = triangulation.claim_tets()?;
+            let range = triangulation.claim_tets(self.node)?;
             self.claimed.push(range.clone());
             self.free.extend(std::mem::replace(&mut self.fresh_tets, range).rev());
         }
         if self.fresh_vertices.is_empty() {
-            self.fresh_vertices = triangulation.claim_vertices()?;
+            self.fresh_vertices = triangulation.claim_vertices(self.node)?;
         }
         Ok(())
     }
@@ -171,13 +198,42 @@ impl<A: Access> Worker<A> {
     pub(super) fn give_tet(&mut self, triangulation: &Triangulation, t: TetId) {
         triangulation.clear_tet(t);
         self.counters.destroyed += 1;
-        self.free.push(t);
+        if self.foreign.is_some() && triangulation.homes().of_tet(t) != self.node {
+            self.send_home(triangulation, t);
+        } else {
+            self.free.push(t);
+        }
+    }
+
+    /// Sends a free slot of another node home, with some more.
+    #[cold]
+    fn send_home(&mut self, triangulation: &Triangulation, t: TetId) {
+        let home = triangulation.homes().of_tet(t);
+        let Some(foreign) = &mut self.foreign else { return };
+        let at = usize::from(home);
+        if foreign.len() <= at {
+            foreign.resize_with(at + 1, Vec::new);
+        }
+        foreign[at].push(t);
+        if foreign[at].len().is_multiple_of(PARCEL) {
+            // Without memory for the way they stay here, until there are some more.
+            let _ = triangulation.homes().give_back(home, &mut foreign[at]);
+        }
     }
 
     /// Exchanges the tets of the cavity for `count` new ones, listed in `created`: the slots stay, without a way through the free list.
     pub(super) fn exchange_slots(&mut self, triangulation: &Triangulation, count: usize) {
         let mut cavity = std::mem::take(&mut self.cavity);
         self.created.clear();
+        if self.foreign.is_some() {
+            cavity.retain(|entry| {
+                let own = triangulation.homes().of_tet(entry.tet()) == self.node;
+                if !own {
+                    self.give_tet(triangulation, entry.tet());
+                }
+                own
+            });
+        }
         let spare = cavity.len().saturating_sub(count);
         // The last found first: their lines are the hottest.
         for entry in cavity.drain(spare..).rev() {

@@ -4,6 +4,8 @@
 //! of that group beg already: the last of a group begs one level higher, so that work comes in from outside when a group has none (hierarchical work stealing; Foteinos and
 //! Chrisochoides 2014). To the list of a group of groups each of these sends its last, so that the last of them goes on to the next level. With one level there is one list for all.
 //!
+//! Where the highest level has several groups (`Levels::apart`), nothing is given from one to another: whoever has no work then waits for its group, and, when nobody of that has any, for the end.
+//!
 //! **The end.** A worker that begins to beg is counted idle. A giver takes it off the count before it gives, and is not idle itself. So while a gift is on its way the count is
 //! below the number of workers; when it reaches that number, nobody has work and none is under way. No lock is needed to notice, and the worker that completes the count is the one that
 //! notices.
@@ -21,8 +23,8 @@ pub struct Begging<G> {
     /// By level and group.
     lists: Vec<Vec<Mutex<Vec<usize>>>>,
     slots: Vec<Slot<G>>,
-    /// Workers in lists; may be out of date.
-    beggars: AtomicUsize,
+    /// Workers in lists, for each group of the highest level; may be out of date.
+    beggars: Vec<AtomicUsize>,
     idle: AtomicUsize,
     over: AtomicBool,
 }
@@ -43,8 +45,8 @@ impl<G> Begging<G> {
         Self {
             lists,
             slots: (0..levels.workers()).map(slot).collect(),
+            beggars: (0..levels.groups(levels.count() - 1)).map(|_| AtomicUsize::new(0)).collect(),
             levels,
-            beggars: AtomicUsize::new(0),
             idle: AtomicUsize::new(0),
             over: AtomicBool::new(false),
         }
@@ -66,7 +68,7 @@ impl<G> Begging<G> {
 
     fn join(&self, me: usize) {
         // Counted first: a giver that looks too early finds nobody, one that looks too late would never look.
-        self.beggars.fetch_add(1, Relaxed);
+        self.beggars_of(me).fetch_add(1, Relaxed);
         let top = self.lists.len() - 1;
         for (level, lists) in self.lists.iter().enumerate() {
             let group = self.levels.group(level, me);
@@ -78,11 +80,16 @@ impl<G> Begging<G> {
         }
     }
 
-    /// Whether somebody seems to beg.
     #[inline]
-    pub fn is_wanted(&self) -> bool {
+    fn beggars_of(&self, me: usize) -> &AtomicUsize {
+        &self.beggars[self.levels.group(self.levels.count() - 1, me)]
+    }
+
+    /// Whether somebody seems to beg to whom worker `me` may give.
+    #[inline]
+    pub fn is_wanted(&self, me: usize) -> bool {
         // Relaxed: a hint; the lists are looked at under their locks.
-        self.beggars.load(Relaxed) != 0
+        self.beggars_of(me).load(Relaxed) != 0
     }
 
     /// The beggar nearest to worker `me`, to whom it must [give](Self::give).
@@ -92,7 +99,7 @@ impl<G> Begging<G> {
             let mut list = lock(&lists[self.levels.group(level, me)]);
             (!list.is_empty()).then(|| list.remove(0))
         })?;
-        self.beggars.fetch_sub(1, Relaxed);
+        self.beggars_of(me).fetch_sub(1, Relaxed);
         // Before the gift: the beggar counts as one with work from now on. This worker has some, so the count was below the number of workers.
         self.idle.fetch_sub(1, AcqRel);
         Some(beggar)
@@ -130,6 +137,23 @@ mod tests {
         assert_eq!(begging.take_beggar(1), Some(0));
     }
 
+    #[test]
+    fn groups_that_stand_apart_give_nothing_to_each_other() {
+        let (begging, waiters) = (Begging::<()>::new(Levels::apart(&[0, 1, 0, 1])), Waiters::new(4));
+        begging.join(0);
+        assert_eq!([0, 1, 2, 3].map(|me| begging.is_wanted(me)), [true, false, true, false]);
+        assert_eq!(begging.take_beggar(3), None);
+        assert_eq!(begging.take_beggar(2), Some(0));
+        // All groups without work: the end.
+        let begging = Begging::<()>::new(Levels::apart(&[0, 1, 0, 1]));
+        let ended = std::thread::scope(|scope| {
+            let (begging, waiters) = (&begging, &waiters);
+            let workers = [0, 1, 2, 3].map(|me| scope.spawn(move || begging.beg(me, waiters)));
+            workers.map(|worker| worker.join().unwrap())
+        });
+        assert_eq!(ended, [None; 4]);
+    }
+
     /// Work that makes work: a task of size n makes one of each size below n.
     #[test]
     fn all_work_is_done_before_the_end() {
@@ -146,7 +170,7 @@ mod tests {
                         while let Some(task) = tasks.pop() {
                             done.fetch_add(1, Relaxed);
                             tasks.extend(0..task);
-                            if begging.is_wanted()
+                            if begging.is_wanted(me)
                                 && tasks.len() > 1
                                 && let Some(beggar) = begging.take_beggar(me)
                             {

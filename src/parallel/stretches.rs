@@ -1,5 +1,5 @@
 //! A list that all workers work off. Each begins with a stretch of its own, so that what lies together in the list is done by one worker, and takes from the ends of others' stretches when
-//! its own is done.
+//! its own is done. Where workers are in groups, each takes from those of its own group alone.
 
 use std::ops::Range;
 
@@ -8,9 +8,14 @@ use crate::sync::{AtomicU64, Ordering::Relaxed};
 /// Entries that a worker takes at once.
 const BLOCK: usize = 32;
 
-/// What is left of each worker's stretch: first entry, and the one after the last in the upper half.
+/// What is left to do.
 #[derive(Debug)]
-pub struct Stretches(Vec<AtomicU64>);
+pub struct Stretches {
+    /// Of each worker's stretch: first entry, and the one after the last in the upper half.
+    left: Vec<AtomicU64>,
+    /// The group of each worker.
+    groups: Vec<usize>,
+}
 
 fn pack(range: Range<usize>) -> u64 {
     range.start as u64 | (range.end as u64) << 32
@@ -21,21 +26,29 @@ fn unpack(word: u64) -> Range<usize> {
 }
 
 impl Stretches {
-    /// Divides a range, of numbers below 2^32, among `size` workers.
+    /// Divides a range, of numbers below 2^32, among `size` workers of one group.
     pub fn new(range: Range<usize>, size: usize) -> Self {
         let at = |part: usize| range.start + (range.len() as u64 * part as u64 / size as u64) as usize;
-        Self((0..size).map(|part| AtomicU64::new(pack(at(part)..at(part + 1)))).collect())
+        Self::of_groups((0..size).map(|part| at(part)..at(part + 1)), vec![0; size])
     }
 
-    /// The next entries for worker `me`; `None`: all are taken.
+    /// A stretch, of numbers below 2^32, for each worker, and the group of each.
+    pub fn of_groups(stretches: impl Iterator<Item = Range<usize>>, groups: Vec<usize>) -> Self {
+        let left: Vec<AtomicU64> = stretches.map(|stretch| AtomicU64::new(pack(stretch))).collect();
+        debug_assert_eq!(left.len(), groups.len());
+        Self { left, groups }
+    }
+
+    /// The next entries for worker `me`; `None`: all of its group are taken.
     pub fn take(&self, me: usize) -> Option<Range<usize>> {
         self.take_of(me, |left| left.start..(left.start + BLOCK).min(left.end), |left, taken| taken.end..left.end)
             .or_else(|| {
-                let left = |who: usize| (unpack(self.0[who].load(Relaxed)).len(), who);
+                let group = || (0..self.left.len()).filter(|&who| self.groups[who] == self.groups[me]);
+                let left = |who: usize| (unpack(self.left[who].load(Relaxed)).len(), who);
                 // Another worker may be faster: then there is another longest, until nothing is left. Each is read once: stretches only shrink, so those
                 // that are all found empty are.
                 loop {
-                    let (_, longest) = (0..self.0.len()).map(left).max().filter(|&(entries, _)| entries > 0)?;
+                    let (_, longest) = group().map(left).max().filter(|&(entries, _)| entries > 0)?;
                     let from = |left: &Range<usize>| left.end.saturating_sub(BLOCK).max(left.start)..left.end;
                     if let Some(taken) = self.take_of(longest, from, |left, taken| left.start..taken.start) {
                         return Some(taken);
@@ -51,14 +64,14 @@ impl Stretches {
         part: impl Fn(&Range<usize>) -> Range<usize>,
         rest: impl Fn(&Range<usize>, &Range<usize>) -> Range<usize>,
     ) -> Option<Range<usize>> {
-        let mut now = self.0[who].load(Relaxed);
+        let mut now = self.left[who].load(Relaxed);
         loop {
             let left = unpack(now);
             if left.is_empty() {
                 return None;
             }
             let taken = part(&left);
-            match self.0[who].compare_exchange_weak(now, pack(rest(&left, &taken)), Relaxed, Relaxed) {
+            match self.left[who].compare_exchange_weak(now, pack(rest(&left, &taken)), Relaxed, Relaxed) {
                 Ok(_) => return Some(taken),
                 Err(other) => now = other,
             }
@@ -84,6 +97,18 @@ mod tests {
         let mut sorted = taken;
         sorted.sort_unstable();
         assert!(sorted.into_iter().eq(5..10_000));
+    }
+
+    #[test]
+    fn groups_do_each_their_own() {
+        let parts = [10..40, 40..200, 200..201, 201..500];
+        let stretches = Stretches::of_groups(parts.into_iter(), vec![0, 1, 1, 0]);
+        let take_all = |me| std::iter::from_fn(|| stretches.take(me)).flatten().collect::<Vec<usize>>();
+        let mut first = take_all(0);
+        first.sort_unstable();
+        assert!(first.into_iter().eq((10..40).chain(201..500)));
+        assert_eq!(stretches.take(3), None);
+        assert_eq!(take_all(2).len(), 161);
     }
 
     #[test]

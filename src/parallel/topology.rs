@@ -33,6 +33,13 @@ impl Levels {
         Self::new(&levels)
     }
 
+    /// One level of groups with nothing above; each worker's group is given, by any number.
+    pub fn apart(groups: &[usize]) -> Self {
+        let count = groups.iter().max().map_or(0, |&most| most + 1);
+        let members = (0..count).map(|group| groups.iter().filter(|&&g| g == group).count()).collect();
+        Self { group: vec![groups.to_vec()], parts: vec![members] }
+    }
+
     /// Levels from what each worker's group is called at each; the last level has one group. Levels that say the same as the one before, or put every worker
     /// by itself, are left out.
     pub fn new(names: &[Vec<Option<String>>]) -> Self {

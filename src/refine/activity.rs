@@ -1,6 +1,6 @@
 //! What each thread of a refinement did, and with what it lost time.
 //!
-//! The three overheads are those of the paper's section 5.2, without that of remote accesses: operations that were rolled back, waiting after conflicts, and waiting for work.
+//! The overheads are those of the paper's section 5.2: operations that were rolled back, waiting after conflicts, and waiting for work. Remote accesses are counted, where that is asked for, not timed.
 
 use super::refiner::Work;
 use crate::delaunay::worker::Counters;
@@ -53,6 +53,51 @@ pub struct Overhead {
     pub gifts: u64,
 }
 
+/// Tets and vertices that operations visited (`delaunay::Access::visit_tet`), by the hops from the thread's memory node to that where they are; nothing where they were not counted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Accesses {
+    /// The first: visits within the thread's own node.
+    pub by_hops: Vec<u64>,
+}
+
+impl Accesses {
+    /// Adds visits over so many hops.
+    pub fn count(&mut self, hops: u32, visits: u64) {
+        let hops = hops as usize;
+        if visits > 0 && self.by_hops.len() <= hops {
+            self.by_hops.resize(hops + 1, 0);
+        }
+        if let Some(sum) = self.by_hops.get_mut(hops) {
+            *sum += visits;
+        }
+    }
+
+    /// Adds those of another thread.
+    pub fn add(&mut self, other: &Self) {
+        (0..).zip(&other.by_hops).for_each(|(hops, &visits)| self.count(hops, visits));
+    }
+
+    /// Visits within the own node.
+    pub fn local(&self) -> u64 {
+        self.by_hops.first().copied().unwrap_or(0)
+    }
+
+    /// Visits of other nodes' memory.
+    pub fn remote(&self) -> u64 {
+        self.by_hops.iter().skip(1).sum()
+    }
+
+    /// The sum of the hops of all visits.
+    pub fn hops(&self) -> u64 {
+        (0..).zip(&self.by_hops).map(|(hops, &visits): (u64, _)| hops * visits).sum()
+    }
+
+    /// The part of all visits that was remote; 0 without visits.
+    pub fn remote_share(&self) -> f64 {
+        self.remote() as f64 / (self.local() + self.remote()).max(1) as f64
+    }
+}
+
 /// What one thread did.
 #[derive(Clone, Debug, Default)]
 pub struct ThreadReport {
@@ -62,6 +107,8 @@ pub struct ThreadReport {
     pub work: Work,
     /// Time lost.
     pub overhead: Overhead,
+    /// Where what its operations visited was.
+    pub accesses: Accesses,
     /// What it did when, if that was asked for: one thing after the other.
     pub timeline: Vec<Span>,
 }

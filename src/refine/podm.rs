@@ -3,8 +3,8 @@
 //!
 //! 1. The image is sampled (`sampling`), on all threads.
 //! 2. One worker inserts the first rounds of samples: some hundreds, of which each cavity takes a large part of the triangulation.
-//! 3. All workers insert the rest, each along its own stretch of each round's curve.
-//! 4. When all samples are in, each worker takes the tets of the memory that it claimed into its list.
+//! 3. All workers insert the rest, each along its own stretch of each round's curve, or, under LAPD, in its own region (`lapd`).
+//! 4. When all samples are in, each worker takes the tets of the memory that it claimed into its list; under LAPD those whose circumcenters lie in its region.
 //! 5. All work off their lists until nobody has any work.
 //!
 //! With one worker the same steps run on the calling thread, and nothing is locked. The result of one worker is the same in every run; that of several depends on who came first.
@@ -15,12 +15,13 @@ use std::ops::Range;
 use std::thread;
 
 use super::activity::ThreadReport;
+use super::lapd::{self, Regions};
 use super::refiner::{Refiner, Work};
 use super::rules::Rules;
-use super::sampling::{Samples, sample_isosurface};
+use super::sampling::{Growth, Samples, sample_isosurface};
 use super::team::{Schedule, Team};
 use crate::delaunay::worker::Counters;
-use crate::delaunay::{Access, Solo, TetId, TryLock, Worker};
+use crate::delaunay::{Access, Counted, Solo, TetId, TryLock};
 use crate::monitor::Monitor;
 use crate::panics;
 use crate::parallel::clock::{Clock, ticks};
@@ -48,17 +49,43 @@ pub struct Refinement {
 /// # Errors
 /// [`Error::Cancelled`]; [`Error::OutOfMemory`], also when a thread cannot be had; [`Error::Internal`], also when a worker panics.
 pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<Refinement> {
+    let triangulation = rules.triangulation;
+    if schedule.count_accesses {
+        let alone = Counted::new(Solo, triangulation);
+        refine_under(rules, schedule, monitor, alone, &|me, alone| match alone {
+            Some(alone) => Counted::over(alone, TryLock::new(me)),
+            None => Counted::new(TryLock::new(me), triangulation),
+        })
+    } else {
+        refine_under(rules, schedule, monitor, Solo, &|me, _| TryLock::new(me))
+    }
+}
+
+/// As [`refine`], under policy `alone` while one worker works; `shared` makes the policy of worker `me` among others, of the one that it had alone if it is the first.
+fn refine_under<S: Access, T: Access>(
+    rules: &Rules<'_>,
+    schedule: &Schedule,
+    monitor: &Monitor<'_>,
+    alone: S,
+    shared: &(impl Fn(usize, Option<S>) -> T + Sync),
+) -> Result<Refinement> {
     let clock = Clock::start();
     let go_on = || monitor.check_cancelled().and_then(|()| schedule.limits.check_time());
-    let Samples { points, rounds } = match sample_isosurface(rules.oracle, rules.delta, go_on) {
+    let growth = if lapd::divides(schedule) { Growth::Fourfold } else { Growth::Eightfold };
+    let mut samples = match sample_isosurface(rules.oracle, rules.delta, growth, go_on) {
         Err(limit) if limit.is_limit() => return Ok(Refinement::none(limit)),
         samples => samples?,
     };
-    let first = first_for_all(&rounds, points.len(), schedule.threads);
-    let total = points.len();
+    let total = samples.points.len();
+    let first = first_for_all(&samples.rounds, total, schedule.threads);
+    let regions = Regions::new(rules, &samples.points, schedule)?;
+    let stretches = match &regions {
+        Some(regions) => regions.deal(&mut samples, first)?,
+        None => deal_alike(&samples, first, schedule.threads),
+    };
     let report_progress = |part, tets| monitor.advance_to(part, tets);
-    let team = Team::new(rules, points, schedule, &report_progress);
-    let mut lead = Refiner::new(&team, 0, Worker::new(Solo, 0));
+    let team = Team::new(rules, samples.points, regions, schedule, &report_progress);
+    let mut lead = Refiner::new(&team, 0, team.worker(0, alone));
     team.waiters.register(0);
     let alone = if schedule.threads == 1 { total } else { first };
     let mut begun = false;
@@ -75,11 +102,8 @@ pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> 
             vec![report(lead, &clock)]
         }
         Ok(()) => {
-            let starts = rounds.iter().copied().filter(|&start| start >= first);
-            let ends = rounds.iter().copied().filter(|&start| start > first).chain([total]);
-            let stretches: Vec<Stretches> =
-                starts.zip(ends).map(|(start, end)| Stretches::new(start..end, schedule.threads)).collect();
-            work_together(&team, lead.with_access(TryLock::new(0)), &stretches, &clock)
+            let lead = lead.with_access(|alone| shared(0, Some(alone)));
+            work_together(&team, lead, &|me| shared(me, None), &stretches, &clock)
         }
     };
     let (mut counters, mut work) = (Counters::default(), Work::default());
@@ -112,10 +136,16 @@ fn first_for_all(rounds: &[usize], total: usize, threads: usize) -> usize {
     rounds.iter().copied().find(|&start| start >= enough).unwrap_or(total)
 }
 
+/// Deals the samples of each round from `first` on: to each worker a stretch of the round's curve.
+fn deal_alike(samples: &Samples, first: usize, threads: usize) -> Vec<Stretches> {
+    samples.rounds_from(first).map(|round| Stretches::new(round, threads)).collect()
+}
+
 /// Lets all workers do their part; the first is the calling thread.
-fn work_together<'t, 'a>(
+fn work_together<'t, 'a, T: Access>(
     team: &'t Team<'a>,
-    lead: Refiner<'t, 'a, TryLock>,
+    lead: Refiner<'t, 'a, T>,
+    access: &(impl Fn(usize) -> T + Sync),
     stretches: &[Stretches],
     clock: &Clock,
 ) -> Vec<ThreadReport> {
@@ -123,7 +153,7 @@ fn work_together<'t, 'a>(
         let others: Vec<_> = (1..team.size())
             .map(|me| {
                 let part = move || {
-                    let worker = Refiner::new(team, me, Worker::new(TryLock::new(me), me));
+                    let worker = Refiner::new(team, me, team.worker(me, access(me)));
                     do_part(team, me, worker, stretches, clock)
                 };
                 thread::Builder::new().name(format!("lapd-{me}")).spawn_scoped(scope, part)
@@ -143,7 +173,7 @@ fn work_together<'t, 'a>(
 fn do_part(
     team: &Team<'_>,
     me: usize,
-    mut worker: Refiner<'_, '_, TryLock>,
+    mut worker: Refiner<'_, '_, impl Access>,
     stretches: &[Stretches],
     clock: &Clock,
 ) -> ThreadReport {
@@ -171,6 +201,7 @@ fn do_part(
         let begin = ticks();
         team.meet(1)?;
         worker.lose_idle(begin);
+        worker.receive()?;
         worker.run()
     });
     // A worker that panicked has lost count, and may own vertices for ever: all others are stopped.
@@ -184,6 +215,7 @@ fn do_part(
 fn report<A: Access>(worker: Refiner<'_, '_, A>, clock: &Clock) -> ThreadReport {
     let seconds_per_tick = clock.seconds_per_tick();
     ThreadReport {
+        accesses: worker.accesses(),
         operations: worker.worker.counters,
         work: worker.work,
         overhead: worker.lost.overhead(seconds_per_tick),

@@ -13,13 +13,15 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::activity::{Doing, Lost, Timeline};
+use super::activity::{Accesses, Doing, Lost, Timeline};
 use super::pel::{Gift, Pel, Task};
 use super::rules::{Demand, Facets, Lookups, Rule, Rules};
 use super::team::Team;
 use crate::delaunay::chunked::CHUNK;
+use crate::delaunay::homes::MAX_NODES;
+use crate::delaunay::worker::mark_of;
 use crate::delaunay::{Access, Insertion, Removal, TetStamp, Triangulation, VertexId, VertexKind, Worker};
-use crate::memory::room;
+use crate::memory::{reserve, room};
 use crate::parallel::clock::{Ticks, ticks};
 use crate::parallel::contention::Streak;
 use crate::{Error, Result};
@@ -102,12 +104,24 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         }
     }
 
-    /// The same worker under another policy.
-    pub fn with_access<B: Access>(self, access: B) -> Refiner<'t, 'a, B> {
+    /// The same worker under another policy, made of the one that it had.
+    pub fn with_access<B: Access>(self, access: impl FnOnce(A) -> B) -> Refiner<'t, 'a, B> {
         let Self { team, rules, triangulation, me, worker, pel, near, permits, told, streak, work, lost, timeline } =
             self;
         let worker = worker.with_access(access);
         Refiner { team, rules, triangulation, me, worker, pel, near, permits, told, streak, work, lost, timeline }
+    }
+
+    /// Where what its operations visited was, if that is counted.
+    pub fn accesses(&self) -> Accesses {
+        let mut accesses = Accesses::default();
+        if let Some(visits) = self.worker.access.visits() {
+            let machine = self.team.machine;
+            let own = machine.node_of_worker(self.me);
+            let nodes = 0..machine.nodes().min(MAX_NODES);
+            nodes.for_each(|node| accesses.count(machine.hops(own, node), visits.at(node)));
+        }
+        accesses
     }
 
     /// R1: inserts the samples that `next` gives, some at a time.
@@ -151,10 +165,13 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         Ok(())
     }
 
-    /// Takes the tets in the slots that this worker claimed into its list. While nobody operates.
+    /// Takes the tets in the slots that this worker claimed into its list, or sends them to the workers in whose regions they lie. While nobody operates.
     pub fn collect(&mut self) -> Result<()> {
         // Slots of the box are nobody's claim.
         let mut living = room(CHUNK, "tets of a chunk")?;
+        let mut parcels: Vec<Vec<TetStamp>> = Vec::new();
+        parcels.resize_with(self.team.size(), Vec::new);
+        let regions = self.team.regions.as_ref();
         let of_box = (self.me == 0).then(|| self.triangulation.box_slots());
         for slots in self.worker.claimed().iter().cloned().chain(of_box) {
             self.pel.make_room(slots.len())?;
@@ -163,9 +180,27 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             self.rules.find_labels(&living);
             self.work.lookups.labels += living.len() as u64;
             for &t in &living {
-                self.triangulation.tet(t).set_mark(self.worker.mark());
-                self.pel.push_waiting(self.triangulation.stamp(t));
+                let record = self.triangulation.tet(t);
+                let owner = regions.map_or(self.me, |regions| regions.worker_of(record.sphere().center));
+                record.set_mark(mark_of(owner));
+                if owner == self.me {
+                    self.pel.push_waiting(self.triangulation.stamp(t));
+                } else {
+                    reserve(&mut parcels[owner], 1, "tets of other regions")?;
+                    parcels[owner].push(self.triangulation.stamp(t));
+                }
             }
+        }
+        let Some(regions) = regions else { return Ok(()) };
+        let filled = parcels.into_iter().enumerate().filter(|(_, parcel)| !parcel.is_empty());
+        filled.map(|(worker, parcel)| regions.send(worker, parcel)).collect()
+    }
+
+    /// Takes the tets that others sent into the list. When all have collected theirs.
+    pub fn receive(&mut self) -> Result<()> {
+        for parcel in self.team.regions.iter().flat_map(|regions| regions.receive(self.me)) {
+            self.pel.make_room(parcel.len())?;
+            parcel.into_iter().for_each(|stamp| self.pel.push_waiting(stamp));
         }
         Ok(())
     }
@@ -179,7 +214,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                 self.look_around()?;
             }
             steps += 1;
-            if A::SHARED && self.team.begging.is_wanted() {
+            if A::SHARED && self.team.begging.is_wanted(self.me) {
                 self.give();
             }
             match self.pel.pop() {

@@ -108,6 +108,9 @@ pub const FACET_DISTANCE: f64 = 0.22;
 /// Sampling for the sake of the facet distance keeps isovertices this part of delta apart.
 pub const SPACING_FLOOR: f64 = 0.5;
 
+/// Tets of an object within the cube of its size, as measured on the atlases.
+pub const TETS_PER_SIZE: f64 = 8.0;
+
 impl<'a> Rules<'a> {
     /// `labels` are the labels of the oracle's ids.
     ///
@@ -330,6 +333,12 @@ impl<'a> Rules<'a> {
     /// Whether a tet of the object is too flat for the rules, whose circumcenter f64 cannot compute.
     pub fn is_undecided(&self, t: TetId) -> bool {
         !self.triangulation.tet(t).sphere().is_certain() && self.label(t) != 0
+    }
+
+    /// Tets to be expected within `volume` about `p`, those around samples of dO apart: for progress and the sharing of work alone.
+    pub fn expected_tets(&self, p: DVec3, volume: f64) -> f64 {
+        let size_squared = self.sizes_squared[usize::from(self.oracle.label(p))];
+        TETS_PER_SIZE * volume / (size_squared * size_squared.sqrt())
     }
 
     /// Notes a vertex that was inserted.

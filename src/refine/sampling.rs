@@ -15,6 +15,8 @@
 //!
 //! Cost: some tens of nanoseconds per crossed edge, some hundreds per sample. Memory: 36 bytes per sample.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -27,8 +29,14 @@ use crate::oracle::{CrossedEdge, Oracle};
 const MOVE: f64 = 0.2;
 /// How far a sample may be from the crossing that it stands for, in deltas.
 const FARTHEST: f64 = 0.5;
-/// A round of insertion has this many times the points of the one before, as a power of two.
-const ROUND_LOG: u32 = 3;
+/// How many times the points of the one before a round of insertion has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Growth {
+    /// 4 times: half the spacing on a surface.
+    Fourfold = 2,
+    /// 8 times: half the spacing in space.
+    Eightfold = 3,
+}
 /// No sample.
 const NONE: u32 = u32::MAX;
 
@@ -40,11 +48,25 @@ pub struct Samples {
     pub rounds: Vec<usize>,
 }
 
+impl Samples {
+    /// The rounds from sample `first`, the first of a round, on.
+    pub fn rounds_from(&self, first: usize) -> impl Iterator<Item = Range<usize>> {
+        let starts = self.rounds.iter().copied().filter(move |&start| start >= first);
+        let ends = self.rounds.iter().copied().filter(move |&start| start > first).chain([self.points.len()]);
+        starts.zip(ends).map(|(start, end)| start..end)
+    }
+}
+
 /// Samples dO, on all threads of the current rayon pool. `go_on` is asked once per row of bricks of voxels.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; those of `go_on`.
-pub fn sample_isosurface(oracle: &Oracle, delta: f64, go_on: impl Fn() -> Result<()> + Sync) -> Result<Samples> {
+pub fn sample_isosurface(
+    oracle: &Oracle,
+    delta: f64,
+    growth: Growth,
+    go_on: impl Fn() -> Result<()> + Sync,
+) -> Result<Samples> {
     let grid = oracle.edge_grid(delta);
     // Samples of two slabs with one between them are delta apart, and that one reaches no further.
     let slabs = grid.slabs(2.0 * delta);
@@ -80,7 +102,7 @@ pub fn sample_isosurface(oracle: &Oracle, delta: f64, go_on: impl Fn() -> Result
         points.extend_from_slice(&nets[slab / 2].points);
     }
     drop((first, second));
-    insertion_order(points)
+    insertion_order(points, growth)
 }
 
 /// The samples of a slab so far, in chains by cells of twice delta.
@@ -196,15 +218,17 @@ fn mix(state: u64, next: u64) -> u64 {
 }
 
 /// Sorts points into rounds, and along a space-filling curve in each.
-fn insertion_order(points: Vec<DVec3>) -> Result<Samples> {
+fn insertion_order(points: Vec<DVec3>, growth: Growth) -> Result<Samples> {
     const BITS: u32 = 16;
+    // As a power of two.
+    let growth = growth as u32;
     let (mut lower, mut upper) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for &p in points.iter() {
         (lower, upper) = (lower.min(p), upper.max(p));
     }
     let scale = f64::from((1 << BITS) - 1) / (upper - lower).max_element().max(f64::MIN_POSITIVE);
     let key = |(at, &p): (usize, &DVec3)| {
-        let round = (mix(at as u64, 0) | 1 << (ROUND_LOG * 15)).trailing_zeros() / ROUND_LOG;
+        let round = (mix(at as u64, 0) | 1 << (growth * 15)).trailing_zeros() / growth;
         let place = ((p - lower) * scale).to_array().map(|c| spread(c as u64));
         // The last round holds most of the points.
         (u64::from(15 - round) << (3 * BITS) | place[0] | place[1] << 1 | place[2] << 2, at as u32)

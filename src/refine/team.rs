@@ -4,10 +4,14 @@ use std::time::Instant;
 
 use glam::DVec3;
 
+use super::lapd::Regions;
 use super::pel::Gift;
 use super::rules::Rules;
+use crate::delaunay::homes::NodeId;
+use crate::delaunay::{Access, Worker};
 use crate::parallel::begging::Begging;
 use crate::parallel::contention::Contention;
+use crate::parallel::machine::Machine;
 use crate::parallel::topology::Levels;
 use crate::parallel::waiters::Waiters;
 use crate::params;
@@ -17,8 +21,8 @@ use crate::{Error, Result};
 /// Permits to insert a vertex that a worker takes at once.
 const PERMITS: u64 = 64;
 
-/// Tets of the whole triangulation that a sample of the isosurface comes to have about it, for progress only.
-const TETS_PER_SAMPLE: u64 = 8;
+/// Tets of the whole triangulation that a sample of the isosurface comes to have about it, for progress and the sharing of work alone.
+pub(super) const TETS_PER_SAMPLE: u64 = 8;
 
 /// What a refinement is told beside the rules.
 pub struct Schedule {
@@ -34,6 +38,12 @@ pub struct Schedule {
     pub begging: params::Begging,
     /// Whether to keep what each worker did when.
     pub timeline: bool,
+    /// How the work is shared.
+    pub algorithm: params::Algorithm,
+    /// The cores of the workers, worker i on the i-th.
+    pub machine: Machine,
+    /// Whether to count visits of tets and vertices by memory node.
+    pub count_accesses: bool,
 }
 
 impl Schedule {
@@ -46,6 +56,9 @@ impl Schedule {
             contention: params::Contention::default(),
             begging: params::Begging::default(),
             timeline: false,
+            algorithm: params::Algorithm::Podm,
+            machine: Machine::one_node(1),
+            count_accesses: false,
         }
     }
 }
@@ -98,6 +111,9 @@ pub(super) struct Team<'a> {
     pub waiters: Waiters,
     pub contention: Contention,
     pub begging: Begging<Gift>,
+    /// Where each worker works, under LAPD.
+    pub regions: Option<Regions>,
+    pub machine: &'a Machine,
     limits: &'a Limits,
     report: &'a Report<'a>,
     expected_tets: u64,
@@ -114,14 +130,26 @@ pub(super) struct Team<'a> {
 }
 
 impl<'a> Team<'a> {
-    pub fn new(rules: &'a Rules<'a>, samples: Vec<DVec3>, schedule: &'a Schedule, report: &'a Report<'a>) -> Self {
+    pub fn new(
+        rules: &'a Rules<'a>,
+        samples: Vec<DVec3>,
+        regions: Option<Regions>,
+        schedule: &'a Schedule,
+        report: &'a Report<'a>,
+    ) -> Self {
         let size = schedule.threads;
+        let levels = match &regions {
+            Some(regions) => regions.levels(),
+            None => Levels::of_machine(size, schedule.begging),
+        };
         Self {
             rules,
             keeps_timeline: schedule.timeline,
             waiters: Waiters::new(size),
             contention: Contention::new(schedule.contention, size),
-            begging: Begging::new(Levels::of_machine(size, schedule.begging)),
+            begging: Begging::new(levels),
+            regions,
+            machine: &schedule.machine,
             limits: &schedule.limits,
             report,
             expected_tets: schedule.expected_tets + TETS_PER_SAMPLE * samples.len() as u64,
@@ -133,6 +161,13 @@ impl<'a> Team<'a> {
             meetings: [AtomicUsize::new(0), AtomicUsize::new(0)],
             failure: Mutex::new(None),
         }
+    }
+
+    /// A worker of the kernel for worker `me`, on its node.
+    pub fn worker<A: Access>(&self, me: usize, access: A) -> Worker<A> {
+        // Nodes are no more than workers: each has a core.
+        let node = self.machine.node_of_worker(me) as NodeId;
+        Worker::new(access, me).at_node(node, self.regions.is_some())
     }
 
     /// How many workers there are.

@@ -328,7 +328,7 @@ impl Team {
         let mut streak = Streak::new(me);
         loop {
             while tasks > 0 {
-                if self.begging.is_wanted()
+                if self.begging.is_wanted(me)
                     && tasks > 1
                     && let Some(beggar) = self.begging.take_beggar(me)
                 {

@@ -1,0 +1,86 @@
+//! A policy that counts: how many tets and vertices a worker's operations visited, by the memory node where these are at home (paper, sections 3 and 5.2: remote memory accesses).
+//!
+//! What is a visit is said at [`Access::visit_tet`]. Looking, which is no part of an operation, is not counted, nor is what an operation reads a second time while it has it at hand.
+//!
+//! Cost: a byte of a small table read and a number added to for each visit.
+
+use super::access::Access;
+use super::homes::{Homes, MAX_NODES};
+use super::triangulation::Triangulation;
+use super::{TetId, VertexId};
+
+/// Visits by home.
+#[derive(Clone, Debug)]
+pub struct Visits {
+    tets: Box<[u64; MAX_NODES]>,
+    vertices: Box<[u64; MAX_NODES]>,
+}
+
+impl Default for Visits {
+    fn default() -> Self {
+        Self { tets: Box::new([0; MAX_NODES]), vertices: Box::new([0; MAX_NODES]) }
+    }
+}
+
+impl Visits {
+    /// Visits of tets and vertices at home on node `node`.
+    pub fn at(&self, node: usize) -> u64 {
+        self.tets[node] + self.vertices[node]
+    }
+
+    /// Visits of tets alone.
+    pub fn of_tets_at(&self, node: usize) -> u64 {
+        self.tets[node]
+    }
+}
+
+/// Policy `A`, counted.
+pub struct Counted<'t, A> {
+    policy: A,
+    homes: &'t Homes,
+    visits: Visits,
+}
+
+impl<'t, A: Access> Counted<'t, A> {
+    /// Counts what `policy` is told, from 0.
+    pub fn new(policy: A, triangulation: &'t Triangulation) -> Self {
+        Self { policy, homes: triangulation.homes(), visits: Visits::default() }
+    }
+
+    /// Counts on under another policy.
+    pub fn over<B: Access>(self, policy: B) -> Counted<'t, B> {
+        Counted { policy, homes: self.homes, visits: self.visits }
+    }
+}
+
+impl<A: Access> Access for Counted<'_, A> {
+    const SHARED: bool = A::SHARED;
+
+    #[inline(always)]
+    fn try_own(&mut self, triangulation: &Triangulation, vertex: VertexId) -> bool {
+        self.policy.try_own(triangulation, vertex)
+    }
+
+    #[inline(always)]
+    fn release_all(&mut self, triangulation: &Triangulation) {
+        self.policy.release_all(triangulation);
+    }
+
+    fn met(&self) -> Option<usize> {
+        self.policy.met()
+    }
+
+    #[inline(always)]
+    fn visit_tet(&mut self, t: TetId) {
+        self.visits.tets[usize::from(self.homes.of_tet(t))] += 1;
+    }
+
+    #[inline(always)]
+    fn visit_vertex(&mut self, v: VertexId) {
+        self.visits.vertices[usize::from(self.homes.of_vertex(v))] += 1;
+    }
+
+    fn visits(&self) -> Option<&Visits> {
+        Some(&self.visits)
+    }
+}

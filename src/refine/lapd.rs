@@ -1,0 +1,148 @@
+//! LAPD: the two-level, locality-aware algorithm, the paper's section 4. The region of each memory node is refined by PODM (`podm`) with the workers of that node; operations may cross the
+//! boundary of two regions, and nothing else passes from node to node.
+//!
+//! The paper refines in steps. In step 1 all workers refine the whole domain to the size r_1; in step i its 2^(i-2) subregions are bisected, so are the groups of memory nodes that refine
+//! them, and each group refines its half to r_i = r_(i-1) / 2. A group keeps the half that it holds. After 1 + log2(nodes) steps each node has a subregion of its own.
+//!
+//! # What a step is here
+//! R1 has sampled dO before there are tets (`sampling`), samples go in first, in rounds, and tets are looked at when all are in. A round that makes 4 times as many points of a surface halves their
+//! spacing. So **rounds are steps**: in the last round of samples, and in all that follows it, each node works in its own region; in the round before, each pair of nodes in the two
+//! regions of both; and so on, until all work everywhere. Rounds before that, and those that are too small for all, are as in PODM. All steps of r_i up to the delta of the surface are so made with samples, and the
+//! volume rules need no steps of their own: their first circumcenter comes when regions are final, and rows of tets get their final size at once.
+//!
+//! # What is known before
+//! The samples, and the volume of each label in each block, tell how many elements there will be in each block. So the bisections of all steps are computed at once, from the elements to come instead of those of the
+//! coarse mesh (`partition`), and every worker begins with samples in the region that will be its own in the end: the group that gets a half is the one that holds it.
+//!
+//! # Invariants
+//! - A sample is inserted by a worker of the group, at the step of its round, in whose subregion it lies.
+//! - When all samples are in, every living tet is in one list: that of the worker in whose region its circumcenter lies.
+//! - Work is given only to workers of the same node (`Levels::apart`). A worker that made a tet keeps it, wherever its circumcenter lies.
+//! - New tets lie in slots of the worker's own node: slots of other nodes that a cavity frees are sent home (`delaunay/homes`).
+//! - The end: all workers of all nodes are idle. A node whose workers have no work waits; no other node can give it any.
+//!
+//! On one memory node there are no regions: the algorithm is PODM.
+//!
+//! Cost, beside PODM's: a lookup of a label for each block, a sort of the samples, tets by circumcenter once.
+
+use std::ops::Range;
+use std::sync::Mutex;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::partition::{Blocks, Load, Partition};
+use super::rules::Rules;
+use super::sampling::Samples;
+use super::team::{Schedule, TETS_PER_SAMPLE};
+use crate::Result;
+use crate::delaunay::TetStamp;
+use crate::memory::{reserve, room};
+use crate::parallel::stretches::Stretches;
+use crate::parallel::topology::Levels;
+use crate::params::Algorithm;
+use crate::sync::lock;
+
+/// Whether memory nodes get regions of their own: the schedule asks for LAPD, and not all workers are on one node.
+pub(super) fn divides(schedule: &Schedule) -> bool {
+    let node = |me| schedule.machine.node_of_worker(me);
+    schedule.algorithm == Algorithm::Lapd && (1..schedule.threads).any(|me| node(me) != node(0))
+}
+
+/// The regions of a team's workers, and the tets on their way to the workers in whose regions they lie.
+pub(super) struct Regions {
+    partition: Partition,
+    /// For each worker.
+    parcels: Vec<Mutex<Vec<Vec<TetStamp>>>>,
+}
+
+impl Regions {
+    /// The regions for these samples, if there are to be any.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn new(rules: &Rules<'_>, samples: &[DVec3], schedule: &Schedule) -> Result<Option<Self>> {
+        if !divides(schedule) {
+            return Ok(None);
+        }
+        let Schedule { threads, ref machine, .. } = *schedule;
+        let partition = Partition::new(&expected_elements(rules, samples, threads)?, Load::Elements, machine, threads);
+        Ok(Some(Self { partition, parcels: (0..threads).map(|_| Mutex::default()).collect() }))
+    }
+
+    /// Deals the samples of each round from `first` on: sorts them by regions, and gives each worker those of its own, to be helped by the workers of its group at that round's step.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn deal(&self, samples: &mut Samples, first: usize) -> Result<Vec<Stretches>> {
+        let rounds: Vec<Range<usize>> = samples.rounds_from(first).collect();
+        let points = &mut samples.points;
+        let count = rounds.len();
+        let deal = |(round, range): (usize, Range<usize>)| {
+            let level = (self.partition.levels() + 1 + round).saturating_sub(count);
+            let places = self.sort_by_place(&mut points[range.clone()])?;
+            let workers = self.partition.order();
+            let mut stretches = vec![0..0; workers.len()];
+            for (place, &worker) in workers.iter().enumerate() {
+                stretches[worker] = range.start + places[place]..range.start + places[place + 1];
+            }
+            Ok(Stretches::of_groups(stretches.into_iter(), self.partition.groups(level).to_vec()))
+        };
+        rounds.into_iter().enumerate().map(deal).collect()
+    }
+
+    /// Sorts points by the places of their regions, and leaves those of each in their order; returns where each place begins, and the end.
+    fn sort_by_place(&self, points: &mut [DVec3]) -> Result<Vec<usize>> {
+        let mut keys = room(points.len(), "places of samples")?;
+        let place = |(at, &p): (usize, &DVec3)| (self.partition.place_of(p) as u32, at as u32);
+        points.par_iter().enumerate().map(place).collect_into_vec(&mut keys);
+        keys.par_sort_unstable();
+        let mut sorted = room(points.len(), "samples of the isosurface")?;
+        keys.par_iter().map(|&(_, at)| points[at as usize]).collect_into_vec(&mut sorted);
+        points.copy_from_slice(&sorted);
+        let begin = |place: usize| keys.partition_point(|key| (key.0 as usize) < place);
+        Ok((0..=self.partition.workers()).map(begin).collect())
+    }
+
+    /// The worker in whose region `p` lies.
+    #[inline]
+    pub fn worker_of(&self, p: DVec3) -> usize {
+        self.partition.worker_of(p)
+    }
+
+    /// Who may give work to whom: the workers of each memory node.
+    pub fn levels(&self) -> Levels {
+        Levels::apart(self.partition.nodes())
+    }
+
+    /// Sends tets to a worker.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn send(&self, worker: usize, tets: Vec<TetStamp>) -> Result<()> {
+        let mut parcels = lock(&self.parcels[worker]);
+        reserve(&mut parcels, 1, "parcels of tets")?;
+        parcels.push(tets);
+        Ok(())
+    }
+
+    /// What was sent to a worker.
+    pub fn receive(&self, worker: usize) -> Vec<Vec<TetStamp>> {
+        std::mem::take(&mut lock(&self.parcels[worker]))
+    }
+}
+
+/// Blocks with the elements that are to be expected in each, from samples and sizes.
+fn expected_elements(rules: &Rules<'_>, samples: &[DVec3], workers: usize) -> Result<Blocks> {
+    let [lower, upper] = rules.oracle.bounds();
+    let mut blocks = Blocks::new(lower, upper, workers)?;
+    let volume = blocks.volume();
+    let mut inside = room(blocks.count(), "blocks of a partition")?;
+    let expected = |index: usize| rules.expected_tets(blocks.center(index), volume);
+    (0..blocks.count()).into_par_iter().map(expected).collect_into_vec(&mut inside);
+    inside.into_iter().enumerate().for_each(|(index, tets)| blocks.add(index, tets));
+    for &p in samples {
+        blocks.add(blocks.index_of(p), TETS_PER_SAMPLE as f64);
+    }
+    Ok(blocks)
+}
