@@ -130,6 +130,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         begging: params.begging,
         timeline: params.timeline,
         algorithm: params.algorithm,
+        halving: false,
         machine: params.machine.clone().unwrap_or_else(|| Machine::one_node(params.threads)),
         count_accesses: params.count_accesses,
     };

@@ -4,11 +4,13 @@
 //! of that group beg already: the last of a group begs one level higher, so that work comes in from outside when a group has none (hierarchical work stealing; Foteinos and
 //! Chrisochoides 2014). To the list of a group of groups each of these sends its last, so that the last of them goes on to the next level. With one level there is one list for all.
 //!
-//! Where the highest level has several groups (`Levels::apart`), nothing is given from one to another: whoever has no work then waits for its group, and, when nobody of that has any, for the end.
+//! Where groups stand apart (`Levels::apart`), nobody gives to a beggar of another group. What a worker comes to that is another group's by right it may send there: to a beggar of that group, or, when
+//! all of it have work, into its inbox, into which each looks now and then, and before it begs.
 //!
 //! **The end.** A worker that begins to beg is counted idle. A giver takes it off the count before it gives, and is not idle itself. So while a gift is on its way the count is
 //! below the number of workers; when it reaches that number, nobody has work and none is under way. No lock is needed to notice, and the worker that completes the count is the one that
-//! notices.
+//! notices. An inbox with something in it belongs to a group of which one is not idle: a worker becomes idle under the lock of its group's inbox, when that is empty, and something is put in under the same lock, when
+//! no worker of the group is in its list. So inboxes are empty in the end.
 //!
 //! **No gift is lost.** A beggar leaves its list only by the hand of a giver, which then puts the gift into the beggar's own slot.
 
@@ -22,11 +24,29 @@ pub struct Begging<G> {
     levels: Levels,
     /// By level and group.
     lists: Vec<Vec<Mutex<Vec<usize>>>>,
+    /// Of the groups, where they stand apart.
+    inboxes: Vec<Inbox<G>>,
     slots: Vec<Slot<G>>,
     /// Workers in lists, for each group of the highest level; may be out of date.
     beggars: Vec<AtomicUsize>,
     idle: AtomicUsize,
     over: AtomicBool,
+}
+
+/// What was sent to a group while all of it had work.
+#[derive(Debug)]
+struct Inbox<G> {
+    gifts: Mutex<Vec<G>>,
+    /// How many there are, to be looked at without the lock.
+    count: AtomicUsize,
+}
+
+impl<G> Inbox<G> {
+    fn open(&self, gifts: &mut Vec<G>) -> Option<G> {
+        let gift = gifts.pop();
+        self.count.store(gifts.len(), Relaxed);
+        gift
+    }
 }
 
 #[derive(Debug)]
@@ -41,11 +61,15 @@ impl<G> Begging<G> {
         let lists = (0..levels.count())
             .map(|level| (0..levels.groups(level)).map(|_| Mutex::new(Vec::new())).collect())
             .collect();
+        let top = levels.groups(levels.count() - 1);
+        let inbox = |_| Inbox { gifts: Mutex::new(Vec::new()), count: AtomicUsize::new(0) };
+        let inboxes = (0..if top > 1 { top } else { 0 }).map(inbox).collect();
         let slot = |_| Slot { gift: Mutex::new(None), ready: AtomicBool::new(false) };
         Self {
             lists,
+            inboxes,
             slots: (0..levels.workers()).map(slot).collect(),
-            beggars: (0..levels.groups(levels.count() - 1)).map(|_| AtomicUsize::new(0)).collect(),
+            beggars: (0..top).map(|_| AtomicUsize::new(0)).collect(),
             levels,
             idle: AtomicUsize::new(0),
             over: AtomicBool::new(false),
@@ -54,13 +78,22 @@ impl<G> Begging<G> {
 
     /// Worker `me` has no work: waits for some. `None`: nobody has any, or all waits are ended.
     pub fn beg(&self, me: usize, waiters: &Waiters) -> Option<G> {
-        // Release: who sees all idle sees what all have done. Acquire: the same for this worker.
-        if self.idle.fetch_add(1, AcqRel) + 1 == self.slots.len() {
-            self.over.store(true, Release);
-            waiters.wake_all();
-            return None;
+        {
+            let inbox = self.inboxes.get(self.top_of(me));
+            let mut gifts = inbox.map(|inbox| lock(&inbox.gifts));
+            if let Some((inbox, gifts)) = inbox.zip(gifts.as_mut())
+                && let sent @ Some(_) = inbox.open(gifts)
+            {
+                return sent;
+            }
+            // Release: who sees all idle sees what all have done. Acquire: the same for this worker.
+            if self.idle.fetch_add(1, AcqRel) + 1 == self.slots.len() {
+                self.over.store(true, Release);
+                waiters.wake_all();
+                return None;
+            }
+            self.join(me);
         }
-        self.join(me);
         let slot = &self.slots[me];
         waiters.wait(|| slot.ready.load(Acquire) || self.over.load(Acquire));
         if slot.ready.swap(false, AcqRel) { lock(&slot.gift).take() } else { None }
@@ -81,8 +114,13 @@ impl<G> Begging<G> {
     }
 
     #[inline]
+    fn top_of(&self, me: usize) -> usize {
+        self.levels.group(self.levels.count() - 1, me)
+    }
+
+    #[inline]
     fn beggars_of(&self, me: usize) -> &AtomicUsize {
-        &self.beggars[self.levels.group(self.levels.count() - 1, me)]
+        &self.beggars[self.top_of(me)]
     }
 
     /// Whether somebody seems to beg to whom worker `me` may give.
@@ -103,6 +141,29 @@ impl<G> Begging<G> {
         // Before the gift: the beggar counts as one with work from now on. This worker has some, so the count was below the number of workers.
         self.idle.fetch_sub(1, AcqRel);
         Some(beggar)
+    }
+
+    /// What was sent to the group of worker `me`, if anything, while it has work.
+    pub fn open_inbox(&self, me: usize) -> Option<G> {
+        let inbox = self.inboxes.get(self.top_of(me))?;
+        // Relaxed: who looks too early looks again.
+        if inbox.count.load(Relaxed) == 0 { None } else { inbox.open(&mut lock(&inbox.gifts)) }
+    }
+
+    /// A worker sends something to the group of worker `to`, another one than its own, of groups that stand apart.
+    pub fn send(&self, to: usize, gift: G, waiters: &Waiters) {
+        let inbox = &self.inboxes[self.top_of(to)];
+        let mut gifts = lock(&inbox.gifts);
+        match self.take_beggar(to) {
+            Some(beggar) => {
+                drop(gifts);
+                self.give(beggar, gift, waiters);
+            }
+            None => {
+                gifts.push(gift);
+                inbox.count.store(gifts.len(), Relaxed);
+            }
+        }
     }
 
     /// Gives to a beggar that was taken.
@@ -152,6 +213,37 @@ mod tests {
             workers.map(|worker| worker.join().unwrap())
         });
         assert_eq!(ended, [None; 4]);
+    }
+
+    /// As below, with groups that stand apart, and work that is the other group's half of the time.
+    #[test]
+    fn what_is_sent_is_done_before_the_end() {
+        const SIZE: u32 = 14;
+        let (begging, waiters) = (Begging::<Vec<u32>>::new(Levels::apart(&[0, 1, 0, 1])), Waiters::new(4));
+        let done = AtomicU64::new(0);
+        std::thread::scope(|scope| {
+            for me in 0..4 {
+                let (begging, waiters, done) = (&begging, &waiters, &done);
+                scope.spawn(move || {
+                    waiters.register(me);
+                    let mut tasks = if me == 0 { vec![SIZE] } else { Vec::new() };
+                    loop {
+                        while let Some(task) = tasks.pop() {
+                            done.fetch_add(1, Relaxed);
+                            let theirs = (0..task).filter(|task| task % 2 == 1).collect::<Vec<_>>();
+                            tasks.extend((0..task).filter(|task| task % 2 == 0));
+                            if !theirs.is_empty() {
+                                begging.send((me + 1) % 4, theirs, waiters);
+                            }
+                            tasks.extend(begging.open_inbox(me).into_iter().flatten());
+                        }
+                        let Some(gift) = begging.beg(me, waiters) else { return };
+                        tasks = gift;
+                    }
+                });
+            }
+        });
+        assert_eq!(done.into_inner(), 1 << SIZE);
     }
 
     /// Work that makes work: a task of size n makes one of each size below n.

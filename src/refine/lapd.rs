@@ -5,25 +5,26 @@
 //! them, and each group refines its half to r_i = r_(i-1) / 2. A group keeps the half that it holds. After 1 + log2(nodes) steps each node has a subregion of its own.
 //!
 //! # What a step is here
-//! R1 has sampled dO before there are tets (`sampling`), samples go in first, in rounds, and tets are looked at when all are in. A round that makes 4 times as many points of a surface halves their
-//! spacing. So **rounds are steps**: in the last round of samples, and in all that follows it, each node works in its own region; in the round before, each pair of nodes in the two
-//! regions of both; and so on, until all work everywhere. Rounds before that, and those that are too small for all, are as in PODM. All steps of r_i up to the delta of the surface are so made with samples, and the
-//! volume rules need no steps of their own: their first circumcenter comes when regions are final, and rows of tets get their final size at once.
+//! R1 has sampled dO before there are tets (`sampling`); samples go in first, in rounds, and tets are looked at when all are in. A round that makes 4 times as many points of a surface halves their
+//! spacing, so **rounds are steps**: r_i = r_(i-1) / 2 down to the delta of the surface. The volume rules come when dO has its last sample, and need no steps of their own: rows of tets get their final size at once.
 //!
 //! # What is known before
-//! The samples, and the volume of each label in each block, tell how many elements there will be in each block. So the bisections of all steps are computed at once, from the elements to come instead of those of the
-//! coarse mesh (`partition`), and every worker begins with samples in the region that will be its own in the end: the group that gets a half is the one that holds it.
+//! The paper learns from the mesh of one step how to divide the next. Here the samples, and the volume of each label in each block, tell how many elements there will be, so all bisections are computed before
+//! the first tet is made (`partition`), and no group has to begin with a half that another one meshed. Then nothing is gained by working in common regions in the early rounds, and memory that others wrote would be left
+//! behind: each node works in its own region from the first round on that all workers share. Rounds before that are too small for all; one worker inserts them. [`Schedule::halving`] has the paper's scheme
+//! instead: the last round of samples is inserted node by node, the round before by pairs of nodes in the two regions of both, and so on. It visits twice as much remote memory (docs/design-notes.md).
 //!
 //! # Invariants
-//! - A sample is inserted by a worker of the group, at the step of its round, in whose subregion it lies.
-//! - When all samples are in, every living tet is in one list: that of the worker in whose region its circumcenter lies.
-//! - Work is given only to workers of the same node (`Levels::apart`). A worker that made a tet keeps it, wherever its circumcenter lies.
+//! - A vertex is inserted by a worker of the node in whose region it lies. Samples are dealt so. What a tet demands elsewhere is handed over to the node there: a circumcenter with its tet, a point of dO with
+//!   what was seen about it, which is checked when it is carried out, as always (`Rules::still_demands`). The circumcenter of a tet between two surfaces is far from its facets, so this is not rare as long as tets are large.
+//! - Tets are assigned by circumcenter when all samples are in: every living tet is then in one list, that of the worker in whose region its circumcenter lies. A worker that makes a tet later keeps it.
+//! - Work is given away only within a node (`Levels::apart`).
 //! - New tets lie in slots of the worker's own node: slots of other nodes that a cavity frees are sent home (`delaunay/homes`).
-//! - The end: all workers of all nodes are idle. A node whose workers have no work waits; no other node can give it any.
+//! - The end: all workers of all nodes are idle, and nothing is handed over any more (`parallel/begging`).
 //!
 //! On one memory node there are no regions: the algorithm is PODM.
 //!
-//! Cost, beside PODM's: a lookup of a label for each block, a sort of the samples, tets by circumcenter once.
+//! Cost, beside PODM's: a lookup of a label for each block, a sort of the samples, tets by circumcenter once, the region of each demand.
 
 use std::ops::Range;
 use std::sync::Mutex;
@@ -52,6 +53,10 @@ pub(super) fn divides(schedule: &Schedule) -> bool {
 /// The regions of a team's workers, and the tets on their way to the workers in whose regions they lie.
 pub(super) struct Regions {
     partition: Partition,
+    /// The first worker of each worker's node.
+    hosts: Vec<usize>,
+    /// Whether groups are halved step by step.
+    halving: bool,
     /// For each worker.
     parcels: Vec<Mutex<Vec<Vec<TetStamp>>>>,
 }
@@ -67,7 +72,10 @@ impl Regions {
         }
         let Schedule { threads, ref machine, .. } = *schedule;
         let partition = Partition::new(&expected_elements(rules, samples, threads)?, Load::Elements, machine, threads);
-        Ok(Some(Self { partition, parcels: (0..threads).map(|_| Mutex::default()).collect() }))
+        let nodes = partition.nodes();
+        let hosts = nodes.iter().map(|node| nodes.iter().position(|other| other == node).unwrap_or(0)).collect();
+        let halving = schedule.halving;
+        Ok(Some(Self { partition, hosts, halving, parcels: (0..threads).map(|_| Mutex::default()).collect() }))
     }
 
     /// Deals the samples of each round from `first` on: sorts them by regions, and gives each worker those of its own, to be helped by the workers of its group at that round's step.
@@ -79,7 +87,8 @@ impl Regions {
         let points = &mut samples.points;
         let count = rounds.len();
         let deal = |(round, range): (usize, Range<usize>)| {
-            let level = (self.partition.levels() + 1 + round).saturating_sub(count);
+            let last = self.partition.levels();
+            let level = if self.halving { (last + 1 + round).saturating_sub(count) } else { last };
             let places = self.sort_by_place(&mut points[range.clone()])?;
             let workers = self.partition.order();
             let mut stretches = vec![0..0; workers.len()];
@@ -108,6 +117,13 @@ impl Regions {
     #[inline]
     pub fn worker_of(&self, p: DVec3) -> usize {
         self.partition.worker_of(p)
+    }
+
+    /// The first worker of the memory node in whose region `p` lies, if that is not the node of worker `me`.
+    #[inline]
+    pub fn elsewhere(&self, me: usize, p: DVec3) -> Option<usize> {
+        let host = self.hosts[self.worker_of(p)];
+        (host != self.hosts[me]).then_some(host)
     }
 
     /// Who may give work to whom: the workers of each memory node.

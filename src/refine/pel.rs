@@ -7,6 +7,7 @@
 //!
 //! An entry is never taken out when its tet dies: the stamp tells.
 
+use super::rules::Demand;
 use crate::delaunay::{TetStamp, VertexId};
 use crate::{Error, Result};
 
@@ -31,13 +32,15 @@ pub enum Task {
     Serve(TetStamp),
 }
 
-/// A part of a list, for another worker. Tets that came first, which lie farthest from those at hand.
+/// Work for another worker: a part of a list, of the tets that came first, which lie farthest from those at hand; or what is to be done in another region.
 #[derive(Debug, Default)]
 pub struct Gift {
     /// To be looked at.
     pub waiting: Vec<TetStamp>,
     /// Poor.
     pub poor: Vec<TetStamp>,
+    /// Tets, and what they demanded when they were looked at.
+    pub demands: Vec<(TetStamp, Demand)>,
 }
 
 /// The list.
@@ -93,17 +96,17 @@ impl Pel {
             std::mem::replace(list, kept)
         };
         if self.waiting.len() >= MANY_WAITING {
-            Gift { waiting: half(&mut self.waiting), poor: Vec::new() }
+            Gift { waiting: half(&mut self.waiting), ..Gift::default() }
         } else {
-            Gift { waiting: Vec::new(), poor: half(&mut self.poor) }
+            Gift { poor: half(&mut self.poor), ..Gift::default() }
         }
     }
 
-    /// Takes a gift in.
+    /// Takes the tets of a gift in.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
-    pub fn accept(&mut self, mut gift: Gift) -> Result<()> {
+    pub fn accept(&mut self, gift: &mut Gift) -> Result<()> {
         self.make_room(gift.waiting.len().max(gift.poor.len()))?;
         self.waiting.append(&mut gift.waiting);
         self.poor.append(&mut gift.poor);

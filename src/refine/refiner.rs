@@ -29,6 +29,9 @@ use crate::{Error, Result};
 /// Steps between two looks at the cancel flag and the limits.
 pub(super) const LOOK_EVERY: u64 = 1024;
 
+/// Demands for the regions of one other node that a worker finds before it sends them there.
+const PARCEL: usize = 32;
+
 /// Entries that the list has room for at each look: more than the steps until the next one push, unless cavities are monstrous.
 const ROOM: usize = 64 * LOOK_EVERY as usize;
 
@@ -75,6 +78,8 @@ pub(super) struct Refiner<'t, 'a, A> {
     pub worker: Worker<A>,
     pel: Pel,
     near: Vec<VertexId>,
+    /// What is to be sent to each other node, by its first worker.
+    abroad: Vec<Gift>,
     /// Vertices that it may insert before it asks the team again.
     permits: u64,
     /// What it told the team of its tets and its memory.
@@ -95,6 +100,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             worker,
             pel: Pel::default(),
             near: Vec::new(),
+            abroad: Vec::new(),
             permits: 0,
             told: (0, 0),
             streak: Streak::new(me),
@@ -106,10 +112,39 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
 
     /// The same worker under another policy, made of the one that it had.
     pub fn with_access<B: Access>(self, access: impl FnOnce(A) -> B) -> Refiner<'t, 'a, B> {
-        let Self { team, rules, triangulation, me, worker, pel, near, permits, told, streak, work, lost, timeline } =
-            self;
+        let Self {
+            team,
+            rules,
+            triangulation,
+            me,
+            worker,
+            pel,
+            near,
+            abroad,
+            permits,
+            told,
+            streak,
+            work,
+            lost,
+            timeline,
+        } = self;
         let worker = worker.with_access(access);
-        Refiner { team, rules, triangulation, me, worker, pel, near, permits, told, streak, work, lost, timeline }
+        Refiner {
+            team,
+            rules,
+            triangulation,
+            me,
+            worker,
+            pel,
+            near,
+            abroad,
+            permits,
+            told,
+            streak,
+            work,
+            lost,
+            timeline,
+        }
     }
 
     /// Where what its operations visited was, if that is counted.
@@ -208,6 +243,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     /// Works until no rule applies, for the whole team.
     pub fn run(&mut self) -> Result<()> {
         self.timeline.turn_to(Doing::Refining, ticks());
+        let divided = A::SHARED && self.team.regions.is_some();
         let mut steps = 0_u64;
         loop {
             if steps.is_multiple_of(LOOK_EVERY) {
@@ -216,6 +252,9 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             steps += 1;
             if A::SHARED && self.team.begging.is_wanted(self.me) {
                 self.give();
+            }
+            if divided && let Some(sent) = self.team.begging.open_inbox(self.me) {
+                self.accept(sent)?;
             }
             match self.pel.pop() {
                 Some(Task::Remove(v)) => self.remove(v)?,
@@ -234,6 +273,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         // The box has some that nobody created.
         let tets = self.worker.counters.created.saturating_sub(self.worker.counters.destroyed);
         self.pel.make_room(ROOM)?;
+        self.send_all_abroad();
         let bytes = self.worker.bytes() + self.pel.bytes();
         let told = std::mem::replace(&mut self.told, (tets, bytes));
         self.team.look_around((tets.wrapping_sub(told.0), bytes.wrapping_sub(told.1)))
@@ -253,15 +293,67 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         self.rules.mark_elsewhere(stamp.tet);
         let facets = Facets::Second(self.worker.mark());
         if let Some(demand) = self.rules.surface_demand(stamp.tet, facets, &mut self.work.lookups) {
-            let fate = self.carry_out(stamp, &demand)?;
-            // What was inserted may lie in the neighbour's circumball alone: then the tet is looked at again.
-            if fate != Fate::Dropped && self.triangulation.is_current(stamp) {
-                self.pel.push_made(stamp);
+            if !self.hand_over(stamp, &demand)? {
+                self.settle(stamp, &demand)?;
             }
-        } else if self.rules.volume_demand(stamp.tet).is_some() {
+        } else if let Some(demand) = self.rules.volume_demand(stamp.tet)
+            && !self.hand_over(stamp, &demand)?
+        {
             self.pel.push_poor(stamp);
         }
         Ok(())
+    }
+
+    /// Carries out what the surface demands of a tet.
+    fn settle(&mut self, stamp: TetStamp, demand: &Demand) -> Result<()> {
+        let fate = self.carry_out(stamp, demand)?;
+        // What was inserted may lie in the neighbour's circumball alone: then the tet is looked at again.
+        if fate != Fate::Dropped && self.triangulation.is_current(stamp) {
+            self.pel.push_made(stamp);
+        }
+        Ok(())
+    }
+
+    /// Leaves to another node what is to be inserted in its region; `false`: it lies in a region of this node.
+    #[inline]
+    fn hand_over(&mut self, stamp: TetStamp, demand: &Demand) -> Result<bool> {
+        if !A::SHARED {
+            return Ok(false);
+        }
+        match self.team.regions.as_ref().and_then(|regions| regions.elsewhere(self.me, demand.point)) {
+            Some(host) => self.put_aside(host, stamp, demand).map(|()| true),
+            None => Ok(false),
+        }
+    }
+
+    /// Keeps a demand for the node of worker `host` until there are some.
+    fn put_aside(&mut self, host: usize, stamp: TetStamp, demand: &Demand) -> Result<()> {
+        self.abroad.resize_with(self.team.size(), Gift::default);
+        let parcel = &mut self.abroad[host];
+        if demand.kind == VertexKind::Free {
+            reserve(&mut parcel.poor, 1, "tets of other regions")?;
+            parcel.poor.push(stamp);
+        } else {
+            reserve(&mut parcel.demands, 1, "demands of other regions")?;
+            parcel.demands.push((stamp, *demand));
+        }
+        if parcel.poor.len() + parcel.demands.len() >= PARCEL {
+            self.send_abroad(host);
+        }
+        Ok(())
+    }
+
+    /// Sends what is kept for the node of worker `host`.
+    fn send_abroad(&mut self, host: usize) {
+        let parcel = std::mem::take(&mut self.abroad[host]);
+        if !(parcel.poor.is_empty() && parcel.demands.is_empty()) {
+            self.lost.overhead.gifts += 1;
+            self.team.begging.send(host, parcel, &self.team.waiters);
+        }
+    }
+
+    fn send_all_abroad(&mut self) {
+        (0..self.abroad.len()).for_each(|host| self.send_abroad(host));
     }
 
     fn serve(&mut self, stamp: TetStamp) -> Result<()> {
@@ -397,6 +489,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
 
     /// Waits for work; `false`: nobody has any.
     fn beg(&mut self) -> Result<bool> {
+        self.send_all_abroad();
         let begin = ticks();
         self.team.return_permits(std::mem::take(&mut self.permits));
         self.team.contention.leave(self.me, &self.team.waiters);
@@ -406,8 +499,19 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         self.team.go_on()?;
         let Some(gift) = gift else { return Ok(false) };
         self.team.contention.come_back(self.me);
-        self.pel.accept(gift)?;
+        self.accept(gift)?;
         Ok(true)
+    }
+
+    /// Takes work of another worker in; what it demands of the surface is done at once.
+    fn accept(&mut self, mut gift: Gift) -> Result<()> {
+        self.pel.accept(&mut gift)?;
+        for (stamp, demand) in gift.demands {
+            if self.triangulation.is_current(stamp) {
+                self.settle(stamp, &demand)?;
+            }
+        }
+        Ok(())
     }
 
     /// Notes that the worker had nothing to do since `begin`.

@@ -40,6 +40,8 @@ pub struct Schedule {
     pub timeline: bool,
     /// How the work is shared.
     pub algorithm: params::Algorithm,
+    /// Under LAPD: halve the groups of memory nodes step by step, as the paper does, instead of beginning with the last step's.
+    pub halving: bool,
     /// The cores of the workers, worker i on the i-th.
     pub machine: Machine,
     /// Whether to count visits of tets and vertices by memory node.
@@ -57,6 +59,7 @@ impl Schedule {
             begging: params::Begging::default(),
             timeline: false,
             algorithm: params::Algorithm::Podm,
+            halving: false,
             machine: Machine::one_node(1),
             count_accesses: false,
         }
