@@ -73,9 +73,9 @@ expect 2 2 box.nrrd -o a.vtu --threads 2x
 expect 2 2 box.nrrd -o a.vtu --contention never
 expect 2 2 box.nrrd -o a.vtu --begging nobody
 expect 2 2 box.nrrd -o a.vtu --timeline
+expect 2 2 box.nrrd -o a.vtu --topology 'many:2'
 # Options of later versions are refused, not ignored.
 expect 2 2 box.nrrd -o a.vtu --algorithm lapd
-expect 2 2 box.nrrd -o a.vtu --topology 'node:2 core:4'
 expect 2 2 box.nrrd -o a.vtu --optimize
 [ ! -e a.vtu ] || fail "bad usage wrote a mesh"
 

@@ -164,6 +164,7 @@ static void choice_parameters(void) {
                  {lapd_params_set_algorithm, lapd_params_get_algorithm, 2, 1},
                  {lapd_params_set_contention, lapd_params_get_contention, 4, 4},
                  {lapd_params_set_begging, lapd_params_get_begging, 2, 2},
+                 {lapd_params_set_bind, lapd_params_get_bind, 2, 2},
                  {lapd_params_set_timeline, lapd_params_get_timeline, 2, 2},
                  {lapd_params_set_optimize, lapd_params_get_optimize, 2, 1}};
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
@@ -209,6 +210,22 @@ static void other_parameters(void) {
     INVALID(lapd_params_get_max_vertices(NULL, &count));
     INVALID(lapd_params_get_max_vertices(params, NULL));
     CHECK(lapd_params_get_max_vertices(params, &count) == LAPD_OK && count == 12);
+
+    /* Descriptions are hwloc's; without it they are unsupported, whatever they say. */
+    const char *topology = NULL;
+    lapd_status synthetic = lapd_params_set_topology(context, params, "numa:4 core:4 pu:1");
+    CHECK(synthetic == LAPD_OK || synthetic == LAPD_ERROR_UNSUPPORTED);
+    CHECK(lapd_params_get_topology(params, &topology) == LAPD_OK);
+    CHECK(strcmp(topology, synthetic == LAPD_OK ? "numa:4 core:4 pu:1" : "") == 0);
+    CHECK(lapd_params_set_topology(context, params, "nonsense") != LAPD_OK && said("topology 'nonsense'"));
+    INVALID(lapd_params_set_topology(context, params, "numa:9999999 core:4 pu:1"));
+    INVALID(lapd_params_set_topology(NULL, params, ""));
+    INVALID(lapd_params_set_topology(context, NULL, ""));
+    INVALID(lapd_params_set_topology(context, params, NULL));
+    CHECK(lapd_params_set_topology(context, params, "") == LAPD_OK);
+    INVALID(lapd_params_get_topology(NULL, &topology));
+    INVALID(lapd_params_get_topology(params, NULL));
+    CHECK(lapd_params_get_topology(params, &topology) == LAPD_OK && *topology == '\0');
 
     double size = 0;
     INVALID(lapd_params_set_label_size(NULL, params, 7, 1));

@@ -149,7 +149,7 @@ void parameters() {
     params.set_delta(0.5).set_size(1.5).set_radius_edge(2.5).set_facet_angle(25).set_surface(LAPD_SURFACE_VOXEL);
     params.set_keep({5, -9}).set_background(true).set_threads(2).set_max_vertices(100000);
     params.set_algorithm(LAPD_ALGORITHM_PODM).set_contention(LAPD_CONTENTION_RANDOM).set_optimize(false);
-    params.set_begging(LAPD_BEGGING_FLAT).set_timeline(true);
+    params.set_begging(LAPD_BEGGING_FLAT).set_topology("").set_bind(true).set_timeline(true);
     params.set_time_limit(2.5).set_max_memory(std::uint64_t{1} << 40).set_partial(true);
     params.set_label_size(5, 1.25);
     CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 && params.facet_angle() == 25);
@@ -157,6 +157,7 @@ void parameters() {
     CHECK(params.max_vertices() == 100000 && params.algorithm() == LAPD_ALGORITHM_PODM);
     CHECK(params.contention() == LAPD_CONTENTION_RANDOM && !params.optimize());
     CHECK(params.begging() == LAPD_BEGGING_FLAT && params.timeline());
+    CHECK(params.topology().empty() && params.bind());
     CHECK(params.time_limit() == 2.5 && params.max_memory() == std::uint64_t{1} << 40 && params.partial());
     CHECK(params.label_size(5) == 1.25 && params.clear_label_sizes().label_size(5) == 1.5);
     CHECK(params.keep().size() == 2 && params.keep()[1] == -9 && params.set_keep({}).keep().empty());

@@ -41,7 +41,9 @@ static const char USAGE[] =
     "  --algorithm NAME     podm | lapd; this version has podm\n"
     "  --contention NAME    what threads do after conflicts: local | global | random | aggressive; default local\n"
     "  --begging NAME       whom threads without work ask first: levels | flat; default levels\n"
-    "  --topology SYNTHETIC not in this version\n"
+    "  --topology TEXT      the machine that threads are taken to run on, as a synthetic description of hwloc's,\n"
+    "                       such as 'numa:4 core:4 pu:1'; needs a library with the feature hwloc\n"
+    "  --bind               bind each thread to a core\n"
     "  --keep L,L,...       mesh these labels only\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
     "  --surface NAME       smooth | voxel; default smooth\n"
@@ -260,6 +262,9 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
                        : SET_BAD_VALUE;
         }
     }
+    if (strcmp(option, "--topology") == 0) {
+        return from_status(lapd_params_set_topology(context, params, value));
+    }
     if (strcmp(option, "--max-memory") == 0) {
         uint64_t bytes;
         return parse_bytes(value, &bytes) ? from_status(lapd_params_set_max_memory(context, params, bytes))
@@ -313,6 +318,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             status = lapd_params_set_background(context, params, 1);
         } else if (strcmp(option, "--partial") == 0) {
             status = lapd_params_set_partial(context, params, 1);
+        } else if (strcmp(option, "--bind") == 0) {
+            status = lapd_params_set_bind(context, params, 1);
         } else if (strcmp(option, "--optimize") == 0) {
             status = lapd_params_set_optimize(context, params, 1);
         } else if (strcmp(option, "--no-optimize") == 0) {
@@ -341,8 +348,6 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             } else if (strcmp(option, "--timeline") == 0) {
                 o->timeline = value;
                 status = lapd_params_set_timeline(context, params, 1);
-            } else if (strcmp(option, "--topology") == 0) {
-                return usage_error("%s: this version has no synthetic topologies%s", option, "");
             } else {
                 switch (set_parameter(context, params, option, value)) {
                 case SET_OK:

@@ -404,6 +404,12 @@ class params {
     params &set_begging(lapd_begging begging) {
         return set(lapd_params_set_begging, begging);
     }
+    params &set_topology(const std::string &description) {
+        return set(lapd_params_set_topology, description.c_str());
+    }
+    params &set_bind(bool bind) {
+        return set(lapd_params_set_bind, bind);
+    }
     params &set_timeline(bool timeline) {
         return set(lapd_params_set_timeline, timeline);
     }
@@ -463,6 +469,12 @@ class params {
     }
     lapd_begging begging() const {
         return static_cast<lapd_begging>(value<std::int32_t>(lapd_params_get_begging));
+    }
+    std::string topology() const {
+        return value<const char *>(lapd_params_get_topology);
+    }
+    bool bind() const {
+        return value<std::int32_t>(lapd_params_get_bind) != 0;
     }
     bool timeline() const {
         return value<std::int32_t>(lapd_params_get_timeline) != 0;

@@ -9,6 +9,7 @@
 //! | [`image`] | label images, their place in the world, readers, phantoms |
 //! | [`oracle`] | where the interfaces are; knows no mesh |
 //! | [`parallel`], `sync` | how workers wait, share work and stay out of each other's way; knows no mesh |
+//! | [`system`] | the machine at hand, synthetic ones, threads bound to cores |
 //! | [`delaunay`] | the Delaunay triangulation; knows no image |
 //! | [`refine`] | the rules R1 to R6 and the loop that applies them |
 //! | [`mesh`], [`io`] | the finished mesh: extraction, measures, certificate, files |
@@ -33,5 +34,6 @@ pub mod parallel;
 pub mod params;
 pub mod refine;
 mod sync;
+pub mod system;
 
 pub use error::{Error, Result};

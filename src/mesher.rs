@@ -25,6 +25,7 @@ use crate::refine::refiner::Work;
 use crate::refine::rules::{Rules, TETS_PER_SIZE};
 use crate::refine::team::{Limits, Schedule};
 use crate::refine::{refine, unmet_rules};
+use crate::system::binding::Places;
 use crate::{Error, Result};
 
 /// The virtual box leaves this part of the object's longest side free on every side, so that the circumcenters of tets between object and box lie inside it.
@@ -122,16 +123,23 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let margin = (upper - lower).max_element() * BOX_MARGIN + 4.0 * params.delta;
     let triangulation = Triangulation::new(lower - margin, upper + margin)?;
     let rules = Rules::new(&triangulation, &oracle, params, image.labels())?;
+    let machine = match &params.machine {
+        Some(machine) => machine.clone(),
+        // Has no others to be near to.
+        None if params.threads == 1 => Machine::one_node(1),
+        None => Machine::of_system(),
+    };
     let schedule = Schedule {
         expected_tets: expected_tets(image, params),
         limits,
         threads: params.threads,
         contention: params.contention,
         begging: params.begging,
+        places: params.bind.then(|| Places::new(&machine)).transpose()?,
+        machine,
         timeline: params.timeline,
         algorithm: params.algorithm,
         halving: false,
-        machine: params.machine.clone().unwrap_or_else(|| Machine::one_node(params.threads)),
         count_accesses: params.count_accesses,
     };
     let Refinement { counters, work, threads, ended_by } = refine(&rules, &schedule, monitor)?;

@@ -75,14 +75,17 @@ pub struct MeshParams {
     pub threads: usize,
     /// How the work is shared.
     pub algorithm: Algorithm,
-    /// The machine as the threads are to see it, thread i on its i-th core; `None`: one memory node.
-    pub machine: Option<Machine>,
     /// Count the tets and vertices that each thread's operations visit, by the distance of the memory node where they are.
     pub count_accesses: bool,
     /// What threads do after conflicts.
     pub contention: Contention,
     /// Whom threads without work ask.
     pub begging: Begging,
+    /// The machine that the threads are taken to run on, for [`Algorithm::Lapd`] and [`Begging::ByLevel`]; `None` is the one at hand, [`Machine::of_system`].
+    pub machine: Option<Machine>,
+    /// Bind each thread that refines to a core of its own, of those that the calling thread may use; more threads than cores share them. The calling thread's own affinity is as before
+    /// when the run ends. Needs Linux.
+    pub bind: bool,
     /// Keep for each thread what it did when.
     pub timeline: bool,
     /// End the refinement with [`Error::LimitReached`] when it needs more vertices than this; `None` is no limit of the caller's.
@@ -109,10 +112,11 @@ impl Default for MeshParams {
             background: false,
             threads: 1,
             algorithm: Algorithm::Podm,
-            machine: None,
             count_accesses: false,
             contention: Contention::Local,
             begging: Begging::ByLevel,
+            machine: None,
+            bind: false,
             timeline: false,
             max_vertices: None,
             time_limit: None,

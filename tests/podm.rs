@@ -20,6 +20,7 @@ use lapd::mesh::quality::Quality;
 use lapd::mesher::{Meshing, mesh_image};
 use lapd::monitor::{CancelFlag, Monitor, Phase, Progress};
 use lapd::oracle::Oracle;
+use lapd::parallel::machine::Machine;
 use lapd::params::{Begging, Contention, MeshParams};
 use lapd::refine::activity::Overhead;
 use lapd::refine::podm::Refinement;
@@ -155,7 +156,8 @@ fn outcome(subject: &Subject, schedule: &Schedule, complete: bool) -> Outcome {
 }
 
 fn team(threads: usize, contention: Contention, begging: Begging) -> Schedule {
-    Schedule { threads, contention, begging, ..Schedule::solo() }
+    // Two nodes, so that begging has levels.
+    Schedule { threads, contention, begging, machine: Machine::uniform(2, threads.div_ceil(2)), ..Schedule::solo() }
 }
 
 /// Asserts that two meshes of one image are as good as each other. Vertex counts within `spread`; volumes within a percent of the label's, or the volume of a few
@@ -353,6 +355,35 @@ fn a_cancel_ends_all_threads() {
         let took = asked.expect("refinement reports often enough").elapsed();
         assert!(matches!(result, Err(Error::Cancelled)));
         assert!(took < Duration::from_secs(1), "{took:?} to cancel after {calls_before} reports");
+    }
+}
+
+/// Those that refine have the cores of their places while they do; no other thread of the run ever has, nor has the caller afterwards.
+#[cfg(target_os = "linux")]
+#[test]
+fn threads_are_bound_while_they_refine() {
+    use lapd::system::binding::{Places, allowed};
+    let _watchdog = Watchdog::new("threads_are_bound_while_they_refine");
+    let before = allowed().unwrap();
+    let places = Places::new(&Machine::of_system()).unwrap();
+    let Subject { image, params, .. } = large_subject();
+    for threads in [1, 4] {
+        let params =
+            MeshParams { threads, bind: true, delta: 0.5 * params.delta, size: params.delta, ..params.clone() };
+        let mut seen = Vec::new();
+        let mut look = |progress: Progress| {
+            seen.push((progress.phase, allowed().unwrap()));
+            true
+        };
+        mesh_image(&image, &params, &Monitor::new(Some(&mut look), None)).unwrap();
+        assert_eq!(allowed().unwrap(), before);
+        let refining = |(phase, _): &(Phase, _)| *phase == Phase::Refine;
+        let (refining, others): (Vec<_>, Vec<_>) = seen.into_iter().partition(refining);
+        assert!(others.iter().all(|(_, processors)| *processors == before), "{others:?}");
+        // The first report comes before the sampling, which all threads do.
+        assert!(refining.len() > 1, "refinement reports often enough");
+        let bound = |processors: &[usize]| (0..threads).any(|worker| places.of_worker(worker) == processors);
+        assert!(refining[1..].iter().all(|(_, processors)| bound(processors)), "{refining:?}");
     }
 }
 

@@ -2,6 +2,8 @@
 //!
 //! Every setter tries its value on a copy and lets [`MeshParams::validate`] judge, so that ranges are stated in one place.
 
+use std::ffi::CString;
+
 use super::boundary::{Failure, Out, Outcome, borrow, borrow_mut, slice, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::status::lapd_status;
@@ -10,6 +12,8 @@ use crate::params::{MeshParams, SurfaceModel};
 /// Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a run takes a copy.
 pub struct lapd_params {
     pub(super) params: MeshParams,
+    /// The description of the machine in `params`; empty where that is the one at hand.
+    pub(super) topology: CString,
 }
 
 /// How labels between voxel centres are decided.
@@ -100,7 +104,7 @@ pub unsafe extern "C" fn lapd_params_create(params: *mut *mut lapd_params) -> la
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(params, "params")?;
-        out.set(Box::into_raw(Box::new(lapd_params { params: MeshParams::default() })));
+        out.set(Box::into_raw(Box::new(lapd_params { params: MeshParams::default(), topology: CString::default() })));
         Ok(())
     })
 }

@@ -1,8 +1,12 @@
 //! Parameters of a run's threads.
 
-use super::context::lapd_context;
+use std::ffi::c_char;
+
+use super::boundary::{Failure, Out, borrow, borrow_mut, c_str, status_of};
+use super::context::{lapd_context, with_context};
 use super::params::{change, flag, lapd_params, read, unknown};
 use super::status::lapd_status;
+use crate::parallel::machine::Machine;
 use crate::params::{Begging, Contention};
 
 /// Most threads of a run.
@@ -144,6 +148,87 @@ pub unsafe extern "C" fn lapd_params_get_begging(params: *const lapd_params, beg
             Begging::Flat => LAPD_BEGGING_FLAT as i32,
         })
     }
+}
+
+/// Sets the machine that the threads are taken to run on, for LAPD_BEGGING_BY_LEVEL, by one of hwloc's synthetic descriptions, such as
+/// "numa:4 core:4 pu:1": four memory nodes of four cores each. An empty text (the default) means the machine at hand.
+///
+/// It serves tests and planning. The text is copied. No other thread may use `params` or the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or hwloc does not understand the text; LAPD_ERROR_UNSUPPORTED when
+/// the library was built without its feature hwloc.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_topology(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    description: *const c_char,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |_| {
+            let params = borrow_mut(params, "params")?;
+            let description = c_str(description, "description")?;
+            params.params.machine = if description.is_empty() {
+                None
+            } else {
+                let text = description.to_str().map_err(|_| Failure::invalid("description is not UTF-8"))?;
+                Some(Machine::synthetic(text)?)
+            };
+            params.topology = description.to_owned();
+            Ok(())
+        })
+    }
+}
+
+/// The description of the machine that the threads are taken to run on; empty for the machine at hand.
+///
+/// `*description` belongs to the parameters and is valid until they are changed or freed. Any thread, unless another one changes
+/// `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_topology(
+    params: *const lapd_params,
+    description: *mut *const c_char,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let description = Out::new(description, "description")?;
+        description.set(borrow(params, "params")?.topology.as_ptr());
+        Ok(())
+    })
+}
+
+/// Whether to bind each thread of the refinement to a core of its own (1) or not (0, the default). Cores are taken memory node by
+/// memory node, among those that the calling thread may use; more threads than cores share them. The caller's thread itself is
+/// never bound. No other thread may use `params` or the context meanwhile.
+///
+/// Where threads cannot be bound, lapd_mesh_image fails with LAPD_ERROR_UNSUPPORTED: on other systems than Linux, and where a
+/// machine has more than 1024 processors.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_bind(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    bind: i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.bind = flag(bind, "bind")?;
+            Ok(())
+        })
+    }
+}
+
+/// Whether threads are bound to cores, 1 or 0. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_bind(params: *const lapd_params, bind: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, bind, "bind", |p| i32::from(p.bind)) }
 }
 
 /// Whether to keep what each thread did when (1), for lapd_mesh_write_timeline, or not (0, the default). It takes memory while the mesh

@@ -182,7 +182,7 @@ mod tests {
 
     /// Two sockets of two caches of two processors.
     fn two_sockets() -> Levels {
-        let names = |size: usize| (0..8).map(|worker| Some((worker / size).to_string())).collect();
+        let names = |size: usize| (0..8).map(|worker| worker / size).collect();
         Levels::new(&[names(2), names(4), names(8)])
     }
 

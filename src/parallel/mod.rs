@@ -9,7 +9,7 @@
 //! | [`begging`] | who gets work from whom; how the end is noticed |
 //! | [`stretches`] | a list that all work off, each from its own place |
 //! | [`machine`], [`bisection`] | cores, memory nodes, and the hops between them; groups of nodes halved |
-//! | [`topology`] | which workers are near to each other |
+//! | [`topology`] | which workers are near to each other, on a machine |
 //! | [`waiters`] | waiting, waking, and ending all waits |
 //! | [`clock`] | time stamps that cost next to nothing |
 //!

@@ -1,9 +1,8 @@
-//! Which workers are near to each other.
+//! Which workers are near to each other: the groups in which they beg.
 //!
-//! Workers are not bound to processors; worker i is taken to run on the i-th, as an idle system spreads them. Where the system does not say what processors share, all are alike.
+//! Worker i is taken to run on the machine's i-th core; where workers are not bound an idle system spreads them much like that. Where nothing is told of what cores share, all are alike.
 
-use std::fs;
-
+use super::machine::{Core, Machine};
 use crate::params::Begging;
 
 /// Groups of workers at each level, from the nearest to all.
@@ -16,20 +15,20 @@ pub struct Levels {
 }
 
 impl Levels {
-    /// The levels of this machine: last-level cache, socket, machine; or the last alone.
-    pub fn of_machine(workers: usize, begging: Begging) -> Self {
-        let mut levels = Vec::new();
+    /// The levels of a machine: last-level cache, memory node, package, from the smallest to the largest (a package may hold several nodes, or a node several packages), and all; or the last alone.
+    pub fn of(machine: &Machine, workers: usize, begging: Begging) -> Self {
+        let mut levels: Vec<Vec<usize>> = Vec::new();
         if begging == Begging::ByLevel {
-            for what in ["cache/index3/shared_cpu_list", "topology/package_cpus_list"] {
-                let name = |cpu: usize| fs::read_to_string(format!("/sys/devices/system/cpu/cpu{cpu}/{what}")).ok();
-                let names: Vec<Option<String>> = (0..workers).map_while(|cpu| name(cpu).map(Some)).collect();
-                // Workers beyond the processors share them with the first.
-                if !names.is_empty() {
-                    levels.push((0..workers).map(|worker| names[worker % names.len()].clone()).collect());
-                }
-            }
+            let what: [fn(&Core) -> usize; 3] = [|core| core.cache, |core| core.node, |core| core.package];
+            levels.extend(what.map(|name| (0..workers).map(|worker| name(machine.core_of_worker(worker))).collect()));
+            levels.sort_by_key(|names| {
+                let mut names = names.clone();
+                names.sort_unstable();
+                names.dedup();
+                std::cmp::Reverse(names.len())
+            });
         }
-        levels.push(vec![None; workers]);
+        levels.push(vec![0; workers]);
         Self::new(&levels)
     }
 
@@ -40,12 +39,12 @@ impl Levels {
         Self { group: vec![groups.to_vec()], parts: vec![members] }
     }
 
-    /// Levels from what each worker's group is called at each; the last level has one group. Levels that say the same as the one before, or put every worker
-    /// by itself, are left out.
-    pub fn new(names: &[Vec<Option<String>>]) -> Self {
+    /// Levels from what each worker's group is called at each; the last level has one group. Left out are levels that say the same as the one before, that put every worker by itself, or whose
+    /// groups cut through those of the level before.
+    pub fn new(names: &[Vec<usize>]) -> Self {
         let mut levels = Self { group: Vec::new(), parts: Vec::new() };
         for names in names {
-            let mut known: Vec<&Option<String>> = Vec::new();
+            let mut known = Vec::new();
             let mut members = Vec::new();
             let group = names.iter().map(|name| {
                 let at = known.iter().position(|&k| k == name).unwrap_or_else(|| {
@@ -60,15 +59,16 @@ impl Levels {
             if members.iter().all(|&count| count == 1) && members.len() > 1 {
                 continue;
             }
-            if levels.group.last() == Some(&group) {
-                continue;
-            }
             let parts = match levels.group.last() {
                 None => members,
+                Some(below) if *below == group => continue,
                 Some(below) => {
                     let mut pairs: Vec<_> = group.iter().zip(below).collect();
                     pairs.sort_unstable();
                     pairs.dedup();
+                    if pairs.len() > levels.parts.last().map_or(0, Vec::len) {
+                        continue;
+                    }
                     (0..members.len()).map(|at| pairs.iter().filter(|&&(&g, _)| g == at).count()).collect()
                 }
             };
@@ -108,15 +108,10 @@ impl Levels {
 mod tests {
     use super::*;
 
-    fn names(names: &[&str]) -> Vec<Option<String>> {
-        names.iter().map(|&name| Some(name.to_owned())).collect()
-    }
-
     #[test]
     fn levels_that_say_nothing_are_left_out() {
-        let pairs = names(&["a", "a", "b", "b"]);
-        let levels = Levels::new(&[names(&["1", "2", "3", "4"]), pairs.clone(), pairs, names(&["m"; 4])]);
-        assert_eq!(levels.count(), 2);
+        let pairs = vec![7, 7, 3, 3];
+        let levels = Levels::new(&[vec![1, 2, 3, 4], pairs.clone(), pairs, vec![0, 1, 1, 1], vec![5; 4]]);
         assert_eq!(levels.group, [[0, 0, 1, 1], [0, 0, 0, 0]]);
         assert_eq!(levels.parts, [vec![2, 2], vec![2]]);
     }
@@ -124,14 +119,35 @@ mod tests {
     #[test]
     fn one_worker_has_one_level() {
         for begging in [Begging::ByLevel, Begging::Flat] {
-            let levels = Levels::of_machine(1, begging);
+            let levels = Levels::of(&Machine::blacklight(2), 1, begging);
             assert_eq!((levels.count(), levels.workers(), levels.most_beggars(0, 0)), (1, 1, 1));
         }
     }
 
     #[test]
     fn flat_is_one_group_for_all() {
-        let levels = Levels::of_machine(5, Begging::Flat);
+        let levels = Levels::of(&Machine::uniform(5, 1), 5, Begging::Flat);
         assert_eq!((levels.count(), levels.groups(0), levels.most_beggars(0, 0)), (1, 1, 5));
+    }
+
+    /// Sockets of eight cores, two on a blade; and packages of several nodes, of several caches each.
+    #[test]
+    fn levels_go_from_the_smallest_group_to_the_largest() {
+        let levels = Levels::of(&Machine::blacklight(2), 32, Begging::ByLevel);
+        assert_eq!(levels.parts, [vec![8; 4], vec![2; 2], vec![2]]);
+        let core = |core: usize| Core { node: core / 4, cache: core / 2, package: core / 8, processors: Vec::new() };
+        let machine = Machine::of_cores((0..16).map(core).collect(), uniform_hops(4)).unwrap();
+        let levels = Levels::of(&machine, 16, Begging::ByLevel);
+        assert_eq!(levels.parts, [vec![2; 8], vec![2; 4], vec![2; 2], vec![2]]);
+        // A cache for a package, of two nodes.
+        let core = |core: usize| Core { node: core / 4, cache: core / 8, package: core / 8, processors: Vec::new() };
+        let machine = Machine::of_cores((0..16).map(core).collect(), uniform_hops(4)).unwrap();
+        assert_eq!(Levels::of(&machine, 16, Begging::ByLevel).parts, [vec![4; 4], vec![2; 2], vec![2]]);
+        // Workers beyond the cores share them with the first.
+        assert_eq!(Levels::of(&machine, 20, Begging::ByLevel).parts, [vec![8, 4, 4, 4], vec![2; 2], vec![2]]);
+    }
+
+    fn uniform_hops(nodes: usize) -> Vec<Vec<u32>> {
+        (0..nodes).map(|a| (0..nodes).map(|b| u32::from(a != b)).collect()).collect()
     }
 }

@@ -85,6 +85,8 @@ fn refine_under<S: Access, T: Access>(
     };
     let report_progress = |part, tets| monitor.advance_to(part, tets);
     let team = Team::new(rules, samples.points, regions, schedule, &report_progress);
+    // From here on: what a worker touches first lies in its core's memory. The samples were made by all threads.
+    let bound = team.bind(0);
     let mut lead = Refiner::new(&team, 0, team.worker(0, alone));
     team.waiters.register(0);
     let alone = if schedule.threads == 1 { total } else { first };
@@ -106,6 +108,7 @@ fn refine_under<S: Access, T: Access>(
             work_together(&team, lead, &|me| shared(me, None), &stretches, &clock)
         }
     };
+    drop(bound);
     let (mut counters, mut work) = (Counters::default(), Work::default());
     for thread in &threads {
         counters.add(&thread.operations);
@@ -153,6 +156,7 @@ fn work_together<'t, 'a, T: Access>(
         let others: Vec<_> = (1..team.size())
             .map(|me| {
                 let part = move || {
+                    let _bound = team.bind(me);
                     let worker = Refiner::new(team, me, team.worker(me, access(me)));
                     do_part(team, me, worker, stretches, clock)
                 };

@@ -16,6 +16,7 @@ use crate::parallel::topology::Levels;
 use crate::parallel::waiters::Waiters;
 use crate::params;
 use crate::sync::{AtomicU64, AtomicUsize, Mutex, Ordering::*, lock};
+use crate::system::binding::{Bound, Places};
 use crate::{Error, Result};
 
 /// Permits to insert a vertex that a worker takes at once.
@@ -36,14 +37,16 @@ pub struct Schedule {
     pub contention: params::Contention,
     /// Whom workers without work ask.
     pub begging: params::Begging,
+    /// The machine that workers are taken to run on.
+    pub machine: Machine,
+    /// The cores that workers are bound to; `None`: they are not.
+    pub places: Option<Places>,
     /// Whether to keep what each worker did when.
     pub timeline: bool,
     /// How the work is shared.
     pub algorithm: params::Algorithm,
     /// Under LAPD: halve the groups of memory nodes step by step, as the paper does, instead of beginning with the last step's.
     pub halving: bool,
-    /// The cores of the workers, worker i on the i-th.
-    pub machine: Machine,
     /// Whether to count visits of tets and vertices by memory node.
     pub count_accesses: bool,
 }
@@ -57,10 +60,11 @@ impl Schedule {
             threads: 1,
             contention: params::Contention::default(),
             begging: params::Begging::default(),
+            machine: Machine::one_node(1),
+            places: None,
             timeline: false,
             algorithm: params::Algorithm::Podm,
             halving: false,
-            machine: Machine::one_node(1),
             count_accesses: false,
         }
     }
@@ -117,6 +121,7 @@ pub(super) struct Team<'a> {
     /// Where each worker works, under LAPD.
     pub regions: Option<Regions>,
     pub machine: &'a Machine,
+    places: Option<&'a Places>,
     limits: &'a Limits,
     report: &'a Report<'a>,
     expected_tets: u64,
@@ -143,7 +148,7 @@ impl<'a> Team<'a> {
         let size = schedule.threads;
         let levels = match &regions {
             Some(regions) => regions.levels(),
-            None => Levels::of_machine(size, schedule.begging),
+            None => Levels::of(&schedule.machine, size, schedule.begging),
         };
         Self {
             rules,
@@ -153,6 +158,7 @@ impl<'a> Team<'a> {
             begging: Begging::new(levels),
             regions,
             machine: &schedule.machine,
+            places: schedule.places.as_ref(),
             limits: &schedule.limits,
             report,
             expected_tets: schedule.expected_tets + TETS_PER_SAMPLE * samples.len() as u64,
@@ -176,6 +182,11 @@ impl<'a> Team<'a> {
     /// How many workers there are.
     pub fn size(&self) -> usize {
         self.size
+    }
+
+    /// Binds the calling thread, which is worker `me`, to its core until the answer is dropped, if workers are to be bound. A failure stops the team.
+    pub fn bind(&self, me: usize) -> Option<Bound> {
+        self.places?.bind(me).map_err(|error| self.stop(error)).ok()
     }
 
     /// Reports, and looks at limits and the cancel flag; a worker's tets and bytes have grown by `more`, which may be less than nothing, wrapped.

@@ -312,12 +312,10 @@ struct Team {
 }
 
 impl Team {
-    fn new(policy: Policy, groups: &[&[&str]]) -> Self {
-        let names: Vec<Vec<_>> =
-            groups.iter().map(|names| names.iter().map(|name| Some(String::from(*name))).collect()).collect();
+    fn new(policy: Policy, groups: &[Vec<usize>]) -> Self {
         Self {
             managed: Managed::new(policy, groups[0].len()),
-            begging: Begging::new(Levels::new(&names)),
+            begging: Begging::new(Levels::new(groups)),
             done: AtomicUsize::new(0),
         }
     }
@@ -356,32 +354,32 @@ impl Team {
 
 #[test]
 fn begging_ends_when_all_is_done() {
-    let team = || Team::new(Policy::Aggressive, &[&["all", "all"]]);
+    let team = || Team::new(Policy::Aggressive, &[vec![0, 0]]);
     check(2, team, |me, team| team.work(me, [3, 0][me], None, 3), |_| {});
 }
 
 #[test]
 fn begging_of_three() {
-    let team = || Team::new(Policy::Aggressive, &[&["all", "all", "all"]]);
+    let team = || Team::new(Policy::Aggressive, &[vec![0, 0, 0]]);
     check(3, team, |me, team| team.work(me, [2, 0, 0][me], None, 2), |_| {});
 }
 
 #[test]
 fn begging_by_level() {
-    let team = || Team::new(Policy::Aggressive, &[&["a", "a", "b"], &["all", "all", "all"]]);
+    let team = || Team::new(Policy::Aggressive, &[vec![0, 0, 1], vec![0, 0, 0]]);
     check(3, team, |me, team| team.work(me, [0, 0, 2][me], None, 2), |_| {});
 }
 
 #[test]
 fn local_and_begging() {
-    let team = || Team::new(Policy::Local, &[&["all", "all"]]);
+    let team = || Team::new(Policy::Local, &[vec![0, 0]]);
     check(2, team, |me, team| team.work(me, [2, 0][me], [Some(1), Some(0)][me], 2), |_| {});
     check(2, team, |me, team| team.work(me, [1, 1][me], [Some(1), Some(0)][me], 2), |_| {});
 }
 
 #[test]
 fn global_and_begging() {
-    let team = || Team::new(Policy::Global, &[&["all", "all"]]);
+    let team = || Team::new(Policy::Global, &[vec![0, 0]]);
     check(2, team, |me, team| team.work(me, [2, 0][me], [Some(1), Some(0)][me], 2), |_| {});
     check(2, team, |me, team| team.work(me, [1, 1][me], [Some(1), Some(0)][me], 2), |_| {});
 }
@@ -397,7 +395,7 @@ fn who_waits_is_stopped_and_finds_the_reason() {
     for policy in [Policy::Local, Policy::Global] {
         check(
             3,
-            move || Shared { team: Team::new(policy, &[&["all", "all", "all"]]), reason: Guarded::default() },
+            move || Shared { team: Team::new(policy, &[vec![0, 0, 0]]), reason: Guarded::default() },
             |me, Shared { team, reason }| {
                 let Managed { contention, waiters } = &team.managed;
                 match me {
