@@ -1142,6 +1142,51 @@ lapd_status lapd_params_set_begging(lapd_context *context,
 lapd_status lapd_params_get_begging(const lapd_params *params, int32_t *begging);
 
 /**
+ * Sets the machine that the threads are taken to run on, for LAPD_BEGGING_BY_LEVEL, by one of hwloc's synthetic descriptions, such as
+ * "numa:4 core:4 pu:1": four memory nodes of four cores each. An empty text (the default) means the machine at hand.
+ *
+ * It serves tests and planning. The text is copied. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or hwloc does not understand the text; LAPD_ERROR_UNSUPPORTED when
+ * the library was built without its feature hwloc.
+ */
+lapd_status lapd_params_set_topology(lapd_context *context,
+                                     lapd_params *params,
+                                     const char *description);
+
+/**
+ * The description of the machine that the threads are taken to run on; empty for the machine at hand.
+ *
+ * `*description` belongs to the parameters and is valid until they are changed or freed. Any thread, unless another one changes
+ * `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_topology(const lapd_params *params,
+                                     const char **description);
+
+/**
+ * Whether to bind each thread of the refinement to a core of its own (1) or not (0, the default). Cores are taken memory node by
+ * memory node, among those that the calling thread may use; more threads than cores share them. The caller's thread itself is
+ * never bound. No other thread may use `params` or the context meanwhile.
+ *
+ * Where threads cannot be bound, lapd_mesh_image fails with LAPD_ERROR_UNSUPPORTED: on other systems than Linux, and where a
+ * machine has more than 1024 processors.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+ */
+lapd_status lapd_params_set_bind(lapd_context *context,
+                                 lapd_params *params,
+                                 int32_t bind);
+
+/**
+ * Whether threads are bound to cores, 1 or 0. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_bind(const lapd_params *params, int32_t *bind);
+
+/**
  * Whether to keep what each thread did when (1), for lapd_mesh_write_timeline, or not (0, the default). It takes memory while the mesh
  * lives, some ten bytes for each time that a thread begins something else. No other thread may use `params` or the context
  * meanwhile.
