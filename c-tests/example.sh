@@ -114,6 +114,7 @@ expect 0 0 box.nrrd --report m.json --memory --quiet
 for contention in local global random aggressive; do
     expect 0 0 box.nrrd -o t.vtu --threads 3 --contention $contention --begging flat --quiet
 done
+expect 0 0 box.nrrd -o t.vtu --threads 3 --bind --topology '' --quiet
 expect 0 0 box.nrrd --report t.json --timeline timeline.json --threads 2 --delta 0.3
 grep -q '^2 threads$' out && grep -q 'rollbacks [0-9]*, .* % of operations' out && grep -q 'time lost' out ||
     fail "the table says nothing about 2 threads: $(cat out)"

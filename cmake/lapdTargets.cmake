@@ -1,4 +1,4 @@
-# Makes lapd::lapd and lapd::lapd_static from lapd_include_dir, lapd_shared_path, lapd_static_path and lapd_soname.
+# Makes lapd::lapd and lapd::lapd_static from lapd_include_dir, lapd_shared_path, lapd_static_path, lapd_soname and lapd_native_libs.
 
 if(NOT TARGET lapd::lapd)
     add_library(lapd::lapd SHARED IMPORTED GLOBAL)
@@ -10,9 +10,8 @@ endif()
 
 if(NOT TARGET lapd::lapd_static)
     add_library(lapd::lapd_static STATIC IMPORTED GLOBAL)
-    # The system's libraries are those that `rustc --print native-static-libs` names.
     set_target_properties(lapd::lapd_static PROPERTIES
         IMPORTED_LOCATION "${lapd_static_path}"
         INTERFACE_INCLUDE_DIRECTORIES "${lapd_include_dir}"
-        INTERFACE_LINK_LIBRARIES "gcc_s;util;rt;pthread;m;dl")
+        INTERFACE_LINK_LIBRARIES "${lapd_native_libs}")
 endif()

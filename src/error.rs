@@ -9,7 +9,7 @@ pub enum Error {
     /// An argument or parameter is out of its range.
     #[error("{0}")]
     InvalidArgument(String),
-    /// The option exists in the interface but not yet in this version.
+    /// The option exists in the interface, but not yet in this version, not in this build (cargo features), or not on this system.
     #[error("{0}")]
     Unsupported(String),
     /// The file could not be opened, read or written.

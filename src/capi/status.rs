@@ -13,7 +13,7 @@ pub enum lapd_status {
     LAPD_OK = 0,
     /// An argument is NULL, out of its range, or not a value of its enum.
     LAPD_ERROR_INVALID_ARGUMENT = 1,
-    /// The value exists in this interface, but not yet in this version of the library.
+    /// The value exists in this interface, but not yet in this version of the library, in this build, or on this system.
     LAPD_ERROR_UNSUPPORTED = 2,
     /// A file could not be opened, read or written.
     LAPD_ERROR_IO = 3,

@@ -1,7 +1,10 @@
 //! An array that grows without moving: fixed-size chunks, each made once, found through a fixed table.
 //!
-//! Any number of threads may read existing chunks while one makes another. A chunk is zeroed memory of its own allocation, first touched by
-//! the thread that uses it, so that its pages lie on that thread's memory node.
+//! Any number of threads may read existing chunks while one makes another.
+//!
+//! **Placement.** A chunk is zeroed memory of its own allocation, first written by the worker that claims it, so that its pages lie on that worker's memory node: the system takes a page from the node of the
+//! thread that touches it first, and memory of this size comes from the system fresh and zeroed. It does not where the allocator hands out memory again that the process used before: a process that meshes many
+//! images, one after the other, has such. Then pages lie where they came to lie first, which costs time, never correctness.
 //!
 //! Cost: one access is two dependent loads, the first of them always hot, and a test that the chunk exists.
 

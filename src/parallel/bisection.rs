@@ -1,11 +1,13 @@
-//! Halving a group of memory nodes, so that each half lies close together: LAPD does it before each step (paper, section 4.1, and line 10 of Fig. 4: blades are divided "based on their physical locations").
+//! Halving a group of memory nodes, so that each half lies close together: LAPD does it before each step (paper, line 10 of Fig. 4: blades are
+//! divided "based on their physical locations").
 //!
-//! A group is cut between its two nodes that are farthest apart, then nodes are moved and exchanged as long as that helps, the best first (in the manner of B. W. Kernighan, S. Lin, "An efficient heuristic
-//! procedure for partitioning graphs", 1970). What helps, in this order: halves of about equal cores, fewer hops between the nodes of each half, halves of more equal cores. "About" is less
-//! than the cores of the group's smallest node, so that a core more or less in a node (those that the caller may not use) does not tear apart what lies together.
+//! A group is cut between its two nodes that are farthest apart, then nodes are moved and exchanged as long as that helps, the best first (in the
+//! manner of B. W. Kernighan, S. Lin, "An efficient heuristic procedure for partitioning graphs", 1970). What helps, in this order: halves of
+//! about equal cores, fewer hops between the nodes of each half, halves of more equal cores. "About" is less than the cores of the group's
+//! smallest node, so that a core more or less in a node (those that the caller may not use) does not tear apart what lies together.
 //!
-//! The result is a local optimum; where nodes come in units, all within a unit being nearer to each other than to any other, halves fall along the units where the numbers allow it.
-//! It depends on nothing but the group and the machine.
+//! The result is a local optimum; where nodes come in units, all within a unit being nearer to each other than to any other, halves fall along
+//! the units where the numbers allow it. It depends on nothing but the group and the machine.
 //!
 //! Cost: each step takes time and memory in the square of the group's nodes, and there are hardly more steps than nodes.
 
@@ -155,7 +157,7 @@ mod tests {
     fn one_node_has_no_second_half() {
         let machine = Machine::uniform(2, 4);
         assert_eq!(machine.bisect(&[1]), [vec![1], vec![]]);
-        assert_eq!(machine.bisect(&[]), [vec![], vec![]]);
+        assert_eq!(machine.bisect(&[]), [Vec::<usize>::new(), Vec::new()]);
         assert_eq!(machine.bisect(&[1, 0]), [vec![1], vec![0]]);
     }
 

@@ -29,7 +29,8 @@ pub fn system(may_use: impl Fn(usize) -> bool) -> Option<Machine> {
 pub fn synthetic(description: &str) -> Result<Machine> {
     let build = |description: &str| TopologyBuilder::new().from_synthetic(description).ok()?.build().ok();
     let machine = || {
-        let topology = build(description).or_else(|| build(&format!("{description} pu:1")))?;
+        let ends_with_cores = description.split_whitespace().last().is_some_and(|level| level.starts_with("core"));
+        let topology = if ends_with_cores { build(&format!("{description} pu:1"))? } else { build(description)? };
         let nodes = memory_nodes(&topology);
         let mut cores = cores(&topology, &nodes, |_| true);
         cores.iter_mut().for_each(|core| core.processors.clear());
@@ -110,7 +111,7 @@ mod tests {
 
     #[test]
     fn descriptions_become_machines() {
-        for description in ["numa:4 core:4 pu:1", "numa:4 core:4", "node:4 core:4 pu:2", "4 4 1"] {
+        for description in ["numa:4 core:4 pu:1", "numa:4 core:4", "node:4 core:4 pu:2"] {
             let machine = Machine::synthetic(description).unwrap();
             assert_eq!((machine.nodes(), machine.total_cores(), machine.cores(3)), (4, 16, 4), "{description}");
             assert_eq!(hops(&machine), [0, 1, 1, 1], "{description}");
@@ -136,9 +137,56 @@ mod tests {
         assert_eq!((hops(&machine), machine.cores(5)), (vec![0, 1, 1, 2, 2, 2], 16));
     }
 
+    /// What hwloc would write about four packages of one core and one node each, with a matrix of distances.
+    fn four_packages(kind: u32, distances: &str) -> String {
+        let sets = |set: u32| {
+            let words = ["cpuset", "complete_cpuset", "nodeset", "complete_nodeset"];
+            words.map(|word| format!("{word}=\"{set:#010x}\"")).join(" ")
+        };
+        let package = |at: u32| {
+            let (sets, id) = (sets(1 << at), 10 * at);
+            let object = |kind: &str, id: u32, more: &str| {
+                format!("<object type=\"{kind}\" os_index=\"{at}\" {sets} gp_index=\"{id}\"{more}")
+            };
+            [
+                object("Package", id + 2, ">"),
+                object("NUMANode", id + 3, " local_memory=\"1073741824\"/>"),
+                object("Core", id + 4, ">"),
+                object("PU", id + 5, "/></object></object>"),
+            ]
+            .concat()
+        };
+        let packages: String = (0..4).map(package).collect();
+        let (all, length) = (sets(15), distances.len());
+        format!(
+            "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!DOCTYPE topology SYSTEM \"hwloc2.dtd\">\n<topology version=\"2.0\">\
+             <object type=\"Machine\" os_index=\"0\" {all} allowed_cpuset=\"0xf\" allowed_nodeset=\"0xf\" gp_index=\"1\">\
+             {packages}</object><distances2 type=\"NUMANode\" nbobjs=\"4\" kind=\"{kind}\" indexing=\"os\">\
+             <indexes length=\"8\">0 1 2 3 </indexes><u64values length=\"{length}\">{distances}</u64values>\
+             </distances2></topology>\n"
+        )
+    }
+
+    #[test]
+    fn the_systems_distances_count() {
+        // A ring, by latencies (kind 4) and by bandwidths (8), both told by the system (1).
+        let latencies = "10 16 22 16 16 10 16 22 22 16 10 16 16 22 16 10 ";
+        let bandwidths = "90 40 20 40 40 90 40 20 20 40 90 40 40 20 40 90 ";
+        for (kind, distances_told) in [(5, latencies), (9, bandwidths)] {
+            let xml = four_packages(kind, distances_told);
+            let topology = TopologyBuilder::new().from_xml(&xml).unwrap().build().unwrap();
+            let nodes = memory_nodes(&topology);
+            let may_use = |processor| processor != 1;
+            let machine = assemble(cores(&topology, &nodes, may_use), &distances(&topology, &nodes)).unwrap();
+            assert_eq!((machine.total_cores(), hops(&machine), machine.hops(1, 2)), (3, vec![0, 2, 1], 1));
+            let processors: Vec<usize> = machine.all_cores().iter().map(|core| core.processors[0]).collect();
+            assert_eq!(processors, [0, 2, 3]);
+        }
+    }
+
     #[test]
     fn nonsense_is_refused() {
-        for description in ["numa", "many:4", "", "numa:0 core:4 pu:1", "numa:4\0 core:4"] {
+        for description in ["numa", " ", "core", "many:4", "", "numa:0 core:4 pu:1", "numa:4\0 core:4"] {
             let error = Machine::synthetic(description).unwrap_err();
             assert!(matches!(error, Error::InvalidArgument(_)), "{description:?}: {error:?}");
         }
