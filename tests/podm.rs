@@ -6,185 +6,26 @@
 //! With the feature `force-conflicts` the same tests run while locks are refused at random at every step of an operation. `LAPD_STRESS_RUNS` is the number of
 //! runs of the stress test, for builds that are slow (`verification/run.sh`).
 
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+mod refining;
+
 use std::time::{Duration, Instant};
 
-use glam::DVec3;
 use lapd::Error;
-use lapd::delaunay::Triangulation;
-use lapd::image::LabelImage;
-use lapd::image::phantom::*;
-use lapd::mesh::certificate::Certificate;
-use lapd::mesh::extract::extract;
-use lapd::mesh::quality::Quality;
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::mesh_image;
 use lapd::monitor::{CancelFlag, Monitor, Phase, Progress};
-use lapd::oracle::Oracle;
 use lapd::parallel::machine::Machine;
 use lapd::params::{Begging, Contention, MeshParams};
 use lapd::refine::activity::Overhead;
-use lapd::refine::podm::Refinement;
-use lapd::refine::rules::Rules;
 use lapd::refine::team::{Limits, Schedule};
-use lapd::refine::{refine, unmet_rules};
+use refining::*;
 
 /// Runs of the stress test, all with several threads.
 const RUNS: usize = 200;
-/// Seconds that a test may take, however slow the build; beyond, its threads hang.
-const PATIENCE: u64 = 1500;
-
-const MANAGERS: [Contention; 4] = [Contention::Local, Contention::Global, Contention::Random, Contention::Aggressive];
 const SCHEMES: [Begging; 2] = [Begging::ByLevel, Begging::Flat];
-
-/// Ends the process when it is not dropped in time: threads that hang cannot be ended otherwise.
-struct Watchdog {
-    _alive: Sender<()>,
-}
-
-impl Watchdog {
-    fn new(test: &'static str) -> Self {
-        let (alive, ended) = channel();
-        std::thread::spawn(move || {
-            if ended.recv_timeout(Duration::from_secs(PATIENCE)) == Err(RecvTimeoutError::Timeout) {
-                eprintln!("{test}: not ended after {PATIENCE} s");
-                std::process::abort();
-            }
-        });
-        Self { _alive: alive }
-    }
-}
-
-/// An image and how it is meshed.
-struct Subject {
-    name: &'static str,
-    image: LabelImage,
-    oracle: Oracle,
-    params: MeshParams,
-}
-
-impl Subject {
-    fn new(name: &'static str, image: LabelImage, delta: f64) -> Self {
-        let params = MeshParams { delta, size: 2.0 * delta, ..MeshParams::default() };
-        let oracle = Oracle::new(&image, params.surface, &|| Ok(())).unwrap();
-        Self { name, image, oracle, params }
-    }
-}
-
-/// Rows of labels, cut by the border of the image, with a corner in between: every rule has work here.
-fn busy_image(dims: usize) -> LabelImage {
-    let radius = 0.45 * dims as f64;
-    let shells = nested_shells([dims; 3], [1.0, 0.9, 1.1], &[0.5 * radius, radius]).unwrap();
-    LabelImage::from_fn(shells.dims(), *shells.frame(), |p: DVec3| match p.length() {
-        r if r <= 0.5 * radius => 1,
-        r if r <= radius => 2 + i32::from(p.x > 0.0) + 2 * i32::from(p.y > 1.0),
-        _ => 6 * i32::from(p.z > 0.8 * radius),
-    })
-    .unwrap()
-}
-
-fn small_subjects() -> Vec<Subject> {
-    vec![
-        Subject::new("busy", busy_image(18), 1.3),
-        Subject::new("four labels", four_labels_at_a_point([16; 3], [1.0, 1.1, 0.9], 6.0).unwrap(), 1.0),
-        Subject::new("torus", torus([28, 28, 12], [1.0; 3], 8.0, 3.0).unwrap(), 1.2),
-        Subject::new("sheet", thin_sheet([24, 24, 8], [1.0; 3], 18.0, 2.0).unwrap(), 1.0),
-        // Samples enough for several threads to insert at once.
-        Subject::new("eight labels", eight_labels_at_a_point([24; 3], [1.0; 3], 10.0).unwrap(), 0.8),
-    ]
-}
-
-/// Samples enough for four threads.
-fn sampled_subject() -> Subject {
-    let shells = nested_shells([48; 3], [1.0; 3], &[11.0, 21.0]).unwrap();
-    let subject = Subject::new("shells", shells, 0.5);
-    Subject { params: MeshParams { size: 4.0, ..subject.params }, ..subject }
-}
-
-/// Every rule has work for many threads.
-fn large_subject() -> Subject {
-    Subject::new("large", busy_image(44), 0.8)
-}
-
-/// What a run made.
-struct Outcome {
-    refinement: Refinement,
-    seconds: f64,
-    vertices: u64,
-    certificate: Certificate,
-    quality: Quality,
-}
-
-impl Outcome {
-    fn overhead(&self) -> Overhead {
-        let mut sum = Overhead::default();
-        self.refinement.threads.iter().for_each(|thread| sum.add(&thread.overhead));
-        sum
-    }
-}
-
-/// Refines under `schedule` and asserts all that holds for every run; `complete`: no limit ends it.
-fn outcome(subject: &Subject, schedule: &Schedule, complete: bool) -> Outcome {
-    let Subject { name, image, oracle, params } = subject;
-    let what = format!("{name}, {} threads, {:?}, {:?}", schedule.threads, schedule.contention, schedule.begging);
-    let monitor = Monitor::silent();
-    let [lower, upper] = oracle.bounds();
-    let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
-    let rules = Rules::new(&triangulation, oracle, params, image.labels()).unwrap();
-    let clock = Instant::now();
-    let refinement = refine(&rules, schedule, &monitor).unwrap_or_else(|e| panic!("{what}: {e}"));
-    let seconds = clock.elapsed().as_secs_f64();
-    let check = triangulation.check();
-    assert!(check.is_sound(), "{what}: {check:?}");
-    assert_eq!(triangulation.left_over(), 0, "{what}: vertices owned or tets marked");
-    let counters = refinement.counters;
-    assert_eq!(counters.insertions - counters.removals, check.vertices - 8, "{what}: vertices are lost");
-    assert_eq!(refinement.ended_by.is_none(), complete, "{what}: {:?}", refinement.ended_by);
-    let unmet = unmet_rules(&rules, &monitor).unwrap();
-    assert!(!complete || unmet == [0; 6], "{what}: unmet {unmet:?}");
-    let mesh = extract(&triangulation, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
-    let certificate = Certificate::measure(&mesh, image, check.non_delaunay_facets, unmet, &monitor).unwrap();
-    let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
-    assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");
-    let quality = Quality::measure(&mesh, &monitor).unwrap();
-    if complete {
-        let rounding = 1.0 + 1e-9;
-        assert!(quality.max_radius_edge <= params.radius_edge * rounding, "{what}: ratio {}", quality.max_radius_edge);
-        assert!(quality.max_circumradius <= params.size * rounding, "{what}: radius {}", quality.max_circumradius);
-        assert!(quality.min_facet_angle >= params.facet_angle - 1e-6, "{what}: angle {}", quality.min_facet_angle);
-    }
-    Outcome { refinement, seconds, vertices: check.vertices - 8, certificate, quality }
-}
 
 fn team(threads: usize, contention: Contention, begging: Begging) -> Schedule {
     // Two nodes, so that begging has levels.
     Schedule { threads, contention, begging, machine: Machine::uniform(2, threads.div_ceil(2)), ..Schedule::solo() }
-}
-
-/// Asserts that two meshes of one image are as good as each other. Vertex counts within `spread`; volumes within a percent of the label's, or the volume of a few
-/// tets where it is small; the largest distances within `largest`, of a voxel, their means within a tenth.
-fn assert_alike(name: &str, one: &Outcome, other: &Outcome, spread: f64, largest: f64) {
-    let ratio = other.vertices as f64 / one.vertices as f64;
-    assert!((ratio - 1.0).abs() < spread, "{name}: {} vertices, {} with one thread", other.vertices, one.vertices);
-    let (a, b) = (&one.certificate, &other.certificate);
-    assert_eq!(a.labels.len(), b.labels.len(), "{name}");
-    for (a, b) in a.labels.iter().zip(&b.labels) {
-        let difference = (a.mesh_volume - b.mesh_volume).abs();
-        assert!(
-            difference < 0.01 * a.mesh_volume + 4.0,
-            "{name}, label {}: {} and {}",
-            a.label,
-            a.mesh_volume,
-            b.mesh_volume
-        );
-    }
-    for (what, a, b, bound) in [
-        ("mesh to image", a.hausdorff_mesh_to_image, b.hausdorff_mesh_to_image, largest),
-        ("image to mesh", a.hausdorff_image_to_mesh, b.hausdorff_image_to_mesh, largest),
-        ("mean, mesh to image", a.mean_mesh_to_image, b.mean_mesh_to_image, 0.1),
-        ("mean, image to mesh", a.mean_image_to_mesh, b.mean_image_to_mesh, 0.1),
-    ] {
-        assert!((a - b).abs() < bound, "{name}, {what}: {a} and {b}");
-    }
 }
 
 #[test]
@@ -325,16 +166,8 @@ fn limits_of_time_and_memory_end_all_threads() {
     }
 }
 
-/// Meshes the large subject with four threads; the callback is called on any of them.
-fn mesh_reporting(
-    report: &mut (dyn FnMut(Progress) -> bool + Send),
-    flag: &CancelFlag,
-) -> (Result<Meshing, Error>, f64) {
-    let Subject { image, params, .. } = large_subject();
-    let params = MeshParams { threads: 4, delta: 0.5 * params.delta, size: params.delta, ..params };
-    let mut report = |progress| report(progress);
-    let clock = Instant::now();
-    (mesh_image(&image, &params, &Monitor::new(Some(&mut report), Some(flag))), clock.elapsed().as_secs_f64())
+fn four_threads() -> MeshParams {
+    MeshParams { threads: 4, ..MeshParams::default() }
 }
 
 #[test]
@@ -351,7 +184,7 @@ fn a_cancel_ends_all_threads() {
             }
             true
         };
-        let (result, _) = mesh_reporting(&mut raise, &flag);
+        let (result, _) = mesh_reporting(four_threads(), &mut raise, &flag);
         let took = asked.expect("refinement reports often enough").elapsed();
         assert!(matches!(result, Err(Error::Cancelled)));
         assert!(took < Duration::from_secs(1), "{took:?} to cancel after {calls_before} reports");
@@ -398,7 +231,7 @@ fn a_panic_in_a_worker_ends_all_threads() {
         }
         true
     };
-    let (result, _) = mesh_reporting(&mut panics, &CancelFlag::default());
+    let (result, _) = mesh_reporting(four_threads(), &mut panics, &CancelFlag::default());
     let took = at.expect("a worker reports sooner or later").elapsed();
     match result {
         Err(Error::Internal(line)) => assert!(line.contains("the host's own bug"), "{line}"),
