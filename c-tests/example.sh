@@ -72,10 +72,10 @@ expect 2 2 box.nrrd -o a.vtu --threads -1
 expect 2 2 box.nrrd -o a.vtu --threads 2x
 expect 2 2 box.nrrd -o a.vtu --contention never
 expect 2 2 box.nrrd -o a.vtu --begging nobody
+expect 2 2 box.nrrd -o a.vtu --algorithm other
 expect 2 2 box.nrrd -o a.vtu --timeline
 expect 2 2 box.nrrd -o a.vtu --topology 'many:2'
 # Options of later versions are refused, not ignored.
-expect 2 2 box.nrrd -o a.vtu --algorithm lapd
 expect 2 2 box.nrrd -o a.vtu --optimize
 [ ! -e a.vtu ] || fail "bad usage wrote a mesh"
 
@@ -115,6 +115,8 @@ for contention in local global random aggressive; do
     expect 0 0 box.nrrd -o t.vtu --threads 3 --contention $contention --begging flat --quiet
 done
 expect 0 0 box.nrrd -o t.vtu --threads 3 --bind --topology '' --quiet
+expect 0 0 box.nrrd --report l.json --threads 3 --algorithm lapd --count-accesses --delta 0.3
+grep -q "accesses to other nodes' memory" out || fail "the table says nothing about accesses: $(cat out)"
 expect 0 0 box.nrrd --report t.json --timeline timeline.json --threads 2 --delta 0.3
 grep -q '^2 threads$' out && grep -q 'rollbacks [0-9]*, .* % of operations' out && grep -q 'time lost' out ||
     fail "the table says nothing about 2 threads: $(cat out)"
@@ -134,7 +136,7 @@ def load(name):
     with open(name, encoding="utf-8") as file:
         return json.load(file)
 
-odd, keep, background, memory, threads = (load(name + ".json") for name in "odd k g m t".split())
+odd, keep, background, memory, threads, lapd = (load(name + ".json") for name in "odd k g m t l".split())
 assert odd["input"] == 'odd "name" \\ \t \u00e4 \ufffd.nrrd', odd["input"]
 keys = """version input delta size threads algorithm tets vertices interface_facets all_tets peak_rss_bytes oracle_bytes seconds operations
 overhead thread_reports quality certificate labels""".split()
@@ -144,7 +146,7 @@ inner = {
     "operations": """insertions removals rollbacks exact_predicates in_sphere_tests tets_created cavity_tets looks label_lookups
 crossing_lookups by_rule insertions_per_vertex removals_per_vertex mean_cavity exact_share looks_per_tet lookups_per_tet""",
     "overhead": """rollback_s contention_s idle_s rollbacks_by_rule stale waits begs gifts remote_s remote_accesses
-local_accesses""",
+local_accesses access_hops""",
     "quality": "min_dihedral max_dihedral max_radius_edge min_facet_angle dihedral_histogram",
     "certificate": "non_delaunay_facets inverted_tets hausdorff_mesh_to_image hausdorff_image_to_mesh unmet",
 }
@@ -162,6 +164,11 @@ assert 1 << 20 < peaks[0] <= peaks[1] <= peaks[2] <= memory["peak_rss_bytes"], m
 assert memory["memory_bytes"]["read"] > 1 << 20, memory
 assert [row["label"] for row in keep["labels"]] == [2], keep["labels"]
 assert background["all_tets"] >= background["tets"] > 0
+
+# Accesses are counted where asked for; on one memory node there are none to others.
+assert lapd["algorithm"] == "lapd" and lapd["overhead"]["local_accesses"] > lapd["operations"]["in_sphere_tests"]
+assert lapd["overhead"]["local_accesses"] == sum(thread["local_accesses"] for thread in lapd["thread_reports"])
+assert threads["overhead"]["local_accesses"] == threads["overhead"]["remote_accesses"] == 0
 
 # What single threads did sums up.
 assert len(odd["thread_reports"]) == 1 and not any(odd["overhead"][name] for name in "rollback_s waits begs gifts".split())

@@ -161,7 +161,8 @@ static void choice_parameters(void) {
         int32_t known, supported;
     } table[] = {{lapd_params_set_surface, lapd_params_get_surface, 2, 2},
                  {lapd_params_set_background, lapd_params_get_background, 2, 2},
-                 {lapd_params_set_algorithm, lapd_params_get_algorithm, 2, 1},
+                 {lapd_params_set_algorithm, lapd_params_get_algorithm, 2, 2},
+                 {lapd_params_set_count_accesses, lapd_params_get_count_accesses, 2, 2},
                  {lapd_params_set_contention, lapd_params_get_contention, 4, 4},
                  {lapd_params_set_begging, lapd_params_get_begging, 2, 2},
                  {lapd_params_set_bind, lapd_params_get_bind, 2, 2},

@@ -38,12 +38,13 @@ static const char USAGE[] =
     "  --radius-edge R      largest circumradius over shortest edge; at least 2, default 2\n"
     "  --facet-angle DEG    smallest angle of interface facets; at most 30, default 30\n"
     "  --threads N          threads of the run; default 1, which makes the same mesh each time\n"
-    "  --algorithm NAME     podm | lapd; this version has podm\n"
+    "  --algorithm NAME     podm | lapd, with a region for the threads of each memory node; default podm\n"
     "  --contention NAME    what threads do after conflicts: local | global | random | aggressive; default local\n"
     "  --begging NAME       whom threads without work ask first: levels | flat; default levels\n"
     "  --topology TEXT      the machine that threads are taken to run on, as a synthetic description of hwloc's,\n"
     "                       such as 'numa:4 core:4 pu:1'; needs a library with the feature hwloc\n"
     "  --bind               bind each thread to a core\n"
+    "  --count-accesses     report how much of the memory that threads visit is that of other memory nodes\n"
     "  --keep L,L,...       mesh these labels only\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
     "  --surface NAME       smooth | voxel; default smooth\n"
@@ -318,6 +319,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             status = lapd_params_set_background(context, params, 1);
         } else if (strcmp(option, "--partial") == 0) {
             status = lapd_params_set_partial(context, params, 1);
+        } else if (strcmp(option, "--count-accesses") == 0) {
+            status = lapd_params_set_count_accesses(context, params, 1);
         } else if (strcmp(option, "--bind") == 0) {
             status = lapd_params_set_bind(context, params, 1);
         } else if (strcmp(option, "--optimize") == 0) {

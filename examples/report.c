@@ -143,6 +143,12 @@ void print_table(const summary *s, const file_seconds *seconds) {
         printf("  time lost in refinement: %.2f %% rolled back, %.2f %% waiting after conflicts, %.2f %% idle\n",
                100 * ratio(all->rollback_seconds, seconds_of_all), 100 * ratio(all->contention_seconds, seconds_of_all),
                100 * ratio(all->idle_seconds, seconds_of_all));
+        const double accesses = (double)(all->local_accesses + all->remote_accesses);
+        if (accesses > 0) {
+            printf("  accesses to other nodes' memory: %.2f %%, %.2f hops each\n",
+                   100 * (double)all->remote_accesses / accesses,
+                   ratio((double)all->access_hops, (double)all->remote_accesses));
+        }
     }
 }
 
@@ -220,6 +226,9 @@ static void json_overhead(FILE *file, const lapd_thread_report *thread) {
     json_count(file, ", ", "waits", thread->waits);
     json_count(file, ", ", "begs", thread->begs);
     json_count(file, ", ", "gifts", thread->gifts);
+    json_count(file, ", ", "local_accesses", thread->local_accesses);
+    json_count(file, ", ", "remote_accesses", thread->remote_accesses);
+    json_count(file, ", ", "access_hops", thread->access_hops);
 }
 
 uint64_t peak_memory(void) {
@@ -247,13 +256,16 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     lapd_params_get_delta(params, &delta);
     lapd_params_get_size(params, &size);
     lapd_params_get_threads(params, &threads);
+    int32_t algorithm = LAPD_ALGORITHM_PODM;
+    lapd_params_get_algorithm(params, &algorithm);
 
     fprintf(f, "{\n  \"version\": \"%s\",\n  \"input\": ", lapd_version());
     json_string(f, o->input);
     json_number(f, ",\n  ", "delta", delta);
     json_number(f, ",\n  ", "size", size);
     json_count(f, ",\n  ", "threads", threads);
-    fputs(",\n  \"algorithm\": \"podm\",\n  \"limit_reached\": ", f);
+    fprintf(f, ",\n  \"algorithm\": \"%s\"", algorithm == LAPD_ALGORITHM_LAPD ? "lapd" : "podm");
+    fputs(",\n  \"limit_reached\": ", f);
     if (s->limit_reached != LAPD_OK) {
         json_string(f, lapd_status_name(s->limit_reached));
     } else {
@@ -308,8 +320,8 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
                 ratio((double)(s->operations.label_lookups + s->operations.crossing_lookups), tets));
     fputs("},\n  \"overhead\": {", f);
     json_overhead(f, &s->all_threads);
-    /* This version does not count accesses to memory of other processors, as above. */
-    fputs(", \"remote_s\": 0, \"remote_accesses\": 0, \"local_accesses\": 0},\n  \"thread_reports\": [", f);
+    /* Accesses to memory of other nodes are counted, if asked for, and not timed. */
+    fputs(", \"remote_s\": 0},\n  \"thread_reports\": [", f);
     for (size_t i = 0; i < s->thread_count; i++) {
         json_count(f, i > 0 ? ",\n    {" : "\n    {", "insertions", s->threads[i].insertions);
         json_count(f, ", ", "removals", s->threads[i].removals);

@@ -60,7 +60,7 @@ typedef enum {
    */
   LAPD_ERROR_INVALID_ARGUMENT = 1,
   /**
-   * The value exists in this interface, but not yet in this version of the library.
+   * The value exists in this interface, but not yet in this version of the library, in this build, or on this system.
    */
   LAPD_ERROR_UNSUPPORTED = 2,
   /**
@@ -202,11 +202,12 @@ typedef enum {
  */
 typedef enum {
   /**
-   * Speculative refinement of one triangulation. The default.
+   * Speculative refinement of one triangulation by all threads, each where it comes to. The default.
    */
   LAPD_ALGORITHM_PODM = 0,
   /**
-   * Refinement of locally owned blocks. Not in this version.
+   * The same, with a region for the threads of each memory node, whose memory they visit most of the time. On a machine of one memory node
+   * the same as LAPD_ALGORITHM_PODM.
    */
   LAPD_ALGORITHM_LAPD = 1,
 } lapd_algorithm;
@@ -595,6 +596,18 @@ typedef struct {
    * How often it gave work to another thread.
    */
   uint64_t gifts;
+  /**
+   * Tets and vertices that its operations visited in the memory of its own node; 0 where accesses were not counted (lapd_params_set_count_accesses).
+   */
+  uint64_t local_accesses;
+  /**
+   * Those that they visited in the memory of other nodes.
+   */
+  uint64_t remote_accesses;
+  /**
+   * The hops to other nodes' memory, summed up over all accesses.
+   */
+  uint64_t access_hops;
 } lapd_thread_report;
 
 #ifdef __cplusplus
@@ -1054,10 +1067,10 @@ lapd_status lapd_params_get_partial(const lapd_params *params,
                                     int32_t *partial);
 
 /**
- * Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only. No other thread may use `params` or the context
- * meanwhile.
+ * Sets the algorithm, a lapd_algorithm. Which memory nodes there are is read from the machine, or given by lapd_params_set_topology.
+ * No other thread may use `params` or the context meanwhile.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
  */
 lapd_status lapd_params_set_algorithm(lapd_context *context,
                                       lapd_params *params,
@@ -1142,7 +1155,7 @@ lapd_status lapd_params_set_begging(lapd_context *context,
 lapd_status lapd_params_get_begging(const lapd_params *params, int32_t *begging);
 
 /**
- * Sets the machine that the threads are taken to run on, for LAPD_BEGGING_BY_LEVEL, by one of hwloc's synthetic descriptions, such as
+ * Sets the machine that the threads are taken to run on, for LAPD_ALGORITHM_LAPD and LAPD_BEGGING_BY_LEVEL, by one of hwloc's synthetic descriptions, such as
  * "numa:4 core:4 pu:1": four memory nodes of four cores each. An empty text (the default) means the machine at hand.
  *
  * It serves tests and planning. The text is copied. No other thread may use `params` or the context meanwhile.
@@ -1185,6 +1198,23 @@ lapd_status lapd_params_set_bind(lapd_context *context,
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_bind(const lapd_params *params, int32_t *bind);
+
+/**
+ * Whether to count, for lapd_mesh_get_thread_report, the tets and vertices that each thread visits in the memory of its own and of other
+ * nodes (1), or not (0, the default). Counting takes some percent of the time. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+ */
+lapd_status lapd_params_set_count_accesses(lapd_context *context,
+                                           lapd_params *params,
+                                           int32_t count_accesses);
+
+/**
+ * Whether accesses are counted, 1 or 0. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_count_accesses(const lapd_params *params, int32_t *count_accesses);
 
 /**
  * Whether to keep what each thread did when (1), for lapd_mesh_write_timeline, or not (0, the default). It takes memory while the mesh

@@ -407,6 +407,9 @@ class params {
     params &set_topology(const std::string &description) {
         return set(lapd_params_set_topology, description.c_str());
     }
+    params &set_count_accesses(bool count_accesses) {
+        return set(lapd_params_set_count_accesses, count_accesses);
+    }
     params &set_bind(bool bind) {
         return set(lapd_params_set_bind, bind);
     }
@@ -472,6 +475,9 @@ class params {
     }
     std::string topology() const {
         return value<const char *>(lapd_params_get_topology);
+    }
+    bool count_accesses() const {
+        return value<std::int32_t>(lapd_params_get_count_accesses) != 0;
     }
     bool bind() const {
         return value<std::int32_t>(lapd_params_get_bind) != 0;

@@ -7,7 +7,7 @@ use std::ffi::CString;
 use super::boundary::{Failure, Out, Outcome, borrow, borrow_mut, slice, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::status::lapd_status;
-use crate::params::{MeshParams, SurfaceModel};
+use crate::params::{Algorithm, MeshParams, SurfaceModel};
 
 /// Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a run takes a copy.
 pub struct lapd_params {
@@ -30,9 +30,10 @@ pub enum lapd_surface {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_algorithm {
-    /// Speculative refinement of one triangulation. The default.
+    /// Speculative refinement of one triangulation by all threads, each where it comes to. The default.
     LAPD_ALGORITHM_PODM = 0,
-    /// Refinement of locally owned blocks. Not in this version.
+    /// The same, with a region for the threads of each memory node, whose memory they visit most of the time. On a machine of one memory node
+    /// the same as LAPD_ALGORITHM_PODM.
     LAPD_ALGORITHM_LAPD = 1,
 }
 
@@ -514,10 +515,10 @@ pub unsafe extern "C" fn lapd_params_get_partial(params: *const lapd_params, par
     unsafe { read(params, partial, "partial", |p| i32::from(p.partial)) }
 }
 
-/// Sets the algorithm, a lapd_algorithm. This version has LAPD_ALGORITHM_PODM only. No other thread may use `params` or the context
-/// meanwhile.
+/// Sets the algorithm, a lapd_algorithm. Which memory nodes there are is read from the machine, or given by lapd_params_set_topology.
+/// No other thread may use `params` or the context meanwhile.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown; LAPD_ERROR_UNSUPPORTED.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_set_algorithm(
     context: *mut lapd_context,
@@ -526,12 +527,13 @@ pub unsafe extern "C" fn lapd_params_set_algorithm(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        change(context, params, |_| match algorithm {
-            a if a == lapd_algorithm::LAPD_ALGORITHM_PODM as i32 => Ok(()),
-            a if a == lapd_algorithm::LAPD_ALGORITHM_LAPD as i32 => {
-                Err(unsupported("algorithm lapd: this version refines with podm only"))
-            }
-            _ => Err(unknown("algorithm", "a lapd_algorithm", algorithm)),
+        change(context, params, |p| {
+            p.algorithm = match algorithm {
+                a if a == lapd_algorithm::LAPD_ALGORITHM_PODM as i32 => Algorithm::Podm,
+                a if a == lapd_algorithm::LAPD_ALGORITHM_LAPD as i32 => Algorithm::Lapd,
+                _ => return Err(unknown("algorithm", "a lapd_algorithm", algorithm)),
+            };
+            Ok(())
         })
     }
 }
@@ -542,7 +544,12 @@ pub unsafe extern "C" fn lapd_params_set_algorithm(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_get_algorithm(params: *const lapd_params, algorithm: *mut i32) -> lapd_status {
     // SAFETY: see the module's head.
-    unsafe { read(params, algorithm, "algorithm", |_| lapd_algorithm::LAPD_ALGORITHM_PODM as i32) }
+    unsafe {
+        read(params, algorithm, "algorithm", |p| match p.algorithm {
+            Algorithm::Podm => lapd_algorithm::LAPD_ALGORITHM_PODM as i32,
+            Algorithm::Lapd => lapd_algorithm::LAPD_ALGORITHM_LAPD as i32,
+        })
+    }
 }
 
 /// Whether to optimise the mesh after refinement (1) or not (0). This version does not. No other thread may use `params` or the

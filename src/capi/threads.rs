@@ -150,7 +150,7 @@ pub unsafe extern "C" fn lapd_params_get_begging(params: *const lapd_params, beg
     }
 }
 
-/// Sets the machine that the threads are taken to run on, for LAPD_BEGGING_BY_LEVEL, by one of hwloc's synthetic descriptions, such as
+/// Sets the machine that the threads are taken to run on, for LAPD_ALGORITHM_LAPD and LAPD_BEGGING_BY_LEVEL, by one of hwloc's synthetic descriptions, such as
 /// "numa:4 core:4 pu:1": four memory nodes of four cores each. An empty text (the default) means the machine at hand.
 ///
 /// It serves tests and planning. The text is copied. No other thread may use `params` or the context meanwhile.
@@ -229,6 +229,37 @@ pub unsafe extern "C" fn lapd_params_set_bind(
 pub unsafe extern "C" fn lapd_params_get_bind(params: *const lapd_params, bind: *mut i32) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, bind, "bind", |p| i32::from(p.bind)) }
+}
+
+/// Whether to count, for lapd_mesh_get_thread_report, the tets and vertices that each thread visits in the memory of its own and of other
+/// nodes (1), or not (0, the default). Counting takes some percent of the time. No other thread may use `params` or the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_count_accesses(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    count_accesses: i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.count_accesses = flag(count_accesses, "count_accesses")?;
+            Ok(())
+        })
+    }
+}
+
+/// Whether accesses are counted, 1 or 0. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_count_accesses(
+    params: *const lapd_params,
+    count_accesses: *mut i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, count_accesses, "count_accesses", |p| i32::from(p.count_accesses)) }
 }
 
 /// Whether to keep what each thread did when (1), for lapd_mesh_write_timeline, or not (0, the default). It takes memory while the mesh
