@@ -165,7 +165,7 @@ assert memory["memory_bytes"]["read"] > 1 << 20, memory
 assert [row["label"] for row in keep["labels"]] == [2], keep["labels"]
 assert background["all_tets"] >= background["tets"] > 0
 
-# Accesses are counted where asked for; on one memory node there are none to others.
+# Accesses are counted where asked for.
 assert lapd["algorithm"] == "lapd" and lapd["overhead"]["local_accesses"] > lapd["operations"]["in_sphere_tests"]
 assert lapd["overhead"]["local_accesses"] == sum(thread["local_accesses"] for thread in lapd["thread_reports"])
 assert threads["overhead"]["local_accesses"] == threads["overhead"]["remote_accesses"] == 0
