@@ -2,8 +2,8 @@
 # Checks of the parallel code that take longer than tests, or need more than a stable toolchain:
 #
 #   loom        models of locks, contention, begging and the end, in all orders of steps (verification/loom)
-#   conflicts   tests/podm.rs with locks that refuse at random, at every step of an operation
-#   sanitizer   tests/podm.rs under ThreadSanitizer, standard library included; needs its sources: rustup component add rust-src
+#   conflicts   tests/podm.rs and tests/lapd.rs with locks that refuse at random, at every step of an operation
+#   sanitizer   tests/podm.rs and tests/lapd.rs under ThreadSanitizer, standard library included; needs its sources: rustup component add rust-src
 #
 # Usage: sh verification/run.sh [PART...]; without arguments all. Ends with 0 if all passed. What was not checked is said in lines that start with SKIPPED.
 #
@@ -23,14 +23,14 @@ sanitizer() {
     host=$(rustc -vV | sed -n 's/^host: //p')
     # Times are compared in other builds.
     RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Zsanitizer=thread LAPD_STRESS_RUNS=60 CARGO_TARGET_DIR=target/sanitizer \
-        cargo test --locked -Zbuild-std --target "$host" --test podm -- --test-threads=1 --skip crawl
+        cargo test --locked -Zbuild-std --target "$host" --test podm --test lapd -- --test-threads=1 --skip crawl
 }
 
 for part in "$@"; do
     echo "== $part"
     case $part in
     loom) cargo test --locked --release --manifest-path verification/loom/Cargo.toml ;;
-    conflicts) cargo test --locked --features force-conflicts --test podm ;;
+    conflicts) cargo test --locked --features force-conflicts --test podm --test lapd ;;
     sanitizer) sanitizer ;;
     *)
         echo "run.sh: no part $part; there are loom, conflicts, sanitizer" >&2

@@ -1,5 +1,5 @@
 //! LAPD: the two-level, locality-aware algorithm, the paper's section 4. The region of each memory node is refined by PODM (`podm`) with the workers of that node; operations may cross the
-//! boundary of two regions, and nothing else passes from node to node.
+//! boundary of two regions, and what a tet demands beyond it is handed over.
 //!
 //! The paper refines in steps. In step 1 all workers refine the whole domain to the size r_1; in step i its 2^(i-2) subregions are bisected, so are the groups of memory nodes that refine
 //! them, and each group refines its half to r_i = r_(i-1) / 2. A group keeps the half that it holds. After 1 + log2(nodes) steps each node has a subregion of its own.
@@ -12,10 +12,10 @@
 //! The paper learns from the mesh of one step how to divide the next. Here the samples, and the volume of each label in each block, tell how many elements there will be, so all bisections are computed before
 //! the first tet is made (`partition`), and no group has to begin with a half that another one meshed. Then nothing is gained by working in common regions in the early rounds, and memory that others wrote would be left
 //! behind: each node works in its own region from the first round on that all workers share. Rounds before that are too small for all; one worker inserts them. [`Schedule::halving`] has the paper's scheme
-//! instead: the last round of samples is inserted node by node, the round before by pairs of nodes in the two regions of both, and so on. It visits twice as much remote memory (docs/design-notes.md).
+//! instead: the last round of samples is inserted node by node, the round before by pairs of nodes in the two regions of both, and so on. It visits up to twice as much remote memory (docs/design-notes.md).
 //!
 //! # Invariants
-//! - A vertex is inserted by a worker of the node in whose region it lies. Samples are dealt so. What a tet demands elsewhere is handed over to the node there: a circumcenter with its tet, a point of dO with
+//! - A vertex is inserted by a worker of the node in whose region it lies, but for the first samples. Samples are dealt so. What a tet demands elsewhere is handed over to the node there: a circumcenter with its tet, a point of dO with
 //!   what was seen about it, which is checked when it is carried out, as always (`Rules::still_demands`). The circumcenter of a tet between two surfaces is far from its facets, so this is not rare as long as tets are large.
 //! - Tets are assigned by circumcenter when all samples are in: every living tet is then in one list, that of the worker in whose region its circumcenter lies. A worker that makes a tet later keeps it.
 //! - Work is given away only within a node (`Levels::apart`).
@@ -33,11 +33,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::partition::{Blocks, Load, Partition};
-use super::rules::Rules;
+use super::pel::Gift;
+use super::rules::{Demand, Rules};
 use super::sampling::Samples;
 use super::team::{Schedule, TETS_PER_SAMPLE};
 use crate::Result;
-use crate::delaunay::TetStamp;
+use crate::delaunay::{TetStamp, VertexKind};
 use crate::memory::{reserve, room};
 use crate::parallel::stretches::Stretches;
 use crate::parallel::topology::Levels;
@@ -145,6 +146,45 @@ impl Regions {
     /// What was sent to a worker.
     pub fn receive(&self, worker: usize) -> Vec<Vec<TetStamp>> {
         std::mem::take(&mut lock(&self.parcels[worker]))
+    }
+}
+
+/// What a worker keeps for each other node, named by that node's first worker, until it is enough to be sent.
+#[derive(Default)]
+pub(super) struct Outbox(Vec<Gift>);
+
+/// Demands for the regions of one node that are enough.
+const PARCEL: usize = 32;
+
+impl Outbox {
+    /// Adds what a tet demands: a poor tet asks for its circumcenter, whenever it is asked; a point of dO was searched for. Returns whether there is enough for `host`.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn put(&mut self, host: usize, stamp: TetStamp, demand: &Demand) -> Result<bool> {
+        if self.0.len() <= host {
+            self.0.resize_with(host + 1, Gift::default);
+        }
+        let parcel = &mut self.0[host];
+        if demand.kind == VertexKind::Free {
+            reserve(&mut parcel.poor, 1, "tets of other regions")?;
+            parcel.poor.push(stamp);
+        } else {
+            reserve(&mut parcel.demands, 1, "demands of other regions")?;
+            parcel.demands.push((stamp, *demand));
+        }
+        Ok(parcel.poor.len() + parcel.demands.len() >= PARCEL)
+    }
+
+    /// Takes out what is kept for `host`, if anything.
+    pub fn take(&mut self, host: usize) -> Option<Gift> {
+        let parcel = std::mem::take(self.0.get_mut(host)?);
+        (parcel.poor.len() + parcel.demands.len() > 0).then_some(parcel)
+    }
+
+    /// All for whom something may be kept.
+    pub fn hosts(&self) -> Range<usize> {
+        0..self.0.len()
     }
 }
 

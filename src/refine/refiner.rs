@@ -14,6 +14,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::activity::{Accesses, Doing, Lost, Timeline};
+use super::lapd::Outbox;
 use super::pel::{Gift, Pel, Task};
 use super::rules::{Demand, Facets, Lookups, Rule, Rules};
 use super::team::Team;
@@ -28,9 +29,6 @@ use crate::{Error, Result};
 
 /// Steps between two looks at the cancel flag and the limits.
 pub(super) const LOOK_EVERY: u64 = 1024;
-
-/// Demands for the regions of one other node that a worker finds before it sends them there.
-const PARCEL: usize = 32;
 
 /// Entries that the list has room for at each look: more than the steps until the next one push, unless cavities are monstrous.
 const ROOM: usize = 64 * LOOK_EVERY as usize;
@@ -78,8 +76,7 @@ pub(super) struct Refiner<'t, 'a, A> {
     pub worker: Worker<A>,
     pel: Pel,
     near: Vec<VertexId>,
-    /// What is to be sent to each other node, by its first worker.
-    abroad: Vec<Gift>,
+    outbox: Outbox,
     /// Vertices that it may insert before it asks the team again.
     permits: u64,
     /// What it told the team of its tets and its memory.
@@ -100,7 +97,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             worker,
             pel: Pel::default(),
             near: Vec::new(),
-            abroad: Vec::new(),
+            outbox: Outbox::default(),
             permits: 0,
             told: (0, 0),
             streak: Streak::new(me),
@@ -120,7 +117,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             worker,
             pel,
             near,
-            abroad,
+            outbox,
             permits,
             told,
             streak,
@@ -137,7 +134,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             worker,
             pel,
             near,
-            abroad,
+            outbox,
             permits,
             told,
             streak,
@@ -273,7 +270,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         // The box has some that nobody created.
         let tets = self.worker.counters.created.saturating_sub(self.worker.counters.destroyed);
         self.pel.make_room(ROOM)?;
-        self.send_all_abroad();
+        self.send_all();
         let bytes = self.worker.bytes() + self.pel.bytes();
         let told = std::mem::replace(&mut self.told, (tets, bytes));
         self.team.look_around((tets.wrapping_sub(told.0), bytes.wrapping_sub(told.1)))
@@ -321,39 +318,26 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             return Ok(false);
         }
         match self.team.regions.as_ref().and_then(|regions| regions.elsewhere(self.me, demand.point)) {
-            Some(host) => self.put_aside(host, stamp, demand).map(|()| true),
+            Some(host) => {
+                if self.outbox.put(host, stamp, demand)? {
+                    self.send(host);
+                }
+                Ok(true)
+            }
             None => Ok(false),
         }
     }
 
-    /// Keeps a demand for the node of worker `host` until there are some.
-    fn put_aside(&mut self, host: usize, stamp: TetStamp, demand: &Demand) -> Result<()> {
-        self.abroad.resize_with(self.team.size(), Gift::default);
-        let parcel = &mut self.abroad[host];
-        if demand.kind == VertexKind::Free {
-            reserve(&mut parcel.poor, 1, "tets of other regions")?;
-            parcel.poor.push(stamp);
-        } else {
-            reserve(&mut parcel.demands, 1, "demands of other regions")?;
-            parcel.demands.push((stamp, *demand));
-        }
-        if parcel.poor.len() + parcel.demands.len() >= PARCEL {
-            self.send_abroad(host);
-        }
-        Ok(())
-    }
-
     /// Sends what is kept for the node of worker `host`.
-    fn send_abroad(&mut self, host: usize) {
-        let parcel = std::mem::take(&mut self.abroad[host]);
-        if !(parcel.poor.is_empty() && parcel.demands.is_empty()) {
+    fn send(&mut self, host: usize) {
+        if let Some(parcel) = self.outbox.take(host) {
             self.lost.overhead.gifts += 1;
             self.team.begging.send(host, parcel, &self.team.waiters);
         }
     }
 
-    fn send_all_abroad(&mut self) {
-        (0..self.abroad.len()).for_each(|host| self.send_abroad(host));
+    fn send_all(&mut self) {
+        self.outbox.hosts().for_each(|host| self.send(host));
     }
 
     fn serve(&mut self, stamp: TetStamp) -> Result<()> {
@@ -489,7 +473,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
 
     /// Waits for work; `false`: nobody has any.
     fn beg(&mut self) -> Result<bool> {
-        self.send_all_abroad();
+        self.send_all();
         let begin = ticks();
         self.team.return_permits(std::mem::take(&mut self.permits));
         self.team.contention.leave(self.me, &self.team.waiters);

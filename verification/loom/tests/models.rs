@@ -384,6 +384,54 @@ fn global_and_begging() {
     check(2, team, |me, team| team.work(me, [1, 1][me], [Some(1), Some(0)][me], 2), |_| {});
 }
 
+/// Groups that stand apart: each worker has tasks, after the first of which it sends one to another group, as `refine/refiner.rs` hands demands over.
+fn all_sent_is_done(groups: &'static [usize], tasks: &'static [usize], to: &'static [Option<usize>]) {
+    struct Shared {
+        begging: Begging<usize>,
+        managed: Managed,
+        done: AtomicUsize,
+    }
+    let all = tasks.iter().sum::<usize>() + to.iter().flatten().count();
+    check(
+        groups.len(),
+        move || Shared {
+            begging: Begging::new(Levels::apart(groups)),
+            managed: Managed::new(Policy::Aggressive, groups.len()),
+            done: AtomicUsize::new(0),
+        },
+        move |me, Shared { begging, managed: Managed { waiters, .. }, done }| {
+            let (mut tasks, mut to) = (tasks[me], to[me]);
+            loop {
+                while tasks > 0 {
+                    done.fetch_add(1, Relaxed);
+                    tasks -= 1;
+                    if let Some(to) = to.take() {
+                        begging.send(to, 1, waiters);
+                    }
+                    tasks += begging.open_inbox(me).unwrap_or(0);
+                }
+                match begging.beg(me, waiters) {
+                    Some(gift) => tasks = gift,
+                    None => break,
+                }
+            }
+            assert_eq!(done.load(Relaxed), all);
+        },
+        |_| {},
+    );
+}
+
+#[test]
+fn what_is_sent_to_one_that_begs_or_works_is_done() {
+    all_sent_is_done(&[0, 1], &[1, 0], &[Some(1), None]);
+    all_sent_is_done(&[0, 1], &[1, 1], &[Some(1), Some(0)]);
+}
+
+#[test]
+fn what_is_sent_to_a_group_of_two_is_done_by_one() {
+    all_sent_is_done(&[0, 1, 1], &[1, 0, 0], &[Some(1), None, None]);
+}
+
 // ---- Stopping ----
 
 #[test]
