@@ -2,20 +2,25 @@
 //!
 //! Any number of threads may read existing chunks while one makes another.
 //!
-//! **Placement.** A chunk is zeroed memory of its own allocation, first written by the worker that claims it, so that its pages lie on that worker's memory node: the system takes a page from the node of the
-//! thread that touches it first, and memory of this size comes from the system fresh and zeroed. It does not where the allocator hands out memory again that the process used before: a process that meshes many
-//! images, one after the other, has such. Then pages lie where they came to lie first, which costs time, never correctness.
+//! **Placement.** Chunks are parts of blocks of fresh pages of the system, which read as zeros. The system takes a page from the node of the thread that touches it first, and that is the worker that
+//! claimed the chunk. An allocator is not asked: for records aligned to cache lines it would write the zeros itself, at once, and it extends the heaps of threads little by little,
+//! which halts the page faults of all other threads.
 //!
 //! Cost: one access is two dependent loads, the first of them always hot, and a test that the chunk exists.
 
-use std::alloc::{Layout, alloc_zeroed, dealloc};
-use std::ptr;
+use std::alloc::{Layout, alloc_zeroed};
 use std::sync::atomic::{AtomicPtr, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use memmap2::MmapMut;
 
 use crate::{Error, Result};
 
 /// Elements of one chunk; a power of two.
 pub const CHUNK: usize = 1 << 14;
+
+/// Chunks of one block; a power of two. What is not used of a block is address space, not memory.
+const BLOCK: usize = 16;
 
 /// Entries of the table: any u32 finds its chunk without a test of bounds. The table is zeroed memory, of which only the used part is ever touched.
 const TABLE: usize = (1 << 32) / CHUNK;
@@ -53,17 +58,14 @@ unsafe impl Zeroable for std::sync::atomic::AtomicU32 {}
 
 /// The array. `T` holds atomics, so that shared references suffice to write.
 pub struct Chunked<T: Zeroable> {
-    /// Null, or the first element of a chunk; never changes once it is not null.
+    /// Null, or the first element of a chunk, which is a part of a block; never changes once it is not null.
     chunks: Box<[AtomicPtr<T>; TABLE]>,
     max_chunks: usize,
+    /// What the chunks are parts of.
+    blocks: Mutex<Vec<MmapMut>>,
 }
 
 impl<T: Zeroable> Chunked<T> {
-    const LAYOUT: Layout = match Layout::array::<T>(CHUNK) {
-        Ok(layout) => layout,
-        Err(_) => panic!("a chunk is larger than memory"),
-    };
-
     /// An empty array with room for `capacity` elements, rounded up to whole chunks.
     ///
     /// # Errors
@@ -71,11 +73,11 @@ impl<T: Zeroable> Chunked<T> {
     pub fn with_capacity(capacity: usize) -> Result<Self> {
         const { assert!(T::NO_DROP && size_of::<T>() > 0) };
         let chunks = zeroed_array::<AtomicPtr<T>, TABLE>()?;
-        Ok(Self { chunks, max_chunks: capacity.div_ceil(CHUNK).min(TABLE) })
+        Ok(Self { chunks, max_chunks: capacity.div_ceil(CHUNK).min(TABLE), blocks: Mutex::new(Vec::new()) })
     }
 
     /// Bytes of one chunk.
-    pub const CHUNK_BYTES: usize = Self::LAYOUT.size();
+    pub const CHUNK_BYTES: usize = CHUNK * size_of::<T>();
 
     /// Number of chunks that fit.
     pub fn max_chunks(&self) -> usize {
@@ -88,21 +90,25 @@ impl<T: Zeroable> Chunked<T> {
     /// [`Error::OutOfMemory`].
     #[inline]
     pub fn make_chunk(&self, chunk: usize) -> Result<()> {
-        if self.chunks[chunk].load(Ordering::Acquire).is_null() { self.allocate_chunk(chunk) } else { Ok(()) }
+        if self.chunks[chunk].load(Ordering::Acquire).is_null() { self.make_block(chunk) } else { Ok(()) }
     }
 
     #[cold]
-    fn allocate_chunk(&self, chunk: usize) -> Result<()> {
-        let slot = &self.chunks[chunk];
-        // SAFETY: the layout has a size above 0 (asserted in with_capacity).
-        let made = unsafe { alloc_zeroed(Self::LAYOUT) }.cast::<T>();
-        if made.is_null() {
-            return Err(Error::OutOfMemory { count: Self::CHUNK_BYTES, what: "bytes for the triangulation" });
+    fn make_block(&self, chunk: usize) -> Result<()> {
+        // Pages are aligned to more than any record.
+        const { assert!(align_of::<T>() <= 4096 && TABLE.is_multiple_of(BLOCK)) };
+        let mut blocks = self.blocks.lock().unwrap_or_else(PoisonError::into_inner);
+        if !self.chunks[chunk].load(Ordering::Relaxed).is_null() {
+            return Ok(());
         }
-        // Release: whoever finds the pointer finds zeroed memory. Acquire on failure: the caller uses the other thread's chunk.
-        if slot.compare_exchange(ptr::null_mut(), made, Ordering::Release, Ordering::Acquire).is_err() {
-            // SAFETY: allocated above with this layout, and nobody else saw it.
-            unsafe { dealloc(made.cast(), Self::LAYOUT) };
+        let count = BLOCK * Self::CHUNK_BYTES;
+        let lack = Error::OutOfMemory { count, what: "bytes for the triangulation" };
+        let (Ok(mut block), Ok(())) = (MmapMut::map_anon(count), blocks.try_reserve(1)) else { return Err(lack) };
+        let made = block.as_mut_ptr().cast::<T>();
+        blocks.push(block);
+        for (i, slot) in self.chunks[chunk / BLOCK * BLOCK..][..BLOCK].iter().enumerate() {
+            // Release: whoever finds the pointer finds zeroed memory.
+            slot.store(made.wrapping_add(i * CHUNK), Ordering::Release);
         }
         Ok(())
     }
@@ -134,22 +140,9 @@ impl<T: Zeroable> Chunked<T> {
         if chunk.is_null() {
             missing_chunk();
         }
-        // SAFETY: a pointer that is not null is a chunk of CHUNK zeroed, hence valid elements that lives as long as self, and
-        // index % CHUNK < CHUNK. T is Sync, so sharing it is fine.
+        // SAFETY: a pointer that is not null is a chunk of CHUNK zeroed, hence valid elements of a block that is unmapped with self, and not reached by another way;
+        // index % CHUNK < CHUNK. T is Sync, so sharing it is fine, and needs no drop.
         unsafe { &*chunk.add(index % CHUNK) }
-    }
-}
-
-impl<T: Zeroable> Drop for Chunked<T> {
-    fn drop(&mut self) {
-        for slot in &mut self.chunks[..self.max_chunks] {
-            let chunk = *slot.get_mut();
-            if !chunk.is_null() {
-                // SAFETY: made by make_chunk with this layout; T needs no drop; nobody else can hold a reference, because self is borrowed
-                // mutably.
-                unsafe { dealloc(chunk.cast(), Self::LAYOUT) };
-            }
-        }
     }
 }
 
