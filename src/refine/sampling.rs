@@ -4,7 +4,7 @@
 //! is near to it never finds, and every tet has to be asked. Here the image is asked instead, once, before there are tets: an interface, however small,
 //! crosses edges of the grid of voxel centres (`oracle/edges.rs`; divided where voxels are larger than delta), and each such crossing gets an isovertex
 //! within delta. Isovertices are never removed, so this holds from then on. The greedy choice goes slab by slab of the image, of a thickness that spacing and delta alone
-//! decide: first every other slab, all at once; then those between them, each mindful of its two neighbours. So the samples are the same whatever the number of threads.
+//! decide: every other slab by itself, and those between them, each mindful of its two neighbours, as soon as both are done. So the samples are the same whatever the number of threads.
 //!
 //! **Moved crossings.** Crossings on a grid are massively cocircular. A sample is moved to a point of dO nearby, by up to a fifth of a voxel beside its edge, less where
 //! delta is below a voxel: exact arithmetic stays the exception, and facets are not all halves of squares. The move is at most delta/2, so samples
@@ -16,14 +16,16 @@
 //! Cost: some tens of nanoseconds per crossed edge, some hundreds per sample. Memory: 36 bytes per sample.
 
 use std::ops::Range;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering::AcqRel};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cell_table::{CellTable, MAX_HEADS};
-use crate::Result;
 use crate::memory::{filled, reserve, room};
 use crate::oracle::{CrossedEdge, Oracle};
+use crate::{Error, Result};
 
 /// How far samples are moved beside their edges at most, in voxels and in deltas.
 const MOVE: f64 = 0.2;
@@ -37,6 +39,10 @@ pub enum Growth {
     /// 8 times: half the spacing in space.
     Eightfold = 3,
 }
+/// A key of the order of insertion has, from its low end: the number of the sample, its place along the curve by so many bits for each axis, its round.
+const AT_BITS: u32 = 30;
+const PLACE_BITS: u32 = 10;
+const LAST_ROUND: u32 = 15;
 /// No sample.
 const NONE: u32 = u32::MAX;
 
@@ -83,26 +89,49 @@ pub fn sample_isosurface(
         }
         Ok(net)
     };
-    let count = slabs.len();
-    let first = (0..count)
-        .into_par_iter()
-        .step_by(2)
-        .with_max_len(1)
-        .map(|slab| sample(slab, &[]))
-        .collect::<Result<Vec<_>>>()?;
-    let second = (1..count).into_par_iter().step_by(2).with_max_len(1).map(|slab| {
-        let neighbors: Vec<&Net<'_>> = first[slab / 2..].iter().take(2).collect();
-        sample(slab, &neighbors)
-    });
-    let second = second.collect::<Result<Vec<_>>>()?;
-    let total = first.iter().chain(&second).map(|net| net.points.len()).sum();
+    let nets = in_two_colors(slabs.len(), sample)?;
+    let total = nets.iter().map(|net| net.points.len()).sum();
     let mut points = room(total, "samples of the isosurface")?;
-    for slab in 0..count {
-        let nets = if slab % 2 == 0 { &first } else { &second };
-        points.extend_from_slice(&nets[slab / 2].points);
-    }
-    drop((first, second));
+    nets.iter().for_each(|net| points.extend_from_slice(&net.points));
+    drop(nets);
     insertion_order(points, growth)
+}
+
+/// Makes something of each of a row of slabs, on all threads: of those with even numbers from nothing, of the others from what their neighbours gave, as soon as both have. The
+/// first error counts.
+fn in_two_colors<T: Send + Sync>(count: usize, make: impl Fn(usize, &[&T]) -> Result<T> + Sync) -> Result<Vec<T>> {
+    let made: Vec<OnceLock<T>> = (0..count).map(|_| OnceLock::new()).collect();
+    let failure = OnceLock::new();
+    let neighbors = |slab: usize| slab.checked_sub(1).into_iter().chain(Some(slab + 1)).filter(|&at| at < count);
+    let missing: Vec<AtomicUsize> = (0..count).map(|slab| AtomicUsize::new(neighbors(slab).count())).collect();
+    let fill = |slab: usize, given: &[&T]| {
+        // Each is filled once.
+        let _ = match make(slab, given) {
+            Ok(net) => made[slab].set(net).is_ok(),
+            Err(error) => failure.set(error).is_ok(),
+        };
+    };
+    rayon::scope(|scope| {
+        for even in (0..count).step_by(2) {
+            let (fill, neighbors, missing, made) = (&fill, &neighbors, &missing, &made);
+            scope.spawn(move |scope| {
+                fill(even, &[]);
+                for odd in neighbors(even) {
+                    // AcqRel: the one that comes last sees what the other has made.
+                    if missing[odd].fetch_sub(1, AcqRel) == 1 {
+                        scope.spawn(move |_| {
+                            let given: Vec<&T> = neighbors(odd).filter_map(|at| made[at].get()).collect();
+                            fill(odd, &given);
+                        });
+                    }
+                }
+            });
+        }
+    });
+    match failure.into_inner() {
+        Some(error) => Err(error),
+        None => Ok(made.into_iter().filter_map(OnceLock::into_inner).collect()),
+    }
 }
 
 /// The samples of a slab so far, in chains by cells of twice delta.
@@ -219,41 +248,47 @@ fn mix(state: u64, next: u64) -> u64 {
 
 /// Sorts points into rounds, and along a space-filling curve in each.
 fn insertion_order(points: Vec<DVec3>, growth: Growth) -> Result<Samples> {
-    const BITS: u32 = 16;
     // As a power of two.
     let growth = growth as u32;
+    if points.len() >= 1 << AT_BITS {
+        return Err(Error::LimitReached(format!(
+            "there would be {} samples of the isosurface, 2^{AT_BITS} or more",
+            points.len()
+        )));
+    }
     let (mut lower, mut upper) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for &p in points.iter() {
         (lower, upper) = (lower.min(p), upper.max(p));
     }
-    let scale = f64::from((1 << BITS) - 1) / (upper - lower).max_element().max(f64::MIN_POSITIVE);
+    let scale = f64::from((1 << PLACE_BITS) - 1) / (upper - lower).max_element().max(f64::MIN_POSITIVE);
     let key = |(at, &p): (usize, &DVec3)| {
-        let round = (mix(at as u64, 0) | 1 << (growth * 15)).trailing_zeros() / growth;
+        let round = (mix(at as u64, 0) | 1 << (growth * LAST_ROUND)).trailing_zeros() / growth;
         let place = ((p - lower) * scale).to_array().map(|c| spread(c as u64));
         // The last round holds most of the points.
-        (u64::from(15 - round) << (3 * BITS) | place[0] | place[1] << 1 | place[2] << 2, at as u32)
+        let round = u64::from(LAST_ROUND - round) << (3 * PLACE_BITS);
+        (round | place[0] | place[1] << 1 | place[2] << 2) << AT_BITS | at as u64
     };
     let mut keys = room(points.len(), "places in the order of insertion")?;
     points.par_iter().enumerate().map(key).collect_into_vec(&mut keys);
     keys.par_sort_unstable();
     let mut sorted = room(points.len(), "samples of the isosurface")?;
-    keys.par_iter().map(|&(_, at)| points[at as usize]).collect_into_vec(&mut sorted);
-    let round = |at: usize| keys[at].0 >> (3 * BITS);
+    keys.par_iter().map(|&key| points[(key % (1 << AT_BITS)) as usize]).collect_into_vec(&mut sorted);
+    let round = |at: usize| keys[at] >> (3 * PLACE_BITS + AT_BITS);
     // Rounds grow by a factor: few ends have to be looked for.
     let mut rounds = Vec::new();
     let mut at = 0;
     while at < keys.len() {
         rounds.push(at);
         let this = round(at);
-        at += keys[at..].partition_point(|key| key.0 >> (3 * BITS) == this);
+        at += keys[at..].partition_point(|key| key >> (3 * PLACE_BITS + AT_BITS) == this);
     }
     Ok(Samples { points: sorted, rounds })
 }
 
-/// Puts two zeros behind each of the 16 low bits: three such numbers interleave to a place on the Z-order curve.
+/// Puts two zeros behind each of the 10 low bits: three such numbers interleave to a place on the Z-order curve.
 fn spread(x: u64) -> u64 {
-    let x = (x | x << 16) & 0x0000_0000_FF00_00FF;
-    let x = (x | x << 8) & 0x0000_00F0_0F00_F00F;
-    let x = (x | x << 4) & 0x0000_0C30_C30C_30C3;
-    (x | x << 2) & 0x0000_2492_4924_9249
+    let x = (x | x << 16) & 0x0300_00FF;
+    let x = (x | x << 8) & 0x0300_F00F;
+    let x = (x | x << 4) & 0x030C_30C3;
+    (x | x << 2) & 0x0924_9249
 }
