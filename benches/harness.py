@@ -150,7 +150,7 @@ def spread(values, digits):
 
 
 def markdown(head, rows):
-    align = ["---" if name in ("image", "program", "manager", "begging", "scaling") else "---:" for name in head]
+    align = ["---" if name in ("image", "program", "algorithm", "manager", "begging", "scaling") else "---:" for name in head]
     lines = ["| " + " | ".join(row) + " |" for row in [head, *rows]]
     return "\n".join([lines[0], "|" + "|".join(align) + "|", *lines[1:]])
 

@@ -1,7 +1,9 @@
 #!/bin/sh
 # Builds what the benches beside it and ../threads.sh run: our library and mesh_image, as users install them, under build/; with `peers`, CGAL's programs too.
 #
-#   sh benches/peers/build.sh [peers]
+#   sh benches/peers/build.sh [peers | hwloc]
+#
+# With `hwloc` the library knows synthetic machines.
 set -eu
 
 root=$(cd "$(dirname "$0")/../.." && pwd)
@@ -37,8 +39,14 @@ need make make
 need cc gcc
 need c++ g++
 mkdir -p "$build"
+hwloc=OFF
+if [ "${1:-}" = hwloc ]; then
+    header hwloc.h libhwloc-dev
+    header libudev.h libudev-dev
+    hwloc=ON
+fi
 quietly cmake -S "$root" -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX="$build/install" -DCMAKE_INSTALL_LIBDIR=lib \
-    -DLAPD_CARGO_TARGET_DIR="$root/target"
+    -DLAPD_CARGO_TARGET_DIR="$root/target" -DLAPD_HWLOC=$hwloc
 quietly cmake --build "$build/cmake"
 quietly cmake --install "$build/cmake"
 quietly cmake -S "$root/examples" -B "$build/examples" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$build/install" \
