@@ -9,7 +9,8 @@ use lapd::image::readers::read_image;
 use lapd::mesh::quality::{radius_edge_ratio, triangle_angles};
 use lapd::mesher::{Meshing, mesh_image};
 use lapd::monitor::Monitor;
-use lapd::params::MeshParams;
+use lapd::parallel::machine::Machine;
+use lapd::params::{Algorithm, MeshParams};
 
 /// Voxels from which on a label's volume is held against the image.
 const LARGE: u64 = 1000;
@@ -82,12 +83,15 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
 }
 
 fn clears_the_bars(path: &Path, delta: f64, size: f64) {
+    clears_the_bars_with(path, MeshParams { delta, size, ..MeshParams::default() });
+}
+
+fn clears_the_bars_with(path: &Path, params: MeshParams) {
     if !path.is_file() {
         eprintln!("SKIPPED: no atlas {}", path.display());
         return;
     }
     let image = read_image(path).unwrap_or_else(|e| panic!("{e}")).image;
-    let params = MeshParams { delta, size, ..MeshParams::default() };
     let meshing = mesh_image(&image, &params, &Monitor::silent()).unwrap_or_else(|e| panic!("{e}"));
     let misses = misses(&meshing, &params);
     assert!(misses.is_empty(), "{} misses:\n  {}", path.display(), misses.join("\n  "));
@@ -108,6 +112,14 @@ fn brain() {
 #[test]
 fn abdomen() {
     clears_the_bars(&spl("abdomen.nrrd"), 1.25, 2.5);
+}
+
+/// On eight memory nodes, each with a region.
+#[test]
+fn abdomen_under_lapd() {
+    let machine = Some(Machine::uniform(8, 1));
+    let params = MeshParams { delta: 1.25, size: 2.5, threads: 8, ..MeshParams::default() };
+    clears_the_bars_with(&spl("abdomen.nrrd"), MeshParams { algorithm: Algorithm::Lapd, machine, ..params });
 }
 
 #[test]

@@ -224,8 +224,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             }
         }
         let Some(regions) = regions else { return Ok(()) };
-        let filled = parcels.into_iter().enumerate().filter(|(_, parcel)| !parcel.is_empty());
-        filled.map(|(worker, parcel)| regions.send(worker, parcel)).collect()
+        let mut filled = parcels.into_iter().enumerate().filter(|(_, parcel)| !parcel.is_empty());
+        filled.try_for_each(|(worker, parcel)| regions.send(worker, parcel))
     }
 
     /// Takes the tets that others sent into the list. When all have collected theirs.
