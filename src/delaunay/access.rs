@@ -16,6 +16,9 @@ pub trait Access {
     /// Whether others may operate at the same time: what was read without owning is to be checked.
     const SHARED: bool;
 
+    /// Whether it wants to be told of visits: what would be done only to tell it is left out otherwise.
+    const HEARS: bool = true;
+
     /// Asks for `vertex` until [`Access::release_all`]; `false` when another worker owns it. Asking twice is fine.
     fn try_own(&mut self, triangulation: &Triangulation, vertex: VertexId) -> bool;
 
@@ -46,6 +49,7 @@ pub struct Solo;
 
 impl Access for Solo {
     const SHARED: bool = false;
+    const HEARS: bool = false;
 
     #[inline(always)]
     fn try_own(&mut self, _: &Triangulation, _: VertexId) -> bool {
@@ -87,6 +91,7 @@ impl TryLock {
 
 impl Access for TryLock {
     const SHARED: bool = true;
+    const HEARS: bool = false;
 
     #[inline]
     fn try_own(&mut self, triangulation: &Triangulation, vertex: VertexId) -> bool {

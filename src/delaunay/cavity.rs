@@ -36,11 +36,10 @@ pub enum Dig {
 impl<A: Access> Worker<A> {
     /// Comes to own a tet of which nothing is owned yet; see `ownership`, the way in.
     fn own_first(&mut self, triangulation: &Triangulation, t: TetId) -> Dig {
-        let vertices = triangulation.tet(t).vertices();
-        if !A::SHARED {
-            vertices.into_iter().for_each(|v| self.access.visit_vertex(v));
+        if !(A::SHARED || A::HEARS) {
             return Dig::Done;
         }
+        let vertices = triangulation.tet(t).vertices();
         if vertices.contains(&NO_VERTEX) {
             return Dig::Stale;
         }

@@ -128,6 +128,7 @@ impl Default for StarScratch {
 impl StarScratch {
     /// Writes the tets between the boundary's facets and vertex `apex` at `p` into `slots`, one for each facet: (facet, apex). `access` is told of the boundary's vertices,
     /// of each once unless numbers run out.
+    #[inline(never)]
     fn fill(
         &mut self,
         triangulation: &Triangulation,

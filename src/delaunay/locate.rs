@@ -19,7 +19,7 @@ impl Triangulation {
 
     /// The walk, of which `access` is told.
     #[inline(always)]
-    fn walk(&self, start: TetId, p: DVec3, access: &mut impl Access) -> TetId {
+    fn walk<A: Access>(&self, start: TetId, p: DVec3, access: &mut A) -> TetId {
         let mut t = start;
         // The facet through which the walk came, which it need not try: at first none.
         let mut entry = 3;
@@ -32,11 +32,13 @@ impl Triangulation {
                 // Another worker has just freed the slot: the caller finds that out, and begins elsewhere.
                 return t;
             }
-            access.visit_tet(t);
-            match tries.end() {
-                4 => vertices.into_iter().for_each(|v| access.visit_vertex(v)),
-                // It shares the others with the tet before it.
-                _ => access.visit_vertex(vertices[entry]),
+            if A::HEARS {
+                access.visit_tet(t);
+                match tries.end() {
+                    4 => vertices.into_iter().for_each(|v| access.visit_vertex(v)),
+                    // It shares the others with the tet before it.
+                    _ => access.visit_vertex(vertices[entry]),
+                }
             }
             let corners = self.corners(vertices);
             let arms = corners.map(|corner| corner - p);
