@@ -89,14 +89,21 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let mut clock = Instant::now();
     params.validate()?;
     let limits = limits(params, clock);
+    let [nx, ny, nz] = image.dims();
+    // The most that the oracle asks whether to go on: per plane, per layer in five passes, where a table is filled in, in each step of the weights.
+    monitor.enter(Step::Oracle, 2 * nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)?;
+    let merged;
+    let image = if params.merge.is_empty() && params.background_label == 0 {
+        image
+    } else {
+        merged = image.merged(&params.merge, params.background_label)?;
+        &merged
+    };
     if let Some(&(label, _)) = params.label_sizes.iter().find(|l| image.id_of(l.0).is_none()) {
         return Err(Error::InvalidArgument(format!(
             "a size is given for label {label}, which does not occur in the image"
         )));
     }
-    let [nx, ny, nz] = image.dims();
-    // The most that the oracle asks whether to go on: per plane, per layer in five passes, where a table is filled in, in each step of the weights.
-    monitor.enter(Step::Oracle, 2 * nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)?;
     let restricted;
     let image = if params.keep.is_empty() {
         image

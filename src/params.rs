@@ -59,7 +59,7 @@ pub struct MeshParams {
     pub delta: f64,
     /// Upper bound on the circumradius of tets, where no label has its own; > 0.
     pub size: f64,
-    /// Bounds for single labels, overriding `size`.
+    /// Bounds for single labels (after merging), overriding `size`.
     pub label_sizes: Vec<(i32, f64)>,
     /// Upper bound on circumradius over shortest edge; at least 2 (below, Delaunay refinement need not end).
     pub radius_edge: f64,
@@ -67,7 +67,11 @@ pub struct MeshParams {
     pub facet_angle: f64,
     /// The surface model.
     pub surface: SurfaceModel,
-    /// When not empty, only these labels are meshed; all others count as background.
+    /// Before all else the first label of each pair becomes the second, all at once. Label 0 may be either.
+    pub merge: Vec<(i32, i32)>,
+    /// The label, after merging, that counts as background; it becomes 0. Where it is another than 0, no voxel may have label 0.
+    pub background_label: i32,
+    /// When not empty, only these labels (after merging) are meshed; all others count as background.
     pub keep: Vec<i32>,
     /// Keep the whole triangulation: tets outside the object get label 0.
     pub background: bool,
@@ -108,6 +112,8 @@ impl Default for MeshParams {
             radius_edge: 2.0,
             facet_angle: 30.0,
             surface: SurfaceModel::Smooth,
+            merge: Vec::new(),
+            background_label: 0,
             keep: Vec::new(),
             background: false,
             threads: 1,

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`frame`] | origin, spacing and direction of a voxel grid |
 //! | [`volume`] | the image: dense ids, their labels, the frame |
+//! | `relabel` | merging labels, another background, selection |
 //! | [`phantom`] | analytic images with known volumes |
 //! | [`readers`] | NRRD, NIfTI, MetaImage and INR files |
 
@@ -11,6 +12,7 @@ mod builder;
 pub mod frame;
 pub mod phantom;
 pub mod readers;
+mod relabel;
 pub mod volume;
 
 pub use frame::Frame;

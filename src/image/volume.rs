@@ -9,7 +9,6 @@ use glam::DVec3;
 
 use super::Frame;
 use super::builder::{LabelBuilder, voxel_count};
-use crate::memory::room;
 use crate::{Error, Result};
 
 /// A caller's voxels, in any of the integer types. Strides are given beside it, in elements.
@@ -136,27 +135,6 @@ impl LabelImage {
     /// The same voxels at another place in the world.
     pub fn with_frame(self, frame: Frame) -> Self {
         Self { frame, ..self }
-    }
-
-    /// The image in which every label not in `keep` is background. 0 in `keep` has no effect.
-    ///
-    /// # Errors
-    /// [`Error::InvalidArgument`] names a kept label that does not occur.
-    pub fn restricted_to(&self, keep: &[i32]) -> Result<Self> {
-        let mut new_id = vec![0_u16; self.labels.len()];
-        for &label in keep {
-            match self.id_of(label) {
-                Some(id) => new_id[usize::from(id)] = id,
-                None => {
-                    return Err(Error::InvalidArgument(format!(
-                        "label {label} is to be kept, but does not occur in the image"
-                    )));
-                }
-            }
-        }
-        let mut ids = room(self.ids.len(), "voxels of an image")?;
-        ids.extend(self.ids.iter().map(|&id| new_id[usize::from(id)]));
-        Self::from_ids(self.dims, self.frame, ids, self.labels.clone())
     }
 
     /// Voxels along each axis.
@@ -366,20 +344,6 @@ mod tests {
         assert!(
             error(LabelImage::from_voxels(Voxels::I32(&labels), [65_537, 1, 1], None, 0, unit()))
                 .contains("more than 65535")
-        );
-    }
-
-    #[test]
-    fn restriction_keeps_only_the_named_labels() {
-        let voxels = [0, -5, 3, 7, 7, 3, -5, 0];
-        let image = LabelImage::from_voxels(Voxels::I8(&voxels), [2, 2, 2], None, 0, unit()).unwrap();
-        let kept = image.restricted_to(&[7, -5, 0, 7]).unwrap();
-        assert_eq!(labels_of(&kept), [0, -5, 0, 7, 7, 0, -5, 0]);
-        assert_eq!(kept.labels(), [0, -5, 7]);
-        assert!(image.restricted_to(&[]).unwrap().is_all_background());
-        assert_eq!(
-            image.restricted_to(&[3, 4]).unwrap_err().to_string(),
-            "label 4 is to be kept, but does not occur in the image"
         );
     }
 

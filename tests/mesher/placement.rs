@@ -149,6 +149,34 @@ fn keep_meshes_some_labels_only() {
 }
 
 #[test]
+fn labels_are_merged_and_the_background_is_chosen() {
+    let image = nested_shells([24; 3], [1.0; 3], &[4.0, 7.0, 10.0]).unwrap();
+    // Labels from the ends of what 32 bits hold come back as they are.
+    let (first, last) = (i32::MIN, i32::MAX);
+    let merge = vec![(1, first), (2, first), (3, last), (0, 5)];
+    let merged = mesh(&image, &MeshParams { merge: merge.clone(), label_sizes: vec![(first, 1.5)], ..params(1.5) });
+    assert_eq!(volumes(&merged.mesh).keys().copied().collect::<Vec<_>>(), [first, 5, last]);
+    let rows: Vec<_> = merged.report.certificate.labels.iter().map(|row| row.label).collect();
+    assert_eq!(rows, [first, 5, last]);
+    assert_eq!(boundary_topology(&merged.mesh, &[first]), (2, 0));
+    assert_eq!(boundary_topology(&merged.mesh, &[last]), (4, 0));
+
+    // The outer shell as background leaves the core; what was around it must not be background as well without being told.
+    let inverted = MeshParams { merge: vec![(0, 3)], background_label: 3, keep: vec![2], ..params(1.5) };
+    let shell = mesh(&image, &inverted);
+    assert_eq!(volumes(&shell.mesh).keys().copied().collect::<Vec<_>>(), [2]);
+    for (merge, background_label, said) in [
+        (vec![], 3, "label 0 occurs beside the background label 3"),
+        (vec![], 9, "label 9 is to be the background, but does not occur"),
+        (vec![(8, 1)], 0, "label 8 is to become 1, but does not occur"),
+        (vec![(1, 2), (1, 3)], 0, "label 1 is to become both 2 and 3"),
+    ] {
+        let refused = mesh_image(&image, &MeshParams { merge, background_label, ..params(1.5) }, &Monitor::silent());
+        assert!(matches!(&refused, Err(Error::InvalidArgument(m)) if m.contains(said)), "{refused:?}");
+    }
+}
+
+#[test]
 fn background_fills_the_box() {
     let image = ball([20; 3], [1.0; 3], 7.0).unwrap();
     let object = mesh(&image, &params(1.5));
