@@ -3,19 +3,23 @@
 //! All of it is computed from the finished mesh and the image alone, by code that refinement does not use, except two counts that only the
 //! triangulation knows and that the caller hands in: facets that are not locally Delaunay, and elements that some rule still wants changed.
 //! Orientation is exact: Shewchuk's adaptive predicate ("Adaptive precision floating-point arithmetic and fast robust geometric
-//! predicates", 1997) from the `robust` crate. Distances are those of [`distance`](super::distance), components those of
-//! [`components`](super::components).
+//! predicates", 1997) from the `robust` crate. Distances are those of [`distance`](super::distance), components those of `image_components` and
+//! `mesh_components`, boundaries those of [`sheets`](super::sheets), and which component stands for which is told by [`matching`](super::matching).
 //!
 //! Deterministic whatever the number of threads; parallel in the current rayon pool; safe from any thread. Linear, but for the distances.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::TetMesh;
-use super::components::{SLICE, TetCount, image_components, mesh_components};
-use super::distance::SurfaceDistance;
+use super::distance::{Distance, Distances};
+use super::image_components::{ImageComponents, SLICE};
+use super::matching::{Fate, Matching};
+use super::mesh_components::MeshComponents;
+use super::sheets::Sheets;
+use super::tables::Tables;
 use crate::Result;
 use crate::image::LabelImage;
 use crate::memory::zeroed;
@@ -24,7 +28,10 @@ use crate::monitor::{Monitor, Step};
 /// Tets per work item.
 const CHUNK: usize = 1 << 12;
 
-/// One label, in the mesh and in the image. Volumes are in cubic world units.
+/// Components of the image with fewer voxels have no row of their own, and are not listed when they are lost or merged.
+pub const LEAST_VOXELS: u64 = 8;
+
+/// One label, in the mesh and in the image. Volumes are in cubic world units, distances in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LabelRow {
     /// The label; never 0.
@@ -41,6 +48,83 @@ pub struct LabelRow {
     pub components_image: u64,
     /// Facet-connected components in the mesh.
     pub components_mesh: u64,
+    /// Components of the image, of at least [`LEAST_VOXELS`], in which no tet of the label lies.
+    pub components_lost: u64,
+    /// Components of the image, of at least [`LEAST_VOXELS`], that the mesh has joined to another one.
+    pub components_merged: u64,
+    /// Components of the mesh that are torn off from the one they belong to, or lie in none of the image.
+    pub pieces: u64,
+    /// Euler characteristic of the label's boundary in the image: that of a surface just inside of its voxels.
+    pub euler_image: i64,
+    /// Euler characteristic of the label's boundary in the mesh: that of a surface just inside of its tets.
+    pub euler_mesh: i64,
+    /// Edges of the mesh at which more than two facets of the label's boundary meet.
+    pub pinched_edges: u64,
+    /// Vertices of the mesh, on no such edge, at which more than one sheet of the label's boundary meet.
+    pub pinched_vertices: u64,
+    /// From the label's boundary in the mesh to that in the image.
+    pub mesh_to_image: Distance,
+    /// From the label's boundary in the image to that in the mesh; infinite if the mesh lost it.
+    pub image_to_mesh: Distance,
+}
+
+/// One component of the image that has at least [`LEAST_VOXELS`], and what the mesh made of it. Volumes are in cubic world units, distances in world units.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ComponentRow {
+    /// Its label.
+    pub label: i32,
+    /// What became of it.
+    pub fate: Fate,
+    /// World position of the centre of its first voxel (x fastest).
+    pub position: [f64; 3],
+    /// Its voxels.
+    pub image_voxels: u64,
+    /// Voxels times the volume of a voxel.
+    pub image_volume: f64,
+    /// Tets of the label that lie in it.
+    pub tets: u64,
+    /// Sum of their volumes.
+    pub mesh_volume: f64,
+    /// Components of the mesh that belong to it; 1 where all is well, 0 where it is lost or merged.
+    pub components_mesh: u64,
+    /// Euler characteristic of its boundary: that of a surface just inside of its voxels.
+    pub euler_image: i64,
+    /// The same of the components of the mesh that belong to it, added up; 0 if there are none.
+    pub euler_mesh: i64,
+    /// From the boundary of the components of the mesh that belong to it to that of its label in the image.
+    pub mesh_to_image: Distance,
+    /// From its boundary to that of its label in the mesh.
+    pub image_to_mesh: Distance,
+}
+
+/// What is wrong with the topology of a label somewhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum DefectKind {
+    /// A component of the image, of at least [`LEAST_VOXELS`], in which no tet of its label lies.
+    Lost,
+    /// A component of the image, of at least [`LEAST_VOXELS`], that the mesh has joined to another one of its label.
+    Merged,
+    /// A component of the mesh that is torn off from the one that stands for its component of the image.
+    Torn,
+    /// A component of the mesh that lies in no component of its label in the image.
+    Stray,
+    /// An edge of the mesh at which more than two facets of the label's boundary meet.
+    PinchedEdge,
+    /// A vertex of the mesh, on no such edge, at which more than one sheet of the label's boundary meet.
+    PinchedVertex,
+}
+
+/// A place where the topology of a label in the mesh is not that of a solid, or not that of the image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Defect {
+    /// What is wrong.
+    pub kind: DefectKind,
+    /// The label.
+    pub label: i32,
+    /// Where, in world coordinates: the centre of the component's first voxel, the centroid of its first tet, the middle of the edge, the vertex.
+    pub position: [f64; 3],
+    /// Voxels of the component of the image, tets of that of the mesh; 0 for a pinch.
+    pub size: u64,
 }
 
 /// What holds for a finished mesh. Distances are in world units; divided by [`voxel`](Self::voxel) they are in voxels.
@@ -68,6 +152,10 @@ pub struct Certificate {
     pub unmet: [u64; 6],
     /// Every label other than 0 that the image or the mesh holds, in increasing order.
     pub labels: Vec<LabelRow>,
+    /// The components of the image that have at least [`LEAST_VOXELS`], in the order of their first voxels.
+    pub components: Vec<ComponentRow>,
+    /// Where the topology is at fault, by kind.
+    pub defects: Vec<Defect>,
 }
 
 impl Certificate {
@@ -83,22 +171,38 @@ impl Certificate {
         unmet: [u64; 6],
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
-        let distance = SurfaceDistance::measure(mesh, image, monitor)?;
         let [_, _, nz] = image.dims();
-        // Tets are gone over three times, facets twice, slices of voxels once; these count as some thousand tets each.
-        monitor.enter(Step::Counts, 3 * mesh.tets.len() + 2 * mesh.facets.len() + SLICE * nz)?;
+        // Tets are gone over four times, facets twice, vertices and slices of voxels once; these count as some thousand tets each.
+        monitor.enter(Step::Counts, 4 * mesh.tets.len() + 2 * mesh.facets.len() + mesh.points.len() + SLICE * nz)?;
+        let inverted_tets = inverted_tets(mesh, monitor)?;
+        let orphan_vertices = orphan_vertices(mesh, monitor)?;
+        let image_components = ImageComponents::new(image, monitor)?;
+        let mesh_components = MeshComponents::new(mesh, image, &image_components, monitor)?;
+        let sheets = Sheets::measure(mesh, &mesh_components, monitor)?;
+        let distances = Distances::measure(mesh, image, &mesh_components, &image_components, monitor)?;
+        let tables = Tables {
+            mesh,
+            image,
+            matching: Matching::new(&image_components.list, &mesh_components.list, &mesh_components.overlaps),
+            image_components: &image_components,
+            mesh_components: &mesh_components,
+            sheets: &sheets,
+            distances: &distances,
+        };
         Ok(Self {
             non_delaunay_facets,
-            inverted_tets: inverted_tets(mesh, monitor)?,
-            orphan_vertices: orphan_vertices(mesh, monitor)?,
-            open_edges: open_edges(mesh, monitor)?,
-            hausdorff_mesh_to_image: distance.mesh_to_image.max,
-            hausdorff_image_to_mesh: distance.image_to_mesh.max,
-            mean_mesh_to_image: distance.mesh_to_image.mean,
-            mean_image_to_mesh: distance.image_to_mesh.mean,
+            inverted_tets,
+            orphan_vertices,
+            open_edges: sheets.open_edges,
+            hausdorff_mesh_to_image: distances.whole.mesh_to_image.max,
+            hausdorff_image_to_mesh: distances.whole.image_to_mesh.max,
+            mean_mesh_to_image: distances.whole.mesh_to_image.mean,
+            mean_image_to_mesh: distances.whole.image_to_mesh.mean,
             voxel: image.frame().spacing().min_element(),
             unmet,
-            labels: label_rows(mesh, image, monitor)?,
+            labels: tables.labels(),
+            components: tables.components(),
+            defects: tables.defects(),
         })
     }
 
@@ -151,108 +255,6 @@ pub fn orphan_vertices(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
     Ok(used.par_chunks(CHUNK).map(|used| used.iter().filter(|used| !used.load(Relaxed)).count() as u64).sum())
 }
 
-/// Edges at which the boundary between some label and all others is not closed. The boundary of a union of tets is a cycle modulo 2:
-/// an even number of its facets meet at every edge, also where more than two labels do.
-///
-/// # Errors
-/// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
-pub fn open_edges(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
-    // The edges of all facets, gathered by their smaller vertex: a counting sort, since a sort of all of them would take seconds.
-    let edges = |facet: &[u32; 3]| {
-        let [a, b, c] = *facet;
-        [[a, b], [b, c], [c, a]].map(|[v, w]| [v.min(w), v.max(w)])
-    };
-    let mut ends: Vec<AtomicUsize> = zeroed(mesh.points.len() + 1, "vertices")?;
-    mesh.facets.par_chunks(CHUNK).try_for_each(|facets| {
-        monitor.advance(facets.len())?;
-        facets.iter().flat_map(edges).for_each(|[v, _]| _ = ends[v as usize + 1].fetch_add(1, Relaxed));
-        Ok(())
-    })?;
-    let mut end = 0;
-    for part in ends.chunks_mut(CHUNK) {
-        monitor.check_cancelled()?;
-        for count in part {
-            end += *count.get_mut();
-            *count.get_mut() = end;
-        }
-    }
-    // The larger vertex of each edge, and its facet. `ends[v]` grows from the start of v's part to its end; who comes first does not matter, since each
-    // part is sorted.
-    let stars: Vec<AtomicU64> = zeroed(3 * mesh.facets.len(), "edges of the interfaces")?;
-    mesh.facets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, facets)| {
-        monitor.advance(facets.len())?;
-        for (facet, f) in facets.iter().zip((chunk * CHUNK) as u64..) {
-            for [v, w] in edges(facet) {
-                let place = ends[v as usize].fetch_add(1, Relaxed);
-                stars[place].store(u64::from(w) << 32 | f, Relaxed);
-            }
-        }
-        Ok(())
-    })?;
-    let open_in = |chunk: usize| {
-        monitor.check_cancelled()?;
-        let (mut star, mut sides) = (Vec::new(), Vec::new());
-        let mut open = 0;
-        let mut start = if chunk == 0 { 0 } else { ends[chunk * CHUNK - 1].load(Relaxed) };
-        for v in chunk * CHUNK..((chunk + 1) * CHUNK).min(mesh.points.len()) {
-            let end = ends[v].load(Relaxed);
-            star.clear();
-            star.extend(stars[start..end].iter().map(|entry| entry.load(Relaxed)));
-            star.sort_unstable();
-            let edges = star.chunk_by(|x, y| x >> 32 == y >> 32);
-            open += edges.filter(|edge| is_open(edge, &mesh.facet_labels, &mut sides)).count() as u64;
-            start = end;
-        }
-        Ok(open)
-    };
-    (0..mesh.points.len().div_ceil(CHUNK)).into_par_iter().map(open_in).try_reduce(|| 0, |a, b| Ok(a + b))
-}
-
-/// Whether some label has an odd number of the facets at an edge, whose numbers are the low halves of `edge`. `sides`: room to work in.
-fn is_open(edge: &[u64], facet_labels: &[[i32; 2]], sides: &mut Vec<i32>) -> bool {
-    let labels = |entry: u64| facet_labels[entry as u32 as usize];
-    // Most edges are inside an interface.
-    if let &[one, other] = edge
-        && labels(one) == labels(other)
-    {
-        return false;
-    }
-    sides.clear();
-    sides.extend(edge.iter().flat_map(|&entry| labels(entry)));
-    sides.sort_unstable();
-    sides.chunk_by(|x, y| x == y).any(|side| side.len() % 2 == 1)
-}
-
-/// The table of labels: those of the image, lost ones included, and those that only the mesh has.
-///
-/// # Errors
-/// Those of [`image_components`] and [`mesh_components`].
-pub fn label_rows(mesh: &TetMesh, image: &LabelImage, monitor: &Monitor<'_>) -> Result<Vec<LabelRow>> {
-    let voxel_volume = image.frame().spacing().element_product();
-    let counts = image_components(image, monitor)?;
-    let mut rows: Vec<LabelRow> = counts
-        .iter()
-        .zip(image.labels())
-        .filter(|(count, _)| count.voxels > 0)
-        .map(|(count, &label)| LabelRow {
-            label,
-            image_volume: count.voxels as f64 * voxel_volume,
-            image_voxels: count.voxels,
-            components_image: count.components,
-            ..LabelRow::default()
-        })
-        .collect();
-    rows.sort_unstable_by_key(|row| row.label);
-    for TetCount { label, tets, volume, components } in mesh_components(mesh, monitor)? {
-        let at = rows.binary_search_by_key(&label, |row| row.label).unwrap_or_else(|at| {
-            rows.insert(at, LabelRow { label, ..LabelRow::default() });
-            at
-        });
-        rows[at] = LabelRow { tets, mesh_volume: volume, components_mesh: components, ..rows[at] };
-    }
-    Ok(rows)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::testing;
@@ -273,7 +275,7 @@ mod tests {
     #[test]
     fn a_perfect_mesh() {
         let (mesh, image) = nested_pair();
-        let certificate = Certificate::measure(&mesh, &image, 3, [1, 2, 3, 4, 5, 6], &Monitor::silent()).unwrap();
+        let mut certificate = Certificate::measure(&mesh, &image, 3, [1, 2, 3, 4, 5, 6], &Monitor::silent()).unwrap();
         let row = |label, voxels: u64| LabelRow {
             label,
             tets: 6 * voxels,
@@ -282,6 +284,9 @@ mod tests {
             image_voxels: voxels,
             components_image: 1,
             components_mesh: 1,
+            euler_image: if label == 5 { 4 } else { 2 },
+            euler_mesh: if label == 5 { 4 } else { 2 },
+            ..LabelRow::default()
         };
         let expected = Certificate {
             non_delaunay_facets: 3,
@@ -295,7 +300,14 @@ mod tests {
             assert!((row.mesh_volume - expected.mesh_volume).abs() < 1e-12);
             assert_eq!(LabelRow { mesh_volume: expected.mesh_volume, ..*row }, *expected);
         }
+        let components = std::mem::take(&mut certificate.components);
         assert_eq!(Certificate { labels: expected.labels.clone(), ..certificate.clone() }, expected);
+        let rows: Vec<_> = components
+            .iter()
+            .map(|c| (c.label, c.fate, c.tets, c.euler_image, c.euler_mesh, c.components_mesh))
+            .collect();
+        assert_eq!(rows, [(5, Fate::Kept, 6 * 56, 4, 4, 1), (900, Fate::Kept, 6 * 8, 2, 2, 1)]);
+        assert_eq!(components[1].position, [1.5, 0.75, 3.0]);
         assert_eq!(certificate.image_volume(), 64.0);
         assert!((certificate.mesh_volume() - 64.0).abs() < 1e-12);
     }
@@ -313,13 +325,6 @@ mod tests {
         mesh.facet_tets.pop();
         let certificate = Certificate::measure(&mesh, &image, 0, [0; 6], &Monitor::silent()).unwrap();
         assert_eq!((certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges), (2, 1, 3));
-    }
-
-    #[test]
-    fn many_labels_at_an_edge_are_closed() {
-        // Cubes in a checkerboard of four labels and background meet in every way along edges.
-        let mesh = testing::kuhn_box([4, 4, 3], [1.0; 3], |i, j, k| ((i * 3 + j * 5 + k * 7 + i * j) % 5) as i32);
-        assert_eq!(open_edges(&mesh, &Monitor::silent()).unwrap(), 0);
     }
 
     #[test]
@@ -370,10 +375,55 @@ mod tests {
     fn labels_of_one_side_only_have_rows() {
         let image = testing::image([2, 1, 1], Frame::axis_aligned([1.0; 3]).unwrap(), |i, _, _| [1, 7][i]);
         let mesh = testing::kuhn_box([2, 1, 1], [1.0; 3], |i, _, _| [7, -3][i]);
-        let rows = label_rows(&mesh, &image, &Monitor::silent()).unwrap();
+        let rows = Certificate::measure(&mesh, &image, 0, [0; 6], &Monitor::silent()).unwrap().labels;
         assert_eq!(
             rows.iter().map(|r| (r.label, r.tets, r.image_voxels)).collect::<Vec<_>>(),
             [(-3, 6, 0), (1, 0, 1), (7, 6, 1)]
         );
+        assert_eq!((rows[0].mesh_to_image.max, rows[1].image_to_mesh.max), (f64::INFINITY, f64::INFINITY));
+    }
+
+    #[test]
+    fn what_is_lost_merged_torn_or_pinched_is_listed() {
+        // Bars of eight voxels along y, 3 apart. In the mesh the second hangs on to the first, the third is gone, the fourth is cut in two, and
+        // a piece of label 2, which the image does not have there, floats beside; a bar of three voxels is gone, too, but is too small to be listed.
+        let bars = |i: usize, j: usize, k: usize| {
+            let bar = [1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0, 1][i];
+            if k == 0 && (i < 13 || j < 3) { bar } else { 0 }
+        };
+        let meshed = |i: usize, j: usize, k: usize| match (i, j, k) {
+            (1 | 2, 0, 0) => 1,
+            (6 | 13, _, _) => 0,
+            (9, 5, 0) => 0,
+            (11, 4, 1) => 2,
+            // Touches the first bar along an edge.
+            (1, 3, 1) => 1,
+            _ => bars(i, j, k),
+        };
+        let dims = [14, 8, 2];
+        let spacing = [1.0; 3];
+        let frame = Frame::new([0.5; 3], spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).unwrap();
+        let (mesh, image) = (testing::kuhn_box(dims, spacing, meshed), testing::image(dims, frame, bars));
+        let certificate = Certificate::measure(&mesh, &image, 0, [0; 6], &Monitor::silent()).unwrap();
+        let fates: Vec<_> = certificate.components.iter().map(|c| (c.position[0], c.fate, c.components_mesh)).collect();
+        assert_eq!(fates, [(0.5, Fate::Kept, 2), (3.5, Fate::Merged, 0), (6.5, Fate::Lost, 0), (9.5, Fate::Kept, 2)]);
+        let defects: Vec<_> = certificate.defects.iter().map(|d| (d.kind, d.label, d.size)).collect();
+        let expected = [
+            (DefectKind::Lost, 1, 8),
+            (DefectKind::Merged, 1, 8),
+            (DefectKind::Torn, 1, 12),
+            (DefectKind::Torn, 1, 6),
+            (DefectKind::Stray, 2, 6),
+            (DefectKind::PinchedEdge, 1, 0),
+        ];
+        assert_eq!(defects, expected);
+        assert_eq!(certificate.defects[0].position, [6.5, 0.5, 0.5]);
+        assert_eq!(certificate.defects[5].position, [1.0, 3.5, 1.0]);
+        let row = &certificate.labels[0];
+        assert_eq!((row.components_image, row.components_lost, row.components_merged), (5, 1, 1));
+        assert_eq!((row.components_mesh, row.pieces, row.pinched_edges, row.pinched_vertices), (4, 2, 1, 0));
+        assert_eq!((row.euler_image, row.euler_mesh), (10, 8));
+        // The lost bar is three voxels from what is left of its label on the one side, two and a bit on the other.
+        assert!(certificate.components[2].image_to_mesh.max >= 2.0, "{:?}", certificate.components[2]);
     }
 }

@@ -4,21 +4,29 @@
 //! was made with: a smooth mesh of a perfect image has a distance above 0. The measure follows Aspert, Santa-Cruz, Ebrahimi ("MESH: measuring errors between surfaces
 //! using the Hausdorff distance", ICME 2002): one side is sampled densely, the distance of each sample to the other side is exact.
 //!
-//! - Mesh to image: each facet is cut into n x n similar triangles with edges of at most half the smallest spacing; samples are their vertices,
-//!   weighted by area (the trapezoidal rule, exact for a linear distance). What lies between the samples can only raise the maximum where bounds permit it; there facets are cut
+//! - Mesh to image: each facet is cut into n x n similar triangles with edges of at most the smallest spacing; samples are their centroids,
+//!   weighted by area (the midpoint rule, exact for a linear distance). What lies between the samples can only raise the maximum where bounds permit it; there facets are cut
 //!   further, until the maximum is known to a hundredth of the smallest spacing (`Facet::raise`).
 //! - Image to mesh: the mean is over the centres of the voxel faces, weighted by area; the maximum is over centres and corners, and may miss the true one by at most the
 //!   distance to the nearest of these.
 //!
-//! Labels are not compared: a facet between labels 1 and 2 may be nearest to a face between 1 and 3.
+//! Over the whole, labels are not compared: a facet between labels 1 and 2 may be nearest to a face between 1 and 3. For a component they are: its boundary, a part of its
+//! label's, is held against the boundary of that label alone, so that a component that is lost is as far away as the next part of its label. Mostly the nearest of
+//! all is of the label; otherwise it is searched for. The largest distance of a mesh's component is that of its samples, not refined further.
 //!
 //! Safe from any thread; parallel inside; sums are combined in a fixed order, so equal input gives equal bits. Linear in samples and faces, but for a logarithm.
+
+use std::ops::AddAssign;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::TetMesh;
-use super::triangle_tree::TriangleTree;
+use super::image_components::ImageComponents;
+use super::ledger::{Ledger, Sums};
+use super::mesh_components::MeshComponents;
+use super::triangle_tree::{Triangle, TriangleTree};
 use super::voxel_faces::{Face, VoxelFaces};
 use crate::image::LabelImage;
 use crate::memory::{room, zeroed};
@@ -30,6 +38,9 @@ const CHUNK: usize = 256;
 
 /// Samples between two looks at the cancel flag: far from any interface one may take a millisecond.
 const CHECK_EVERY: usize = 64;
+
+/// Facets whose triangles are made between two looks at the cancel flag.
+const FILL: usize = 1 << 16;
 
 /// The largest distance from the mesh may be farther by this part of the smallest spacing.
 const TOLERANCE: f64 = 0.01;
@@ -53,12 +64,28 @@ pub struct SurfaceDistance {
     pub image_to_mesh: Distance,
 }
 
-impl SurfaceDistance {
+/// Distances over the whole, and for each component.
+pub(super) struct Distances {
+    /// Between all interfaces.
+    pub whole: SurfaceDistance,
+    /// From the boundary of each component of the mesh.
+    pub of_mesh: Vec<Sum>,
+    /// From the boundary of each component of the image.
+    pub of_image: Vec<Sum>,
+}
+
+impl Distances {
     /// Measures `mesh` against `image`.
     ///
     /// # Errors
     /// [`Error::InvalidArgument`] when a vertex is not finite, [`Error::OutOfMemory`], [`Error::Cancelled`].
-    pub fn measure(mesh: &TetMesh, image: &LabelImage, monitor: &Monitor<'_>) -> Result<Self> {
+    pub fn measure(
+        mesh: &TetMesh,
+        image: &LabelImage,
+        mesh_components: &MeshComponents,
+        image_components: &ImageComponents,
+        monitor: &Monitor<'_>,
+    ) -> Result<Self> {
         if let Some(v) = mesh.points.par_iter().position_first(|p| p.iter().any(|x| !x.is_finite())) {
             return Err(Error::InvalidArgument(format!("vertex {v} is not finite: {:?}", mesh.points[v])));
         }
@@ -67,62 +94,122 @@ impl SurfaceDistance {
         let frame = image.frame();
         let to_local = frame.direction().transpose();
         let local = |v: u32| to_local * (mesh.point(v) - frame.origin()) + 0.5 * frame.spacing();
-        let mut triangles: Vec<[DVec3; 3]> = room(mesh.facets.len(), "triangles of the interfaces")?;
-        for facets in mesh.facets.chunks(1 << 16) {
+        // A label that the image does not have is on no face; nor is any sought there.
+        let id_of = |label: i32| image.id_of(label).unwrap_or(0);
+        let mut triangles: Vec<Triangle> = room(mesh.facets.len(), "triangles of the interfaces")?;
+        for chunk in (0..mesh.facets.len()).step_by(FILL) {
             monitor.advance(0)?;
-            triangles.par_extend(facets.par_iter().map(|facet| facet.map(local)));
+            let facets = chunk..(chunk + FILL).min(mesh.facets.len());
+            triangles.par_extend(
+                facets
+                    .into_par_iter()
+                    .map(|f| Triangle { corners: mesh.facets[f].map(local), ids: mesh.facet_labels[f].map(id_of) }),
+            );
         }
-        let mesh_to_image = mesh_to_image(&triangles, &faces, frame.spacing().min_element(), monitor)?;
+        let (mesh_to_image, sums) = mesh_to_image(&triangles, mesh, mesh_components, &faces, monitor)?;
+        let of_mesh = spread(sums, mesh_components.list.len());
         let [_, ny, nz] = faces.dims();
         monitor.enter(Step::ImageToMesh, ny * nz)?;
         let tree = TriangleTree::new(triangles, monitor)?;
-        let image_to_mesh = image_to_mesh(&tree, &faces, monitor)?;
-        Ok(Self { mesh_to_image, image_to_mesh })
+        let (image_to_mesh, of_image) = image_to_mesh(&tree, &faces, image_components, monitor)?;
+        Ok(Self { whole: SurfaceDistance { mesh_to_image, image_to_mesh }, of_mesh, of_image })
     }
 }
 
 /// Weighted sum and maximum of distances.
-#[derive(Clone, Copy, Default)]
-struct Sum {
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Sum {
     weight: f64,
     weighted: f64,
     max: f64,
 }
 
 impl Sum {
-    fn add(&mut self, weight: f64, distance: f64) {
-        self.weight += weight;
-        self.weighted += weight * distance;
-        self.max = self.max.max(distance);
+    fn of(weight: f64, distance: f64) -> Self {
+        Self { weight, weighted: weight * distance, max: distance }
     }
 
-    fn total(parts: Vec<Sum>) -> Distance {
-        let all = parts.into_iter().fold(Sum::default(), |a, b| Sum {
-            weight: a.weight + b.weight,
-            weighted: a.weighted + b.weighted,
-            max: a.max.max(b.max),
-        });
+    /// Mean and maximum; 0 of nothing.
+    pub fn distance(&self) -> Distance {
         // Facets without area have no weight, but may have a maximum.
-        Distance { mean: if all.weight > 0.0 { all.weighted / all.weight } else { all.max }, max: all.max }
+        Distance { mean: if self.weight > 0.0 { self.weighted / self.weight } else { self.max }, max: self.max }
     }
 }
 
+impl AddAssign for Sum {
+    fn add_assign(&mut self, other: Self) {
+        self.weight += other.weight;
+        self.weighted += other.weighted;
+        self.max = self.max.max(other.max);
+    }
+}
+
+impl std::iter::Sum for Sum {
+    fn sum<I: Iterator<Item = Self>>(sums: I) -> Self {
+        sums.fold(Self::default(), |mut all, sum| {
+            all += sum;
+            all
+        })
+    }
+}
+
+/// Sums by component, 0 for those that have none.
+fn spread(sums: Sums<Sum>, components: usize) -> Vec<Sum> {
+    let mut spread = vec![Sum::default(); components];
+    sums.into_iter().for_each(|(component, sum)| spread[component as usize] = sum);
+    spread
+}
+
+/// A maximum that any number of threads may raise. What it ends with depends on none of them.
+#[derive(Default)]
+struct Max(AtomicU64);
+
+impl Max {
+    fn get(&self) -> f64 {
+        f64::from_bits(self.0.load(Relaxed))
+    }
+
+    /// `value` is not negative: then bits are ordered as numbers are.
+    fn raise(&self, value: f64) {
+        if value > self.get() {
+            self.0.fetch_max(value.to_bits(), Relaxed);
+        }
+    }
+}
+
+/// A side of an interface facet or of a voxel face: component, the id of its label, and what was last found to be nearest of that label.
+struct Side<T> {
+    component: u64,
+    id: u16,
+    last: Option<T>,
+}
+
+/// Distances from the mesh to the image: over the whole, and the sums of each component that has any facets.
 fn mesh_to_image(
-    triangles: &[[DVec3; 3]],
-    faces: &VoxelFaces,
-    spacing: f64,
+    triangles: &[Triangle],
+    mesh: &TetMesh,
+    components: &MeshComponents,
+    faces: &VoxelFaces<'_>,
     monitor: &Monitor<'_>,
-) -> Result<Distance> {
-    let step = 0.5 * spacing;
-    // No point of a triangle is farther than this; see `Facet::bound`.
+) -> Result<(Distance, Sums<Sum>)> {
+    let spacing = faces.smallest_spacing();
+    // No point of a triangle is farther than this.
     let mut bounds: Vec<f64> = zeroed(triangles.len(), "distances of facets")?;
-    let parts = triangles.par_chunks(CHUNK).zip(bounds.par_chunks_mut(CHUNK)).map(|(triangles, bounds)| {
-        let mut sum = Sum::default();
+    let chunks = triangles.par_chunks(CHUNK).zip(bounds.par_chunks_mut(CHUNK)).enumerate();
+    let parts = chunks.map(|(chunk, (triangles, bounds))| {
+        let mut whole = Sum::default();
+        let mut ledger = Ledger::default();
         let mut start = None;
         let mut samples = 0_usize;
-        for (triangle, bound) in triangles.iter().zip(bounds) {
+        let mut sides: [Option<Side<Face>>; 2] = [None, None];
+        for ((triangle, bound), f) in triangles.iter().zip(bounds).zip(chunk * CHUNK..) {
+            for (side, (t, &id)) in sides.iter_mut().zip(mesh.facet_tets[f].into_iter().zip(&triangle.ids)) {
+                let last = side.take().filter(|side| side.id == id).and_then(|side| side.last);
+                *side = components.of(t).map(|component| Side { component: component.into(), id, last });
+            }
+            let mut of_sides = [Sum::default(); 2];
             let mut farthest = 0.0_f64;
-            let edge = for_each_sample(triangle, step, |p, weight| {
+            let edge = for_each_sample(&triangle.corners, spacing, |p, weight| {
                 samples += 1;
                 if samples.is_multiple_of(CHECK_EVERY) {
                     monitor.advance(0)?;
@@ -131,17 +218,35 @@ fn mesh_to_image(
                 start = found.map(|(face, _)| face);
                 let distance = found.map_or(f64::INFINITY, |(_, squared)| squared.sqrt());
                 farthest = farthest.max(distance);
-                sum.add(weight, distance);
+                whole += Sum::of(weight, distance);
+                for (side, sum) in sides.iter_mut().zip(&mut of_sides) {
+                    let Some(side) = side else { continue };
+                    let own = match found.filter(|&(face, _)| faces.touches(face, side.id)) {
+                        _ if side.id == 0 => None,
+                        None => faces.nearest_of(side.id, p, side.last),
+                        found => found,
+                    };
+                    side.last = own.map(|(face, _)| face);
+                    *sum += Sum::of(weight, own.map_or(f64::INFINITY, |(_, squared)| squared.sqrt()));
+                }
                 Ok(())
             })?;
-            *bound = farthest + edge / 3.0_f64.sqrt();
+            for (side, sum) in sides.iter().zip(of_sides) {
+                if let Some(side) = side {
+                    ledger.add(side.component, sum);
+                }
+            }
+            // No point of a triangle is farther from its centroid than two thirds of the longest edge.
+            *bound = farthest + edge * (2.0 / 3.0);
         }
         monitor.advance(triangles.len())?;
-        Ok(sum)
+        Ok((whole, ledger.sums()))
     });
-    let sampled = Sum::total(parts.collect::<Result<_>>()?);
+    let (wholes, sums): (Vec<Sum>, Vec<Sums<Sum>>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let sums = Ledger::total(sums);
+    let sampled = wholes.into_iter().sum::<Sum>().distance();
     if sampled.max.is_infinite() {
-        return Ok(sampled);
+        return Ok((sampled, sums));
     }
     let enough = sampled.max + TOLERANCE * spacing;
     // Each chunk starts from the maximum of the samples, not from what others have found, so that equal input gives equal bits.
@@ -150,14 +255,14 @@ fn mesh_to_image(
         let mut max = sampled.max;
         let mut start = None;
         for (triangle, _) in triangles.iter().zip(bounds).filter(|&(_, &bound)| bound > enough) {
-            if let Some(facet) = Facet::new(triangle, faces, &mut start) {
+            if let Some(facet) = Facet::new(&triangle.corners, faces, &mut start) {
                 facet.raise(faces, TOLERANCE * spacing, &mut max, &mut || monitor.advance(0))?;
             }
         }
         Ok(max)
     });
     let max = raised.try_reduce(|| sampled.max, |a, b| Ok(a.max(b)))?;
-    Ok(Distance { max, ..sampled })
+    Ok((Distance { max, ..sampled }, sums))
 }
 
 /// A triangle, each corner with the voxel face nearest to it and that distance.
@@ -171,7 +276,7 @@ struct Corner {
 }
 
 impl Corner {
-    fn new(at: DVec3, faces: &VoxelFaces, start: &mut Option<Face>) -> Option<Self> {
+    fn new(at: DVec3, faces: &VoxelFaces<'_>, start: &mut Option<Face>) -> Option<Self> {
         let (face, squared) = faces.nearest(at, *start)?;
         *start = Some(face);
         Some(Self { at, face, distance: squared.sqrt() })
@@ -180,7 +285,7 @@ impl Corner {
 
 impl Facet {
     /// `None` when there is no face.
-    fn new(triangle: &[DVec3; 3], faces: &VoxelFaces, start: &mut Option<Face>) -> Option<Self> {
+    fn new(triangle: &[DVec3; 3], faces: &VoxelFaces<'_>, start: &mut Option<Face>) -> Option<Self> {
         let [a, b, c] = triangle.map(|at| Corner::new(at, faces, start));
         Some(Self([a?, b?, c?]))
     }
@@ -188,7 +293,7 @@ impl Facet {
     /// Raises `max` to the largest distance from the triangle to the faces, if that is larger by more than `tolerance`: branch and bound.
     fn raise(
         &self,
-        faces: &VoxelFaces,
+        faces: &VoxelFaces<'_>,
         tolerance: f64,
         max: &mut f64,
         check: &mut dyn FnMut() -> Result<()>,
@@ -210,7 +315,7 @@ impl Facet {
     /// No point of the triangle is farther than this. The distance to one face is convex, so largest at a corner. And a point x = sum(l_i p_i) is at most
     /// sum(l_i (d_i + |x - p_i|)) away, where sum(l_i |x - p_i|) is at most the radius of a circle around the triangle, which need not exceed the
     /// longest edge over the root of 3.
-    fn bound(&self, faces: &VoxelFaces) -> f64 {
+    fn bound(&self, faces: &VoxelFaces<'_>) -> f64 {
         let [a, b, c] = self.0.map(|corner| corner.at);
         let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
         let farthest = self.0.iter().fold(0.0, |max: f64, corner| max.max(corner.distance));
@@ -220,8 +325,8 @@ impl Facet {
     }
 }
 
-/// Calls `sample` with the vertices of a subdivision of the triangle into n x n similar ones with edges of at most `step`, and with
-/// the area each stands for. The areas sum up to that of the triangle. An error of `sample` ends the calls. Returns the longest edge of the similar triangles.
+/// Calls `sample` with the centroids of a subdivision of the triangle into n x n similar ones with edges of at most `step`, and with the area of each. An
+/// error of `sample` ends the calls. Returns the longest edge of the similar triangles.
 fn for_each_sample(
     &[a, b, c]: &[DVec3; 3],
     step: f64,
@@ -230,25 +335,38 @@ fn for_each_sample(
     let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a)).sqrt();
     let n = ((longest / step).ceil() as usize).max(1);
     let scale = 1.0 / n as f64;
-    // Each small triangle gives a third of its area to each of its vertices: six meet inside, three on an edge, one in a corner.
-    let third = (b - a).cross(c - a).length() * scale * scale / 6.0;
-    for i in 0..=n {
-        for j in 0..=n - i {
-            let on_edges = usize::from(i == 0) + usize::from(j == 0) + usize::from(i + j == n);
-            let weight = third * [6.0, 3.0, 1.0][on_edges.min(2)];
-            sample(a + (b - a) * (i as f64 * scale) + (c - a) * (j as f64 * scale), weight)?;
+    let area = (b - a).cross(c - a).length() * 0.5 * scale * scale;
+    let at = |i: usize, j: usize, off: f64| a + ((b - a) * (i as f64 + off) + (c - a) * (j as f64 + off)) * scale;
+    for i in 0..n {
+        for j in 0..n - i {
+            // One triangle like the whole, and one upside down, which the last of a row lacks.
+            sample(at(i, j, 1.0 / 3.0), area)?;
+            if i + j + 1 < n {
+                sample(at(i, j, 2.0 / 3.0), area)?;
+            }
         }
     }
     Ok(longest * scale)
 }
 
-fn image_to_mesh(tree: &TriangleTree, faces: &VoxelFaces, monitor: &Monitor<'_>) -> Result<Distance> {
+/// Distances from the image to the mesh: over the whole, and the sums of each component.
+fn image_to_mesh(
+    tree: &TriangleTree,
+    faces: &VoxelFaces<'_>,
+    components: &ImageComponents,
+    monitor: &Monitor<'_>,
+) -> Result<(Distance, Vec<Sum>)> {
     let [_, ny, nz] = faces.dims();
     let rows = ny * nz;
+    // What is no farther than the maximum that any thread knows need not be looked at.
+    let max = Max::default();
+    let maxima: Vec<Max> = (0..components.list.len()).map(|_| Max::default()).collect();
     let parts = (0..rows.div_ceil(CHUNK)).into_par_iter().map(|chunk| {
-        let mut sum = Sum::default();
+        let mut whole = Sum::default();
+        let mut ledger = Ledger::default();
         let mut start = None;
         let mut samples = 0_usize;
+        let mut sides: [Option<Side<usize>>; 2] = [None, None];
         for row in chunk * CHUNK..((chunk + 1) * CHUNK).min(rows) {
             monitor.advance(1)?;
             for face in faces.row(row % ny, row / ny) {
@@ -256,28 +374,71 @@ fn image_to_mesh(tree: &TriangleTree, faces: &VoxelFaces, monitor: &Monitor<'_>)
                 if samples.is_multiple_of(CHECK_EVERY) {
                     monitor.advance(0)?;
                 }
-                let Some(found) = tree.nearest(faces.centre(face), start) else {
-                    return Ok(Sum { weight: 1.0, weighted: f64::INFINITY, max: f64::INFINITY });
-                };
-                let distance = found.distance_squared.sqrt();
-                start = Some(found.slot);
-                sum.add(faces.area(face), distance);
-                if distance + faces.half_diagonal(face) <= sum.max {
-                    continue;
+                let (centre, area) = (faces.centre(face), faces.area(face));
+                let found = tree.nearest(centre, start);
+                start = found.map(|found| found.slot);
+                let distance = found.map_or(f64::INFINITY, |found| found.distance_squared.sqrt());
+                whole += Sum::of(area, distance);
+                max.raise(distance);
+                if let Some(slot) = start {
+                    look_at_corners(faces, face, slot, distance, tree, None, &max);
                 }
-                for corner in faces.corners(face) {
-                    // A corner with any triangle within the maximum so far cannot raise it.
-                    if tree.distance_squared_to(found.slot, corner) > sum.max * sum.max
-                        && let Some(nearest) = tree.nearest(corner, start)
-                    {
-                        sum.max = sum.max.max(nearest.distance_squared.sqrt());
+                for (side, voxel) in sides.iter_mut().zip(faces.voxels(face)) {
+                    let component = voxel.and_then(|voxel| components.at(voxel));
+                    let id = component.map_or(0, |component| components.list[component as usize].id);
+                    let last = side.take().filter(|side| side.id == id).and_then(|side| side.last);
+                    *side = component.map(|component| Side { component: component.into(), id, last });
+                    let Some(side) = side else { continue };
+                    let own = match found.filter(|found| tree.touches(found.slot, id)) {
+                        None => tree.nearest_of(id, centre, side.last),
+                        found => found,
+                    };
+                    side.last = own.map(|found| found.slot);
+                    let distance = own.map_or(f64::INFINITY, |found| found.distance_squared.sqrt());
+                    ledger.add(side.component, Sum::of(area, distance));
+                    let max = &maxima[side.component as usize];
+                    max.raise(distance);
+                    if let Some(slot) = side.last {
+                        look_at_corners(faces, face, slot, distance, tree, Some(id), max);
                     }
                 }
             }
         }
-        Ok(sum)
+        Ok((whole, ledger.sums()))
     });
-    Ok(Sum::total(parts.collect::<Result<_>>()?))
+    let (wholes, sums): (Vec<Sum>, Vec<Sums<Sum>>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let whole = Sum { max: max.get(), ..wholes.into_iter().sum() };
+    let mut of_components = spread(Ledger::total(sums), components.list.len());
+    of_components.iter_mut().zip(&maxima).for_each(|(sum, max)| sum.max = max.get());
+    Ok((whole.distance(), of_components))
+}
+
+/// Raises `max` to the largest distance from a corner of `face` to the triangles, or to those of label `id`; the triangle in `slot` is one of them, and `distance` away
+/// from the centre.
+fn look_at_corners(
+    faces: &VoxelFaces<'_>,
+    face: Face,
+    slot: usize,
+    distance: f64,
+    tree: &TriangleTree,
+    id: Option<u16>,
+    max: &Max,
+) {
+    // A corner with any triangle within the maximum so far cannot raise it. The margin keeps rounding from deciding.
+    if distance + faces.half_diagonal(face) <= max.get() * (1.0 - 1e-12) {
+        return;
+    }
+    for corner in faces.corners(face) {
+        if tree.distance_squared_to(slot, corner).sqrt() > max.get() {
+            let nearest = match id {
+                None => tree.nearest(corner, Some(slot)),
+                Some(id) => tree.nearest_of(id, corner, Some(slot)),
+            };
+            if let Some(nearest) = nearest {
+                max.raise(nearest.distance_squared.sqrt());
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -286,6 +447,13 @@ mod tests {
     use super::super::triangle_tree::closest_point;
     use super::*;
     use crate::image::Frame;
+
+    fn measured(mesh: &TetMesh, image: &LabelImage) -> Distances {
+        let monitor = Monitor::silent();
+        let image_components = ImageComponents::new(image, &monitor).unwrap();
+        let mesh_components = MeshComponents::new(mesh, image, &image_components, &monitor).unwrap();
+        Distances::measure(mesh, image, &mesh_components, &image_components, &monitor).unwrap()
+    }
 
     fn close(a: f64, b: f64) {
         assert!((a - b).abs() <= 1e-9 * b.abs().max(1.0), "{a} is not {b}");
@@ -310,7 +478,7 @@ mod tests {
     #[test]
     fn a_mesh_of_the_voxels_has_no_distance() {
         let (mesh, image) = pair(two_labels);
-        let distance = SurfaceDistance::measure(&mesh, &image, &Monitor::silent()).unwrap();
+        let distance = measured(&mesh, &image).whole;
         for side in [distance.mesh_to_image, distance.image_to_mesh] {
             assert!(side.max < 1e-12 && side.mean < 1e-12, "{distance:?}");
         }
@@ -323,7 +491,7 @@ mod tests {
         for p in &mut mesh.points {
             *p = (DVec3::from_array(*p) + image.frame().direction().x_axis * 0.25).to_array();
         }
-        let distance = SurfaceDistance::measure(&mesh, &image, &Monitor::silent()).unwrap();
+        let distance = measured(&mesh, &image).whole;
         close(distance.mesh_to_image.max, 0.25);
         close(distance.image_to_mesh.max, 0.25);
         // The ends have area 2 * 24, the sides 2.5 * 20; of these only the samples on the rim (and none of the face centres) are off.
@@ -337,7 +505,7 @@ mod tests {
         for (v, p) in mesh.points.iter_mut().enumerate() {
             *p = p.map(|x| x + 0.4 * ((v * 37 % 11) as f64 / 11.0 - 0.5));
         }
-        let measured = SurfaceDistance::measure(&mesh, &image, &Monitor::silent()).unwrap();
+        let measured = measured(&mesh, &image).whole;
 
         let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
         let [_, ny, nz] = faces.dims();
@@ -350,24 +518,24 @@ mod tests {
             for triangle in &triangles {
                 for_each_sample(triangle, step, |p, weight| {
                     let squared = all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
-                    sum.add(weight, squared.sqrt());
+                    sum += Sum::of(weight, squared.sqrt());
                     Ok(())
                 })
                 .unwrap();
             }
             sum
         };
-        let (there, finely) = (sampled(0.25), sampled(0.02));
+        let (there, finely) = (sampled(0.5), sampled(0.02));
         let to_mesh =
             |p: DVec3| triangles.iter().map(|t| p.distance(closest_point(t, p))).fold(f64::INFINITY, f64::min);
         let mut back = Sum::default();
         for &face in &all {
-            back.add(faces.area(face), to_mesh(faces.centre(face)));
+            back += Sum::of(faces.area(face), to_mesh(faces.centre(face)));
             for corner in faces.corners(face) {
                 back.max = back.max.max(to_mesh(corner));
             }
         }
-        let (there, back) = (Sum::total(vec![there]), Sum::total(vec![back]));
+        let (there, finely, back) = (there.distance(), finely.distance(), back.distance());
         close(measured.mesh_to_image.mean, there.mean);
         // Fine samples find no more than the tolerance allows, and miss no more than lies between them.
         let tolerance = TOLERANCE * 0.5;
@@ -377,6 +545,57 @@ mod tests {
         close(measured.image_to_mesh.mean, back.mean);
         close(measured.image_to_mesh.max, back.max);
         assert!(there.max > 0.1 && back.max > 0.1);
+    }
+
+    #[test]
+    fn components_are_held_against_their_own_label() {
+        let (mut mesh, image) = pair(|i, j, k| ((i * 7 + j * 5 + k * 3) % 4) as i32);
+        for (v, p) in mesh.points.iter_mut().enumerate() {
+            *p = p.map(|x| x + 0.4 * ((v * 37 % 11) as f64 / 11.0 - 0.5));
+        }
+        let monitor = Monitor::silent();
+        let components = ImageComponents::new(&image, &monitor).unwrap();
+        let parts = MeshComponents::new(&mesh, &image, &components, &monitor).unwrap();
+        let measured = Distances::measure(&mesh, &image, &parts, &components, &monitor).unwrap();
+        let faces = VoxelFaces::new(&image, &monitor).unwrap();
+        let [_, ny, nz] = faces.dims();
+        let all: Vec<_> = (0..ny * nz).flat_map(|row| faces.row(row % ny, row / ny)).collect();
+        let frame = image.frame();
+        let local = |v: u32| (frame.to_index(mesh.point(v)) + 0.5) * frame.spacing();
+
+        let mut of_image = vec![Sum::default(); components.list.len()];
+        for &face in &all {
+            for component in faces.voxels(face).into_iter().flatten().filter_map(|voxel| components.at(voxel)) {
+                let label = image.labels()[usize::from(components.list[component as usize].id)];
+                let own = || mesh.facets.iter().zip(&mesh.facet_labels).filter(|(_, labels)| labels.contains(&label));
+                let to_mesh = |p: DVec3| {
+                    let distances = own().map(|(f, _)| p.distance(closest_point(&f.map(local), p)));
+                    distances.fold(f64::INFINITY, f64::min)
+                };
+                let sum = &mut of_image[component as usize];
+                *sum += Sum::of(faces.area(face), to_mesh(faces.centre(face)));
+                sum.max = faces.corners(face).into_iter().fold(sum.max, |max, corner| max.max(to_mesh(corner)));
+            }
+        }
+        let mut of_mesh = vec![Sum::default(); parts.list.len()];
+        for (f, facet) in mesh.facets.iter().enumerate() {
+            for component in mesh.facet_tets[f].into_iter().filter_map(|t| parts.of(t)) {
+                let id = image.id_of(parts.list[component as usize].label).unwrap();
+                let own: Vec<_> = all.iter().filter(|&&face| faces.touches(face, id)).collect();
+                for_each_sample(&facet.map(local), 0.5, |p, weight| {
+                    let squared =
+                        own.iter().map(|&&face| faces.distance_squared(face, p)).fold(f64::INFINITY, f64::min);
+                    of_mesh[component as usize] += Sum::of(weight, squared.sqrt());
+                    Ok(())
+                })
+                .unwrap();
+            }
+        }
+        assert!(of_image.len() > 8 && of_mesh.len() > 8);
+        for (found, expected) in measured.of_image.iter().zip(&of_image).chain(measured.of_mesh.iter().zip(&of_mesh)) {
+            close(found.distance().mean, expected.distance().mean);
+            close(found.distance().max, expected.distance().max);
+        }
     }
 
     #[test]
@@ -392,7 +611,7 @@ mod tests {
         }
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| SurfaceDistance::measure(&mesh, &image, &Monitor::silent()).unwrap())
+            pool.install(|| measured(&mesh, &image).whole)
         };
         assert!(mesh.facets.len() > 5 * CHUNK);
         let measured = on(1);
@@ -404,14 +623,14 @@ mod tests {
     fn samples_cover_the_triangle() {
         let triangle = [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0), DVec3::new(1.0, 2.0, 0.0)];
         let (mut area, mut moment, mut count) = (0.0, DVec3::ZERO, 0);
-        for_each_sample(&triangle, 0.3, |p, weight| {
+        let edge = for_each_sample(&triangle, 0.3, |p, weight| {
             area += weight;
             moment += p * weight;
             count += 1;
             Ok(())
-        })
-        .unwrap();
-        assert_eq!(count, 11 * 12 / 2);
+        });
+        close(edge.unwrap(), 0.3);
+        assert_eq!(count, 10 * 10);
         close(area, 3.0);
         assert!((moment / area).distance(DVec3::new(4.0, 2.0, 0.0) / 3.0) < 1e-12);
     }
@@ -419,11 +638,11 @@ mod tests {
     #[test]
     fn a_missing_side_is_infinitely_far() {
         let (mesh, image) = pair(|_, _, _| 1);
-        let measured = SurfaceDistance::measure(&TetMesh::default(), &image, &Monitor::silent()).unwrap();
+        let measured = measured(&TetMesh::default(), &image).whole;
         assert_eq!(measured.mesh_to_image, Distance::default());
         assert_eq!(measured.image_to_mesh, Distance { mean: f64::INFINITY, max: f64::INFINITY });
         let (_, empty) = pair(|_, _, _| 0);
-        let measured = SurfaceDistance::measure(&mesh, &empty, &Monitor::silent()).unwrap();
+        let measured = self::measured(&mesh, &empty).whole;
         assert_eq!(measured.mesh_to_image.max, f64::INFINITY);
         assert_eq!(measured.image_to_mesh, Distance::default());
     }
@@ -431,12 +650,15 @@ mod tests {
     #[test]
     fn bad_vertices_and_cancellation_are_errors() {
         let (mut mesh, image) = pair(|_, _, _| 1);
+        let silent = Monitor::silent();
+        let components = ImageComponents::new(&image, &silent).unwrap();
+        let parts = MeshComponents::new(&mesh, &image, &components, &silent).unwrap();
         let flag = crate::monitor::CancelFlag::default();
         flag.cancel();
-        let cancelled = SurfaceDistance::measure(&mesh, &image, &Monitor::new(None, Some(&flag)));
+        let cancelled = Distances::measure(&mesh, &image, &parts, &components, &Monitor::new(None, Some(&flag)));
         assert!(matches!(cancelled, Err(Error::Cancelled)));
         mesh.points[3][1] = f64::NAN;
-        let message = SurfaceDistance::measure(&mesh, &image, &Monitor::silent()).unwrap_err().to_string();
-        assert!(message.starts_with("vertex 3 is not finite"), "{message}");
+        let refused = Distances::measure(&mesh, &image, &parts, &components, &silent).err().unwrap().to_string();
+        assert!(refused.starts_with("vertex 3 is not finite"), "{refused}");
     }
 }

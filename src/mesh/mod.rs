@@ -1,17 +1,24 @@
 //! The finished mesh: plain arrays, and what is measured on them.
 
 pub mod certificate;
-pub mod components;
 pub mod distance;
 pub mod extract;
+mod image_components;
+mod ledger;
+pub mod matching;
+mod mesh_components;
 pub mod quality;
+mod sets;
+pub mod sheets;
+mod tables;
 mod triangle_tree;
 mod voxel_faces;
 
 #[cfg(test)]
 pub(crate) mod testing;
 
-pub use certificate::{Certificate, LabelRow};
+pub use certificate::{Certificate, ComponentRow, Defect, DefectKind, LabelRow};
+pub use matching::Fate;
 pub use quality::Quality;
 
 use glam::DVec3;

@@ -4,7 +4,7 @@
 //! Built once, O(n log n), the halves in parallel in the current rayon pool; read-only afterwards, so any number of threads may ask. The hierarchy does
 //! not depend on the number of threads. A query that starts from a triangle known to be near
 //! visits only the few boxes that come closer; the surface is walked in scan order, and the answer for one point is that start for the
-//! next.
+//! next. A query may ask for triangles of one label alone: a bit for every 64th label tells in which boxes there may be some.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -28,11 +28,31 @@ const ALONE: usize = 1 << 11;
 /// Boxes between two looks at the cancel flag when their memory is touched.
 const FILL: usize = 1 << 16;
 
+/// A triangle, and the ids of the labels on its two sides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Triangle {
+    pub corners: [DVec3; 3],
+    pub ids: [u16; 2],
+}
+
+impl Triangle {
+    fn labels(&self) -> u64 {
+        self.ids.iter().fold(0, |labels, &id| labels | bit(id))
+    }
+}
+
+/// The bit of a label among the labels of a box.
+fn bit(id: u16) -> u64 {
+    1 << (id % 64)
+}
+
 /// A box of the hierarchy. Its left child follows it in the array.
 #[derive(Clone, Copy)]
 struct Node {
     min: DVec3,
     max: DVec3,
+    /// The bits of all labels in it.
+    labels: u64,
     /// Of a leaf, its first triangle; of an inner node, its right child.
     link: u32,
     /// Triangles of a leaf; 0 marks an inner node.
@@ -40,11 +60,14 @@ struct Node {
 }
 
 impl Node {
-    const EMPTY: Self = Self { min: DVec3::ZERO, max: DVec3::ZERO, link: 0, count: 0 };
+    const EMPTY: Self = Self { min: DVec3::ZERO, max: DVec3::ZERO, labels: 0, link: 0, count: 0 };
 
-    /// Squared distance from `p` to the box.
+    /// Squared distance from `p` to the box; infinite if it has none of `labels`.
     #[inline]
-    fn distance_squared(&self, p: DVec3) -> f64 {
+    fn distance_squared(&self, p: DVec3, labels: u64) -> f64 {
+        if self.labels & labels == 0 {
+            return f64::INFINITY;
+        }
         p.distance_squared(p.clamp(self.min, self.max))
     }
 }
@@ -59,8 +82,10 @@ pub(super) struct Nearest {
 
 /// The hierarchy over a set of triangles.
 pub(super) struct TriangleTree {
-    triangles: Vec<[DVec3; 3]>,
+    triangles: Vec<Triangle>,
     nodes: Vec<Node>,
+    /// Whether any triangle has label id `i`.
+    has_id: Vec<bool>,
 }
 
 impl TriangleTree {
@@ -68,7 +93,12 @@ impl TriangleTree {
     ///
     /// # Errors
     /// [`Error::Cancelled`](crate::Error::Cancelled), [`Error::OutOfMemory`](crate::Error::OutOfMemory).
-    pub fn new(mut triangles: Vec<[DVec3; 3]>, monitor: &Monitor<'_>) -> Result<Self> {
+    pub fn new(mut triangles: Vec<Triangle>, monitor: &Monitor<'_>) -> Result<Self> {
+        let mut has_id = vec![false; usize::from(u16::MAX) + 1];
+        for part in triangles.chunks(FILL) {
+            monitor.advance(0)?;
+            part.iter().flat_map(|t| t.ids).for_each(|id| has_id[usize::from(id)] = true);
+        }
         let count = boxes(triangles.len());
         let mut nodes: Vec<Node> = room(count, "boxes around triangles")?;
         while nodes.len() < count {
@@ -79,23 +109,43 @@ impl TriangleTree {
         if count > 0 {
             build(&mut triangles, 0, &mut nodes, 0, monitor)?;
         }
-        Ok(Self { triangles, nodes })
+        Ok(Self { triangles, nodes, has_id })
     }
 
     /// Squared distance from `p` to the triangle in `slot`.
     #[inline]
     pub fn distance_squared_to(&self, slot: usize, p: DVec3) -> f64 {
-        p.distance_squared(closest_point(&self.triangles[slot], p))
+        p.distance_squared(closest_point(&self.triangles[slot].corners, p))
+    }
+
+    /// Whether label id `id` is on one side of the triangle in `slot`.
+    #[inline]
+    pub fn touches(&self, slot: usize, id: u16) -> bool {
+        self.triangles[slot].ids.contains(&id)
     }
 
     /// The triangle nearest to `p`; `start` is one that is thought to be near and changes only the time taken. `None` if there are no
     /// triangles.
     pub fn nearest(&self, p: DVec3, start: Option<usize>) -> Option<Nearest> {
-        if self.nodes.is_empty() {
+        let slot = start.unwrap_or(0);
+        self.nodes.first()?;
+        let best = Nearest { slot, distance_squared: self.distance_squared_to(slot, p) };
+        Some(self.search(p, best, u64::MAX, |_| true))
+    }
+
+    /// The same among the triangles with label id `id` on one side; so has `start`.
+    pub fn nearest_of(&self, id: u16, p: DVec3, start: Option<usize>) -> Option<Nearest> {
+        if !self.has_id[usize::from(id)] {
             return None;
         }
-        let slot = start.unwrap_or(0);
-        let mut best = Nearest { slot, distance_squared: self.distance_squared_to(slot, p) };
+        let to = |slot| Nearest { slot, distance_squared: self.distance_squared_to(slot, p) };
+        let best = start.map_or(Nearest { slot: 0, distance_squared: f64::INFINITY }, to);
+        Some(self.search(p, best, bit(id), |slot| self.touches(slot, id)))
+    }
+
+    /// The nearest of the `wanted` triangles, if it is nearer than `best`; otherwise `best`. Boxes without `labels` have none of them.
+    #[inline]
+    fn search(&self, p: DVec3, mut best: Nearest, labels: u64, wanted: impl Fn(usize) -> bool) -> Nearest {
         // Boxes left behind, each with a bound: at most one of each level.
         let mut stack = [(0.0, 0_u32); LEVELS];
         let mut depth = 0;
@@ -105,13 +155,13 @@ impl TriangleTree {
             if node.count > 0 {
                 for slot in node.link as usize..(node.link + node.count) as usize {
                     let distance_squared = self.distance_squared_to(slot, p);
-                    if distance_squared < best.distance_squared {
+                    if distance_squared < best.distance_squared && wanted(slot) {
                         best = Nearest { slot, distance_squared };
                     }
                 }
             } else {
-                let mut near = (self.nodes[index as usize + 1].distance_squared(p), index + 1);
-                let mut far = (self.nodes[node.link as usize].distance_squared(p), node.link);
+                let mut near = (self.nodes[index as usize + 1].distance_squared(p, labels), index + 1);
+                let mut far = (self.nodes[node.link as usize].distance_squared(p, labels), node.link);
                 if far.0 < near.0 {
                     std::mem::swap(&mut near, &mut far);
                 }
@@ -126,7 +176,7 @@ impl TriangleTree {
             }
             index = loop {
                 if depth == 0 {
-                    return Some(best);
+                    return best;
                 }
                 depth -= 1;
                 let (bound, index) = stack[depth];
@@ -159,25 +209,26 @@ fn boxes(triangles: usize) -> usize {
 }
 
 /// Builds the hierarchy over `triangles`, the first of which has index `first`, in `nodes`, the first of which has index `index`, and brings the
-/// triangles into its order. Returns the corners of the box around them.
+/// triangles into its order. Returns the corners of the box around them, and their labels.
 fn build(
-    triangles: &mut [[DVec3; 3]],
+    triangles: &mut [Triangle],
     first: usize,
     nodes: &mut [Node],
     index: usize,
     monitor: &Monitor<'_>,
-) -> Result<[DVec3; 2]> {
+) -> Result<([DVec3; 2], u64)> {
     monitor.advance(0)?;
     let around = |[min, max]: [DVec3; 2], p: DVec3| [min.min(p), max.max(p)];
     if triangles.len() <= LEAF {
-        let [min, max] = triangles.as_flattened().iter().copied().fold(NOTHING, around);
-        nodes[0] = Node { min, max, link: first as u32, count: triangles.len() as u32 };
-        return Ok([min, max]);
+        let [min, max] = triangles.iter().flat_map(|t| t.corners).fold(NOTHING, around);
+        let labels = triangles.iter().fold(0, |labels, t| labels | t.labels());
+        nodes[0] = Node { min, max, labels, link: first as u32, count: triangles.len() as u32 };
+        return Ok(([min, max], labels));
     }
-    let centres = triangles.iter().map(|[a, b, c]| a + b + c).fold(NOTHING, around);
+    let centres = triangles.iter().map(|t| t.corners.iter().sum()).fold(NOTHING, around);
     let axis = (centres[1] - centres[0]).max_position();
     let middle = triangles.len() / 2;
-    let key = |t: &[DVec3; 3]| t[0][axis] + t[1][axis] + t[2][axis];
+    let key = |t: &Triangle| t.corners[0][axis] + t.corners[1][axis] + t.corners[2][axis];
     triangles.select_nth_unstable_by(middle, |s, t| key(s).total_cmp(&key(t)));
     let (left, right) = triangles.split_at_mut(middle);
     let (own, below) = nodes.split_at_mut(1);
@@ -187,9 +238,11 @@ fn build(
     let mut build_right = || build(right, first + middle, right_nodes, right_index, monitor);
     let (on_left, on_right) =
         if middle > ALONE { rayon::join(build_left, build_right) } else { (build_left(), build_right()) };
-    let [min, max] = on_right?.into_iter().fold(on_left?, around);
-    own[0] = Node { min, max, link: right_index as u32, count: 0 };
-    Ok([min, max])
+    let ((left_box, left_labels), (right_box, right_labels)) = (on_left?, on_right?);
+    let [min, max] = right_box.into_iter().fold(left_box, around);
+    let labels = left_labels | right_labels;
+    own[0] = Node { min, max, labels, link: right_index as u32, count: 0 };
+    Ok(([min, max], labels))
 }
 
 /// The point of triangle (a, b, c) closest to `p`, by the Voronoi region of the feature that holds it.
@@ -242,6 +295,12 @@ mod tests {
         [point(), point(), point()]
     }
 
+    /// Labels of which two have the same bit.
+    fn labelled() -> impl Strategy<Value = Triangle> {
+        let id = || prop::sample::select(vec![1, 2, 3, 65]);
+        (triangle(), [id(), id()]).prop_map(|(corners, ids)| Triangle { corners, ids })
+    }
+
     proptest! {
         /// The closest point is on the triangle and no point of a fine sampling is closer. Small integer coordinates meet every
         /// degenerate case: coinciding vertices, vertices on a line, query points on the triangle.
@@ -262,13 +321,23 @@ mod tests {
         }
 
         #[test]
-        fn nearest_against_all(triangles in prop::collection::vec(triangle(), 1..60), p in point(), start in 0usize..60) {
-            let expected = triangles.iter().map(|t| p.distance_squared(closest_point(t, p))).fold(f64::INFINITY, f64::min);
+        fn nearest_against_all(triangles in prop::collection::vec(labelled(), 1..60), p in point(), start in 0usize..60) {
+            let of = |wanted: &dyn Fn(&Triangle) -> bool| {
+                let distances = triangles.iter().filter(|t| wanted(t)).map(|t| p.distance_squared(closest_point(&t.corners, p)));
+                distances.fold(f64::INFINITY, f64::min)
+            };
+            let (expected, of_label) = (of(&|_| true), [1, 65, 2].map(|id| of(&|t| t.ids.contains(&id))));
             let start = (start < triangles.len()).then_some(start);
-            let tree = TriangleTree::new(triangles, &Monitor::silent()).unwrap();
+            let tree = TriangleTree::new(triangles.clone(), &Monitor::silent()).unwrap();
             let found = tree.nearest(p, start).unwrap();
             prop_assert_eq!(found.distance_squared, expected);
             prop_assert_eq!(tree.distance_squared_to(found.slot, p), expected);
+            for (id, expected) in [1, 65, 2].into_iter().zip(of_label) {
+                let start = start.filter(|&slot| tree.touches(slot, id));
+                let found = tree.nearest_of(id, p, start);
+                prop_assert_eq!(found.map_or(f64::INFINITY, |found| found.distance_squared), expected);
+                prop_assert!(found.is_none_or(|found| tree.touches(found.slot, id)));
+            }
         }
     }
 
@@ -284,16 +353,17 @@ mod tests {
 
     #[test]
     fn one_hierarchy_on_any_number_of_threads() {
-        let triangles: Vec<[DVec3; 3]> = (0..3 * ALONE + 77)
+        let triangles: Vec<Triangle> = (0..3 * ALONE + 77)
             .map(|i| {
                 let at = |n: usize| DVec3::new((i * n % 97) as f64, (i * n % 89) as f64, (i * n % 83) as f64);
-                [at(3), at(3) + DVec3::X, at(3) + DVec3::Y + at(5) * 0.01]
+                let corners = [at(3), at(3) + DVec3::X, at(3) + DVec3::Y + at(5) * 0.01];
+                Triangle { corners, ids: [(i % 5) as u16, 7] }
             })
             .collect();
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let tree = pool.install(|| TriangleTree::new(triangles.clone(), &Monitor::silent()).unwrap());
-            (tree.triangles, tree.nodes.iter().map(|n| (n.min, n.max, n.link, n.count)).collect::<Vec<_>>())
+            (tree.triangles, tree.nodes.iter().map(|n| (n.min, n.max, n.labels, n.link, n.count)).collect::<Vec<_>>())
         };
         let tree = on(1);
         assert!(tree.1.iter().all(|&(min, max, ..)| min.cmplt(max).any()));

@@ -6,7 +6,7 @@
 //! A face belongs to the cell on its upper side; there is one more cell along each axis than there are voxels. One byte per cell holds which of its
 //! three lower faces are interfaces; bricks of 8 x 8 x 8 cells tell where there are any. A query looks at the sides of the voxel that holds the
 //! point, and mostly ends there, since a mesh lies close to its interfaces; then at the cells of the ball that can still hold something nearer; only when that
-//! ball is large does it search brick by brick, in growing shells.
+//! ball is large does it search brick by brick, in growing shells. A query may ask for faces of one label alone.
 //!
 //! Read-only after `new`, so any number of threads may ask. Linear in the voxels to build, layer of bricks by layer of bricks in parallel.
 
@@ -29,7 +29,8 @@ pub(super) struct Face {
 }
 
 /// The interface faces of an image.
-pub(super) struct VoxelFaces {
+pub(super) struct VoxelFaces<'i> {
+    image: &'i LabelImage,
     /// Cells along each axis: voxels + 1.
     dims: [usize; 3],
     spacing: DVec3,
@@ -42,12 +43,12 @@ pub(super) struct VoxelFaces {
     bricks: Vec<bool>,
 }
 
-impl VoxelFaces {
+impl<'i> VoxelFaces<'i> {
     /// Collects the faces of `image`.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`], [`Error::Cancelled`].
-    pub fn new(image: &LabelImage, monitor: &Monitor<'_>) -> Result<Self> {
+    pub fn new(image: &'i LabelImage, monitor: &Monitor<'_>) -> Result<Self> {
         let voxels = image.dims();
         let dims = voxels.map(|n| n + 1);
         let brick_dims = dims.map(|n| n.div_ceil(BRICK));
@@ -81,12 +82,17 @@ impl VoxelFaces {
         })?;
         let spacing = image.frame().spacing();
         let half_diagonals = [0, 1, 2].map(|axis| 0.5 * spacing[(axis + 1) % 3].hypot(spacing[(axis + 2) % 3]));
-        Ok(Self { dims, spacing, per_spacing: 1.0 / spacing, half_diagonals, masks, brick_dims, bricks })
+        Ok(Self { image, dims, spacing, per_spacing: 1.0 / spacing, half_diagonals, masks, brick_dims, bricks })
     }
 
     /// Cells along each axis; one more than voxels.
     pub fn dims(&self) -> [usize; 3] {
         self.dims
+    }
+
+    /// The smallest spacing of the image.
+    pub fn smallest_spacing(&self) -> f64 {
+        self.spacing.min_element()
     }
 
     /// The faces in the row of cells (., j, k).
@@ -137,28 +143,55 @@ impl VoxelFaces {
             .sum()
     }
 
+    /// The voxels on the two sides of a face, below and above; `None` outside the image.
+    pub fn voxels(&self, face: Face) -> [Option<[usize; 3]>; 2] {
+        let inside = |cell: [usize; 3]| (0..3).all(|axis| cell[axis] + 1 < self.dims[axis]).then_some(cell);
+        let below = face.cell[face.axis].checked_sub(1).map(|i| {
+            let mut cell = face.cell;
+            cell[face.axis] = i;
+            cell
+        });
+        [below.and_then(inside), inside(face.cell)]
+    }
+
+    /// Whether label id `id` is on one side of a face.
+    pub fn touches(&self, face: Face, id: u16) -> bool {
+        let [nx, ny, _] = self.image.dims();
+        let id_at = |[i, j, k]: [usize; 3]| self.image.ids()[i + nx * (j + ny * k)];
+        self.voxels(face).into_iter().any(|voxel| voxel.map_or(0, id_at) == id)
+    }
+
     /// The face nearest to `p` and its squared distance; `start` is one thought to be near and changes only the time taken. `None` if the image has
     /// no interfaces.
     pub fn nearest(&self, p: DVec3, start: Option<Face>) -> Option<(Face, f64)> {
+        self.nearest_where(p, start, |_| true)
+    }
+
+    /// The same among the faces with label id `id` on one side; so has `start`.
+    pub fn nearest_of(&self, id: u16, p: DVec3, start: Option<Face>) -> Option<(Face, f64)> {
+        self.nearest_where(p, start, |face| self.touches(face, id))
+    }
+
+    fn nearest_where(&self, p: DVec3, start: Option<Face>, wanted: impl Fn(Face) -> bool) -> Option<(Face, f64)> {
         let mut best = start.map_or((None, f64::INFINITY), |face| (Some(face), self.distance_squared(face, p)));
-        if self.scan_voxel(p, &mut best) {
+        if self.scan_voxel(p, &wanted, &mut best) {
             return best.0.map(|face| (face, best.1));
         }
         let near = 1.5 * self.spacing.max_element();
         if best.1 > near * near {
-            self.scan(p, self.spacing, &mut best);
+            self.scan(p, self.spacing, &wanted, &mut best);
         }
         if best.1 <= 4.0 * near * near {
-            self.scan(p, DVec3::splat(best.1.sqrt()), &mut best);
+            self.scan(p, DVec3::splat(best.1.sqrt()), &wanted, &mut best);
         } else {
-            self.scan_bricks(p, &mut best);
+            self.scan_bricks(p, &wanted, &mut best);
         }
         best.0.map(|face| (face, best.1))
     }
 
     /// Looks at the six sides of the voxel that holds `p`. Whether nothing can be nearer: what is not inside the voxel is no nearer than its nearest side.
     #[inline]
-    fn scan_voxel(&self, p: DVec3, best: &mut (Option<Face>, f64)) -> bool {
+    fn scan_voxel(&self, p: DVec3, wanted: &impl Fn(Face) -> bool, best: &mut (Option<Face>, f64)) -> bool {
         let index = (p * self.per_spacing).floor();
         let voxels = DVec3::from(self.dims.map(|n| (n - 1) as f64));
         if !(index.cmpge(DVec3::ZERO).all() && index.cmplt(voxels).all()) {
@@ -177,7 +210,9 @@ impl VoxelFaces {
                 if self.masks[at + upper * steps[axis]] >> axis & 1 == 1 && distance < best.1 {
                     let mut face = Face { cell, axis };
                     face.cell[axis] += upper;
-                    *best = (Some(face), distance);
+                    if wanted(face) {
+                        *best = (Some(face), distance);
+                    }
                 }
             }
         }
@@ -185,15 +220,21 @@ impl VoxelFaces {
     }
 
     /// Looks at all cells that come within `reach` of `p` along every axis.
-    fn scan(&self, p: DVec3, reach: DVec3, best: &mut (Option<Face>, f64)) {
+    fn scan(&self, p: DVec3, reach: DVec3, wanted: &impl Fn(Face) -> bool, best: &mut (Option<Face>, f64)) {
         let (low, high) = ((p - reach) / self.spacing, (p + reach) / self.spacing);
         let bounds =
             [0, 1, 2].map(|axis| (cell_below(low[axis], self.dims[axis]), cell_below(high[axis], self.dims[axis])));
-        self.scan_cells(p, bounds, best);
+        self.scan_cells(p, bounds, wanted, best);
     }
 
     /// Looks at the cells between `bounds` along each axis, both included.
-    fn scan_cells(&self, p: DVec3, bounds: [(usize, usize); 3], best: &mut (Option<Face>, f64)) {
+    fn scan_cells(
+        &self,
+        p: DVec3,
+        bounds: [(usize, usize); 3],
+        wanted: &impl Fn(Face) -> bool,
+        best: &mut (Option<Face>, f64),
+    ) {
         // Squared distance along one axis to a cell, and to the plane of its lower face.
         let along = |axis: usize, i: usize| {
             let low = i as f64 * self.spacing[axis];
@@ -218,8 +259,9 @@ impl VoxelFaces {
                     let x = along(0, i);
                     for (axis, distance) in [x.1 + y.0 + z.0, x.0 + y.1 + z.0, x.0 + y.0 + z.1].into_iter().enumerate()
                     {
-                        if mask >> axis & 1 == 1 && distance < best.1 {
-                            *best = (Some(Face { cell: [i, j, k], axis }), distance);
+                        let face = Face { cell: [i, j, k], axis };
+                        if mask >> axis & 1 == 1 && distance < best.1 && wanted(face) {
+                            *best = (Some(face), distance);
                         }
                     }
                 }
@@ -228,7 +270,7 @@ impl VoxelFaces {
     }
 
     /// Looks at all bricks in shells around the one that holds `p`, until the next shell is too far.
-    fn scan_bricks(&self, p: DVec3, best: &mut (Option<Face>, f64)) {
+    fn scan_bricks(&self, p: DVec3, wanted: &impl Fn(Face) -> bool, best: &mut (Option<Face>, f64)) {
         let size = self.spacing * BRICK as f64;
         let centre = [0, 1, 2].map(|axis| cell_below(p[axis] / size[axis], self.brick_dims[axis]));
         for shell in 0.. {
@@ -242,7 +284,7 @@ impl VoxelFaces {
                         if inner && i.abs_diff(centre[0]) < shell {
                             continue;
                         }
-                        self.scan_brick(p, [i, j, k], best);
+                        self.scan_brick(p, [i, j, k], wanted, best);
                     }
                 }
             }
@@ -263,7 +305,7 @@ impl VoxelFaces {
         }
     }
 
-    fn scan_brick(&self, p: DVec3, brick: [usize; 3], best: &mut (Option<Face>, f64)) {
+    fn scan_brick(&self, p: DVec3, brick: [usize; 3], wanted: &impl Fn(Face) -> bool, best: &mut (Option<Face>, f64)) {
         if !self.bricks[brick[0] + self.brick_dims[0] * (brick[1] + self.brick_dims[1] * brick[2])] {
             return;
         }
@@ -273,7 +315,7 @@ impl VoxelFaces {
             return;
         }
         let bounds = [0, 1, 2].map(|axis| (brick[axis] * BRICK, ((brick[axis] + 1) * BRICK).min(self.dims[axis]) - 1));
-        self.scan_cells(p, bounds, best);
+        self.scan_cells(p, bounds, wanted, best);
     }
 }
 
@@ -308,7 +350,7 @@ mod tests {
     use super::*;
     use crate::image::Frame;
 
-    fn all(faces: &VoxelFaces) -> Vec<Face> {
+    fn all(faces: &VoxelFaces<'_>) -> Vec<Face> {
         let [_, ny, nz] = faces.dims();
         (0..nz).flat_map(|k| (0..ny).map(move |j| (j, k))).flat_map(|(j, k)| faces.row(j, k)).collect()
     }
@@ -356,7 +398,8 @@ mod tests {
         ) {
             let image = testing::image([30, 5, 11], Frame::axis_aligned(spacing).unwrap(), |i, j, k| {
                 // Sparse, so that both kinds of search are met.
-                i32::from(seed[i + 30 * (j + 5 * k)] == 0)
+                let seed = seed[i + 30 * (j + 5 * k)];
+                if seed < 2 { 1 + i32::from(seed) } else { 0 }
             });
             let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
             let all = all(&faces);
@@ -369,6 +412,14 @@ mod tests {
                     prop_assert_eq!(faces.distance_squared(face, p), distance);
                 }
                 None => prop_assert!(all.is_empty()),
+            }
+            for id in 0..image.labels().len() as u16 {
+                let of_label = || all.iter().copied().filter(|&f| faces.touches(f, id));
+                let expected = of_label().map(|f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
+                let start = start.filter(|&f| faces.touches(f, id));
+                let found = faces.nearest_of(id, p, start);
+                prop_assert_eq!(found.is_some(), expected.is_finite());
+                prop_assert!(found.is_none_or(|(f, d)| faces.touches(f, id) && (d - expected).abs() <= 1e-12 * expected.max(1.0)));
             }
         }
     }

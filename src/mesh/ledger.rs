@@ -1,0 +1,65 @@
+//! Sums by key, gathered in parallel.
+//!
+//! Each piece of work keeps a ledger of its own. Entries of one key are added up in the order in which they came, pieces in their order: equal input
+//! gives equal bits, whatever the number of threads. Cost: a comparison for an entry of the same key as the one before, a sort of the others.
+
+use std::ops::AddAssign;
+
+/// Entries of one piece of work.
+pub(super) struct Ledger<T>(Vec<(u64, T)>);
+
+impl<T> Default for Ledger<T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+/// The sums, in increasing order of key.
+pub(super) type Sums<T> = Vec<(u64, T)>;
+
+impl<T: AddAssign + Copy> Ledger<T> {
+    /// Adds `value` to the sum of `key`.
+    #[inline]
+    pub fn add(&mut self, key: u64, value: T) {
+        match self.0.last_mut() {
+            Some((last, sum)) if *last == key => *sum += value,
+            _ => self.0.push((key, value)),
+        }
+    }
+
+    /// The sums of this piece of work.
+    pub fn sums(mut self) -> Sums<T> {
+        // Stable: entries of one key keep their order.
+        self.0.sort_by_key(|&(key, _)| key);
+        let mut sums: Sums<T> = Vec::with_capacity(self.0.len().min(64));
+        for (key, value) in self.0 {
+            match sums.last_mut() {
+                Some((last, sum)) if *last == key => *sum += value,
+                _ => sums.push((key, value)),
+            }
+        }
+        sums
+    }
+
+    /// The sums of all pieces.
+    pub fn total(pieces: Vec<Sums<T>>) -> Sums<T> {
+        Self(pieces.into_iter().flatten().collect()).sums()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_by_key() {
+        let sums = |entries: &[(u64, i64)]| {
+            let mut ledger = Ledger::default();
+            entries.iter().for_each(|&(key, value)| ledger.add(key, value));
+            ledger.sums()
+        };
+        let pieces = vec![sums(&[(3, 1), (3, 1), (1, 5), (3, 10)]), sums(&[]), sums(&[(1, -5), (0, 7)])];
+        assert_eq!(pieces[0], [(1, 5), (3, 12)]);
+        assert_eq!(Ledger::total(pieces), [(0, 7), (1, 0), (3, 12)]);
+    }
+}

@@ -1,0 +1,225 @@
+//! Connected components of a mesh's labels, and which of them lies in which component of the image.
+//!
+//! Tets are joined across facets, each with tets of the same label only. A tet lies in the component of the image that holds the voxel of its
+//! label nearest to its centroid, if that voxel is one of those around it.
+//!
+//! Pure functions, parallel in the current rayon pool, practically linear. Which tets are joined does not depend on the order of the unions, and volumes are
+//! summed in the order of the tets, so equal input gives equal bits whatever the number of threads.
+
+use std::ops::AddAssign;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::image_components::ImageComponents;
+use super::ledger::{Ledger, Sums};
+use super::quality::tet_volume;
+use super::sets::{DisjointSets, NO_SET, Numbered};
+use super::{NONE, TetMesh};
+use crate::Result;
+use crate::image::LabelImage;
+use crate::memory::room;
+use crate::monitor::Monitor;
+
+/// Tets of one piece of work, between two looks at the cancel flag; fixed, so that sums do not depend on the number of threads.
+const CHUNK: usize = 1 << 14;
+
+/// Tets and their volume.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tets {
+    /// How many.
+    pub count: u64,
+    /// Their volume, in cubic world units.
+    pub volume: f64,
+}
+
+impl AddAssign for Tets {
+    fn add_assign(&mut self, other: Self) {
+        self.count += other.count;
+        self.volume += other.volume;
+    }
+}
+
+/// A component of one label.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshComponent {
+    /// The label.
+    pub label: i32,
+    /// Its first tet.
+    pub first: u32,
+    /// All of its tets.
+    pub tets: Tets,
+}
+
+/// The tets of a component of the mesh that lie in one component of the image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Overlap {
+    /// The component of the mesh.
+    pub mesh: u32,
+    /// The component of the image; `None`: they lie in none of their label.
+    pub image: Option<u32>,
+    /// The tets.
+    pub tets: Tets,
+}
+
+/// The components of a mesh.
+pub(super) struct MeshComponents {
+    numbers: Numbered,
+    /// In the order of their first tets.
+    pub list: Vec<MeshComponent>,
+    /// In the order of mesh components, then of image components, none last.
+    pub overlaps: Vec<Overlap>,
+}
+
+impl MeshComponents {
+    /// Finds the components of all labels but 0, and where in `image` they lie.
+    ///
+    /// # Errors
+    /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
+    pub fn new(
+        mesh: &TetMesh,
+        image: &LabelImage,
+        image_components: &ImageComponents,
+        monitor: &Monitor<'_>,
+    ) -> Result<Self> {
+        let sets = DisjointSets::new(mesh.tets.len(), "sets of tets")?;
+        mesh.neighbors.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, neighbors)| {
+            monitor.advance(neighbors.len())?;
+            for (t, neighbors) in (chunk * CHUNK..).zip(neighbors) {
+                let label = mesh.labels[t];
+                // Each pair once.
+                let is_same = |u: u32| u != NONE && (u as usize) < t && mesh.labels[u as usize] == label;
+                if label != 0 {
+                    neighbors.iter().filter(|&&u| is_same(u)).for_each(|&u| _ = sets.join(t as u32, u));
+                }
+            }
+            Ok(())
+        })?;
+        let numbers = sets.numbered(|t| mesh.labels[t as usize] != 0, "components of the mesh", monitor)?;
+        let lie = |(chunk, tets): (usize, &[[u32; 4]])| {
+            monitor.advance(tets.len())?;
+            let mut ledger = Ledger::default();
+            // Tets mostly have the label of the one before.
+            let (mut label, mut id) = (0, None);
+            for (t, tet) in (chunk * CHUNK..).zip(tets).filter(|&(t, _)| mesh.labels[t] != 0) {
+                if mesh.labels[t] != label {
+                    label = mesh.labels[t];
+                    id = image.id_of(label);
+                }
+                let corners = tet.map(|v| mesh.point(v));
+                let centroid = corners.iter().sum::<DVec3>() * 0.25;
+                let index = image.frame().to_index(centroid);
+                let in_image = id.and_then(|id| image_components.near(image, id, index)).unwrap_or(NO_SET);
+                let key = u64::from(numbers.of(t as u32)) << 32 | u64::from(in_image);
+                ledger.add(key, Tets { count: 1, volume: tet_volume(&corners) });
+            }
+            Ok(ledger.sums())
+        };
+        let pieces: Vec<Sums<Tets>> = mesh.tets.par_chunks(CHUNK).enumerate().map(lie).collect::<Result<_>>()?;
+        let overlap = |&(key, tets): &(u64, Tets)| {
+            let in_image = key as u32;
+            Overlap { mesh: (key >> 32) as u32, image: (in_image != NO_SET).then_some(in_image), tets }
+        };
+        let overlaps: Vec<Overlap> = Ledger::total(pieces).iter().map(overlap).collect();
+
+        let mut list: Vec<MeshComponent> = room(numbers.count, "components of the mesh")?;
+        // Components are numbered in the order of their first tets, so one tet after the other tells whether a new one begins.
+        for (t, &label) in mesh.labels.iter().enumerate() {
+            if numbers.of(t as u32) as usize == list.len() && label != 0 {
+                list.push(MeshComponent { label, first: t as u32, tets: Tets::default() });
+            }
+        }
+        for overlap in &overlaps {
+            list[overlap.mesh as usize].tets += overlap.tets;
+        }
+        Ok(Self { numbers, list, overlaps })
+    }
+
+    /// The component of tet `t`; `None` for label 0, and for no tet.
+    #[inline]
+    pub fn of(&self, t: u32) -> Option<u32> {
+        (t != NONE).then(|| self.numbers.of(t)).filter(|&number| number != NO_SET)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::testing;
+    use super::*;
+    use crate::image::Frame;
+
+    const DIMS: [usize; 3] = [7, 5, 4];
+
+    fn both(mesh: &TetMesh, image: &LabelImage) -> (ImageComponents, MeshComponents) {
+        let monitor = Monitor::silent();
+        let of_image = ImageComponents::new(image, &monitor).unwrap();
+        let of_mesh = MeshComponents::new(mesh, image, &of_image, &monitor).unwrap();
+        (of_image, of_mesh)
+    }
+
+    /// Voxel centres half a step inside, as the cubes of [`testing::kuhn_box`] are.
+    fn frame(spacing: [f64; 3]) -> Frame {
+        Frame::new(spacing.map(|s| 0.5 * s), spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).unwrap()
+    }
+
+    proptest! {
+        /// The cubes of a Kuhn mesh share whole faces, so its components are those of the voxels, in the same order.
+        #[test]
+        fn a_mesh_of_voxels_has_their_components(values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2])) {
+            let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
+            let image = testing::image(DIMS, frame([1.0; 3]), label);
+            let (of_image, of_mesh) = both(&testing::kuhn_box(DIMS, [1.0; 3], label), &image);
+            prop_assert_eq!(of_mesh.list.len(), of_image.list.len());
+            for (mesh, image_component) in of_mesh.list.iter().zip(&of_image.list) {
+                prop_assert_eq!(mesh.label, image.labels()[usize::from(image_component.id)]);
+                prop_assert_eq!(mesh.tets.count, 6 * image_component.voxels);
+                prop_assert!((mesh.tets.volume - image_component.voxels as f64).abs() < 1e-9);
+                let [i, j, k] = image_component.first;
+                prop_assert_eq!(mesh.first as usize, 6 * (i + DIMS[0] * (j + DIMS[1] * k)));
+            }
+            for (overlap, c) in of_mesh.overlaps.iter().zip(0..) {
+                prop_assert_eq!((overlap.mesh, overlap.image), (c, Some(c)));
+                prop_assert_eq!(overlap.tets, of_mesh.list[c as usize].tets);
+            }
+        }
+    }
+
+    #[test]
+    fn tets_that_lie_elsewhere() {
+        let image = testing::image([5, 1, 1], frame([1.0; 3]), |i, _, _| [1, 0, 1, 0, 0][i]);
+        let mut mesh = testing::kuhn_box([5, 1, 1], [1.0; 3], |i, _, _| [1, 1, 1, 0, 2][i]);
+        mesh.labels[6 * 3] = 7;
+        testing::connect(&mut mesh);
+        let (_, of_mesh) = both(&mesh, &image);
+        let overlaps: Vec<_> = of_mesh.overlaps.iter().map(|o| (o.mesh, o.image, o.tets.count)).collect();
+        // Tets of the cube in the middle lie near either voxel beside it.
+        assert_eq!(overlaps, [(0, Some(0), 9), (0, Some(1), 9), (1, None, 1), (2, None, 6)]);
+        assert_eq!(of_mesh.list.iter().map(|c| c.label).collect::<Vec<_>>(), [1, 7, 2]);
+        assert_eq!((of_mesh.of(6 * 3 + 1), of_mesh.of(NONE), of_mesh.of(6 * 4)), (None, None, Some(2)));
+    }
+
+    #[test]
+    fn equal_bits_on_any_number_of_threads() {
+        let label = |i: usize, j: usize, k: usize| {
+            let wall = j % 2 == 1 && i != (if j % 4 == 1 { 0 } else { 29 });
+            if wall { 7 + (k % 2) as i32 } else { i32::from(k % 5 != 4) }
+        };
+        let spacing = [0.3, 0.7, 1.1];
+        let image = testing::image([30, 21, 24], frame(spacing), label);
+        let mut mesh = testing::kuhn_box([30, 21, 24], spacing, label);
+        mesh.points.iter_mut().enumerate().for_each(|(v, p)| p[0] += 1e-3 * (v % 17) as f64);
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| both(&mesh, &image).1)
+        };
+        let one = on(1);
+        assert!(mesh.tets.len() > 3 * CHUNK);
+        assert_eq!(one.list.len(), 5 + 120 + 120);
+        for _ in 0..20 {
+            let several = on(3);
+            assert_eq!((&one.list, &one.overlaps), (&several.list, &several.overlaps));
+        }
+    }
+}

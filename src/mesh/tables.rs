@@ -1,0 +1,154 @@
+//! The tables of the certificate: a row for each label, a row for each larger component of the image, and the list of defects.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::TetMesh;
+use super::certificate::{ComponentRow, Defect, DefectKind, LEAST_VOXELS, LabelRow};
+use super::distance::{Distances, Sum};
+use super::image_components::{ImageComponent, ImageComponents};
+use super::matching::{Fate, Matching, Role};
+use super::mesh_components::MeshComponents;
+use super::sheets::{Pinch, Sheets};
+use crate::image::LabelImage;
+
+/// All that was measured on components.
+pub(super) struct Tables<'t> {
+    pub mesh: &'t TetMesh,
+    pub image: &'t LabelImage,
+    pub matching: Matching,
+    pub image_components: &'t ImageComponents,
+    pub mesh_components: &'t MeshComponents,
+    pub sheets: &'t Sheets,
+    pub distances: &'t Distances,
+}
+
+/// A row, and the sums of distances from which it is completed.
+#[derive(Default)]
+struct Open<R> {
+    row: R,
+    mesh_to_image: Sum,
+    image_to_mesh: Sum,
+}
+
+impl Tables<'_> {
+    /// Every label of the image, lost ones included, and those that only the mesh has, in increasing order.
+    pub fn labels(&self) -> Vec<LabelRow> {
+        let mut rows: BTreeMap<i32, Open<LabelRow>> = BTreeMap::new();
+        for (c, component) in self.image_components.list.iter().enumerate() {
+            let open = rows.entry(self.label(component)).or_default();
+            open.row.image_voxels += component.voxels;
+            open.row.components_image += 1;
+            open.row.euler_image += 2 * component.euler;
+            let listed = |fate| u64::from(component.voxels >= LEAST_VOXELS && self.matching.fates[c] == fate);
+            open.row.components_lost += listed(Fate::Lost);
+            open.row.components_merged += listed(Fate::Merged);
+            open.image_to_mesh += self.distances.of_image[c];
+        }
+        for (c, component) in self.mesh_components.list.iter().enumerate() {
+            let open = rows.entry(component.label).or_default();
+            open.row.tets += component.tets.count;
+            open.row.mesh_volume += component.tets.volume;
+            open.row.components_mesh += 1;
+            open.row.pieces += u64::from(self.matching.roles[c].0 != Role::Main);
+            open.row.euler_mesh += self.sheets.euler[c];
+            open.mesh_to_image += self.distances.of_mesh[c];
+        }
+        for pinch in &self.sheets.pinches {
+            let row = &mut rows.entry(pinch.label).or_default().row;
+            *if pinch.is_edge() { &mut row.pinched_edges } else { &mut row.pinched_vertices } += 1;
+        }
+        let complete = |(label, open): (i32, Open<LabelRow>)| LabelRow {
+            label,
+            image_volume: open.row.image_voxels as f64 * self.image.voxel_volume(),
+            mesh_to_image: open.mesh_to_image.distance(),
+            image_to_mesh: open.image_to_mesh.distance(),
+            ..open.row
+        };
+        rows.into_iter().map(complete).collect()
+    }
+
+    /// The components of the image that have at least [`LEAST_VOXELS`].
+    pub fn components(&self) -> Vec<ComponentRow> {
+        // The place of each in the table.
+        let mut places = vec![None; self.image_components.list.len()];
+        let mut rows: Vec<Open<ComponentRow>> = Vec::new();
+        for (c, component) in self.image_components.list.iter().enumerate() {
+            if component.voxels < LEAST_VOXELS {
+                continue;
+            }
+            places[c] = Some(rows.len());
+            let row = ComponentRow {
+                label: self.label(component),
+                fate: self.matching.fates[c],
+                position: self.position(component),
+                image_voxels: component.voxels,
+                image_volume: component.voxels as f64 * self.image.voxel_volume(),
+                tets: self.matching.tets[c].count,
+                mesh_volume: self.matching.tets[c].volume,
+                euler_image: 2 * component.euler,
+                image_to_mesh: self.distances.of_image[c].distance(),
+                ..ComponentRow::default()
+            };
+            rows.push(Open { row, ..Open::default() });
+        }
+        for (c, &(_, lies_in)) in self.matching.roles.iter().enumerate() {
+            if let Some(place) = lies_in.and_then(|image| places[image as usize]) {
+                rows[place].row.components_mesh += 1;
+                rows[place].row.euler_mesh += self.sheets.euler[c];
+                rows[place].mesh_to_image += self.distances.of_mesh[c];
+            }
+        }
+        let complete =
+            |open: Open<ComponentRow>| ComponentRow { mesh_to_image: open.mesh_to_image.distance(), ..open.row };
+        rows.into_iter().map(complete).collect()
+    }
+
+    /// Where the topology is at fault, by kind.
+    pub fn defects(&self) -> Vec<Defect> {
+        let of_image = self.image_components.list.iter().zip(&self.matching.fates).filter_map(|(component, &fate)| {
+            let kind = match fate {
+                Fate::Kept => return None,
+                Fate::Merged => DefectKind::Merged,
+                Fate::Lost => DefectKind::Lost,
+            };
+            let (label, position, size) = (self.label(component), self.position(component), component.voxels);
+            (size >= LEAST_VOXELS).then_some(Defect { kind, label, position, size })
+        });
+        let of_mesh =
+            self.mesh_components.list.iter().zip(&self.matching.roles).filter_map(|(component, &(role, _))| {
+                let kind = match role {
+                    Role::Main => return None,
+                    Role::Piece => DefectKind::Torn,
+                    Role::Stray => DefectKind::Stray,
+                };
+                let corners = self.mesh.tets[component.first as usize].map(|v| self.mesh.point(v));
+                let position = (corners.iter().sum::<DVec3>() * 0.25).to_array();
+                Some(Defect { kind, label: component.label, position, size: component.tets.count })
+            });
+        let pinches = self.sheets.pinches.iter().map(|pinch| Defect {
+            kind: if pinch.is_edge() { DefectKind::PinchedEdge } else { DefectKind::PinchedVertex },
+            label: pinch.label,
+            position: self.middle(pinch).to_array(),
+            size: 0,
+        });
+        let mut defects: Vec<Defect> = of_image.chain(of_mesh).chain(pinches).collect();
+        // Stable: within a kind they keep their order.
+        defects.sort_by_key(|defect| defect.kind);
+        defects
+    }
+
+    fn label(&self, component: &ImageComponent) -> i32 {
+        self.image.labels()[usize::from(component.id)]
+    }
+
+    fn position(&self, component: &ImageComponent) -> [f64; 3] {
+        self.image.frame().to_world(DVec3::from(component.first.map(|i| i as f64))).to_array()
+    }
+
+    fn middle(&self, pinch: &Pinch) -> DVec3 {
+        let [v, w] = pinch.ends;
+        self.mesh.point(v).midpoint(self.mesh.point(w))
+    }
+}
