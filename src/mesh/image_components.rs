@@ -179,9 +179,8 @@ impl ImageComponents {
     /// The component of label id `id` at continuous index `p`: that of the voxel that holds it, or else of the nearest of the eight voxels around it.
     pub fn near(&self, image: &LabelImage, id: u16, p: DVec3) -> Option<u32> {
         let [nx, ny, nz] = image.dims();
-        // Negative numbers saturate, but there the rounded one is outside, too.
         let found = |voxel: DVec3| {
-            if voxel.cmplt(DVec3::ZERO).any() {
+            if !voxel.cmpge(DVec3::ZERO).all() {
                 return None;
             }
             let [i, j, k] = voxel.to_array().map(|x| x as usize);
@@ -345,7 +344,7 @@ mod tests {
         assert_eq!(near(2, 1.6, 0.4, 0.3), Some([2, 0, 0]));
         // (1, 1, 0) is nearer than (2, 1, 1).
         assert_eq!(near(2, 1.6, 0.8, 0.4), Some([1, 1, 0]));
-        for outside in [-0.6, -1e300, f64::NAN, 1e300, f64::INFINITY] {
+        for outside in [-1.1, -1e300, f64::NAN, 1e300, f64::INFINITY] {
             assert_eq!(near(1, outside, 0.0, 0.0), None, "{outside}");
         }
     }

@@ -195,7 +195,7 @@ mod tests {
         let (_, of_mesh) = both(&mesh, &image);
         let overlaps: Vec<_> = of_mesh.overlaps.iter().map(|o| (o.mesh, o.image, o.tets.count)).collect();
         // Tets of the cube in the middle lie near either voxel beside it.
-        assert_eq!(overlaps, [(0, Some(0), 9), (0, Some(1), 9), (1, None, 1), (2, None, 6)]);
+        assert_eq!(overlaps, [(0, Some(0), 8), (0, Some(1), 10), (1, None, 1), (2, None, 6)]);
         assert_eq!(of_mesh.list.iter().map(|c| c.label).collect::<Vec<_>>(), [1, 7, 2]);
         assert_eq!((of_mesh.of(6 * 3 + 1), of_mesh.of(NONE), of_mesh.of(6 * 4)), (None, None, Some(2)));
     }

@@ -1,10 +1,11 @@
 //! The surfaces that bound the components of a mesh: their Euler characteristic, and where they touch themselves.
 //!
-//! The boundary of a component is taken as a closed surface that lies just inside of it. Where the component touches itself or another one of its label,
-//! at a vertex or along an edge, this surface has several sheets, and each is counted by itself: at a vertex one for each *umbrella*, a cycle of the
-//! component's facets around it. So V - E + F, with umbrellas for V, is the Euler characteristic of a surface, 2 - 2 * (genus) for each of its parts
-//! whatever touches, and comparable to that of the image's components, which are joined across faces in the same way.
-//! At an edge with more than two facets of a label it is found out by going around the edge, inside, from tet to tet, which of them belong together.
+//! The boundary of a component is taken as a closed surface that lies just inside of it: so it is one whatever touches, its Euler characteristic is 2 - 2 * (genus)
+//! for each of its parts, and it is comparable to that of the image's components, which are joined across faces in the same way. It is counted on the
+//! boundary facets, V - E + F. At an edge the surface passes once through each wedge of the component's tets; which of its facets bound one wedge is found
+//! out, where there are more than two, by going around the edge from tet to tet. At a vertex the component's facets form cycles, *umbrellas*; where the
+//! tets there are joined across their facets at the vertex to a cone with n umbrellas, the surface passes through it as a disk with n - 1 holes, which counts
+//! 2 - n: mostly 1.
 //!
 //! A place where a label's boundary is no surface is a *pinch*: an edge with more than two of its facets, or a vertex, at no such edge, with more than one
 //! umbrella. An edge where the boundary of a label (0 included) has an odd number of facets is *open*: the boundary of a union of tets has none.
@@ -144,16 +145,18 @@ struct Umbrellas<'m> {
     parents: Vec<u32>,
     /// The labels whose boundary touches itself along an edge of the vertex.
     pinched: Vec<i32>,
-    /// The labels of the umbrellas.
-    tops: Vec<i32>,
+    /// A side of each umbrella.
+    tops: Vec<Side>,
+    /// Tets at the vertex that are joined to each other there.
+    cone: Vec<u32>,
 }
 
 impl<'m> Umbrellas<'m> {
     fn new(mesh: &'m TetMesh, components: &'m MeshComponents) -> Self {
         let (facets, edges, sides, parents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let (pinches, pinched, tops) = (Vec::new(), Vec::new(), Vec::new());
+        let (pinches, pinched, tops, cone) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let euler = Ledger::default();
-        Self { mesh, components, open_edges: 0, pinches, euler, facets, edges, sides, parents, pinched, tops }
+        Self { mesh, components, open_edges: 0, pinches, euler, facets, edges, sides, parents, pinched, tops, cone }
     }
 
     /// Counts at vertex `v`, whose facets are given, its umbrellas, and the edges and facets of which it is the smallest vertex.
@@ -175,8 +178,14 @@ impl<'m> Umbrellas<'m> {
         self.mesh.facet_labels[self.facets[node as usize / 2] as usize][node as usize % 2]
     }
 
+    /// The tet on a side; none outside of the mesh.
+    fn tet(&self, node: u32) -> Option<u32> {
+        let t = self.mesh.facet_tets[self.facets[node as usize / 2] as usize][node as usize % 2];
+        (t != NONE).then_some(t)
+    }
+
     fn component(&self, node: u32) -> Option<u32> {
-        self.components.of(self.mesh.facet_tets[self.facets[node as usize / 2] as usize][node as usize % 2])
+        self.tet(node).and_then(|t| self.components.of(t))
     }
 
     fn add(&mut self, node: u32, count: i64) {
@@ -233,18 +242,50 @@ impl<'m> Umbrellas<'m> {
         for node in 0..2 * self.facets.len() as u32 {
             let label = self.label(node);
             if label != 0 && self.parents[node as usize] == node {
-                self.add(node, 1);
-                self.tops.push(label);
+                self.tops.push(Side { label, node });
             }
             if self.mesh.facets[self.facets[node as usize / 2] as usize].iter().all(|&w| w >= v) {
                 self.add(node, 1);
             }
         }
         self.tops.sort_unstable();
-        for tops in self.tops.chunk_by(|a, b| a == b) {
-            if tops.len() > 1 && !self.pinched.contains(&tops[0]) {
-                self.pinches.push(Pinch { ends: [v; 2], label: tops[0] });
+        let tops = std::mem::take(&mut self.tops);
+        for tops in tops.chunk_by(|a, b| a.label == b.label) {
+            if let &[top] = tops {
+                self.add(top.node, 1);
+                continue;
             }
+            if !self.pinched.contains(&tops[0].label) {
+                self.pinches.push(Pinch { ends: [v; 2], label: tops[0].label });
+            }
+            self.cone.clear();
+            for top in tops {
+                // The first umbrella of a cone makes a disk, each further one a hole in it.
+                let is_first = self.tet(top.node).is_none_or(|t| !self.cone.contains(&t));
+                self.add(top.node, if is_first { 1 } else { -1 });
+                if is_first {
+                    self.gather_cone(v, top.node);
+                }
+            }
+        }
+        self.tops = tops;
+    }
+
+    /// Adds the tets that are joined to that at the side `node` across facets at `v`, all of its label.
+    fn gather_cone(&mut self, v: u32, node: u32) {
+        let mesh = self.mesh;
+        let label = self.label(node);
+        let mut next = self.cone.len();
+        self.cone.extend(self.tet(node));
+        while next < self.cone.len().min(MOST_AROUND) {
+            let t = self.cone[next] as usize;
+            for (&across, &opposite) in mesh.neighbors[t].iter().zip(&mesh.tets[t]) {
+                let is_same = opposite != v && across != NONE && mesh.labels[across as usize] == label;
+                if is_same && !self.cone.contains(&across) {
+                    self.cone.push(across);
+                }
+            }
+            next += 1;
         }
     }
 
@@ -296,11 +337,11 @@ impl<'m> Umbrellas<'m> {
     /// vertex.
     fn beyond(&self, node: u32, v: u32, w: u32) -> Option<u32> {
         let mesh = self.mesh;
-        let mut t = mesh.facet_tets[self.facets[node as usize / 2] as usize][node as usize % 2];
+        let mut t = self.tet(node)?;
         let mut x = self.third(node, v, w)?;
         let label = self.label(node);
         for _ in 0..MOST_AROUND {
-            let tet = mesh.tets.get(t as usize)?;
+            let tet = &mesh.tets[t as usize];
             let y = tet.iter().copied().find(|y| ![v, w, x].contains(y))?;
             let across = mesh.neighbors[t as usize][tet.iter().position(|&z| z == x)?];
             if across == NONE || mesh.labels[across as usize] != label {
@@ -401,6 +442,10 @@ mod tests {
         assert_eq!(sheets.pinches, [Pinch { ends: [4, 13], label: 1 }]);
         let (sheets, _) = of_voxels([2; 3], |i, j, k| i32::from(i == j && j == k));
         assert_eq!((sheets.euler, sheets.pinches), (vec![2, 2], vec![Pinch { ends: [13, 13], label: 1 }]));
+        // Two cavities with a vertex in common: just inside, one surface goes around both.
+        let cavities = |i: usize, j: usize, k: usize| i32::from([i, j, k] != [1; 3] && [i, j, k] != [2; 3]);
+        let (sheets, _) = of_voxels([4; 3], cavities);
+        assert_eq!((sheets.euler, sheets.pinches), (vec![4], vec![Pinch { ends: [62, 62], label: 1 }]));
         let ring = |i: usize, j: usize, _: usize| [[1, 1, 1], [1, 0, 2], [1, 1, 0]][j][i];
         let (sheets, _) = of_voxels([3, 3, 1], ring);
         assert_eq!(sheets.euler, [2, 2], "a bent bar and a cube");
