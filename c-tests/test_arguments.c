@@ -257,6 +257,22 @@ static void other_parameters(void) {
     CHECK(lapd_params_get_keep(params, &keep, &count) == LAPD_OK && count == 2 && keep[1] == -9);
     CHECK(lapd_params_set_keep(context, params, NULL, 0) == LAPD_OK);
     CHECK(lapd_params_get_keep(params, &keep, &count) == LAPD_OK && count == 0);
+
+    int32_t label = 0;
+    INVALID(lapd_params_set_merge(context, params, two, 0, 1));
+    INVALID(lapd_params_set_merge(context, params, two, SIZE_MAX, 1));
+    CHECK(lapd_params_set_merge(context, params, two, 2, 1) == LAPD_OK);
+    CHECK(lapd_params_set_merge(context, params, two, 1, INT32_MIN) == LAPD_OK);
+    CHECK(lapd_params_get_merge(params, 7, &label) == LAPD_OK && label == INT32_MIN);
+    CHECK(lapd_params_get_merge(params, -9, &label) == LAPD_OK && label == 1);
+    CHECK(lapd_params_clear_merge(context, params) == LAPD_OK);
+    CHECK(lapd_params_get_merge(params, 7, &label) == LAPD_OK && label == 7);
+    CHECK(lapd_params_get_background_label(params, &label) == LAPD_OK && label == 0);
+    CHECK(lapd_params_set_background_label(context, params, 5) == LAPD_OK);
+    CHECK(lapd_params_get_background_label(params, &label) == LAPD_OK && label == 5);
+    lapd_mesh *none = NULL;
+    CHECK(lapd_mesh_image(context, image, params, &none) == LAPD_ERROR_INVALID_ARGUMENT && none == NULL);
+    CHECK(lapd_params_set_background_label(context, params, 0) == LAPD_OK);
 }
 
 static void meshing(void) {
@@ -366,6 +382,19 @@ static void mesh_getters(void) {
     CHECK(lapd_mesh_get_label_row(mesh, 0, &row) == LAPD_OK && row.label == 7);
     row.struct_size = 4;
     INVALID(lapd_mesh_get_label_row(mesh, 0, &row));
+
+    size_t components = 0, defects = 1;
+    lapd_component_row component = {.struct_size = sizeof component};
+    lapd_defect defect = {.struct_size = sizeof defect};
+    CHECK(lapd_mesh_get_component_row_count(mesh, &components) == LAPD_OK && components == 1);
+    CHECK(lapd_mesh_get_component_row(mesh, 0, &component) == LAPD_OK);
+    CHECK(component.label == 7 && component.fate == LAPD_FATE_KEPT && component.components_mesh == 1);
+    CHECK(component.euler_image == component.euler_mesh && component.image_voxels >= LAPD_LEAST_VOXELS);
+    INVALID(lapd_mesh_get_component_row(mesh, components, &component));
+    component.struct_size = 4;
+    INVALID(lapd_mesh_get_component_row(mesh, 0, &component));
+    CHECK(lapd_mesh_get_defect_count(mesh, &defects) == LAPD_OK && defects == 0);
+    INVALID(lapd_mesh_get_defect(mesh, 0, &defect));
 
     size_t threads = 0;
     lapd_operations operations = {.struct_size = sizeof operations};

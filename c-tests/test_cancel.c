@@ -100,7 +100,7 @@ static void log_lines(void) {
     CHECK(r.seen == 63 && r.wrong == 0);
     CHECK(r.levels[LAPD_LOG_INFO] == 5 && r.levels[LAPD_LOG_WARNING] == 0);
 
-    /* Single voxels that are too small for delta: one label is lost, another in parts. */
+    /* Parts that are too small for delta: a label of one voxel is lost, and eight voxels of another. */
     enum { N = 24 };
     uint8_t *voxels = calloc(N * N * N, 1);
     CHECK(voxels != NULL);
@@ -109,12 +109,14 @@ static void log_lines(void) {
         voxels[i] = x > 1 && x < 18 && y > 1 && y < 18 && z > 1 && z < 18;
     }
     voxels[6 + N * (6 + N * 6)] = 2;
-    voxels[21 + N * (21 + N * 21)] = 1;
+    for (size_t i = 0; i < 8; i++) {
+        voxels[20 + i % 2 + N * (20 + i / 2 % 2 + N * (20 + i / 4))] = 1;
+    }
     lapd_image *const ball = image;
     image = unit_image(context, voxels, N);
     CHECK(lapd_params_set_delta(context, params, 4) == LAPD_OK);
     static const char *const bad[] = {"labels without a tet: 1, of 1 voxels in all; the first is 2",
-                                      "components vanished or merged: 1, of 1 of the labels"};
+                                      "components without a tet: 1; the first, of label 1, at (20.00, 20.00, 20.00)"};
     r = (log_record){.lines = bad, .count = 2};
     CHECK(run() == LAPD_OK);
     CHECK(r.seen == 3 && r.wrong == 0 && r.levels[LAPD_LOG_WARNING] >= 2);

@@ -34,7 +34,7 @@ static const char USAGE[] =
     "  --delta MM           distance between samples on the interfaces;\n"
     "                       default 1.5 times the geometric mean of the voxel's sides\n"
     "  --size MM            largest circumradius of tets; default 2 times delta\n"
-    "  --label-size L=MM    the same for one label; may be given again\n"
+    "  --label-size L=MM    the same for one label (after --merge); may be given again\n"
     "  --radius-edge R      largest circumradius over shortest edge; at least 2, default 2\n"
     "  --facet-angle DEG    smallest angle of interface facets; at most 30, default 30\n"
     "  --threads N          threads of the run; default 1, which makes the same mesh each time\n"
@@ -45,7 +45,9 @@ static const char USAGE[] =
     "                       such as 'numa:4 core:4 pu:1'; needs a library with the feature hwloc\n"
     "  --bind               bind each thread to a core\n"
     "  --count-accesses     report how much of the memory that threads visit is that of other memory nodes\n"
-    "  --keep L,L,...       mesh these labels only\n"
+    "  --merge L,L,...=T    give these labels the label T first; may be given again\n"
+    "  --background-label L the label (after --merge) that is background; default 0\n"
+    "  --keep L,L,...       mesh these labels (after --merge) only\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
     "  --surface NAME       smooth | voxel; default smooth\n"
     "  --optimize           not in this version\n"
@@ -190,23 +192,18 @@ static bool parse_name(const char *text, const char *const *names, size_t count,
     return false;
 }
 
-static bool parse_labels(const char *text, int32_t **labels, size_t *count) {
+/* Reads labels with commas between them, which end at `*end`; the caller frees them. NULL if there is none where there should be one. */
+static int32_t *parse_labels(const char *text, const char **end, size_t *count) {
     int32_t *list = malloc((strlen(text) / 2 + 1) * sizeof *list);
-    size_t n = 0;
-    const char *rest = text;
-    while (list != NULL && parse_label(rest, &rest, &list[n])) {
-        n++;
-        if (*rest == '\0') {
-            *labels = list;
-            *count = n;
-            return true;
-        }
-        if (*rest++ != ',') {
-            break;
+    *count = 0;
+    for (*end = text; list != NULL && parse_label(*end, end, &list[*count]); ++*end) {
+        ++*count;
+        if (**end != ',') {
+            return list;
         }
     }
     free(list);
-    return false;
+    return NULL;
 }
 
 typedef enum { SET_OK, SET_UNKNOWN_OPTION, SET_BAD_VALUE, SET_REFUSED } set_result;
@@ -280,15 +277,27 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
         }
         return from_status(lapd_params_set_label_size(context, params, label, size));
     }
-    if (strcmp(option, "--keep") == 0) {
-        int32_t *labels;
+    if (strcmp(option, "--background-label") == 0) {
+        int32_t label;
+        const char *rest;
+        return parse_label(value, &rest, &label) && *rest == '\0'
+                   ? from_status(lapd_params_set_background_label(context, params, label))
+                   : SET_BAD_VALUE;
+    }
+    const bool merge = strcmp(option, "--merge") == 0;
+    if (merge || strcmp(option, "--keep") == 0) {
         size_t count;
-        if (!parse_labels(value, &labels, &count)) {
-            return SET_BAD_VALUE;
+        int32_t target = 0;
+        const char *rest;
+        int32_t *labels = parse_labels(value, &rest, &count);
+        bool good = labels != NULL && (!merge || (*rest == '=' && parse_label(rest + 1, &rest, &target))) && *rest == '\0';
+        set_result result = SET_BAD_VALUE;
+        if (good) {
+            result = from_status(merge ? lapd_params_set_merge(context, params, labels, count, target)
+                                       : lapd_params_set_keep(context, params, labels, count));
         }
-        lapd_status status = lapd_params_set_keep(context, params, labels, count);
         free(labels);
-        return from_status(status);
+        return result;
     }
     return SET_UNKNOWN_OPTION;
 }
@@ -333,9 +342,10 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             o->quiet = true;
         } else {
             static const char *const with_value[] = {
-                "-o",           "--report",      "--timeline",    "--topology",     "--delta",      "--size",
-                "--label-size", "--radius-edge", "--facet-angle", "--threads",      "--algorithm",  "--contention",
-                "--begging",    "--keep",        "--surface",     "--max-vertices", "--time-limit", "--max-memory"};
+                "-o",         "--report",     "--timeline", "--topology",         "--delta",        "--size",
+                "--keep",     "--label-size", "--merge",    "--background-label", "--radius-edge",  "--facet-angle",
+                "--threads",  "--algorithm",  "--begging",  "--contention",       "--max-vertices", "--time-limit",
+                "--surface",  "--max-memory"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");
@@ -456,6 +466,8 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
 done:
     line->memory = NULL;
     free(s.rows);
+    free(s.components);
+    free(s.defects);
     free(s.threads);
     lapd_mesh_free(mesh);
     return exit_status;

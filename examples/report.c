@@ -11,6 +11,8 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+enum { DEFECT_KINDS = LAPD_DEFECT_PINCHED_VERTEX + 1 };
+
 /* ---- The table ---- */
 
 lapd_status summarize(const lapd_mesh *mesh, summary *s) {
@@ -34,6 +36,10 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
     if (status == LAPD_OK)
         status = lapd_mesh_get_label_row_count(mesh, &s->row_count);
     if (status == LAPD_OK)
+        status = lapd_mesh_get_component_row_count(mesh, &s->component_count);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_defect_count(mesh, &s->defect_count);
+    if (status == LAPD_OK)
         status = lapd_mesh_get_thread_count(mesh, &s->thread_count);
     if (status == LAPD_OK)
         status = lapd_mesh_get_thread_report(mesh, LAPD_ALL_THREADS, &s->all_threads);
@@ -41,13 +47,23 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
         return status;
     }
     s->rows = calloc(s->row_count + 1, sizeof *s->rows);
+    s->components = calloc(s->component_count + 1, sizeof *s->components);
+    s->defects = calloc(s->defect_count + 1, sizeof *s->defects);
     s->threads = calloc(s->thread_count + 1, sizeof *s->threads);
-    if (s->rows == NULL || s->threads == NULL) {
+    if (s->rows == NULL || s->components == NULL || s->defects == NULL || s->threads == NULL) {
         return LAPD_ERROR_OUT_OF_MEMORY;
     }
     for (size_t i = 0; i < s->row_count && status == LAPD_OK; i++) {
         s->rows[i].struct_size = sizeof s->rows[i];
         status = lapd_mesh_get_label_row(mesh, i, &s->rows[i]);
+    }
+    for (size_t i = 0; i < s->component_count && status == LAPD_OK; i++) {
+        s->components[i].struct_size = sizeof s->components[i];
+        status = lapd_mesh_get_component_row(mesh, i, &s->components[i]);
+    }
+    for (size_t i = 0; i < s->defect_count && status == LAPD_OK; i++) {
+        s->defects[i].struct_size = sizeof s->defects[i];
+        status = lapd_mesh_get_defect(mesh, i, &s->defects[i]);
     }
     for (size_t i = 0; i < s->thread_count && status == LAPD_OK; i++) {
         s->threads[i].struct_size = sizeof s->threads[i];
@@ -129,6 +145,14 @@ void print_table(const summary *s, const file_seconds *seconds) {
            (unsigned long long)c->orphan_vertices, (unsigned long long)c->open_edges);
     printf("  mesh to image: mean %.3f, largest %.3f; image to mesh: mean %.3f, largest %.3f\n", c->mesh_to_image_mean,
            c->mesh_to_image_max, c->image_to_mesh_mean, c->image_to_mesh_max);
+    uint64_t defects[DEFECT_KINDS] = {0};
+    for (size_t i = 0; i < s->defect_count; i++) {
+        defects[s->defects[i].kind]++;
+    }
+    printf("  components lost %llu, merged %llu, torn off %llu, stray %llu; pinched edges %llu, vertices %llu\n",
+           (unsigned long long)defects[LAPD_DEFECT_LOST], (unsigned long long)defects[LAPD_DEFECT_MERGED],
+           (unsigned long long)defects[LAPD_DEFECT_TORN], (unsigned long long)defects[LAPD_DEFECT_STRAY],
+           (unsigned long long)defects[LAPD_DEFECT_PINCHED_EDGE], (unsigned long long)defects[LAPD_DEFECT_PINCHED_VERTEX]);
     printf("  unmet rules:");
     for (int i = 0; i < 6; i++) {
         printf(" R%d %llu%s", i + 1, (unsigned long long)c->unmet[i], i < 5 ? "," : "\n");
@@ -201,6 +225,14 @@ static void json_number(FILE *file, const char *before, const char *name, double
     } else {
         fprintf(file, "%s\"%s\": null", before, name);
     }
+}
+
+static void json_integer(FILE *file, const char *before, const char *name, int64_t value) {
+    fprintf(file, "%s\"%s\": %lld", before, name, (long long)value);
+}
+
+static void json_position(FILE *file, const double position[3]) {
+    fprintf(file, ", \"position\": [%.17g, %.17g, %.17g]", position[0], position[1], position[2]);
 }
 
 static void json_count(FILE *file, const char *before, const char *name, uint64_t value) {
@@ -365,6 +397,50 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
         json_count(f, ", ", "image_voxels", row->image_voxels);
         json_count(f, ", ", "components_image", row->components_image);
         json_count(f, ", ", "components_mesh", row->components_mesh);
+        json_count(f, ", ", "components_lost", row->components_lost);
+        json_count(f, ", ", "components_merged", row->components_merged);
+        json_count(f, ", ", "pieces", row->pieces);
+        json_integer(f, ", ", "euler_image", row->euler_image);
+        json_integer(f, ", ", "euler_mesh", row->euler_mesh);
+        json_count(f, ", ", "pinched_edges", row->pinched_edges);
+        json_count(f, ", ", "pinched_vertices", row->pinched_vertices);
+        json_number(f, ", ", "hausdorff_mesh_to_image", row->mesh_to_image_max);
+        json_number(f, ", ", "hausdorff_image_to_mesh", row->image_to_mesh_max);
+        json_number(f, ", ", "mean_mesh_to_image", row->mesh_to_image_mean);
+        json_number(f, ", ", "mean_image_to_mesh", row->image_to_mesh_mean);
+        fputc('}', f);
+    }
+
+    fputs("\n  ],\n  \"components\": [", f);
+    for (size_t i = 0; i < s->component_count; i++) {
+        static const char *const fates[] = {"kept", "merged", "lost"};
+        const lapd_component_row *row = &s->components[i];
+        fprintf(f, "%s\n    {\"label\": %lld, \"fate\": \"%s\"", i > 0 ? "," : "", (long long)row->label,
+                fates[row->fate]);
+        json_position(f, row->position);
+        json_count(f, ", ", "image_voxels", row->image_voxels);
+        json_number(f, ", ", "image_volume", row->image_volume);
+        json_count(f, ", ", "tets", row->tets);
+        json_number(f, ", ", "mesh_volume", row->mesh_volume);
+        json_count(f, ", ", "components_mesh", row->components_mesh);
+        json_integer(f, ", ", "euler_image", row->euler_image);
+        json_integer(f, ", ", "euler_mesh", row->euler_mesh);
+        json_number(f, ", ", "hausdorff_mesh_to_image", row->mesh_to_image_max);
+        json_number(f, ", ", "hausdorff_image_to_mesh", row->image_to_mesh_max);
+        json_number(f, ", ", "mean_mesh_to_image", row->mesh_to_image_mean);
+        json_number(f, ", ", "mean_image_to_mesh", row->image_to_mesh_mean);
+        fputc('}', f);
+    }
+
+    fputs("\n  ],\n  \"defects\": [", f);
+    for (size_t i = 0; i < s->defect_count; i++) {
+        static const char *const kinds[DEFECT_KINDS] = {"lost",  "merged",       "torn",
+                                                        "stray", "pinched_edge", "pinched_vertex"};
+        const lapd_defect *defect = &s->defects[i];
+        fprintf(f, "%s\n    {\"kind\": \"%s\", \"label\": %lld", i > 0 ? "," : "", kinds[defect->kind],
+                (long long)defect->label);
+        json_position(f, defect->position);
+        json_count(f, ", ", "size", defect->size);
         fputc('}', f);
     }
     fputs("\n  ]\n}\n", f);

@@ -46,6 +46,11 @@ typedef struct {
     int32_t limit_reached;
     lapd_label_row *rows;
     size_t row_count;
+    /* The larger components of the image, and where the topology is at fault. */
+    lapd_component_row *components;
+    size_t component_count;
+    lapd_defect *defects;
+    size_t defect_count;
     /* What each thread did, and the sum. */
     lapd_thread_report *threads;
     size_t thread_count;
@@ -55,7 +60,7 @@ typedef struct {
 /* Prints one line on stderr. */
 void complain(const char *format, ...);
 
-/* Fills `s`, whose rows and threads the caller frees, whatever this returns. */
+/* Fills `s`, whose rows, components, defects and threads the caller frees, whatever this returns. */
 lapd_status summarize(const lapd_mesh *mesh, summary *s);
 
 void print_table(const summary *s, const file_seconds *seconds);

@@ -48,6 +48,11 @@
 #define LAPD_ALL_THREADS (size_t)-1
 
 /**
+ * Components of the image with fewer voxels have no row of their own, and are not listed when they are lost or merged.
+ */
+#define LAPD_LEAST_VOXELS 8
+
+/**
  * What a function came to. The numbers are stable: none will ever change its meaning, new ones may be added. 0 is success.
  */
 typedef enum {
@@ -501,44 +506,6 @@ typedef struct {
 } lapd_certificate;
 
 /**
- * One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call. Volumes are in cubic world units.
- */
-typedef struct {
-  /**
-   * sizeof(lapd_label_row), set by the caller.
-   */
-  uint64_t struct_size;
-  /**
-   * The label.
-   */
-  int64_t label;
-  /**
-   * Its tets.
-   */
-  uint64_t tets;
-  /**
-   * Their volume.
-   */
-  double mesh_volume;
-  /**
-   * The volume of its voxels.
-   */
-  double image_volume;
-  /**
-   * Its voxels.
-   */
-  uint64_t image_voxels;
-  /**
-   * Connected components of its voxels.
-   */
-  uint64_t components_image;
-  /**
-   * Connected components of its tets, across facets.
-   */
-  uint64_t components_mesh;
-} lapd_label_row;
-
-/**
  * What one thread of the refinement did, and with what it lost time. Set struct_size to sizeof(lapd_thread_report) before the call.
  *
  * Of the seconds that refinement took (lapd_timings) a thread worked those that it did not lose. With 1 thread none are lost.
@@ -609,6 +576,183 @@ typedef struct {
    */
   uint64_t access_hops;
 } lapd_thread_report;
+
+/**
+ * One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call. Volumes are in cubic world units.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_label_row), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * The label.
+   */
+  int64_t label;
+  /**
+   * Its tets.
+   */
+  uint64_t tets;
+  /**
+   * Their volume.
+   */
+  double mesh_volume;
+  /**
+   * The volume of its voxels.
+   */
+  double image_volume;
+  /**
+   * Its voxels.
+   */
+  uint64_t image_voxels;
+  /**
+   * Connected components of its voxels, joined with all 26 around them.
+   */
+  uint64_t components_image;
+  /**
+   * Connected components of its tets, across facets.
+   */
+  uint64_t components_mesh;
+  /**
+   * Components of the image, of LAPD_LEAST_VOXELS or more, in which it has no tet.
+   */
+  uint64_t components_lost;
+  /**
+   * Components of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another one.
+   */
+  uint64_t components_merged;
+  /**
+   * Components of the mesh that are torn off from the one they belong to, or lie in none of the image.
+   */
+  uint64_t pieces;
+  /**
+   * Euler characteristic of its boundary in the image, whose voxels are joined with all 26 around them.
+   */
+  int64_t euler_image;
+  /**
+   * Euler characteristic of its boundary in the mesh, of a surface just inside: 2 for a ball, 0 for a torus, added up over all parts.
+   */
+  int64_t euler_mesh;
+  /**
+   * Edges at which more than two facets of its boundary meet.
+   */
+  uint64_t pinched_edges;
+  /**
+   * Vertices, on no such edge, at which more than one sheet of its boundary meet.
+   */
+  uint64_t pinched_vertices;
+  /**
+   * Mean distance from its boundary in the mesh to that in the image.
+   */
+  double mesh_to_image_mean;
+  /**
+   * Largest distance from its boundary in the mesh to that in the image.
+   */
+  double mesh_to_image_max;
+  /**
+   * Mean distance from its boundary in the image to that in the mesh; infinite when it has no tet.
+   */
+  double image_to_mesh_mean;
+  /**
+   * Largest distance from its boundary in the image to that in the mesh; infinite when it has no tet.
+   */
+  double image_to_mesh_max;
+} lapd_label_row;
+
+/**
+ * One component of the image that has LAPD_LEAST_VOXELS or more. Set struct_size to sizeof(lapd_component_row) before the call.
+ *
+ * Voxels are joined with all 26 around them, tets across facets. Volumes are in cubic world units, positions and distances in world units.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_component_row), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * Its label.
+   */
+  int64_t label;
+  /**
+   * What became of it, a lapd_fate.
+   */
+  int64_t fate;
+  /**
+   * The centre of its first voxel, x fastest.
+   */
+  double position[3];
+  /**
+   * Its voxels.
+   */
+  uint64_t image_voxels;
+  /**
+   * Their volume.
+   */
+  double image_volume;
+  /**
+   * Tets of its label that lie in it.
+   */
+  uint64_t tets;
+  /**
+   * Their volume.
+   */
+  double mesh_volume;
+  /**
+   * Components of the mesh that belong to it: 1 where all is well, 0 where it is lost or merged.
+   */
+  uint64_t components_mesh;
+  /**
+   * Euler characteristic of its boundary.
+   */
+  int64_t euler_image;
+  /**
+   * That of the components of the mesh that belong to it, of a surface just inside, added up.
+   */
+  int64_t euler_mesh;
+  /**
+   * Mean distance from the boundary of the components of the mesh that belong to it to that of its label in the image.
+   */
+  double mesh_to_image_mean;
+  /**
+   * The largest such distance.
+   */
+  double mesh_to_image_max;
+  /**
+   * Mean distance from its boundary to that of its label in the mesh; infinite when the label has no tet.
+   */
+  double image_to_mesh_mean;
+  /**
+   * The largest such distance.
+   */
+  double image_to_mesh_max;
+} lapd_component_row;
+
+/**
+ * A place where the topology of a label in the mesh is not that of a solid, or not that of the image. Set struct_size to sizeof(lapd_defect) before the
+ * call.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_defect), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * What is wrong, a lapd_defect_kind.
+   */
+  int64_t kind;
+  /**
+   * The label.
+   */
+  int64_t label;
+  /**
+   * Where, in world units: the centre of the component's first voxel, the centroid of its first tet, the middle of the edge, the vertex.
+   */
+  double position[3];
+  /**
+   * Voxels of the component of the image, tets of that of the mesh; 0 for a pinch.
+   */
+  uint64_t size;
+} lapd_defect;
 
 #ifdef __cplusplus
 extern "C" {
@@ -872,7 +1016,7 @@ lapd_status lapd_params_set_size(lapd_context *context,
 lapd_status lapd_params_get_size(const lapd_params *params, double *size);
 
 /**
- * Sets the largest circumradius of the tets of one label, in world units; above 0. A second call for the label replaces the first.
+ * Sets the largest circumradius of the tets of one label (after merging), in world units; above 0. A second call for the label replaces the first.
  * lapd_mesh_image refuses a label that the image does not have. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
@@ -945,29 +1089,6 @@ lapd_status lapd_params_set_surface(lapd_context *context, lapd_params *params, 
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_surface(const lapd_params *params, int32_t *surface);
-
-/**
- * Sets the labels to mesh; all others count as background. A count of 0 means all labels, and `labels` may then be NULL. The
- * values are copied. No other thread may use `params` or the context meanwhile.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
- */
-lapd_status lapd_params_set_keep(lapd_context *context,
-                                 lapd_params *params,
-                                 const int32_t *labels,
-                                 size_t count);
-
-/**
- * The labels to mesh, and how many they are; 0 means all.
- *
- * `*labels` belongs to the parameters and is valid until they are changed or freed; with a count of 0 it must not be read. Any
- * thread, unless another one changes `params`.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
- */
-lapd_status lapd_params_get_keep(const lapd_params *params,
-                                 const int32_t **labels,
-                                 size_t *count);
 
 /**
  * Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0. No
@@ -1099,6 +1220,77 @@ lapd_status lapd_params_set_optimize(lapd_context *context,
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimize);
+
+/**
+ * Gives labels of the image another one before all else: each of `labels` becomes `target`. All labels are changed at once, so that two can be exchanged
+ * by two calls. 0 may be among them, and may be the target, which makes them background. A second call for a label replaces the first.
+ * lapd_mesh_image refuses a label that the image does not have. The values are copied. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or `count` is 0.
+ */
+lapd_status lapd_params_set_merge(lapd_context *context,
+                                  lapd_params *params,
+                                  const int32_t *labels,
+                                  size_t count,
+                                  int32_t target);
+
+/**
+ * What becomes of a label of the image: the target of the last lapd_params_set_merge for it, or the label itself. Any thread, unless another one
+ * changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+ */
+lapd_status lapd_params_get_merge(const lapd_params *params,
+                                  int32_t label,
+                                  int32_t *target);
+
+/**
+ * Forgets which labels were to become others. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_clear_merge(lapd_context *context, lapd_params *params);
+
+/**
+ * Sets the label that counts as background, after merging; the default is 0. Its voxels are as the outside of the image, which has label 0 in the mesh.
+ * lapd_mesh_image refuses a label that the image does not have, and, for another background than 0, an image that has label 0 as well: merge 0 into
+ * that label or into another one. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+ */
+lapd_status lapd_params_set_background_label(lapd_context *context,
+                                             lapd_params *params,
+                                             int32_t label);
+
+/**
+ * The label that counts as background. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_background_label(const lapd_params *params, int32_t *label);
+
+/**
+ * Sets the labels to mesh (after merging); all others count as background. A count of 0 means all labels, and `labels` may then be NULL. The
+ * values are copied. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+ */
+lapd_status lapd_params_set_keep(lapd_context *context,
+                                 lapd_params *params,
+                                 const int32_t *labels,
+                                 size_t count);
+
+/**
+ * The labels to mesh, and how many they are; 0 means all.
+ *
+ * `*labels` belongs to the parameters and is valid until they are changed or freed; with a count of 0 it must not be read. Any
+ * thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_keep(const lapd_params *params,
+                                 const int32_t **labels,
+                                 size_t *count);
 
 /**
  * Sets the number of threads of a run, 1 (the default) to LAPD_MAX_THREADS. lapd_mesh_image starts them and joins them before it
@@ -1469,6 +1661,23 @@ lapd_status lapd_mesh_get_quality(const lapd_mesh *mesh, lapd_quality *quality);
 lapd_status lapd_mesh_get_certificate(const lapd_mesh *mesh, lapd_certificate *certificate);
 
 /**
+ * The number of threads that refined. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_thread_count(const lapd_mesh *mesh, size_t *count);
+
+/**
+ * What thread `index` (from 0) of the refinement did, or, for LAPD_ALL_THREADS, the sum of what all of them did. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is neither below the count nor LAPD_ALL_THREADS, or
+ * struct_size is not that of a known version.
+ */
+lapd_status lapd_mesh_get_thread_report(const lapd_mesh *mesh,
+                                        size_t index,
+                                        lapd_thread_report *report);
+
+/**
  * The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
@@ -1486,21 +1695,39 @@ lapd_status lapd_mesh_get_label_row(const lapd_mesh *mesh,
                                     lapd_label_row *row);
 
 /**
- * The number of threads that refined. Any thread.
+ * The number of rows that lapd_mesh_get_component_row has: one for each component of the image that has LAPD_LEAST_VOXELS or more. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_mesh_get_thread_count(const lapd_mesh *mesh, size_t *count);
+lapd_status lapd_mesh_get_component_row_count(const lapd_mesh *mesh,
+                                              size_t *count);
 
 /**
- * What thread `index` (from 0) of the refinement did, or, for LAPD_ALL_THREADS, the sum of what all of them did. Any thread.
+ * Row `index` (from 0) of the table of components. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is neither below the count nor LAPD_ALL_THREADS, or
- * struct_size is not that of a known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
+ * known version.
  */
-lapd_status lapd_mesh_get_thread_report(const lapd_mesh *mesh,
+lapd_status lapd_mesh_get_component_row(const lapd_mesh *mesh,
                                         size_t index,
-                                        lapd_thread_report *report);
+                                        lapd_component_row *row);
+
+/**
+ * The number of places that lapd_mesh_get_defect has. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_defect_count(const lapd_mesh *mesh, size_t *count);
+
+/**
+ * Place `index` (from 0) where the topology of a label is at fault; they are in the order of lapd_defect_kind. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
+ * known version.
+ */
+lapd_status lapd_mesh_get_defect(const lapd_mesh *mesh,
+                                 size_t index,
+                                 lapd_defect *defect);
 
 #ifdef __cplusplus
 }  // extern "C"

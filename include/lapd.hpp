@@ -374,6 +374,15 @@ class params {
     params &set_surface(lapd_surface surface) {
         return set(lapd_params_set_surface, surface);
     }
+    params &set_merge(const std::vector<std::int32_t> &labels, std::int32_t target) {
+        return set(lapd_params_set_merge, labels.data(), labels.size(), target);
+    }
+    params &clear_merge() {
+        return set(lapd_params_clear_merge);
+    }
+    params &set_background_label(std::int32_t label) {
+        return set(lapd_params_set_background_label, label);
+    }
     params &set_keep(const std::vector<std::int32_t> &labels) {
         return set(lapd_params_set_keep, labels.data(), labels.size());
     }
@@ -430,6 +439,14 @@ class params {
         double size = 0;
         detail::check(lapd_params_get_label_size(get(), label, &size));
         return size;
+    }
+    std::int32_t merge(std::int32_t label) const {
+        std::int32_t target = 0;
+        detail::check(lapd_params_get_merge(get(), label, &target));
+        return target;
+    }
+    std::int32_t background_label() const {
+        return value<std::int32_t>(lapd_params_get_background_label);
     }
     double radius_edge() const {
         return value<double>(lapd_params_get_radius_edge);
@@ -585,6 +602,28 @@ class mesh {
         row.struct_size = sizeof row;
         detail::check(lapd_mesh_get_label_row(get(), index, &row));
         return row;
+    }
+    std::size_t component_row_count() const {
+        std::size_t count = 0;
+        detail::check(lapd_mesh_get_component_row_count(get(), &count));
+        return count;
+    }
+    lapd_component_row component_row(std::size_t index) const {
+        lapd_component_row row{};
+        row.struct_size = sizeof row;
+        detail::check(lapd_mesh_get_component_row(get(), index, &row));
+        return row;
+    }
+    std::size_t defect_count() const {
+        std::size_t count = 0;
+        detail::check(lapd_mesh_get_defect_count(get(), &count));
+        return count;
+    }
+    lapd_defect defect(std::size_t index) const {
+        lapd_defect place{};
+        place.struct_size = sizeof place;
+        detail::check(lapd_mesh_get_defect(get(), index, &place));
+        return place;
     }
     std::size_t thread_count() const {
         std::size_t count = 0;

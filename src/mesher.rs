@@ -12,7 +12,7 @@ use crate::delaunay::check::CHECK_EVERY;
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
 use crate::mesh::TetMesh;
-use crate::mesh::certificate::Certificate;
+use crate::mesh::certificate::{Certificate, Defect, DefectKind};
 use crate::mesh::extract::{BYTES_PER_SLOT, extract};
 use crate::mesh::quality::Quality;
 use crate::monitor::{Level, Monitor, Step};
@@ -265,10 +265,20 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
             first.label
         ));
     }
-    let torn = || certificate.labels.iter().filter(|row| row.tets > 0 && row.components_mesh < row.components_image);
-    let missing: u64 = torn().map(|row| row.components_image - row.components_mesh).sum();
-    if missing > 0 {
-        lines.push(format!("components vanished or merged: {missing}, of {} of the labels", torn().count()));
+    let topology = [
+        (DefectKind::Lost, "components without a tet"),
+        (DefectKind::Merged, "components merged with another one of their label"),
+        (DefectKind::Torn, "pieces torn off from their component"),
+        (DefectKind::Stray, "pieces where the image does not have their label"),
+        (DefectKind::PinchedEdge, "edges where a label's boundary touches itself"),
+        (DefectKind::PinchedVertex, "vertices where a label's boundary touches itself"),
+    ];
+    for (kind, what) in topology {
+        let mut of_kind = certificate.defects.iter().filter(|defect| defect.kind == kind);
+        if let Some(Defect { label, position: [x, y, z], .. }) = of_kind.next() {
+            let count = 1 + of_kind.count();
+            lines.push(format!("{what}: {count}; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"));
+        }
     }
     let defects = [
         (certificate.non_delaunay_facets, "facets that are not Delaunay"),

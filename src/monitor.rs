@@ -43,12 +43,12 @@ pub enum Step {
     Validate,
     /// Shapes are measured.
     Quality,
+    /// Orientations, orphans, components and their boundaries.
+    Counts,
     /// The image's interfaces are collected, and the mesh's distance to them is measured.
     MeshToImage,
     /// The mesh's interfaces are sorted, and the image's distance to them is measured.
     ImageToMesh,
-    /// Orientations, orphans, open edges, components.
-    Counts,
     /// Nothing is left to do.
     Done,
 }

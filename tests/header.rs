@@ -6,7 +6,8 @@
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 8] = ["status", "context", "image", "params", "threads", "run", "mesh", "report"];
+const SOURCES: [&str; 10] =
+    ["status", "context", "image", "params", "labels", "threads", "run", "mesh", "report", "tables"];
 
 const HEAD: &str = "\
 /*

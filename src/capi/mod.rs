@@ -21,10 +21,12 @@
 mod boundary;
 pub mod context;
 pub mod image;
+pub mod labels;
 pub mod mesh;
 pub mod params;
 mod pool;
 pub mod report;
 pub mod run;
 pub mod status;
+pub mod tables;
 pub mod threads;

@@ -1,10 +1,10 @@
-//! Parameters of a run; those of its threads are in [`threads`](super::threads).
+//! Parameters of a run; those of its labels are in [`labels`](super::labels), those of its threads in [`threads`](super::threads).
 //!
 //! Every setter tries its value on a copy and lets [`MeshParams::validate`] judge, so that ranges are stated in one place.
 
 use std::ffi::CString;
 
-use super::boundary::{Failure, Out, Outcome, borrow, borrow_mut, slice, status_of, value_or};
+use super::boundary::{Failure, Out, Outcome, borrow, borrow_mut, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::status::lapd_status;
 use crate::params::{Algorithm, MeshParams, SurfaceModel};
@@ -176,7 +176,7 @@ pub unsafe extern "C" fn lapd_params_get_size(params: *const lapd_params, size: 
     unsafe { read(params, size, "size", |p| p.size) }
 }
 
-/// Sets the largest circumradius of the tets of one label, in world units; above 0. A second call for the label replaces the first.
+/// Sets the largest circumradius of the tets of one label (after merging), in world units; above 0. A second call for the label replaces the first.
 /// lapd_mesh_image refuses a label that the image does not have. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
@@ -319,48 +319,6 @@ pub unsafe extern "C" fn lapd_params_get_surface(params: *const lapd_params, sur
             SurfaceModel::Voxel => lapd_surface::LAPD_SURFACE_VOXEL as i32,
         })
     }
-}
-
-/// Sets the labels to mesh; all others count as background. A count of 0 means all labels, and `labels` may then be NULL. The
-/// values are copied. No other thread may use `params` or the context meanwhile.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_set_keep(
-    context: *mut lapd_context,
-    params: *mut lapd_params,
-    labels: *const i32,
-    count: usize,
-) -> lapd_status {
-    // SAFETY: see the module's head.
-    unsafe {
-        change(context, params, |p| {
-            p.keep = if count == 0 { Vec::new() } else { slice(labels, count, "labels")?.to_vec() };
-            Ok(())
-        })
-    }
-}
-
-/// The labels to mesh, and how many they are; 0 means all.
-///
-/// `*labels` belongs to the parameters and is valid until they are changed or freed; with a count of 0 it must not be read. Any
-/// thread, unless another one changes `params`.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_keep(
-    params: *const lapd_params,
-    labels: *mut *const i32,
-    count: *mut usize,
-) -> lapd_status {
-    // SAFETY: see the module's head.
-    status_of(|| unsafe {
-        let (labels, count) = (Out::new(labels, "labels")?, Out::new(count, "count")?);
-        let keep = &borrow(params, "params")?.params.keep;
-        labels.set(keep.as_ptr());
-        count.set(keep.len());
-        Ok(())
-    })
 }
 
 /// Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0. No

@@ -1,4 +1,4 @@
-//! The report of a run, as plain structs that may grow.
+//! The report of a run, as plain structs that may grow; the tables of its certificate are in [`tables`](super::tables).
 
 use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
@@ -119,28 +119,6 @@ pub struct lapd_certificate {
     pub image_to_mesh_max: f64,
 }
 
-/// One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call. Volumes are in cubic world units.
-#[repr(C)]
-#[derive(Clone, Copy, Debug)]
-pub struct lapd_label_row {
-    /// sizeof(lapd_label_row), set by the caller.
-    pub struct_size: u64,
-    /// The label.
-    pub label: i64,
-    /// Its tets.
-    pub tets: u64,
-    /// Their volume.
-    pub mesh_volume: f64,
-    /// The volume of its voxels.
-    pub image_volume: f64,
-    /// Its voxels.
-    pub image_voxels: u64,
-    /// Connected components of its voxels.
-    pub components_image: u64,
-    /// Connected components of its tets, across facets.
-    pub components_mesh: u64,
-}
-
 /// What one thread of the refinement did, and with what it lost time. Set struct_size to sizeof(lapd_thread_report) before the call.
 ///
 /// Of the seconds that refinement took (lapd_timings) a thread worked those that it did not lose. With 1 thread none are lost.
@@ -187,7 +165,7 @@ pub const LAPD_ALL_THREADS: usize = -1_isize as usize;
 // cbindgen knows no usize::MAX.
 const _: () = assert!(LAPD_ALL_THREADS == usize::MAX);
 
-// SAFETY of all seven: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of version 0.1 and stays when fields are
+// SAFETY of all six: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of version 0.1 and stays when fields are
 // appended.
 unsafe impl Growing for lapd_counts {
     const FIRST_SIZE: u64 = 56;
@@ -204,15 +182,12 @@ unsafe impl Growing for lapd_quality {
 unsafe impl Growing for lapd_certificate {
     const FIRST_SIZE: u64 = 120;
 }
-unsafe impl Growing for lapd_label_row {
-    const FIRST_SIZE: u64 = 64;
-}
 unsafe impl Growing for lapd_thread_report {
     const FIRST_SIZE: u64 = 144;
 }
 
 /// `size_of` as the value of `struct_size`; [`fill_struct`] puts the caller's there.
-const fn own_size<T: Growing>() -> u64 {
+pub(super) const fn own_size<T: Growing>() -> u64 {
     let size = size_of::<T>() as u64;
     assert!(T::FIRST_SIZE <= size);
     size
@@ -351,47 +326,6 @@ pub unsafe extern "C" fn lapd_mesh_get_certificate(
     }
 }
 
-/// The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any thread.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_label_row_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
-    // SAFETY: see the module's head.
-    status_of(|| unsafe {
-        let out = Out::new(count, "count")?;
-        out.set(borrow(mesh, "mesh")?.meshing.report.certificate.labels.len());
-        Ok(())
-    })
-}
-
-/// Row `index` (from 0) of the table of labels. Any thread.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
-/// known version.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_label_row(
-    mesh: *const lapd_mesh,
-    index: usize,
-    row: *mut lapd_label_row,
-) -> lapd_status {
-    // SAFETY: see the module's head.
-    status_of(|| unsafe {
-        let rows = &borrow(mesh, "mesh")?.meshing.report.certificate.labels;
-        let found = rows.get(index).ok_or_else(|| Failure::invalid(format!("there is no label row {index}")))?;
-        let value = lapd_label_row {
-            struct_size: own_size::<lapd_label_row>(),
-            label: found.label.into(),
-            tets: found.tets,
-            mesh_volume: found.mesh_volume,
-            image_volume: found.image_volume,
-            image_voxels: found.image_voxels,
-            components_image: found.components_image,
-            components_mesh: found.components_mesh,
-        };
-        fill_struct(row, value, "row")
-    })
-}
-
 /// The number of threads that refined. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
@@ -469,7 +403,6 @@ mod tests {
         own_size::<lapd_operations>();
         own_size::<lapd_quality>();
         own_size::<lapd_certificate>();
-        own_size::<lapd_label_row>();
         own_size::<lapd_thread_report>();
     }
 }

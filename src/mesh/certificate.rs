@@ -44,7 +44,7 @@ pub struct LabelRow {
     pub image_volume: f64,
     /// Voxels with the label.
     pub image_voxels: u64,
-    /// Face-connected components in the image.
+    /// Components in the image, of voxels joined with all 26 around them.
     pub components_image: u64,
     /// Facet-connected components in the mesh.
     pub components_mesh: u64,

@@ -165,24 +165,40 @@ mod tests {
     }
 
     proptest! {
-        /// The cubes of a Kuhn mesh share whole faces, so its components are those of the voxels, in the same order.
+        /// The cubes of a Kuhn mesh share whole faces or nothing that joins tets: components are those of voxels joined across faces.
         #[test]
-        fn a_mesh_of_voxels_has_their_components(values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2])) {
+        fn a_mesh_of_voxels_against_flood_fill(values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2])) {
             let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
             let image = testing::image(DIMS, frame([1.0; 3]), label);
             let (of_image, of_mesh) = both(&testing::kuhn_box(DIMS, [1.0; 3], label), &image);
-            prop_assert_eq!(of_mesh.list.len(), of_image.list.len());
-            for (mesh, image_component) in of_mesh.list.iter().zip(&of_image.list) {
-                prop_assert_eq!(mesh.label, image.labels()[usize::from(image_component.id)]);
-                prop_assert_eq!(mesh.tets.count, 6 * image_component.voxels);
-                prop_assert!((mesh.tets.volume - image_component.voxels as f64).abs() < 1e-9);
-                let [i, j, k] = image_component.first;
-                prop_assert_eq!(mesh.first as usize, 6 * (i + DIMS[0] * (j + DIMS[1] * k)));
+            let place = |cell: usize| [cell % DIMS[0], cell / DIMS[0] % DIMS[1], cell / (DIMS[0] * DIMS[1])];
+            let mut seen = vec![false; values.len()];
+            let mut components = of_mesh.list.iter().zip(&of_mesh.overlaps);
+            for seed in (0..values.len()).filter(|&cell| values[cell] != 0) {
+                let (mut stack, mut cells) = (vec![seed], 0_u64);
+                while let Some(cell) = stack.pop() {
+                    if std::mem::replace(&mut seen[cell], true) {
+                        continue;
+                    }
+                    cells += 1;
+                    let step = [1, DIMS[0], DIMS[0] * DIMS[1]];
+                    for (axis, i) in place(cell).into_iter().enumerate() {
+                        let below = (i > 0).then(|| cell - step[axis]);
+                        let around = below.into_iter().chain((i + 1 < DIMS[axis]).then(|| cell + step[axis]));
+                        stack.extend(around.filter(|&other| values[other] == values[cell]));
+                    }
+                }
+                if cells == 0 {
+                    continue;
+                }
+                let (component, overlap) = components.next().unwrap();
+                prop_assert_eq!((component.label, component.first as usize), (values[seed], 6 * seed));
+                prop_assert_eq!(component.tets.count, 6 * cells);
+                prop_assert!((component.tets.volume - cells as f64).abs() < 1e-9);
+                prop_assert_eq!(of_mesh.of(6 * seed as u32), Some(overlap.mesh));
+                prop_assert_eq!((overlap.image, overlap.tets), (of_image.at(place(seed)), component.tets));
             }
-            for (overlap, c) in of_mesh.overlaps.iter().zip(0..) {
-                prop_assert_eq!((overlap.mesh, overlap.image), (c, Some(c)));
-                prop_assert_eq!(overlap.tets, of_mesh.list[c as usize].tets);
-            }
+            prop_assert!(components.next().is_none());
         }
     }
 
