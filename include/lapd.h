@@ -254,6 +254,54 @@ typedef enum {
 } lapd_begging;
 
 /**
+ * What the mesh made of a component of the image.
+ */
+typedef enum {
+  /**
+   * A component of the mesh stands for it.
+   */
+  LAPD_FATE_KEPT = 0,
+  /**
+   * It is part of a component of the mesh that stands for another one.
+   */
+  LAPD_FATE_MERGED = 1,
+  /**
+   * No tet of its label lies in it.
+   */
+  LAPD_FATE_LOST = 2,
+} lapd_fate;
+
+/**
+ * What is wrong with the topology of a label somewhere.
+ */
+typedef enum {
+  /**
+   * A component of the image, of LAPD_LEAST_VOXELS or more, in which no tet of its label lies.
+   */
+  LAPD_DEFECT_LOST = 0,
+  /**
+   * A component of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another one of its label.
+   */
+  LAPD_DEFECT_MERGED = 1,
+  /**
+   * A component of the mesh that is torn off from the one that stands for its component of the image.
+   */
+  LAPD_DEFECT_TORN = 2,
+  /**
+   * A component of the mesh that lies in no component of its label.
+   */
+  LAPD_DEFECT_STRAY = 3,
+  /**
+   * An edge at which more than two facets of the label's boundary meet.
+   */
+  LAPD_DEFECT_PINCHED_EDGE = 4,
+  /**
+   * A vertex, on no such edge, at which more than one sheet of the label's boundary meet.
+   */
+  LAPD_DEFECT_PINCHED_VERTEX = 5,
+} lapd_defect_kind;
+
+/**
  * What a call reports to. Holds the message of the last call that failed, the callbacks for progress and log lines, and the
  * cancel flag.
  *

@@ -6,6 +6,8 @@
 use std::path::{Path, PathBuf};
 
 use lapd::image::readers::read_image;
+use lapd::mesh::DefectKind;
+use lapd::mesh::certificate::LEAST_VOXELS;
 use lapd::mesh::quality::{radius_edge_ratio, triangle_angles};
 use lapd::mesher::{Meshing, mesh_image};
 use lapd::monitor::Monitor;
@@ -64,6 +66,20 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
     let (mean, max) = (certificate.mean_mesh_to_image / voxel, certificate.hausdorff_mesh_to_image / voxel);
     bar(mean < 0.3, format!("mean distance to the image {mean:.3} voxels"));
     bar(max < 1.5, format!("largest distance to the image {max:.3} voxels"));
+
+    let count = |kind| certificate.defects.iter().filter(|defect| defect.kind == kind).count();
+    for (kind, what) in [(DefectKind::Lost, "lost"), (DefectKind::Merged, "merged")] {
+        bar(count(kind) == 0, format!("{} components of {LEAST_VOXELS} voxels or more {what}", count(kind)));
+    }
+    let large = || certificate.components.iter().filter(|row| row.image_voxels >= 100);
+    println!(
+        "{} of {} components of 100 voxels or more with the image's Euler characteristic; {} pieces torn off, {} edges and {} vertices pinched",
+        large().filter(|row| row.euler_mesh == row.euler_image).count(),
+        large().count(),
+        count(DefectKind::Torn) + count(DefectKind::Stray),
+        count(DefectKind::PinchedEdge),
+        count(DefectKind::PinchedVertex),
+    );
 
     println!(
         "{} tets, {} facets, {:.2} s refining, ratio {:.3} ({bad_tets} over), angle {:.1} ({bad_facets} under), unmet {unmet:?}, \

@@ -51,6 +51,9 @@ fn check(image: &LabelImage, params: &MeshParams, golden: &Golden<'_>) -> Meshin
     for row in &certificate.labels {
         let lone = lone_tets_of(&meshing.mesh, row.label);
         assert_eq!((row.components_image, row.components_mesh), (1, 1 + lone), "pieces of label {}", row.label);
+        // A lone tet is a ball.
+        assert_eq!(row.euler_mesh, row.euler_image + 2 * lone as i64, "Euler characteristic of label {}", row.label);
+        assert_eq!((row.components_lost, row.components_merged, row.pieces), (0, 0, lone), "label {}", row.label);
         lone_tets += lone;
         let measured = found[&row.label];
         assert!((row.mesh_volume / measured - 1.0).abs() < 1e-12, "the certificate's volume of label {}", row.label);

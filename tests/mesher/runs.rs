@@ -2,10 +2,10 @@
 
 use lapd::Error;
 use lapd::delaunay::Triangulation;
-use lapd::image::LabelImage;
 use lapd::image::phantom::*;
+use lapd::image::{Frame, LabelImage};
 use lapd::mesher::mesh_image;
-use lapd::monitor::{CancelFlag, Monitor, Phase, Progress, Step};
+use lapd::monitor::{CancelFlag, Level, Monitor, Phase, Progress, Step};
 use lapd::oracle::Oracle;
 use lapd::params::{MeshParams, SurfaceModel};
 use lapd::refine::rules::Rules;
@@ -99,6 +99,29 @@ fn progress_is_monotone_and_complete() {
     }
     let last = seen.last().unwrap();
     assert_eq!((last.phase, last.fraction, last.tets), (Phase::Certify, 1.0, meshing.report.all_tets));
+}
+
+#[test]
+fn what_is_lost_is_said_with_its_place() {
+    // A box, a voxel of another label inside, and eight voxels of its label far away: too small for delta.
+    let (box_of_16, far) = (|x: f64| x > 1.0 && x < 18.0, |x: f64| x > 19.0 && x < 22.0);
+    let frame = Frame::axis_aligned([1.0; 3]).unwrap();
+    let image = LabelImage::from_fn([24; 3], frame, |p| match p.to_array() {
+        [6.0, 6.0, 6.0] => 2,
+        p => i32::from(p.into_iter().all(box_of_16) || p.into_iter().all(far)),
+    });
+    let mut warnings = Vec::new();
+    let mut log = |level, line: &str| {
+        if level == Level::Warning {
+            warnings.push(line.to_owned());
+        }
+    };
+    let monitor = Monitor::silent().with_log(Some(&mut log));
+    mesh_image(&image.unwrap(), &MeshParams { delta: 4.0, ..params(1.0) }, &monitor).unwrap();
+    drop(monitor);
+    let said = |line: &str| warnings.iter().any(|warning| warning == line);
+    assert!(said("labels without a tet: 1, of 1 voxels in all; the first is 2"), "{warnings:?}");
+    assert!(said("components without a tet: 1; the first, of label 1, at (20.00, 20.00, 20.00)"), "{warnings:?}");
 }
 
 #[test]
