@@ -7,8 +7,8 @@
 //! - Mesh to image: each facet is cut into n x n similar triangles with edges of at most the smallest spacing; samples are their centroids,
 //!   weighted by area (the midpoint rule, exact for a linear distance). What lies between the samples can only raise the maximum where bounds permit it; there facets are cut
 //!   further, until the maximum is known to a hundredth of the smallest spacing (`Facet::raise`).
-//! - Image to mesh: the mean is over the centres of the voxel faces, weighted by area; the maximum is over centres and corners, and may miss the true one by at most the
-//!   distance to the nearest of these.
+//! - Image to mesh: the mean is over the centres of every other voxel face, weighted by area; the maximum is over the centres and corners of all, and may miss the true one by
+//!   at most the distance to the nearest of these.
 //!
 //! Over the whole, labels are not compared: a facet between labels 1 and 2 may be nearest to a face between 1 and 3. For a component they are: its boundary, a part of its
 //! label's, is held against the boundary of that label alone, so that a component that is lost is as far away as the next part of its label. Mostly the nearest of
@@ -26,7 +26,7 @@ use super::TetMesh;
 use super::image_components::ImageComponents;
 use super::ledger::{Ledger, Sums};
 use super::mesh_components::MeshComponents;
-use super::triangle_tree::{Triangle, TriangleTree};
+use super::triangle_tree::{Nearest, Triangle, TriangleTree};
 use super::voxel_faces::{Face, VoxelFaces};
 use crate::image::LabelImage;
 use crate::memory::{room, zeroed};
@@ -236,8 +236,11 @@ fn mesh_to_image(
                     ledger.add(side.component, sum);
                 }
             }
-            // No point of a triangle is farther from its centroid than two thirds of the longest edge.
-            *bound = farthest + edge * (2.0 / 3.0);
+            // No point of a triangle is farther from its centroid than two thirds of the longest edge; and the distance to one face is convex, so
+            // largest at a corner.
+            let to_one = |face| triangle.corners.iter().map(|&p| faces.distance_squared(face, p)).fold(0.0, f64::max);
+            let convex = start.map_or(f64::INFINITY, |face| to_one(face).sqrt());
+            *bound = (farthest + edge * (2.0 / 3.0)).min(convex);
         }
         monitor.advance(triangles.len())?;
         Ok((whole, ledger.sums()))
@@ -374,14 +377,23 @@ fn image_to_mesh(
                 if samples.is_multiple_of(CHECK_EVERY) {
                     monitor.advance(0)?;
                 }
-                let (centre, area) = (faces.centre(face), faces.area(face));
-                let found = tree.nearest(centre, start);
+                let (centre, area, counts) = (faces.centre(face), faces.area(face), in_mean(face));
+                // Outside of the mean it is enough that some triangle is within the maximum.
+                let near = |slot: Option<usize>, max: &Max| {
+                    let slot = slot.filter(|_| !counts)?;
+                    let distance_squared = tree.distance_squared_to(slot, centre);
+                    (distance_squared.sqrt() <= max.get()).then_some(Nearest { slot, distance_squared })
+                };
+                let found = near(start, &max).or_else(|| tree.nearest(centre, start));
                 start = found.map(|found| found.slot);
                 let distance = found.map_or(f64::INFINITY, |found| found.distance_squared.sqrt());
-                whole += Sum::of(area, distance);
+                if counts {
+                    whole += Sum::of(area, distance);
+                }
                 max.raise(distance);
+                let mut corners = Corners::of(face, faces);
                 if let Some(slot) = start {
-                    look_at_corners(faces, face, slot, distance, tree, None, &max);
+                    corners.look_at(slot, distance, tree, None, &max);
                 }
                 for (side, voxel) in sides.iter_mut().zip(faces.voxels(face)) {
                     let component = voxel.and_then(|voxel| components.at(voxel));
@@ -389,17 +401,19 @@ fn image_to_mesh(
                     let last = side.take().filter(|side| side.id == id).and_then(|side| side.last);
                     *side = component.map(|component| Side { component: component.into(), id, last });
                     let Some(side) = side else { continue };
+                    let max = &maxima[side.component as usize];
                     let own = match found.filter(|found| tree.touches(found.slot, id)) {
-                        None => tree.nearest_of(id, centre, side.last),
-                        found => found,
+                        Some(found) if counts || found.distance_squared.sqrt() <= max.get() => Some(found),
+                        _ => near(side.last, max).or_else(|| tree.nearest_of(id, centre, side.last)),
                     };
                     side.last = own.map(|found| found.slot);
                     let distance = own.map_or(f64::INFINITY, |found| found.distance_squared.sqrt());
-                    ledger.add(side.component, Sum::of(area, distance));
-                    let max = &maxima[side.component as usize];
+                    if counts {
+                        ledger.add(side.component, Sum::of(area, distance));
+                    }
                     max.raise(distance);
                     if let Some(slot) = side.last {
-                        look_at_corners(faces, face, slot, distance, tree, Some(id), max);
+                        corners.look_at(slot, distance, tree, Some(id), max);
                     }
                 }
             }
@@ -413,29 +427,46 @@ fn image_to_mesh(
     Ok((whole.distance(), of_components))
 }
 
-/// Raises `max` to the largest distance from a corner of `face` to the triangles, or to those of label `id`; the triangle in `slot` is one of them, and `distance` away
-/// from the centre.
-fn look_at_corners(
-    faces: &VoxelFaces<'_>,
-    face: Face,
-    slot: usize,
-    distance: f64,
-    tree: &TriangleTree,
-    id: Option<u16>,
-    max: &Max,
-) {
-    // A corner with any triangle within the maximum so far cannot raise it. The margin keeps rounding from deciding.
-    if distance + faces.half_diagonal(face) <= max.get() * (1.0 - 1e-12) {
-        return;
+/// Whether a face counts in the mean. Every component has such a face: a lower face of its first voxel; or, if these do not count, the voxel's upper face along x,
+/// or else, beyond that one, a lower face along y of the component's second voxel, for what is below comes before the first.
+fn in_mean(face: Face) -> bool {
+    face.cell.iter().sum::<usize>().is_multiple_of(2)
+}
+
+/// The corners of a voxel face.
+struct Corners {
+    at: [DVec3; 4],
+    half_diagonal: f64,
+    /// A triangle, and the distances of the corners from it.
+    known: Option<(usize, [f64; 4])>,
+}
+
+impl Corners {
+    fn of(face: Face, faces: &VoxelFaces<'_>) -> Self {
+        Self { at: faces.corners(face), half_diagonal: faces.half_diagonal(face), known: None }
     }
-    for corner in faces.corners(face) {
-        if tree.distance_squared_to(slot, corner).sqrt() > max.get() {
-            let nearest = match id {
-                None => tree.nearest(corner, Some(slot)),
-                Some(id) => tree.nearest_of(id, corner, Some(slot)),
-            };
-            if let Some(nearest) = nearest {
-                max.raise(nearest.distance_squared.sqrt());
+
+    /// Raises `max` to the largest distance from a corner to the triangles, or to those of label `id`. The triangle in `slot` is one of them, and the centre is
+    /// no farther from it than `distance`.
+    fn look_at(&mut self, slot: usize, distance: f64, tree: &TriangleTree, id: Option<u16>, max: &Max) {
+        // A corner with any triangle within the maximum so far cannot raise it. The margin keeps rounding from deciding.
+        if distance + self.half_diagonal <= max.get() * (1.0 - 1e-12) {
+            return;
+        }
+        let bounds = match self.known {
+            Some((known, bounds)) if known == slot => bounds,
+            _ => self.at.map(|corner| tree.distance_squared_to(slot, corner).sqrt()),
+        };
+        self.known = Some((slot, bounds));
+        for (corner, bound) in self.at.into_iter().zip(bounds) {
+            if bound > max.get() {
+                let nearest = match id {
+                    None => tree.nearest(corner, Some(slot)),
+                    Some(id) => tree.nearest_of(id, corner, Some(slot)),
+                };
+                if let Some(nearest) = nearest {
+                    max.raise(nearest.distance_squared.sqrt());
+                }
             }
         }
     }
@@ -494,8 +525,16 @@ mod tests {
         let distance = measured(&mesh, &image).whole;
         close(distance.mesh_to_image.max, 0.25);
         close(distance.image_to_mesh.max, 0.25);
-        // The ends have area 2 * 24, the sides 2.5 * 20; of these only the samples on the rim (and none of the face centres) are off.
-        close(distance.image_to_mesh.mean, 0.25 * 48.0 / 98.0);
+        // Of the sides, only the samples near the rim (and none of the face centres) are off.
+        let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
+        let [_, ny, nz] = faces.dims();
+        let counted = (0..ny * nz).flat_map(|row| faces.row(row % ny, row / ny)).filter(|&face| in_mean(face));
+        let (mut ends, mut all) = (0.0, 0.0);
+        for face in counted {
+            ends += if face.axis == 0 { faces.area(face) } else { 0.0 };
+            all += faces.area(face);
+        }
+        close(distance.image_to_mesh.mean, 0.25 * ends / all);
         assert!(distance.mesh_to_image.mean > 0.25 * 48.0 / 98.0 && distance.mesh_to_image.mean < 0.25 * 60.0 / 98.0);
     }
 
@@ -530,7 +569,8 @@ mod tests {
             |p: DVec3| triangles.iter().map(|t| p.distance(closest_point(t, p))).fold(f64::INFINITY, f64::min);
         let mut back = Sum::default();
         for &face in &all {
-            back += Sum::of(faces.area(face), to_mesh(faces.centre(face)));
+            let weight = if in_mean(face) { faces.area(face) } else { 0.0 };
+            back += Sum::of(weight, to_mesh(faces.centre(face)));
             for corner in faces.corners(face) {
                 back.max = back.max.max(to_mesh(corner));
             }
@@ -573,7 +613,8 @@ mod tests {
                     distances.fold(f64::INFINITY, f64::min)
                 };
                 let sum = &mut of_image[component as usize];
-                *sum += Sum::of(faces.area(face), to_mesh(faces.centre(face)));
+                let weight = if in_mean(face) { faces.area(face) } else { 0.0 };
+                *sum += Sum::of(weight, to_mesh(faces.centre(face)));
                 sum.max = faces.corners(face).into_iter().fold(sum.max, |max, corner| max.max(to_mesh(corner)));
             }
         }
