@@ -208,8 +208,9 @@ fn mesh_to_image(
                 *side = components.of(t).map(|component| Side { component: component.into(), id, last });
             }
             let mut of_sides = [Sum::default(); 2];
-            let mut farthest = 0.0_f64;
-            let edge = for_each_sample(&triangle.corners, spacing, |p, weight| {
+            *bound = 0.0;
+            for_each_sample(&triangle.corners, spacing, |part, weight| {
+                let p = (part[0] + part[1] + part[2]) / 3.0;
                 samples += 1;
                 if samples.is_multiple_of(CHECK_EVERY) {
                     monitor.advance(0)?;
@@ -217,8 +218,8 @@ fn mesh_to_image(
                 let found = faces.nearest(p, start);
                 start = found.map(|(face, _)| face);
                 let distance = found.map_or(f64::INFINITY, |(_, squared)| squared.sqrt());
-                farthest = farthest.max(distance);
                 whole += Sum::of(weight, distance);
+                *bound = bound.max(bound_of_part(&part, p, distance, faces, found, whole.max));
                 for (side, sum) in sides.iter_mut().zip(&mut of_sides) {
                     let Some(side) = side else { continue };
                     let own = match found.filter(|&(face, _)| faces.touches(face, side.id)) {
@@ -236,11 +237,6 @@ fn mesh_to_image(
                     ledger.add(side.component, sum);
                 }
             }
-            // No point of a triangle is farther from its centroid than two thirds of the longest edge; and the distance to one face is convex, so
-            // largest at a corner.
-            let to_one = |face| triangle.corners.iter().map(|&p| faces.distance_squared(face, p)).fold(0.0, f64::max);
-            let convex = start.map_or(f64::INFINITY, |face| to_one(face).sqrt());
-            *bound = (farthest + edge * (2.0 / 3.0)).min(convex);
         }
         monitor.advance(triangles.len())?;
         Ok((whole, ledger.sums()))
@@ -266,6 +262,28 @@ fn mesh_to_image(
     });
     let max = raised.try_reduce(|| sampled.max, |a, b| Ok(a.max(b)))?;
     Ok((Distance { max, ..sampled }, sums))
+}
+
+/// No point of the triangle `part` is farther from the faces than this. Its centroid `p` is `distance` away from the face that was `found`; what is not beyond `max` is not
+/// made out more closely.
+fn bound_of_part(
+    part: &[DVec3; 3],
+    p: DVec3,
+    distance: f64,
+    faces: &VoxelFaces<'_>,
+    found: Option<(Face, f64)>,
+    max: f64,
+) -> f64 {
+    let radius = part.iter().map(|corner| corner.distance_squared(p)).fold(0.0, f64::max).sqrt();
+    let bound = distance + radius;
+    match found {
+        // The distance to one face is convex, so largest at a corner.
+        Some((face, _)) if bound > max => {
+            let convex = part.iter().map(|&corner| faces.distance_squared(face, corner)).fold(0.0, f64::max);
+            bound.min(convex.sqrt())
+        }
+        _ => bound,
+    }
 }
 
 /// A triangle, each corner with the voxel face nearest to it and that distance.
@@ -328,28 +346,29 @@ impl Facet {
     }
 }
 
-/// Calls `sample` with the centroids of a subdivision of the triangle into n x n similar ones with edges of at most `step`, and with the area of each. An
-/// error of `sample` ends the calls. Returns the longest edge of the similar triangles.
+/// Calls `sample` with the parts of a subdivision of the triangle into n x n similar ones with edges of at most `step`, and with the area of each. An error of
+/// `sample` ends the calls.
 fn for_each_sample(
     &[a, b, c]: &[DVec3; 3],
     step: f64,
-    mut sample: impl FnMut(DVec3, f64) -> Result<()>,
-) -> Result<f64> {
+    mut sample: impl FnMut([DVec3; 3], f64) -> Result<()>,
+) -> Result<()> {
     let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a)).sqrt();
     let n = ((longest / step).ceil() as usize).max(1);
     let scale = 1.0 / n as f64;
     let area = (b - a).cross(c - a).length() * 0.5 * scale * scale;
-    let at = |i: usize, j: usize, off: f64| a + ((b - a) * (i as f64 + off) + (c - a) * (j as f64 + off)) * scale;
+    let (u, v) = ((b - a) * scale, (c - a) * scale);
     for i in 0..n {
         for j in 0..n - i {
             // One triangle like the whole, and one upside down, which the last of a row lacks.
-            sample(at(i, j, 1.0 / 3.0), area)?;
+            let corner = a + u * i as f64 + v * j as f64;
+            sample([corner, corner + u, corner + v], area)?;
             if i + j + 1 < n {
-                sample(at(i, j, 2.0 / 3.0), area)?;
+                sample([corner + u + v, corner + v, corner + u], area)?;
             }
         }
     }
-    Ok(longest * scale)
+    Ok(())
 }
 
 /// Distances from the image to the mesh: over the whole, and the sums of each component.
@@ -531,7 +550,8 @@ mod tests {
         let sampled = |step: f64| {
             let mut sum = Sum::default();
             for triangle in &triangles {
-                for_each_sample(triangle, step, |p, weight| {
+                for_each_sample(triangle, step, |part, weight| {
+                    let p = (part[0] + part[1] + part[2]) / 3.0;
                     let squared = all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
                     sum += Sum::of(weight, squared.sqrt());
                     Ok(())
@@ -597,7 +617,8 @@ mod tests {
             for component in mesh.facet_tets[f].into_iter().filter_map(|t| parts.of(t)) {
                 let id = image.id_of(parts.list[component as usize].label).unwrap();
                 let own: Vec<_> = all.iter().filter(|&&face| faces.touches(face, id)).collect();
-                for_each_sample(&facet.map(local), 0.5, |p, weight| {
+                for_each_sample(&facet.map(local), 0.5, |part, weight| {
+                    let p = (part[0] + part[1] + part[2]) / 3.0;
                     let squared =
                         own.iter().map(|&&face| faces.distance_squared(face, p)).fold(f64::INFINITY, f64::min);
                     of_mesh[component as usize] += Sum::of(weight, squared.sqrt());
@@ -638,13 +659,14 @@ mod tests {
     fn samples_cover_the_triangle() {
         let triangle = [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0), DVec3::new(1.0, 2.0, 0.0)];
         let (mut area, mut moment, mut count) = (0.0, DVec3::ZERO, 0);
-        let edge = for_each_sample(&triangle, 0.3, |p, weight| {
+        for_each_sample(&triangle, 0.3, |[a, b, c], weight| {
+            close((b - a).cross(c - a).z * 0.5, weight);
             area += weight;
-            moment += p * weight;
+            moment += (a + b + c) / 3.0 * weight;
             count += 1;
             Ok(())
-        });
-        close(edge.unwrap(), 0.3);
+        })
+        .unwrap();
         assert_eq!(count, 10 * 10);
         close(area, 3.0);
         assert!((moment / area).distance(DVec3::new(4.0, 2.0, 0.0) / 3.0) < 1e-12);
