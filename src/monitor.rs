@@ -53,17 +53,17 @@ pub enum Step {
     Done,
 }
 
-/// Phase of each step, and the part of a run's time at which it starts: as on the brain atlas at 1.5 voxels' delta, one thread.
+/// Phase of each step, and the part of a run's time at which it starts: as on the abdomen at delta 1.25, one thread.
 const STEPS: [(Phase, f64); 10] = [
     (Phase::Distance, 0.0),
     (Phase::Refine, 0.02),
-    (Phase::Extract, 0.31),
-    (Phase::Certify, 0.34),
-    (Phase::Certify, 0.43),
-    (Phase::Certify, 0.49),
-    (Phase::Certify, 0.52),
-    (Phase::Certify, 0.70),
-    (Phase::Certify, 0.95),
+    (Phase::Extract, 0.35),
+    (Phase::Certify, 0.39),
+    (Phase::Certify, 0.47),
+    (Phase::Certify, 0.55),
+    (Phase::Certify, 0.59),
+    (Phase::Certify, 0.71),
+    (Phase::Certify, 0.87),
     (Phase::Certify, 1.0),
 ];
 

@@ -4,10 +4,10 @@
 //! 26, is farther from what a smooth interface does between voxels that meet in an edge or a vertex (docs/algorithm.md has figures).
 //!
 //! The image is gone over run by run along x (as in He, Chao, Suzuki, "A run-based two-scan labeling algorithm", 2008), so that memory goes with the number
-//! of runs, not of voxels. With this connectivity a component is the union of its voxels as closed boxes, whose Euler characteristic is vertices - edges + faces
-//! - voxels (Kong and Rosenfeld, "Digital topology: introduction and survey", 1989, section 5). Closed runs and what they have in common are boxes,
-//! too, and each counts 1: by inclusion and exclusion over the four rows around every line of the grid, what is left is
-//! runs - common parts of two rows (beside each other, or across from each other) + of three - of four.
+//! of runs, not of voxels. With this connectivity a component is the union of its voxels as closed boxes, whose Euler characteristic is vertices less edges
+//! plus faces less voxels (Kong and Rosenfeld, "Digital topology: introduction and survey", 1989, section 5). Closed runs and what they have in common are
+//! boxes, too, and each counts 1: by inclusion and exclusion over the four rows around every line of the grid, what is left is the number of runs, less that of
+//! the common parts of two rows (beside each other, or across from each other), plus that of three, less that of four.
 //!
 //! Parallel over slices in the current rayon pool, practically linear; the numbers of components do not depend on the number of threads.
 
