@@ -1,0 +1,221 @@
+//! Distances whose values are known, or found by brute force.
+
+use super::super::testing;
+use super::super::triangle_tree::closest_point;
+use super::*;
+use crate::image::Frame;
+
+fn measured(mesh: &TetMesh, image: &LabelImage) -> Distances {
+    let monitor = Monitor::silent();
+    let image_components = ImageComponents::new(image, &monitor).unwrap();
+    let mesh_components = MeshComponents::new(mesh, image, &image_components, &monitor).unwrap();
+    Distances::measure(mesh, image, &mesh_components, &image_components, &monitor).unwrap()
+}
+
+fn close(a: f64, b: f64) {
+    assert!((a - b).abs() <= 1e-9 * b.abs().max(1.0), "{a} is not {b}");
+}
+
+/// An image and the mesh that reproduces its voxels exactly, both in the same turned and reflected frame.
+fn pair(label: impl Fn(usize, usize, usize) -> i32 + Copy) -> (TetMesh, LabelImage) {
+    let (dims, spacing) = ([5, 4, 3], [0.5, 1.0, 2.0]);
+    let direction = [[0.0, 0.6, 0.8], [0.0, 0.8, -0.6], [1.0, 0.0, 0.0]];
+    let frame = Frame::new([10.0, -20.0, 30.0], spacing, direction).unwrap();
+    let mut mesh = testing::kuhn_box(dims, [1.0; 3], label);
+    for p in &mut mesh.points {
+        *p = frame.to_world(DVec3::from_array(*p) - 0.5).to_array();
+    }
+    (mesh, testing::image(dims, frame, label))
+}
+
+fn two_labels(i: usize, j: usize, k: usize) -> i32 {
+    if j == 0 && k == 0 { 0 } else { 1 + i32::from(i > 1) }
+}
+
+#[test]
+fn a_mesh_of_the_voxels_has_no_distance() {
+    let (mesh, image) = pair(two_labels);
+    let distance = measured(&mesh, &image).whole;
+    for side in [distance.mesh_to_image, distance.image_to_mesh] {
+        assert!(side.max < 1e-12 && side.mean < 1e-12, "{distance:?}");
+    }
+}
+
+#[test]
+fn a_shift_is_the_distance() {
+    // A box shifted along its first axis: its two ends are 0.25 off, the sides do not notice but for the rim.
+    let (mut mesh, image) = pair(|_, _, _| 1);
+    for p in &mut mesh.points {
+        *p = (DVec3::from_array(*p) + image.frame().direction().x_axis * 0.25).to_array();
+    }
+    let distance = measured(&mesh, &image).whole;
+    close(distance.mesh_to_image.max, 0.25);
+    close(distance.image_to_mesh.max, 0.25);
+    // The ends have area 2 * 24, the sides 2.5 * 20; of these only the samples near the rim (and none of the face centres) are off.
+    close(distance.image_to_mesh.mean, 0.25 * 48.0 / 98.0);
+    assert!(distance.mesh_to_image.mean > 0.25 * 48.0 / 98.0 && distance.mesh_to_image.mean < 0.25 * 60.0 / 98.0);
+}
+
+#[test]
+fn both_sides_against_brute_force() {
+    let (mut mesh, image) = pair(|i, j, k| ((i * 7 + j * 5 + k * 3) % 4) as i32);
+    for (v, p) in mesh.points.iter_mut().enumerate() {
+        *p = p.map(|x| x + 0.4 * ((v * 37 % 11) as f64 / 11.0 - 0.5));
+    }
+    let measured = measured(&mesh, &image).whole;
+
+    let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
+    let [_, ny, nz] = faces.dims();
+    let all: Vec<_> = (0..ny * nz).flat_map(|row| faces.row(row % ny, row / ny)).collect();
+    let frame = image.frame();
+    let triangles: Vec<[DVec3; 3]> =
+        mesh.facets.iter().map(|f| f.map(|v| (frame.to_index(mesh.point(v)) + 0.5) * frame.spacing())).collect();
+    let sampled = |step: f64| {
+        let mut sum = Sum::default();
+        for triangle in &triangles {
+            for_each_sample(triangle, step, |part, weight| {
+                let p = (part[0] + part[1] + part[2]) / 3.0;
+                let squared = all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
+                sum += Sum::of(weight, squared.sqrt());
+                Ok(())
+            })
+            .unwrap();
+        }
+        sum
+    };
+    let (there, finely) = (sampled(0.5), sampled(0.02));
+    let to_mesh = |p: DVec3| triangles.iter().map(|t| p.distance(closest_point(t, p))).fold(f64::INFINITY, f64::min);
+    let mut back = Sum::default();
+    for &face in &all {
+        back += Sum::of(faces.area(face), to_mesh(faces.centre(face)));
+        for corner in faces.corners(face) {
+            back.max = back.max.max(to_mesh(corner));
+        }
+    }
+    let (there, finely, back) = (there.distance(), finely.distance(), back.distance());
+    close(measured.mesh_to_image.mean, there.mean);
+    // Fine samples find no more than the tolerance allows, and miss no more than lies between them.
+    let tolerance = TOLERANCE * 0.5;
+    assert!(finely.max <= measured.mesh_to_image.max + tolerance, "{} {}", finely.max, measured.mesh_to_image.max);
+    assert!(measured.mesh_to_image.max <= finely.max + 0.02, "{} {}", finely.max, measured.mesh_to_image.max);
+    assert!(finely.max > there.max + tolerance, "the test's samples would have done");
+    close(measured.image_to_mesh.mean, back.mean);
+    close(measured.image_to_mesh.max, back.max);
+    assert!(there.max > 0.1 && back.max > 0.1);
+}
+
+#[test]
+fn components_are_held_against_their_own_label() {
+    let (mut mesh, image) = pair(|i, j, k| ((i * 7 + j * 5 + k * 3) % 4) as i32);
+    for (v, p) in mesh.points.iter_mut().enumerate() {
+        *p = p.map(|x| x + 0.4 * ((v * 37 % 11) as f64 / 11.0 - 0.5));
+    }
+    let monitor = Monitor::silent();
+    let components = ImageComponents::new(&image, &monitor).unwrap();
+    let parts = MeshComponents::new(&mesh, &image, &components, &monitor).unwrap();
+    let measured = Distances::measure(&mesh, &image, &parts, &components, &monitor).unwrap();
+    let faces = VoxelFaces::new(&image, &monitor).unwrap();
+    let [_, ny, nz] = faces.dims();
+    let all: Vec<_> = (0..ny * nz).flat_map(|row| faces.row(row % ny, row / ny)).collect();
+    let frame = image.frame();
+    let local = |v: u32| (frame.to_index(mesh.point(v)) + 0.5) * frame.spacing();
+
+    let mut of_image = vec![Sum::default(); components.list.len()];
+    for &face in &all {
+        for component in faces.voxels(face).into_iter().flatten().filter_map(|voxel| components.at(voxel)) {
+            let label = image.labels()[usize::from(components.list[component as usize].id)];
+            let own = || mesh.facets.iter().zip(&mesh.facet_labels).filter(|(_, labels)| labels.contains(&label));
+            let to_mesh = |p: DVec3| {
+                let distances = own().map(|(f, _)| p.distance(closest_point(&f.map(local), p)));
+                distances.fold(f64::INFINITY, f64::min)
+            };
+            let sum = &mut of_image[component as usize];
+            *sum += Sum::of(faces.area(face), to_mesh(faces.centre(face)));
+            sum.max = faces.corners(face).into_iter().fold(sum.max, |max, corner| max.max(to_mesh(corner)));
+        }
+    }
+    let mut of_mesh = vec![Sum::default(); parts.list.len()];
+    for (f, facet) in mesh.facets.iter().enumerate() {
+        for component in mesh.facet_tets[f].into_iter().filter_map(|t| parts.of(t)) {
+            let id = image.id_of(parts.list[component as usize].label).unwrap();
+            let own: Vec<_> = all.iter().filter(|&&face| faces.touches(face, id)).collect();
+            for_each_sample(&facet.map(local), 0.5, |part, weight| {
+                let p = (part[0] + part[1] + part[2]) / 3.0;
+                let squared = own.iter().map(|&&face| faces.distance_squared(face, p)).fold(f64::INFINITY, f64::min);
+                of_mesh[component as usize] += Sum::of(weight, squared.sqrt());
+                Ok(())
+            })
+            .unwrap();
+        }
+    }
+    assert!(of_image.len() >= 3 && of_mesh.len() > 8);
+    for (found, expected) in measured.of_image.iter().zip(&of_image).chain(measured.of_mesh.iter().zip(&of_mesh)) {
+        close(found.distance().mean, expected.distance().mean);
+        close(found.distance().max, expected.distance().max);
+    }
+}
+
+#[test]
+fn equal_bits_on_any_number_of_threads() {
+    let dims = [14, 12, 11];
+    let label = |i: usize, j: usize, k: usize| ((i / 2 + j / 3 * k) % 3) as i32;
+    let frame = Frame::new([3.0, 2.0, 1.0], [0.5, 1.0, 0.8], [[0.0, 0.6, 0.8], [0.0, 0.8, -0.6], [1.0, 0.0, 0.0]]);
+    let image = testing::image(dims, frame.unwrap(), label);
+    let mut mesh = testing::kuhn_box(dims, [1.0; 3], label);
+    for (v, p) in mesh.points.iter_mut().enumerate() {
+        let index = DVec3::from_array(*p) - 0.5 + 0.4 * ((v * 37 % 101) as f64 / 101.0 - 0.5);
+        *p = image.frame().to_world(index).to_array();
+    }
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| measured(&mesh, &image).whole)
+    };
+    assert!(mesh.facets.len() > 5 * CHUNK);
+    let measured = on(1);
+    assert!(measured.mesh_to_image.max > 0.1 && measured.image_to_mesh.max > 0.1);
+    assert_eq!(measured, on(3));
+}
+
+#[test]
+fn samples_cover_the_triangle() {
+    let triangle = [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0), DVec3::new(1.0, 2.0, 0.0)];
+    let (mut area, mut moment, mut count) = (0.0, DVec3::ZERO, 0);
+    for_each_sample(&triangle, 0.3, |[a, b, c], weight| {
+        close((b - a).cross(c - a).z * 0.5, weight);
+        area += weight;
+        moment += (a + b + c) / 3.0 * weight;
+        count += 1;
+        Ok(())
+    })
+    .unwrap();
+    assert_eq!(count, 10 * 10);
+    close(area, 3.0);
+    assert!((moment / area).distance(DVec3::new(4.0, 2.0, 0.0) / 3.0) < 1e-12);
+}
+
+#[test]
+fn a_missing_side_is_infinitely_far() {
+    let (mesh, image) = pair(|_, _, _| 1);
+    let measured = measured(&TetMesh::default(), &image).whole;
+    assert_eq!(measured.mesh_to_image, Distance::default());
+    assert_eq!(measured.image_to_mesh, Distance { mean: f64::INFINITY, max: f64::INFINITY });
+    let (_, empty) = pair(|_, _, _| 0);
+    let measured = self::measured(&mesh, &empty).whole;
+    assert_eq!(measured.mesh_to_image.max, f64::INFINITY);
+    assert_eq!(measured.image_to_mesh, Distance::default());
+}
+
+#[test]
+fn bad_vertices_and_cancellation_are_errors() {
+    let (mut mesh, image) = pair(|_, _, _| 1);
+    let silent = Monitor::silent();
+    let components = ImageComponents::new(&image, &silent).unwrap();
+    let parts = MeshComponents::new(&mesh, &image, &components, &silent).unwrap();
+    let flag = crate::monitor::CancelFlag::default();
+    flag.cancel();
+    let cancelled = Distances::measure(&mesh, &image, &parts, &components, &Monitor::new(None, Some(&flag)));
+    assert!(matches!(cancelled, Err(Error::Cancelled)));
+    mesh.points[3][1] = f64::NAN;
+    let refused = Distances::measure(&mesh, &image, &parts, &components, &silent).err().unwrap().to_string();
+    assert!(refused.starts_with("vertex 3 is not finite"), "{refused}");
+}
