@@ -192,7 +192,8 @@ static bool parse_name(const char *text, const char *const *names, size_t count,
     return false;
 }
 
-/* Reads labels with commas between them, which end at `*end`; the caller frees them. NULL if there is none where there should be one. */
+/* Reads labels with commas between them, which end at `*end`; the caller frees them. NULL if there is none where there
+ * should be one. */
 static int32_t *parse_labels(const char *text, const char **end, size_t *count) {
     int32_t *list = malloc((strlen(text) / 2 + 1) * sizeof *list);
     *count = 0;
@@ -290,7 +291,8 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
         int32_t target = 0;
         const char *rest;
         int32_t *labels = parse_labels(value, &rest, &count);
-        bool good = labels != NULL && (!merge || (*rest == '=' && parse_label(rest + 1, &rest, &target))) && *rest == '\0';
+        bool good =
+            labels != NULL && (!merge || (*rest == '=' && parse_label(rest + 1, &rest, &target))) && *rest == '\0';
         set_result result = SET_BAD_VALUE;
         if (good) {
             result = from_status(merge ? lapd_params_set_merge(context, params, labels, count, target)
@@ -342,10 +344,10 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             o->quiet = true;
         } else {
             static const char *const with_value[] = {
-                "-o",         "--report",     "--timeline", "--topology",         "--delta",        "--size",
-                "--keep",     "--label-size", "--merge",    "--background-label", "--radius-edge",  "--facet-angle",
-                "--threads",  "--algorithm",  "--begging",  "--contention",       "--max-vertices", "--time-limit",
-                "--surface",  "--max-memory"};
+                "-o",        "--report",     "--timeline", "--topology",         "--delta",        "--size",
+                "--keep",    "--label-size", "--merge",    "--background-label", "--radius-edge",  "--facet-angle",
+                "--threads", "--algorithm",  "--begging",  "--contention",       "--max-vertices", "--time-limit",
+                "--surface", "--max-memory"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");

@@ -152,7 +152,8 @@ void print_table(const summary *s, const file_seconds *seconds) {
     printf("  components lost %llu, merged %llu, torn off %llu, stray %llu; pinched edges %llu, vertices %llu\n",
            (unsigned long long)defects[LAPD_DEFECT_LOST], (unsigned long long)defects[LAPD_DEFECT_MERGED],
            (unsigned long long)defects[LAPD_DEFECT_TORN], (unsigned long long)defects[LAPD_DEFECT_STRAY],
-           (unsigned long long)defects[LAPD_DEFECT_PINCHED_EDGE], (unsigned long long)defects[LAPD_DEFECT_PINCHED_VERTEX]);
+           (unsigned long long)defects[LAPD_DEFECT_PINCHED_EDGE],
+           (unsigned long long)defects[LAPD_DEFECT_PINCHED_VERTEX]);
     printf("  unmet rules:");
     for (int i = 0; i < 6; i++) {
         printf(" R%d %llu%s", i + 1, (unsigned long long)c->unmet[i], i < 5 ? "," : "\n");
