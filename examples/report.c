@@ -170,9 +170,8 @@ void print_table(const summary *s, const file_seconds *seconds) {
                100 * ratio(all->idle_seconds, seconds_of_all));
         const double accesses = (double)(all->local_accesses + all->remote_accesses);
         if (accesses > 0) {
-            printf("  accesses to other nodes' memory: %.2f %%, %.2f hops each\n",
-                   100 * (double)all->remote_accesses / accesses,
-                   ratio((double)all->access_hops, (double)all->remote_accesses));
+            printf("  accesses to other nodes' memory: %.2f %%, %.2f hops in the mean\n",
+                   100 * (double)all->remote_accesses / accesses, (double)all->access_hops / accesses);
         }
     }
 }
