@@ -18,7 +18,7 @@ use super::waiters::Waiters;
 use crate::params::Contention as Policy;
 use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
 
-/// Operations that a worker completes before it wakes one of those who wait for it.
+/// Operations that a worker completes before it wakes those who wait for it: all, or under Global the first.
 const PROGRESS: u32 = 1;
 /// Conflicts in sequence after which a worker sleeps, under the policy Random, or offers its processor, under Aggressive.
 const PATIENCE: u32 = 3;
@@ -165,28 +165,26 @@ impl Contention {
         if streak.successes >= PROGRESS {
             streak.successes = 0;
             match self.policy {
-                Policy::Local => self.wake_follower(me, waiters),
+                Policy::Local => self.wake_followers(me, waiters),
                 Policy::Global => self.wake_first(waiters),
                 Policy::Random | Policy::Aggressive => {}
             }
         }
     }
 
-    fn wake_follower(&self, me: usize, waiters: &Waiters) {
+    /// Wakes all: what they needed has been given back. One at a time they would wait for operations elsewhere, and those who wait for them as well.
+    fn wake_followers(&self, me: usize, waiters: &Waiters) {
         let own = &self.workers[me];
         // Relaxed: who comes too late to be seen is seen after the next operations, or when this worker has none left.
         if own.following.load(Relaxed) == 0 {
             return;
         }
-        let first = {
+        let list = {
             let mut followers = lock(&own.followers);
-            let first = followers.list.pop_front();
-            own.following.store(followers.list.len(), Relaxed);
-            first
+            own.following.store(0, Relaxed);
+            std::mem::take(&mut followers.list)
         };
-        if let Some(first) = first {
-            self.wake(first, waiters);
-        }
+        list.into_iter().for_each(|follower| self.wake(follower, waiters));
     }
 
     fn wake_first(&self, waiters: &Waiters) {
