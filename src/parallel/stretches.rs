@@ -1,5 +1,7 @@
 //! A list that all workers work off. Each begins with a stretch of its own, so that what lies together in the list is done by one worker, and takes from the ends of others' stretches when
 //! its own is done. Where workers are in groups, each takes from those of its own group alone.
+//!
+//! Nobody helps with the last of a stretch: many workers would crowd around what lies together there, and wait for each other longer than its own worker needs.
 
 use std::ops::Range;
 
@@ -8,6 +10,9 @@ use crate::sync::{AtomicU64, Ordering::Relaxed};
 /// Entries that a worker takes at once.
 const BLOCK: usize = 32;
 
+/// Entries up to which a stretch is left to its own worker.
+const OWN: usize = 8 * BLOCK;
+
 /// What is left to do.
 #[derive(Debug)]
 pub struct Stretches {
@@ -15,6 +20,8 @@ pub struct Stretches {
     left: Vec<AtomicU64>,
     /// The group of each worker.
     groups: Vec<usize>,
+    /// Workers that have a part in it, the first of all.
+    active: usize,
 }
 
 fn pack(range: Range<usize>) -> u64 {
@@ -36,19 +43,43 @@ impl Stretches {
     pub fn of_groups(stretches: impl Iterator<Item = Range<usize>>, groups: Vec<usize>) -> Self {
         let left: Vec<AtomicU64> = stretches.map(|stretch| AtomicU64::new(pack(stretch))).collect();
         debug_assert_eq!(left.len(), groups.len());
-        Self { left, groups }
+        Self { active: left.len(), left, groups }
     }
 
-    /// The next entries for worker `me`; `None`: all of its group are taken.
+    /// Divides a range among the first `active` of `size` workers; the others have nothing to do with it.
+    pub fn of_some(range: Range<usize>, active: usize, size: usize) -> Self {
+        let mut some = Self::new(range, active);
+        some.left.resize_with(size, || AtomicU64::new(pack(0..0)));
+        // Apart, so that they do not help.
+        some.groups.resize(size, 1);
+        some
+    }
+
+    /// Whether all workers have a part in it.
+    pub fn is_for_all(&self) -> bool {
+        self.active == self.left.len()
+    }
+
+    /// Whether worker `me` has a part in it.
+    pub fn is_for(&self, me: usize) -> bool {
+        me < self.active
+    }
+
+    /// Whether all entries are taken.
+    pub fn is_taken(&self) -> bool {
+        self.left.iter().all(|left| unpack(left.load(Relaxed)).is_empty())
+    }
+
+    /// The next entries for worker `me`; `None`: its own are taken, and what is left of its group's is left to others.
     pub fn take(&self, me: usize) -> Option<Range<usize>> {
         self.take_of(me, |left| left.start..(left.start + BLOCK).min(left.end), |left, taken| taken.end..left.end)
             .or_else(|| {
                 let group = || (0..self.left.len()).filter(|&who| self.groups[who] == self.groups[me]);
                 let left = |who: usize| (unpack(self.left[who].load(Relaxed)).len(), who);
-                // Another worker may be faster: then there is another longest, until nothing is left. Each is read once: stretches only shrink, so those
-                // that are all found empty are.
+                // Another worker may be faster: then there is another longest, until none is long. Each is read once: stretches only shrink, so those
+                // that are all found short are.
                 loop {
-                    let (_, longest) = group().map(left).max().filter(|&(entries, _)| entries > 0)?;
+                    let (_, longest) = group().map(left).max().filter(|&(entries, _)| entries > OWN)?;
                     let from = |left: &Range<usize>| left.end.saturating_sub(BLOCK).max(left.start)..left.end;
                     if let Some(taken) = self.take_of(longest, from, |left, taken| left.start..taken.start) {
                         return Some(taken);

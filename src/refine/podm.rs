@@ -2,7 +2,8 @@
 //! (`delaunay/ownership`), an operation that meets another worker's lock is given up (`parallel/contention`), and who has no work begs for some (`parallel/begging`).
 //!
 //! 1. The image is sampled (`sampling`), on all threads.
-//! 2. One worker inserts the first rounds of samples: some hundreds, of which each cavity takes a large part of the triangulation.
+//! 2. One worker inserts the first rounds of samples: some hundreds, of which each cavity takes a large part of the triangulation. Then as many workers insert the next as there is
+//!    room for, until there is for all.
 //! 3. All workers insert the rest, each along its own stretch of each round's curve, or, under LAPD, in its own region (`lapd`).
 //! 4. When all samples are in, each worker takes the tets of the memory that it claimed into its list; under LAPD those whose circumcenters lie in its region.
 //! 5. All work off their lists until nobody has any work.
@@ -11,7 +12,6 @@
 //!
 //! A worker that ends early, because of a limit, a cancel or a panic, stops the team: every wait ends at once, and the others end at their next look around, between two operations.
 
-use std::ops::Range;
 use std::thread;
 
 use super::activity::ThreadReport;
@@ -77,19 +77,21 @@ fn refine_under<S: Access, T: Access>(
         samples => samples?,
     };
     let total = samples.points.len();
-    let first = first_for_all(&samples.rounds, total, schedule.threads);
+    let first = first_for(schedule.threads, &samples.rounds, total);
+    let ramp = deal_to_some(&samples, first, schedule.threads);
     let regions = Regions::new(rules, &samples.points, schedule)?;
-    let stretches = match &regions {
+    let dealt = match &regions {
         Some(regions) => regions.deal(&mut samples, first)?,
         None => deal_alike(&samples, first, schedule.threads),
     };
+    let stretches: Vec<Stretches> = ramp.into_iter().chain(dealt).collect();
     let report_progress = |part, tets| monitor.advance_to(part, tets);
     let team = Team::new(rules, samples.points, regions, schedule, &report_progress);
     // From here on: what a worker touches first lies in its core's memory. The samples were made by all threads.
     let bound = team.bind(0);
     let mut lead = Refiner::new(&team, 0, team.worker(0, alone));
     team.waiters.register(0);
-    let alone = if schedule.threads == 1 { total } else { first };
+    let alone = if schedule.threads == 1 { total } else { first_for(2, &samples.rounds, total) };
     let mut begun = false;
     let done = lead.insert_samples(|| (!std::mem::replace(&mut begun, true)).then_some(0..alone));
     let threads = match done {
@@ -133,10 +135,17 @@ impl Refinement {
     }
 }
 
-/// The first sample that all workers insert at once: a round's first. Rounds grow by a constant factor, so those before are few.
-fn first_for_all(rounds: &[usize], total: usize, threads: usize) -> usize {
-    let enough = SAMPLES_PER_WORKER * threads;
+/// The first sample that so many workers may insert at once: a round's first.
+fn first_for(workers: usize, rounds: &[usize], total: usize) -> usize {
+    let enough = SAMPLES_PER_WORKER * workers;
     rounds.iter().copied().find(|&start| start >= enough).unwrap_or(total)
+}
+
+/// Deals the samples of each round for which there is room for several workers, but not for all, which have those from `first` on.
+fn deal_to_some(samples: &Samples, first: usize, threads: usize) -> Vec<Stretches> {
+    let rounds = samples.rounds_from(first_for(2, &samples.rounds, samples.points.len()));
+    let before = rounds.take_while(|round| round.start < first);
+    before.map(|round| Stretches::of_some(round.clone(), round.start / SAMPLES_PER_WORKER, threads)).collect()
 }
 
 /// Deals the samples of each round from `first` on: to each worker a stretch of the round's curve.
@@ -183,18 +192,19 @@ fn do_part(
 ) -> ThreadReport {
     team.waiters.register(me);
     let done = panics::catch(|| {
-        let mut rounds = stretches.iter();
-        let mut round = rounds.next();
-        let next = || -> Option<Range<usize>> {
-            while let Some(stretches) = round {
-                if let taken @ Some(_) = stretches.take(me) {
-                    return taken;
-                }
-                round = rounds.next();
+        for round in stretches {
+            worker.insert_samples(|| round.take(me))?;
+            if !round.is_for(me) {
+                let begin = ticks();
+                team.contention.leave(me, &team.waiters);
+                team.waiters.wait(|| round.is_taken());
+                team.contention.come_back(me);
+                worker.lose_idle(begin);
+            } else if !round.is_for_all() {
+                // All but what is under way is done: the others may begin.
+                team.waiters.wake_all();
             }
-            None
-        };
-        worker.insert_samples(next)?;
+        }
         // Nobody waits any more for one who waits for all.
         team.contention.leave(me, &team.waiters);
         let begin = ticks();

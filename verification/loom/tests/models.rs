@@ -473,7 +473,9 @@ fn who_waits_is_stopped_and_finds_the_reason() {
 
 // ---- Stretches ----
 
-fn all_taken_once(size: usize, entries: usize) {
+/// Worker 0 has a stretch of its own, and helps with that of the last worker, whose end is long enough for that.
+fn all_taken_once(size: usize, own: usize, long: usize) {
+    let entries = own + long;
     struct Shared {
         stretches: Stretches,
         taken: Vec<AtomicUsize>,
@@ -481,7 +483,11 @@ fn all_taken_once(size: usize, entries: usize) {
     check(
         size,
         move || Shared {
-            stretches: Stretches::new(0..entries, size),
+            stretches: {
+                let others = std::iter::repeat_n(own..own, size - 2);
+                let stretches = std::iter::once(0..own).chain(others).chain([own..entries]);
+                Stretches::of_groups(stretches, vec![0; size])
+            },
             // One count for each sixteen entries: every block begins and ends at such.
             taken: (0..entries.div_ceil(16)).map(|_| AtomicUsize::new(0)).collect(),
         },
@@ -493,16 +499,16 @@ fn all_taken_once(size: usize, entries: usize) {
             }
             assert_eq!(stretches.take(me), None, "there was something left");
         },
-        |shared| assert!(shared.taken.iter().all(|count| count.load(Relaxed) == 1)),
+        |shared| assert!(shared.stretches.is_taken() && shared.taken.iter().all(|count| count.load(Relaxed) == 1)),
     );
 }
 
 #[test]
 fn stretches_of_two_are_taken_once() {
-    all_taken_once(2, 96);
+    all_taken_once(2, 32, 320);
 }
 
 #[test]
 fn stretches_of_three_are_taken_once() {
-    all_taken_once(3, 96);
+    all_taken_once(3, 0, 320);
 }
