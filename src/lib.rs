@@ -15,6 +15,7 @@
 //! | [`mesh`], [`io`] | the finished mesh: extraction, measures, certificate, files |
 //! | [`mesher`] | the pipeline |
 //! | [`capi`] | the C interface |
+//! | `simulation` | with the feature of that name: many workers in virtual time, on machines that are not at hand |
 #![deny(unsafe_op_in_unsafe_fn)]
 #![warn(missing_docs)]
 
@@ -33,6 +34,8 @@ mod panics;
 pub mod parallel;
 pub mod params;
 pub mod refine;
+#[cfg(feature = "simulation")]
+pub mod simulation;
 mod sync;
 pub mod system;
 

@@ -1,9 +1,13 @@
-//! The primitives of coordination between workers, from the standard library; a model checker puts its own in their place (`verification/loom`).
+//! The primitives of coordination between workers, from the standard library; a model checker puts its own in their place (`verification/loom`). In a build with the
+//! feature `simulation`, virtual workers wait and wake in virtual time (`simulation::virtual_time`).
 
 pub use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, AtomicUsize, Ordering};
 pub use std::sync::{Mutex, MutexGuard};
 use std::thread::{self, Thread};
 use std::time::Duration;
+
+#[cfg(feature = "simulation")]
+use crate::simulation::virtual_time;
 
 /// Turns of a loop before a waiting thread offers its processor to others: about as long as one operation takes.
 const SPINS: u32 = 200;
@@ -20,6 +24,10 @@ pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Waits until `done`.
 pub fn wait_until(done: impl Fn() -> bool) {
+    #[cfg(feature = "simulation")]
+    if virtual_time::is_running() {
+        return virtual_time::wait_until(done);
+    }
     for turn in 0.. {
         if done() {
             return;
@@ -34,24 +42,68 @@ pub fn wait_until(done: impl Fn() -> bool) {
 
 /// A thread that may wait.
 #[derive(Debug)]
-pub struct Waiter(Thread);
+pub struct Waiter {
+    thread: Thread,
+    #[cfg(feature = "simulation")]
+    worker: Option<virtual_time::Number>,
+}
 
 impl Waiter {
     /// The calling thread.
     pub fn current() -> Self {
-        Self(thread::current())
+        Self {
+            thread: thread::current(),
+            #[cfg(feature = "simulation")]
+            worker: virtual_time::current(),
+        }
     }
 
     /// Lets the thread look again whether it still has to wait.
     pub fn wake(&self) {
-        self.0.unpark();
+        #[cfg(feature = "simulation")]
+        if let Some(worker) = self.worker {
+            return virtual_time::wake(worker);
+        }
+        self.thread.unpark();
     }
 }
 
 /// Offers the processor to other threads.
-pub use std::thread::yield_now;
+pub fn yield_now() {
+    #[cfg(feature = "simulation")]
+    if virtual_time::is_running() {
+        return virtual_time::offer();
+    }
+    thread::yield_now();
+}
 
 /// Sleeps for about so many microseconds.
 pub fn sleep_micros(micros: u64) {
+    #[cfg(feature = "simulation")]
+    if virtual_time::is_running() {
+        return virtual_time::sleep_micros(micros);
+    }
     thread::sleep(Duration::from_micros(micros));
+}
+
+/// Runs `lead` on the calling thread and each of `others` on one of its own, named `lapd-1` and so on, until all have ended. `None` for a thread that could not be had, whereupon
+/// `lacking` is called before `lead`, and for one that panicked.
+pub fn run_together<T: Send>(
+    lead: impl FnOnce() -> T,
+    others: Vec<impl FnOnce() -> T + Send>,
+    lacking: impl FnOnce(),
+) -> (T, Vec<Option<T>>) {
+    #[cfg(feature = "simulation")]
+    if virtual_time::is_running() {
+        return virtual_time::run_together(lead, others, lacking);
+    }
+    thread::scope(|scope| {
+        let begin = |(at, part)| thread::Builder::new().name(format!("lapd-{}", at + 1)).spawn_scoped(scope, part);
+        let others: Vec<_> = others.into_iter().enumerate().map(begin).collect();
+        if others.iter().any(|thread| thread.is_err()) {
+            lacking();
+        }
+        let lead = lead();
+        (lead, others.into_iter().map(|thread| thread.ok()?.join().ok()).collect())
+    })
 }

@@ -10,6 +10,29 @@ use super::lock::{Claim, OwnerId};
 use super::ownership::word;
 use super::triangulation::Triangulation;
 use super::{TetId, VertexId};
+#[cfg(feature = "simulation")]
+use crate::simulation::hooks;
+
+/// What an operation, or a look, consists of beside visits, as policies are told that keep account of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effort {
+    /// An insertion or removal begins.
+    Operation,
+    /// Exact predicates.
+    Exact(u64),
+    /// Tets made.
+    Fill(usize),
+    /// Facets of a removal, each against the vertices of the link.
+    Pairs(usize),
+    /// A tet is looked at for what the rules demand.
+    Look,
+    /// Labels looked up.
+    Labels(u64),
+    /// Crossings looked up.
+    Crossings(u64),
+    /// A vertex is asked for.
+    Claim,
+}
 
 /// A locking policy.
 pub trait Access {
@@ -24,6 +47,18 @@ pub trait Access {
 
     /// Gives back every vertex.
     fn release_all(&mut self, triangulation: &Triangulation);
+
+    /// Told of work, when it has been done; for those that keep account.
+    #[inline(always)]
+    fn spend(&mut self, _: Effort) {}
+
+    /// Told that the worker looks at tet `t`, of which it owns nothing, for what the rules demand.
+    #[inline(always)]
+    fn look(&mut self, _: &Triangulation, _: TetId) {}
+
+    /// Told that the worker looks around between two steps, owning nothing.
+    #[inline(always)]
+    fn pause(&mut self) {}
 
     /// The number of the worker that caused the last refusal, from 0; `None`: there was none.
     fn met(&self) -> Option<usize>;
@@ -49,7 +84,7 @@ pub struct Solo;
 
 impl Access for Solo {
     const SHARED: bool = false;
-    const HEARS: bool = false;
+    const HEARS: bool = cfg!(feature = "simulation");
 
     #[inline(always)]
     fn try_own(&mut self, _: &Triangulation, _: VertexId) -> bool {
@@ -58,6 +93,26 @@ impl Access for Solo {
 
     #[inline(always)]
     fn release_all(&mut self, _: &Triangulation) {}
+
+    #[cfg(feature = "simulation")]
+    fn spend(&mut self, effort: Effort) {
+        hooks::spend(effort);
+    }
+
+    #[cfg(feature = "simulation")]
+    fn look(&mut self, triangulation: &Triangulation, t: TetId) {
+        hooks::look(0, triangulation, t);
+    }
+
+    #[cfg(feature = "simulation")]
+    fn visit_tet(&mut self, t: TetId) {
+        hooks::visit_tet(0, t);
+    }
+
+    #[cfg(feature = "simulation")]
+    fn visit_vertex(&mut self, v: VertexId) {
+        hooks::visit_vertex(0, v);
+    }
 
     fn met(&self) -> Option<usize> {
         None
@@ -87,11 +142,16 @@ impl TryLock {
             forced: ForcedConflicts::new(me),
         }
     }
+
+    #[cfg(feature = "simulation")]
+    fn number(&self) -> usize {
+        usize::from(self.me) - 1
+    }
 }
 
 impl Access for TryLock {
     const SHARED: bool = true;
-    const HEARS: bool = false;
+    const HEARS: bool = cfg!(feature = "simulation");
 
     #[inline]
     fn try_own(&mut self, triangulation: &Triangulation, vertex: VertexId) -> bool {
@@ -99,6 +159,11 @@ impl Access for TryLock {
         if let Some(other) = self.forced.refuses() {
             self.met = other;
             return false;
+        }
+        #[cfg(feature = "simulation")]
+        {
+            hooks::spend(Effort::Claim);
+            hooks::pause();
         }
         let word = word(vertex);
         match triangulation.owner(word).claim(self.me) {
@@ -114,11 +179,38 @@ impl Access for TryLock {
 
     #[inline]
     fn release_all(&mut self, triangulation: &Triangulation) {
+        #[cfg(feature = "simulation")]
+        hooks::pause();
         for word in self.owned.drain(..) {
             triangulation.owner(word).release();
         }
         #[cfg(feature = "force-conflicts")]
         self.forced.next_operation();
+    }
+
+    #[cfg(feature = "simulation")]
+    fn spend(&mut self, effort: Effort) {
+        hooks::spend(effort);
+    }
+
+    #[cfg(feature = "simulation")]
+    fn look(&mut self, triangulation: &Triangulation, t: TetId) {
+        hooks::look(self.number(), triangulation, t);
+    }
+
+    #[cfg(feature = "simulation")]
+    fn pause(&mut self) {
+        hooks::pause();
+    }
+
+    #[cfg(feature = "simulation")]
+    fn visit_tet(&mut self, t: TetId) {
+        hooks::visit_tet(self.number(), t);
+    }
+
+    #[cfg(feature = "simulation")]
+    fn visit_vertex(&mut self, v: VertexId) {
+        hooks::visit_vertex(self.number(), v);
     }
 
     fn met(&self) -> Option<usize> {

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::access::Access;
+use super::access::{Access, Effort};
 use super::tet::{FACET, Facet, NO_VERTEX, TetId, TetRecord, VertexId};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
@@ -62,6 +62,7 @@ impl<A: Access> Worker<A> {
     #[cold]
     fn exact_conflict(&mut self, triangulation: &Triangulation, t: TetId, p: DVec3) -> Option<bool> {
         self.counters.exact_predicates += 1;
+        self.access.spend(Effort::Exact(1));
         let corners = triangulation.corners(triangulation.tet(t).vertices());
         (!corners.contains(&p)).then(|| in_sphere_perturbed(corners, p))
     }

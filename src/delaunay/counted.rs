@@ -4,7 +4,7 @@
 //!
 //! Cost: a byte of a small table read and a number added to for each visit.
 
-use super::access::Access;
+use super::access::{Access, Effort};
 use super::homes::{Homes, MAX_NODES};
 use super::triangulation::Triangulation;
 use super::{TetId, VertexId};
@@ -73,11 +73,28 @@ impl<A: Access> Access for Counted<'_, A> {
     #[inline(always)]
     fn visit_tet(&mut self, t: TetId) {
         self.visits.tets[usize::from(self.homes.of_tet(t))] += 1;
+        self.policy.visit_tet(t);
     }
 
     #[inline(always)]
     fn visit_vertex(&mut self, v: VertexId) {
         self.visits.vertices[usize::from(self.homes.of_vertex(v))] += 1;
+        self.policy.visit_vertex(v);
+    }
+
+    #[inline(always)]
+    fn spend(&mut self, effort: Effort) {
+        self.policy.spend(effort);
+    }
+
+    #[inline(always)]
+    fn look(&mut self, triangulation: &Triangulation, t: TetId) {
+        self.policy.look(triangulation, t);
+    }
+
+    #[inline(always)]
+    fn pause(&mut self) {
+        self.policy.pause();
     }
 
     fn visits(&self) -> Option<&Visits> {

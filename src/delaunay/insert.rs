@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use super::access::Access;
+use super::access::{Access, Effort};
 use super::cavity::{CavityFacet, Dig};
 use super::tet::{Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
@@ -57,6 +57,7 @@ impl<A: Access> Worker<A> {
         holds: impl FnOnce() -> bool,
         note: impl FnOnce(VertexId, &[TetId]) -> Result<()>,
     ) -> Result<Insertion> {
+        self.access.spend(Effort::Operation);
         let outcome = match self.dig(triangulation, start, p, holds) {
             Dig::Done => {
                 self.fill_star(triangulation, p, kind).and_then(|v| note(v, &self.created).map(|()| Insertion::Done(v)))
@@ -87,6 +88,7 @@ impl<A: Access> Worker<A> {
         self.created.iter().for_each(|&t| self.access.visit_tet(t));
         let access = &mut self.access;
         self.star.fill(triangulation, &self.boundary, &self.created, (apex, p), self.mark, access);
+        self.access.spend(Effort::Fill(self.created.len()));
         self.counters.insertions += 1;
         Ok(apex)
     }

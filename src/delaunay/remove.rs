@@ -13,7 +13,7 @@
 
 use glam::DVec3;
 
-use super::access::Access;
+use super::access::{Access, Effort};
 use super::tet::{FACET, Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
@@ -203,6 +203,7 @@ impl<A: Access> Worker<A> {
         v: VertexId,
         note: impl FnOnce(&[TetId]),
     ) -> Result<Removal> {
+        self.access.spend(Effort::Operation);
         let outcome = self.try_remove(triangulation, v);
         if let Ok(Removal::Done) = outcome {
             note(&self.created);
@@ -225,8 +226,12 @@ impl<A: Access> Worker<A> {
             return Ok(Removal::Blocked);
         }
         let mut link = std::mem::take(&mut self.link);
+        let exact = self.counters.exact_predicates;
         let filled =
             link.wrap(&mut self.counters.exact_predicates).and_then(|()| self.reserve(triangulation, link.tets.len()));
+        self.access.spend(Effort::Exact(self.counters.exact_predicates - exact));
+        self.access.spend(Effort::Pairs(2 * link.tets.len() * link.positions.len()));
+        self.access.spend(Effort::Fill(link.tets.len()));
         if filled.is_ok() {
             self.sew(triangulation, &mut link);
             triangulation.vertex(v).set_removed();

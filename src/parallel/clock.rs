@@ -2,14 +2,21 @@
 
 use std::time::Instant;
 
+#[cfg(feature = "simulation")]
+use crate::simulation::virtual_time;
+
 /// A time stamp.
 pub type Ticks = u64;
 
 /// Now. On x86-64 the processor's time stamp counter, some 20 cycles; it runs at one rate on all cores of the machines of the last decade. Elsewhere nanoseconds of the system's
 /// monotonic clock. A thread that moves to another core may find a stamp that is a little
-/// smaller than its last: differences are to be taken with `saturating_sub`.
+/// smaller than its last: differences are to be taken with `saturating_sub`. A virtual worker's own clock in a simulation.
 #[inline(always)]
 pub fn ticks() -> Ticks {
+    #[cfg(feature = "simulation")]
+    if virtual_time::is_running() {
+        return virtual_time::now();
+    }
     #[cfg(target_arch = "x86_64")]
     {
         // SAFETY: every x86-64 processor has the counter.
@@ -42,6 +49,10 @@ impl Clock {
 
     /// Seconds of one tick, as measured from the start until now.
     pub fn seconds_per_tick(&self) -> f64 {
+        #[cfg(feature = "simulation")]
+        if virtual_time::is_running() {
+            return virtual_time::SECONDS_PER_TICK;
+        }
         let passed = ticks().saturating_sub(self.start.0);
         self.start.1.elapsed().as_secs_f64() / passed.max(1) as f64
     }

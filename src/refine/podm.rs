@@ -12,8 +12,6 @@
 //!
 //! A worker that ends early, because of a limit, a cancel or a panic, stops the team: every wait ends at once, and the others end at their next look around, between two operations.
 
-use std::thread;
-
 use super::activity::ThreadReport;
 use super::lapd::{self, Regions};
 use super::refiner::{Refiner, Work};
@@ -26,6 +24,7 @@ use crate::monitor::Monitor;
 use crate::panics;
 use crate::parallel::clock::{Clock, ticks};
 use crate::parallel::stretches::Stretches;
+use crate::sync::run_together;
 use crate::{Error, Result};
 
 /// Least samples that all workers insert at once, for each of them: with fewer in the triangulation cavities meet too often.
@@ -161,25 +160,18 @@ fn work_together<'t, 'a, T: Access>(
     stretches: &[Stretches],
     clock: &Clock,
 ) -> Vec<ThreadReport> {
-    thread::scope(|scope| {
-        let others: Vec<_> = (1..team.size())
-            .map(|me| {
-                let part = move || {
-                    let _bound = team.bind(me);
-                    let worker = Refiner::new(team, me, team.worker(me, access(me)));
-                    do_part(team, me, worker, stretches, clock)
-                };
-                thread::Builder::new().name(format!("lapd-{me}")).spawn_scoped(scope, part)
-            })
-            .collect();
-        if others.iter().any(|thread| thread.is_err()) {
-            team.stop(Error::OutOfMemory { count: team.size(), what: "threads" });
+    let part = |me| {
+        move || {
+            let _bound = team.bind(me);
+            let worker = Refiner::new(team, me, team.worker(me, access(me)));
+            do_part(team, me, worker, stretches, clock)
         }
-        let mut reports = vec![do_part(team, 0, lead, stretches, clock)];
-        // A worker's panic is caught within its part.
-        reports.extend(others.into_iter().flatten().map(|thread| thread.join().unwrap_or_default()));
-        reports
-    })
+    };
+    let lacking = || team.stop(Error::OutOfMemory { count: team.size(), what: "threads" });
+    let lead = || do_part(team, 0, lead, stretches, clock);
+    let (lead, others) = run_together(lead, (1..team.size()).map(part).collect(), lacking);
+    // A worker's panic is caught within its part.
+    std::iter::once(lead).chain(others.into_iter().map(Option::unwrap_or_default)).collect()
 }
 
 /// A worker's part.

@@ -18,10 +18,11 @@ use super::lapd::Outbox;
 use super::pel::{Gift, Pel, Task};
 use super::rules::{Demand, Facets, Lookups, Rule, Rules};
 use super::team::Team;
+use crate::delaunay::access::Effort;
 use crate::delaunay::chunked::CHUNK;
 use crate::delaunay::homes::MAX_NODES;
 use crate::delaunay::worker::mark_of;
-use crate::delaunay::{Access, Insertion, Removal, TetStamp, Triangulation, VertexId, VertexKind, Worker};
+use crate::delaunay::{Access, Insertion, Removal, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker};
 use crate::memory::{reserve, room};
 use crate::parallel::clock::{Ticks, ticks};
 use crate::parallel::contention::Streak;
@@ -168,6 +169,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                     self.look_around()?;
                 }
                 steps += 1;
+                self.worker.access.pause();
                 let begin = self.stamp_time();
                 at = self.worker.locate(self.triangulation, at, p);
                 self.take_permit()?;
@@ -205,12 +207,13 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         parcels.resize_with(self.team.size(), Vec::new);
         let regions = self.team.regions.as_ref();
         let of_box = (self.me == 0).then(|| self.triangulation.box_slots());
-        for slots in self.worker.claimed().iter().cloned().chain(of_box) {
+        let claimed: Vec<Range<TetId>> = self.worker.claimed().iter().cloned().chain(of_box).collect();
+        for slots in claimed {
             self.pel.make_room(slots.len())?;
             living.clear();
             living.extend(slots.filter(|&t| self.triangulation.is_living(t)));
             self.rules.find_labels(&living);
-            self.work.lookups.labels += living.len() as u64;
+            self.note_labels(living.len());
             for &t in &living {
                 let record = self.triangulation.tet(t);
                 let owner = regions.map_or(self.me, |regions| regions.worker_of(record.sphere().center));
@@ -247,6 +250,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                 self.look_around()?;
             }
             steps += 1;
+            self.worker.access.pause();
             if A::SHARED && self.team.begging.is_wanted(self.me) {
                 self.give();
             }
@@ -287,9 +291,14 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
 
     fn look(&mut self, stamp: TetStamp) -> Result<()> {
         self.work.looks += 1;
+        self.worker.access.look(self.triangulation, stamp.tet);
         self.rules.mark_elsewhere(stamp.tet);
         let facets = Facets::Second(self.worker.mark());
-        if let Some(demand) = self.rules.surface_demand(stamp.tet, facets, &mut self.work.lookups) {
+        let before = self.work.lookups;
+        let demand = self.rules.surface_demand(stamp.tet, facets, &mut self.work.lookups);
+        self.worker.access.spend(Effort::Labels(self.work.lookups.labels - before.labels));
+        self.worker.access.spend(Effort::Crossings(self.work.lookups.crossings - before.crossings));
+        if let Some(demand) = demand {
             if !self.hand_over(stamp, &demand)? {
                 self.settle(stamp, &demand)?;
             }
@@ -412,10 +421,15 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     }
 
     fn push_created(&mut self) {
-        self.work.lookups.labels += self.worker.created().len() as u64;
+        self.note_labels(self.worker.created().len());
         for &t in self.worker.created() {
             self.pel.push_made(self.triangulation.stamp(t));
         }
+    }
+
+    fn note_labels(&mut self, found: usize) {
+        self.work.lookups.labels += found as u64;
+        self.worker.access.spend(Effort::Labels(found as u64));
     }
 
     /// The time, if others might make this operation a vain one.

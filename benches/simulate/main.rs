@@ -1,0 +1,358 @@
+//! Simulated refinements, one line of JSON for each; `study.py` beside this file runs it and draws what comes out. docs/scaling.md says what it means.
+//!
+//!     simulate IMAGE --tets N --workers P,P,... [--machine one|blacklight|NODESxCORES|SOCKETSxNODESxCORES] [--algorithm podm|lapd] [--contention local] [--begging flat|levels]
+//!         [--set NAME=VALUE,...] [--level NODES:NANOSECONDS,...] [--delta D] [--alone]
+//!
+//! `--phases` adds what threads did in each twentieth of the time: percent sampling, refining, rolling back, waiting, without work.
+//!
+//! `--tets` is for each worker: delta is searched, by real refinements, until their number is within 3 % of P times N, unless `--delta` gives it. `--alone` runs one worker on the mesh
+//! of each P too, whose rate the speedup compares with. `--set` changes costs by name, `hop` and `cached` among them; `--level` gives the routers of groups of nodes.
+//! Nodes are 1 hop apart, in another socket 2. `--real` measures a real refinement with P threads as well.
+
+use std::path::Path;
+use std::time::Instant;
+
+use glam::DVec3;
+use lapd::delaunay::Triangulation;
+use lapd::image::LabelImage;
+use lapd::image::readers::read_image;
+use lapd::monitor::Monitor;
+use lapd::oracle::Oracle;
+use lapd::parallel::machine::Machine;
+use lapd::params::{Algorithm, Begging, Contention, MeshParams};
+use lapd::refine::activity::Overhead;
+use lapd::refine::refine;
+use lapd::refine::rules::Rules;
+use lapd::refine::team::Schedule;
+use lapd::simulation::platform::{Costs, Level, Network, Platform};
+use lapd::simulation::world::Traffic;
+use lapd::simulation::{Simulated, simulate};
+use serde_json::{Value, json};
+
+/// How far the number of tets may be from what was asked for.
+const WITHIN: f64 = 0.03;
+const TRIES: usize = 8;
+/// The middle of a run: between these parts of all tets made. Before it few workers have room, and samples go in; after it work runs out.
+const MIDDLE: [f64; 2] = [0.35, 0.85];
+/// The exponent of delta in the number of tets, as a first guess.
+const EXPONENT: f64 = 2.6;
+
+type Failure = Box<dyn std::error::Error>;
+
+struct Options {
+    image: String,
+    tets: f64,
+    workers: Vec<usize>,
+    machine: String,
+    algorithm: Algorithm,
+    contention: Contention,
+    begging: Begging,
+    costs: Costs,
+    network: Network,
+    cached: u32,
+    delta: Option<f64>,
+    alone: bool,
+    real: bool,
+    phases: bool,
+}
+
+fn main() {
+    if let Err(error) = options().and_then(|options| study(&options)) {
+        eprintln!("simulate: {error}");
+        std::process::exit(1);
+    }
+}
+
+fn options() -> Result<Options, Failure> {
+    let mut words = std::env::args().skip(1);
+    let mut options = Options {
+        image: words.next().ok_or("the image is missing")?,
+        tets: 20_000.0,
+        workers: vec![1],
+        machine: "one".into(),
+        algorithm: Algorithm::Podm,
+        contention: Contention::Local,
+        begging: Begging::ByLevel,
+        costs: Costs::default(),
+        network: Network::of_hops(0.0),
+        cached: u32::MAX,
+        delta: None,
+        alone: false,
+        real: false,
+        phases: false,
+    };
+    while let Some(word) = words.next() {
+        match word.as_str() {
+            "--alone" => options.alone = true,
+            "--real" => options.real = true,
+            "--phases" => options.phases = true,
+            _ => {
+                let value = words.next().ok_or(format!("{word} needs a value"))?;
+                set(&mut options, &word, &value)?;
+            }
+        }
+    }
+    Ok(options)
+}
+
+fn set(options: &mut Options, word: &str, value: &str) -> Result<(), Failure> {
+    match word {
+        "--tets" => options.tets = value.parse()?,
+        "--delta" => options.delta = Some(value.parse()?),
+        "--workers" => options.workers = value.split(',').map(str::parse).collect::<Result<_, _>>()?,
+        "--machine" => options.machine = value.into(),
+        "--algorithm" => {
+            options.algorithm = match value {
+                "podm" => Algorithm::Podm,
+                "lapd" => Algorithm::Lapd,
+                _ => return Err(format!("no algorithm {value}").into()),
+            }
+        }
+        "--contention" => {
+            options.contention = match value {
+                "local" => Contention::Local,
+                "global" => Contention::Global,
+                "random" => Contention::Random,
+                "aggressive" => Contention::Aggressive,
+                _ => return Err(format!("no contention manager {value}").into()),
+            }
+        }
+        "--begging" => {
+            options.begging = match value {
+                "levels" => Begging::ByLevel,
+                "flat" => Begging::Flat,
+                _ => return Err(format!("no begging scheme {value}").into()),
+            }
+        }
+        "--set" => {
+            for pair in value.split(',') {
+                let (name, number) = pair.split_once('=').ok_or(format!("{pair} is no NAME=VALUE"))?;
+                set_cost(options, name, number.parse()?)?;
+            }
+        }
+        "--level" => {
+            for pair in value.split(',') {
+                let (nodes, service) = pair.split_once(':').ok_or(format!("{pair} is no NODES:NANOSECONDS"))?;
+                options.network.levels.push(Level { nodes: nodes.parse()?, service: service.parse()? });
+            }
+        }
+        _ => return Err(format!("no option {word}").into()),
+    }
+    Ok(())
+}
+
+fn set_cost(options: &mut Options, name: &str, value: f64) -> Result<(), Failure> {
+    let costs = &mut options.costs;
+    *match name {
+        "cached" => {
+            options.cached = value as u32;
+            return Ok(());
+        }
+        "hop" => &mut options.network.hop,
+        "slowdown" => &mut costs.slowdown,
+        "operation" => &mut costs.operation,
+        "tet" => &mut costs.tet,
+        "vertex" => &mut costs.vertex,
+        "exact" => &mut costs.exact,
+        "fill" => &mut costs.fill,
+        "pair" => &mut costs.pair,
+        "look" => &mut costs.look,
+        "label" => &mut costs.label,
+        "crossing" => &mut costs.crossing,
+        "claim" => &mut costs.claim,
+        "sharing" => &mut costs.sharing,
+        _ => return Err(format!("no cost {name}").into()),
+    } = value;
+    Ok(())
+}
+
+/// A machine of at least so many cores.
+fn machine(name: &str, workers: usize) -> Result<Machine, Failure> {
+    Ok(match name {
+        "one" => Machine::one_node(workers),
+        "blacklight" => Machine::blacklight(workers.div_ceil(16)),
+        _ => {
+            let sizes = name.split('x').map(str::parse).collect::<Result<Vec<usize>, _>>();
+            match *sizes.map_err(|_| format!("no machine {name}"))? {
+                [nodes, cores] => Machine::uniform(nodes, cores),
+                [sockets, nodes, cores] => {
+                    let all = sockets * nodes;
+                    let hops = |a: usize, b: usize| u32::from(a != b) + u32::from(a / nodes != b / nodes);
+                    let hops = (0..all).map(|a| (0..all).map(|b| hops(a, b)).collect()).collect();
+                    Machine::new(vec![cores; all], hops)?
+                }
+                _ => return Err(format!("no machine {name}").into()),
+            }
+        }
+    })
+}
+
+/// An image, and its oracle.
+struct Subject {
+    image: LabelImage,
+    oracle: Oracle,
+}
+
+impl Subject {
+    /// What `work` gives, and the tets with a label that it leaves.
+    fn with_rules<T>(
+        &self,
+        delta: f64,
+        work: impl FnOnce(&Rules<'_>) -> lapd::Result<T>,
+    ) -> Result<(T, usize), Failure> {
+        let params = MeshParams { delta, size: 2.0 * delta, ..MeshParams::default() };
+        let [lower, upper] = self.oracle.bounds();
+        let margin = DVec3::splat((upper - lower).max_element() * 0.25 + 4.0 * delta);
+        let triangulation = Triangulation::new(lower - margin, upper + margin)?;
+        let rules = Rules::new(&triangulation, &self.oracle, &params, self.image.labels())?;
+        let done = work(&rules)?;
+        let tets = triangulation.living_tets().filter(|&t| rules.label(t) != 0).count();
+        Ok((done, tets))
+    }
+
+    /// The delta that makes so many tets, near to `guess`.
+    fn find_delta(&self, wanted: f64, guess: f64) -> Result<f64, Failure> {
+        let schedule = Schedule { threads: 2, ..Schedule::solo() };
+        let count = |delta| self.with_rules(delta, |rules| refine(rules, &schedule, &Monitor::silent()));
+        let (mut delta, mut exponent) = (guess, EXPONENT);
+        let mut before: Option<(f64, f64)> = None;
+        for _ in 0..TRIES {
+            let tets = count(delta)?.1 as f64;
+            if (tets / wanted - 1.0).abs() <= WITHIN {
+                return Ok(delta);
+            }
+            if let Some((other, other_tets)) = before.replace((delta, tets)) {
+                exponent = ((tets / other_tets).ln() / (other / delta).ln()).clamp(1.5, 4.0);
+            }
+            delta *= (tets / wanted).powf(1.0 / exponent);
+        }
+        Err(format!("no delta was found that makes {wanted} tets").into())
+    }
+}
+
+fn study(options: &Options) -> Result<(), Failure> {
+    let image = read_image(Path::new(&options.image))?.image;
+    let oracle = Oracle::new(&image, MeshParams::default().surface, &|| Ok(()))?;
+    let [lower, upper] = oracle.bounds();
+    let first = options.tets * options.workers[0] as f64;
+    let mut guess = 0.01 * (upper - lower).max_element() * (1e6 / first).powf(1.0 / EXPONENT);
+    let subject = Subject { image, oracle };
+    for &workers in &options.workers {
+        let wanted = options.tets * workers as f64;
+        let delta = match options.delta {
+            Some(delta) => delta,
+            None => subject.find_delta(wanted, guess)?,
+        };
+        let platform = Platform {
+            machine: machine(&options.machine, workers)?,
+            costs: options.costs,
+            network: options.network.clone(),
+            cached_records: options.cached,
+        };
+        run(options, &subject, delta, workers, &platform)?;
+        if options.alone && workers > 1 {
+            run(options, &subject, delta, 1, &platform)?;
+        }
+        guess = delta;
+    }
+    Ok(())
+}
+
+fn run(options: &Options, subject: &Subject, delta: f64, workers: usize, platform: &Platform) -> Result<(), Failure> {
+    let schedule = Schedule {
+        threads: workers,
+        contention: options.contention,
+        begging: options.begging,
+        algorithm: options.algorithm,
+        machine: platform.machine.clone(),
+        timeline: options.phases,
+        ..Schedule::solo()
+    };
+    let real = if options.real {
+        let mut seconds = 0.0;
+        let timed = |rules: &Rules<'_>| {
+            let clock = Instant::now();
+            let refinement = refine(rules, &schedule, &Monitor::silent())?;
+            seconds = clock.elapsed().as_secs_f64();
+            Ok(refinement)
+        };
+        let tets = subject.with_rules(delta, timed)?.1;
+        json!({ "seconds": seconds, "tets": tets })
+    } else {
+        Value::Null
+    };
+    let clock = Instant::now();
+    let (simulated, tets) =
+        subject.with_rules(delta, |rules| simulate(rules, &schedule, platform, &Monitor::silent()))?;
+    let mut line = report(&simulated);
+    line["workers"] = workers.into();
+    line["delta"] = delta.into();
+    line["tets"] = tets.into();
+    line["real"] = real;
+    line["wall_s"] = clock.elapsed().as_secs_f64().into();
+    if options.phases {
+        line["phases"] = phases(&simulated);
+    }
+    println!("{line}");
+    Ok(())
+}
+
+fn report(simulated: &Simulated) -> Value {
+    let Simulated { refinement, seconds, course: _, traffic, served, tally } = simulated;
+    let [from, to] = MIDDLE.map(|part| simulated.mark_at(part).unwrap_or_default());
+    let mut lost = Overhead::default();
+    refinement.threads.iter().for_each(|thread| lost.add(&thread.overhead));
+    let by_hops = |of: fn(&Traffic) -> &Vec<u64>| {
+        traffic.iter().fold(Vec::new(), |mut sum: Vec<u64>, one| {
+            sum.resize(of(one).len(), 0);
+            sum.iter_mut().zip(of(one)).for_each(|(sum, count)| *sum += count);
+            sum
+        })
+    };
+    let operations = &refinement.counters;
+    json!({
+        "seconds": seconds,
+        "middle": {
+            "seconds": to.seconds - from.seconds, "made": to.made - from.made,
+            "travel_s": to.travel_seconds - from.travel_seconds, "queue_s": to.queue_seconds - from.queue_seconds,
+        },
+        "insertions": operations.insertions,
+        "removals": operations.removals,
+        "rollbacks": operations.rollbacks,
+        "rollback_s": lost.rollback_seconds,
+        "contention_s": lost.contention_seconds,
+        "idle_s": lost.idle_seconds,
+        "gifts": lost.gifts,
+        "travel_s": traffic.iter().map(|one| one.travel_seconds).sum::<f64>(),
+        "queue_s": traffic.iter().map(|one| one.queue_seconds).sum::<f64>(),
+        "served": served,
+        "waits": lost.waits,
+        "begs": lost.begs,
+        "shared": traffic.iter().map(|one| one.shared).sum::<u64>(),
+        "visits_by_hops": by_hops(|one| &one.visits_by_hops),
+        "fetched_by_hops": by_hops(|one| &one.fetched_by_hops),
+        "tally": {
+            "operations": tally.operations, "tets": tally.tets, "vertices": tally.vertices, "exact": tally.exact,
+            "fills": tally.fills, "pairs": tally.pairs, "looks": tally.looks, "labels": tally.labels,
+            "crossings": tally.crossings, "claims": tally.claims,
+        },
+    })
+}
+
+/// Seconds of all threads by what they did, in twenty parts of the time.
+fn phases(simulated: &Simulated) -> Value {
+    const PARTS: usize = 20;
+    let part = simulated.seconds / PARTS as f64;
+    let mut sums = [[0.0; 5]; PARTS];
+    for span in simulated.refinement.threads.iter().flat_map(|thread| &thread.timeline) {
+        let (first, last) = ((span.start / part) as usize, (span.end / part) as usize);
+        for at in first..=last.min(PARTS - 1) {
+            let (start, end) = (at as f64 * part, (at + 1) as f64 * part);
+            sums[at][span.doing as usize] += span.end.min(end) - span.start.max(start);
+        }
+    }
+    let row = |row: &[f64; 5]| {
+        row.map(|seconds| (100.0 * seconds / (part * simulated.refinement.threads.len() as f64)).round())
+    };
+    json!(sums.iter().map(row).collect::<Vec<_>>())
+}

@@ -1,0 +1,81 @@
+//! Simulations of many workers on machines that are not at hand: the real algorithms, in virtual time.
+//!
+//! The refinement runs as it is: its workers, lists, begging, contention managers, locks, on a real triangulation whose mesh is as good as any. But the workers are coroutines on one thread, run in
+//! the order of their virtual clocks, which advance by counted work. A lock that another worker holds at that time refuses, a worker waits until another one wakes it, and so on: conflicts,
+//! rollbacks and idle time are not modelled, they happen. What is modelled is what work costs, and what data from another node costs.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`virtual_time`] | the clocks, and who runs; serves `crate::sync` |
+//! | [`hooks`] | what the locking policies tell |
+//! | [`world`] | where data lies, which caches have it, which routers are in use |
+//! | [`platform`] | the constants of a machine |
+//!
+//! Deterministic: a run is a function of image, parameters and platform. Thread safety: a simulation is the calling thread's; others may run their own, or the real thing.
+//! Not simulated: the sampling of the image, which takes no virtual time (it runs on all threads of the pool); contention for memory within a node; the operating system.
+
+pub mod hooks;
+pub mod platform;
+pub mod virtual_time;
+pub mod world;
+
+use crate::monitor::Monitor;
+use crate::panics;
+use crate::refine::podm::Refinement;
+use crate::refine::refine;
+use crate::refine::rules::Rules;
+use crate::refine::team::Schedule;
+use crate::{Error, Result};
+use platform::Platform;
+use world::{Mark, Tally, Traffic, World};
+
+/// A simulated refinement.
+#[derive(Debug)]
+pub struct Simulated {
+    /// What a real one returns. Its times are virtual.
+    pub refinement: Refinement,
+    /// Virtual seconds from the samples to the end.
+    pub seconds: f64,
+    /// The run's course: marks, each after some thousand tets were made.
+    pub course: Vec<Mark>,
+    /// Where each worker's data came from.
+    pub traffic: Vec<Traffic>,
+    /// Records that each router served, by level and group.
+    pub served: Vec<Vec<u64>>,
+    /// All work.
+    pub tally: Tally,
+}
+
+/// Refines as [`refine`] does, with `schedule.threads` workers on a simulated platform: worker i on core i of the machine.
+///
+/// # Errors
+/// Those of [`refine`]. [`Error::InvalidArgument`] when there are more workers than cores; [`Error::OutOfMemory`] also when there is none for a stack.
+pub fn simulate(
+    rules: &Rules<'_>,
+    schedule: &Schedule,
+    platform: &Platform,
+    monitor: &Monitor<'_>,
+) -> Result<Simulated> {
+    let (workers, cores) = (schedule.threads, platform.machine.total_cores());
+    if workers > cores {
+        return Err(Error::InvalidArgument(format!("{workers} workers are simulated on a machine of {cores} cores")));
+    }
+    hooks::exchange(Some(World::new(platform, workers)));
+    let ran = panics::catch(|| virtual_time::run(|| (refine(rules, schedule, monitor), virtual_time::now())));
+    let world = hooks::exchange(None);
+    let ran = ran.map_err(Error::Internal)?;
+    let (refined, end) = ran.map_err(|_| Error::OutOfMemory { count: workers, what: "stacks of virtual workers" })?;
+    let world = world.ok_or_else(|| Error::Internal("the world of a simulation was lost".into()))?;
+    let served = world.served();
+    let World { traffic, tally, course, .. } = world;
+    let seconds = end as f64 * virtual_time::SECONDS_PER_TICK;
+    Ok(Simulated { refinement: refined?, seconds, course, traffic, served, tally })
+}
+
+impl Simulated {
+    /// The mark when that part of all tets had been made.
+    pub fn mark_at(&self, part: f64) -> Option<Mark> {
+        let made = part * self.tally.fills as f64;
+        self.course.iter().copied().find(|mark| mark.made as f64 >= made)
+    }
+}
