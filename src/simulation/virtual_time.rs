@@ -333,16 +333,23 @@ mod tests {
     #[test]
     fn a_wake_that_is_forgotten_costs_a_nap() {
         let done = Cell::new(false);
-        let end = run(|| {
+        let looked = run(|| {
+            let waits = || {
+                wait_until(|| done.get());
+                now()
+            };
             let works = || {
                 advance(MICROSECOND);
                 pause();
                 done.set(true);
+                // Its end would wake the first.
+                advance(2 * NAP);
+                pause();
+                now()
             };
-            run_together(|| wait_until(|| done.get()), vec![works], || ());
-            now()
+            run_together(waits, vec![works], || ()).0
         });
-        assert_eq!(end.unwrap(), NAP);
+        assert_eq!(looked.unwrap(), NAP);
     }
 
     #[test]
