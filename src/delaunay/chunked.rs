@@ -9,6 +9,7 @@
 //! Cost: one access is two dependent loads, the first of them always hot, and a test that the chunk exists.
 
 use std::alloc::{Layout, alloc_zeroed};
+use std::ops::Range;
 use std::sync::atomic::{AtomicPtr, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -19,8 +20,23 @@ use crate::{Error, Result};
 /// Elements of one chunk; a power of two.
 pub const CHUNK: usize = 1 << 14;
 
-/// Chunks of one block; a power of two. What is not used of a block is address space, not memory.
+/// Most chunks of one block; a power of two. What is not used of a block is address space, not memory; so that it is not much of that either, the first blocks are smaller.
 const BLOCK: usize = 16;
+
+/// The chunks of the block of chunk `chunk`: 1, 1, 2, 4, and so on, then [`BLOCK`] each.
+fn block_of(chunk: usize) -> Range<usize> {
+    match chunk {
+        0 => 0..1,
+        1..BLOCK => {
+            let first = 1 << chunk.ilog2();
+            first..2 * first
+        }
+        _ => {
+            let first = chunk / BLOCK * BLOCK;
+            first..first + BLOCK
+        }
+    }
+}
 
 /// Entries of the table: any u32 finds its chunk without a test of bounds. The table is zeroed memory, of which only the used part is ever touched.
 const TABLE: usize = (1 << 32) / CHUNK;
@@ -101,12 +117,13 @@ impl<T: Zeroable> Chunked<T> {
         if !self.chunks[chunk].load(Ordering::Relaxed).is_null() {
             return Ok(());
         }
-        let count = BLOCK * Self::CHUNK_BYTES;
+        let chunks = block_of(chunk);
+        let count = chunks.len() * Self::CHUNK_BYTES;
         let lack = Error::OutOfMemory { count, what: "bytes for the triangulation" };
         let (Ok(mut block), Ok(())) = (MmapMut::map_anon(count), blocks.try_reserve(1)) else { return Err(lack) };
         let made = block.as_mut_ptr().cast::<T>();
         blocks.push(block);
-        for (i, slot) in self.chunks[chunk / BLOCK * BLOCK..][..BLOCK].iter().enumerate() {
+        for (i, slot) in self.chunks[chunks].iter().enumerate() {
             // Release: whoever finds the pointer finds zeroed memory.
             slot.store(made.wrapping_add(i * CHUNK), Ordering::Release);
         }
@@ -156,6 +173,18 @@ fn missing_chunk() -> ! {
 mod tests {
     use super::*;
     use std::sync::atomic::AtomicU32;
+
+    #[test]
+    fn each_chunk_is_in_one_block() {
+        let mut next = 0;
+        while next < 5 * BLOCK {
+            let block = block_of(next);
+            assert_eq!(block.start, next);
+            block.clone().for_each(|chunk| assert_eq!(block_of(chunk), block));
+            next = block.end;
+        }
+        assert_eq!(next, 5 * BLOCK);
+    }
 
     #[test]
     fn elements_stay_while_the_array_grows() {

@@ -4,7 +4,7 @@
 //! was made with: a smooth mesh of a perfect image has a distance above 0. The measure follows Aspert, Santa-Cruz, Ebrahimi ("MESH: measuring errors between surfaces
 //! using the Hausdorff distance", ICME 2002): one side is sampled densely, the distance of each sample to the other side is exact.
 //!
-//! - Mesh to image: each facet is cut into n x n similar triangles with edges of at most the smallest spacing; samples are their centroids,
+//! - Mesh to image: each facet is cut into n x n similar triangles with edges of at most half the smallest spacing; samples are their centroids,
 //!   weighted by area (the midpoint rule, exact for a linear distance). What lies between the samples can only raise the maximum where bounds permit it; there facets are cut
 //!   further, until the maximum is known to a hundredth of the smallest spacing (`Facet::raise`).
 //! - Image to mesh: the mean is over the centres of the voxel faces, weighted by area; the maximum is over centres and corners, and may miss the true one by at most the
@@ -41,6 +41,10 @@ const CHECK_EVERY: usize = 64;
 
 /// Facets whose triangles are made between two looks at the cancel flag.
 const FILL: usize = 1 << 16;
+
+/// Longest edge of the parts of a facet, in smallest spacings. Facets have their corners where edges of the grid are crossed, near voxel faces, and their middles elsewhere: with one
+/// sample for most facets the mean is 12 % too large.
+const PART: f64 = 0.5;
 
 /// The largest distance from the mesh may be farther by this part of the smallest spacing.
 const TOLERANCE: f64 = 0.01;
@@ -209,7 +213,7 @@ fn mesh_to_image(
             }
             let mut of_sides = [Sum::default(); 2];
             *bound = 0.0;
-            for_each_sample(&triangle.corners, spacing, |part, weight| {
+            for_each_sample(&triangle.corners, PART * spacing, |part, weight| {
                 let p = (part[0] + part[1] + part[2]) / 3.0;
                 samples += 1;
                 if samples.is_multiple_of(CHECK_EVERY) {

@@ -76,7 +76,8 @@ pub fn sample_isosurface(
     let grid = oracle.edge_grid(delta);
     // Samples of two slabs with one between them are delta apart, and that one reaches no further.
     let slabs = grid.slabs(2.0 * delta);
-    let most_heads = (MAX_HEADS / slabs.len()).max(1);
+    // Half of what the grid of vertices may have: there are fewer samples than vertices.
+    let most_heads = (MAX_HEADS / 2 / slabs.len()).max(1);
     let sample = |slab: usize, before: &[&Net<'_>]| -> Result<Net<'_>> {
         let mut net = Net::new(oracle, delta, grid.slab_bounds(&slabs[slab]), most_heads)?;
         for row in grid.slab_rows(&slabs[slab]) {
@@ -90,11 +91,7 @@ pub fn sample_isosurface(
         Ok(net)
     };
     let nets = in_two_colors(slabs.len(), sample)?;
-    let total = nets.iter().map(|net| net.points.len()).sum();
-    let mut points = room(total, "samples of the isosurface")?;
-    nets.iter().for_each(|net| points.extend_from_slice(&net.points));
-    drop(nets);
-    insertion_order(points, growth)
+    insertion_order(nets.into_iter().map(|net| net.points).collect(), growth)
 }
 
 /// Makes something of each of a row of slabs, on all threads: of those with even numbers from nothing, of the others from what their neighbours gave, as soon as both have. The
@@ -246,33 +243,55 @@ fn mix(state: u64, next: u64) -> u64 {
     z ^ z >> 31
 }
 
-/// Sorts points into rounds, and along a space-filling curve in each.
-fn insertion_order(points: Vec<DVec3>, growth: Growth) -> Result<Samples> {
+/// Sorts points, which are in parts, into rounds, and along a space-filling curve in each.
+fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth) -> Result<Samples> {
     // As a power of two.
     let growth = growth as u32;
-    if points.len() >= 1 << AT_BITS {
+    let mut starts = Vec::with_capacity(parts.len());
+    let mut total = 0;
+    for part in &parts {
+        starts.push(total);
+        total += part.len();
+    }
+    if total >= 1 << AT_BITS {
         return Err(Error::LimitReached(format!(
-            "there would be {} samples of the isosurface, 2^{AT_BITS} or more",
-            points.len()
+            "there would be {total} samples of the isosurface, 2^{AT_BITS} or more"
         )));
     }
     let (mut lower, mut upper) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for &p in points.iter() {
+    for &p in parts.iter().flatten() {
         (lower, upper) = (lower.min(p), upper.max(p));
     }
     let scale = f64::from((1 << PLACE_BITS) - 1) / (upper - lower).max_element().max(f64::MIN_POSITIVE);
-    let key = |(at, &p): (usize, &DVec3)| {
+    let key_of = |at: usize, p: DVec3| {
         let round = (mix(at as u64, 0) | 1 << (growth * LAST_ROUND)).trailing_zeros() / growth;
         let place = ((p - lower) * scale).to_array().map(|c| spread(c as u64));
         // The last round holds most of the points.
         let round = u64::from(LAST_ROUND - round) << (3 * PLACE_BITS);
         (round | place[0] | place[1] << 1 | place[2] << 2) << AT_BITS | at as u64
     };
-    let mut keys = room(points.len(), "places in the order of insertion")?;
-    points.par_iter().enumerate().map(key).collect_into_vec(&mut keys);
+    let mut keys = filled(total, 0, "places in the order of insertion", || Ok(()))?;
+    let mut rest = keys.as_mut_slice();
+    let mut jobs = Vec::with_capacity(parts.len());
+    for (part, &start) in parts.iter().zip(&starts) {
+        let (own, others) = rest.split_at_mut(part.len());
+        jobs.push((part, start, own));
+        rest = others;
+    }
+    jobs.into_par_iter().for_each(|(part, start, keys)| {
+        for ((key, &p), at) in keys.iter_mut().zip(part).zip(start..) {
+            *key = key_of(at, p);
+        }
+    });
     keys.par_sort_unstable();
-    let mut sorted = room(points.len(), "samples of the isosurface")?;
-    keys.par_iter().map(|&key| points[(key % (1 << AT_BITS)) as usize]).collect_into_vec(&mut sorted);
+    let point = |key: u64| {
+        let at = (key % (1 << AT_BITS)) as usize;
+        // The last part that begins there or before: those that begin at the same place are empty, but for it.
+        let part = starts.partition_point(|&start| start <= at) - 1;
+        parts[part][at - starts[part]]
+    };
+    let mut sorted = room(total, "samples of the isosurface")?;
+    keys.par_iter().map(|&key| point(key)).collect_into_vec(&mut sorted);
     let round = |at: usize| keys[at] >> (3 * PLACE_BITS + AT_BITS);
     // Rounds grow by a factor: few ends have to be looked for.
     let mut rounds = Vec::new();

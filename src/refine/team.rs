@@ -199,7 +199,8 @@ impl<'a> Team<'a> {
         let part = 1.0 - (-2.0 * tets as f64 / self.expected_tets.max(1) as f64).exp();
         (self.report)(part, tets)?;
         let later = u64::from(self.rules.triangulation.tet_bound()) * self.limits.bytes_per_slot;
-        self.limits.check_memory(self.rules.bytes() + bytes + later)?;
+        let samples = size_of_val(self.samples.as_slice()) as u64;
+        self.limits.check_memory(self.rules.bytes() + samples + bytes + later)?;
         self.limits.check_time()
     }
 
