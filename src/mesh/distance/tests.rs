@@ -83,7 +83,7 @@ fn both_sides_against_brute_force() {
         }
         sum
     };
-    let (there, finely) = (sampled(0.5), sampled(0.02));
+    let (there, finely) = (sampled(PART * 0.5), sampled(0.02));
     let to_mesh = |p: DVec3| triangles.iter().map(|t| p.distance(closest_point(t, p))).fold(f64::INFINITY, f64::min);
     let mut back = Sum::default();
     for &face in &all {
@@ -139,7 +139,7 @@ fn components_are_held_against_their_own_label() {
         for component in mesh.facet_tets[f].into_iter().filter_map(|t| parts.of(t)) {
             let id = image.id_of(parts.list[component as usize].label).unwrap();
             let own: Vec<_> = all.iter().filter(|&&face| faces.touches(face, id)).collect();
-            for_each_sample(&facet.map(local), 0.5, |part, weight| {
+            for_each_sample(&facet.map(local), PART * 0.5, |part, weight| {
                 let p = (part[0] + part[1] + part[2]) / 3.0;
                 let squared = own.iter().map(|&&face| faces.distance_squared(face, p)).fold(f64::INFINITY, f64::min);
                 of_mesh[component as usize] += Sum::of(weight, squared.sqrt());
