@@ -1,10 +1,10 @@
 //! The tables of the certificate: labels, components, defects.
 
-use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
+use super::boundary::{Failure, Growing, Out, Outcome, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
 use super::report::own_size;
 use super::status::lapd_status;
-use crate::mesh::certificate::LEAST_VOXELS;
+use crate::mesh::certificate::{Certificate, LEAST_VOXELS};
 use crate::mesh::{DefectKind, Fate};
 
 /// One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call. Volumes are in cubic world units.
@@ -152,17 +152,37 @@ unsafe impl Growing for lapd_defect {
     const FIRST_SIZE: u64 = 56;
 }
 
+unsafe fn certificate_of<'a>(mesh: *const lapd_mesh) -> Outcome<&'a Certificate> {
+    // SAFETY: the caller's pointer, as the module's head demands.
+    unsafe { Ok(&borrow(mesh, "mesh")?.meshing.report.certificate) }
+}
+
+/// Writes how many rows a table of the certificate has.
+unsafe fn count_rows(
+    mesh: *const lapd_mesh,
+    count: *mut usize,
+    rows: impl FnOnce(&Certificate) -> usize,
+) -> Outcome<()> {
+    // SAFETY: the caller's pointers, as the module's head demands.
+    unsafe {
+        let out = Out::new(count, "count")?;
+        out.set(rows(certificate_of(mesh)?));
+    }
+    Ok(())
+}
+
+/// Row `index` of a table whose rows are called `what`.
+fn row_of<'a, T>(rows: &'a [T], index: usize, what: &str) -> Outcome<&'a T> {
+    rows.get(index).ok_or_else(|| Failure::invalid(format!("there is no {what} {index}")))
+}
+
 /// The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_label_row_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
     // SAFETY: see the module's head.
-    status_of(|| unsafe {
-        let out = Out::new(count, "count")?;
-        out.set(borrow(mesh, "mesh")?.meshing.report.certificate.labels.len());
-        Ok(())
-    })
+    status_of(|| unsafe { count_rows(mesh, count, |certificate| certificate.labels.len()) })
 }
 
 /// Row `index` (from 0) of the table of labels. Any thread.
@@ -177,8 +197,7 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
-        let rows = &borrow(mesh, "mesh")?.meshing.report.certificate.labels;
-        let found = rows.get(index).ok_or_else(|| Failure::invalid(format!("there is no label row {index}")))?;
+        let found = row_of(&certificate_of(mesh)?.labels, index, "label row")?;
         let value = lapd_label_row {
             struct_size: own_size::<lapd_label_row>(),
             label: found.label.into(),
@@ -210,11 +229,7 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_component_row_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
     // SAFETY: see the module's head.
-    status_of(|| unsafe {
-        let out = Out::new(count, "count")?;
-        out.set(borrow(mesh, "mesh")?.meshing.report.certificate.components.len());
-        Ok(())
-    })
+    status_of(|| unsafe { count_rows(mesh, count, |certificate| certificate.components.len()) })
 }
 
 /// Row `index` (from 0) of the table of components. Any thread.
@@ -229,8 +244,7 @@ pub unsafe extern "C" fn lapd_mesh_get_component_row(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
-        let rows = &borrow(mesh, "mesh")?.meshing.report.certificate.components;
-        let found = rows.get(index).ok_or_else(|| Failure::invalid(format!("there is no component row {index}")))?;
+        let found = row_of(&certificate_of(mesh)?.components, index, "component row")?;
         let fate = match found.fate {
             Fate::Kept => lapd_fate::LAPD_FATE_KEPT,
             Fate::Merged => lapd_fate::LAPD_FATE_MERGED,
@@ -263,11 +277,7 @@ pub unsafe extern "C" fn lapd_mesh_get_component_row(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_defect_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
     // SAFETY: see the module's head.
-    status_of(|| unsafe {
-        let out = Out::new(count, "count")?;
-        out.set(borrow(mesh, "mesh")?.meshing.report.certificate.defects.len());
-        Ok(())
-    })
+    status_of(|| unsafe { count_rows(mesh, count, |certificate| certificate.defects.len()) })
 }
 
 /// Place `index` (from 0) where the topology of a label is at fault; they are in the order of lapd_defect_kind. Any thread.
@@ -282,8 +292,7 @@ pub unsafe extern "C" fn lapd_mesh_get_defect(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
-        let defects = &borrow(mesh, "mesh")?.meshing.report.certificate.defects;
-        let found = defects.get(index).ok_or_else(|| Failure::invalid(format!("there is no defect {index}")))?;
+        let found = row_of(&certificate_of(mesh)?.defects, index, "defect")?;
         let kind = match found.kind {
             DefectKind::Lost => lapd_defect_kind::LAPD_DEFECT_LOST,
             DefectKind::Merged => lapd_defect_kind::LAPD_DEFECT_MERGED,
