@@ -9,28 +9,20 @@ use super::homes::{Homes, MAX_NODES};
 use super::triangulation::Triangulation;
 use super::{TetId, VertexId};
 
-/// Visits by home.
+/// Visits of tets and vertices by the node where these are at home.
 #[derive(Clone, Debug)]
-pub struct Visits {
-    tets: Box<[u64; MAX_NODES]>,
-    vertices: Box<[u64; MAX_NODES]>,
-}
+pub struct Visits(Box<[u64; MAX_NODES]>);
 
 impl Default for Visits {
     fn default() -> Self {
-        Self { tets: Box::new([0; MAX_NODES]), vertices: Box::new([0; MAX_NODES]) }
+        Self(Box::new([0; MAX_NODES]))
     }
 }
 
 impl Visits {
     /// Visits of tets and vertices at home on node `node`.
     pub fn at(&self, node: usize) -> u64 {
-        self.tets[node] + self.vertices[node]
-    }
-
-    /// Visits of tets alone.
-    pub fn of_tets_at(&self, node: usize) -> u64 {
-        self.tets[node]
+        self.0[node]
     }
 }
 
@@ -72,13 +64,13 @@ impl<A: Access> Access for Counted<'_, A> {
 
     #[inline(always)]
     fn visit_tet(&mut self, t: TetId) {
-        self.visits.tets[usize::from(self.homes.of_tet(t))] += 1;
+        self.visits.0[usize::from(self.homes.of_tet(t))] += 1;
         self.policy.visit_tet(t);
     }
 
     #[inline(always)]
     fn visit_vertex(&mut self, v: VertexId) {
-        self.visits.vertices[usize::from(self.homes.of_vertex(v))] += 1;
+        self.visits.0[usize::from(self.homes.of_vertex(v))] += 1;
         self.policy.visit_vertex(v);
     }
 
