@@ -9,11 +9,10 @@ run of their own, for counting takes time.
 """
 import argparse
 import dataclasses
-import json
 
 from harness import (RESULTS, Bystanders, at_least_one, check_tets, find_images, machine, markdown, publish, runs_text, say, spread, threads_text,
                      tune_ours)
-from threads import crowd, losses, measure, median_tets, numbers, refine_time, to_all_cores, with_one
+from threads import crowd, keep, losses, measure, median_tets, numbers, refine_time, speedups, to_all_cores, with_one
 
 ALGORITHMS = ("podm", "lapd")
 
@@ -55,11 +54,6 @@ def run_in_turn(name, image, deltas, runs, more=()):
     return series
 
 
-def keep(file, series):
-    """Every report, as JSON."""
-    (RESULTS / file).write_text(json.dumps([dataclasses.asdict(one) for one in series], indent=1))
-
-
 # ---- Commands ----
 
 
@@ -74,7 +68,7 @@ def weak(options):
         keep("weak-both.json", all_series)
     rows = []
     for one in all_series:
-        speedups = [run["tets"] * refine_time(first) / (refine_time(run) * first["tets"]) for run, first in zip(one.runs, one.alone)]
+        found = speedups(one, refine_time)
         share, hops = accesses(one.counted)
         rows.append([
             one.name,
@@ -83,8 +77,8 @@ def weak(options):
             f"{median_tets(one) / 1e6:.2f}",
             spread([refine_time(run) for run in one.runs], 2),
             spread([run["tets"] / refine_time(run) / 1e6 for run in one.runs], 2),
-            spread(speedups, 2),
-            spread([speedup / one.threads for speedup in speedups], 2),
+            spread(found, 2),
+            spread([speedup / one.threads for speedup in found], 2),
             *losses(one.runs),
             f"{share:.1f}, {hops:.1f}",
         ])
