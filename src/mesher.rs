@@ -23,6 +23,7 @@ use crate::refine::activity::ThreadReport;
 use crate::refine::podm::Refinement;
 use crate::refine::refiner::Work;
 use crate::refine::rules::{Rules, TETS_PER_SIZE};
+use crate::refine::sizing::Sizing;
 use crate::refine::team::{Limits, Schedule};
 use crate::refine::{refine, unmet_rules};
 use crate::system::binding::Places;
@@ -122,6 +123,11 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         limits.check_memory(Oracle::bytes_needed(image, &go_on)?)?;
     }
     let oracle = Oracle::new(image, params.surface, &go_on)?;
+    let sizing = if params.adaptive {
+        Sizing::new(image, params.delta, params.spacing_floor, &go_on)?
+    } else {
+        Sizing::uniform(params.delta)
+    };
     seconds.distance = lap();
     monitor.log(Level::Info, &format!("image prepared in {:.2} s", seconds.distance));
 
@@ -129,7 +135,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let [lower, upper] = oracle.bounds();
     let margin = (upper - lower).max_element() * BOX_MARGIN + 4.0 * params.delta;
     let triangulation = Triangulation::new(lower - margin, upper + margin)?;
-    let rules = Rules::new(&triangulation, &oracle, params, image.labels())?;
+    let rules = Rules::new(&triangulation, &oracle, params, image.labels())?.with_sizing(sizing);
     let machine = match &params.machine {
         Some(machine) => machine.clone(),
         // Has no others to be near to.

@@ -57,6 +57,10 @@ pub const MAX_THREADS: usize = 255;
 pub struct MeshParams {
     /// Sample spacing on the interfaces; > 0.
     pub delta: f64,
+    /// Where a component or layer of a label is thinner than 2 delta, sample it more densely than delta, and its surroundings too, ever less so farther away.
+    pub adaptive: bool,
+    /// No spacing of samples is less than this times the smallest side of a voxel, but delta itself may be; > 0.
+    pub spacing_floor: f64,
     /// Upper bound on the circumradius of tets, where no label has its own; > 0.
     pub size: f64,
     /// Bounds for single labels (after merging), overriding `size`.
@@ -107,6 +111,8 @@ impl Default for MeshParams {
     fn default() -> Self {
         Self {
             delta: 1.0,
+            adaptive: true,
+            spacing_floor: 0.5,
             size: 2.0,
             label_sizes: Vec::new(),
             radius_edge: 2.0,
@@ -146,6 +152,7 @@ impl MeshParams {
             }
         };
         positive("delta", self.delta)?;
+        positive("spacing floor", self.spacing_floor)?;
         positive("size", self.size)?;
         for &(label, size) in &self.label_sizes {
             positive(&format!("size of label {label}"), size)?;

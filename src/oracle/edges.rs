@@ -31,13 +31,20 @@ pub struct CrossedEdge {
 pub struct EdgeGrid<'a> {
     oracle: &'a Oracle,
     parts: [usize; 3],
+    /// The spacing at a place, where that differs.
+    local: Option<&'a (dyn Fn(DVec3) -> f64 + Sync)>,
 }
 
 impl Oracle {
-    /// The grid whose edges are about `spacing` long, at most half as long again; or as long as the distance of voxel centres where that is less.
-    pub fn edge_grid(&self, spacing: f64) -> EdgeGrid<'_> {
+    /// The grid whose edges are about `spacing` long, at most half as long again; or as long as the distance of voxel centres where that is less. Where `local` is given, it tells the spacing at a place, and each cell has its own
+    /// division.
+    pub fn edge_grid<'a>(&'a self, spacing: f64, local: Option<&'a (dyn Fn(DVec3) -> f64 + Sync)>) -> EdgeGrid<'a> {
+        EdgeGrid { oracle: self, parts: self.edge_parts(spacing), local }
+    }
+
+    fn edge_parts(&self, spacing: f64) -> [usize; 3] {
         let parts = (self.spacing / spacing).round().max(DVec3::ONE).min(DVec3::splat(MOST_PARTS));
-        EdgeGrid { oracle: self, parts: parts.to_array().map(|n| n as usize) }
+        parts.to_array().map(|n| n as usize)
     }
 }
 
@@ -85,10 +92,11 @@ impl EdgeGrid<'_> {
                     for i in along(brick, nx) {
                         // Without crossings in cells of one label. The outermost voxels are background, so no edge of theirs is crossed.
                         if self.oracle.at([i, j, k]).rings() == 0 {
-                            if self.parts == [1; 3] {
+                            let parts = self.parts_of([i, j, k]);
+                            if parts == [1; 3] {
                                 self.visit_edges_of([i, j, k], &mut visit)?;
                             } else {
-                                self.visit_parts_of([i, j, k], &mut visit)?;
+                                self.visit_parts_of([i, j, k], parts, &mut visit)?;
                             }
                         }
                     }
@@ -96,6 +104,15 @@ impl EdgeGrid<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Into how many parts edges are divided in the cell from a voxel on.
+    #[inline(always)]
+    fn parts_of(&self, voxel: [usize; 3]) -> [usize; 3] {
+        self.local.map_or(self.parts, |spacing_at| {
+            let center = DVec3::from(voxel.map(|c| c as f64)) + 0.5;
+            self.oracle.edge_parts(spacing_at(self.oracle.world_point(center)))
+        })
     }
 
     /// The edges from a voxel to the next one along each axis; all belong to the cell from this voxel on.
@@ -117,14 +134,18 @@ impl EdgeGrid<'_> {
     }
 
     /// The parts of edges that belong to the cell from a voxel on, those of its upper faces left to the next cells.
-    fn visit_parts_of(&self, voxel: [usize; 3], visit: &mut impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
+    fn visit_parts_of(
+        &self,
+        voxel: [usize; 3],
+        parts: [usize; 3],
+        visit: &mut impl FnMut(CrossedEdge) -> Result<()>,
+    ) -> Result<()> {
         let oracle = self.oracle;
-        let place = |part: [usize; 3]| {
-            DVec3::from_array([0, 1, 2].map(|a| voxel[a] as f64 + part[a] as f64 / self.parts[a] as f64))
-        };
-        for z in 0..self.parts[2] {
-            for y in 0..self.parts[1] {
-                for x in 0..self.parts[0] {
+        let place =
+            |part: [usize; 3]| DVec3::from_array([0, 1, 2].map(|a| voxel[a] as f64 + part[a] as f64 / parts[a] as f64));
+        for z in 0..parts[2] {
+            for y in 0..parts[1] {
+                for x in 0..parts[0] {
                     let part = [x, y, z];
                     let from = place(part);
                     let label = oracle.label_at(from);

@@ -29,6 +29,7 @@ mod crossing;
 mod edges;
 mod indicator;
 mod region;
+pub mod thickness;
 mod voxel;
 mod weights;
 

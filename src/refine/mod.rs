@@ -2,6 +2,7 @@
 //!
 //! | file | what |
 //! |---|---|
+//! | [`sizing`] | how far apart samples are, from place to place |
 //! | [`sampling`] | R1: samples of the isosurface, before there are tets |
 //! | [`rules`] | what each rule asks for; reads only |
 //! | [`cell_table`] | cells of points, for the two that look for near points |
@@ -24,6 +25,7 @@ pub mod podm;
 pub mod refiner;
 pub mod rules;
 pub mod sampling;
+pub mod sizing;
 pub mod team;
 pub mod unmet;
 pub mod vertex_grid;

@@ -71,7 +71,7 @@ fn refine_under<S: Access, T: Access>(
     let clock = Clock::start();
     let go_on = || monitor.check_cancelled().and_then(|()| schedule.limits.check_time());
     let growth = if lapd::divides(schedule) { Growth::Fourfold } else { Growth::Eightfold };
-    let mut samples = match sample_isosurface(rules.oracle, rules.delta, growth, go_on) {
+    let mut samples = match sample_isosurface(rules.oracle, &rules.sizing, growth, go_on) {
         Err(limit) if limit.is_limit() => return Ok(Refinement::none(limit)),
         samples => samples?,
     };

@@ -9,6 +9,7 @@
 
 use glam::DVec3;
 
+use super::sizing::Sizing;
 use super::vertex_grid::VertexGrid;
 use crate::Result;
 use crate::delaunay::tet::{FACET, NO_TAG, NO_VERTEX, TetRecord};
@@ -87,8 +88,9 @@ pub struct Rules<'a> {
     pub(super) triangulation: &'a Triangulation,
     pub(super) oracle: &'a Oracle,
     free_vertices: VertexGrid,
-    pub(super) delta: f64,
-    /// Squared radius above which R2 applies.
+    /// How far apart samples of dO are: delta, from place to place.
+    pub(super) sizing: Sizing,
+    /// No squared radius below this is above R2's bound anywhere.
     large_squared: f64,
     /// Squared radius below which R4 cannot apply: vertices keep a distance from each other (docs/algorithm.md, why it ends).
     small_squared: f64,
@@ -96,8 +98,6 @@ pub struct Rules<'a> {
     facet_cosine_squared: f64,
     /// Squared size bound of each label id; infinite for the background.
     sizes_squared: Vec<f64>,
-    facet_distance: f64,
-    spacing_floor: f64,
 }
 
 /// R2 splits circumballs with a radius of more than this many deltas. The proof of termination needs at least 2.
@@ -128,29 +128,39 @@ impl<'a> Rules<'a> {
             .enumerate()
             .map(|(id, &label)| if id == 0 { f64::INFINITY } else { size(label) * size(label) })
             .collect::<Vec<f64>>();
-        let delta_squared = params.delta * params.delta;
-        let closest_squared = 0.25 * sizes_squared.iter().copied().fold(delta_squared, f64::min);
-        let radius_edge_squared = params.radius_edge * params.radius_edge;
-        Ok(Self {
+        let rules = Self {
             triangulation,
             oracle,
             free_vertices: VertexGrid::new(triangulation, VertexKind::Free, 4.0 * params.delta)?,
-            delta: params.delta,
-            large_squared: (LARGE * params.delta).powi(2),
-            radius_edge_squared,
-            // Less a little, for rounding.
-            small_squared: 0.999 * radius_edge_squared * closest_squared,
+            sizing: Sizing::uniform(params.delta),
+            large_squared: 0.0,
+            radius_edge_squared: params.radius_edge * params.radius_edge,
+            small_squared: 0.0,
             facet_cosine_squared: params.facet_angle.to_radians().cos().powi(2),
             sizes_squared,
-            facet_distance: FACET_DISTANCE * params.delta,
-            spacing_floor: SPACING_FLOOR * params.delta,
-        })
+        };
+        Ok(rules.with_sizing(Sizing::uniform(params.delta)))
+    }
+
+    /// The same rules for samples whose distance differs from place to place, nowhere above delta.
+    pub fn with_sizing(self, sizing: Sizing) -> Self {
+        let least_squared = sizing.least() * sizing.least();
+        let closest_squared = 0.25 * self.sizes_squared.iter().copied().fold(least_squared, f64::min);
+        Self {
+            large_squared: LARGE * LARGE * least_squared,
+            // Less a little, for rounding.
+            small_squared: 0.999 * self.radius_edge_squared * closest_squared,
+            sizing,
+            ..self
+        }
     }
 
     /// Bytes of the oracle, the triangulation and the grids.
     pub fn bytes(&self) -> u64 {
         let vertices = self.triangulation.vertex_bound();
-        self.oracle.bytes() as u64 + self.triangulation.bytes() + self.free_vertices.bytes(vertices)
+        (self.oracle.bytes() + self.sizing.bytes()) as u64
+            + self.triangulation.bytes()
+            + self.free_vertices.bytes(vertices)
     }
 
     /// Finds the labels of tets that nobody else can have come to, or that all stand still. A tag is written at no other time: whoever found a label while the tet is destroyed
@@ -252,9 +262,8 @@ impl<'a> Rules<'a> {
         };
         asked.crossings += 1;
         let x = self.oracle.first_crossing_from(label, from, to)?.point;
-        if !misshapen && x.distance_squared(a) <= self.spacing_floor * self.spacing_floor
-            || !self.triangulation.holds(x)
-        {
+        let floor = SPACING_FLOOR * self.sizing.at(x);
+        if !misshapen && x.distance_squared(a) <= floor * floor || !self.triangulation.holds(x) {
             return None;
         }
         let start = if here.contains(x) == Some(true) { t } else { neighbor.tet() };
@@ -291,7 +300,8 @@ impl<'a> Rules<'a> {
                 self.oracle.label(centers[0] + axis * s)
             }
         };
-        label_at(at - self.facet_distance) == label_at(at + self.facet_distance)
+        let distance = FACET_DISTANCE * self.sizing.at(o);
+        label_at(at - distance) == label_at(at + distance)
     }
 
     /// What the first volume rule (R2, R4, R5) that applies to `t` asks for.
@@ -316,7 +326,10 @@ impl<'a> Rules<'a> {
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
         if squared_radius > size_squared {
             demand(Rule::R5)
-        } else if squared_radius > self.large_squared && self.has_isovertex(vertices) {
+        } else if squared_radius > self.large_squared
+            && squared_radius > (LARGE * self.sizing.at(sphere.center)).powi(2)
+            && self.has_isovertex(vertices)
+        {
             demand(Rule::R2)
         } else if squared_radius > self.small_squared && self.is_skinny(vertices, squared_radius) {
             demand(Rule::R4)
@@ -347,7 +360,7 @@ impl<'a> Rules<'a> {
     /// [`crate::Error::OutOfMemory`].
     pub fn note_vertex(&self, v: VertexId, p: DVec3, kind: VertexKind) -> Result<()> {
         // R6 reaches 2 delta from the interface.
-        if kind == VertexKind::Free && self.oracle.clearance(p) < 2.0 * self.delta {
+        if kind == VertexKind::Free && self.oracle.clearance(p) < 2.0 * self.sizing.greatest() {
             self.free_vertices.push(v, p)?;
         }
         Ok(())
@@ -356,7 +369,7 @@ impl<'a> Rules<'a> {
     /// R6: the free vertices closer than 2 delta to a new isovertex.
     pub fn near_free_vertices(&self, z: DVec3, found: &mut Vec<VertexId>) {
         found.clear();
-        self.free_vertices.visit_within(self.triangulation, z, 2.0 * self.delta, |v| {
+        self.free_vertices.visit_within(self.triangulation, z, 2.0 * self.sizing.at(z), |v| {
             found.push(v);
             true
         });

@@ -23,6 +23,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cell_table::{CellTable, MAX_HEADS};
+use super::sizing::Sizing;
 use crate::memory::{filled, reserve, room};
 use crate::oracle::{CrossedEdge, Oracle};
 use crate::{Error, Result};
@@ -69,23 +70,26 @@ impl Samples {
 /// [`crate::Error::OutOfMemory`]; those of `go_on`.
 pub fn sample_isosurface(
     oracle: &Oracle,
-    delta: f64,
+    sizing: &Sizing,
     growth: Growth,
     go_on: impl Fn() -> Result<()> + Sync,
 ) -> Result<Samples> {
-    let grid = oracle.edge_grid(delta);
+    let delta = sizing.greatest();
+    let spacing_at = |p| sizing.at(p);
+    let grid = oracle.edge_grid(delta, sizing.varies().then_some(&spacing_at));
     // Samples of two slabs with one between them are delta apart, and that one reaches no further.
     let slabs = grid.slabs(2.0 * delta);
     // Half of what the grid of vertices may have: there are fewer samples than vertices.
     let most_heads = (MAX_HEADS / 2 / slabs.len()).max(1);
     let sample = |slab: usize, before: &[&Net<'_>]| -> Result<Net<'_>> {
-        let mut net = Net::new(oracle, delta, grid.slab_bounds(&slabs[slab]), most_heads)?;
+        let mut net = Net::new(oracle, sizing, grid.slab_bounds(&slabs[slab]), most_heads)?;
         for row in grid.slab_rows(&slabs[slab]) {
             go_on()?;
             grid.visit_row(row, |edge| {
-                let covered = net.covers(edge.point)
-                    || before.iter().any(|other| other.reaches(edge.point) && other.sample_near(edge.point).is_some());
-                if covered { Ok(()) } else { net.add(&edge) }
+                let delta = sizing.at(edge.point);
+                let near =
+                    |other: &&Net<'_>| other.reaches(edge.point) && other.sample_near(edge.point, delta).is_some();
+                if net.covers(edge.point, delta) || before.iter().any(near) { Ok(()) } else { net.add(&edge, delta) }
             })?;
         }
         Ok(net)
@@ -134,7 +138,6 @@ fn in_two_colors<T: Send + Sync>(count: usize, make: impl Fn(usize, &[&T]) -> Re
 /// The samples of a slab so far, in chains by cells of twice delta.
 struct Net<'a> {
     oracle: &'a Oracle,
-    delta: f64,
     cells: CellTable,
     heads: Vec<u32>,
     next: Vec<u32>,
@@ -146,20 +149,21 @@ struct Net<'a> {
 }
 
 impl<'a> Net<'a> {
-    fn new(oracle: &'a Oracle, delta: f64, [lower, upper]: [DVec3; 2], most_heads: usize) -> Result<Self> {
+    fn new(oracle: &'a Oracle, sizing: &Sizing, [lower, upper]: [DVec3; 2], most_heads: usize) -> Result<Self> {
+        let delta = sizing.greatest();
         let cells = CellTable::new(lower - 2.0 * delta, upper + 2.0 * delta, 2.0 * delta, most_heads);
         let reach = [lower - 1.5 * delta, upper + 1.5 * delta];
         let heads = filled(cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
-        Ok(Self { oracle, delta, cells, heads, next: Vec::new(), points: Vec::new(), reach, last: DVec3::INFINITY })
+        Ok(Self { oracle, cells, heads, next: Vec::new(), points: Vec::new(), reach, last: DVec3::INFINITY })
     }
 
     /// Whether a sample is closer than delta to `p`.
     #[inline]
-    fn covers(&mut self, p: DVec3) -> bool {
-        if self.last.distance_squared(p) < self.delta * self.delta {
+    fn covers(&mut self, p: DVec3, delta: f64) -> bool {
+        if self.last.distance_squared(p) < delta * delta {
             return true;
         }
-        let near = self.sample_near(p);
+        let near = self.sample_near(p, delta);
         self.last = near.unwrap_or(self.last);
         near.is_some()
     }
@@ -172,19 +176,19 @@ impl<'a> Net<'a> {
 
     /// A sample closer than delta to `p`.
     #[inline]
-    fn sample_near(&self, p: DVec3) -> Option<DVec3> {
+    fn sample_near(&self, p: DVec3, delta: f64) -> Option<DVec3> {
         // The cell of the point most likely has it.
         let own = self.cells.head_of(p);
-        if let near @ Some(_) = self.in_chain(own, p) {
+        if let near @ Some(_) = self.in_chain(own, p, delta) {
             return near;
         }
-        let (from, to) = (self.cells.cell(p - self.delta), self.cells.cell(p + self.delta));
+        let (from, to) = (self.cells.cell(p - delta), self.cells.cell(p + delta));
         for z in from.z..=to.z {
             for y in from.y..=to.y {
                 for x in from.x..=to.x {
                     let head = self.cells.head(x, y, z);
                     if head != own
-                        && let near @ Some(_) = self.in_chain(head, p)
+                        && let near @ Some(_) = self.in_chain(head, p, delta)
                     {
                         return near;
                     }
@@ -196,11 +200,11 @@ impl<'a> Net<'a> {
 
     /// A sample of a chain closer than delta to `p`.
     #[inline]
-    fn in_chain(&self, head: usize, p: DVec3) -> Option<DVec3> {
+    fn in_chain(&self, head: usize, p: DVec3, delta: f64) -> Option<DVec3> {
         let mut at = self.heads[head];
         while at != NONE {
             let q = self.points[at as usize];
-            if q.distance_squared(p) < self.delta * self.delta {
+            if q.distance_squared(p) < delta * delta {
                 return Some(q);
             }
             at = self.next[at as usize];
@@ -209,8 +213,8 @@ impl<'a> Net<'a> {
     }
 
     /// Adds the sample of an edge that no sample covers.
-    fn add(&mut self, edge: &CrossedEdge) -> Result<()> {
-        let p = self.moved(edge);
+    fn add(&mut self, edge: &CrossedEdge, delta: f64) -> Result<()> {
+        let p = self.moved(edge, delta);
         reserve(&mut self.next, 1, "samples of the isosurface")?;
         reserve(&mut self.points, 1, "samples of the isosurface")?;
         let head = self.cells.head_of(p);
@@ -221,16 +225,16 @@ impl<'a> Net<'a> {
         Ok(())
     }
 
-    fn moved(&self, edge: &CrossedEdge) -> DVec3 {
+    fn moved(&self, edge: &CrossedEdge, delta: f64) -> DVec3 {
         let p = edge.point;
-        let most = MOVE * self.delta.min(self.oracle.spacing().min_element());
+        let most = MOVE * delta.min(self.oracle.spacing().min_element());
         let mut state = p.to_array().map(f64::to_bits).into_iter().fold(0, mix);
         let mut random = || {
             state = mix(state, 1);
             (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
         };
         let offset = [most * random(), most * random()];
-        let near = |q: &DVec3| q.distance(p) <= FARTHEST * self.delta;
+        let near = |q: &DVec3| q.distance(p) <= FARTHEST * delta;
         self.oracle.crossing_beside(edge, offset).filter(near).unwrap_or(p)
     }
 }

@@ -54,7 +54,7 @@ impl Rules<'_> {
 
     /// How many crossed edges of the image's grid have no isovertex within delta: where R1 is unmet.
     fn uncovered_edges(&self, monitor: &Monitor<'_>) -> Result<u64> {
-        let isovertices = VertexGrid::new(self.triangulation, VertexKind::Isovertex, 2.0 * self.delta)?;
+        let isovertices = VertexGrid::new(self.triangulation, VertexKind::Isovertex, 2.0 * self.sizing.greatest())?;
         let bound = self.triangulation.vertex_bound();
         (0..bound.div_ceil(PIECE)).into_par_iter().try_for_each(|piece| {
             monitor.check_cancelled()?;
@@ -66,12 +66,14 @@ impl Rules<'_> {
             }
             Ok(())
         })?;
-        let grid = self.oracle.edge_grid(self.delta);
+        let spacing_at = |p| self.sizing.at(p);
+        let grid = self.oracle.edge_grid(self.sizing.greatest(), self.sizing.varies().then_some(&spacing_at));
         let rows = (0..grid.rows()).into_par_iter().map(|row| {
             monitor.check_cancelled()?;
             let mut uncovered = 0;
             grid.visit_row(row, |edge| {
-                uncovered += u64::from(!isovertices.any_within(self.triangulation, edge.point, self.delta));
+                uncovered +=
+                    u64::from(!isovertices.any_within(self.triangulation, edge.point, self.sizing.at(edge.point)));
                 Ok(())
             })?;
             Ok(uncovered)
