@@ -138,6 +138,7 @@ static void double_parameters(void) {
     } table[] = {{lapd_params_set_delta, lapd_params_get_delta, 0.5, 0},
                  {lapd_params_set_size, lapd_params_get_size, 1.5, -1},
                  {lapd_params_set_radius_edge, lapd_params_get_radius_edge, 2.5, 1.9},
+                 {lapd_params_set_spacing_floor, lapd_params_get_spacing_floor, 0.25, 0},
                  {lapd_params_set_facet_angle, lapd_params_get_facet_angle, 25, 31}};
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
         double value = 0;
@@ -162,6 +163,7 @@ static void choice_parameters(void) {
     } table[] = {{lapd_params_set_surface, lapd_params_get_surface, 2, 2},
                  {lapd_params_set_background, lapd_params_get_background, 2, 2},
                  {lapd_params_set_algorithm, lapd_params_get_algorithm, 2, 2},
+                 {lapd_params_set_adaptive, lapd_params_get_adaptive, 2, 2},
                  {lapd_params_set_count_accesses, lapd_params_get_count_accesses, 2, 2},
                  {lapd_params_set_contention, lapd_params_get_contention, 4, 4},
                  {lapd_params_set_begging, lapd_params_get_begging, 2, 2},

@@ -151,6 +151,8 @@ void parameters() {
     params.set_algorithm(LAPD_ALGORITHM_LAPD).set_contention(LAPD_CONTENTION_RANDOM).set_optimize(false);
     params.set_begging(LAPD_BEGGING_FLAT).set_topology("").set_bind(true).set_count_accesses(true).set_timeline(true);
     params.set_time_limit(2.5).set_max_memory(std::uint64_t{1} << 40).set_partial(true);
+    params.set_adaptive(false).set_spacing_floor(0.25).set_least_voxels(27);
+    CHECK(!params.adaptive() && params.spacing_floor() == 0.25 && params.least_voxels() == 27);
     params.set_label_size(5, 1.25);
     CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 && params.facet_angle() == 25);
     CHECK(params.surface() == LAPD_SURFACE_VOXEL && params.background() && params.threads() == 2);

@@ -34,6 +34,9 @@ static const char USAGE[] =
     "  --delta MM           distance between samples on the interfaces;\n"
     "                       default 1.5 times the geometric mean of the voxel's sides\n"
     "  --size MM            largest circumradius of tets; default 2 times delta\n"
+    "  --no-adaptive        do not sample more densely what is thinner than that\n"
+    "  --spacing-floor V    samples of thin structures come no closer than this many voxels; default 0.5\n"
+    "  --least-voxels N     leave out components of fewer voxels; default 0\n"
     "  --label-size L=MM    the same for one label (after --merge); may be given again\n"
     "  --radius-edge R      largest circumradius over shortest edge; at least 2, default 2\n"
     "  --facet-angle DEG    smallest angle of interface facets; at most 30, default 30\n"
@@ -226,6 +229,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
                    {"--size", lapd_params_set_size},
                    {"--radius-edge", lapd_params_set_radius_edge},
                    {"--facet-angle", lapd_params_set_facet_angle},
+                   {"--spacing-floor", lapd_params_set_spacing_floor},
                    {"--time-limit", lapd_params_set_time_limit}};
     static const struct {
         const char *option;
@@ -277,6 +281,11 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
             return SET_BAD_VALUE;
         }
         return from_status(lapd_params_set_label_size(context, params, label, size));
+    }
+    if (strcmp(option, "--least-voxels") == 0) {
+        size_t least;
+        return parse_count(value, &least) ? from_status(lapd_params_set_least_voxels(context, params, least))
+                                          : SET_BAD_VALUE;
     }
     if (strcmp(option, "--background-label") == 0) {
         int32_t label;
@@ -332,6 +341,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             status = lapd_params_set_partial(context, params, 1);
         } else if (strcmp(option, "--count-accesses") == 0) {
             status = lapd_params_set_count_accesses(context, params, 1);
+        } else if (strcmp(option, "--no-adaptive") == 0) {
+            status = lapd_params_set_adaptive(context, params, 0);
         } else if (strcmp(option, "--bind") == 0) {
             status = lapd_params_set_bind(context, params, 1);
         } else if (strcmp(option, "--optimize") == 0) {
@@ -347,7 +358,7 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                 "-o",        "--report",     "--timeline", "--topology",         "--delta",        "--size",
                 "--keep",    "--label-size", "--merge",    "--background-label", "--radius-edge",  "--facet-angle",
                 "--threads", "--algorithm",  "--begging",  "--contention",       "--max-vertices", "--time-limit",
-                "--surface", "--max-memory"};
+                "--surface", "--max-memory", "--spacing-floor", "--least-voxels"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");

@@ -416,6 +416,15 @@ class params {
     params &set_topology(const std::string &description) {
         return set(lapd_params_set_topology, description.c_str());
     }
+    params &set_adaptive(bool adaptive) {
+        return set(lapd_params_set_adaptive, adaptive);
+    }
+    params &set_spacing_floor(double spacing_floor) {
+        return set(lapd_params_set_spacing_floor, spacing_floor);
+    }
+    params &set_least_voxels(std::uint64_t least_voxels) {
+        return set(lapd_params_set_least_voxels, least_voxels);
+    }
     params &set_count_accesses(bool count_accesses) {
         return set(lapd_params_set_count_accesses, count_accesses);
     }
@@ -492,6 +501,15 @@ class params {
     }
     std::string topology() const {
         return value<const char *>(lapd_params_get_topology);
+    }
+    bool adaptive() const {
+        return value<std::int32_t>(lapd_params_get_adaptive) != 0;
+    }
+    double spacing_floor() const {
+        return value<double>(lapd_params_get_spacing_floor);
+    }
+    std::uint64_t least_voxels() const {
+        return value<std::uint64_t>(lapd_params_get_least_voxels);
     }
     bool count_accesses() const {
         return value<std::int32_t>(lapd_params_get_count_accesses) != 0;

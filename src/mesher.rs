@@ -11,6 +11,8 @@ use crate::delaunay::Triangulation;
 use crate::delaunay::check::CHECK_EVERY;
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
+use crate::image::islands::Island;
+use crate::memory::reserve;
 use crate::mesh::TetMesh;
 use crate::mesh::certificate::{Certificate, Defect, DefectKind};
 use crate::mesh::extract::{BYTES_PER_SLOT, extract};
@@ -112,6 +114,14 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         restricted = image.restricted_to(&params.keep)?;
         &restricted
     };
+    let (cleared, dropped);
+    let image = if params.least_voxels > 1 {
+        (cleared, dropped) = image.without_islands(params.least_voxels, || monitor.check_cancelled())?;
+        &cleared
+    } else {
+        dropped = Vec::new();
+        image
+    };
     if image.is_all_background() {
         return Err(Error::EmptyImage);
     }
@@ -196,7 +206,14 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     drop(triangulation);
     drop(oracle);
     let quality = Quality::measure(&mesh, monitor)?;
-    let certificate = Certificate::measure(&mesh, image, check.non_delaunay_facets, unmet, monitor)?;
+    let mut certificate = Certificate::measure(&mesh, image, check.non_delaunay_facets, unmet, monitor)?;
+    reserve(&mut certificate.defects, dropped.len(), "defects")?;
+    certificate.defects.extend(dropped.iter().map(|&Island { label, position, voxels }| Defect {
+        kind: DefectKind::Dropped,
+        label,
+        position,
+        size: voxels,
+    }));
     seconds.certify = lap();
     monitor.log(Level::Info, &format!("certificate measured in {:.2} s", seconds.certify));
     if let Some(limit) = &ended_by {
@@ -276,6 +293,7 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
         (DefectKind::Merged, "components merged with another one of their label"),
         (DefectKind::Torn, "pieces torn off from their component"),
         (DefectKind::Stray, "pieces where the image does not have their label"),
+        (DefectKind::Dropped, "components left out, as asked"),
         (DefectKind::PinchedEdge, "edges where a label's boundary touches itself"),
         (DefectKind::PinchedVertex, "vertices where a label's boundary touches itself"),
     ];

@@ -29,4 +29,5 @@ pub mod report;
 pub mod run;
 pub mod status;
 pub mod tables;
+pub mod thin;
 pub mod threads;

@@ -122,6 +122,8 @@ pub enum lapd_defect_kind {
     LAPD_DEFECT_PINCHED_EDGE = 4,
     /// A vertex, on no such edge, at which more than one sheet of the label's boundary meet.
     LAPD_DEFECT_PINCHED_VERTEX = 5,
+    /// A component of the image that was left out for its size, as asked (lapd_params_set_least_voxels).
+    LAPD_DEFECT_DROPPED = 6,
 }
 
 /// A place where the topology of a label in the mesh is not that of a solid, or not that of the image. Set struct_size to sizeof(lapd_defect) before the
@@ -300,6 +302,7 @@ pub unsafe extern "C" fn lapd_mesh_get_defect(
             DefectKind::Stray => lapd_defect_kind::LAPD_DEFECT_STRAY,
             DefectKind::PinchedEdge => lapd_defect_kind::LAPD_DEFECT_PINCHED_EDGE,
             DefectKind::PinchedVertex => lapd_defect_kind::LAPD_DEFECT_PINCHED_VERTEX,
+            DefectKind::Dropped => lapd_defect_kind::LAPD_DEFECT_DROPPED,
         };
         let value = lapd_defect {
             struct_size: own_size::<lapd_defect>(),

@@ -112,6 +112,8 @@ pub enum DefectKind {
     PinchedEdge,
     /// A vertex of the mesh, on no such edge, at which more than one sheet of the label's boundary meet.
     PinchedVertex,
+    /// A component of the image that was left out for its size, as asked.
+    Dropped,
 }
 
 /// A place where the topology of a label in the mesh is not that of a solid, or not that of the image.

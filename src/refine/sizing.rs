@@ -16,7 +16,7 @@ use crate::memory::filled;
 use crate::oracle::thickness::{ThinVoxels, thin_voxels};
 
 /// Samples of a thin structure are this part of its thickness apart.
-const PER_THICKNESS: f64 = 0.5;
+const PER_THICKNESS: f64 = 0.75;
 
 /// Growth of the field per distance.
 const GRADING: f64 = 0.4;
