@@ -54,9 +54,9 @@ pub struct LabelRow {
     pub components_merged: u64,
     /// Components of the mesh that are torn off from the one they belong to, or lie in none of the image.
     pub pieces: u64,
-    /// Euler characteristic of the label's boundary in the image: that of a surface just inside of its voxels.
+    /// Euler characteristic of the label's boundary in the image: twice that of the union of its closed voxels, so that voxels that meet in an edge or a corner are joined (26-connectivity, 6 for what is around).
     pub euler_image: i64,
-    /// Euler characteristic of the label's boundary in the mesh: that of a surface just inside of its tets.
+    /// Euler characteristic of the label's boundary in the mesh: twice that of the union of its closed tets, so that tets that meet in an edge or a vertex are joined.
     pub euler_mesh: i64,
     /// Edges of the mesh at which more than two facets of the label's boundary meet.
     pub pinched_edges: u64,
@@ -87,9 +87,9 @@ pub struct ComponentRow {
     pub mesh_volume: f64,
     /// Components of the mesh that belong to it; 1 where all is well, 0 where it is lost or merged.
     pub components_mesh: u64,
-    /// Euler characteristic of its boundary: that of a surface just inside of its voxels.
+    /// Euler characteristic of its boundary: twice that of the union of its closed voxels.
     pub euler_image: i64,
-    /// The same of the components of the mesh that belong to it, added up; 0 if there are none.
+    /// The same of the union of the closed tets of the components of the mesh that belong to it; 0 if there are none.
     pub euler_mesh: i64,
     /// From the boundary of the components of the mesh that belong to it to that of its label in the image.
     pub mesh_to_image: Distance,

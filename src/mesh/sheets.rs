@@ -7,6 +7,10 @@
 //! tets there are joined across their facets at the vertex to a cone with n umbrellas, the surface passes through it as a disk with n - 1 holes, which counts
 //! 2 - n: mostly 1.
 //!
+//! **Touching.** The union of a component's closed tets is another solid: there wedges that meet in an edge are one, cones that meet in a vertex too, and so is a cone with several umbrellas around its vertex. Its
+//! characteristic, twice V - E + F - T, is that of the boundary, and at each such vertex 2 (1 - c), at each such edge 2 (c - 1) more: c is the characteristic of what the solid just inside of the tets has around there, 2 - n
+//! for a cone with n umbrellas and 1 for a wedge. These places are listed: [`Touch`].
+//!
 //! A place where a label's boundary is no surface is a *pinch*: an edge with more than two of its facets, or a vertex, at no such edge, with more than one
 //! umbrella. An edge where the boundary of a label (0 included) has an odd number of facets is *open*: the boundary of a union of tets has none.
 //!
@@ -45,6 +49,28 @@ impl Pinch {
     }
 }
 
+/// A vertex or edge where tets of one label touch that are not joined there as in a solid.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Touch {
+    /// Whether it is an edge, and not a vertex.
+    pub is_edge: bool,
+    /// The component of each cone or wedge, and its characteristic just inside of the tets.
+    pub parts: Vec<(u32, i64)>,
+}
+
+impl Touch {
+    /// What it adds to the characteristic when the components that `belongs` names are taken for one union of closed tets.
+    pub fn of_union(&self, belongs: impl Fn(u32) -> bool) -> i64 {
+        let own = || self.parts.iter().filter(|&&(component, _)| belongs(component));
+        let beyond = 2 * (1 - own().map(|&(_, euler)| euler).sum::<i64>());
+        match own().next() {
+            None => 0,
+            Some(_) if self.is_edge => -beyond,
+            Some(_) => beyond,
+        }
+    }
+}
+
 /// What is measured on the boundaries of components.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sheets {
@@ -54,6 +80,8 @@ pub struct Sheets {
     pub euler: Vec<i64>,
     /// In the order of their vertices.
     pub pinches: Vec<Pinch>,
+    /// In no particular order.
+    pub touches: Vec<Touch>,
 }
 
 impl Sheets {
@@ -74,14 +102,15 @@ impl Sheets {
                 }
                 start = end;
             }
-            Ok((umbrellas.open_edges, umbrellas.pinches, umbrellas.euler.sums()))
+            Ok((umbrellas.open_edges, umbrellas.pinches, umbrellas.touches, umbrellas.euler.sums()))
         };
         let chunks = (0..mesh.points.len().div_ceil(CHUNK)).into_par_iter();
-        let pieces: Vec<(u64, Vec<Pinch>, Sums<i64>)> = chunks.map(measure).collect::<Result<_>>()?;
+        let pieces: Vec<(u64, Vec<Pinch>, Vec<Touch>, Sums<i64>)> = chunks.map(measure).collect::<Result<_>>()?;
         let mut sheets = Self { euler: vec![0; components.list.len()], ..Self::default() };
-        for (open_edges, pinches, euler) in pieces {
+        for (open_edges, pinches, touches, euler) in pieces {
             sheets.open_edges += open_edges;
             sheets.pinches.extend(pinches);
+            sheets.touches.extend(touches);
             euler.into_iter().for_each(|(component, part)| sheets.euler[component as usize] += part);
         }
         // Around one vertex they come in no particular order.
@@ -134,6 +163,7 @@ struct Umbrellas<'m> {
     components: &'m MeshComponents,
     open_edges: u64,
     pinches: Vec<Pinch>,
+    touches: Vec<Touch>,
     euler: Ledger<i64>,
     /// The facets of the vertex.
     facets: Vec<u32>,
@@ -154,9 +184,23 @@ struct Umbrellas<'m> {
 impl<'m> Umbrellas<'m> {
     fn new(mesh: &'m TetMesh, components: &'m MeshComponents) -> Self {
         let (facets, edges, sides, parents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let (pinches, pinched, tops, cone) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let (pinches, touches, pinched, tops, cone) = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let euler = Ledger::default();
-        Self { mesh, components, open_edges: 0, pinches, euler, facets, edges, sides, parents, pinched, tops, cone }
+        Self {
+            mesh,
+            components,
+            open_edges: 0,
+            pinches,
+            touches,
+            euler,
+            facets,
+            edges,
+            sides,
+            parents,
+            pinched,
+            tops,
+            cone,
+        }
     }
 
     /// Counts at vertex `v`, whose facets are given, its umbrellas, and the edges and facets of which it is the smallest vertex.
@@ -259,13 +303,23 @@ impl<'m> Umbrellas<'m> {
                 self.pinches.push(Pinch { ends: [v; 2], label: tops[0].label });
             }
             self.cone.clear();
+            let mut parts: Vec<(u32, i64)> = Vec::new();
+            let mut starts = Vec::new();
             for top in tops {
                 // The first umbrella of a cone makes a disk, each further one a hole in it.
-                let is_first = self.tet(top.node).is_none_or(|t| !self.cone.contains(&t));
-                self.add(top.node, if is_first { 1 } else { -1 });
-                if is_first {
+                let Some(t) = self.tet(top.node) else { continue };
+                if let Some(place) = self.cone.iter().position(|&other| other == t) {
+                    self.add(top.node, -1);
+                    parts[starts.partition_point(|&start| start <= place) - 1].1 -= 1;
+                } else {
+                    self.add(top.node, 1);
+                    starts.push(self.cone.len());
                     self.gather_cone(v, top.node);
+                    parts.extend(self.components.of(t).map(|component| (component, 1)));
                 }
+            }
+            if !parts.is_empty() {
+                self.touches.push(Touch { is_edge: false, parts });
             }
         }
         self.tops = tops;
@@ -311,6 +365,7 @@ impl<'m> Umbrellas<'m> {
             if own && sides.len() > 2 {
                 self.pinches.push(Pinch { ends: [v, w], label });
             }
+            let mut wedges = Vec::new();
             for side in sides {
                 let other = self.beyond(side.node, v, w).and_then(|x| {
                     sides.iter().find(|other| other.node != side.node && self.third(other.node, v, w) == Some(x))
@@ -321,7 +376,11 @@ impl<'m> Umbrellas<'m> {
                 // Each pair once.
                 if own && other.is_none_or(|other| side.node < other.node) {
                     self.add(side.node, -1);
+                    wedges.extend(self.component(side.node).map(|component| (component, 1)));
                 }
+            }
+            if wedges.len() > 1 {
+                self.touches.push(Touch { is_edge: true, parts: wedges });
             }
         }
         self.open_edges += u64::from(own && is_open);
@@ -390,6 +449,23 @@ mod tests {
     const DIMS: [usize; 3] = [6, 4, 4];
 
     proptest! {
+        /// The closed tets of a Kuhn mesh fill the closed voxels.
+        #[test]
+        fn touching_tets_against_closed_voxels(values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2])) {
+            let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
+            let image = testing::image(DIMS, Frame::axis_aligned([1.0; 3]).unwrap(), label);
+            let mesh = testing::kuhn_box(DIMS, [1.0; 3], label);
+            let (sheets, components) = measured(&mesh, &image);
+            let of_image = ImageComponents::new(&image, &Monitor::silent()).unwrap();
+            for (label, id) in [(1, image.id_of(1)), (2, image.id_of(2))] {
+                let is_own = |component: u32| components.list[component as usize].label == label;
+                let bounds: i64 = (0..).zip(&sheets.euler).filter(|&(component, _)| is_own(component)).map(|(_, &euler)| euler).sum();
+                let touching: i64 = sheets.touches.iter().map(|touch| touch.of_union(is_own)).sum();
+                let voxels: i64 = of_image.list.iter().filter(|component| Some(component.id) == id).map(|component| component.euler).sum();
+                prop_assert_eq!(bounds + touching, 2 * voxels);
+            }
+        }
+
         /// The tets of a Kuhn mesh fill the voxels: the solid just inside is that of voxels, pairs across a face, squares of four and cubes of eight.
         #[test]
         fn a_mesh_of_voxels_against_their_complex(values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2])) {
