@@ -106,6 +106,38 @@ impl EdgeGrid<'_> {
         Ok(())
     }
 
+    /// Calls `visit` for the middle of each edge between voxels of a row around which two labels alternate, in world coordinates. The rows hold each once.
+    ///
+    /// # Errors
+    /// What `visit` returns; the first ends the visit.
+    pub fn visit_saddles(&self, row: usize, mut visit: impl FnMut(DVec3) -> Result<()>) -> Result<()> {
+        let [nx, ny, nz] = self.oracle.bricks.dims();
+        let per_layer = nz.div_ceil(Bricks::EDGE);
+        let along = |brick: usize, count: usize| brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1);
+        for brick in 0..nx.div_ceil(Bricks::EDGE) {
+            for j in along(row / per_layer, ny) {
+                for k in along(row % per_layer, nz) {
+                    for i in along(brick, nx) {
+                        if self.oracle.at([i, j, k]).rings() != 0 {
+                            continue;
+                        }
+                        let id = |step: usize| self.oracle.corner([i, j, k], step as u32);
+                        for axis in 0..3 {
+                            let (u, v) = (1 << ((axis + 1) % 3), 1 << ((axis + 2) % 3));
+                            let ids = [id(0), id(u + v), id(u), id(v)];
+                            if ids[0] == ids[1] && ids[2] == ids[3] && ids[0] != ids[2] {
+                                let mut x = DVec3::new(i as f64, j as f64, k as f64) + 0.5;
+                                x[axis] -= 0.5;
+                                visit(self.oracle.world_point(x))?;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Into how many parts edges are divided in the cell from a voxel on.
     #[inline(always)]
     fn parts_of(&self, voxel: [usize; 3]) -> [usize; 3] {

@@ -9,6 +9,8 @@
 //! - that have such on both sides along an axis, in runs of their label: bridges;
 //! - and those less than m thick within m steps of these.
 //!
+//! Two voxels of a label that meet in an edge, and are not joined by a third one beside both, are a neck: they count as one thick.
+//!
 //! The background is a label like others here: a slit between two objects is thin as well.
 //!
 //! All of this is done for all labels at once, with sets of voxels as rows of bits: a bit for each pair of neighbours that says whether they have the same label is all that is asked of labels.
@@ -185,7 +187,9 @@ impl Labels {
         let near = cube.map(|count| count - 1);
         let beside = self.grown(&thick, near, check)?;
         let mut counts = thin.like(check, |j, k, w| thin.word(j, k, w) & !beside.word(j, k, w))?;
-        for (axis, &steps) in near.iter().enumerate().filter(|&(_, &steps)| steps > 0) {
+        // Longer ones have voxels that are far from both ends.
+        let between = near.map(|steps| 2 * steps);
+        for (axis, &steps) in between.iter().enumerate().filter(|&(_, &steps)| steps > 0) {
             let (on, back) =
                 (self.spread(&thick, axis, steps, true, check)?, self.spread(&thick, axis, steps, false, check)?);
             counts = counts.like(check, |j, k, w| {
@@ -228,6 +232,10 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     let padded = nx + 2 * largest;
     let all = labels.equal[0]
         .like(check, |_, _, w| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 })?;
+    let contacts = contacts(&rows, check)?;
+    if !contacts.is_empty() {
+        thin.found.push((unit, contacts));
+    }
     for count in sizes().take_while(|&count| count <= largest) {
         let edge = count as f64 * unit;
         let cube = spacing.to_array().map(|side| (edge / side).round().max(1.0) as usize);
@@ -253,6 +261,35 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     Ok(thin)
 }
 
+/// Voxels of a label, not background, that meet in an edge alone: two of the four around it, across from each other, while the others have other labels.
+fn contacts(rows: &Rows, check: Check<'_>) -> Result<Vec<u32>> {
+    let [nx, ny, nz] = rows.dims();
+    let layers = (0..ny - 1).into_par_iter().map(|j| {
+        check()?;
+        let mut numbers = Vec::new();
+        for k in 0..nz - 1 {
+            let around = rows.around(j, k);
+            for i in 0..nx - 1 {
+                // Corner c of the cell from this voxel on, and its number in the region.
+                let id = |c: usize| around[c >> 1][i + (c & 1)];
+                let number = |c: usize| (((j + (c >> 1 & 1)) * nz + k + (c >> 2)) * nx + i + (c & 1)) as u32;
+                for (u, v) in [(1, 2), (2, 4), (4, 1)] {
+                    for (pair, beside) in [([0, u + v], [u, v]), ([u, v], [0, u + v])] {
+                        let own = id(pair[0]);
+                        if own != 0 && own == id(pair[1]) && beside.iter().all(|&c| id(c) != own) {
+                            reserve(&mut numbers, 2, "thin voxels")?;
+                            numbers.extend(pair.map(number));
+                        }
+                    }
+                }
+            }
+        }
+        Ok(numbers)
+    });
+    let layers: Vec<Vec<u32>> = layers.collect::<Result<_>>()?;
+    Ok(layers.concat())
+}
+
 /// Edges of the cubes, in voxels: about a third apart, all from 2 to 4.
 fn sizes() -> impl Iterator<Item = usize> {
     [2, 3, 4, 6, 8, 11, 16, 22, 32].into_iter()
@@ -261,4 +298,90 @@ fn sizes() -> impl Iterator<Item = usize> {
 /// How thick what no cube of `count` voxels holds is taken to be: as the next smaller cube.
 fn thickness_below(count: usize) -> usize {
     sizes().take_while(|&size| size < count).last().unwrap_or(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::phantom::sampled;
+
+    /// The thin voxels of each thickness, by image coordinates.
+    fn thin(
+        dims: [usize; 3],
+        spacing: [f64; 3],
+        most: f64,
+        label: impl Fn([usize; 3]) -> i32,
+    ) -> Vec<(f64, Vec<[usize; 3]>)> {
+        let half = dims.map(|n| (n as f64 - 1.0) / 2.0);
+        let image = sampled(dims, spacing, |p| {
+            let at = p.to_array();
+            label([0, 1, 2].map(|a| (at[a] / spacing[a] + half[a]).round() as usize))
+        });
+        let ThinVoxels { first, dims: [nx, _, nz], found } = thin_voxels(&image.unwrap(), most, &|| Ok(())).unwrap();
+        let place = |v: u32| {
+            let v = v as usize;
+            let at = [v % nx, v / nx / nz, v / nx % nz];
+            [0, 1, 2].map(|a| (at[a] as isize + first[a]) as usize)
+        };
+        found
+            .into_iter()
+            .map(|(thickness, voxels)| {
+                let mut voxels: Vec<_> = voxels.into_iter().map(place).collect();
+                voxels.sort_unstable();
+                voxels.dedup();
+                (thickness, voxels)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn sheets_are_thin_and_blocks_with_steps_are_not() {
+        // A sheet one voxel thick, and a block on whose top lies a bump of one voxel.
+        let label = |[i, j, k]: [usize; 3]| match k {
+            5 if (2..26).contains(&i) && (2..26).contains(&j) => 1,
+            10..16 if (2..26).contains(&i) && (2..26).contains(&j) => 2,
+            16 if [i, j] == [6, 7] => 2,
+            _ => 0,
+        };
+        let found = thin([28, 28, 20], [1.0; 3], 3.0, label);
+        assert_eq!(found[0].0, 1.0);
+        assert!(found[0].1.iter().all(|at| at[2] == 5) && found[0].1.len() == 24 * 24);
+        // The background between the two is four voxels thick.
+        assert!(found[1..].iter().all(|(_, voxels)| voxels.iter().all(|at| at[2] == 5)));
+        let slits = thin([28, 28, 20], [1.0; 3], 5.0, label);
+        assert!(slits.iter().any(|(thickness, voxels)| *thickness == 4.0 && voxels.contains(&[14, 14, 7])));
+    }
+
+    #[test]
+    fn thickness_is_in_world_units() {
+        // A sheet of one slice of thick slices is as thick as these.
+        let label = |[i, j, k]: [usize; 3]| i32::from(k == 3 && (2..28).contains(&i) && (2..28).contains(&j));
+        assert_eq!(thin([30, 30, 7], [1.0, 1.0, 4.0], 3.5, label), []);
+        let found = thin([30, 30, 7], [1.0, 1.0, 4.0], 5.0, label);
+        assert_eq!(
+            found.iter().map(|(thickness, voxels)| (*thickness, voxels.len())).collect::<Vec<_>>(),
+            [(4.0, 26 * 26)]
+        );
+    }
+
+    #[test]
+    fn bridges_and_necks_count() {
+        // Two blocks joined by two voxels in a row, and two more that meet in an edge.
+        let label = |[i, j, k]: [usize; 3]| {
+            let block = |x: usize, y: usize| (x..x + 4).contains(&i) && (y..y + 4).contains(&j) && (2..6).contains(&k);
+            let bridge = (6..8).contains(&i) && [j, k] == [4, 4];
+            i32::from(block(2, 2) || block(8, 2) || bridge || block(12, 6))
+        };
+        let found = thin([18, 12, 8], [1.0; 3], 1.5, label);
+        let all: Vec<_> = found.iter().flat_map(|(_, voxels)| voxels.iter().copied()).collect();
+        for at in [[6, 4, 4], [7, 4, 4], [11, 5, 3], [12, 6, 3]] {
+            assert!(all.contains(&at), "{at:?} of {all:?}");
+        }
+        assert!(!all.contains(&[3, 3, 3]));
+    }
+
+    #[test]
+    fn nothing_is_thin_for_dense_samples() {
+        assert_eq!(thin([8, 8, 8], [1.0; 3], 0.9, |[_, _, k]| i32::from(k == 4)), []);
+    }
 }

@@ -6,6 +6,9 @@
 //! within delta. Isovertices are never removed, so this holds from then on. The greedy choice goes slab by slab of the image, of a thickness that spacing and delta alone
 //! decide: every other slab by itself, and those between them, each mindful of its two neighbours, as soon as both are done. So the samples are the same whatever the number of threads.
 //!
+//! **Saddles.** Where two voxels of a label meet in an edge and the two beside them have one other label, both labels touch themselves. The middle of that edge is a sample, before all crossings: both pairs can share it as a
+//! vertex. Otherwise tets would cross there as it happens.
+//!
 //! **Moved crossings.** Crossings on a grid are massively cocircular. A sample is moved to a point of dO nearby, by up to a fifth of a voxel beside its edge, less where
 //! delta is below a voxel: exact arithmetic stays the exception, and facets are not all halves of squares. The move is at most delta/2, so samples
 //! are at least delta/2 apart, and the crossing is within delta of its own sample.
@@ -83,6 +86,14 @@ pub fn sample_isosurface(
     let most_heads = (MAX_HEADS / 2 / slabs.len()).max(1);
     let sample = |slab: usize, before: &[&Net<'_>]| -> Result<Net<'_>> {
         let mut net = Net::new(oracle, sizing, grid.slab_bounds(&slabs[slab]), most_heads)?;
+        for row in grid.slab_rows(&slabs[slab]) {
+            go_on()?;
+            grid.visit_saddles(row, |p| {
+                let delta = FARTHEST * sizing.at(p);
+                let near = |other: &&Net<'_>| other.reaches(p) && other.sample_near(p, delta).is_some();
+                if net.covers(p, delta) || before.iter().any(near) { Ok(()) } else { net.push(p) }
+            })?;
+        }
         for row in grid.slab_rows(&slabs[slab]) {
             go_on()?;
             grid.visit_row(row, |edge| {
@@ -215,6 +226,10 @@ impl<'a> Net<'a> {
     /// Adds the sample of an edge that no sample covers.
     fn add(&mut self, edge: &CrossedEdge, delta: f64) -> Result<()> {
         let p = self.moved(edge, delta);
+        self.push(p)
+    }
+
+    fn push(&mut self, p: DVec3) -> Result<()> {
         reserve(&mut self.next, 1, "samples of the isosurface")?;
         reserve(&mut self.points, 1, "samples of the isosurface")?;
         let head = self.cells.head_of(p);
