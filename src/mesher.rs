@@ -132,7 +132,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     if limits.max_memory.is_some() {
         limits.check_memory(Oracle::bytes_needed(image, &go_on)?)?;
     }
-    let oracle = Oracle::new(image, params.surface, &go_on)?;
+    let oracle = Oracle::smoothed(image, params.surface, (params.sigma > 0.0).then_some(params.sigma), &go_on)?;
     let sizing = if params.adaptive {
         Sizing::new(image, params.delta, params.spacing_floor, &go_on)?
     } else {

@@ -6,9 +6,9 @@ use crate::{Error, Result};
 /// How labels between voxel centres are decided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum SurfaceModel {
-    /// The label whose indicator, interpolated trilinearly between the eight voxel centres around the point and multiplied by a weight of the
+    /// For label images: the label whose indicator, interpolated trilinearly between the eight voxel centres around the point and multiplied by a weight of the
     /// label, is largest. The weights, from 2/3 to 1.5, are chosen such that each label has the volume of its voxels: interpolation alone shrinks
-    /// thin convex labels by some percent.
+    /// thin convex labels by some percent. For images made of intensities or probabilities these are interpolated instead, without weights.
     #[default]
     Smooth,
     /// The label of the voxel that holds the point: interfaces are voxel faces.
@@ -49,6 +49,9 @@ pub enum Algorithm {
     Lapd,
 }
 
+/// Largest standard deviation of [`MeshParams::sigma`].
+pub const MAX_SIGMA: f64 = 5.0;
+
 /// Most threads of a run.
 pub const MAX_THREADS: usize = 255;
 
@@ -74,6 +77,9 @@ pub struct MeshParams {
     pub facet_angle: f64,
     /// The surface model.
     pub surface: SurfaceModel,
+    /// Smooth the labels of a coarse segmentation first: the standard deviation of a Gaussian, in voxels along each axis of the image; 0 to [`MAX_SIGMA`], 0 for
+    /// none. Voxels keep the labels of their centres, so that nothing thin or small is lost. For label images and the smooth model only.
+    pub sigma: f64,
     /// Before all else the first label of each pair becomes the second, all at once. Label 0 may be either.
     pub merge: Vec<(i32, i32)>,
     /// The label, after merging, that counts as background; it becomes 0. Where it is another than 0, no voxel may have label 0.
@@ -122,6 +128,7 @@ impl Default for MeshParams {
             radius_edge: 2.0,
             facet_angle: 30.0,
             surface: SurfaceModel::Smooth,
+            sigma: 0.0,
             merge: Vec::new(),
             background_label: 0,
             keep: Vec::new(),
@@ -171,6 +178,15 @@ impl MeshParams {
             return Err(Error::InvalidArgument(format!(
                 "facet angle must lie in 0 to 30 degrees, got {}",
                 self.facet_angle
+            )));
+        }
+        if !(0.0..=MAX_SIGMA).contains(&self.sigma) {
+            return Err(Error::InvalidArgument(format!("sigma must lie in 0 to {MAX_SIGMA} voxels, got {}", self.sigma)));
+        }
+        if self.sigma > 0.0 && self.surface != SurfaceModel::Smooth {
+            return Err(Error::InvalidArgument(format!(
+                "sigma {} smooths interfaces, and the voxel model keeps the faces of voxels",
+                self.sigma
             )));
         }
         if let Some(seconds) = self.time_limit {

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::LabelImage;
-use crate::Result;
 use crate::memory::{filled, reserve, room};
+use crate::{Error, Result};
 
 /// A component of a label, of voxels joined with all 26 around them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,8 +38,13 @@ impl LabelImage {
     /// Linear in the voxels and in those of small components.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfMemory`]; those of `go_on`.
+    /// [`Error::InvalidArgument`] for an image made of intensities or probabilities; [`Error::OutOfMemory`]; those of `go_on`.
     pub fn without_islands(&self, least: u64, go_on: impl Fn() -> Result<()>) -> Result<(Self, Vec<Island>)> {
+        if self.field().is_some() {
+            return Err(Error::InvalidArgument(format!(
+                "components of fewer than {least} voxels can be left out of label images only, not of those made of intensities or probabilities"
+            )));
+        }
         let [nx, ny, _] = self.dims();
         let mut known = filled(self.ids().len(), Known::Nothing, "voxels of an image", &go_on)?;
         let mut ids = room(self.ids().len(), "voxels of an image")?;

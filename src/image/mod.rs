@@ -4,18 +4,27 @@
 //! |---|---|
 //! | [`frame`] | origin, spacing and direction of a voxel grid |
 //! | [`volume`] | the image: dense ids, their labels, the frame |
+//! | [`gray`] | scans, cut into labels at isovalues |
+//! | [`probabilities`] | probability maps, one per label |
+//! | `field` | the values that labels of these two come from |
 //! | `relabel` | merging labels, another background, selection |
 //! | [`islands`] | small components, and an image without them |
 //! | [`phantom`] | analytic images with known volumes |
 //! | [`readers`] | NRRD, NIfTI, MetaImage and INR files |
 
 mod builder;
+mod field;
 pub mod frame;
+pub mod gray;
 pub mod islands;
 pub mod phantom;
+pub mod probabilities;
 pub mod readers;
 mod relabel;
 pub mod volume;
 
+pub(crate) use field::{Field, Maps};
 pub use frame::Frame;
+pub use gray::GrayImage;
+pub use probabilities::ProbabilityImage;
 pub use volume::{LabelImage, Voxels};

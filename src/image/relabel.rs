@@ -64,6 +64,11 @@ impl LabelImage {
 
     /// The image in which id `i` has become label `label_of[i]`.
     fn with_labels(&self, label_of: Vec<i32>) -> Result<Self> {
+        if let Some(field) = self.field() {
+            // A class whose label has no voxel keeps it: the sums of others only grow, so it stays without.
+            let new = |label: i32| self.id_of(label).map_or(label, |id| label_of[usize::from(id)]);
+            return field.relabelled(new).label_image(self.dims(), *self.frame());
+        }
         let mut labels: Vec<i32> = label_of.iter().copied().filter(|&label| label != 0).collect();
         labels.sort_unstable();
         labels.dedup();

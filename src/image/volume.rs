@@ -4,11 +4,13 @@
 //! voxels (see the builder beside this file).
 
 use std::fmt::Display;
+use std::sync::Arc;
 
 use glam::DVec3;
 
 use super::Frame;
 use super::builder::{LabelBuilder, voxel_count};
+use super::field::Field;
 use crate::{Error, Result};
 
 /// A caller's voxels, in any of the integer types. Strides are given beside it, in elements.
@@ -28,6 +30,9 @@ pub enum Voxels<'a> {
 /// A label image. Labels are kept as dense ids (u16): id 0 is label 0, the background; ids are handed out to the other labels in
 /// increasing order of label. Voxel (i, j, k) is `ids()[i + nx * (j + ny * k)]`.
 ///
+/// Made of a [`GrayImage`](super::GrayImage) or a [`ProbabilityImage`](super::ProbabilityImage) it also holds their values, between which the smooth surface model then
+/// interpolates.
+///
 /// Every id but 0 occurs; there are fewer than 2^32 voxels, so that u32 numbers them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LabelImage {
@@ -35,6 +40,8 @@ pub struct LabelImage {
     frame: Frame,
     ids: Vec<u16>,
     labels: Vec<i32>,
+    /// The values that the labels come from, where they are not all that is known.
+    field: Option<Arc<Field>>,
 }
 
 impl LabelImage {
@@ -124,12 +131,22 @@ impl LabelImage {
             let mut id = 0..;
             labels.retain(|_| id.next().is_some_and(|id: usize| occurs[id]));
         }
-        Ok(Self { dims, frame, ids, labels })
+        Ok(Self { dims, frame, ids, labels, field: None })
     }
 
     /// Puts together what the builder made; the invariants above must hold.
     pub(super) fn assembled(ids: Vec<u16>, labels: Vec<i32>, dims: [usize; 3], frame: Frame) -> Self {
-        Self { dims, frame, ids, labels }
+        Self { dims, frame, ids, labels, field: None }
+    }
+
+    /// The image with the values that its labels come from.
+    pub(super) fn with_field(self, field: Field) -> Self {
+        Self { field: Some(Arc::new(field)), ..self }
+    }
+
+    /// The values that the labels come from; `None` for a segmentation.
+    pub(crate) fn field(&self) -> Option<&Field> {
+        self.field.as_deref()
     }
 
     /// The same voxels at another place in the world.

@@ -64,6 +64,14 @@ impl Bricks {
         (k >> LOG) * self.z_stride + ((k & MASK) << LOG)
     }
 
+    /// The voxel at an address; beyond the grid where its size was rounded up.
+    pub(super) fn voxel(&self, index: usize) -> [usize; 3] {
+        let (y, in_layer) = (index / self.y_stride, index % self.y_stride);
+        let (z, in_row) = (in_layer / self.z_stride, in_layer % self.z_stride);
+        let (x, within) = (in_row / VOLUME, in_row % VOLUME);
+        [x << LOG | within & MASK, y << LOG | within >> (2 * LOG), z << LOG | within >> LOG & MASK]
+    }
+
     /// The address of voxel (i, j, k).
     #[inline(always)]
     pub(super) fn index(&self, i: usize, j: usize, k: usize) -> usize {
@@ -86,6 +94,7 @@ mod tests {
                         let at = bricks.index(i, j, k);
                         assert!(!std::mem::replace(&mut seen[at], true), "two voxels at {at}");
                         assert_eq!(at / bricks.layer(), j / Bricks::EDGE);
+                        assert_eq!(bricks.voxel(at), [i, j, k]);
                     }
                 }
             }

@@ -162,7 +162,10 @@ impl Oracle {
         // Rounding may find a third label leading where the segment enters the cell.
         let (corners, to) = match () {
             () if !voxel.is_two() => {
-                return indicator::overtaken(&self.corners(cell), &self.weights, from, ends, tolerance);
+                return match &self.field {
+                    Some(field) => field.overtaken(&self.bricks, cell, from, ends, tolerance),
+                    None => indicator::overtaken(&self.corners(cell), &self.weights, from, ends, tolerance),
+                };
             }
             () if from == voxel.id() => (first, other),
             () if from == other => (!first, voxel.id()),

@@ -1,7 +1,7 @@
 //! Where dO crosses the edges of a grid: the places from which it is sampled.
 //!
 //! The grid is that of the voxel centres, its edges divided where they are much longer than the caller's spacing. On an undivided edge only the labels of its two
-//! voxels have an indicator above 0, and both are linear there, so the one crossing is known without a search; others are looked for. Every interface of the
+//! voxels have an indicator above 0, and both are linear there, so the one crossing is known without a search; others are looked for, as are all of intensities, probabilities and smoothed labels. Every interface of the
 //! image crosses edges of the grid, however small or thin what it bounds.
 
 use std::ops::Range;
@@ -33,13 +33,15 @@ pub struct EdgeGrid<'a> {
     parts: [usize; 3],
     /// The spacing at a place, where that differs.
     local: Option<&'a (dyn Fn(DVec3) -> f64 + Sync)>,
+    /// Whether crossings of undivided edges are looked for, too: not where labels alone tell.
+    searches: bool,
 }
 
 impl Oracle {
     /// The grid whose edges are about `spacing` long, at most half as long again; or as long as the distance of voxel centres where that is less. Where `local` is given, it tells the spacing at a place, and each cell has its own
     /// division.
     pub fn edge_grid<'a>(&'a self, spacing: f64, local: Option<&'a (dyn Fn(DVec3) -> f64 + Sync)>) -> EdgeGrid<'a> {
-        EdgeGrid { oracle: self, parts: self.edge_parts(spacing), local }
+        EdgeGrid { oracle: self, parts: self.edge_parts(spacing), local, searches: self.field.is_some() }
     }
 
     fn edge_parts(&self, spacing: f64) -> [usize; 3] {
@@ -93,7 +95,7 @@ impl EdgeGrid<'_> {
                         // Without crossings in cells of one label. The outermost voxels are background, so no edge of theirs is crossed.
                         if self.oracle.at([i, j, k]).rings() == 0 {
                             let parts = self.parts_of([i, j, k]);
-                            if parts == [1; 3] {
+                            if parts == [1; 3] && !self.searches {
                                 self.visit_edges_of([i, j, k], &mut visit)?;
                             } else {
                                 self.visit_parts_of([i, j, k], parts, &mut visit)?;

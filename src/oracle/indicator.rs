@@ -108,9 +108,7 @@ pub(super) fn overtaken(
             let behind = if ids[c] == other { against } else { 0.0 };
             ahead - behind
         });
-        let cubic = along(&lead, start, end);
-        if cubic.iter().any(|&b| b < 0.0)
-            && let Some(s) = first_descent(cubic.map(f64::from), [0.0, 1.0], tolerance)
+        if let Some(s) = descent_along(&lead, [start, end], tolerance)
             && first.is_none_or(|f| (s, other) < f)
         {
             first = Some((s, other));
@@ -125,11 +123,16 @@ pub(super) fn overtaken_by_other(
     corners: u32,
     weight: f32,
     against: f32,
-    [start, end]: [[f32; 3]; 2],
+    ends: [[f32; 3]; 2],
     tolerance: f64,
 ) -> Option<f64> {
-    let lead = choose(corners, [weight; 8], -against);
-    let cubic = along(&lead, start, end);
+    descent_along(&choose(corners, [weight; 8], -against), ends, tolerance)
+}
+
+/// Where a trilinear function, given by its values at the corners and not negative at the start of a segment, first descends below 0 on it: the parameter in [0, 1], to within `tolerance`.
+#[inline(always)]
+pub(super) fn descent_along(corners: &[f32; 8], [start, end]: [[f32; 3]; 2], tolerance: f64) -> Option<f64> {
+    let cubic = along(corners, start, end);
     if cubic.iter().all(|&b| b >= 0.0) {
         return None;
     }

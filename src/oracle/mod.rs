@@ -8,6 +8,7 @@
 //! **Cells** are the cubes between eight voxel centres; a cell is *mixed* when its corners have several labels. In both surface models dO lies in the mixed cells:
 //! - Smooth model: in a cell of one label all other indicators are 0. Between the outermost voxel centres and a wall (see `border`) a point has the label of its projection onto the face of
 //!   its cell; beyond the wall are background corners, so the cell is mixed unless that face is background.
+//!   With other values than indicators (see `field`) likewise: a cell whose corners have one label has it everywhere.
 //! - Voxel model: a point of dO is on the common face of two voxels of different labels, and every cell that holds a part of this face has both centres as corners.
 //!
 //! **Clearance** is a lower bound of the distance to dO.
@@ -20,15 +21,18 @@
 //! all other indicators are 0 there. On the edge between two voxels the change of label lies at a part from 1/(1 + W) to W/(1 + W) of it. A flat interface between two
 //! labels moves by about a quarter of the logarithm of their ratio, in voxels.
 //!
-//! The oracle is immutable and `Sync`. Memory: a little more than 4 bytes per voxel of the region.
+//! The oracle is immutable and `Sync`. Memory: a little more than 4 bytes per voxel of the region; 8 with intensities, probabilities or smoothed labels.
 
 mod border;
 mod bricks;
 mod cells;
 mod crossing;
 mod edges;
+mod field;
 mod indicator;
+mod mixtures;
 mod region;
+mod smoothing;
 pub mod thickness;
 mod voxel;
 mod weights;
@@ -39,8 +43,9 @@ use border::Border;
 use bricks::Bricks;
 use cells::Cells;
 pub use edges::{CrossedEdge, EdgeGrid};
+use field::Field;
 use region::{Region, Rows};
-use voxel::Voxel;
+use voxel::{Pairs, Voxel};
 use weights::Sampling;
 
 use crate::{Result, image::LabelImage, params::SurfaceModel};
@@ -61,7 +66,9 @@ pub struct Oracle {
     bricks: Bricks,
     /// The voxels of the region, in the bricked layout.
     voxels: Vec<Voxel>,
-    /// Weight of each dense id in the smooth model; empty in the voxel model.
+    /// What the smooth model interpolates where that is not the indicators of labels. Then no record says that a cell has two labels, which leaves mixed cells to the field.
+    field: Option<Field>,
+    /// Weight of each dense id in the smooth model; empty in the voxel model, and with a field.
     weights: Vec<f32>,
     /// The largest weight.
     greatest: f32,
@@ -86,23 +93,42 @@ impl Oracle {
     /// [`crate::Error::EmptyImage`] when no voxel differs from the background; [`crate::Error::InvalidArgument`] when the object's bounding box has
     /// 2^32 voxels or more; [`crate::Error::OutOfMemory`]; whatever `check` returns.
     pub fn new(image: &LabelImage, model: SurfaceModel, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
+        Self::smoothed(image, model, None, check)
+    }
+
+    /// As [`Oracle::new`]; the smooth model of a label image interpolates indicators that were convolved with a Gaussian of standard deviation `sigma`, in voxels.
+    ///
+    /// # Errors
+    /// As [`Oracle::new`]; [`crate::Error::InvalidArgument`] for a `sigma` with an image made of intensities or probabilities.
+    pub fn smoothed(
+        image: &LabelImage,
+        model: SurfaceModel,
+        sigma: Option<f64>,
+        check: &(dyn Fn() -> Result<()> + Sync),
+    ) -> Result<Self> {
         let region = Region::new(image, check)?;
         let Region { first, dims } = region;
         let rows = Rows::new(image, &region, check)?;
         let frame = image.frame();
         let spacing = frame.spacing();
         let mixed = Cells::mixed(&rows, check)?;
-        let (border, voxels, weights) = match model {
+        let has_field = image.field().is_some() || sigma.is_some();
+        let (border, voxels, weights, field) = match model {
+            SurfaceModel::Smooth if has_field => {
+                let (voxels, _) = voxel::records(&rows, &mixed, Pairs::Unmarked, check)?;
+                let field = Field::new(image, sigma, &region, &voxels, check)?;
+                (Border::new(first, dims, image.dims()), voxels, Vec::new(), field)
+            }
             SurfaceModel::Smooth => {
                 let border = Border::new(first, dims, image.dims());
                 let sampling = Sampling::new(rows.rough_counts(image.labels().len()).into_iter());
-                let (voxels, tally) = voxel::records(&rows, &mixed, Some((&sampling, &border)), check)?;
+                let (voxels, tally) = voxel::records(&rows, &mixed, Pairs::Counted(&sampling, &border), check)?;
                 let weights = tally.map_or(Ok(Vec::new()), |tally| tally.weights(&|| check()))?;
-                (border, voxels, weights)
+                (border, voxels, weights, None)
             }
             SurfaceModel::Voxel => {
-                let (voxels, _) = voxel::records(&rows, &mixed, None, check)?;
-                (Border::none(dims), voxels, Vec::new())
+                let (voxels, _) = voxel::records(&rows, &mixed, Pairs::Marked, check)?;
+                (Border::none(dims), voxels, Vec::new(), None)
             }
         };
         let to_world = frame.direction() * DMat3::from_diagonal(spacing);
@@ -116,6 +142,7 @@ impl Oracle {
             border,
             bricks: Bricks::new(dims),
             voxels,
+            field,
             greatest: weights.iter().copied().fold(1.0, f32::max),
             weights,
         })
@@ -191,7 +218,8 @@ impl Oracle {
         bounds
     }
 
-    /// The weight of each dense id in the smooth model, by which the indicators are multiplied; empty in the voxel model.
+    /// The weight of each dense id in the smooth model, by which the indicators are multiplied; empty in the voxel model, and where other values than
+    /// indicators are interpolated.
     pub fn weights(&self) -> &[f32] {
         &self.weights
     }
@@ -201,21 +229,22 @@ impl Oracle {
         self.spacing
     }
 
-    /// Bytes that [`Oracle::new`] needs at its peak for `image`, but for some per contested sample of the labels' weights (see `weights`), whose number
-    /// is not known in advance.
+    /// Bytes that [`Oracle::new`] needs at its peak for `image`, but for some per contested sample of the labels' weights (see `weights`) or per share of a voxel near
+    /// interfaces (see `mixtures`), whose number is not known in advance.
     ///
     /// # Errors
     /// [`crate::Error::EmptyImage`]; whatever `check` returns.
     pub fn bytes_needed(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<u64> {
         let dims = Region::new(image, check)?.dims;
-        let voxels = Bricks::new(dims).len() as u64 * size_of::<Voxel>() as u64;
+        let values = if image.field().is_some() { size_of::<f32>() } else { 0 };
+        let voxels = Bricks::new(dims).len() as u64 * (size_of::<Voxel>() + values) as u64;
         // While the voxels are filled in there are three sets of cells.
         Ok(Rows::bytes(dims) + voxels + 3 * Cells::bytes(dims))
     }
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.voxels.len() * size_of::<Voxel>()
+        self.voxels.len() * size_of::<Voxel>() + self.field.as_ref().map_or(0, Field::bytes)
     }
 
     #[inline(always)]
@@ -259,6 +288,8 @@ impl Oracle {
             let first = voxel.first_corners();
             let other = self.corner(cell, (!first).trailing_zeros());
             indicator::label_of_two(first, [voxel.id(), other], &self.weights, place(x, cell))
+        } else if let Some(field) = &self.field {
+            field.label(&self.bricks, cell, place(x, cell))
         } else {
             indicator::label(&self.corners(cell), &self.weights, self.greatest, place(x, cell))
         }

@@ -81,7 +81,8 @@ impl Block {
     }
 
     /// Adds what is known of mixed cells; `rows` are those around the row of cells, from the block's first voxel on. All cells are looked at, side by side.
-    fn add_mixed(&mut self, rows: [&[u16]; 4]) {
+    fn add_mixed(&mut self, rows: [&[u16]; 4], marks_pairs: bool) {
+        let two = if marks_pairs { Voxel::TWO } else { 0 };
         let [a, b, c, d] = rows.map(|row| &row[..65]);
         for i in 0..64 {
             let id = a[i];
@@ -93,11 +94,22 @@ impl Block {
                 // One label differs from the first in the same bits everywhere.
                 is_two &= (corner == 0) | (corner == any);
             }
-            let word = first << 8 | if is_two { Voxel::TWO } else { 0 };
+            let word = first << 8 | if is_two { two } else { 0 };
             self.cells[i] |= if any != 0 { word } else { 0 };
             self.differences[i] = any;
         }
     }
+}
+
+/// What becomes of cells of two labels.
+#[derive(Clone, Copy)]
+pub(super) enum Pairs<'a> {
+    /// Their records do not say so: what they look like is not told by labels alone.
+    Unmarked,
+    /// Their records say so.
+    Marked,
+    /// And they are counted, with all mixed cells, for the weights of labels.
+    Counted(&'a Sampling, &'a Border),
 }
 
 /// The records of a region, in the bricked layout, and what is counted in its mixed cells for the weights of labels, if that is wanted.
@@ -107,7 +119,7 @@ impl Block {
 pub(super) fn records<'a>(
     rows: &Rows,
     mixed: &Cells,
-    weighing: Option<(&'a Sampling, &Border)>,
+    pairs: Pairs<'a>,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<(Vec<Voxel>, Option<Tally<'a>>)> {
     let beside = mixed.dilated(check)?;
@@ -115,7 +127,10 @@ pub(super) fn records<'a>(
     let bricks = Bricks::new(rows.dims());
     let [nx, ny, nz] = bricks.dims();
     let mut voxels = filled(bricks.len(), Voxel::default(), "voxels of the label volume", check)?;
-    let none = || weighing.map(|(sampling, _)| Tally::new(sampling));
+    let none = || match pairs {
+        Pairs::Counted(sampling, _) => Some(Tally::new(sampling)),
+        _ => None,
+    };
     let layers = voxels.par_chunks_mut(bricks.layer()).enumerate();
     let tally = layers.try_fold(none, |mut tally, (layer, out)| {
         for j in (layer * Bricks::EDGE..ny).take(Bricks::EDGE) {
@@ -129,8 +144,8 @@ pub(super) fn records<'a>(
                     let mut block = Block::of_rings(words);
                     if words[0] != 0 {
                         let around = rows.around(j, k).map(|row| &row[64 * w..]);
-                        block.add_mixed(around);
-                        if let (Some(tally), Some((_, border))) = (&mut tally, weighing) {
+                        block.add_mixed(around, !matches!(pairs, Pairs::Unmarked));
+                        if let (Some(tally), Pairs::Counted(_, border)) = (&mut tally, pairs) {
                             count(tally, border, [64 * w, j, k], words[0], &block, around)?;
                         }
                     }
@@ -211,7 +226,7 @@ mod tests {
         let region = Region::new(&image, check).unwrap();
         let rows = Rows::new(&image, &region, check).unwrap();
         let cells = Cells::mixed(&rows, check).unwrap();
-        let (voxels, _) = records(&rows, &cells, None, check).unwrap();
+        let (voxels, _) = records(&rows, &cells, Pairs::Marked, check).unwrap();
         let dims = rows.dims();
         let bricks = Bricks::new(dims);
         let id = |at: [usize; 3]| rows.row(at[1], at[2])[at[0]];
