@@ -281,6 +281,51 @@ class image {
         return adopt(context, status, handle);
     }
 
+    // Scans, cut into labels at isovalues; without labels these are 1, 2, ...
+    static image create_gray(context &context, const float *voxels, const grid &grid,
+                             const std::vector<double> &isovalues, const std::vector<std::int32_t> &labels = {}) {
+        check_count(labels, isovalues.size(), "isovalues");
+        lapd_image *handle = nullptr;
+        lapd_status status = lapd_image_create_gray(
+            context.get(), voxels, grid.dims.data(), grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
+            grid.spacing.data(), grid.direction.data(), isovalues.data(), isovalues.size(),
+            labels.empty() ? nullptr : labels.data(), &handle);
+        return adopt(context, status, handle);
+    }
+    static image read_gray(context &context, const std::string &path, const std::vector<double> &isovalues,
+                           const std::vector<std::int32_t> &labels = {}) {
+        check_count(labels, isovalues.size(), "isovalues");
+        lapd_image *handle = nullptr;
+        lapd_status status =
+            lapd_image_read_gray(context.get(), path.c_str(), isovalues.data(), isovalues.size(),
+                                 labels.empty() ? nullptr : labels.data(), &handle);
+        return adopt(context, status, handle);
+    }
+
+    // Probability maps, one for each label; each points to voxel (0, 0, 0).
+    static image create_probabilities(context &context, const std::vector<const float *> &maps,
+                                      const std::vector<std::int32_t> &labels, const grid &grid) {
+        check_count(labels, maps.size(), "maps");
+        lapd_image *handle = nullptr;
+        lapd_status status = lapd_image_create_probabilities(
+            context.get(), maps.data(), labels.data(), maps.size(), grid.dims.data(),
+            grid.strides ? grid.strides->data() : nullptr, grid.origin.data(), grid.spacing.data(),
+            grid.direction.data(), &handle);
+        return adopt(context, status, handle);
+    }
+    // All volumes of all files; without labels these are 1, 2, ...
+    static image read_probabilities(context &context, const std::vector<std::string> &paths,
+                                    const std::vector<std::int32_t> &labels = {}) {
+        std::vector<const char *> names;
+        for (const std::string &path : paths)
+            names.push_back(path.c_str());
+        lapd_image *handle = nullptr;
+        lapd_status status =
+            lapd_image_read_probabilities(context.get(), names.data(), names.size(),
+                                          labels.empty() ? nullptr : labels.data(), labels.size(), &handle);
+        return adopt(context, status, handle);
+    }
+
     // Takes over a handle.
     explicit image(lapd_image *handle) noexcept : handle_(handle) {
     }
@@ -334,6 +379,12 @@ class image {
     }
 
   private:
+    // The C function takes one count for both.
+    static void check_count(const std::vector<std::int32_t> &labels, std::size_t count, const char *what) {
+        if (!labels.empty() && labels.size() != count)
+            throw error(LAPD_ERROR_INVALID_ARGUMENT, "as many labels as " + std::string(what) + " are needed");
+    }
+
     // Owns first, so that what was made is freed when this throws.
     static image adopt(const context &context, lapd_status status, lapd_image *handle) {
         image made(handle);
@@ -373,6 +424,9 @@ class params {
     }
     params &set_surface(lapd_surface surface) {
         return set(lapd_params_set_surface, surface);
+    }
+    params &set_sigma(double sigma) {
+        return set(lapd_params_set_sigma, sigma);
     }
     params &set_merge(const std::vector<std::int32_t> &labels, std::int32_t target) {
         return set(lapd_params_set_merge, labels.data(), labels.size(), target);
@@ -465,6 +519,9 @@ class params {
     }
     lapd_surface surface() const {
         return static_cast<lapd_surface>(value<std::int32_t>(lapd_params_get_surface));
+    }
+    double sigma() const {
+        return value<double>(lapd_params_get_sigma);
     }
     span<std::int32_t> keep() const {
         const std::int32_t *data = nullptr;

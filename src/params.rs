@@ -181,7 +181,10 @@ impl MeshParams {
             )));
         }
         if !(0.0..=MAX_SIGMA).contains(&self.sigma) {
-            return Err(Error::InvalidArgument(format!("sigma must lie in 0 to {MAX_SIGMA} voxels, got {}", self.sigma)));
+            return Err(Error::InvalidArgument(format!(
+                "sigma must lie in 0 to {MAX_SIGMA} voxels, got {}",
+                self.sigma
+            )));
         }
         if self.sigma > 0.0 && self.surface != SurfaceModel::Smooth {
             return Err(Error::InvalidArgument(format!(

@@ -6,8 +6,8 @@
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 10] =
-    ["status", "context", "image", "params", "labels", "threads", "run", "mesh", "report", "tables"];
+const SOURCES: [&str; 11] =
+    ["status", "context", "image", "values", "params", "labels", "threads", "run", "mesh", "report", "tables"];
 
 const HEAD: &str = "\
 /*

@@ -15,7 +15,7 @@ use crate::image::{Frame, LabelImage, Voxels};
 /// made, so any number of threads may use it at once.
 pub struct lapd_image {
     pub(super) image: LabelImage,
-    warnings: Vec<CString>,
+    pub(super) warnings: Vec<CString>,
 }
 
 /// Type of the voxels in a caller's buffer.
@@ -71,6 +71,36 @@ fn extent(dims: [usize; 3], strides: [isize; 3]) -> Option<(usize, usize)> {
     Some((before, before.checked_add(after)?.checked_add(1)?))
 }
 
+/// As [`extent`], with a failure for what does not fit in memory; and the strides, which for NULL are those of packed voxels.
+pub(super) fn strided(dims: [usize; 3], strides: Option<[isize; 3]>) -> Outcome<(usize, usize, [isize; 3])> {
+    if let Some(axis) = dims.iter().position(|&n| n == 0) {
+        return Err(Failure::invalid(format!("dims[{axis}] must be at least 1, got 0")));
+    }
+    let too_large = || Failure::invalid(format!("an image of {dims:?} voxels does not fit in memory"));
+    let voxels = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or_else(too_large)?;
+    if voxels > isize::MAX as usize {
+        return Err(too_large());
+    }
+    let strides = strides.unwrap_or([1, dims[0] as isize, (dims[0] * dims[1]) as isize]);
+    let (before, count) = extent(dims, strides).ok_or_else(too_large)?;
+    Ok((before, count, strides))
+}
+
+/// Where a caller's grid lies.
+///
+/// # Safety
+/// As [`array`], `direction` may be NULL.
+pub(super) unsafe fn frame_of(origin: *const f64, spacing: *const f64, direction: *const f64) -> Outcome<Frame> {
+    // SAFETY: passed on to the caller.
+    unsafe {
+        let origin = array(origin, "origin")?;
+        let spacing = array(spacing, "spacing")?;
+        let direction =
+            if direction.is_null() { DMat3::IDENTITY } else { rows_to_matrix(array(direction, "direction")?) };
+        Ok(Frame::new(origin, spacing, direction.to_cols_array_2d())?)
+    }
+}
+
 /// # Safety
 /// `data` is NULL or points to voxel (0, 0, 0) of an image of `voxel_type` with these dimensions and strides.
 unsafe fn copy_voxels(
@@ -80,18 +110,9 @@ unsafe fn copy_voxels(
     strides: Option<[isize; 3]>,
     frame: Frame,
 ) -> Outcome<LabelImage> {
-    if let Some(axis) = dims.iter().position(|&n| n == 0) {
-        return Err(Failure::invalid(format!("dims[{axis}] must be at least 1, got 0")));
-    }
-    let too_large = || Failure::invalid(format!("an image of {dims:?} voxels does not fit in memory"));
-    let voxels = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or_else(too_large)?;
-    if voxels > isize::MAX as usize {
-        return Err(too_large());
-    }
-    let packed = [1, dims[0] as isize, (dims[0] * dims[1]) as isize];
-    let (before, count) = extent(dims, strides.unwrap_or(packed)).ok_or_else(too_large)?;
+    let (before, count, _) = strided(dims, strides)?;
 
-    // SAFETY: the caller's promise about `data`; `extent` says which elements around it belong to the image.
+    // SAFETY: the caller's promise about `data`; `strided` says which elements around it belong to the image.
     unsafe fn elements<'a, T>(data: *const c_void, before: usize, count: usize) -> Outcome<&'a [T]> {
         if data.is_null() {
             return Err(Failure::invalid("data is NULL"));
@@ -154,11 +175,7 @@ pub unsafe extern "C" fn lapd_image_create(
             let voxel_type = lapd_voxel_type::from_number(voxel_type)?;
             let dims = array(dims, "dims")?;
             let strides = if strides.is_null() { None } else { Some(array(strides, "strides")?) };
-            let origin = array(origin, "origin")?;
-            let spacing = array(spacing, "spacing")?;
-            let direction =
-                if direction.is_null() { DMat3::IDENTITY } else { rows_to_matrix(array(direction, "direction")?) };
-            let frame = Frame::new(origin, spacing, direction.to_cols_array_2d())?;
+            let frame = frame_of(origin, spacing, direction)?;
             let image = copy_voxels(data, voxel_type, dims, strides, frame)?;
             out.set(Box::into_raw(Box::new(lapd_image { image, warnings: Vec::new() })));
             Ok(())

@@ -135,3 +135,31 @@ pub unsafe extern "C" fn lapd_params_get_keep(
         Ok(())
     })
 }
+
+/// Sets the standard deviation of the Gaussian that smooths the labels of a coarse segmentation, in voxels along each axis of the image; 0 to 5, 0 (the default) for none. For images
+/// of labels and smooth surfaces only. Voxel centres keep their labels, so that nothing thin or small is lost. No other thread may use `params` or the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is out of range, or it is above 0 and the surface is LAPD_SURFACE_VOXEL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_sigma(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    sigma: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.sigma = sigma;
+            Ok(())
+        })
+    }
+}
+
+/// The standard deviation of the Gaussian that smooths labels, in voxels, 0 for none. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_sigma(params: *const lapd_params, sigma: *mut f64) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, sigma, "sigma", |p| p.sigma) }
+}

@@ -31,3 +31,4 @@ pub mod status;
 pub mod tables;
 pub mod thin;
 pub mod threads;
+pub mod values;

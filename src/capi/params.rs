@@ -20,7 +20,7 @@ pub struct lapd_params {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_surface {
-    /// The label whose indicator, interpolated trilinearly, is largest. The default.
+    /// The label whose indicator, interpolated trilinearly, is largest; of images made of intensities or probabilities, these are interpolated. The default.
     LAPD_SURFACE_SMOOTH = 0,
     /// The label of the nearest voxel: interfaces are voxel faces.
     LAPD_SURFACE_VOXEL = 1,

@@ -5,10 +5,12 @@
 //! |---|---|
 //! | `phantoms` | analytic bodies: volumes, distances, topology |
 //! | `placement` | spacing, direction, origin, parameters that choose what is meshed |
+//! | `inputs` | intensities, probability maps, smoothed labels |
 //! | `awkward` | images and sizes that nobody plans for |
 //! | `runs` | one run against another: determinism, refining again, cancelling, limits |
 
 mod awkward;
+mod inputs;
 mod phantoms;
 mod placement;
 mod runs;

@@ -7,14 +7,14 @@ use std::path::Path;
 
 use super::fields::{Fields, excerpt, header_line};
 use super::source::Source;
-use super::voxels::{Coding, Layout, Scalar, read_labels};
-use super::{ReadImage, frame_from_parts};
+use super::voxels::{Coding, Layout, Scalar};
+use super::{Opened, Volumes, frame_from_parts};
 use crate::Result;
 
 /// The header is a multiple of this long.
 const BLOCK: u64 = 256;
 
-pub(super) fn read(path: &Path) -> Result<ReadImage> {
+pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let mut source = Source::open_maybe_gzip(path)?;
     let fields = read_header(&mut source)?;
     let mut warnings = Vec::new();
@@ -23,10 +23,12 @@ pub(super) fn read(path: &Path) -> Result<ReadImage> {
     fields.required("XDIM")?;
     fields.required("YDIM")?;
     let sizes = [size("XDIM")?, size("YDIM")?, size("ZDIM")?];
-    if size("VDIM")? != 1 {
-        return Err(fields.refuse("VDIM", "only images of one value per voxel are read"));
+    let values = size("VDIM")?;
+    if values != 1 && volumes == Volumes::One {
+        return Err(fields.refuse("VDIM", "only label images of one value per voxel are read"));
     }
     let layout = Layout::new(&source, sizes, scalar_of(&fields)?, byte_order(&fields)?)?;
+    let layout = layout.with_volumes(&source, values, true)?;
 
     let triple = |names: [&str; 3], default: f64| -> Result<[f64; 3]> {
         let [x, y, z] = names.map(|name| Ok(fields.number::<f64>(name)?.unwrap_or(default)));
@@ -43,8 +45,7 @@ pub(super) fn read(path: &Path) -> Result<ReadImage> {
     let origin = triple(["TX", "TY", "TZ"], 0.0)?;
     let frame =
         frame_from_parts(path, "VX, VY, VZ", origin, spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])?;
-    let image = read_labels(&mut source, &layout, frame, &mut warnings)?;
-    Ok(ReadImage { image, world: None, warnings })
+    Ok(Opened { source, layout, frame, world: None, warnings })
 }
 
 /// Reads the header with its padding.

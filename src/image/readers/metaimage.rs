@@ -7,12 +7,12 @@ use std::path::Path;
 
 use super::fields::{Fields, excerpt, header_line};
 use super::source::Source;
-use super::voxels::{Coding, Layout, Scalar, read_labels};
-use super::{ReadImage, WorldAxes, frame_from_parts};
+use super::voxels::{Coding, Layout, Scalar};
+use super::{Opened, Volumes, WorldAxes, frame_from_parts};
 use crate::Result;
 use crate::image::Frame;
 
-pub(super) fn read(path: &Path) -> Result<ReadImage> {
+pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let mut source = Source::open(path)?;
     let fields = read_header(&mut source)?;
     let mut warnings = Vec::new();
@@ -20,9 +20,10 @@ pub(super) fn read(path: &Path) -> Result<ReadImage> {
         return Err(fields.refuse("ObjectType", "only images are read"));
     }
     let rank = rank_of(&fields)?;
-    let sizes = sizes_of(&fields, rank)?;
+    let (sizes, values, interleaved) = sizes_of(&fields, rank, volumes)?;
     let frame = frame_of(path, &fields, rank, &mut warnings)?;
     let layout = Layout::new(&source, sizes, scalar_of(&fields)?, coding_of(&fields)?)?;
+    let layout = layout.with_volumes(&source, values, interleaved)?;
 
     let data_file = fields.required("ElementDataFile")?;
     if !data_file.eq_ignore_ascii_case("local") {
@@ -46,8 +47,7 @@ pub(super) fn read(path: &Path) -> Result<ReadImage> {
                 .refuse("HeaderSize", "must be -1 (binary data at the end of its file) or the bytes before the data"));
         }
     }
-    let image = read_labels(&mut source, &layout, frame, &mut warnings)?;
-    Ok(ReadImage { image, world: Some(WorldAxes::Lps), warnings })
+    Ok(Opened { source, layout, frame, world: Some(WorldAxes::Lps), warnings })
 }
 
 /// Reads up to and including `ElementDataFile`, which ends the header.
@@ -88,20 +88,24 @@ fn rank_of(fields: &Fields) -> Result<usize> {
     fields.required("NDims")?;
     match fields.number::<usize>("NDims")? {
         Some(rank @ 3..=4) => Ok(rank),
-        _ => Err(fields.refuse("NDims", "only volumes are read: 3, or 4 with a last axis of a single sample")),
+        _ => Err(fields.refuse("NDims", "only volumes are read: 3, or 4 with a last axis of samples")),
     }
 }
 
-fn sizes_of(fields: &Fields, rank: usize) -> Result<[u64; 3]> {
+/// The sizes of the axes, the values per voxel, and whether these stand side by side.
+fn sizes_of(fields: &Fields, rank: usize, volumes: Volumes) -> Result<([u64; 3], u64, bool)> {
     fields.required("DimSize")?;
     let sizes = fields.numbers::<u64>("DimSize", Some(rank))?.unwrap_or_default();
-    if sizes[3..].iter().any(|&n| n != 1) {
-        return Err(fields.refuse("DimSize", "only one volume per file is read"));
+    let samples = sizes.get(3).copied().unwrap_or(1);
+    let channels = fields.number::<u64>("ElementNumberOfChannels")?.unwrap_or(1);
+    if samples != 1 && (volumes == Volumes::One || channels != 1) {
+        return Err(fields.refuse("DimSize", "only one volume of labels, or of several channels, per file is read"));
     }
-    if fields.number::<u64>("ElementNumberOfChannels")?.is_some_and(|n| n != 1) {
-        return Err(fields.refuse("ElementNumberOfChannels", "only images of one channel are read"));
+    if channels != 1 && volumes == Volumes::One {
+        return Err(fields.refuse("ElementNumberOfChannels", "only label images of one channel are read"));
     }
-    Ok([sizes[0], sizes[1], sizes[2]])
+    let (values, interleaved) = if channels == 1 { (samples, false) } else { (channels, true) };
+    Ok(([sizes[0], sizes[1], sizes[2]], values, interleaved))
 }
 
 fn frame_of(path: &Path, fields: &Fields, rank: usize, warnings: &mut Vec<String>) -> Result<Frame> {

@@ -1,4 +1,4 @@
-//! Readers of label images, chosen by the file's name ending.
+//! Readers of images, chosen by the file's name ending.
 //!
 //! | ending | format | frame of its world coordinates |
 //! |---|---|---|
@@ -15,7 +15,9 @@
 //! (deflate reaches 1032 to 1) is refused before anything is allocated, and voxels are read as a stream, so that only the dense ids, 2
 //! bytes per voxel, are ever held.
 //!
-//! The layers: `source` gives bytes (and decompresses), `fields` parses header values, `voxels` turns bytes into labels; the file of
+//! Labels are integers, or numbers with whole values. [`values`] reads scans and probability maps, of any numbers, from the same formats.
+//!
+//! The layers: `source` gives bytes (and decompresses), `fields` parses header values, `voxels` turns bytes into labels or real numbers; the file of
 //! each format knows its header only.
 
 mod fields;
@@ -24,11 +26,15 @@ mod metaimage;
 mod nifti;
 mod nrrd;
 mod source;
+pub mod values;
 mod voxels;
 
 use std::path::Path;
 
 use glam::DVec3;
+
+use source::Source;
+use voxels::{Layout, read_labels};
 
 use super::{Frame, LabelImage};
 use crate::{Error, Result};
@@ -99,16 +105,41 @@ pub fn read_image(path: &Path) -> Result<ReadImage> {
 /// [`Error::Unsupported`]: no reader for this ending. [`Error::Io`]: the file, or the data file that it names, cannot be opened or read.
 /// [`Error::Format`]: it is damaged, cut off, or uses what this library does not read. [`Error::OutOfMemory`].
 pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> {
+    let Opened { mut source, layout, frame, world, mut warnings } = open(path, Volumes::One, options)?;
+    let image = read_labels(&mut source, &layout, frame, &mut warnings)?;
+    Ok(ReadImage { image, world, warnings })
+}
+
+/// Values per voxel that a reader may find.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Volumes {
+    /// One: labels.
+    One,
+    Many,
+}
+
+/// A file whose header has been read.
+struct Opened {
+    /// At the first voxel.
+    source: Source,
+    layout: Layout,
+    frame: Frame,
+    world: Option<WorldAxes>,
+    warnings: Vec<String>,
+}
+
+/// Reads a header, and turns the frame as asked for.
+fn open(path: &Path, volumes: Volumes, options: &ReadOptions) -> Result<Opened> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let ends = |endings: &[&str]| endings.iter().any(|ending| name.ends_with(ending));
-    let mut read = if ends(&[".nrrd", ".nhdr"]) {
-        nrrd::read(path)
+    let mut opened = if ends(&[".nrrd", ".nhdr"]) {
+        nrrd::open(path, volumes)
     } else if ends(&[".nii", ".nii.gz"]) {
-        nifti::read(path)
+        nifti::open(path, volumes)
     } else if ends(&[".mha", ".mhd"]) {
-        metaimage::read(path)
+        metaimage::open(path, volumes)
     } else if ends(&[".inr", ".inr.gz"]) {
-        inr::read(path)
+        inr::open(path, volumes)
     } else {
         Err(Error::Unsupported(format!(
             "{}: no reader for this name ending; read are .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz",
@@ -116,21 +147,20 @@ pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> 
         )))
     }?;
     let wanted = match options.world {
-        WorldFrame::AsStored => return Ok(read),
+        WorldFrame::AsStored => return Ok(opened),
         WorldFrame::Lps => WorldAxes::Lps,
         WorldFrame::Ras => WorldAxes::Ras,
     };
-    match read.world {
+    match opened.world {
         Some(stored) => {
-            let frame = reflected(read.image.frame(), stored.signs() * wanted.signs())?;
-            read.image = read.image.with_frame(frame);
-            read.world = Some(wanted);
+            opened.frame = reflected(&opened.frame, stored.signs() * wanted.signs())?;
+            opened.world = Some(wanted);
         }
-        None => read
+        None => opened
             .warnings
             .push(format!("the file does not say what its axes mean: coordinates stay as stored, not {wanted:?}")),
     }
-    Ok(read)
+    Ok(opened)
 }
 
 /// The frame with its world axes turned around where `signs` is -1.

@@ -8,8 +8,8 @@ use std::path::Path;
 use glam::{DMat3, DQuat};
 
 use super::source::Source;
-use super::voxels::{Coding, Layout, Scalar, read_labels};
-use super::{ReadImage, WorldAxes, frame_from_parts, frame_from_steps};
+use super::voxels::{Coding, Layout, Scalar};
+use super::{Opened, Volumes, WorldAxes, frame_from_parts, frame_from_steps};
 use crate::image::Frame;
 use crate::{Error, Result};
 
@@ -39,11 +39,11 @@ struct Header {
     sform: [[f64; 4]; 3],
 }
 
-pub(super) fn read(path: &Path) -> Result<ReadImage> {
+pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let mut source = Source::open_maybe_gzip(path)?;
     let header = Header::read(&mut source)?;
     let mut warnings = Vec::new();
-    let sizes = header.sizes(&source)?;
+    let (sizes, values) = header.sizes(&source, volumes)?;
     let (frame, world) = header.frame(path, &mut warnings)?;
     let coding = if header.big_endian { Coding::BigEndian } else { Coding::LittleEndian };
     let scalar = header.scalar(&source)?;
@@ -55,11 +55,10 @@ pub(super) fn read(path: &Path) -> Result<ReadImage> {
             8 * scalar.size()
         ));
     }
-    let mut layout = Layout::new(&source, sizes, scalar, coding)?;
+    let mut layout = Layout::new(&source, sizes, scalar, coding)?.with_volumes(&source, values, false)?;
     layout.scale = header.scale();
     header.skip_to_voxels(&mut source, &mut warnings)?;
-    let image = read_labels(&mut source, &layout, frame, &mut warnings)?;
-    Ok(ReadImage { image, world, warnings })
+    Ok(Opened { source, layout, frame, world, warnings })
 }
 
 /// Numbers at their places in a header.
@@ -187,8 +186,8 @@ impl Header {
         }
     }
 
-    /// Voxels along the three axes; further axes must have one sample.
-    fn sizes(&self, source: &Source) -> Result<[u64; 3]> {
+    /// Voxels along the three axes, and values per voxel: of the further axes (time, values) only one may have several samples, and for labels none.
+    fn sizes(&self, source: &Source, volumes: Volumes) -> Result<([u64; 3], u64)> {
         let rank = self.dim[0];
         if !(1..=7).contains(&rank) {
             return Err(source.error(format!("dim[0], the number of dimensions, is {rank}; it must be 1 to 7")));
@@ -196,16 +195,20 @@ impl Header {
         if rank < 3 {
             return Err(source.error(format!("dim[0] is {rank}: only volumes are read")));
         }
+        let mut values = 1;
         for axis in 1..=rank as usize {
             let n = self.dim[axis];
             if n < 1 {
                 return Err(source.error(format!("dim[{axis}] is {n}; it must be at least 1")));
             }
             if axis > 3 && n > 1 {
-                return Err(source.error(format!("dim[{axis}] is {n}: only one volume per file is read")));
+                if volumes == Volumes::One || values > 1 {
+                    return Err(source.error(format!("dim[{axis}] is {n}: only one volume per file is read")));
+                }
+                values = n.unsigned_abs();
             }
         }
-        Ok([1, 2, 3].map(|axis| self.dim[axis].unsigned_abs()))
+        Ok(([1, 2, 3].map(|axis| self.dim[axis].unsigned_abs()), values))
     }
 
     fn scalar(&self, source: &Source) -> Result<Scalar> {
@@ -221,9 +224,9 @@ impl Header {
             1024 => Scalar::I64,
             1280 => Scalar::U64,
             code => {
-                return Err(source.error(format!(
-                    "datatype {code} is not read: labels must be integers, or floats with whole values"
-                )));
+                return Err(
+                    source.error(format!("datatype {code} is not read: only integers and floats of up to 64 bits are"))
+                );
             }
         })
     }
@@ -295,6 +298,7 @@ impl Header {
 mod tests {
     use glam::DVec3;
 
+    use super::super::ReadImage;
     use super::super::tests::{gzip, labels, read_bytes};
     use super::*;
 

@@ -1,14 +1,14 @@
 //! NRRD (`.nrrd`, and `.nhdr` beside a data file). Source: Gordon Kindlmann, "Definition of NRRD File Format", teem.
 //!
-//! Read: dimension 3, or 4 with one axis of a single sample; encodings raw, gzip, text. Data split over several files (`LIST`, numbered
+//! Read: dimension 3, or 4 with one axis of samples, the first or the last, for labels of a single one; encodings raw, gzip, text. Data split over several files (`LIST`, numbered
 //! names), bzip2 and hex are refused. Axis units and centerings do not matter to a mesh and are ignored.
 
 use std::path::Path;
 
 use super::fields::{Fields, MAX_HEADER, excerpt, header_line};
 use super::source::Source;
-use super::voxels::{Coding, Layout, Scalar, read_labels};
-use super::{ReadImage, WorldAxes, frame_from_parts, frame_from_steps};
+use super::voxels::{Coding, Layout, Scalar};
+use super::{Opened, Volumes, WorldAxes, frame_from_parts, frame_from_steps};
 use crate::Result;
 use crate::image::Frame;
 
@@ -23,11 +23,11 @@ struct Axis {
     spacing: f64,
 }
 
-pub(super) fn read(path: &Path) -> Result<ReadImage> {
+pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let mut source = Source::open(path)?;
     let fields = read_header(&mut source)?;
     let mut warnings = Vec::new();
-    let axes = three_axes(&fields)?;
+    let (axes, values, interleaved) = three_axes(&fields, volumes)?;
     let world = world_of(&fields)?;
     let frame = frame_of(path, &fields, &axes, &mut warnings)?;
     let scalar = scalar_of(&fields)?;
@@ -41,7 +41,8 @@ pub(super) fn read(path: &Path) -> Result<ReadImage> {
         }
         _ => return Err(fields.refuse("encoding", "unknown; supported are raw, gzip and text")),
     };
-    let layout = Layout::new(&source, [axes[0].size, axes[1].size, axes[2].size], scalar, coding)?;
+    let layout = Layout::new(&source, axes.each_ref().map(|axis| axis.size), scalar, coding)?;
+    let layout = layout.with_volumes(&source, values, interleaved)?;
 
     let mut source = match data_file(&fields)? {
         Some(name) => Source::open(&fields.sibling(name))?,
@@ -60,8 +61,7 @@ pub(super) fn read(path: &Path) -> Result<ReadImage> {
         }
         skip => source = source.seek_from_end(layout.bytes(), skip.unsigned_abs() - 1)?,
     }
-    let image = read_labels(&mut source, &layout, frame, &mut warnings)?;
-    Ok(ReadImage { image, world, warnings })
+    Ok(Opened { source, layout, frame, world, warnings })
 }
 
 /// Reads up to and including the empty line before the data, or to the end of a detached header.
@@ -92,14 +92,12 @@ fn read_header(source: &mut Source) -> Result<Fields> {
     Ok(fields)
 }
 
-/// The axes of the volume, fastest first.
-fn three_axes(fields: &Fields) -> Result<[Axis; 3]> {
+/// The axes of the volume, fastest first; the values per voxel, and whether these stand side by side.
+fn three_axes(fields: &Fields, volumes: Volumes) -> Result<([Axis; 3], u64, bool)> {
     let dimension: usize =
         fields.number("dimension")?.ok_or_else(|| fields.error("header field 'dimension' is missing"))?;
     if !(3..=4).contains(&dimension) {
-        return Err(
-            fields.refuse("dimension", "only volumes are read: dimension 3, or 4 with one axis of a single sample")
-        );
+        return Err(fields.refuse("dimension", "only volumes are read: dimension 3, or 4 with one axis of samples"));
     }
     fields.required("sizes")?;
     let sizes = fields.numbers::<u64>("sizes", Some(dimension))?.unwrap_or_default();
@@ -131,13 +129,22 @@ fn three_axes(fields: &Fields) -> Result<[Axis; 3]> {
             spacing: spacings.as_ref().map_or(f64::NAN, |s| s[i]),
         })
         .collect();
+    let (mut values, mut interleaved) = (1, false);
     if axes.len() == 4 {
         // The axis to drop is one outside space, if the header tells.
-        let single = |axis: &Axis| axis.size == 1;
-        let outside =
-            axes.iter().position(|axis| single(axis) && (in_space && axis.step.is_none() || !is_spatial(axis)));
-        match outside.or_else(|| axes.iter().rposition(single)) {
-            Some(axis) => axes.remove(axis),
+        let is_single = |axis: &Axis| axis.size == 1;
+        let is_outside = |axis: &Axis| in_space && axis.step.is_none() || !is_spatial(axis);
+        let single = axes
+            .iter()
+            .position(|axis| is_single(axis) && is_outside(axis))
+            .or_else(|| axes.iter().rposition(is_single));
+        let of_values = || {
+            // One in the middle is no order of volumes or voxels.
+            let ends = [0, 3].into_iter().find(|&n| is_outside(&axes[n]));
+            (volumes == Volumes::Many && !axes[1..3].iter().any(is_outside)).then(|| ends.unwrap_or(3))
+        };
+        match single.or_else(of_values) {
+            Some(axis) => (values, interleaved) = (axes.remove(axis).size, axis == 0),
             None => {
                 return Err(fields.refuse("sizes", "four axes of more than one sample: only volumes are read"));
             }
@@ -154,7 +161,8 @@ fn three_axes(fields: &Fields) -> Result<[Axis; 3]> {
             return Err(fields.refuse("space directions", format!("axis {i} is not an axis of space")));
         }
     }
-    axes.try_into().map_err(|_| fields.error("not three axes"))
+    let axes = axes.try_into().map_err(|_| fields.error("not three axes"))?;
+    Ok((axes, values, interleaved))
 }
 
 fn is_spatial(axis: &Axis) -> bool {

@@ -1,10 +1,11 @@
-//! From the bytes of a file to labels: the one place that knows number types, byte orders and text, for all formats.
+//! From the bytes of a file to labels or real numbers: the one place that knows number types, byte orders and text, for all formats.
 
 use super::super::LabelImage;
 use super::super::builder::{LabelBuilder, voxel_count};
 use super::super::frame::Frame;
 use super::fields::excerpt;
 use super::source::Source;
+use crate::memory::{reserve, room};
 use crate::{Error, Result};
 
 /// Voxels decoded at a time.
@@ -12,6 +13,9 @@ const CHUNK: usize = 1 << 16;
 
 /// Voxels per byte of the file for which room is made before they are seen; segmentations compress about so well.
 const TRUSTED_RATIO: u64 = 64;
+
+/// Values per voxel at most; as many as there are labels.
+const MAX_VOLUMES: usize = u16::MAX as usize;
 
 /// The longest number in text.
 const MAX_WORD: usize = 64;
@@ -72,8 +76,12 @@ pub(super) struct Layout {
     pub(super) dims: [usize; 3],
     pub(super) scalar: Scalar,
     pub(super) coding: Coding,
-    /// Label = slope * stored + intercept.
+    /// Value = slope * stored + intercept.
     pub(super) scale: Option<(f64, f64)>,
+    /// Values per voxel.
+    volumes: usize,
+    /// Whether the values of a voxel stand side by side, and not each in a volume of its own.
+    interleaved: bool,
 }
 
 impl Layout {
@@ -84,45 +92,102 @@ impl Layout {
             dims[axis] = usize::try_from(sizes[axis]).unwrap_or(usize::MAX);
         }
         voxel_count(dims).map_err(|e| source.error(e.to_string()))?;
-        Ok(Self { dims, scalar, coding, scale: None })
+        Ok(Self { dims, scalar, coding, scale: None, volumes: 1, interleaved: false })
     }
 
-    /// Cannot overflow: `new` saw to it that there are fewer than 2^32 voxels.
-    fn voxels(&self) -> usize {
-        self.dims.iter().product()
+    /// As [`Layout::new`], with several values per voxel.
+    pub(super) fn with_volumes(self, source: &Source, volumes: u64, interleaved: bool) -> Result<Self> {
+        match usize::try_from(volumes) {
+            Ok(volumes @ 1..=MAX_VOLUMES) => Ok(Self { volumes, interleaved, ..self }),
+            _ => Err(source.error(format!("1 to {MAX_VOLUMES} values per voxel are read, the header says {volumes}"))),
+        }
     }
 
-    /// Bytes that the voxels take in the stream; for text, the least they can take.
+    /// Stored numbers. Cannot overflow: there are fewer than 2^32 voxels and 2^16 volumes.
+    fn numbers(&self) -> usize {
+        self.dims.iter().product::<usize>() * self.volumes
+    }
+
+    /// Bytes that the numbers take in the stream; for text, the least they can take.
     pub(super) fn bytes(&self) -> u64 {
         match self.coding {
-            Coding::Text => 2 * self.voxels() as u64 - 1,
-            _ => self.voxels() as u64 * self.scalar.size() as u64,
+            Coding::Text => 2 * self.numbers() as u64 - 1,
+            _ => self.numbers() as u64 * self.scalar.size() as u64,
         }
     }
 }
 
-/// Reads the voxels and whatever follows them. Warns about bytes left over.
+/// A volume of labels, read to the end of the file.
 pub(super) fn read_labels(
     source: &mut Source,
     layout: &Layout,
     frame: Frame,
     warnings: &mut Vec<String>,
 ) -> Result<LabelImage> {
+    let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
+    read_numbers(source, layout, warnings, |source, labels: &[i32]| {
+        builder.push(labels).map_err(|e| match e {
+            Error::InvalidArgument(message) => source.error(message),
+            other => other,
+        })
+    })?;
+    builder.finish(frame)
+}
+
+/// All volumes as real numbers, read to the end of the file, x fastest.
+pub(super) fn read_values(source: &mut Source, layout: &Layout, warnings: &mut Vec<String>) -> Result<Vec<Vec<f32>>> {
+    const WHAT: &str = "values of an image";
+    let mut values: Vec<f32> = room(trusted(source, layout)?.min(layout.numbers()), WHAT)?;
+    read_numbers(source, layout, warnings, |_, more: &[f32]| {
+        reserve(&mut values, more.len(), WHAT)?;
+        values.extend_from_slice(more);
+        Ok(())
+    })?;
+    let volumes = layout.volumes;
+    if volumes == 1 {
+        return Ok(vec![values]);
+    }
+    let voxels = values.len() / volumes;
+    let volume = |n: usize| {
+        let mut volume = room(voxels, WHAT)?;
+        if layout.interleaved {
+            volume.extend(values[n..].iter().step_by(volumes));
+        } else {
+            volume.extend_from_slice(&values[n * voxels..][..voxels]);
+        }
+        Ok(volume)
+    };
+    (0..volumes).map(volume).collect()
+}
+
+/// Numbers for which room is made before they are seen: in proportion to what the file holds, not to what it claims.
+///
+/// # Errors
+/// [`Error::Format`] when the file cannot hold what it claims.
+fn trusted(source: &Source, layout: &Layout) -> Result<usize> {
     let (claimed, held) = (layout.bytes(), source.remaining());
     if claimed > held {
         let [nx, ny, nz] = layout.dims;
+        let each = if layout.volumes > 1 { format!(" of {} values", layout.volumes) } else { String::new() };
         let compressed = if source.is_compressed() { " even if perfectly compressed" } else { "" };
         return Err(source.error(format!(
-            "the voxel data is cut off: {nx} x {ny} x {nz} voxels need {claimed} bytes, the file can hold {held}{compressed}"
+            "the voxel data is cut off: {nx} x {ny} x {nz} voxels{each} need {claimed} bytes, the file can hold {held}{compressed}"
         )));
     }
-    // In proportion to what the file holds, not to what it claims.
     let file_bytes = if source.is_compressed() { held / 1032 } else { held };
-    let reserve = usize::try_from(file_bytes.saturating_mul(TRUSTED_RATIO)).unwrap_or(usize::MAX);
-    let mut builder = LabelBuilder::new(layout.dims, reserve)?;
+    Ok(usize::try_from(file_bytes.saturating_mul(TRUSTED_RATIO)).unwrap_or(usize::MAX))
+}
+
+/// Hands the numbers over, chunk by chunk in their order, and reads whatever follows them. Warns about bytes left over.
+fn read_numbers<V: Value>(
+    source: &mut Source,
+    layout: &Layout,
+    warnings: &mut Vec<String>,
+    push: impl FnMut(&Source, &[V]) -> Result<()>,
+) -> Result<()> {
     match layout.coding {
-        Coding::Text => read_text(source, layout, &mut builder)?,
-        _ => read_binary(source, layout, &mut builder)?,
+        Coding::Text => read_text(source, layout, push)?,
+        _ => read_binary(source, layout, push)?,
     }
     let excess = source.drain()?;
     if excess > 0 && layout.coding != Coding::Text {
@@ -130,14 +195,7 @@ pub(super) fn read_labels(
             "the file holds {excess} bytes or more after the voxels that its header describes; they are ignored"
         ));
     }
-    builder.finish(frame)
-}
-
-fn push(source: &Source, builder: &mut LabelBuilder, labels: &[i32]) -> Result<()> {
-    builder.push(labels).map_err(|e| match e {
-        Error::InvalidArgument(message) => source.error(message),
-        other => other,
-    })
+    Ok(())
 }
 
 /// Why a voxel is no label.
@@ -149,24 +207,28 @@ fn bad_voxel(source: &Source, layout: &Layout, voxel: usize, value: f64) -> Erro
     source.error(format!("voxel ({i}, {j}, {k}) is {value}: {why}"))
 }
 
-fn read_binary(source: &mut Source, layout: &Layout, builder: &mut LabelBuilder) -> Result<()> {
-    let (total, size) = (layout.voxels(), layout.scalar.size());
+fn read_binary<V: Value>(
+    source: &mut Source,
+    layout: &Layout,
+    mut push: impl FnMut(&Source, &[V]) -> Result<()>,
+) -> Result<()> {
+    let (total, size) = (layout.numbers(), layout.scalar.size());
     let mut bytes = vec![0_u8; CHUNK.min(total) * size];
-    let mut labels = vec![0_i32; CHUNK.min(total)];
+    let mut values = vec![V::default(); CHUNK.min(total)];
     let mut done = 0;
     while done < total {
         let count = CHUNK.min(total - done);
-        let (bytes, labels) = (&mut bytes[..count * size], &mut labels[..count]);
+        let (bytes, values) = (&mut bytes[..count * size], &mut values[..count]);
         let filled = source.read_up_to(bytes)?;
         if filled < bytes.len() {
             let held = done * size + filled;
             return Err(source
                 .error(format!("the voxel data is cut off: {} bytes are needed, {held} are there", layout.bytes())));
         }
-        if let Err((at, value)) = decode(bytes, layout, labels) {
+        if let Err((at, value)) = decode(bytes, layout, values) {
             return Err(bad_voxel(source, layout, done + at, value));
         }
-        push(source, builder, labels)?;
+        push(source, values)?;
         done += count;
     }
     Ok(())
@@ -211,13 +273,51 @@ impl Sample for f32 {
     }
 }
 
-/// Decodes as many voxels as `labels` has. The error is the first that is no label: its place and value.
-fn decode(bytes: &[u8], layout: &Layout, labels: &mut [i32]) -> std::result::Result<(), (usize, f64)> {
+/// What stored numbers are read as.
+trait Value: Copy + Default {
+    /// The number as it is, if it can be read so.
+    fn plain(stored: impl Sample) -> Option<Self>;
+    /// slope * stored + intercept, if it can be read so.
+    fn scaled(stored: f64, scale: (f64, f64)) -> Option<Self>;
+}
+
+/// Labels.
+impl Value for i32 {
+    #[inline]
+    fn plain(stored: impl Sample) -> Option<Self> {
+        stored.label()
+    }
+
+    #[inline]
+    fn scaled(stored: f64, (slope, intercept): (f64, f64)) -> Option<Self> {
+        let (product, value) = (slope * stored, slope * stored + intercept);
+        // Headers store the slope in single precision: a product is exact to 2^-24 of itself only.
+        let tolerance = 1e-7 * product.abs().max(intercept.abs()).max(value.abs());
+        let whole = value.round();
+        if (value - whole).abs() <= tolerance { whole.label() } else { None }
+    }
+}
+
+/// Intensities and probabilities, rounded to single precision.
+impl Value for f32 {
+    #[inline]
+    fn plain(stored: impl Sample) -> Option<Self> {
+        Some(stored.real() as f32)
+    }
+
+    #[inline]
+    fn scaled(stored: f64, (slope, intercept): (f64, f64)) -> Option<Self> {
+        Some((slope * stored + intercept) as f32)
+    }
+}
+
+/// Decodes as many numbers as `values` has. The error is the first that cannot be read so: its place and value.
+fn decode<V: Value>(bytes: &[u8], layout: &Layout, values: &mut [V]) -> std::result::Result<(), (usize, f64)> {
     macro_rules! each {
         ($t:ty) => {
             match layout.coding {
-                Coding::BigEndian => decode_as(bytes, <$t>::from_be_bytes, layout.scale, labels),
-                _ => decode_as(bytes, <$t>::from_le_bytes, layout.scale, labels),
+                Coding::BigEndian => decode_as(bytes, <$t>::from_be_bytes, layout.scale, values),
+                _ => decode_as(bytes, <$t>::from_le_bytes, layout.scale, values),
             }
         };
     }
@@ -235,36 +335,36 @@ fn decode(bytes: &[u8], layout: &Layout, labels: &mut [i32]) -> std::result::Res
     }
 }
 
-fn decode_as<T: Sample, const N: usize>(
+fn decode_as<T: Sample, V: Value, const N: usize>(
     bytes: &[u8],
     sample: impl Fn([u8; N]) -> T,
     scale: Option<(f64, f64)>,
-    labels: &mut [i32],
+    values: &mut [V],
 ) -> std::result::Result<(), (usize, f64)> {
     let stored = bytes.as_chunks::<N>().0.iter().map(|raw| sample(*raw));
     match scale {
         None => {
-            for (at, (slot, value)) in labels.iter_mut().zip(stored).enumerate() {
-                *slot = value.label().ok_or((at, value.real()))?;
+            for (at, (slot, stored)) in values.iter_mut().zip(stored).enumerate() {
+                *slot = V::plain(stored).ok_or((at, stored.real()))?;
             }
         }
         Some((slope, intercept)) => {
-            for (at, (slot, value)) in labels.iter_mut().zip(stored).enumerate() {
-                let (product, value) = (slope * value.real(), slope * value.real() + intercept);
-                // Headers store the slope in single precision: a product is exact to 2^-24 of itself only.
-                let tolerance = 1e-7 * product.abs().max(intercept.abs()).max(value.abs());
-                let whole = value.round();
-                *slot = if (value - whole).abs() <= tolerance { whole.label() } else { None }.ok_or((at, value))?;
+            for (at, (slot, stored)) in values.iter_mut().zip(stored.map(T::real)).enumerate() {
+                *slot = V::scaled(stored, (slope, intercept)).ok_or((at, slope * stored + intercept))?;
             }
         }
     }
     Ok(())
 }
 
-fn read_text(source: &mut Source, layout: &Layout, builder: &mut LabelBuilder) -> Result<()> {
-    let total = layout.voxels();
+fn read_text<V: Value>(
+    source: &mut Source,
+    layout: &Layout,
+    mut push: impl FnMut(&Source, &[V]) -> Result<()>,
+) -> Result<()> {
+    let total = layout.numbers();
     let mut bytes = vec![0_u8; CHUNK];
-    let mut labels: Vec<i32> = Vec::with_capacity(CHUNK);
+    let mut values: Vec<V> = Vec::with_capacity(CHUNK);
     let mut word: Vec<u8> = Vec::new();
     let mut done = 0;
     loop {
@@ -282,15 +382,15 @@ fn read_text(source: &mut Source, layout: &Layout, builder: &mut LabelBuilder) -
             if word.is_empty() {
                 continue;
             }
-            if done + labels.len() == total {
+            if done + values.len() == total {
                 return Err(source.error(format!("there are more than the {total} numbers that the header describes")));
             }
-            labels.push(label_of_word(source, layout, done + labels.len(), &word)?);
+            values.push(value_of_word(source, layout, done + values.len(), &word)?);
             word.clear();
         }
-        push(source, builder, &labels)?;
-        done += labels.len();
-        labels.clear();
+        push(source, &values)?;
+        done += values.len();
+        values.clear();
         if end.is_some() {
             break;
         }
@@ -301,8 +401,8 @@ fn read_text(source: &mut Source, layout: &Layout, builder: &mut LabelBuilder) -
     Ok(())
 }
 
-fn label_of_word(source: &Source, layout: &Layout, voxel: usize, word: &[u8]) -> Result<i32> {
+fn value_of_word<V: Value>(source: &Source, layout: &Layout, voxel: usize, word: &[u8]) -> Result<V> {
     let text = String::from_utf8_lossy(word);
     let value: f64 = text.parse().map_err(|_| source.error(format!("'{}' is not a number", excerpt(&text))))?;
-    value.label().ok_or_else(|| bad_voxel(source, layout, voxel, value))
+    V::plain(value).ok_or_else(|| bad_voxel(source, layout, voxel, value))
 }

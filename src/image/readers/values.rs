@@ -1,0 +1,214 @@
+//! Scans and probability maps from files: as [`super`], with real numbers instead of labels.
+//!
+//! Numbers of all types are read, scaled as the header says, and rounded to single precision. A file may hold several volumes: a fourth axis (NIfTI, NRRD, MetaImage), or
+//! several values for each voxel (NRRD, MetaImage, INR).
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::voxels::read_values;
+use super::{Opened, ReadOptions, Volumes, WorldAxes, open};
+use crate::image::{Frame, GrayImage, ProbabilityImage};
+use crate::{Error, Result};
+
+/// How far the places of the same voxel may be apart in two files, in voxels.
+const SAME_PLACE: f64 = 1e-2;
+
+/// What was read from one file or several.
+#[derive(Clone, Debug)]
+pub struct Read<T> {
+    /// The image.
+    pub image: T,
+    /// What its world axes mean; `None` when the file does not say.
+    pub world: Option<WorldAxes>,
+    /// What a user should know, one line each.
+    pub warnings: Vec<String>,
+}
+
+/// Reads a scan.
+///
+/// # Errors
+/// Those of [`super::read_image_with`]; [`Error::Format`] for a file of several volumes, and for an intensity that is not finite.
+pub fn read_gray(path: &Path, options: &ReadOptions) -> Result<Read<GrayImage>> {
+    let Stack { dims, frame, mut volumes, world, warnings } = Stack::read(path, options)?;
+    if volumes.len() != 1 {
+        return Err(Error::format(path, format!("{} values per voxel, a gray image has one", volumes.len())));
+    }
+    let image = GrayImage::new(dims, frame, volumes.remove(0)).map_err(|e| of_file(path, e))?;
+    Ok(Read { image, world, warnings })
+}
+
+/// Reads probability maps: all volumes of all files, in their order, which have the labels `labels`, or 1, 2, ... without.
+///
+/// # Errors
+/// Those of [`super::read_image_with`]; [`Error::InvalidArgument`] for no file, and as [`ProbabilityImage::new`]; [`Error::Format`] for a file whose grid is not that of the first.
+pub fn read_probabilities(
+    paths: &[&Path],
+    labels: Option<&[i32]>,
+    options: &ReadOptions,
+) -> Result<Read<ProbabilityImage>> {
+    let Some((first, others)) = paths.split_first() else {
+        return Err(Error::InvalidArgument("no file of probability maps is given".into()));
+    };
+    let mut all = Stack::read(first, options)?;
+    for path in others {
+        let stack = Stack::read(path, options)?;
+        if stack.dims != all.dims {
+            return Err(Error::format(
+                path,
+                format!("a grid of {:?} voxels, but {} has {:?}", stack.dims, first.display(), all.dims),
+            ));
+        }
+        let far = DVec3::from(all.dims.map(|n| n as f64));
+        for index in [DVec3::ZERO, far, far.with_x(0.0), far.with_y(0.0), far.with_z(0.0)] {
+            let apart = all.frame.to_index(stack.frame.to_world(index)) - index;
+            if apart.abs().max_element() > SAME_PLACE {
+                let message = format!("another place in the world than {}: {apart} voxels apart", first.display());
+                return Err(Error::format(path, message));
+            }
+        }
+        all.volumes.extend(stack.volumes);
+        all.warnings.extend(stack.warnings);
+    }
+    let counted: Vec<i32> = (1..=all.volumes.len() as i32).collect();
+    let image = ProbabilityImage::new(all.dims, all.frame, all.volumes, labels.unwrap_or(&counted));
+    let image = image.map_err(|e| if others.is_empty() { of_file(first, e) } else { e })?;
+    Ok(Read { image, world: all.world, warnings: all.warnings })
+}
+
+/// The volumes of one file.
+struct Stack {
+    dims: [usize; 3],
+    frame: Frame,
+    volumes: Vec<Vec<f32>>,
+    world: Option<WorldAxes>,
+    warnings: Vec<String>,
+}
+
+impl Stack {
+    fn read(path: &Path, options: &ReadOptions) -> Result<Self> {
+        let Opened { mut source, layout, frame, world, mut warnings } = open(path, Volumes::Many, options)?;
+        let volumes = read_values(&mut source, &layout, &mut warnings)?;
+        Ok(Self { dims: layout.dims, frame, volumes, world, warnings })
+    }
+}
+
+/// The error names the file.
+fn of_file(path: &Path, error: Error) -> Error {
+    match error {
+        Error::InvalidArgument(message) => Error::format(path, message),
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::Files;
+    use super::*;
+
+    const VALUES: [f32; 12] = [0.0, 0.5, 0.25, 1.0, 0.0, 0.0, 1.0, 0.0, 0.5, 0.0, 1.0, 0.5];
+
+    fn bytes() -> Vec<u8> {
+        VALUES.iter().flat_map(|v| v.to_le_bytes()).collect()
+    }
+
+    /// The same two volumes of 3 x 2 x 1 voxels, one after the other or voxel by voxel.
+    fn stacks() -> Vec<(&'static str, Vec<u8>)> {
+        let side_by_side: Vec<u8> =
+            (0..6).flat_map(|n| [VALUES[n], VALUES[n + 6]]).flat_map(f32::to_le_bytes).collect();
+        let nrrd = |lines: &str, data: &[u8]| {
+            let head = format!("NRRD0004\ntype: float\ndimension: 4\nencoding: raw\nendian: little\n{lines}\n\n");
+            [head.as_bytes(), data].concat()
+        };
+        let mha = |lines: &str, data: &[u8]| {
+            let head = format!("ObjectType = Image\n{lines}\nElementType = MET_FLOAT\nElementDataFile = LOCAL\n");
+            [head.as_bytes(), data].concat()
+        };
+        let mut inr = b"#INRIMAGE-4#{\nXDIM=3\nYDIM=2\nZDIM=1\nVDIM=2\nTYPE=float\nPIXSIZE=32 bits\nCPU=pc\n".to_vec();
+        inr.resize(252, b'\n');
+        inr.extend(b"##}\n");
+        inr.extend(&side_by_side);
+        let mut nifti = vec![0; 352];
+        let mut put = |at: usize, bytes: &[u8]| nifti[at..at + bytes.len()].copy_from_slice(bytes);
+        put(0, &348_i32.to_le_bytes());
+        put(344, b"n+1\0");
+        for (n, dim) in [4_i16, 3, 2, 1, 2].into_iter().enumerate() {
+            put(40 + 2 * n, &dim.to_le_bytes());
+        }
+        put(70, &16_i16.to_le_bytes());
+        put(72, &32_i16.to_le_bytes());
+        for n in 0..4 {
+            put(76 + 4 * n, &1.0_f32.to_le_bytes());
+        }
+        put(108, &352.0_f32.to_le_bytes());
+        nifti.extend(bytes());
+        vec![
+            ("a.nrrd", nrrd("sizes: 3 2 1 2\nspacings: 1 1 1 1\nkinds: domain domain domain list", &bytes())),
+            ("a.nrrd", nrrd("sizes: 3 2 1 2\nspacings: 1 1 1 1\nkinds: domain domain domain ???", &bytes())),
+            ("a.nrrd", nrrd("sizes: 2 3 2 1\nspacings: 1 1 1 1\nkinds: vector domain domain domain", &side_by_side)),
+            ("a.mha", mha("NDims = 4\nDimSize = 3 2 1 2\nElementSpacing = 1 1 1 1", &bytes())),
+            (
+                "a.mha",
+                mha("NDims = 3\nDimSize = 3 2 1\nElementNumberOfChannels = 2\nElementSpacing = 1 1 1", &side_by_side),
+            ),
+            ("a.inr", inr),
+            ("a.nii", nifti),
+        ]
+    }
+
+    #[test]
+    fn volumes_of_every_format_and_order() {
+        let files = Files::new();
+        for (name, file) in stacks() {
+            let path = files.write(name, &file);
+            let stack = Stack::read(&path, &ReadOptions::default()).unwrap();
+            let head = String::from_utf8_lossy(&file[..file.len() - 48]).into_owned();
+            assert_eq!((stack.dims, stack.volumes.len()), ([3, 2, 1], 2), "{head}");
+            assert_eq!(stack.volumes.concat(), VALUES, "{head}");
+            let read = read_probabilities(&[&path], Some(&[4, 0]), &ReadOptions::default()).unwrap();
+            assert_eq!(read.image.label_image().unwrap().label_at([1, 0, 0]), Some(4));
+            let message = read_gray(&path, &ReadOptions::default()).unwrap_err().to_string();
+            assert!(message.ends_with("2 values per voxel, a gray image has one"), "{message}");
+            assert!(super::super::read_image(&path).is_err(), "labels of {head}");
+        }
+    }
+
+    fn text(files: &Files, name: &str, lines: &str, values: &str) -> std::path::PathBuf {
+        let file = format!(
+            "NRRD0004\ntype: double\ndimension: 3\nsizes: 2 1 1\nspacings: 1 1 1\nencoding: text\n{lines}\n{values}"
+        );
+        files.write(name, file.as_bytes())
+    }
+
+    #[test]
+    fn errors_name_the_file_and_the_value() {
+        let files = Files::new();
+        let options = ReadOptions::default();
+        let good = text(&files, "good.nrrd", "", "0.5 1");
+        assert_eq!(read_gray(&good, &options).unwrap().image.voxels(), [0.5, 1.0]);
+        let nan = text(&files, "nan.nrrd", "", "0.5 nan");
+        let message = read_gray(&nan, &options).unwrap_err().to_string();
+        assert!(message.ends_with("nan.nrrd: intensity of voxel [1, 0, 0] is NaN; it must be finite"), "{message}");
+        let message = |paths: &[&Path], labels: Option<&[i32]>| {
+            read_probabilities(paths, labels, &options).unwrap_err().to_string()
+        };
+        assert_eq!(message(&[], None), "no file of probability maps is given");
+        assert_eq!(message(&[&good, &good], Some(&[1, 1])), "two probability maps are given for label 1");
+        let elsewhere = text(&files, "elsewhere.nrrd", "space dimension: 3\nspace origin: (1,0,0)\n", "0.5 1");
+        assert!(message(&[&good, &elsewhere], None).contains("elsewhere.nrrd: another place in the world than"));
+        let larger =
+            files.write("larger.nrrd", b"NRRD0004\ntype: double\ndimension: 3\nsizes: 3 1 1\nencoding: text\n\n0 0 0");
+        assert!(message(&[&good, &larger], None).contains("larger.nrrd: a grid of [3, 1, 1] voxels, but"));
+    }
+
+    #[test]
+    fn scales_of_headers_count() {
+        let files = Files::new();
+        let (_, mut nifti) = stacks().pop().unwrap();
+        nifti[112..116].copy_from_slice(&2.0_f32.to_le_bytes());
+        nifti[116..120].copy_from_slice(&(-1.0_f32).to_le_bytes());
+        let stack = Stack::read(&files.write("a.nii", &nifti), &ReadOptions::default()).unwrap();
+        assert_eq!(stack.volumes.concat(), VALUES.map(|v| 2.0 * v - 1.0));
+    }
+}

@@ -1,0 +1,206 @@
+//! The oracle of images made of intensities or probabilities, and of smoothed labels, against definitions evaluated by brute force on random images, cut by the border.
+
+use glam::DVec3;
+use lapd::Error;
+use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
+use lapd::oracle::Oracle;
+use lapd::params::SurfaceModel;
+
+struct Random(u64);
+
+impl Random {
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// A smooth function with noise: flat and steep places, leaps of several isovalues.
+    fn volume(&mut self, dims: [usize; 3], scale: f64) -> Vec<f32> {
+        let way = DVec3::new(self.unit(), self.unit(), self.unit()) - 0.5;
+        let noise = if self.unit() < 0.5 { 0.1 } else { 1.0 };
+        let mut values = Vec::new();
+        for z in 0..dims[2] {
+            for y in 0..dims[1] {
+                for x in 0..dims[0] {
+                    let along = way.dot(DVec3::new(x as f64, y as f64, z as f64)).sin();
+                    values.push((scale * (along + noise * self.unit())) as f32);
+                }
+            }
+        }
+        values
+    }
+
+    fn dims(&mut self) -> [usize; 3] {
+        [0; 3].map(|_: i32| 2 + (self.unit() * 7.0) as usize)
+    }
+
+    /// A point of the image's grid and up to one voxel around it.
+    fn near(&mut self, image: &LabelImage) -> DVec3 {
+        let size = DVec3::from(image.dims().map(|n| n as f64 + 1.0));
+        image.frame().to_world(DVec3::new(self.unit(), self.unit(), self.unit()) * size - 1.0)
+    }
+}
+
+fn frame() -> Frame {
+    Frame::new([3.0, -2.0, 5.0], [0.7, 1.1, 2.0], [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]).unwrap()
+}
+
+/// A value at a point: interpolated within the outermost voxel centres, from there to the border of the image that of the projection; `None` outside.
+fn interpolated(dims: [usize; 3], values: &[f32], x: DVec3) -> Option<f64> {
+    let last = DVec3::from(dims.map(|n| n as f64 - 1.0));
+    if (x + 0.5).min(last + 0.5 - x).min_element() < 0.0 {
+        return None;
+    }
+    let x = x.clamp(DVec3::ZERO, last);
+    let low = x.floor().min(last - 1.0);
+    let f = x - low;
+    Some(
+        (0..8)
+            .map(|c| {
+                let bit = [0, 1, 2].map(|a| c >> a & 1);
+                let part: f64 = (0..3).map(|a| if bit[a] == 1 { f[a] } else { 1.0 - f[a] }).product();
+                let at = [0, 1, 2].map(|a| low[a] as usize + bit[a]);
+                part * f64::from(values[at[0] + dims[0] * (at[1] + dims[1] * at[2])])
+            })
+            .sum(),
+    )
+}
+
+/// Compares the oracle with a definition: the label of a point, and how clear it is.
+fn compare(random: &mut Random, image: &LabelImage, oracle: &Oracle, label: impl Fn(DVec3) -> (i32, f64)) {
+    const CLEAR: f64 = 1e-4;
+    let mut found = 0;
+    for _ in 0..200 {
+        let [a, b] = [random.near(image), random.near(image)];
+        let (expected, ahead) = label(a);
+        let from = oracle.label(a);
+        if ahead > CLEAR {
+            assert_eq!(image.labels()[usize::from(from)], expected, "label at {a}, ahead by {ahead}");
+        }
+        let clearance = oracle.clearance(a);
+        let crossing = oracle.first_crossing(a, b);
+        let length = a.distance(b);
+        // Nothing before the crossing is clearly another label.
+        let until = crossing.map_or(1.0, |c| c.point.distance(a) / length - 2e-3);
+        for n in 0..200 {
+            let s = f64::from(n) / 200.0;
+            let (other, ahead) = label(a.lerp(b, s));
+            if s < until && ahead > 1e-2 {
+                assert_eq!(image.labels()[usize::from(from)], other, "{a} to {b} at {s}, crossing {crossing:?}");
+            }
+        }
+        if let Some(c) = crossing {
+            found += 1;
+            assert!(c.point.distance(a) >= clearance - 1e-6, "a crossing within the clearance {clearance}");
+            assert_eq!((c.from, c.from == c.to), (from, false));
+        } else {
+            assert_eq!(from, oracle.label(b), "no crossing from {a} to {b}");
+        }
+    }
+    assert!(found > 20, "{found} crossings");
+    // Crossed edges have a point of the isosurface: labels differ nearby. Not where two crossings are close together.
+    let grid = oracle.edge_grid(10.0, None);
+    let step = 2e-3 * oracle.spacing().min_element();
+    let (mut edges, mut close) = (0, 0);
+    for row in 0..grid.rows() {
+        grid.visit_row(row, |edge| {
+            let around = |d: DVec3| oracle.label(edge.point + d * step);
+            let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+            edges += 1;
+            close += u32::from(axes.iter().all(|&d| around(d) == around(-d)));
+            Ok(())
+        })
+        .unwrap();
+    }
+    assert!(edges > 10 && close * 50 <= edges, "{close} of {edges} edges have no change of label at their crossing");
+}
+
+fn oracle_of(image: &LabelImage, sigma: Option<f64>) -> Oracle {
+    Oracle::smoothed(image, SurfaceModel::Smooth, sigma, &|| Ok(())).unwrap()
+}
+
+#[test]
+fn interfaces_of_a_gray_image_are_isosurfaces() {
+    for seed in 1..12 {
+        let mut random = Random(seed);
+        let dims = random.dims();
+        let values = random.volume(dims, 2.0);
+        let gray = GrayImage::new(dims, frame(), values.clone()).unwrap();
+        let isovalues = [-0.8, 0.3, 0.9];
+        let Ok(image) = gray.label_image(&isovalues, None) else { continue };
+        let oracle = oracle_of(&image, None);
+        assert!(oracle.weights().is_empty() && oracle.bytes() > 0);
+        compare(&mut random, &image, &oracle, |p| {
+            let index = image.frame().to_index(p);
+            let outside = (DVec3::from(dims.map(|n| n as f64)) - 0.5 - index).min(index + 0.5).min_element().abs();
+            match interpolated(dims, &values, index) {
+                None => (0, outside),
+                Some(x) => {
+                    let label = isovalues.iter().filter(|&&v| v <= x).count() as i32;
+                    (label, isovalues.iter().map(|v| (x - v).abs()).fold(outside, f64::min))
+                }
+            }
+        });
+    }
+}
+
+#[test]
+fn interfaces_of_probabilities_are_where_the_largest_changes() {
+    for seed in 1..12 {
+        let mut random = Random(100 + seed);
+        let dims = random.dims();
+        let maps: Vec<Vec<f32>> =
+            (0..3).map(|_| random.volume(dims, 0.15).iter().map(|x| (x + 0.17).clamp(0.0, 0.33)).collect()).collect();
+        let probabilities = ProbabilityImage::new(dims, frame(), maps.clone(), &[5, -3, 9]).unwrap();
+        let image = probabilities.label_image().unwrap();
+        if !probabilities.nowhere_likeliest(&image).is_empty() {
+            continue;
+        }
+        let rest: Vec<f32> = (0..maps[0].len()).map(|n| 1.0 - maps[0][n] - maps[1][n] - maps[2][n]).collect();
+        let values = [&rest, &maps[0], &maps[1], &maps[2]];
+        compare(&mut random, &image, &oracle_of(&image, None), |p| {
+            let index = image.frame().to_index(p);
+            let outside = (DVec3::from(dims.map(|n| n as f64)) - 0.5 - index).min(index + 0.5).min_element().abs();
+            let at = values.map(|values| interpolated(dims, values, index));
+            let [Some(a), Some(b), Some(c), Some(d)] = at else { return (0, outside) };
+            let mut ranked = [(a, 0), (b, 5), (c, -3), (d, 9)];
+            ranked.sort_by(|x, y| y.0.total_cmp(&x.0));
+            (ranked[0].1, (ranked[0].0 - ranked[1].0).min(outside))
+        });
+    }
+}
+
+/// However much is smoothed, the voxel centres keep their labels, and a mixed cell stays one.
+#[test]
+fn smoothing_takes_no_voxel_centre() {
+    for seed in 1..8 {
+        let mut random = Random(200 + seed);
+        let dims = random.dims();
+        let ids: Vec<u16> = random.volume(dims, 1.0).iter().map(|x| ((x + 1.0) * 1.6) as u16).collect();
+        let labels = vec![0, 4, 7, 8, 9];
+        let image = LabelImage::from_ids(dims, frame(), ids, labels).unwrap();
+        for sigma in [0.4, 1.0, 3.0] {
+            let oracle = oracle_of(&image, Some(sigma));
+            for (n, &id) in image.ids().iter().enumerate() {
+                let at = [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
+                let p = image.frame().to_world(DVec3::from(at.map(|c| c as f64)));
+                assert_eq!(oracle.label(p), id, "voxel {at:?} at sigma {sigma}");
+            }
+            // No definition here: that crossings fit the labels.
+            compare(&mut random, &image, &oracle, |p| (image.labels()[usize::from(oracle.label(p))], 0.0));
+        }
+    }
+}
+
+#[test]
+fn smoothing_is_for_label_images() {
+    let gray = GrayImage::new([2, 2, 1], frame(), vec![0.0, 1.0, 2.0, 3.0]).unwrap();
+    let image = gray.label_image(&[1.5], None).unwrap();
+    let error = Oracle::smoothed(&image, SurfaceModel::Smooth, Some(1.0), &|| Ok(())).unwrap_err();
+    assert!(
+        matches!(&error, Error::InvalidArgument(message) if message.starts_with("sigma 1 smooths label images only"))
+    );
+    // The voxel model takes the labels alone.
+    let oracle = Oracle::new(&image, SurfaceModel::Voxel, &|| Ok(())).unwrap();
+    assert_eq!(oracle.label(image.frame().to_world(DVec3::new(0.0, 1.4, 0.0))), 1);
+}
