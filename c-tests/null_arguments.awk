@@ -8,6 +8,13 @@
 BEGIN {
     allowed["lapd_image_create strides"]
     allowed["lapd_image_create direction"]
+    allowed["lapd_image_create_gray strides"]
+    allowed["lapd_image_create_gray direction"]
+    allowed["lapd_image_create_gray labels"]
+    allowed["lapd_image_create_probabilities strides"]
+    allowed["lapd_image_create_probabilities direction"]
+    allowed["lapd_image_read_gray labels"]
+    allowed["lapd_image_read_probabilities labels"]
 }
 
 /^\/\*/ { comment = 1 }
@@ -38,6 +45,10 @@ function valid(type, parameter,    base) {
         sub(/^lapd_/, "", type)
         sub(/ \*\*$/, "", type)
         return "&made_" type
+    }
+    if (type ~ /\*const \*$/) {
+        sub(/ \*const \*$/, " *", type)
+        return "(" type "const[16]){" valid(type, parameter) "}"
     }
     if (type ~ /\*\*$/) {
         sub(/ \*\*$/, " *", type)

@@ -1,5 +1,5 @@
 /*
- * mesh_image: meshes a label image file. An example of the C interface, and a tool.
+ * mesh_image: meshes an image file. An example of the C interface, and a tool.
  *
  * It shows the whole way: parameters, context with progress and cancellation, image, run, files. report.c shows what a
  * mesh can be asked for. Exit status: 0 only if a mesh was written; 2 for bad usage; 1 for everything else, with one
@@ -25,7 +25,7 @@ enum { EXIT_FAILED = 1, EXIT_USAGE = 2 };
 static const char USAGE[] =
     "usage: mesh_image INPUT -o OUT [-o OUT2 ...] [options]\n"
     "\n"
-    "Turns a label image into a tetrahedral mesh of all its tissues.\n"
+    "Turns a label image, a scan or probability maps into a tetrahedral mesh of all tissues.\n"
     "INPUT: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz\n"
     "OUT, by its ending: .vtu .vtk .mesh .node .ele .msh (Gmsh 4.1) .msh2 (Gmsh 2.2) .inp (Abaqus) .stl .ply .off\n"
     "Lengths are in the image's world units (mm).\n"
@@ -51,6 +51,10 @@ static const char USAGE[] =
     "  --merge L,L,...=T    give these labels the label T first; may be given again\n"
     "  --background-label L the label (after --merge) that is background; default 0\n"
     "  --keep L,L,...       mesh these labels (after --merge) only\n"
+    "  --isovalue V,V,...   INPUT is a scan; its labels, 1, 2, ..., begin at these intensities\n"
+    "  --probabilities      INPUT is a stack of probability maps, of labels 1, 2, ...; may be several files\n"
+    "  --labels L,L,...     the labels at these isovalues, or of these maps\n"
+    "  --gaussian SIGMA     smooth the labels of a coarse image; in voxels, at most 5; default 0\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
     "  --surface NAME       smooth | voxel; default smooth\n"
     "  --optimize           not in this version\n"
@@ -210,6 +214,24 @@ static int32_t *parse_labels(const char *text, const char **end, size_t *count) 
     return NULL;
 }
 
+/* Reads numbers with commas between them; the caller frees them. NULL if there is anything else. */
+static double *parse_numbers(const char *text, size_t *count) {
+    double *list = malloc((strlen(text) / 2 + 1) * sizeof *list);
+    *count = 0;
+    for (char *end; list != NULL; text = end + 1) {
+        list[*count] = strtod(text, &end);
+        ++*count;
+        if (end == text || (*end != ',' && *end != '\0')) {
+            break;
+        }
+        if (*end == '\0') {
+            return list;
+        }
+    }
+    free(list);
+    return NULL;
+}
+
 typedef enum { SET_OK, SET_UNKNOWN_OPTION, SET_BAD_VALUE, SET_REFUSED } set_result;
 
 static set_result from_status(lapd_status status) {
@@ -230,6 +252,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
                    {"--radius-edge", lapd_params_set_radius_edge},
                    {"--facet-angle", lapd_params_set_facet_angle},
                    {"--spacing-floor", lapd_params_set_spacing_floor},
+                   {"--gaussian", lapd_params_set_sigma},
                    {"--time-limit", lapd_params_set_time_limit}};
     static const struct {
         const char *option;
@@ -313,6 +336,22 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     return SET_UNKNOWN_OPTION;
 }
 
+/* Sets what an option with a value says of the input. */
+static set_result set_input(options *o, const char *option, const char *value) {
+    if (strcmp(option, "--isovalue") == 0) {
+        free(o->isovalues);
+        o->isovalues = parse_numbers(value, &o->isovalue_count);
+        return o->isovalues != NULL ? SET_OK : SET_BAD_VALUE;
+    }
+    if (strcmp(option, "--labels") == 0) {
+        const char *rest;
+        free(o->labels);
+        o->labels = parse_labels(value, &rest, &o->label_count);
+        return o->labels != NULL && *rest == '\0' ? SET_OK : SET_BAD_VALUE;
+    }
+    return SET_UNKNOWN_OPTION;
+}
+
 static bool usage_error(const char *format, const char *a, const char *b) {
     complain(format, a, b);
     fputs("mesh_image: see mesh_image --help\n", stderr);
@@ -321,18 +360,16 @@ static bool usage_error(const char *format, const char *a, const char *b) {
 
 /* Returns false, with a message on stderr, for bad usage. */
 static bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *params, options *o) {
+    o->inputs = calloc((size_t)argc, sizeof *o->inputs);
     o->outputs = calloc((size_t)argc, sizeof *o->outputs);
-    if (o->outputs == NULL) {
+    if (o->inputs == NULL || o->outputs == NULL) {
         return usage_error("out of memory%s%s", "", "");
     }
     for (int i = 1; i < argc; i++) {
         const char *option = argv[i];
         lapd_status status = LAPD_OK;
         if (option[0] != '-' || option[1] == '\0') {
-            if (o->input != NULL) {
-                return usage_error("two inputs: %s and %s", o->input, option);
-            }
-            o->input = option;
+            o->inputs[o->input_count++] = option;
             continue;
         }
         if (strcmp(option, "--background") == 0) {
@@ -349,16 +386,19 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             status = lapd_params_set_optimize(context, params, 1);
         } else if (strcmp(option, "--no-optimize") == 0) {
             status = lapd_params_set_optimize(context, params, 0);
+        } else if (strcmp(option, "--probabilities") == 0) {
+            o->probabilities = true;
         } else if (strcmp(option, "--memory") == 0) {
             o->memory = true;
         } else if (strcmp(option, "--quiet") == 0) {
             o->quiet = true;
         } else {
             static const char *const with_value[] = {
-                "-o",        "--report",     "--timeline", "--topology",         "--delta",        "--size",
-                "--keep",    "--label-size", "--merge",    "--background-label", "--radius-edge",  "--facet-angle",
-                "--threads", "--algorithm",  "--begging",  "--contention",       "--max-vertices", "--time-limit",
-                "--surface", "--max-memory", "--spacing-floor", "--least-voxels"};
+                "-o",        "--report",     "--timeline",      "--topology",         "--delta",        "--size",
+                "--keep",    "--label-size", "--merge",         "--background-label", "--radius-edge",  "--facet-angle",
+                "--threads", "--algorithm",  "--begging",       "--contention",       "--max-vertices", "--time-limit",
+                "--surface", "--max-memory", "--spacing-floor", "--least-voxels",     "--isovalue",     "--labels",
+                "--gaussian"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");
@@ -375,7 +415,11 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                 o->timeline = value;
                 status = lapd_params_set_timeline(context, params, 1);
             } else {
-                switch (set_parameter(context, params, option, value)) {
+                set_result result = set_input(o, option, value);
+                if (result == SET_UNKNOWN_OPTION) {
+                    result = set_parameter(context, params, option, value);
+                }
+                switch (result) {
                 case SET_OK:
                     break;
                 case SET_REFUSED:
@@ -391,8 +435,17 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             return usage_error("%s: %s", option, lapd_context_last_error(context));
         }
     }
-    if (o->input == NULL) {
+    if (o->input_count == 0) {
         return usage_error("no input%s%s", "", "");
+    }
+    if (o->input_count > 1 && !o->probabilities) {
+        return usage_error("two inputs: %s and %s", o->inputs[0], o->inputs[1]);
+    }
+    if (o->isovalues != NULL && o->probabilities) {
+        return usage_error("--isovalue is for scans%s%s", ", --probabilities for maps", "");
+    }
+    if (o->labels != NULL && !o->probabilities && o->isovalue_count != o->label_count) {
+        return usage_error("--labels needs as many values%s%s", " as --isovalue", "");
     }
     if (o->output_count == 0 && o->report == NULL) {
         return usage_error("no output (-o) and no --report%s%s", "", "");
@@ -421,6 +474,16 @@ static lapd_status set_defaults(lapd_context *context, lapd_params *params, cons
 
 /* ---- The program ---- */
 
+static lapd_status read_input(lapd_context *context, const options *o, lapd_image **image) {
+    if (o->isovalues != NULL) {
+        return lapd_image_read_gray(context, o->inputs[0], o->isovalues, o->isovalue_count, o->labels, image);
+    }
+    if (o->probabilities) {
+        return lapd_image_read_probabilities(context, o->inputs, o->input_count, o->labels, o->label_count, image);
+    }
+    return lapd_image_read(context, o->inputs[0], image);
+}
+
 /* Everything from the image on. Returns the exit status. */
 static int run(lapd_context *context, lapd_params *params, const options *o, progress_line *line) {
     int exit_status = EXIT_FAILED;
@@ -434,7 +497,7 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
     line->memory = o->memory ? &memory : NULL;
     const double start = now();
 
-    lapd_status status = lapd_image_read(context, o->input, &image);
+    lapd_status status = read_input(context, o, &image);
     seconds.read = now() - start;
     memory.read = resident_memory();
     if (status == LAPD_OK)
@@ -519,6 +582,9 @@ int main(int argc, char **argv) {
         exit_status = run(context, params, &o, &line);
         signal(SIGINT, SIG_DFL);
     }
+    free(o.inputs);
+    free(o.isovalues);
+    free(o.labels);
     free(o.outputs);
     lapd_params_free(params);
     lapd_context_free(context);

@@ -293,7 +293,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     lapd_params_get_algorithm(params, &algorithm);
 
     fprintf(f, "{\n  \"version\": \"%s\",\n  \"input\": ", lapd_version());
-    json_string(f, o->input);
+    json_string(f, o->inputs[0]);
     json_number(f, ",\n  ", "delta", delta);
     json_number(f, ",\n  ", "size", size);
     json_count(f, ",\n  ", "threads", threads);

@@ -9,7 +9,15 @@
 
 /* What the command line asks for. Parameters go straight to the library's handle, which checks them. */
 typedef struct {
-    const char *input;
+    /* All but one only for probability maps. */
+    const char **inputs;
+    size_t input_count;
+    /* Of a scan, and the labels of these or of probability maps; NULL when not given. */
+    double *isovalues;
+    size_t isovalue_count;
+    int32_t *labels;
+    size_t label_count;
+    bool probabilities;
     const char **outputs;
     size_t output_count;
     const char *report;

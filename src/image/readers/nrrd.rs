@@ -131,19 +131,18 @@ fn three_axes(fields: &Fields, volumes: Volumes) -> Result<([Axis; 3], u64, bool
         .collect();
     let (mut values, mut interleaved) = (1, false);
     if axes.len() == 4 {
-        // The axis to drop is one outside space, if the header tells.
+        // The axis to drop is one outside space, if the header tells; of several values per voxel it is the first or the last.
         let is_single = |axis: &Axis| axis.size == 1;
         let is_outside = |axis: &Axis| in_space && axis.step.is_none() || !is_spatial(axis);
-        let single = axes
-            .iter()
-            .position(|axis| is_single(axis) && is_outside(axis))
-            .or_else(|| axes.iter().rposition(is_single));
-        let of_values = || {
-            // One in the middle is no order of volumes or voxels.
-            let ends = [0, 3].into_iter().find(|&n| is_outside(&axes[n]));
-            (volumes == Volumes::Many && !axes[1..3].iter().any(is_outside)).then(|| ends.unwrap_or(3))
+        let single = axes.iter().position(|axis| is_single(axis) && is_outside(axis));
+        let other = || match volumes {
+            Volumes::One => axes.iter().rposition(is_single),
+            Volumes::Many => match axes.iter().position(is_outside) {
+                Some(outside) => Some(outside).filter(|outside| [0, 3].contains(outside)),
+                None => Some(3),
+            },
         };
-        match single.or_else(of_values) {
+        match single.or_else(other) {
             Some(axis) => (values, interleaved) = (axes.remove(axis).size, axis == 0),
             None => {
                 return Err(fields.refuse("sizes", "four axes of more than one sample: only volumes are read"));
