@@ -193,7 +193,7 @@ typedef enum {
  */
 typedef enum {
   /**
-   * The label whose indicator, interpolated trilinearly, is largest. The default.
+   * The label whose indicator, interpolated trilinearly, is largest; of images made of intensities or probabilities, these are interpolated. The default.
    */
   LAPD_SURFACE_SMOOTH = 0,
   /**
@@ -1016,6 +1016,95 @@ lapd_status lapd_image_get_warning_count(const lapd_image *image, size_t *count)
 lapd_status lapd_image_get_warning(const lapd_image *image, size_t index, const char **warning);
 
 /**
+ * Makes an image of a scan, by isovalues v1 < v2 < ...: background below v1, the first label from v1 on, the second from v2 on, and so forth. Smooth interfaces
+ * (LAPD_SURFACE_SMOOTH) are the isosurfaces of the intensity, interpolated trilinearly between voxel centres, which is much closer to the object than a segmentation can be. In everything else the image is that of the
+ * labels at the voxel centres.
+ *
+ * - `data` points to the intensity of voxel (0, 0, 0). The voxels are copied (4 bytes each, and 2 for labels).
+ * - `dims`, `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create; `strides` and `direction` may be NULL.
+ * - `isovalues`: `isovalue_count` values, 1 to 31, increasing. An isovalue that many voxels have exactly puts the surface through their centres; half a unit beside it is better.
+ * - `labels`: as many labels as isovalues, or NULL for 1, 2, ... Label 0 is background here too, so that a range of intensities can be meshed alone.
+ *
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for isovalues that are not finite or do not increase, none or too many of them, an intensity that is not
+ * finite, an isovalue that no voxel reaches, or no voxel between two of them; LAPD_ERROR_OUT_OF_MEMORY.
+ */
+lapd_status lapd_image_create_gray(lapd_context *context,
+                                   const float *data,
+                                   const size_t *dims,
+                                   const ptrdiff_t *strides,
+                                   const double *origin,
+                                   const double *spacing,
+                                   const double *direction,
+                                   const double *isovalues,
+                                   size_t isovalue_count,
+                                   const int32_t *labels,
+                                   lapd_image **image);
+
+/**
+ * Makes an image of probability maps, one for each label: each voxel has its most likely label, on a tie the background, or else the smaller one. Smooth interfaces
+ * (LAPD_SURFACE_SMOOTH) are where the largest of the probabilities, interpolated trilinearly between voxel centres, changes hands; of a voxel the four largest count. In everything else the image is that of
+ * the labels at the voxel centres. Merged labels have the sum of their probabilities, and labels that are not kept count to the background.
+ *
+ * - `maps`: `map_count` pointers, each to the value of voxel (0, 0, 0) in the map of one label. The maps are copied (4 bytes per voxel and map, and 2 for labels).
+ * - `labels`: `map_count` labels, all different. Where 0, the background, is among them, values may be of any scale; else the background has what all others leave to 1, and
+ *   values must not exceed 1. Values below 0 count as 0.
+ * - `dims`, `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides maps may stand
+ *   side by side, voxel by voxel.
+ *
+ * A label that is nowhere the most likely one has no voxel, and will have no tet: lapd_image_get_warning names it.
+ *
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for no maps, a label given twice, a value that is not finite, or above 1 without a map of label 0;
+ * LAPD_ERROR_OUT_OF_MEMORY.
+ */
+lapd_status lapd_image_create_probabilities(lapd_context *context,
+                                            const float *const *maps,
+                                            const int32_t *labels,
+                                            size_t map_count,
+                                            const size_t *dims,
+                                            const ptrdiff_t *strides,
+                                            const double *origin,
+                                            const double *spacing,
+                                            const double *direction,
+                                            lapd_image **image);
+
+/**
+ * Reads a scan, as lapd_image_read reads labels, and makes an image of it by isovalues, as lapd_image_create_gray does. Numbers of all types are read, scaled as the file
+ * says, and rounded to single precision.
+ *
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ *
+ * Errors: those of lapd_image_read and of lapd_image_create_gray; LAPD_ERROR_FORMAT for an intensity that is not finite.
+ */
+lapd_status lapd_image_read_gray(lapd_context *context,
+                                 const char *path,
+                                 const double *isovalues,
+                                 size_t isovalue_count,
+                                 const int32_t *labels,
+                                 lapd_image **image);
+
+/**
+ * Reads probability maps, as lapd_image_read reads labels, and makes an image of them, as lapd_image_create_probabilities does. There may be several files, and several
+ * volumes in a file: a fourth axis (NIfTI, NRRD, MetaImage) or several values for each voxel (NRRD, MetaImage, INR). All volumes of all files count, in their order.
+ *
+ * - `paths`: `path_count` names of files. All must have the grid of the first.
+ * - `labels`: `label_count` labels, as many as there are volumes; or NULL for 1, 2, ..., `label_count` is not read then.
+ *
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ *
+ * Errors: those of lapd_image_read and of lapd_image_create_probabilities; LAPD_ERROR_FORMAT for files whose grids differ.
+ */
+lapd_status lapd_image_read_probabilities(lapd_context *context,
+                                          const char *const *paths,
+                                          size_t path_count,
+                                          const int32_t *labels,
+                                          size_t label_count,
+                                          lapd_image **image);
+
+/**
  * Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, smooth surfaces, all labels,
  * no background, 1 thread, no limits.
  *
@@ -1339,6 +1428,24 @@ lapd_status lapd_params_set_keep(lapd_context *context,
 lapd_status lapd_params_get_keep(const lapd_params *params,
                                  const int32_t **labels,
                                  size_t *count);
+
+/**
+ * Sets the standard deviation of the Gaussian that smooths the labels of a coarse segmentation, in voxels along each axis of the image; 0 to 5, 0 (the default) for none. For images
+ * of labels and smooth surfaces only. Voxel centres keep their labels, so that nothing thin or small is lost. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is out of range, or it is above 0 and the surface is LAPD_SURFACE_VOXEL.
+ */
+lapd_status lapd_params_set_sigma(lapd_context *context,
+                                  lapd_params *params,
+                                  double sigma);
+
+/**
+ * The standard deviation of the Gaussian that smooths labels, in voxels, 0 for none. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_sigma(const lapd_params *params,
+                                  double *sigma);
 
 /**
  * Sets the number of threads of a run, 1 (the default) to LAPD_MAX_THREADS. lapd_mesh_image starts them and joins them before it
