@@ -57,6 +57,12 @@ expect 2 2 box.nrrd -o a.vtu --keep 1,
 expect 2 2 box.nrrd -o a.vtu --keep ''
 expect 2 2 box.nrrd -o a.vtu --keep 99999999999
 expect 2 2 box.nrrd -o a.vtu --surface round
+expect 2 2 box.nrrd -o a.vtu --isovalue 1,
+expect 2 2 box.nrrd -o a.vtu --isovalue 1,x
+expect 2 2 box.nrrd -o a.vtu --isovalue 1 --probabilities
+expect 2 2 box.nrrd -o a.vtu --isovalue 0.5,1.5 --labels 4
+expect 2 2 box.nrrd -o a.vtu --labels 4
+expect 2 2 box.nrrd -o a.vtu --gaussian 6
 expect 2 2 box.nrrd -o a.vtu --max-vertices -3
 expect 2 2 box.nrrd -o a.vtu --time-limit -1
 expect 2 2 box.nrrd -o a.vtu --time-limit nan
@@ -199,6 +205,15 @@ END
 else
     echo "SKIPPED: the JSON report, python3 is missing"
 fi
+
+# The same box as a scan, as a map of probability, and smoothed.
+expect 0 0 box.nrrd --isovalue 0.5,1.5 --labels 7,-1 --quiet --report scan.json
+grep -q '"label": -1,' scan.json && grep -q '"label": 7,' scan.json || fail "labels of a scan: $(cat scan.json)"
+expect 1 1 box.nrrd --isovalue 5 --quiet --report none.json
+grep -q 'no voxel has an intensity of 5 or more; the image has 0 to 2' err || fail "isovalue 5: $(cat err)"
+expect 1 1 box.nrrd box.nrrd --probabilities --quiet --report none.json
+grep -q 'is 2: without a map of label 0' err || fail "--probabilities: $(cat err)"
+expect 0 0 box.nrrd --gaussian 1 --quiet --report smooth.json
 
 # Limits: one line and status 1, or with --partial a mesh and a word about it.
 for limit in "--max-vertices 5000" "--time-limit 0.2" "--max-memory 24M"; do

@@ -78,6 +78,31 @@ void types() {
 #endif
 }
 
+// Intensities and probabilities, from memory and from files.
+void values() {
+    lapd::context context;
+    const std::vector<float> intensities = block<float>();
+    const std::vector<std::int32_t> swapped{9, 5};
+    const lapd::image gray = lapd::image::create_gray(context, intensities.data(), cube(), {4.5, 8.5}, {5, 9});
+    CHECK(gray.voxels() == block<std::int32_t>());
+    CHECK(lapd::image::create_gray(context, intensities.data(), cube(), {4.5}).labels()[0] == 1);
+    CHECK(status_of([&] { lapd::image::create_gray(context, intensities.data(), cube(), {4.5}, swapped); }) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { lapd::image::read_gray(context, "none.nrrd", {1}); }) == LAPD_ERROR_IO);
+
+    std::vector<float> inner(intensities.size()), outer(intensities.size());
+    for (std::size_t i = 0; i < inner.size(); i++) {
+        inner[i] = intensities[i] > 8 ? 0.9F : 0;
+        outer[i] = intensities[i] > 4 ? 0.8F : 0;
+    }
+    const std::vector<const float *> maps{inner.data(), outer.data()};
+    CHECK(lapd::image::create_probabilities(context, maps, swapped, cube()).voxels() == block<std::int32_t>());
+    CHECK(status_of([&] { lapd::image::create_probabilities(context, maps, {1}, cube()); }) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { lapd::image::read_probabilities(context, {"none.nrrd"}); }) == LAPD_ERROR_IO);
+    CHECK(lapd::params().set_sigma(1.5).sigma() == 1.5);
+}
+
 void images() {
     lapd::context context;
     const std::vector<std::int32_t> expected = block<std::int32_t>();
@@ -287,6 +312,7 @@ void callbacks_that_throw() {
 int main() {
     types();
     images();
+    values();
     errors();
     parameters();
     meshes();

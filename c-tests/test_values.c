@@ -68,8 +68,8 @@ static void scans(const float *depths) {
     /* The same upside down, from its last voxel on. */
     const ptrdiff_t backwards[3] = {1, N, -N * N};
     image = NULL;
-    CHECK(lapd_image_create_gray(context, depths + N * N * (N - 1), dims, backwards, origin, spacing, NULL, isovalues, 2,
-                                 window, &image) == LAPD_OK);
+    CHECK(lapd_image_create_gray(context, depths + N * N * (N - 1), dims, backwards, origin, spacing, NULL, isovalues,
+                                 2, window, &image) == LAPD_OK);
     expect_volume(image, -6, ball - inner);
 
     image = NULL;

@@ -296,9 +296,8 @@ class image {
                            const std::vector<std::int32_t> &labels = {}) {
         check_count(labels, isovalues.size(), "isovalues");
         lapd_image *handle = nullptr;
-        lapd_status status =
-            lapd_image_read_gray(context.get(), path.c_str(), isovalues.data(), isovalues.size(),
-                                 labels.empty() ? nullptr : labels.data(), &handle);
+        lapd_status status = lapd_image_read_gray(context.get(), path.c_str(), isovalues.data(), isovalues.size(),
+                                                  labels.empty() ? nullptr : labels.data(), &handle);
         return adopt(context, status, handle);
     }
 
@@ -307,10 +306,10 @@ class image {
                                       const std::vector<std::int32_t> &labels, const grid &grid) {
         check_count(labels, maps.size(), "maps");
         lapd_image *handle = nullptr;
-        lapd_status status = lapd_image_create_probabilities(
-            context.get(), maps.data(), labels.data(), maps.size(), grid.dims.data(),
-            grid.strides ? grid.strides->data() : nullptr, grid.origin.data(), grid.spacing.data(),
-            grid.direction.data(), &handle);
+        lapd_status status =
+            lapd_image_create_probabilities(context.get(), maps.data(), labels.data(), maps.size(), grid.dims.data(),
+                                            grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
+                                            grid.spacing.data(), grid.direction.data(), &handle);
         return adopt(context, status, handle);
     }
     // All volumes of all files; without labels these are 1, 2, ...
