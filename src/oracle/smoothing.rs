@@ -19,7 +19,7 @@
 //!
 //! **Volumes** are not restored by weights. A surface of principal radii R1 and R2 moves inwards by about half of the variance times 1/R1 + 1/R2.
 //!
-//! Cost: per voxel beside an interface a look at the rows around it, most of which have one label; some hundred nanoseconds at a deviation of 1, growing with its square.
+//! Cost: per voxel beside an interface a look at the runs of labels in the rows around it; about half a microsecond at a deviation of 1, growing with its cube.
 
 use super::mixtures::Share;
 use crate::image::LabelImage;
@@ -38,6 +38,8 @@ pub(super) struct Smoothing<'a> {
     image: &'a LabelImage,
     /// The Gaussian's values at distances 0, 1, ... in voxels, of sum 1 over both sides.
     kernel: Vec<f32>,
+    /// Sums of the Gaussian's values, from one end on: element n is that of the first n.
+    sums: Vec<f32>,
 }
 
 impl<'a> Smoothing<'a> {
@@ -46,7 +48,12 @@ impl<'a> Smoothing<'a> {
         let radius = (CUT_OFF * sigma).ceil() as usize;
         let values: Vec<f64> = (0..=radius).map(|d| (-0.5 * (d as f64 / sigma).powi(2)).exp()).collect();
         let sum = 2.0 * values.iter().sum::<f64>() - values[0];
-        Self { image, kernel: values.iter().map(|v| (v / sum) as f32).collect() }
+        let kernel: Vec<f32> = values.iter().map(|v| (v / sum) as f32).collect();
+        let mut sums = vec![0.0];
+        for n in 0..=2 * radius {
+            sums.push(sums[n] + kernel[n.abs_diff(radius)]);
+        }
+        Self { image, kernel, sums }
     }
 
     /// The shares of voxel number `voxel`, whose label is `own`, in no particular order.
@@ -60,12 +67,17 @@ impl<'a> Smoothing<'a> {
         let (left, right) = (x.saturating_sub(radius), (x + radius).min(nx - 1));
         for dz in steps() {
             for dy in steps() {
-                let row = &self.image.ids()[nx * (clamped(y, dy, ny) + ny * clamped(z, dz, nz))..][..nx];
+                let start = nx * (clamped(y, dy, ny) + ny * clamped(z, dz, nz));
+                let row = &self.image.ids()[start + left..=start + right];
                 let part = weight(dy) * weight(dz);
-                if row[left..=right].iter().all(|&id| id == row[left]) {
-                    add(shares, row[left], part);
-                } else {
-                    steps().for_each(|dx| add(shares, row[clamped(x, dx, nx)], part * weight(dx)));
+                // Run by run. What lies beyond the image counts to the row's ends.
+                let (mut at, mut before) = (0, 0.0);
+                while at < row.len() {
+                    let id = row[at];
+                    at += row[at..].iter().take_while(|&&other| other == id).count();
+                    let up_to = if at == row.len() { 1.0 } else { self.sums[left + at + radius - x] };
+                    add(shares, id, part * (up_to - before));
+                    before = up_to;
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! Weights of the labels with which the smooth model keeps the volume of each.
+//! Weights of the labels with which the smooth model of indicators keeps the volume of each; other values (`field`) have none.
 //!
 //! Interpolation blurs: the indicator of a label is its image convolved with the hat function, of variance h^2/6 along each axis. Where the
 //! interface is curved with principal radii R1 and R2, the level 1/2 of the blurred indicator lies h^2/12 (1/R1 + 1/R2) inside, so that thin
