@@ -236,4 +236,6 @@ fn what_does_not_fit_together_is_refused() {
     let scan = gray([8; 3], |p| 2.0 - p.length()).label_image(&[100.0], None).unwrap();
     assert!(message(&scan, &sigma(0.5)).starts_with("sigma 0.5 smooths label images only"));
     assert!(message(&scan, &MeshParams { keep: vec![9], ..params(1.0) }).starts_with("label 9 is to be kept"));
+    let islands = message(&scan, &MeshParams { least_voxels: 8, ..params(1.0) });
+    assert!(islands.starts_with("components of fewer than 8 voxels can be left out of label images only"), "{islands}");
 }
