@@ -19,7 +19,7 @@
 //!
 //! **Volumes** are not restored by weights. A surface of principal radii R1 and R2 moves inwards by about half of the variance times 1/R1 + 1/R2.
 //!
-//! Cost: per voxel beside an interface a look at the runs of labels in the rows around it; about half a microsecond at a deviation of 1, growing with its cube.
+//! Cost: per voxel beside an interface a look at the runs of labels in the rows around it; about half a microsecond at a deviation of 1, growing with about its square.
 
 use super::mixtures::Share;
 use crate::image::LabelImage;
