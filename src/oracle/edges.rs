@@ -108,7 +108,8 @@ impl EdgeGrid<'_> {
         Ok(())
     }
 
-    /// Calls `visit` for the middle of each edge between voxels of a row around which two labels alternate, in world coordinates. The rows hold each once.
+    /// Calls `visit` for the middle of each edge between voxels of a row around which two labels alternate, in world coordinates. The rows hold each once. Intensities and probabilities say themselves what is joined there: with
+    /// these there are none.
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
@@ -116,7 +117,8 @@ impl EdgeGrid<'_> {
         let [nx, ny, nz] = self.oracle.bricks.dims();
         let per_layer = nz.div_ceil(Bricks::EDGE);
         let along = |brick: usize, count: usize| brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1);
-        for brick in 0..nx.div_ceil(Bricks::EDGE) {
+        let bricks = if self.searches { 0 } else { nx.div_ceil(Bricks::EDGE) };
+        for brick in 0..bricks {
             for j in along(row / per_layer, ny) {
                 for k in along(row % per_layer, nz) {
                     for i in along(brick, nx) {
