@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{Frame, LabelImage};
+use super::{Frame, LabelImage, Voxels};
 use crate::{Error, Result};
 
 /// A ball, label 1. Volume: [`ball_volume`].
@@ -86,6 +86,57 @@ pub fn eight_labels_at_a_point(dims: [usize; 3], spacing: [f64; 3], radius: f64)
 pub fn thin_sheet(dims: [usize; 3], spacing: [f64; 3], width: f64, thickness: f64) -> Result<LabelImage> {
     let half = 0.5 * DVec3::new(width, width, thickness);
     sampled(dims, spacing, |p| i32::from(p.abs().cmple(half).all()))
+}
+
+/// A tube two voxels wide along a helix about the z axis, label 1: `turns` turns of the given radius, with the pitch that fills the grid but for a margin of eight voxels. Voxels are cubes of edge 1.
+///
+/// # Errors
+/// As [`sampled`].
+pub fn helical_tube(dims: [usize; 3], radius: f64, turns: f64) -> Result<LabelImage> {
+    let half = 0.5 * (dims[2] as f64 - 16.0);
+    let steps = (turns * 2.0 * PI * radius * 16.0) as usize;
+    let mut voxels = vec![0_u8; dims.iter().product()];
+    for step in 0..=steps {
+        let part = step as f64 / steps as f64;
+        let angle = 2.0 * PI * turns * part;
+        let p = [radius * angle.cos(), radius * angle.sin(), (2.0 * part - 1.0) * half];
+        let first = [0, 1, 2].map(|axis| (p[axis] + 0.5 * dims[axis] as f64).floor() as usize - 1);
+        for corner in 0..8 {
+            let [i, j, k] = [0, 1, 2].map(|axis| first[axis] + (corner >> axis & 1));
+            voxels[i + dims[0] * (j + dims[1] * k)] = 1;
+        }
+    }
+    LabelImage::from_voxels(Voxels::U8(&voxels), dims, None, 0, Frame::axis_aligned([1.0; 3])?)
+}
+
+/// Cubes of `cell` voxels along each axis, `count` of them along each, in a margin of four voxels of background. Cube (a, b, c) has the label `label([a, b, c])`. Voxels are cubes of edge 1.
+///
+/// # Errors
+/// As [`sampled`].
+pub fn cubes(count: usize, cell: usize, label: impl Fn([usize; 3]) -> i32) -> Result<LabelImage> {
+    let size = count * cell + 8;
+    let half = 0.5 * (size as f64 - 1.0);
+    sampled([size; 3], [1.0; 3], |p| {
+        let at = (p + half).round().to_array().map(|c| (c as usize).checked_sub(4).map(|c| c / cell));
+        match at {
+            [Some(a), Some(b), Some(c)] if a.max(b).max(c) < count => label([a, b, c]),
+            _ => 0,
+        }
+    })
+}
+
+/// A comb, label 1: a block of `teeth` teeth of three voxels along x, with slits one voxel wide between them that end seven voxels above its bottom. 30 voxels along y and z, in a margin of five. Voxels are cubes of edge 1.
+///
+/// # Errors
+/// As [`sampled`].
+pub fn comb(teeth: usize) -> Result<LabelImage> {
+    let dims = [4 * teeth + 9, 40, 40];
+    let half = dims.map(|n| 0.5 * (n as f64 - 1.0));
+    sampled(dims, [1.0; 3], |p| {
+        let [i, j, k] = [p.x + half[0], p.y + half[1], p.z + half[2]].map(|c| c.round() as usize);
+        let inside = (5..dims[0] - 5).contains(&i) && (5..35).contains(&j) && (5..35).contains(&k);
+        i32::from(inside && (k < 12 || (i - 5) % 4 != 3))
+    })
 }
 
 /// Samples any label function of the world position on a grid centred at the world's origin.

@@ -4,6 +4,7 @@
 //! | file | what |
 //! |---|---|
 //! | `phantoms` | analytic bodies: volumes, distances, topology |
+//! | `thin` | what is thinner than the samples are apart, or touches itself |
 //! | `placement` | spacing, direction, origin, parameters that choose what is meshed |
 //! | `inputs` | intensities, probability maps, smoothed labels |
 //! | `awkward` | images and sizes that nobody plans for |
@@ -14,6 +15,7 @@ mod inputs;
 mod phantoms;
 mod placement;
 mod runs;
+mod thin;
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,0 +1,93 @@
+//! Bodies thinner than the distance of samples, or that touch themselves: none is torn, merged or lost.
+
+use lapd::image::LabelImage;
+use lapd::image::phantom::*;
+use lapd::mesh::DefectKind;
+use lapd::mesher::Meshing;
+use lapd::params::MeshParams;
+
+use super::{mesh, params, run};
+
+/// Every component of the image is one of the mesh, and bounded alike.
+fn assert_same_topology(meshing: &Meshing, what: &str) {
+    for row in &meshing.report.certificate.labels {
+        let found = (row.components_mesh, row.euler_mesh, row.components_lost, row.components_merged);
+        assert_eq!(found, (row.components_image, row.euler_image, 0, 0), "label {} of {what}", row.label);
+    }
+}
+
+/// Meshes at a delta of one voxel and of three.
+fn keeps_its_topology(image: &LabelImage, what: &str) {
+    for delta in [1.0, 3.0] {
+        let meshing = mesh(image, &MeshParams { size: 8.0, ..params(delta) });
+        assert_same_topology(&meshing, &format!("{what} at delta {delta}"));
+    }
+}
+
+#[test]
+fn a_sheet_of_one_voxel_does_not_tear() {
+    let image = thin_sheet([140, 140, 13], [1.0; 3], 128.0, 1.0).unwrap();
+    assert_eq!(image.voxel_counts()[1], 128 * 128);
+    keeps_its_topology(&image, "the sheet");
+}
+
+#[test]
+fn an_oblique_sheet_does_not_tear() {
+    let normal = glam::DVec3::new(0.3, 0.5, 0.81).normalize();
+    let label = |p: glam::DVec3| i32::from(p.dot(normal).abs() <= 0.75 && p.abs().max_element() < 24.0);
+    keeps_its_topology(&sampled([56; 3], [1.0; 3], label).unwrap(), "the oblique sheet");
+}
+
+#[test]
+fn a_tube_of_two_voxels_stays_connected() {
+    keeps_its_topology(&helical_tube([64; 3], 20.0, 4.0).unwrap(), "the tube");
+}
+
+#[test]
+fn slits_of_one_voxel_stay_open() {
+    keeps_its_topology(&comb(12).unwrap(), "the comb");
+}
+
+#[test]
+fn blocks_of_eight_voxels_have_tets() {
+    let image = cubes(6, 4, |_| 0).unwrap();
+    let dims = image.dims();
+    let [nx, ny, _] = dims;
+    let label = |v: usize| {
+        let at = [v % nx, v / nx % ny, v / (nx * ny)];
+        i32::from(at.iter().all(|c| (5..25).contains(c) && c % 5 < 2))
+    };
+    let voxels: Vec<i32> = (0..dims.iter().product()).map(label).collect();
+    let image = LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, *image.frame()).unwrap();
+    let meshing = mesh(&image, &MeshParams { size: 8.0, ..params(3.0) });
+    assert_eq!(meshing.report.certificate.labels[0].components_image, 64);
+    assert_same_topology(&meshing, "blocks");
+    // Without adapting none or few are found.
+    let meshing = run(&image, &MeshParams { size: 8.0, adaptive: false, ..params(3.0) });
+    assert!(meshing.report.certificate.labels[0].components_lost > 32);
+}
+
+#[test]
+fn what_is_too_small_is_left_out_and_listed() {
+    // Two cubes of six voxels along each axis, each its own label, and a voxel of the second's label elsewhere.
+    let image = cubes(3, 6, |at| i32::from(at == [0; 3]) + 2 * i32::from(at == [2; 3])).unwrap();
+    let params = params(1.0);
+    let limit = |least_voxels| MeshParams { least_voxels, ..params.clone() };
+    assert_eq!(mesh(&image, &limit(216)).report.certificate.defects, []);
+    let (dims, frame) = (image.dims(), *image.frame());
+    let mut voxels: Vec<i32> = image.ids().iter().map(|&id| id.into()).collect();
+    voxels[14 + dims[0] * (4 + dims[1] * 4)] = 2;
+    let image = LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, frame).unwrap();
+    let meshing = mesh(&image, &limit(2));
+    let defects = &meshing.report.certificate.defects;
+    assert_eq!(defects.iter().map(|d| (d.kind, d.label, d.size)).collect::<Vec<_>>(), [(DefectKind::Dropped, 2, 1)]);
+    assert_eq!(meshing.report.certificate.labels[1].components_image, 1);
+}
+
+#[test]
+fn thick_bodies_are_sampled_as_before() {
+    let image = ball([26; 3], [1.0; 3], 10.0).unwrap();
+    let adaptive = mesh(&image, &params(1.5));
+    let uniform = mesh(&image, &MeshParams { adaptive: false, ..params(1.5) });
+    assert!(adaptive.mesh == uniform.mesh);
+}
