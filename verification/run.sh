@@ -3,6 +3,7 @@
 #
 #   loom        models of locks, contention, begging and the end, in all orders of steps (verification/loom)
 #   conflicts   tests/podm.rs and tests/lapd.rs with locks that refuse at random, at every step of an operation
+#   features    tests of the cargo features simulation, and hwloc where it is installed (Debian: libhwloc-dev, libudev-dev): unit tests, tests/simulation.rs
 #   sanitizer   tests/podm.rs and tests/lapd.rs under ThreadSanitizer, standard library included; needs its sources: rustup component add rust-src
 #
 # Usage: sh verification/run.sh [PART...]; without arguments all. Ends with 0 if all passed. What was not checked is said in lines that start with SKIPPED.
@@ -12,8 +13,18 @@
 set -eu
 cd "$(dirname "$0")/.."
 if [ $# -eq 0 ]; then
-    set -- loom conflicts sanitizer
+    set -- loom conflicts features sanitizer
 fi
+
+features() {
+    features=simulation
+    if pkg-config --exists hwloc libudev; then
+        features=simulation,hwloc
+    else
+        echo "SKIPPED: the feature hwloc, libhwloc-dev or libudev-dev is missing"
+    fi
+    cargo test --locked --features "$features" --lib --test simulation -- --show-output
+}
 
 sanitizer() {
     if [ ! -e "$(rustc --print sysroot)/lib/rustlib/src/rust/library/Cargo.lock" ]; then
@@ -31,9 +42,10 @@ for part in "$@"; do
     case $part in
     loom) cargo test --locked --release --manifest-path verification/loom/Cargo.toml ;;
     conflicts) cargo test --locked --features force-conflicts --test podm --test lapd ;;
+    features) features ;;
     sanitizer) sanitizer ;;
     *)
-        echo "run.sh: no part $part; there are loom, conflicts, sanitizer" >&2
+        echo "run.sh: no part $part; there are loom, conflicts, features, sanitizer" >&2
         exit 2
         ;;
     esac
