@@ -14,9 +14,11 @@ use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
 use lapd::parallel::machine::Machine;
 use lapd::params::{Algorithm, Begging, Contention, MeshParams};
+use lapd::refine::activity::Doing;
 use lapd::refine::rules::Rules;
 use lapd::refine::team::Schedule;
 use lapd::refine::{refine, unmet_rules};
+use lapd::simulation::course::STEADY;
 use lapd::simulation::platform::{Costs, Level, Network, Platform};
 use lapd::simulation::{Simulated, simulate};
 
@@ -139,6 +141,24 @@ fn many_workers_make_sound_meshes_under_every_manager() {
             }
         }
     }
+}
+
+#[test]
+fn the_steady_state_is_the_middle_of_a_run() {
+    let (subject, platform) = (Subject::octants(0.6), platform(4));
+    let workers = platform.machine.total_cores() as f64;
+    let run = subject.simulate("steady", &Schedule { timeline: true, ..schedule(&platform) }, &platform).0;
+    let (steady, all) = (run.steady(), run.mark_at(1.0));
+    assert_eq!((all.seconds, all.made), (run.seconds, run.tally.fills));
+    assert_eq!(run.traffic.iter().flat_map(|one| &one.fetched_by_hops).sum::<u64>(), all.fetched);
+    let part = steady.made as f64 / all.made as f64;
+    assert!((part - (STEADY[1] - STEADY[0])).abs() < 0.05, "{part} of all tets");
+    let doing: f64 = steady.doing.iter().sum();
+    assert!(
+        (doing / (workers * steady.seconds) - 1.0).abs() < 1e-6,
+        "{doing} s of {workers} workers are accounted for"
+    );
+    assert!(steady.doing[Doing::Refining as usize] > all.doing[Doing::Refining as usize] * part);
 }
 
 #[test]

@@ -1,13 +1,10 @@
 //! Simulated refinements, one line of JSON for each; `study.py` beside this file runs it and draws what comes out. docs/scaling.md says what it means.
 //!
 //!     simulate IMAGE --tets N --workers P,P,... [--machine one|blacklight|NODESxCORES|SOCKETSxNODESxCORES] [--algorithm podm|lapd] [--contention local] [--begging flat|levels]
-//!         [--set NAME=VALUE,...] [--level NODES:NANOSECONDS,...] [--delta D] [--alone]
+//!         [--set NAME=VALUE,...] [--level NODES:NANOSECONDS,...] [--delta D] [--real]
 //!
-//! `--phases` adds what threads did in each twentieth of the time: percent sampling, refining, rolling back, waiting, without work.
-//!
-//! `--tets` is for each worker: delta is searched, by real refinements, until their number is within 3 % of P times N, unless `--delta` gives it. `--alone` runs one worker on the mesh
-//! of each P too, whose rate the speedup compares with. `--set` changes costs by name, `hop` and `cached` among them; `--level` gives the routers of groups of nodes.
-//! Nodes are 1 hop apart, in another socket 2. `--real` measures a real refinement with P threads as well.
+//! `--tets` is for each worker: delta is searched, by real refinements, until their number is within 3 % of P times N, unless `--delta` gives it. `--set` changes costs by name, `hop` and `cached` among them; `--level` gives the routers of groups of nodes.
+//! Nodes are 1 hop apart, in another socket 2. `--real` measures a real refinement with P threads as well. Every line but for that, and for `wall_s`, is the same in every run.
 
 use std::path::Path;
 use std::time::Instant;
@@ -24,6 +21,7 @@ use lapd::refine::activity::Overhead;
 use lapd::refine::refine;
 use lapd::refine::rules::Rules;
 use lapd::refine::team::Schedule;
+use lapd::simulation::course::Mark;
 use lapd::simulation::platform::{Costs, Level, Network, Platform};
 use lapd::simulation::world::Traffic;
 use lapd::simulation::{Simulated, simulate};
@@ -32,8 +30,8 @@ use serde_json::{Value, json};
 /// How far the number of tets may be from what was asked for.
 const WITHIN: f64 = 0.03;
 const TRIES: usize = 8;
-/// The middle of a run: between these parts of all tets made. Before it few workers have room, and samples go in; after it work runs out.
-const MIDDLE: [f64; 2] = [0.35, 0.85];
+/// Marks of a run's course that are reported: one for each twentieth of all tets made.
+const MARKS: usize = 20;
 /// The exponent of delta in the number of tets, as a first guess.
 const EXPONENT: f64 = 2.6;
 
@@ -51,9 +49,7 @@ struct Options {
     network: Network,
     cached: u32,
     delta: Option<f64>,
-    alone: bool,
     real: bool,
-    phases: bool,
 }
 
 fn main() {
@@ -77,15 +73,11 @@ fn options() -> Result<Options, Failure> {
         network: Network::of_hops(0.0),
         cached: u32::MAX,
         delta: None,
-        alone: false,
         real: false,
-        phases: false,
     };
     while let Some(word) = words.next() {
         match word.as_str() {
-            "--alone" => options.alone = true,
             "--real" => options.real = true,
-            "--phases" => options.phases = true,
             _ => {
                 let value = words.next().ok_or(format!("{word} needs a value"))?;
                 set(&mut options, &word, &value)?;
@@ -212,8 +204,8 @@ impl Subject {
 
     /// The delta that makes so many tets, near to `guess`.
     fn find_delta(&self, wanted: f64, guess: f64) -> Result<f64, Failure> {
-        let schedule = Schedule { threads: 2, ..Schedule::solo() };
-        let count = |delta| self.with_rules(delta, |rules| refine(rules, &schedule, &Monitor::silent()));
+        // One thread makes the same mesh in every run.
+        let count = |delta| self.with_rules(delta, |rules| refine(rules, &Schedule::solo(), &Monitor::silent()));
         let (mut delta, mut exponent) = (guess, EXPONENT);
         let mut before: Option<(f64, f64)> = None;
         for _ in 0..TRIES {
@@ -250,9 +242,6 @@ fn study(options: &Options) -> Result<(), Failure> {
             cached_records: options.cached,
         };
         run(options, &subject, delta, workers, &platform)?;
-        if options.alone && workers > 1 {
-            run(options, &subject, delta, 1, &platform)?;
-        }
         guess = delta;
     }
     Ok(())
@@ -265,7 +254,7 @@ fn run(options: &Options, subject: &Subject, delta: f64, workers: usize, platfor
         begging: options.begging,
         algorithm: options.algorithm,
         machine: platform.machine.clone(),
-        timeline: options.phases,
+        timeline: true,
         ..Schedule::solo()
     };
     let real = if options.real {
@@ -290,16 +279,13 @@ fn run(options: &Options, subject: &Subject, delta: f64, workers: usize, platfor
     line["tets"] = tets.into();
     line["real"] = real;
     line["wall_s"] = clock.elapsed().as_secs_f64().into();
-    if options.phases {
-        line["phases"] = phases(&simulated);
-    }
     println!("{line}");
     Ok(())
 }
 
 fn report(simulated: &Simulated) -> Value {
     let Simulated { refinement, seconds, course: _, traffic, served, tally } = simulated;
-    let [from, to] = MIDDLE.map(|part| simulated.mark_at(part).unwrap_or_default());
+    let course: Vec<Value> = (0..=MARKS).map(|at| mark(&simulated.mark_at(at as f64 / MARKS as f64))).collect();
     let mut lost = Overhead::default();
     refinement.threads.iter().for_each(|thread| lost.add(&thread.overhead));
     let by_hops = |of: fn(&Traffic) -> &Vec<u64>| {
@@ -312,10 +298,8 @@ fn report(simulated: &Simulated) -> Value {
     let operations = &refinement.counters;
     json!({
         "seconds": seconds,
-        "middle": {
-            "seconds": to.seconds - from.seconds, "made": to.made - from.made,
-            "travel_s": to.travel_seconds - from.travel_seconds, "queue_s": to.queue_seconds - from.queue_seconds,
-        },
+        "steady": mark(&simulated.steady()),
+        "course": course,
         "insertions": operations.insertions,
         "removals": operations.removals,
         "rollbacks": operations.rollbacks,
@@ -339,20 +323,10 @@ fn report(simulated: &Simulated) -> Value {
     })
 }
 
-/// Seconds of all threads by what they did, in twenty parts of the time.
-fn phases(simulated: &Simulated) -> Value {
-    const PARTS: usize = 20;
-    let part = simulated.seconds / PARTS as f64;
-    let mut sums = [[0.0; 5]; PARTS];
-    for span in simulated.refinement.threads.iter().flat_map(|thread| &thread.timeline) {
-        let (first, last) = ((span.start / part) as usize, (span.end / part) as usize);
-        for at in first..=last.min(PARTS - 1) {
-            let (start, end) = (at as f64 * part, (at + 1) as f64 * part);
-            sums[at][span.doing as usize] += span.end.min(end) - span.start.max(start);
-        }
-    }
-    let row = |row: &[f64; 5]| {
-        row.map(|seconds| (100.0 * seconds / (part * simulated.refinement.threads.len() as f64)).round())
-    };
-    json!(sums.iter().map(row).collect::<Vec<_>>())
+/// Until a moment, or between two; what workers did in the order of `Doing`.
+fn mark(mark: &Mark) -> Value {
+    json!({
+        "seconds": mark.seconds, "made": mark.made, "fetched": mark.fetched, "travel_s": mark.travel_seconds, "queue_s": mark.queue_seconds,
+        "doing_s": mark.doing,
+    })
 }

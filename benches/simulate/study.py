@@ -1,7 +1,8 @@
 """Simulated scaling: runs the example `simulate`, fits what is fitted, writes docs/scaling.md's tables and plots. run.sh says how.
 
 Efficiency, after equation 1 of D. Feng, A. Chernikov, N. Chrisochoides, Two-level locality-aware parallel Delaunay image-to-mesh conversion, 2016: tets per second of p workers over p times
-those of one worker. One worker's rate is that of a mesh of the same number of tets: it changes by a few percent with the size of a mesh, which is no matter of scaling.
+those of one worker. One worker's rate is that for the same mesh: it changes by up to a tenth with the size of a mesh, up or down, which is no matter of scaling. Tets and seconds are those of the whole run, or of its
+steady state, the middle of it (src/simulation/course.rs).
 """
 import argparse
 import hashlib
@@ -32,6 +33,8 @@ RATE_ALONE = {"abdomen": 3.09e6 / 27.78, "brain": 2.01e6 / 18.29}
 # Blades of a router, and of a rack unit.
 ROUTER, UNIT = 8, 16
 
+# Rows by which the network's constants are fitted: with fewer threads routers are hardly in use.
+FITTED = [128, 144, 160, 176, 192]
 # Constants to begin with: nanoseconds of a hop, and of a record in a router and between the routers of a unit.
 START = (22.0, 41.5, 255.0)
 
@@ -48,7 +51,7 @@ class Runs:
         KEPT.mkdir(parents=True, exist_ok=True)
 
     def one(self, image, workers, *options):
-        """The lines of one run: that of `workers`, and after it that of one worker where `--alone` is given."""
+        """One run."""
         words = [str(self.images[image]), "--workers", str(workers), *map(str, options)]
         name = hashlib.sha256(json.dumps([self.version, *words]).encode()).hexdigest()[:24]
         path = KEPT / f"{image}-{workers}-{name}.json"
@@ -57,8 +60,15 @@ class Runs:
             done = subprocess.run([BINARY, *words], capture_output=True, text=True)
             if done.returncode:
                 sys.exit(f"study.py: {' '.join(words)}: {done.stderr.strip()}")
-            path.write_text(done.stdout)
-        return [json.loads(line) for line in path.read_text().splitlines()]
+            # Whole, or not at all: an interrupted study goes on with what is there.
+            unfinished = path.with_suffix(".tmp")
+            unfinished.write_text(done.stdout)
+            unfinished.rename(path)
+        return json.loads(path.read_text())
+
+    def alone(self, image, tets):
+        """One worker on a mesh of about so many tets; its delta is that of the others on the same mesh."""
+        return self.one(image, 1, "--tets", tets)
 
     def many(self, asked):
         """As `one`, for each of a list, the longest first."""
@@ -68,25 +78,38 @@ class Runs:
 
 
 def rate(run):
+    """Tets per second of the whole run."""
     return run["tets"] / run["seconds"]
 
 
-def efficiency(run, alone):
-    """All losses."""
-    return rate(run) / (run["workers"] * alone)
+def whole_efficiency(run, alone, slowdown=1.0):
+    """Of the whole run; `alone` is one worker's run for the same mesh, on a core that is not slowed down."""
+    return rate(run) / run["workers"] / (rate(alone) / slowdown)
 
 
-def network_efficiency(run, alone):
-    """The loss by data from other nodes alone: one worker's time for the same tets, over this with what all workers waited for such data."""
-    work = run["tets"] / alone
-    return work / (work + run["travel_s"] + run["queue_s"])
+def steady_rate(run):
+    """Tets made per second in the steady state."""
+    return run["steady"]["made"] / run["steady"]["seconds"]
+
+
+def steady_efficiency(run, alone, slowdown=1.0):
+    """Of the steady state, all losses."""
+    return steady_rate(run) / run["workers"] / (steady_rate(alone) / slowdown)
+
+
+def waited(run):
+    """Seconds of all workers in the steady state that they waited for data of other nodes."""
+    return run["steady"]["travel_s"] + run["steady"]["queue_s"]
 
 
 def shares(run):
-    """Percent of all workers' time."""
-    whole = run["workers"] * run["seconds"]
-    communication = run["travel_s"] + run["queue_s"]
-    return [f"{100 * seconds / whole:.1f}" for seconds in (run["rollback_s"], run["contention_s"], run["idle_s"], communication)]
+    """Parts of all workers' time in the steady state: rolled back, contention, idle, communication. Who waits for data does so within an operation, which may be rolled back: the last and the first overlap."""
+    whole = run["workers"] * run["steady"]["seconds"]
+    return [seconds / whole for seconds in (*run["steady"]["doing_s"][2:], waited(run))]
+
+
+def percent(parts):
+    return [f"{100 * part:.1f}" for part in parts]
 
 
 def remote(run):
@@ -117,27 +140,31 @@ def waits_for_data(run, between, constants):
 
 def time_between(run, constants):
     """Seconds between two records of a worker such that the analysis gives what the run, simulated with these constants, waited. Records come in bursts: it is less than the mean."""
-    waited = (run["travel_s"] + run["queue_s"]) / sum(run["fetched_by_hops"])
+    mean = waited(run) / run["steady"]["fetched"]
     low, high = 1e-9, 1.0
     for _ in range(50):
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if waits_for_data(run, middle, constants) > waited else (low, middle)
+        low, high = (middle, high) if waits_for_data(run, middle, constants) > mean else (low, middle)
     return low
 
 
-def predicted(run, alone, between, constants):
-    """The network's efficiency under other constants than those of the run."""
-    work = run["tets"] / alone / sum(run["fetched_by_hops"])
-    return work / (work + waits_for_data(run, between, constants))
+def predicted(run, work, others, between, constants):
+    """The efficiency under other constants than those of the run: one worker's seconds over these, what is waited for data, and the other losses, which are as long as operations are."""
+    waits = run["steady"]["fetched"] * waits_for_data(run, between, constants)
+    return work / ((work + waits) * others)
 
 
 def fit(rows, simulated):
-    """Constants that bring the predicted efficiencies nearest to the published ones of PODM, by steps along each axis that halve. `rows`: runs simulated with the constants `simulated`, the rate of
-    one worker, what was published."""
-    rows = [(run, alone, time_between(run, simulated), published) for run, alone, published in rows]
+    """Constants that bring the predicted efficiencies nearest to the published ones of PODM, by steps along each axis that halve. `rows`: runs simulated with the constants `simulated`, their efficiencies,
+    and those published."""
+    known = []
+    for run, found, published in rows:
+        total = run["workers"] * run["steady"]["seconds"]
+        work = found * total
+        known.append(((run, work, total / (work + waited(run)), time_between(run, simulated)), published))
 
     def error(constants):
-        return sum((predicted(*row[:3], constants) - row[3]) ** 2 for row in rows)
+        return sum((predicted(*row, constants) - published) ** 2 for row, published in known)
 
     best, step = list(simulated), 1.0
     least = error(best)
@@ -147,7 +174,7 @@ def fit(rows, simulated):
         for axis in (1, 2):
             for factor in (1 + step, 1 / (1 + step)):
                 tried = list(best)
-                tried[axis] *= factor
+                tried[axis] = max(1.0, tried[axis] * factor)
                 found = error(tried)
                 if found < least:
                     best, least, better = tried, found, True
@@ -156,51 +183,47 @@ def fit(rows, simulated):
     return tuple(float(f"{value:.3g}") for value in best)
 
 
-def blacklight_options(tets, algorithm, slowdown, constants):
-    hop, router, unit = constants
-    begging = "flat" if algorithm == "podm" else "levels"
-    return ("--tets", tets, "--machine", "blacklight", "--algorithm", algorithm, "--begging", begging, "--set",
-            f"slowdown={slowdown:.4g},hop={hop:g}", "--level", f"{ROUTER}:{router:g},{UNIT}:{unit:g}")
-
-
 def blacklight(runs, options):
     """The paper's tables."""
     images = [image for image in PODM if image in runs.images]
-    tets, slow = options.tets, {}
-    for image in images:
-        [run] = runs.one(image, 1, "--tets", 16 * tets, "--machine", "blacklight")
-        slow[image] = rate(run) / RATE_ALONE[image]
+    # All rows refine one mesh.
+    alone = {image: runs.alone(image, options.tets * THREADS[-1]) for image in images}
+    slow = {image: rate(alone[image]) / RATE_ALONE[image] for image in images}
 
-    def sweep(algorithm, constants):
-        asked = [(image, p, *blacklight_options(tets, algorithm, slow[image], constants)) for image in images for p in THREADS]
+    def sweep(algorithm, constants, threads):
+        hop, router, unit = constants
+        asked = [(image, p, "--delta", alone[image]["delta"], "--machine", "blacklight", "--algorithm", algorithm, "--begging", "flat" if algorithm == "podm" else "levels",
+                  "--set", f"slowdown={slow[image]:.4g},hop={hop:g}", "--level", f"{ROUTER}:{router:g},{UNIT}:{unit:g}") for image in images for p in threads]
         found = iter(runs.many(asked))
-        return {image: [next(found)[0] for _ in THREADS] for image in images}
+        return {image: [next(found) for _ in threads] for image in images}
 
-    constants, podm = START, sweep("podm", START)
+    constants = START
     for _ in range(options.rounds):
-        rows = [(run, RATE_ALONE[image], published) for image in images for run, published in zip(podm[image], PODM[image])]
+        podm, rows = sweep("podm", constants, FITTED), []
+        for image in images:
+            published = dict(zip(THREADS, PODM[image]))
+            rows += [(run, steady_efficiency(run, alone[image], slow[image]), published[run["workers"]]) for run in podm[image]]
         constants = fit(rows, constants)
         say(f"    fitted: hop {constants[0]} ns, router {constants[1]} ns, unit {constants[2]} ns")
-        podm = sweep("podm", constants)
-    lapd = sweep("lapd", constants)
-    fitted = [[image, f"{slow[image]:.2f}", *(f"{value:g}" for value in constants)] for image in images]
-    text = [markdown(["image", "slowdown", "hop, ns", "router, ns a record", "unit, ns a record"], fitted)]
-    head = ["image", "threads", "algorithm", "published", "network alone", "error", "all losses", "rolled back, %", "contention, %", "idle, %",
-            "communication, %", "remote visits, %", "fetched per tet"]
+    podm, lapd = (sweep(algorithm, constants, THREADS) for algorithm in ("podm", "lapd"))
+    fitted = [[image, str(alone[image]["tets"]), f"{slow[image]:.2f}", *(f"{value:g}" for value in constants)] for image in images]
+    text = [markdown(["image", "tets", "slowdown", "hop, ns", "router, ns a record", "unit, ns a record"], fitted)]
+    head = ["image", "threads", "algorithm", "published", "simulated", "error", "whole run", "rolled back, %", "contention, %", "idle, %", "communication, %", "remote visits, %", "fetched per tet"]
     table = []
     for image in images:
         for name, runs_of, published in (("PODM", podm, PODM), ("LAPD", lapd, LAPD)):
             for p, run, paper in zip(THREADS, runs_of[image], published[image]):
-                found = network_efficiency(run, RATE_ALONE[image])
-                table.append([image, str(p), name, f"{paper:.2f}", f"{found:.2f}", f"{found - paper:+.2f}",
-                              f"{efficiency(run, RATE_ALONE[image]):.2f}", *shares(run), f"{remote(run):.1f}",
+                found = steady_efficiency(run, alone[image], slow[image])
+                whole = whole_efficiency(run, alone[image], slow[image])
+                table.append([image, str(p), name, f"{paper:.2f}", f"{found:.2f}", f"{found - paper:+.2f}", f"{whole:.2f}", *percent(shares(run)), f"{remote(run):.1f}",
                               f"{sum(run['fetched_by_hops']) / run['tets']:.2f}"])
     text.append(markdown(head, table))
-    plot_blacklight(images, podm, lapd)
+    if not options.print_only:
+        plot_blacklight(images, podm, lapd, alone, slow)
     return text
 
 
-def plot_blacklight(images, podm, lapd):
+def plot_blacklight(images, podm, lapd, alone, slow):
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
@@ -209,21 +232,19 @@ def plot_blacklight(images, podm, lapd):
         above, below = axes[0][column], axes[1][column]
         above.plot([0, 192], [0, 192], color="grey", lw=0.8, label="ideal")
         for name, runs_of, published, color in (("PODM", podm, PODM, "tab:blue"), ("LAPD", lapd, LAPD, "tab:red")):
-            alone = RATE_ALONE[image]
             above.plot(THREADS, [p * e for p, e in zip(THREADS, published[image])], "o--", color=color, mfc="none", label=f"{name}, published")
-            above.plot(THREADS, [p * network_efficiency(run, alone) for p, run in zip(THREADS, runs_of[image])], "s-", color=color,
-                       label=f"{name}, simulated, network alone")
-            above.plot(THREADS, [p * efficiency(run, alone) for p, run in zip(THREADS, runs_of[image])], ":", color=color,
-                       label=f"{name}, simulated, all losses")
+            for style, what, of in (("s-", "steady state", steady_efficiency), (":", "whole run", whole_efficiency)):
+                speedups = [p * of(run, alone[image], slow[image]) for p, run in zip(THREADS, runs_of[image])]
+                above.plot(THREADS, speedups, style, color=color, label=f"{name}, simulated, {what}")
         above.set(title=image, xlabel="threads", ylabel="speedup")
         above.legend(fontsize=7)
         for offset, runs_of, alpha in ((-3, podm, 1.0), (3, lapd, 0.6)):
             bottom = [0.0] * len(THREADS)
             for index, (what, color) in enumerate((("rolled back", "tab:orange"), ("contention", "tab:purple"), ("idle", "tab:green"), ("communication", "tab:blue"))):
-                heights = [float(shares(run)[index]) for run in runs_of[image]]
+                heights = [100 * shares(run)[index] for run in runs_of[image]]
                 below.bar([p + offset for p in THREADS], heights, 5, bottom=bottom, color=color, alpha=alpha, label=what if offset < 0 else None)
                 bottom = [a + b for a, b in zip(bottom, heights)]
-        below.set(xlabel="threads; left PODM, right LAPD", ylabel="% of the time of all threads")
+        below.set(xlabel="threads; left PODM, right LAPD", ylabel="% of the time of all threads, steady state")
         below.legend(fontsize=7)
     figure.tight_layout()
     figure.savefig(PICTURES / "scaling-blacklight.png", dpi=110)
@@ -237,24 +258,27 @@ def check(runs, options):
     rows = []
     for image in runs.images:
         for tets in (250_000, 1_000_000):
-            alone, pair = [runs.one(image, p, "--tets", tets // p, "--machine", f"1x{p}", "--real")[0] for p in (1, 2)]
+            alone, pair = [runs.one(image, p, "--tets", tets // p, "--machine", f"1x{p}", "--real") for p in (1, 2)]
             cells = [f"{run['real']['seconds']:.3f}, {run['seconds']:.3f}" for run in (alone, pair)]
             real = [run["real"]["tets"] / run["real"]["seconds"] for run in (alone, pair)]
             rows.append([image, str(alone["tets"]), *cells, f"{real[1] / real[0]:.2f}", f"{rate(pair) / rate(alone):.2f}"])
     return [markdown(["image", "tets", "one: real, simulated, s", "two: real, simulated, s", "real speedup", "simulated speedup"], rows)]
 
 
-def losses(runs, name, machine_words, workers, sizes, constants, begging="levels"):
+def losses(runs, name, machine_words, algorithms, meshes, workers, constants):
+    """A table of runs that refine meshes of so many tets."""
+    asked, alones = [], []
+    for image, tets in ((image, tets) for image in runs.images for tets in meshes):
+        alone = runs.alone(image, tets)
+        for algorithm, p in ((algorithm, p) for algorithm in algorithms for p in workers):
+            asked.append((image, p, "--delta", alone["delta"], "--algorithm", algorithm, *machine_words, *constants))
+            alones.append(alone)
     rows = []
-    asked = []
-    for image in runs.images:
-        for algorithm in ("podm", "lapd"):
-            for p, tets in ((p, tets) for p in workers for tets in sizes):
-                asked.append((image, p, "--tets", tets, "--algorithm", algorithm, "--begging", begging, "--alone", *machine_words, *constants))
-    for words, (run, alone) in zip(asked, runs.many(asked)):
-        rows.append([words[0], words[5], str(run["workers"]), str(run["tets"] // run["workers"]), f"{run['workers'] * efficiency(run, rate(alone)):.1f}",
-                     f"{efficiency(run, rate(alone)):.2f}", *shares(run), f"{remote(run):.1f}"])
-    head = ["image", "algorithm", "workers", "tets per worker", "speedup", "efficiency", "rolled back, %", "contention, %", "idle, %", "communication, %", "remote visits, %"]
+    for words, run, alone in zip(asked, runs.many(asked), alones):
+        steady, whole = steady_efficiency(run, alone), whole_efficiency(run, alone)
+        rows.append([words[0], words[5].upper(), str(run["workers"]), str(run["tets"] // run["workers"]), f"{run['workers'] * steady:.1f}", f"{steady:.2f}", f"{whole:.2f}", *percent(shares(run)),
+                     f"{remote(run):.1f}"])
+    head = ["image", "algorithm", "workers", "tets per worker", "speedup", "efficiency", "whole run", "rolled back, %", "contention, %", "idle, %", "communication, %", "remote visits, %"]
     return [f"{name}\n", markdown(head, rows)]
 
 
@@ -263,12 +287,13 @@ TODAY = ("--set", "hop=110", "--level", "8:0.4,64:1")
 
 
 def size(runs, options):
-    return losses(runs, "One memory node:", ("--machine", "1x16"), [16], [2500, 10_000, 40_000, 160_000], ())
+    return losses(runs, "One memory node of 16 cores, PODM:", ("--machine", "1x16"), ["podm"], [16 * tets for tets in (2500, 10_000, 40_000, 160_000)], [16], ())
 
 
 def today(runs, options):
-    text = losses(runs, "Two sockets of 8 memory nodes, 256 cores:", ("--machine", "2x8x16"), [16, 64, 256], [options.tets], TODAY)
-    return text + losses(runs, "Eight such sockets, 1024 cores:", ("--machine", "8x8x16"), [1024], [options.tets], TODAY)
+    both, meshes = ["podm", "lapd"], [256 * options.tets]
+    text = losses(runs, "Two sockets of 8 memory nodes, 256 cores:", ("--machine", "2x8x16"), both, meshes, [16, 64, 256], TODAY)
+    return text + losses(runs, "Eight such sockets, 1024 cores:", ("--machine", "8x8x16"), both, meshes, [1024], TODAY)
 
 
 PARTS = {"check": check, "blacklight": blacklight, "size": size, "today": today}

@@ -10,10 +10,12 @@
 //! | [`hooks`] | what the locking policies tell |
 //! | [`world`] | where data lies, which caches have it, which routers are in use |
 //! | [`platform`] | the constants of a machine |
+//! | [`course`] | what had been done when, and the steady state in the middle of a run |
 //!
 //! Deterministic: a run is a function of image, parameters and platform. Thread safety: a simulation is the calling thread's; others may run their own, or the real thing.
 //! Not simulated: the sampling of the image, which takes no virtual time (it runs on all threads of the pool); contention for memory within a node; the operating system.
 
+pub mod course;
 pub mod hooks;
 pub mod platform;
 pub mod virtual_time;
@@ -26,8 +28,9 @@ use crate::refine::refine;
 use crate::refine::rules::Rules;
 use crate::refine::team::Schedule;
 use crate::{Error, Result};
+use course::{Mark, STEADY};
 use platform::Platform;
-use world::{Mark, Tally, Traffic, World};
+use world::{Tally, Traffic, World};
 
 /// A simulated refinement.
 #[derive(Debug)]
@@ -36,7 +39,7 @@ pub struct Simulated {
     pub refinement: Refinement,
     /// Virtual seconds from the samples to the end.
     pub seconds: f64,
-    /// The run's course: marks, each after some thousand tets were made.
+    /// The run's course: marks, each after some thousand tets were made, and one at the end.
     pub course: Vec<Mark>,
     /// Where each worker's data came from.
     pub traffic: Vec<Traffic>,
@@ -65,17 +68,25 @@ pub fn simulate(
     let world = hooks::exchange(None);
     let ran = ran.map_err(Error::Internal)?;
     let (refined, end) = ran.map_err(|_| Error::OutOfMemory { count: workers, what: "stacks of virtual workers" })?;
-    let world = world.ok_or_else(|| Error::Internal("the world of a simulation was lost".into()))?;
+    let mut world = world.ok_or_else(|| Error::Internal("the world of a simulation was lost".into()))?;
+    let refinement = refined?;
     let served = world.served();
-    let World { traffic, tally, course, .. } = world;
+    world.mark_end(end);
+    let World { traffic, tally, mut course, .. } = world;
+    course::add_timelines(&mut course, &refinement.threads);
     let seconds = end as f64 * virtual_time::SECONDS_PER_TICK;
-    Ok(Simulated { refinement: refined?, seconds, course, traffic, served, tally })
+    Ok(Simulated { refinement, seconds, course, traffic, served, tally })
 }
 
 impl Simulated {
-    /// The mark when that part of all tets had been made.
-    pub fn mark_at(&self, part: f64) -> Option<Mark> {
-        let made = part * self.tally.fills as f64;
-        self.course.iter().copied().find(|mark| mark.made as f64 >= made)
+    /// What had happened when that part of all tets had been made.
+    pub fn mark_at(&self, part: f64) -> Mark {
+        course::at(&self.course, part)
+    }
+
+    /// What happened in the steady state.
+    pub fn steady(&self) -> Mark {
+        let [from, to] = STEADY.map(|part| self.mark_at(part));
+        to - from
     }
 }

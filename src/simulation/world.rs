@@ -11,6 +11,7 @@
 //!
 //! Cost: some nanoseconds for a visit, a switch of workers for a record from another node.
 
+use super::course::Mark;
 use super::platform::{Costs, Network, Platform};
 use super::virtual_time::{self, NANOSECOND};
 use crate::delaunay::access::Effort;
@@ -98,6 +99,10 @@ fn to_ticks(nanoseconds: f64) -> Ticks {
     (nanoseconds * NANOSECOND as f64).round() as Ticks
 }
 
+fn to_seconds(ticks: Ticks) -> f64 {
+    ticks as f64 * virtual_time::SECONDS_PER_TICK
+}
+
 /// The routers of one level's groups.
 struct Routers {
     nodes: usize,
@@ -121,19 +126,6 @@ pub(super) struct World {
     pub tally: Tally,
     /// The course of the run, a mark every [`MARK_EVERY`] tets made.
     pub course: Vec<Mark>,
-}
-
-/// A moment of a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Mark {
-    /// Virtual seconds since the beginning.
-    pub seconds: f64,
-    /// Tets made, living or not.
-    pub made: u64,
-    /// Virtual seconds of all workers until then in which records travelled or waited for routers.
-    pub travel_seconds: f64,
-    /// The second of these.
-    pub queue_seconds: f64,
 }
 
 /// Tets made between two marks, at least.
@@ -193,14 +185,24 @@ impl World {
 
     /// Marks where the run is.
     fn mark(&mut self) {
-        let sum = |of: fn(&Traffic) -> f64| self.traffic.iter().map(of).sum();
-        let queue_seconds = sum(|one| one.queue_seconds);
-        self.course.push(Mark {
-            seconds: virtual_time::now() as f64 * virtual_time::SECONDS_PER_TICK,
-            made: self.tally.fills,
-            travel_seconds: sum(|one| one.travel_seconds) + queue_seconds,
-            queue_seconds,
-        });
+        self.course.push(self.mark_at(virtual_time::now()));
+    }
+
+    /// Where the run is at its end.
+    pub fn mark_end(&mut self, end: Ticks) {
+        self.course.push(self.mark_at(end));
+    }
+
+    fn mark_at(&self, now: Ticks) -> Mark {
+        // Clocks run ahead of each other by what workers do between two pauses.
+        let before = self.course.last().map_or(0.0, |mark| mark.seconds);
+        let mut mark = Mark { seconds: to_seconds(now).max(before), made: self.tally.fills, ..Mark::default() };
+        for traffic in &self.traffic {
+            mark.fetched += traffic.fetched_by_hops.iter().sum::<u64>();
+            mark.travel_seconds += traffic.travel_seconds;
+            mark.queue_seconds += traffic.queue_seconds;
+        }
+        mark
     }
 
     /// Worker `me` visits a record. What that costs, but for the way from another node; then this node, to be told to [`Self::fetch`].
@@ -276,8 +278,8 @@ impl World {
         let way = self.hop * Ticks::from(hops);
         let traffic = &mut self.traffic[me];
         traffic.fetched_by_hops[hops as usize] += 1;
-        traffic.travel_seconds += (way + served) as f64 * virtual_time::SECONDS_PER_TICK;
-        traffic.queue_seconds += (at - begin - served) as f64 * virtual_time::SECONDS_PER_TICK;
+        traffic.travel_seconds += to_seconds(way + served);
+        traffic.queue_seconds += to_seconds(at - begin - served);
         at + way
     }
 }
