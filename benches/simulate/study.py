@@ -288,7 +288,7 @@ def losses(runs, name, machine_words, algorithms, meshes, workers, constants):
         rows.append([words[0], words[5].upper(), str(run["workers"]), str(run["tets"] // run["workers"]), f"{run['workers'] * steady:.1f}", f"{steady:.2f}", f"{whole:.2f}", *percent(shares(run)),
                      f"{remote(run):.1f}"])
     head = ["image", "algorithm", "workers", "tets per worker", "speedup", "efficiency", "whole run", "rolled back, %", "contention, %", "idle, %", "communication, %", "remote visits, %"]
-    return [f"{name}\n", markdown(head, rows)]
+    return [name, markdown(head, rows)]
 
 
 # A memory node as near as in one socket of a machine of today, and twice as far in another one; caches pass a line in some 100 ns. Assumed, not measured.
