@@ -104,6 +104,8 @@ pub(super) struct ImageComponents {
     numbers: Numbered,
     /// In the order of their first voxels.
     pub list: Vec<ImageComponent>,
+    /// The component of each id that has one alone.
+    only: Vec<Option<u32>>,
 }
 
 impl ImageComponents {
@@ -156,7 +158,13 @@ impl ImageComponents {
                 list[component].euler += i64::from(euler);
             }
         }
-        Ok(Self { slices, numbers, list })
+        let mut counts = vec![0_u32; image.labels().len()];
+        list.iter().for_each(|component| counts[usize::from(component.id)] += 1);
+        let mut only = vec![None; counts.len()];
+        for (c, component) in list.iter().enumerate().filter(|(_, component)| counts[usize::from(component.id)] == 1) {
+            only[usize::from(component.id)] = Some(c as u32);
+        }
+        Ok(Self { slices, numbers, list, only })
     }
 
     /// The component of a voxel; `None` in the background and outside the image.
@@ -182,16 +190,17 @@ impl ImageComponents {
             let inside = i < nx && j < ny && k < nz;
             (inside && image.ids()[i + nx * (j + ny * k)] == id).then_some([i, j, k])
         };
+        let component = |voxel| self.only[usize::from(id)].or_else(|| self.at(voxel));
         let nearest = (p + 0.5).floor();
         if let Some(voxel) = found(nearest) {
-            return self.at(voxel);
+            return component(voxel);
         }
         let low = p.floor();
         let corners =
             (0..8_u32).map(|bits| low + DVec3::new((bits & 1).into(), (bits >> 1 & 1).into(), (bits >> 2).into()));
         let distance = |voxel: &DVec3| ((*voxel - p) * image.frame().spacing()).length_squared();
         let with_id = corners.filter_map(|corner| Some((distance(&corner), found(corner)?)));
-        with_id.min_by(|a, b| a.0.total_cmp(&b.0)).and_then(|(_, voxel)| self.at(voxel))
+        with_id.min_by(|a, b| a.0.total_cmp(&b.0)).and_then(|(_, voxel)| component(voxel))
     }
 }
 

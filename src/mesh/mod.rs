@@ -11,7 +11,7 @@ pub mod quality;
 mod sets;
 pub mod sheets;
 mod tables;
-mod triangle_tree;
+mod triangle_bins;
 mod voxel_faces;
 
 #[cfg(test)]

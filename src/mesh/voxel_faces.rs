@@ -4,8 +4,8 @@
 //! spacing. The step from world to local is an isometry, so distances are world distances.
 //!
 //! A face belongs to the cell on its upper side; there is one more cell along each axis than there are voxels. One byte per cell holds which of its
-//! three lower faces are interfaces; bricks of 8 x 8 x 8 cells tell where there are any. A query looks at the sides of the voxel that holds the
-//! point, and mostly ends there, since a mesh lies close to its interfaces; then at the cells of the ball that can still hold something nearer; only when that
+//! three lower faces are interfaces; bricks of 8 x 8 x 8 cells tell where there are any. Within half a voxel of an interface the eight voxels around the nearest corner of
+//! the grid tell the distance ([`VoxelFaces::near_distances`]). Elsewhere a query looks at the sides of the voxel that holds the point, and mostly ends there, since a mesh lies close to its interfaces; then at the cells of the ball that can still hold something nearer; only when that
 //! ball is large does it search brick by brick, in growing shells. A query may ask for faces of one label alone.
 //!
 //! Read-only after `new`, so any number of threads may ask. Linear in the voxels to build, layer of bricks by layer of bricks in parallel.
@@ -19,7 +19,7 @@ use crate::memory::zeroed;
 use crate::monitor::Monitor;
 
 /// Cells along each axis of a brick.
-const BRICK: usize = 8;
+pub(super) const BRICK: usize = 8;
 
 /// An interface face: the lower face along `axis` of `cell`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +33,8 @@ pub(super) struct VoxelFaces<'i> {
     image: &'i LabelImage,
     /// Cells along each axis: voxels + 1.
     dims: [usize; 3],
+    /// The last corner of the grid.
+    last: DVec3,
     spacing: DVec3,
     per_spacing: DVec3,
     /// Of the faces across each axis.
@@ -82,7 +84,8 @@ impl<'i> VoxelFaces<'i> {
         })?;
         let spacing = image.frame().spacing();
         let half_diagonals = [0, 1, 2].map(|axis| 0.5 * spacing[(axis + 1) % 3].hypot(spacing[(axis + 2) % 3]));
-        Ok(Self { image, dims, spacing, per_spacing: 1.0 / spacing, half_diagonals, masks, brick_dims, bricks })
+        let last = DVec3::from(voxels.map(|n| n as f64));
+        Ok(Self { image, dims, last, spacing, per_spacing: 1.0 / spacing, half_diagonals, masks, brick_dims, bricks })
     }
 
     /// Cells along each axis; one more than voxels.
@@ -90,19 +93,37 @@ impl<'i> VoxelFaces<'i> {
         self.dims
     }
 
+    /// Bricks along each axis.
+    pub fn brick_dims(&self) -> [usize; 3] {
+        self.brick_dims
+    }
+
+    /// Whether a brick, x fastest, has any faces.
+    pub fn has_faces(&self, brick: usize) -> bool {
+        self.bricks[brick]
+    }
+
+    /// Which of its three lower faces a cell has: a bit for each axis.
+    #[inline]
+    pub fn mask(&self, [i, j, k]: [usize; 3]) -> u8 {
+        self.masks[i + self.dims[0] * (j + self.dims[1] * k)]
+    }
+
+    /// The label id of a voxel; 0 outside of the image.
+    #[inline]
+    pub fn id(&self, [i, j, k]: [usize; 3]) -> u16 {
+        let [nx, ny, nz] = self.image.dims();
+        if i < nx && j < ny && k < nz { self.image.ids()[i + nx * (j + ny * k)] } else { 0 }
+    }
+
+    /// Distance between planes of the grid along each axis.
+    pub fn spacing(&self) -> DVec3 {
+        self.spacing
+    }
+
     /// The smallest spacing of the image.
     pub fn smallest_spacing(&self) -> f64 {
         self.spacing.min_element()
-    }
-
-    /// The faces in the row of cells (., j, k).
-    pub fn row(&self, j: usize, k: usize) -> impl Iterator<Item = Face> + '_ {
-        let start = self.dims[0] * (j + self.dims[1] * k);
-        self.masks[start..start + self.dims[0]].iter().enumerate().filter(|&(_, &mask)| mask != 0).flat_map(
-            move |(i, &mask)| {
-                (0..3).filter(move |axis| mask >> axis & 1 == 1).map(move |axis| Face { cell: [i, j, k], axis })
-            },
-        )
     }
 
     /// Area of a face.
@@ -159,6 +180,56 @@ impl<'i> VoxelFaces<'i> {
         let [nx, ny, _] = self.image.dims();
         let id_at = |[i, j, k]: [usize; 3]| self.image.ids()[i + nx * (j + ny * k)];
         self.voxels(face).into_iter().any(|voxel| voxel.map_or(0, id_at) == id)
+    }
+
+    /// Squared distances from `p` to the nearest face of all, and to the nearest ones of two labels, as far as the corner of the grid nearest to `p` tells: twelve faces
+    /// meet there, and all others are no nearer than the planes of the grid beyond. What it does not tell is infinite.
+    #[inline]
+    pub fn near_distances(&self, p: DVec3, ids: [u16; 2]) -> [f64; 3] {
+        // The sum with 2^52 has the nearest integer in its low bits; a call of `floor` takes several times as long.
+        const SHIFT: f64 = (1_u64 << 52) as f64;
+        let shifted = p * self.per_spacing + SHIFT;
+        let corner = shifted - SHIFT;
+        if !(corner.cmpge(DVec3::ZERO).all() && corner.cmple(self.last).all()) {
+            return [f64::INFINITY; 3];
+        }
+        let offset = p - corner * self.spacing;
+        let octant = offset.cmpge(DVec3::ZERO).bitmask() as usize;
+        let around = self.around(shifted.to_array().map(|x| x.to_bits() as u32 as usize));
+        let [one, other] = ids.map(|id| (0..8).fold(0, |bits, o| bits | usize::from(around[o] == id) << o));
+        let [code, other_code] = [one, other].map(|bits| u32::from(CODES[octant][bits]));
+        let all = if one | other == 255 { code } else { around_code(&around, octant) };
+        let DVec3 { x, y, z } = offset * offset;
+        let squares = [x, y, z, x + y, x + z, y + z, x + y + z];
+        let beyond = (self.spacing - offset.abs()).min_element();
+        let distance = |code: u32| {
+            let present = |bit: usize| if code >> bit & 1 == 1 { squares[bit] } else { f64::INFINITY };
+            let nearest = (0..7).fold(f64::INFINITY, |nearest, bit| present(bit).min(nearest));
+            if nearest <= beyond * beyond { nearest } else { f64::INFINITY }
+        };
+        if all == code && code == other_code {
+            return [distance(all); 3];
+        }
+        [all, code, other_code].map(distance)
+    }
+
+    /// The ids of the eight voxels at a corner of the grid, x fastest.
+    #[inline]
+    fn around(&self, [i, j, k]: [usize; 3]) -> [u16; 8] {
+        let [nx, ny, nz] = self.image.dims();
+        if (1..nx).contains(&i) && (1..ny).contains(&j) && (1..nz).contains(&k) {
+            let ids = self.image.ids();
+            let pair = |j: usize, k: usize| {
+                let at = i + nx * (j + ny * k);
+                [ids[at - 1], ids[at]]
+            };
+            let [[a, b], [c, d], [e, f], [g, h]] = [pair(j - 1, k - 1), pair(j, k - 1), pair(j - 1, k), pair(j, k)];
+            return [a, b, c, d, e, f, g, h];
+        }
+        // Below 0 wraps to what is outside just as well.
+        let id = |i: usize, j: usize, k: usize| self.id([i, j, k]);
+        let (x, y, z) = ([i.wrapping_sub(1), i], [j.wrapping_sub(1), j], [k.wrapping_sub(1), k]);
+        std::array::from_fn(|o| id(x[o & 1], y[o >> 1 & 1], z[o >> 2]))
     }
 
     /// The face nearest to `p` and its squared distance; `start` is one thought to be near and changes only the time taken. `None` if the image has
@@ -319,6 +390,53 @@ impl<'i> VoxelFaces<'i> {
     }
 }
 
+/// For each octant around a corner of the grid, and for each set of the eight voxels there, where the faces lie that have one voxel of the set on one side: a bit for each set of
+/// axes along which a point of the octant is beside them, x, y, z, xy, xz, yz, xyz.
+static CODES: [[u8; 256]; 8] = {
+    let mut codes = [[0; 256]; 8];
+    let mut octant = 0;
+    while octant < 8 {
+        let mut bits = 0;
+        while bits < 256 {
+            let mut near = [0; 8];
+            let mut o = 0;
+            while o < 8 {
+                near[o] = (bits >> (o ^ octant) & 1) as u16;
+                o += 1;
+            }
+            codes[octant][bits] = code(&near) as u8;
+            bits += 1;
+        }
+        octant += 1;
+    }
+    codes
+};
+
+/// Where faces are between eight voxels, the first of which holds a point near the corner that they share: see [`CODES`].
+const fn code(ids: &[u16; 8]) -> u32 {
+    // The bit of each set of axes.
+    const BIT: [u32; 8] = [7, 0, 1, 3, 2, 4, 5, 6];
+    let (mut code, mut o) = (0, 0);
+    while o < 8 {
+        let mut axis = 0;
+        while axis < 3 {
+            let across = o | 1 << axis;
+            if across != o && ids[o] != ids[across] {
+                code |= 1 << BIT[across];
+            }
+            axis += 1;
+        }
+        o += 1;
+    }
+    code
+}
+
+/// The same for voxels in the order of the grid, the point in `octant`.
+#[cold]
+fn around_code(around: &[u16; 8], octant: usize) -> u32 {
+    code(&std::array::from_fn(|o| around[o ^ octant]))
+}
+
 /// The masks of one row of cells, from the ids of its voxels and of the rows below it along y and z; rows outside the image are empty.
 fn fill_row(masks: &mut [u8], own: &[u16], below_y: &[u16], below_z: &[u16]) {
     let at = |row: &[u16], i: usize| row.get(i).copied().unwrap_or(0);
@@ -351,8 +469,11 @@ mod tests {
     use crate::image::Frame;
 
     fn all(faces: &VoxelFaces<'_>) -> Vec<Face> {
-        let [_, ny, nz] = faces.dims();
-        (0..nz).flat_map(|k| (0..ny).map(move |j| (j, k))).flat_map(|(j, k)| faces.row(j, k)).collect()
+        let [nx, ny, nz] = faces.dims();
+        let cells = (0..nx * ny * nz).map(|at| [at % nx, at / nx % ny, at / (nx * ny)]);
+        let of =
+            |cell| (0..3).filter(move |axis| faces.mask(cell) >> axis & 1 == 1).map(move |axis| Face { cell, axis });
+        cells.flat_map(of).collect()
     }
 
     #[test]
@@ -420,6 +541,37 @@ mod tests {
                 let found = faces.nearest_of(id, p, start);
                 prop_assert_eq!(found.is_some(), expected.is_finite());
                 prop_assert!(found.is_none_or(|(f, d)| faces.touches(f, id) && (d - expected).abs() <= 1e-12 * expected.max(1.0)));
+            }
+        }
+
+        /// What the corner of the grid nearest to a point tells is right, and it tells all that is within half a voxel.
+        #[test]
+        fn near_distances_against_all(
+            seed in prop::collection::vec(0u16..4, 5 * 4 * 3),
+            p in [-1.0..6.0f64, -1.0..5.0, -1.0..4.0],
+            spacing in prop::sample::select(vec![[1.0, 1.0, 1.0], [0.5, 0.75, 2.0]]),
+            ids in [0u16..4, 0u16..4],
+        ) {
+            let ids_of = seed.clone();
+            let frame = Frame::axis_aligned(spacing).unwrap();
+            let image = LabelImage::from_ids([5, 4, 3], frame, ids_of, vec![0, 3, 5, 9]).unwrap();
+            let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
+            let all = all(&faces);
+            let p = DVec3::from(p) * DVec3::from(spacing);
+            let ids = ids.map(|id| id.min(image.labels().len() as u16 - 1));
+            let found = faces.near_distances(p, ids);
+            let wanted = |id: Option<u16>| {
+                let of = all.iter().filter(|&&f| id.is_none_or(|id| faces.touches(f, id)));
+                of.map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min)
+            };
+            let inside = p.cmpge(DVec3::ZERO).all() && p.cmple(faces.last * faces.spacing).all();
+            let half = 0.5 * faces.smallest_spacing();
+            for (found, expected) in found.into_iter().zip([None, Some(ids[0]), Some(ids[1])].map(wanted)) {
+                if found.is_finite() {
+                    prop_assert!((found - expected).abs() <= 1e-12, "{found} {expected}");
+                } else {
+                    prop_assert!(!inside || expected > half * half * (1.0 - 1e-12), "{expected}");
+                }
             }
         }
     }

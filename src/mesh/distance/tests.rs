@@ -1,7 +1,11 @@
 //! Distances whose values are known, or found by brute force.
 
+use glam::DVec3;
+
 use super::super::testing;
-use super::super::triangle_tree::closest_point;
+use super::super::triangle_bins::closest_point;
+use super::super::voxel_faces::Face;
+use super::from_mesh::for_each_sample;
 use super::*;
 use crate::image::Frame;
 
@@ -10,6 +14,16 @@ fn measured(mesh: &TetMesh, image: &LabelImage) -> Distances {
     let image_components = ImageComponents::new(image, &monitor).unwrap();
     let mesh_components = MeshComponents::new(mesh, image, &image_components, &monitor).unwrap();
     Distances::measure(mesh, image, &mesh_components, &image_components, &monitor).unwrap()
+}
+
+fn all(faces: &VoxelFaces<'_>) -> Vec<Face> {
+    let [nx, ny, nz] = faces.dims();
+    let cells = (0..nx * ny * nz).map(|at| [at % nx, at / nx % ny, at / (nx * ny)]);
+    cells
+        .flat_map(|cell| {
+            (0..3).filter(move |axis| faces.mask(cell) >> axis & 1 == 1).map(move |axis| Face { cell, axis })
+        })
+        .collect()
 }
 
 fn close(a: f64, b: f64) {
@@ -65,16 +79,14 @@ fn both_sides_against_brute_force() {
     let measured = measured(&mesh, &image).whole;
 
     let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
-    let [_, ny, nz] = faces.dims();
-    let all: Vec<_> = (0..ny * nz).flat_map(|row| faces.row(row % ny, row / ny)).collect();
+    let all = all(&faces);
     let frame = image.frame();
     let triangles: Vec<[DVec3; 3]> =
         mesh.facets.iter().map(|f| f.map(|v| (frame.to_index(mesh.point(v)) + 0.5) * frame.spacing())).collect();
     let sampled = |step: f64| {
         let mut sum = Sum::default();
         for triangle in &triangles {
-            for_each_sample(triangle, step, |part, weight| {
-                let p = (part[0] + part[1] + part[2]) / 3.0;
+            for_each_sample(triangle, step, |p, weight| {
                 let squared = all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
                 sum += Sum::of(weight, squared.sqrt());
                 Ok(())
@@ -115,8 +127,7 @@ fn components_are_held_against_their_own_label() {
     let parts = MeshComponents::new(&mesh, &image, &components, &monitor).unwrap();
     let measured = Distances::measure(&mesh, &image, &parts, &components, &monitor).unwrap();
     let faces = VoxelFaces::new(&image, &monitor).unwrap();
-    let [_, ny, nz] = faces.dims();
-    let all: Vec<_> = (0..ny * nz).flat_map(|row| faces.row(row % ny, row / ny)).collect();
+    let all = all(&faces);
     let frame = image.frame();
     let local = |v: u32| (frame.to_index(mesh.point(v)) + 0.5) * frame.spacing();
 
@@ -139,8 +150,7 @@ fn components_are_held_against_their_own_label() {
         for component in mesh.facet_tets[f].into_iter().filter_map(|t| parts.of(t)) {
             let id = image.id_of(parts.list[component as usize].label).unwrap();
             let own: Vec<_> = all.iter().filter(|&&face| faces.touches(face, id)).collect();
-            for_each_sample(&facet.map(local), PART * 0.5, |part, weight| {
-                let p = (part[0] + part[1] + part[2]) / 3.0;
+            for_each_sample(&facet.map(local), PART * 0.5, |p, weight| {
                 let squared = own.iter().map(|&&face| faces.distance_squared(face, p)).fold(f64::INFINITY, f64::min);
                 of_mesh[component as usize] += Sum::of(weight, squared.sqrt());
                 Ok(())
@@ -179,18 +189,22 @@ fn equal_bits_on_any_number_of_threads() {
 #[test]
 fn samples_cover_the_triangle() {
     let triangle = [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0), DVec3::new(1.0, 2.0, 0.0)];
-    let (mut area, mut moment, mut count) = (0.0, DVec3::ZERO, 0);
-    for_each_sample(&triangle, 0.3, |[a, b, c], weight| {
-        close((b - a).cross(c - a).z * 0.5, weight);
+    let (mut area, mut moment, mut samples) = (0.0, DVec3::ZERO, Vec::new());
+    let radius = for_each_sample(&triangle, 0.3, |p, weight| {
+        close(weight, 3.0 / 100.0);
         area += weight;
-        moment += (a + b + c) / 3.0 * weight;
-        count += 1;
+        moment += p * weight;
+        samples.push(p);
         Ok(())
     })
     .unwrap();
-    assert_eq!(count, 10 * 10);
+    assert_eq!(samples.len(), 10 * 10);
     close(area, 3.0);
     assert!((moment / area).distance(DVec3::new(4.0, 2.0, 0.0) / 3.0) < 1e-12);
+    for (i, j) in (0..=60).flat_map(|i| (0..=60 - i).map(move |j| (i, j))) {
+        let p = triangle[1] * (f64::from(i) / 60.0) + triangle[2] * (f64::from(j) / 60.0);
+        assert!(samples.iter().any(|sample| sample.distance(p) <= radius * (1.0 + 1e-12)), "{p}");
+    }
 }
 
 #[test]

@@ -1,0 +1,285 @@
+//! From the faces of the voxels to the mesh, brick by brick: the triangles listed in a brick are gone through once, each looks at the faces within its reach, and a
+//! face keeps the nearest triangles it has met. What no triangle reaches is searched for.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::super::image_components::ImageComponents;
+use super::super::ledger::{Ledger, Sums};
+use super::super::triangle_bins::{Nearest, Triangle, TriangleBins};
+use super::super::voxel_faces::{BRICK, Face, VoxelFaces};
+use super::{CHECK_EVERY, Distance, Max, Sum, spread};
+use crate::Result;
+use crate::monitor::Monitor;
+
+/// "No triangle yet".
+const NONE: u32 = u32::MAX;
+
+/// A voxel face, and what is known of the triangles near its centre.
+struct Target {
+    face: Face,
+    centre: DVec3,
+    /// The components on its two sides with the ids of their labels; `None` for the background.
+    sides: [Option<(u32, u16)>; 2],
+    /// The nearest triangle of all, and the nearest one of the label of each side.
+    best: [Nearest; 3],
+    /// The largest of their squared distances: a triangle that is farther changes none.
+    limit: f64,
+}
+
+/// The plane of a triangle, and those through its edges at right angles to it.
+struct Planes {
+    corners: [DVec3; 3],
+    normal: DVec3,
+    /// Pointing out.
+    sides: [DVec3; 3],
+}
+
+impl Planes {
+    #[inline]
+    fn of(triangle: &Triangle) -> Self {
+        let corners @ [a, b, c] = triangle.corners;
+        // A triangle without area has none of them: then the bound is 0.
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        let sides = [b - a, c - b, a - c].map(|edge| edge.cross(normal).normalize_or_zero());
+        Self { corners, normal, sides }
+    }
+
+    /// A lower bound of the squared distance from `p`, and whether it is the distance.
+    #[inline]
+    fn bound(&self, p: DVec3) -> (f64, bool) {
+        let [a, b, c] = self.corners.map(|corner| p - corner);
+        let height = self.normal.dot(a);
+        let outside = self.sides[0].dot(a).max(self.sides[1].dot(b)).max(self.sides[2].dot(c));
+        let is_beside = outside > 0.0 || self.normal == DVec3::ZERO;
+        (height * height + outside.max(0.0).powi(2), !is_beside)
+    }
+}
+
+/// The faces of one brick.
+#[derive(Default)]
+struct Targets {
+    list: Vec<Target>,
+    /// Where the faces of each cell begin.
+    first: Vec<u32>,
+    low: [usize; 3],
+    high: [usize; 3],
+}
+
+/// Finds the components of voxels one after the other along a row.
+struct Cursor {
+    id: u16,
+    component: Option<u32>,
+}
+
+impl Cursor {
+    const NEW: Self = Self { id: 0, component: None };
+
+    fn go_to(&mut self, id: u16) {
+        if id != self.id {
+            *self = Self { id, component: None };
+        }
+    }
+
+    /// The component and label id of the voxel that was gone to.
+    fn get(&mut self, voxel: [usize; 3], components: &ImageComponents) -> Option<(u32, u16)> {
+        if self.id != 0 && self.component.is_none() {
+            self.component = components.at(voxel);
+        }
+        self.component.map(|component| (component, self.id))
+    }
+}
+
+impl Target {
+    /// Keeps the triangle where it is the nearest one so far.
+    #[inline]
+    fn meet(&mut self, triangle: u32, ids: [u16; 2], distance_squared: f64) {
+        let [one, other] = self.sides.map(|side| side.is_some_and(|(_, id)| ids.contains(&id)));
+        self.limit = 0.0;
+        for (best, wanted) in self.best.iter_mut().zip([true, one, other]) {
+            if wanted && distance_squared < best.distance_squared {
+                *best = Nearest { triangle, distance_squared };
+            }
+        }
+        let wanted = [true, self.sides[0].is_some(), self.sides[1].is_some()];
+        for (best, _) in self.best.iter().zip(wanted).filter(|(_, wanted)| *wanted) {
+            self.limit = self.limit.max(best.distance_squared);
+        }
+    }
+}
+
+impl Targets {
+    /// Collects the faces of a brick.
+    fn collect(&mut self, brick: [usize; 3], faces: &VoxelFaces<'_>, components: &ImageComponents) {
+        let dims = faces.dims();
+        self.low = brick.map(|i| i * BRICK);
+        self.high = [0, 1, 2].map(|axis| (self.low[axis] + BRICK).min(dims[axis]));
+        self.list.clear();
+        self.first.clear();
+        let none = Nearest { triangle: NONE, distance_squared: f64::INFINITY };
+        for k in self.low[2]..self.high[2] {
+            for j in self.low[1]..self.high[1] {
+                // The voxels of the row, and of the rows below it along y and z. Below 0 wraps to what is outside just as well.
+                let rows = [(j, k), (j.wrapping_sub(1), k), (j, k.wrapping_sub(1))];
+                let mut cursors = [Cursor::NEW, Cursor::NEW, Cursor::NEW];
+                let mut left = None;
+                if let Some(i) = self.low[0].checked_sub(1) {
+                    cursors[0].go_to(faces.id([i, j, k]));
+                    left = cursors[0].get([i, j, k], components);
+                }
+                for i in self.low[0]..self.high[0] {
+                    self.first.push(self.list.len() as u32);
+                    for (cursor, (j, k)) in cursors.iter_mut().zip(rows) {
+                        cursor.go_to(faces.id([i, j, k]));
+                    }
+                    let mask = faces.mask([i, j, k]);
+                    let own = cursors[0].get([i, j, k], components);
+                    for axis in (0..3).filter(|axis| mask >> axis & 1 == 1) {
+                        let face = Face { cell: [i, j, k], axis };
+                        let below = match axis {
+                            0 => left,
+                            _ => cursors[axis].get([i, rows[axis].0, rows[axis].1], components),
+                        };
+                        let centre = faces.centre(face);
+                        self.list.push(Target {
+                            face,
+                            centre,
+                            sides: [below, own],
+                            best: [none; 3],
+                            limit: f64::INFINITY,
+                        });
+                    }
+                    left = own;
+                }
+            }
+        }
+        self.first.push(self.list.len() as u32);
+    }
+
+    /// Shows a triangle to the faces whose centres are within `reach` of the box around it.
+    fn show(&mut self, number: u32, triangle: &Triangle, faces: &VoxelFaces<'_>, reach: f64) {
+        let (low, high) = triangle.bounds();
+        let (low, high) = ((low - reach) / faces.spacing(), (high + reach) / faces.spacing());
+        let [x, y, z] = [0, 1, 2].map(|axis| {
+            let cell = |x: f64| x.max(0.0) as usize;
+            cell(low[axis]).max(self.low[axis])..cell(high[axis]).saturating_add(1).min(self.high[axis])
+        });
+        let planes = Planes::of(triangle);
+        let (width, depth) = (self.high[0] - self.low[0], self.high[1] - self.low[1]);
+        for k in z {
+            for j in y.clone() {
+                if x.is_empty() {
+                    continue;
+                }
+                let row = width * (j - self.low[1] + depth * (k - self.low[2]));
+                let targets = self.first[row + x.start - self.low[0]]..self.first[row + x.end - self.low[0]];
+                for target in &mut self.list[targets.start as usize..targets.end as usize] {
+                    let (bound, is_exact) = planes.bound(target.centre);
+                    // The margin keeps rounding from deciding.
+                    if bound * (1.0 - 1e-12) >= target.limit {
+                        continue;
+                    }
+                    let distance_squared = if is_exact { bound } else { triangle.distance_squared(target.centre) };
+                    if distance_squared < target.limit {
+                        target.meet(number, triangle.ids, distance_squared);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Distances from the image to the mesh: over the whole, and the sums of each component. No triangle that is listed in a brick is more than `reach` away from it.
+pub(super) fn image_to_mesh(
+    bins: &TriangleBins,
+    reach: f64,
+    faces: &VoxelFaces<'_>,
+    components: &ImageComponents,
+    monitor: &Monitor<'_>,
+) -> Result<(Distance, Vec<Sum>)> {
+    let [nx, ny, nz] = faces.brick_dims();
+    // What is no farther than the maximum that any thread knows need not be looked at.
+    let max = Max::default();
+    let maxima: Vec<Max> = (0..components.list.len()).map(|_| Max::default()).collect();
+    let parts = (0..ny * nz).into_par_iter().map_init(Targets::default, |targets, row| {
+        monitor.advance(1)?;
+        let mut whole = Sum::default();
+        let mut ledger = Ledger::default();
+        for brick in (nx * row..nx * (row + 1)).filter(|&brick| faces.has_faces(brick)) {
+            monitor.advance(0)?;
+            targets.collect([brick % nx, row % ny, row / ny], faces, components);
+            for (number, triangle) in bins.list(brick) {
+                targets.show(number, triangle, faces, reach);
+            }
+            for (t, target) in targets.list.iter().enumerate() {
+                if t.is_multiple_of(CHECK_EVERY) {
+                    monitor.advance(0)?;
+                }
+                let area = faces.area(target.face);
+                let mut corners = Corners::of(target.face, faces);
+                let mut measure = |best: Nearest, id: Option<u16>, max: &Max| {
+                    // All triangles within the reach have been met.
+                    let found = if best.distance_squared <= reach * reach {
+                        Some(best)
+                    } else {
+                        bins.nearest(id, target.centre, (best.triangle != NONE).then_some(best.triangle))
+                    };
+                    let distance = found.map_or(f64::INFINITY, |found| found.distance_squared.sqrt());
+                    max.raise(distance);
+                    if let Some(found) = found {
+                        corners.look_at(found.triangle, distance, bins, id, max);
+                    }
+                    Sum::of(area, distance)
+                };
+                let [of_all, of_sides @ ..] = target.best;
+                whole += measure(of_all, None, &max);
+                for (side, best) in target.sides.into_iter().zip(of_sides) {
+                    if let Some((component, id)) = side {
+                        ledger.add(component.into(), measure(best, Some(id), &maxima[component as usize]));
+                    }
+                }
+            }
+        }
+        Ok((whole, ledger.sums()))
+    });
+    let (wholes, sums): (Vec<Sum>, Vec<Sums<Sum>>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let whole = Sum { max: max.get(), ..wholes.into_iter().sum() };
+    let mut of_components = spread(Ledger::total(sums), components.list.len());
+    of_components.iter_mut().zip(&maxima).for_each(|(sum, max)| sum.max = max.get());
+    Ok((whole.distance(), of_components))
+}
+
+/// The corners of a voxel face.
+struct Corners {
+    at: [DVec3; 4],
+    half_diagonal: f64,
+    /// A triangle, and the distances of the corners from it.
+    known: Option<(u32, [f64; 4])>,
+}
+
+impl Corners {
+    fn of(face: Face, faces: &VoxelFaces<'_>) -> Self {
+        Self { at: faces.corners(face), half_diagonal: faces.half_diagonal(face), known: None }
+    }
+
+    /// Raises `max` to the largest distance from a corner to the triangles, or to those of label `id`. `triangle` is one of them, and the centre is no farther from it
+    /// than `distance`.
+    fn look_at(&mut self, triangle: u32, distance: f64, bins: &TriangleBins, id: Option<u16>, max: &Max) {
+        // A corner with any triangle within the maximum so far cannot raise it. The margin keeps rounding from deciding.
+        if distance + self.half_diagonal <= max.get() * (1.0 - 1e-12) {
+            return;
+        }
+        let bounds = match self.known {
+            Some((known, bounds)) if known == triangle => bounds,
+            _ => self.at.map(|corner| bins.triangles[triangle as usize].distance_squared(corner).sqrt()),
+        };
+        self.known = Some((triangle, bounds));
+        for (corner, bound) in self.at.into_iter().zip(bounds) {
+            if bound > max.get() {
+                if let Some(nearest) = bins.nearest(id, corner, Some(triangle)) {
+                    max.raise(nearest.distance_squared.sqrt());
+                }
+            }
+        }
+    }
+}

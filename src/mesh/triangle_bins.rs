@@ -1,0 +1,338 @@
+//! Nearest triangle of a set, by bins: the triangles of each brick of cells of the image's grid.
+//!
+//! A triangle is listed in every brick that its bounding box, widened by a reach, overlaps. Who asks for many points of a brick goes over its list once and
+//! finds all triangles within the reach; [`TriangleBins::nearest`] answers for one point, however far away the triangles are: it looks at bricks in growing shells, those apart that
+//! cannot hold anything nearer. The bricks at the rim stand for all that is beyond them. A query may ask for triangles of one label alone: a bit for every 64th label
+//! tells in which bricks there may be some.
+//!
+//! Built by a counting sort, in parallel in the current rayon pool; read-only afterwards, so any number of threads may ask. With several threads the lists have
+//! no particular order, which no distance depends on. Distance to a triangle: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
+
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::voxel_faces::{BRICK, VoxelFaces};
+use crate::memory::zeroed;
+use crate::monitor::Monitor;
+use crate::{Error, Result};
+
+/// Triangles of one piece of work.
+const CHUNK: usize = 1 << 12;
+
+/// A triangle, and the ids of the labels on its two sides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Triangle {
+    pub corners: [DVec3; 3],
+    pub ids: [u16; 2],
+}
+
+impl Triangle {
+    /// Corners of the box around it.
+    #[inline]
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let [a, b, c] = self.corners;
+        (a.min(b).min(c), a.max(b).max(c))
+    }
+
+    /// Squared distance from `p`.
+    #[inline]
+    pub fn distance_squared(&self, p: DVec3) -> f64 {
+        p.distance_squared(closest_point(&self.corners, p))
+    }
+}
+
+/// The bit of a label among the labels of a brick.
+fn bit(id: u16) -> u64 {
+    1 << (id % 64)
+}
+
+/// A triangle and its squared distance from the point that was asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Nearest {
+    pub triangle: u32,
+    pub distance_squared: f64,
+}
+
+/// The triangles by brick.
+pub(super) struct TriangleBins {
+    pub triangles: Vec<Triangle>,
+    /// World size of a brick.
+    size: DVec3,
+    dims: [usize; 3],
+    /// Where the list of each brick ends.
+    ends: Vec<AtomicU32>,
+    lists: Vec<AtomicU32>,
+    /// The bits of all labels in each brick.
+    labels: Vec<u64>,
+    /// Whether any triangle has label id `i`.
+    has_id: Vec<bool>,
+}
+
+impl TriangleBins {
+    /// Takes finite, possibly degenerate triangles, into the bricks of `faces`; each is listed where it comes within `reach`.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`], [`Error::OutOfMemory`]; [`Error::LimitReached`] for lists of more than 2^32 triangles.
+    pub fn new(triangles: Vec<Triangle>, faces: &VoxelFaces<'_>, reach: f64, monitor: &Monitor<'_>) -> Result<Self> {
+        let dims = faces.brick_dims();
+        let size = faces.spacing() * BRICK as f64;
+        let mut ends: Vec<AtomicU32> = zeroed(dims[0] * dims[1] * dims[2] + 1, "bricks of triangles")?;
+        let each = |visit: &(dyn Fn(usize, u32) + Sync)| {
+            triangles.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, part)| {
+                monitor.advance(0)?;
+                for (triangle, number) in part.iter().zip((chunk * CHUNK) as u32..) {
+                    let (low, high) = triangle.bounds();
+                    let (low, high) = ((low - reach) / size, (high + reach) / size);
+                    let [x, y, z] =
+                        [0, 1, 2].map(|axis| within(low[axis], dims[axis])..=within(high[axis], dims[axis]));
+                    for k in z {
+                        for j in y.clone() {
+                            x.clone().for_each(|i| visit(i + dims[0] * (j + dims[1] * k), number));
+                        }
+                    }
+                }
+                Ok(())
+            })
+        };
+        each(&|brick, _| _ = ends[brick + 1].fetch_add(1, Relaxed))?;
+        let mut total = 0_u32;
+        for end in &mut ends {
+            let end = end.get_mut();
+            let sum = total.checked_add(*end);
+            total = sum.ok_or_else(|| Error::LimitReached("more than 4294967295 triangles in bricks".into()))?;
+            *end = total;
+        }
+        // `ends[b]` grows from the start of b's list to its end.
+        let lists: Vec<AtomicU32> = zeroed(total as usize, "triangles of bricks")?;
+        each(&|brick, number| lists[ends[brick].fetch_add(1, Relaxed) as usize].store(number, Relaxed))?;
+        let mut has_id = vec![false; usize::from(u16::MAX) + 1];
+        triangles.iter().flat_map(|triangle| triangle.ids).for_each(|id| has_id[usize::from(id)] = true);
+        let mut bins = Self { triangles, size, dims, ends, lists, labels: Vec::new(), has_id };
+        let labels = |brick| bins.list(brick).fold(0, |all, (_, t)| t.ids.iter().fold(all, |all, &id| all | bit(id)));
+        bins.labels = (0..dims[0] * dims[1] * dims[2]).into_par_iter().map(labels).collect();
+        Ok(bins)
+    }
+
+    /// The triangles listed in a brick, each with its number.
+    #[inline]
+    pub fn list(&self, brick: usize) -> impl Iterator<Item = (u32, &Triangle)> {
+        let start = if brick == 0 { 0 } else { self.ends[brick - 1].load(Relaxed) };
+        let end = self.ends[brick].load(Relaxed);
+        self.lists[start as usize..end as usize].iter().map(|number| {
+            let number = number.load(Relaxed);
+            (number, &self.triangles[number as usize])
+        })
+    }
+
+    /// The triangle nearest to `p`, or the nearest of those with label id `id` on one side; `start` is one of them that is thought to be near, and changes only the
+    /// time taken. `None` if there is none.
+    pub fn nearest(&self, id: Option<u16>, p: DVec3, start: Option<u32>) -> Option<Nearest> {
+        if self.triangles.is_empty() || id.is_some_and(|id| !self.has_id[usize::from(id)]) {
+            return None;
+        }
+        let mut best = match start {
+            Some(triangle) => {
+                Nearest { triangle, distance_squared: self.triangles[triangle as usize].distance_squared(p) }
+            }
+            None => Nearest { triangle: u32::MAX, distance_squared: f64::INFINITY },
+        };
+        let centre = [0, 1, 2].map(|axis| within(p[axis] / self.size[axis], self.dims[axis]));
+        for shell in 0.. {
+            let range = [0, 1, 2]
+                .map(|axis| (centre[axis].saturating_sub(shell), (centre[axis] + shell).min(self.dims[axis] - 1)));
+            for k in range[2].0..=range[2].1 {
+                for j in range[1].0..=range[1].1 {
+                    let inner = k.abs_diff(centre[2]) < shell && j.abs_diff(centre[1]) < shell;
+                    // Of a row within the shell only its ends.
+                    let step = if inner { (2 * shell).max(1) } else { 1 };
+                    let first = if inner && centre[0] < shell { centre[0] + shell } else { range[0].0 };
+                    for i in (first..=range[0].1).step_by(step) {
+                        self.search([i, j, k], id, p, &mut best);
+                    }
+                }
+            }
+            // Where the shell touches the rim of the grid there is nothing beyond.
+            let beyond = (0..3).fold(f64::INFINITY, |nearest, axis| {
+                let [low, high] = self.extent(axis, range[axis]);
+                nearest.min(p[axis] - low).min(high - p[axis])
+            });
+            if beyond.is_infinite() || beyond > 0.0 && beyond * beyond >= best.distance_squared {
+                break;
+            }
+        }
+        (best.triangle != u32::MAX).then_some(best)
+    }
+
+    /// The range of bricks along an axis, those at the rim without end.
+    #[inline]
+    fn extent(&self, axis: usize, (first, last): (usize, usize)) -> [f64; 2] {
+        let low = if first == 0 { f64::NEG_INFINITY } else { first as f64 * self.size[axis] };
+        let high = if last + 1 == self.dims[axis] { f64::INFINITY } else { (last + 1) as f64 * self.size[axis] };
+        [low, high]
+    }
+
+    /// Looks at the triangles of a brick, if they may be nearer than `best`.
+    fn search(&self, at: [usize; 3], id: Option<u16>, p: DVec3, best: &mut Nearest) {
+        let brick = at[0] + self.dims[0] * (at[1] + self.dims[1] * at[2]);
+        if self.labels[brick] & id.map_or(u64::MAX, bit) == 0 {
+            return;
+        }
+        let [x, y, z] = [0, 1, 2].map(|axis| self.extent(axis, (at[axis], at[axis])));
+        let (low, high) = (DVec3::new(x[0], y[0], z[0]), DVec3::new(x[1], y[1], z[1]));
+        if p.distance_squared(p.clamp(low, high)) >= best.distance_squared {
+            return;
+        }
+        for (number, triangle) in self.list(brick) {
+            let (low, high) = triangle.bounds();
+            if id.is_some_and(|id| !triangle.ids.contains(&id))
+                || p.distance_squared(p.clamp(low, high)) >= best.distance_squared
+            {
+                continue;
+            }
+            let distance_squared = triangle.distance_squared(p);
+            if distance_squared < best.distance_squared {
+                *best = Nearest { triangle: number, distance_squared };
+            }
+        }
+    }
+}
+
+/// The brick, of `n`, that holds a coordinate in bricks, or the first or last one. (`as` saturates.)
+#[inline]
+fn within(x: f64, n: usize) -> usize {
+    (x.max(0.0) as usize).min(n - 1)
+}
+
+/// The point of triangle (a, b, c) closest to `p`, by the Voronoi region of the feature that holds it.
+pub(super) fn closest_point(&[a, b, c]: &[DVec3; 3], p: DVec3) -> DVec3 {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return a;
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return b;
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return c;
+    }
+    let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
+    let area = va + vb + vc;
+    // Also false for a degenerate triangle, which has no interior and whose regions above overlap.
+    if va > 0.0 && vb > 0.0 && vc > 0.0 && area > 0.0 {
+        return a + (ab * vb + ac * vc) / area;
+    }
+    let candidates = [closest_on_segment(a, b, p), closest_on_segment(b, c, p), closest_on_segment(c, a, p)];
+    candidates.into_iter().min_by(|q, r| p.distance_squared(*q).total_cmp(&p.distance_squared(*r))).unwrap_or(a)
+}
+
+fn closest_on_segment(a: DVec3, b: DVec3, p: DVec3) -> DVec3 {
+    let ab = b - a;
+    let length_squared = ab.length_squared();
+    if length_squared == 0.0 {
+        return a;
+    }
+    a + ab * ((p - a).dot(ab) / length_squared).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::testing;
+    use super::*;
+    use crate::image::Frame;
+
+    fn point() -> impl Strategy<Value = DVec3> {
+        [-4..=4i32, -4..=4, -4..=4].prop_map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()) * 0.5)
+    }
+
+    fn triangle() -> impl Strategy<Value = [DVec3; 3]> {
+        [point(), point(), point()]
+    }
+
+    /// Labels of which two have the same bit.
+    fn labelled() -> impl Strategy<Value = Triangle> {
+        let id = || prop::sample::select(vec![1, 2, 3, 65]);
+        (triangle(), [id(), id()]).prop_map(|(corners, ids)| Triangle { corners, ids })
+    }
+
+    proptest! {
+        /// The closest point is on the triangle and no point of a fine sampling is closer. Small integer coordinates meet every
+        /// degenerate case: coinciding vertices, vertices on a line, query points on the triangle.
+        #[test]
+        fn closest_point_against_samples(t in triangle(), p in point()) {
+            let q = closest_point(&t, p);
+            prop_assert!(q.is_finite());
+            let n = 60;
+            let mut sampled = f64::INFINITY;
+            for i in 0..=n {
+                for j in 0..=n - i {
+                    let (u, v) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
+                    sampled = sampled.min(p.distance(t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v));
+                }
+            }
+            prop_assert!(p.distance(q) <= sampled + 1e-12);
+            prop_assert!(p.distance(q) >= sampled - 0.25);
+        }
+
+        /// Against all of them; the grid of bricks is smaller than what the triangles fill.
+        #[test]
+        fn nearest_against_all(triangles in prop::collection::vec(labelled(), 1..60), p in point(), start in 0u32..60) {
+            let triangles: Vec<Triangle> =
+                triangles.into_iter().map(|t| Triangle { corners: t.corners.map(|c| c * 8.0), ..t }).collect();
+            let p = p * 8.0;
+            let of = |wanted: &dyn Fn(&Triangle) -> bool| {
+                triangles.iter().filter(|t| wanted(t)).map(|t| t.distance_squared(p)).fold(f64::INFINITY, f64::min)
+            };
+            let image = testing::image([12, 20, 9], Frame::axis_aligned([1.0, 0.5, 2.0]).unwrap(), |_, _, _| 1);
+            let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
+            let bins = TriangleBins::new(triangles.clone(), &faces, 0.5, &Monitor::silent()).unwrap();
+            for id in [None, Some(1), Some(65), Some(2)] {
+                let wanted = |t: &Triangle| id.is_none_or(|id| t.ids.contains(&id));
+                let start = Some(start).filter(|&start| triangles.get(start as usize).is_some_and(wanted));
+                let found = bins.nearest(id, p, start);
+                prop_assert_eq!(found.map_or(f64::INFINITY, |found| found.distance_squared), of(&wanted));
+                prop_assert!(found.is_none_or(|found| wanted(&bins.triangles[found.triangle as usize])));
+            }
+        }
+    }
+
+    #[test]
+    fn every_triangle_is_in_the_bricks_that_it_reaches() {
+        let image = testing::image([30, 30, 30], Frame::axis_aligned([1.0; 3]).unwrap(), |_, _, _| 1);
+        let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
+        let at =
+            |x: f64| Triangle { corners: [DVec3::splat(x), DVec3::splat(x) + DVec3::X, DVec3::splat(x)], ids: [1, 0] };
+        let triangles: Vec<Triangle> = (0..60).map(|i| at(0.5 * f64::from(i))).collect();
+        let bins = TriangleBins::new(triangles.clone(), &faces, 0.25, &Monitor::silent()).unwrap();
+        let [nx, ny, nz] = faces.brick_dims();
+        for brick in 0..nx * ny * nz {
+            let low = DVec3::from([brick % nx, brick / nx % ny, brick / (nx * ny)].map(|i| (i * BRICK) as f64));
+            let expected: Vec<u32> = (0..60)
+                .filter(|&i| {
+                    let (min, max) = triangles[i as usize].bounds();
+                    (min - 0.25).cmplt(low + BRICK as f64).all() && (max + 0.25).cmpge(low).all()
+                })
+                .collect();
+            let mut listed: Vec<u32> = bins.list(brick).map(|(number, _)| number).collect();
+            listed.sort_unstable();
+            assert_eq!(listed, expected);
+            assert_eq!(bins.labels[brick], if expected.is_empty() { 0 } else { bit(0) | bit(1) });
+        }
+    }
+
+    #[test]
+    fn no_triangles() {
+        let image = testing::image([3, 3, 3], Frame::axis_aligned([1.0; 3]).unwrap(), |_, _, _| 1);
+        let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
+        let bins = TriangleBins::new(Vec::new(), &faces, 0.5, &Monitor::silent()).unwrap();
+        assert!(bins.nearest(None, DVec3::ZERO, None).is_none());
+    }
+}
