@@ -145,6 +145,8 @@ void print_table(const summary *s, const file_seconds *seconds) {
            (unsigned long long)c->orphan_vertices, (unsigned long long)c->open_edges);
     printf("  mesh to image: mean %.3f, largest %.3f; image to mesh: mean %.3f, largest %.3f\n", c->mesh_to_image_mean,
            c->mesh_to_image_max, c->image_to_mesh_mean, c->image_to_mesh_max);
+    printf("  mesh to smooth surface: mean %.3f, largest %.3f; back: mean %.3f, largest %.3f\n",
+           c->mesh_to_surface_mean, c->mesh_to_surface_max, c->surface_to_mesh_mean, c->surface_to_mesh_max);
     uint64_t defects[DEFECT_KINDS] = {0};
     for (size_t i = 0; i < s->defect_count; i++) {
         defects[s->defects[i].kind]++;
@@ -386,6 +388,10 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_number(f, ", ", "hausdorff_image_to_mesh", c->image_to_mesh_max);
     json_number(f, ", ", "mean_mesh_to_image", c->mesh_to_image_mean);
     json_number(f, ", ", "mean_image_to_mesh", c->image_to_mesh_mean);
+    json_number(f, ", ", "hausdorff_mesh_to_surface", c->mesh_to_surface_max);
+    json_number(f, ", ", "hausdorff_surface_to_mesh", c->surface_to_mesh_max);
+    json_number(f, ", ", "mean_mesh_to_surface", c->mesh_to_surface_mean);
+    json_number(f, ", ", "mean_surface_to_mesh", c->surface_to_mesh_mean);
     json_rules(f, ", ", "unmet", c->unmet);
 
     fputs("},\n  \"labels\": [", f);
@@ -409,6 +415,10 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
         json_number(f, ", ", "hausdorff_image_to_mesh", row->image_to_mesh_max);
         json_number(f, ", ", "mean_mesh_to_image", row->mesh_to_image_mean);
         json_number(f, ", ", "mean_image_to_mesh", row->image_to_mesh_mean);
+        json_number(f, ", ", "hausdorff_mesh_to_surface", row->mesh_to_surface_max);
+        json_number(f, ", ", "hausdorff_surface_to_mesh", row->surface_to_mesh_max);
+        json_number(f, ", ", "mean_mesh_to_surface", row->mesh_to_surface_mean);
+        json_number(f, ", ", "mean_surface_to_mesh", row->surface_to_mesh_mean);
         fputc('}', f);
     }
 
@@ -430,6 +440,10 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
         json_number(f, ", ", "hausdorff_image_to_mesh", row->image_to_mesh_max);
         json_number(f, ", ", "mean_mesh_to_image", row->mesh_to_image_mean);
         json_number(f, ", ", "mean_image_to_mesh", row->image_to_mesh_mean);
+        json_number(f, ", ", "hausdorff_mesh_to_surface", row->mesh_to_surface_max);
+        json_number(f, ", ", "hausdorff_surface_to_mesh", row->surface_to_mesh_max);
+        json_number(f, ", ", "mean_mesh_to_surface", row->mesh_to_surface_mean);
+        json_number(f, ", ", "mean_surface_to_mesh", row->surface_to_mesh_mean);
         fputc('}', f);
     }
 

@@ -391,7 +391,7 @@ typedef struct {
    */
   uint64_t all_tets;
   /**
-   * Bytes of what refinement keeps of the image: labels and distances; freed before the certificate is measured.
+   * Bytes of what refinement keeps of the image: labels and distances.
    */
   uint64_t oracle_bytes;
 } lapd_counts;
@@ -551,6 +551,22 @@ typedef struct {
    * Largest distance from the image's interfaces to those of the mesh.
    */
   double image_to_mesh_max;
+  /**
+   * Mean distance from the mesh's interfaces to the smooth ones: from the centroids of facets along their normals, two largest spacings at most.
+   */
+  double mesh_to_surface_mean;
+  /**
+   * The largest such distance.
+   */
+  double mesh_to_surface_max;
+  /**
+   * Mean distance from the smooth interfaces, where they cross the edges between voxel centres, to those of the mesh.
+   */
+  double surface_to_mesh_mean;
+  /**
+   * The largest such distance.
+   */
+  double surface_to_mesh_max;
 } lapd_certificate;
 
 /**
@@ -705,6 +721,22 @@ typedef struct {
    * Largest distance from its boundary in the image to that in the mesh; infinite when it has no tet.
    */
   double image_to_mesh_max;
+  /**
+   * Mean distance from its boundary in the mesh to the smooth interfaces.
+   */
+  double mesh_to_surface_mean;
+  /**
+   * Largest distance from its boundary in the mesh to the smooth interfaces.
+   */
+  double mesh_to_surface_max;
+  /**
+   * Mean distance from the smooth interfaces around it to its boundary in the mesh; infinite when it has no tet.
+   */
+  double surface_to_mesh_mean;
+  /**
+   * Largest distance from the smooth interfaces around it to its boundary in the mesh; infinite when it has no tet.
+   */
+  double surface_to_mesh_max;
 } lapd_label_row;
 
 /**
@@ -773,6 +805,22 @@ typedef struct {
    * The largest such distance.
    */
   double image_to_mesh_max;
+  /**
+   * Mean distance from the boundary of the components of the mesh that belong to it to the smooth interfaces.
+   */
+  double mesh_to_surface_mean;
+  /**
+   * The largest such distance.
+   */
+  double mesh_to_surface_max;
+  /**
+   * Mean distance from the smooth interfaces around it to its label's boundary in the mesh; infinite when the label has no tet.
+   */
+  double surface_to_mesh_mean;
+  /**
+   * The largest such distance.
+   */
+  double surface_to_mesh_max;
 } lapd_component_row;
 
 /**

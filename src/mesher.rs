@@ -67,7 +67,7 @@ pub struct RunReport {
     pub all_tets: u64,
     /// Vertices of the whole triangulation, corners of the box included.
     pub all_vertices: u64,
-    /// Memory of the oracle, held until the triangulation has been checked.
+    /// Memory of the oracle, held to the end.
     pub oracle_bytes: u64,
     /// Operations of the kernel.
     pub operations: Counters,
@@ -204,9 +204,8 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let oracle_bytes = oracle.bytes() as u64;
     drop(rules);
     drop(triangulation);
-    drop(oracle);
     let quality = Quality::measure(&mesh, monitor)?;
-    let mut certificate = Certificate::measure(&mesh, image, check.non_delaunay_facets, unmet, monitor)?;
+    let mut certificate = Certificate::measure(&mesh, image, &oracle, check.non_delaunay_facets, unmet, monitor)?;
     reserve(&mut certificate.defects, dropped.len(), "defects")?;
     certificate.defects.extend(dropped.iter().map(|&Island { label, position, voxels }| Defect {
         kind: DefectKind::Dropped,

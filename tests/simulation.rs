@@ -58,7 +58,8 @@ impl Subject {
         let unmet = unmet_rules(&rules, &monitor).unwrap();
         assert_eq!(unmet, [0; 6], "{what}: unmet rules");
         let mesh = extract(&triangulation, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
-        let certificate = Certificate::measure(&mesh, image, check.non_delaunay_facets, unmet, &monitor).unwrap();
+        let certificate =
+            Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor).unwrap();
         let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
         assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");
         let tets = triangulation.living_tets().map(|t| triangulation.tet(t).vertices()).collect();

@@ -24,7 +24,7 @@ pub struct lapd_counts {
     pub all_vertices: u64,
     /// Tets of the whole triangulation, when refinement ended.
     pub all_tets: u64,
-    /// Bytes of what refinement keeps of the image: labels and distances; freed before the certificate is measured.
+    /// Bytes of what refinement keeps of the image: labels and distances.
     pub oracle_bytes: u64,
 }
 
@@ -117,6 +117,14 @@ pub struct lapd_certificate {
     pub image_to_mesh_mean: f64,
     /// Largest distance from the image's interfaces to those of the mesh.
     pub image_to_mesh_max: f64,
+    /// Mean distance from the mesh's interfaces to the smooth ones: from the centroids of facets along their normals, two largest spacings at most.
+    pub mesh_to_surface_mean: f64,
+    /// The largest such distance.
+    pub mesh_to_surface_max: f64,
+    /// Mean distance from the smooth interfaces, where they cross the edges between voxel centres, to those of the mesh.
+    pub surface_to_mesh_mean: f64,
+    /// The largest such distance.
+    pub surface_to_mesh_max: f64,
 }
 
 /// What one thread of the refinement did, and with what it lost time. Set struct_size to sizeof(lapd_thread_report) before the call.
@@ -321,6 +329,10 @@ pub unsafe extern "C" fn lapd_mesh_get_certificate(
                 mesh_to_image_max: certificate.hausdorff_mesh_to_image,
                 image_to_mesh_mean: certificate.mean_image_to_mesh,
                 image_to_mesh_max: certificate.hausdorff_image_to_mesh,
+                mesh_to_surface_mean: certificate.mesh_to_surface.mean,
+                mesh_to_surface_max: certificate.mesh_to_surface.max,
+                surface_to_mesh_mean: certificate.surface_to_mesh.mean,
+                surface_to_mesh_max: certificate.surface_to_mesh.max,
             }
         })
     }

@@ -49,6 +49,14 @@ pub struct lapd_label_row {
     pub image_to_mesh_mean: f64,
     /// Largest distance from its boundary in the image to that in the mesh; infinite when it has no tet.
     pub image_to_mesh_max: f64,
+    /// Mean distance from its boundary in the mesh to the smooth interfaces.
+    pub mesh_to_surface_mean: f64,
+    /// Largest distance from its boundary in the mesh to the smooth interfaces.
+    pub mesh_to_surface_max: f64,
+    /// Mean distance from the smooth interfaces around it to its boundary in the mesh; infinite when it has no tet.
+    pub surface_to_mesh_mean: f64,
+    /// Largest distance from the smooth interfaces around it to its boundary in the mesh; infinite when it has no tet.
+    pub surface_to_mesh_max: f64,
 }
 
 /// Components of the image with fewer voxels have no row of their own, and are not listed when they are lost or merged.
@@ -104,6 +112,14 @@ pub struct lapd_component_row {
     pub image_to_mesh_mean: f64,
     /// The largest such distance.
     pub image_to_mesh_max: f64,
+    /// Mean distance from the boundary of the components of the mesh that belong to it to the smooth interfaces.
+    pub mesh_to_surface_mean: f64,
+    /// The largest such distance.
+    pub mesh_to_surface_max: f64,
+    /// Mean distance from the smooth interfaces around it to its label's boundary in the mesh; infinite when the label has no tet.
+    pub surface_to_mesh_mean: f64,
+    /// The largest such distance.
+    pub surface_to_mesh_max: f64,
 }
 
 /// What is wrong with the topology of a label somewhere.
@@ -220,6 +236,10 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
             mesh_to_image_max: found.mesh_to_image.max,
             image_to_mesh_mean: found.image_to_mesh.mean,
             image_to_mesh_max: found.image_to_mesh.max,
+            mesh_to_surface_mean: found.mesh_to_surface.mean,
+            mesh_to_surface_max: found.mesh_to_surface.max,
+            surface_to_mesh_mean: found.surface_to_mesh.mean,
+            surface_to_mesh_max: found.surface_to_mesh.max,
         };
         fill_struct(row, value, "row")
     })
@@ -268,6 +288,10 @@ pub unsafe extern "C" fn lapd_mesh_get_component_row(
             mesh_to_image_max: found.mesh_to_image.max,
             image_to_mesh_mean: found.image_to_mesh.mean,
             image_to_mesh_max: found.image_to_mesh.max,
+            mesh_to_surface_mean: found.mesh_to_surface.mean,
+            mesh_to_surface_max: found.mesh_to_surface.max,
+            surface_to_mesh_mean: found.surface_to_mesh.mean,
+            surface_to_mesh_max: found.surface_to_mesh.max,
         };
         fill_struct(row, value, "row")
     })

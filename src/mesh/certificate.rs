@@ -24,6 +24,7 @@ use crate::Result;
 use crate::image::LabelImage;
 use crate::memory::zeroed;
 use crate::monitor::{Monitor, Step};
+use crate::oracle::Oracle;
 
 /// Tets per work item.
 const CHUNK: usize = 1 << 12;
@@ -66,6 +67,10 @@ pub struct LabelRow {
     pub mesh_to_image: Distance,
     /// From the label's boundary in the image to that in the mesh; infinite if the mesh lost it.
     pub image_to_mesh: Distance,
+    /// From the label's boundary in the mesh to the smooth interfaces.
+    pub mesh_to_surface: Distance,
+    /// From the smooth interfaces around the label to its boundary in the mesh; infinite if the mesh lost it.
+    pub surface_to_mesh: Distance,
 }
 
 /// One component of the image that has at least [`LEAST_VOXELS`], and what the mesh made of it. Volumes are in cubic world units, distances in world units.
@@ -95,6 +100,10 @@ pub struct ComponentRow {
     pub mesh_to_image: Distance,
     /// From its boundary to that of its label in the mesh.
     pub image_to_mesh: Distance,
+    /// From the boundary of the components of the mesh that belong to it to the smooth interfaces.
+    pub mesh_to_surface: Distance,
+    /// From the smooth interfaces around it to its label's boundary in the mesh.
+    pub surface_to_mesh: Distance,
 }
 
 /// What is wrong with the topology of a label somewhere.
@@ -148,6 +157,10 @@ pub struct Certificate {
     pub mean_mesh_to_image: f64,
     /// Area-weighted mean of the distance from the faces of the voxels.
     pub mean_image_to_mesh: f64,
+    /// From the mesh's interfaces to the smooth ones, those of the oracle: of its samples, as `distance` tells.
+    pub mesh_to_surface: Distance,
+    /// From the smooth interfaces to those of the mesh; infinite if the mesh has none.
+    pub surface_to_mesh: Distance,
     /// The smallest spacing of the image.
     pub voxel: f64,
     /// Elements that rules R1 to R6 still apply to, and that the spacing floor leaves as they are; counted by the caller.
@@ -161,7 +174,7 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// Certifies `mesh` against the `image` it was made from (with the labels that were not to be meshed already set to 0).
+    /// Certifies `mesh` against the `image` it was made from (with the labels that were not to be meshed already set to 0), and the `oracle` made from that.
     ///
     /// # Errors
     /// [`InvalidArgument`](crate::Error::InvalidArgument) when a vertex is not finite; [`OutOfMemory`](crate::Error::OutOfMemory);
@@ -169,6 +182,7 @@ impl Certificate {
     pub fn measure(
         mesh: &TetMesh,
         image: &LabelImage,
+        oracle: &Oracle,
         non_delaunay_facets: u64,
         unmet: [u64; 6],
         monitor: &Monitor<'_>,
@@ -181,7 +195,8 @@ impl Certificate {
         let image_components = ImageComponents::new(image, monitor)?;
         let mesh_components = MeshComponents::new(mesh, image, &image_components, monitor)?;
         let sheets = Sheets::measure(mesh, &mesh_components, monitor)?;
-        let distances = Distances::measure(mesh, image, &mesh_components, &image_components, monitor)?;
+        let distances = Distances::measure(mesh, image, &mesh_components, &image_components, oracle, monitor)?;
+        let (to_faces, to_surface) = (distances.faces.whole, distances.surface.whole);
         let tables = Tables {
             mesh,
             image,
@@ -196,10 +211,12 @@ impl Certificate {
             inverted_tets,
             orphan_vertices,
             open_edges: sheets.open_edges,
-            hausdorff_mesh_to_image: distances.whole.mesh_to_image.max,
-            hausdorff_image_to_mesh: distances.whole.image_to_mesh.max,
-            mean_mesh_to_image: distances.whole.mesh_to_image.mean,
-            mean_image_to_mesh: distances.whole.image_to_mesh.mean,
+            hausdorff_mesh_to_image: to_faces.mesh_to_image.max,
+            hausdorff_image_to_mesh: to_faces.image_to_mesh.max,
+            mean_mesh_to_image: to_faces.mesh_to_image.mean,
+            mean_image_to_mesh: to_faces.image_to_mesh.mean,
+            mesh_to_surface: to_surface.mesh_to_image,
+            surface_to_mesh: to_surface.image_to_mesh,
             voxel: image.frame().spacing().min_element(),
             unmet,
             labels: tables.labels(),
@@ -262,6 +279,11 @@ mod tests {
     use super::super::testing;
     use super::*;
     use crate::image::Frame;
+    use crate::params::SurfaceModel;
+
+    fn oracle(image: &LabelImage) -> Oracle {
+        Oracle::new(image, SurfaceModel::Smooth, &|| Ok(())).unwrap()
+    }
 
     fn nested(i: usize, j: usize, k: usize) -> i32 {
         let edge = |x: usize| x == 0 || x == 3;
@@ -277,7 +299,16 @@ mod tests {
     #[test]
     fn a_perfect_mesh() {
         let (mesh, image) = nested_pair();
-        let mut certificate = Certificate::measure(&mesh, &image, 3, [1, 2, 3, 4, 5, 6], &Monitor::silent()).unwrap();
+        // Its surface is the faces of the voxels; crossings are found to a thousandth of a voxel.
+        let oracle = Oracle::new(&image, SurfaceModel::Voxel, &|| Ok(())).unwrap();
+        let mut certificate =
+            Certificate::measure(&mesh, &image, &oracle, 3, [1, 2, 3, 4, 5, 6], &Monitor::silent()).unwrap();
+        let in_rows =
+            certificate.labels.iter_mut().flat_map(|row| [&mut row.mesh_to_surface, &mut row.surface_to_mesh]);
+        for distance in in_rows.chain([&mut certificate.mesh_to_surface, &mut certificate.surface_to_mesh]) {
+            assert!(distance.max < 2e-3, "{distance:?}");
+            *distance = Distance::default();
+        }
         let row = |label, voxels: u64| LabelRow {
             label,
             tets: 6 * voxels,
@@ -325,7 +356,7 @@ mod tests {
         mesh.facets.pop();
         mesh.facet_labels.pop();
         mesh.facet_tets.pop();
-        let certificate = Certificate::measure(&mesh, &image, 0, [0; 6], &Monitor::silent()).unwrap();
+        let certificate = Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent()).unwrap();
         assert_eq!((certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges), (2, 1, 3));
     }
 
@@ -365,7 +396,9 @@ mod tests {
         }
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| Certificate::measure(&mesh, &image, 0, [0; 6], &Monitor::silent()).unwrap())
+            pool.install(|| {
+                Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent()).unwrap()
+            })
         };
         let certificate = on(1);
         assert!(mesh.tets.len() > 4 * CHUNK && mesh.facets.len() > CHUNK);
@@ -377,7 +410,7 @@ mod tests {
     fn labels_of_one_side_only_have_rows() {
         let image = testing::image([2, 1, 1], Frame::axis_aligned([1.0; 3]).unwrap(), |i, _, _| [1, 7][i]);
         let mesh = testing::kuhn_box([2, 1, 1], [1.0; 3], |i, _, _| [7, -3][i]);
-        let rows = Certificate::measure(&mesh, &image, 0, [0; 6], &Monitor::silent()).unwrap().labels;
+        let rows = Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent()).unwrap().labels;
         assert_eq!(
             rows.iter().map(|r| (r.label, r.tets, r.image_voxels)).collect::<Vec<_>>(),
             [(-3, 6, 0), (1, 0, 1), (7, 6, 1)]
@@ -406,7 +439,7 @@ mod tests {
         let spacing = [1.0; 3];
         let frame = Frame::new([0.5; 3], spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).unwrap();
         let (mesh, image) = (testing::kuhn_box(dims, spacing, meshed), testing::image(dims, frame, bars));
-        let certificate = Certificate::measure(&mesh, &image, 0, [0; 6], &Monitor::silent()).unwrap();
+        let certificate = Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent()).unwrap();
         let fates: Vec<_> = certificate.components.iter().map(|c| (c.position[0], c.fate, c.components_mesh)).collect();
         assert_eq!(fates, [(0.5, Fate::Kept, 1), (3.5, Fate::Merged, 0), (6.5, Fate::Lost, 0), (9.5, Fate::Kept, 2)]);
         let defects: Vec<_> = certificate.defects.iter().map(|d| (d.kind, d.label, d.size)).collect();

@@ -14,10 +14,18 @@
 //! label's, is held against the boundary of that label alone, so that a component that is lost is as far away as the next part of its label. Mostly the nearest of
 //! all is of the label; otherwise it is searched for. The largest distance of a mesh's component is that of its samples, not refined further.
 //!
+//! The distances to dO, the surface of the oracle, are for its samples, not for all its points:
+//!
+//! - Mesh to dO: from the centroid of each facet, where it is as a rule farthest, along the facet's normal, one way or the other, to where the
+//!   label changes; where that is more than half a voxel away, about in the facet's plane, too. That is no less than the distance. It is looked for up to two largest spacings away; what is farther counts as that far.
+//! - dO to mesh: from the points where dO crosses the edges between voxel centres, one for each voxel face, weighted by its area. The maximum over them is exact; in the mean
+//!   counts the distance to the triangle that is nearest to the centre of the voxel face: no less than the distance, and mostly equal.
+//!
 //! Safe from any thread; parallel inside; sums are combined in a fixed order, so equal input gives equal bits. Linear in samples and faces where mesh and image are near each other.
 
 mod from_image;
 mod from_mesh;
+mod to_surface;
 
 use std::ops::AddAssign;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -33,6 +41,7 @@ use super::voxel_faces::VoxelFaces;
 use crate::image::LabelImage;
 use crate::memory::room;
 use crate::monitor::{Monitor, Step};
+use crate::oracle::Oracle;
 use crate::{Error, Result};
 
 /// Facets, and rows of voxel faces, per parallel work item; fixed, so that sums do not depend on the number of threads.
@@ -67,13 +76,14 @@ pub struct Distance {
 /// where there are no samples they are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SurfaceDistance {
-    /// From interface facets to the image.
+    /// From interface facets to the image: to the faces of voxels, or to dO.
     pub mesh_to_image: Distance,
-    /// From faces of voxels to the mesh.
+    /// From the image to the mesh.
     pub image_to_mesh: Distance,
 }
 
 /// Distances over the whole, and for each component.
+#[derive(Default)]
 pub(super) struct Distances {
     /// Between all interfaces.
     pub whole: SurfaceDistance,
@@ -83,8 +93,16 @@ pub(super) struct Distances {
     pub of_image: Vec<Sum>,
 }
 
+/// Distances to the faces of voxels, and to the smooth interfaces.
+pub(super) struct BothDistances {
+    /// Between the mesh and the faces of voxels.
+    pub faces: Distances,
+    /// Between the mesh and dO.
+    pub surface: Distances,
+}
+
 impl Distances {
-    /// Measures `mesh` against `image`.
+    /// Measures `mesh` against `image`, and against the surface of the `oracle` that was made from it.
     ///
     /// # Errors
     /// [`Error::InvalidArgument`] when a vertex is not finite, [`Error::OutOfMemory`], [`Error::Cancelled`].
@@ -93,8 +111,9 @@ impl Distances {
         image: &LabelImage,
         mesh_components: &MeshComponents,
         image_components: &ImageComponents,
+        oracle: &Oracle,
         monitor: &Monitor<'_>,
-    ) -> Result<Self> {
+    ) -> Result<BothDistances> {
         if let Some(v) = mesh.points.par_iter().position_first(|p| p.iter().any(|x| !x.is_finite())) {
             return Err(Error::InvalidArgument(format!("vertex {v} is not finite: {:?}", mesh.points[v])));
         }
@@ -117,12 +136,23 @@ impl Distances {
         }
         let (mesh_to_image, sums) = from_mesh::mesh_to_image(&triangles, mesh, mesh_components, &faces, monitor)?;
         let of_mesh = spread(sums, mesh_components.list.len());
+        let (mesh_to_surface, sums) = to_surface::mesh_to_surface(&triangles, mesh, mesh_components, oracle, monitor)?;
+        let of_mesh_to_surface = spread(sums, mesh_components.list.len());
         let [_, ny, nz] = faces.brick_dims();
         monitor.enter(Step::ImageToMesh, ny * nz)?;
         let reach = REACH * faces.smallest_spacing();
         let bins = TriangleBins::new(triangles, &faces, reach, monitor)?;
-        let (image_to_mesh, of_image) = from_image::image_to_mesh(&bins, reach, &faces, image_components, monitor)?;
-        Ok(Self { whole: SurfaceDistance { mesh_to_image, image_to_mesh }, of_mesh, of_image })
+        let [from_faces, from_surface] =
+            from_image::image_to_mesh(&bins, reach, &faces, image_components, oracle, monitor)?;
+        let both = |mesh_to_image, of_mesh, (image_to_mesh, of_image)| Self {
+            whole: SurfaceDistance { mesh_to_image, image_to_mesh },
+            of_mesh,
+            of_image,
+        };
+        Ok(BothDistances {
+            faces: both(mesh_to_image, of_mesh, from_faces),
+            surface: both(mesh_to_surface, of_mesh_to_surface, from_surface),
+        })
     }
 }
 

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::TetMesh;
 use super::certificate::{ComponentRow, Defect, DefectKind, LEAST_VOXELS, LabelRow};
-use super::distance::{Distances, Sum};
+use super::distance::{BothDistances, Sum};
 use super::image_components::{ImageComponent, ImageComponents};
 use super::matching::{Fate, Matching, Role};
 use super::mesh_components::MeshComponents;
@@ -21,7 +21,7 @@ pub(super) struct Tables<'t> {
     pub image_components: &'t ImageComponents,
     pub mesh_components: &'t MeshComponents,
     pub sheets: &'t Sheets,
-    pub distances: &'t Distances,
+    pub distances: &'t BothDistances,
 }
 
 /// A row, and the sums of distances from which it is completed.
@@ -30,6 +30,8 @@ struct Open<R> {
     row: R,
     mesh_to_image: Sum,
     image_to_mesh: Sum,
+    mesh_to_surface: Sum,
+    surface_to_mesh: Sum,
 }
 
 impl Tables<'_> {
@@ -44,7 +46,8 @@ impl Tables<'_> {
             let listed = |fate| u64::from(component.voxels >= LEAST_VOXELS && self.matching.fates[c] == fate);
             open.row.components_lost += listed(Fate::Lost);
             open.row.components_merged += listed(Fate::Merged);
-            open.image_to_mesh += self.distances.of_image[c];
+            open.image_to_mesh += self.distances.faces.of_image[c];
+            open.surface_to_mesh += self.distances.surface.of_image[c];
         }
         for (c, component) in self.mesh_components.list.iter().enumerate() {
             let open = rows.entry(component.label).or_default();
@@ -53,7 +56,8 @@ impl Tables<'_> {
             open.row.components_mesh += 1;
             open.row.pieces += u64::from(self.matching.roles[c].0 != Role::Main);
             open.row.euler_mesh += self.sheets.euler[c];
-            open.mesh_to_image += self.distances.of_mesh[c];
+            open.mesh_to_image += self.distances.faces.of_mesh[c];
+            open.mesh_to_surface += self.distances.surface.of_mesh[c];
         }
         for touch in &self.sheets.touches {
             let label = self.mesh_components.list[touch.parts[0].0 as usize].label;
@@ -68,6 +72,8 @@ impl Tables<'_> {
             image_volume: open.row.image_voxels as f64 * self.image.voxel_volume(),
             mesh_to_image: open.mesh_to_image.distance(),
             image_to_mesh: open.image_to_mesh.distance(),
+            mesh_to_surface: open.mesh_to_surface.distance(),
+            surface_to_mesh: open.surface_to_mesh.distance(),
             ..open.row
         };
         rows.into_iter().map(complete).collect()
@@ -92,7 +98,8 @@ impl Tables<'_> {
                 tets: self.matching.tets[c].count,
                 mesh_volume: self.matching.tets[c].volume,
                 euler_image: 2 * component.euler,
-                image_to_mesh: self.distances.of_image[c].distance(),
+                image_to_mesh: self.distances.faces.of_image[c].distance(),
+                surface_to_mesh: self.distances.surface.of_image[c].distance(),
                 ..ComponentRow::default()
             };
             rows.push(Open { row, ..Open::default() });
@@ -101,7 +108,8 @@ impl Tables<'_> {
             if let Some(place) = lies_in.and_then(|image| places[image as usize]) {
                 rows[place].row.components_mesh += 1;
                 rows[place].row.euler_mesh += self.sheets.euler[c];
-                rows[place].mesh_to_image += self.distances.of_mesh[c];
+                rows[place].mesh_to_image += self.distances.faces.of_mesh[c];
+                rows[place].mesh_to_surface += self.distances.surface.of_mesh[c];
             }
         }
         for touch in &self.sheets.touches {
@@ -115,8 +123,11 @@ impl Tables<'_> {
                 }
             }
         }
-        let complete =
-            |open: Open<ComponentRow>| ComponentRow { mesh_to_image: open.mesh_to_image.distance(), ..open.row };
+        let complete = |open: Open<ComponentRow>| ComponentRow {
+            mesh_to_image: open.mesh_to_image.distance(),
+            mesh_to_surface: open.mesh_to_surface.distance(),
+            ..open.row
+        };
         rows.into_iter().map(complete).collect()
     }
 

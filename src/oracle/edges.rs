@@ -216,6 +216,13 @@ impl Oracle {
         at + here / (here + there)
     }
 
+    /// How far along the edge between the centres of two voxels that differ dO crosses it, 0 to 1: the first has index `voxel` along `axis` (-1 outside of the image), the second the
+    /// next one; their dense ids are `ids`.
+    pub fn crossed_at(&self, voxel: isize, axis: usize, ids: [u16; 2]) -> f64 {
+        let at = (voxel - self.first[axis]) as f64;
+        self.crossing_between(at, axis, ids) - at
+    }
+
     /// The crossing of the segment beside a crossed edge, moved by `offset` (world units, along the image axes that are not the edge's). `None` where the
     /// ends of that segment have the same label.
     pub fn crossing_beside(&self, edge: &CrossedEdge, offset: [f64; 2]) -> Option<DVec3> {

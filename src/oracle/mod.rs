@@ -59,6 +59,8 @@ pub struct Oracle {
     to_world: DMat3,
     origin: DVec3,
     spacing: DVec3,
+    /// Image index of the region's first voxel; -1 where the object reaches the border.
+    first: [isize; 3],
     /// Region coordinates of the last voxel centre.
     last: DVec3,
     /// Where the smooth model ends.
@@ -138,6 +140,7 @@ impl Oracle {
             to_world,
             origin: frame.to_world(DVec3::from(first.map(|c| c as f64))),
             spacing,
+            first,
             last: DVec3::from(dims.map(|n| (n - 1) as f64)),
             border,
             bricks: Bricks::new(dims),

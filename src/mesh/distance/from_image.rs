@@ -1,5 +1,5 @@
 //! From the faces of the voxels to the mesh, brick by brick: the triangles listed in a brick are gone through once, each looks at the faces within its reach, and a
-//! face keeps the nearest triangles it has met. What no triangle reaches is searched for.
+//! face keeps the nearest triangles it has met. What no triangle reaches is searched for. With each face goes the point where dO crosses the edge between the centres of its two voxels.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,6 +11,7 @@ use super::super::voxel_faces::{BRICK, Face, VoxelFaces};
 use super::{CHECK_EVERY, Distance, Max, Sum, spread};
 use crate::Result;
 use crate::monitor::Monitor;
+use crate::oracle::Oracle;
 
 /// "No triangle yet".
 const NONE: u32 = u32::MAX;
@@ -189,22 +190,26 @@ impl Targets {
     }
 }
 
-/// Distances from the image to the mesh: over the whole, and the sums of each component. No triangle that is listed in a brick is more than `reach` away from it.
+/// A distance over the whole, and the sums of each component.
+type Measured = (Distance, Vec<Sum>);
+
+/// Distances from the image to the mesh: from the faces of voxels, and from dO. All triangles within `reach` of a brick are listed there.
 pub(super) fn image_to_mesh(
     bins: &TriangleBins,
     reach: f64,
     faces: &VoxelFaces<'_>,
     components: &ImageComponents,
+    oracle: &Oracle,
     monitor: &Monitor<'_>,
-) -> Result<(Distance, Vec<Sum>)> {
+) -> Result<[Measured; 2]> {
     let [nx, ny, nz] = faces.brick_dims();
     // What is no farther than the maximum that any thread knows need not be looked at.
-    let max = Max::default();
-    let maxima: Vec<Max> = (0..components.list.len()).map(|_| Max::default()).collect();
+    let maximum = Maxima::default();
+    let maxima: Vec<Maxima> = (0..components.list.len()).map(|_| Maxima::default()).collect();
     let parts = (0..ny * nz).into_par_iter().map_init(Targets::default, |targets, row| {
         monitor.advance(1)?;
-        let mut whole = Sum::default();
-        let mut ledger = Ledger::default();
+        let mut whole = [Sum::default(); 2];
+        let mut ledgers = [Ledger::default(), Ledger::default()];
         for brick in (nx * row..nx * (row + 1)).filter(|&brick| faces.has_faces(brick)) {
             monitor.advance(0)?;
             targets.collect([brick % nx, row % ny, row / ny], faces, components);
@@ -217,7 +222,8 @@ pub(super) fn image_to_mesh(
                 }
                 let area = faces.area(target.face);
                 let mut corners = Corners::of(target.face, faces);
-                let mut measure = |best: Nearest, id: Option<u16>, max: &Max| {
+                let crossing = crossing(target, faces, oracle);
+                let mut measure = |best: Nearest, id: Option<u16>, max: &Maxima| {
                     // All triangles within the reach have been met.
                     let found = if best.distance_squared <= reach * reach {
                         Some(best)
@@ -225,28 +231,60 @@ pub(super) fn image_to_mesh(
                         bins.nearest(id, target.centre, (best.triangle != NONE).then_some(best.triangle))
                     };
                     let distance = found.map_or(f64::INFINITY, |found| found.distance_squared.sqrt());
-                    max.raise(distance);
-                    if let Some(found) = found {
-                        corners.look_at(found.triangle, distance, bins, id, max);
+                    max.faces.raise(distance);
+                    let Some(Nearest { triangle, .. }) = found else {
+                        max.surface.raise(distance);
+                        return [Sum::of(area, distance); 2];
+                    };
+                    corners.look_at(triangle, distance, bins, id, &max.faces);
+                    let bound = bins.triangles[triangle as usize].distance_squared(crossing).sqrt();
+                    if bound > max.surface.get()
+                        && let Some(nearest) = bins.nearest(id, crossing, Some(triangle))
+                    {
+                        max.surface.raise(nearest.distance_squared.sqrt());
                     }
-                    Sum::of(area, distance)
+                    [distance, bound].map(|distance| Sum::of(area, distance))
                 };
                 let [of_all, of_sides @ ..] = target.best;
-                whole += measure(of_all, None, &max);
+                let sums = measure(of_all, None, &maximum);
+                whole.iter_mut().zip(sums).for_each(|(whole, sum)| *whole += sum);
                 for (side, best) in target.sides.into_iter().zip(of_sides) {
                     if let Some((component, id)) = side {
-                        ledger.add(component.into(), measure(best, Some(id), &maxima[component as usize]));
+                        let sums = measure(best, Some(id), &maxima[component as usize]);
+                        ledgers.iter_mut().zip(sums).for_each(|(ledger, sum)| ledger.add(component.into(), sum));
                     }
                 }
             }
         }
-        Ok((whole, ledger.sums()))
+        Ok((whole, ledgers.map(Ledger::sums)))
     });
-    let (wholes, sums): (Vec<Sum>, Vec<Sums<Sum>>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
-    let whole = Sum { max: max.get(), ..wholes.into_iter().sum() };
-    let mut of_components = spread(Ledger::total(sums), components.list.len());
-    of_components.iter_mut().zip(&maxima).for_each(|(sum, max)| sum.max = max.get());
-    Ok((whole.distance(), of_components))
+    let (wholes, sums): (Vec<[Sum; 2]>, Vec<[Sums<Sum>; 2]>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let (of_faces, of_surface): (Vec<Sums<Sum>>, Vec<Sums<Sum>>) = sums.into_iter().map(<(_, _)>::from).unzip();
+    let measured = |which: usize, sums, max: fn(&Maxima) -> &Max| {
+        let whole = Sum { max: max(&maximum).get(), ..wholes.iter().map(|sums| sums[which]).sum() };
+        let mut of_components = spread(Ledger::total(sums), components.list.len());
+        of_components.iter_mut().zip(&maxima).for_each(|(sum, maxima)| sum.max = max(maxima).get());
+        (whole.distance(), of_components)
+    };
+    Ok([measured(0, of_faces, |max| &max.faces), measured(1, of_surface, |max| &max.surface)])
+}
+
+/// The largest distances so far.
+#[derive(Default)]
+struct Maxima {
+    /// From the faces of voxels.
+    faces: Max,
+    /// From dO.
+    surface: Max,
+}
+
+/// Where dO crosses the edge between the centres of the two voxels of a face.
+fn crossing(target: &Target, faces: &VoxelFaces<'_>, oracle: &Oracle) -> DVec3 {
+    let Face { cell, axis } = target.face;
+    let ids = target.sides.map(|side| side.map_or(0, |(_, id)| id));
+    let mut point = target.centre;
+    point[axis] += (oracle.crossed_at(cell[axis] as isize - 1, axis, ids) - 0.5) * faces.spacing()[axis];
+    point
 }
 
 /// The corners of a voxel face.

@@ -8,12 +8,21 @@ use super::super::voxel_faces::Face;
 use super::from_mesh::for_each_sample;
 use super::*;
 use crate::image::Frame;
+use crate::params::SurfaceModel;
+
+fn oracle(image: &LabelImage, model: SurfaceModel) -> Oracle {
+    Oracle::new(image, model, &|| Ok(())).unwrap()
+}
 
 fn measured(mesh: &TetMesh, image: &LabelImage) -> Distances {
+    both(mesh, image, SurfaceModel::Voxel).faces
+}
+
+fn both(mesh: &TetMesh, image: &LabelImage, model: SurfaceModel) -> BothDistances {
     let monitor = Monitor::silent();
     let image_components = ImageComponents::new(image, &monitor).unwrap();
     let mesh_components = MeshComponents::new(mesh, image, &image_components, &monitor).unwrap();
-    Distances::measure(mesh, image, &mesh_components, &image_components, &monitor).unwrap()
+    Distances::measure(mesh, image, &mesh_components, &image_components, &oracle(image, model), &monitor).unwrap()
 }
 
 fn all(faces: &VoxelFaces<'_>) -> Vec<Face> {
@@ -125,7 +134,10 @@ fn components_are_held_against_their_own_label() {
     let monitor = Monitor::silent();
     let components = ImageComponents::new(&image, &monitor).unwrap();
     let parts = MeshComponents::new(&mesh, &image, &components, &monitor).unwrap();
-    let measured = Distances::measure(&mesh, &image, &parts, &components, &monitor).unwrap();
+    let measured =
+        Distances::measure(&mesh, &image, &parts, &components, &oracle(&image, SurfaceModel::Voxel), &monitor)
+            .unwrap()
+            .faces;
     let faces = VoxelFaces::new(&image, &monitor).unwrap();
     let all = all(&faces);
     let frame = image.frame();
@@ -178,11 +190,14 @@ fn equal_bits_on_any_number_of_threads() {
     }
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| measured(&mesh, &image).whole)
+        pool.install(|| {
+            let both = both(&mesh, &image, SurfaceModel::Smooth);
+            (both.faces.whole, both.surface.whole, both.surface.of_image)
+        })
     };
     assert!(mesh.facets.len() > 5 * CHUNK);
     let measured = on(1);
-    assert!(measured.mesh_to_image.max > 0.1 && measured.image_to_mesh.max > 0.1);
+    assert!(measured.0.mesh_to_image.max > 0.1 && measured.0.image_to_mesh.max > 0.1);
     assert_eq!(measured, on(3));
 }
 
@@ -209,14 +224,61 @@ fn samples_cover_the_triangle() {
 
 #[test]
 fn a_missing_side_is_infinitely_far() {
-    let (mesh, image) = pair(|_, _, _| 1);
+    let (_, image) = pair(|_, _, _| 1);
     let measured = measured(&TetMesh::default(), &image).whole;
     assert_eq!(measured.mesh_to_image, Distance::default());
     assert_eq!(measured.image_to_mesh, Distance { mean: f64::INFINITY, max: f64::INFINITY });
-    let (_, empty) = pair(|_, _, _| 0);
-    let measured = self::measured(&mesh, &empty).whole;
-    assert_eq!(measured.mesh_to_image.max, f64::INFINITY);
-    assert_eq!(measured.image_to_mesh, Distance::default());
+    let surface = both(&TetMesh::default(), &image, SurfaceModel::Smooth).surface.whole;
+    assert_eq!(surface.image_to_mesh, Distance { mean: f64::INFINITY, max: f64::INFINITY });
+    // Label 3 is in the mesh alone.
+    let (stray, _) = pair(|_, _, _| 3);
+    let (_, image) = pair(two_labels);
+    assert_eq!(both(&stray, &image, SurfaceModel::Smooth).faces.of_mesh[0].distance().max, f64::INFINITY);
+}
+
+/// In the voxel model dO is the faces of the voxels.
+#[test]
+fn distances_to_the_surface_of_the_voxel_model() {
+    let (mesh, image) = pair(two_labels);
+    let BothDistances { surface, .. } = both(&mesh, &image, SurfaceModel::Voxel);
+    // The crossings of the oracle are found to a thousandth of a voxel.
+    assert!(surface.whole.mesh_to_image.max < 2e-3, "{:?}", surface.whole);
+    assert!(surface.whole.image_to_mesh.max < 1e-9, "{:?}", surface.whole);
+
+    let (mut mesh, image) = pair(|_, _, _| 1);
+    for p in &mut mesh.points {
+        *p = (DVec3::from_array(*p) + image.frame().direction().x_axis * 0.25).to_array();
+    }
+    let BothDistances { faces, surface } = both(&mesh, &image, SurfaceModel::Voxel);
+    // What is looked for beside a facet is a little too far.
+    let right = 0.248..0.27;
+    assert!(right.contains(&surface.whole.mesh_to_image.max), "{:?}", surface.whole);
+    close(surface.whole.image_to_mesh.max, 0.25);
+    close(surface.whole.image_to_mesh.mean, faces.whole.image_to_mesh.mean);
+    close(surface.of_image[0].distance().max, 0.25);
+    assert!(right.contains(&surface.of_mesh[0].distance().max));
+}
+
+/// Two labels of which one is heavier: the smooth interface is off the voxel faces, and a mesh that has it there has no distance to it.
+#[test]
+fn distances_to_the_smooth_surface() {
+    let label = |i: usize, j: usize, k: usize| 1 + i32::from(i > 1 && (1..3).contains(&j) && k == 1);
+    let (mut mesh, image) = pair(label);
+    let oracle = oracle(&image, SurfaceModel::Smooth);
+    let at = oracle.crossed_at(1, 0, [1, 2]);
+    assert!((at - 0.5).abs() > 0.01, "{at}");
+    let before = both(&mesh, &image, SurfaceModel::Smooth).surface;
+    // The plane between the labels across the first axis comes to where dO crosses the edges between centres.
+    for p in &mut mesh.points {
+        let mut index = image.frame().to_index(DVec3::from_array(*p));
+        if (index.x - 1.5).abs() < 1e-9 {
+            index.x = 1.0 + at;
+        }
+        *p = image.frame().to_world(index).to_array();
+    }
+    let after = both(&mesh, &image, SurfaceModel::Smooth).surface;
+    assert!(after.of_image[1].distance().mean < before.of_image[1].distance().mean, "{at}");
+    assert!(before.whole.mesh_to_image.max > 0.01 && before.whole.mesh_to_image.max <= 2.0 * 2.0);
 }
 
 #[test]
@@ -225,11 +287,12 @@ fn bad_vertices_and_cancellation_are_errors() {
     let silent = Monitor::silent();
     let components = ImageComponents::new(&image, &silent).unwrap();
     let parts = MeshComponents::new(&mesh, &image, &components, &silent).unwrap();
+    let oracle = oracle(&image, SurfaceModel::Smooth);
     let flag = crate::monitor::CancelFlag::default();
     flag.cancel();
-    let cancelled = Distances::measure(&mesh, &image, &parts, &components, &Monitor::new(None, Some(&flag)));
+    let cancelled = Distances::measure(&mesh, &image, &parts, &components, &oracle, &Monitor::new(None, Some(&flag)));
     assert!(matches!(cancelled, Err(Error::Cancelled)));
     mesh.points[3][1] = f64::NAN;
-    let refused = Distances::measure(&mesh, &image, &parts, &components, &silent).err().unwrap().to_string();
+    let refused = Distances::measure(&mesh, &image, &parts, &components, &oracle, &silent).err().unwrap().to_string();
     assert!(refused.starts_with("vertex 3 is not finite"), "{refused}");
 }

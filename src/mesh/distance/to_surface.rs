@@ -1,0 +1,73 @@
+//! From the mesh to dO, the surface of the oracle.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::super::TetMesh;
+use super::super::ledger::{Ledger, Sums};
+use super::super::mesh_components::MeshComponents;
+use super::super::triangle_bins::Triangle;
+use super::{CHECK_EVERY, CHUNK, Distance, Sum};
+use crate::Result;
+use crate::monitor::Monitor;
+use crate::oracle::Oracle;
+
+/// How far from a facet dO is looked for, in largest spacings.
+const FAR: f64 = 2.0;
+
+/// Distances from the mesh to dO: over the whole, and the sums of each component that has any facets. The ids of labels are those of `triangles`.
+pub(super) fn mesh_to_surface(
+    triangles: &[Triangle],
+    mesh: &TetMesh,
+    components: &MeshComponents,
+    oracle: &Oracle,
+    monitor: &Monitor<'_>,
+) -> Result<(Distance, Sums<Sum>)> {
+    let parts = triangles.par_chunks(CHUNK).enumerate().map(|(chunk, triangles)| {
+        let mut whole = Sum::default();
+        let mut ledger = Ledger::default();
+        for (triangle, f) in triangles.iter().zip(chunk * CHUNK..) {
+            if f.is_multiple_of(CHECK_EVERY) {
+                monitor.advance(0)?;
+            }
+            let facet @ [a, b, c] = mesh.facets[f].map(|v| mesh.point(v));
+            let normal = (b - a).cross(c - a);
+            let distance = from_centroid(oracle, facet, normal.normalize_or_zero(), triangle.ids);
+            let sum = Sum::of(0.5 * normal.length(), distance);
+            whole += sum;
+            for component in mesh.facet_tets[f].into_iter().filter_map(|t| components.of(t)) {
+                ledger.add(component.into(), sum);
+            }
+        }
+        Ok((whole, ledger.sums()))
+    });
+    let (wholes, sums): (Vec<Sum>, Vec<Sums<Sum>>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    Ok((wholes.into_iter().sum::<Sum>().distance(), Ledger::total(sums)))
+}
+
+/// Distance from the centroid of a facet to the nearest change of label that is found along its normal, or, where that is far, beside it; no more than [`FAR`]. The normal
+/// leads from the first label of `ids` to the second.
+fn from_centroid(oracle: &Oracle, [a, b, c]: [DVec3; 3], normal: DVec3, ids: [u16; 2]) -> f64 {
+    let p = (a + b + c) / 3.0;
+    let here = oracle.label(p);
+    let mut nearest = FAR * oracle.spacing().max_element();
+    let mut look = |way: DVec3| {
+        if let Some(crossing) = oracle.first_crossing_from(here, p, p + way * nearest) {
+            nearest = crossing.point.distance(p).min(nearest);
+        }
+        nearest
+    };
+    // Mostly it is on the side of the other label; then the other way need not be followed farther.
+    let first = if here == ids[1] { -normal } else { normal };
+    look(first);
+    if look(-first) > 0.5 * oracle.spacing().min_element() {
+        // Beside the end of an interface, which may lie in the facet's very plane.
+        let along = (b - a).normalize_or_zero();
+        let across = normal.cross(along);
+        for way in [along, -along, across, -across] {
+            look((way + 0.25 * normal).normalize_or_zero());
+            look((way - 0.25 * normal).normalize_or_zero());
+        }
+    }
+    nearest
+}
