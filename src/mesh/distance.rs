@@ -12,12 +12,14 @@
 //!
 //! Over the whole, labels are not compared: a facet between labels 1 and 2 may be nearest to a face between 1 and 3. For a component they are: its boundary, a part of its
 //! label's, is held against the boundary of that label alone, so that a component that is lost is as far away as the next part of its label. Mostly the nearest of
-//! all is of the label; otherwise it is searched for. The largest distance of a mesh's component is that of its samples, not refined further.
+//! all is of the label; otherwise it is searched for. The largest distance of a mesh's component is that of its samples, not refined further:
+//! no point is more than 0.45 smallest spacings from one of them.
 //!
 //! The distances to dO, the surface of the oracle, are for its samples, not for all its points:
 //!
-//! - Mesh to dO: from the centroid of each facet, where it is as a rule farthest, along the facet's normal, one way or the other, to where the
-//!   label changes; where that is more than half a voxel away, about in the facet's plane, too. That is no less than the distance. It is looked for up to two largest spacings away; what is farther counts as that far.
+//! - Mesh to dO: from the centroid of each facet, where it is as a rule farthest, along the facet's normal to where the label changes: towards the side whose label the centroid does
+//!   not have, and where that is more than half a voxel away, the other way, too, and then in directions about the facet's plane. That is no less than the distance. It is looked
+//!   for up to two largest spacings away; what is farther counts as that far.
 //! - dO to mesh: from the points where dO crosses the edges between voxel centres, one for each voxel face, weighted by its area. The maximum over them is exact; in the mean
 //!   counts the distance to the triangle that is nearest to the centre of the voxel face: no less than the distance, and mostly equal.
 //!
@@ -30,13 +32,15 @@ mod to_surface;
 use std::ops::AddAssign;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::TetMesh;
 use super::image_components::ImageComponents;
 use super::ledger::Sums;
 use super::mesh_components::MeshComponents;
-use super::triangle_bins::{Triangle, TriangleBins};
+use super::sets::NO_SET;
+use super::triangle_bins::{self, Triangle, TriangleBins};
 use super::voxel_faces::VoxelFaces;
 use crate::image::LabelImage;
 use crate::memory::room;
@@ -122,21 +126,23 @@ impl Distances {
         let frame = image.frame();
         let to_local = frame.direction().transpose();
         let local = |v: u32| to_local * (mesh.point(v) - frame.origin()) + 0.5 * frame.spacing();
+        let to_world = |p: DVec3| frame.direction() * (p - 0.5 * frame.spacing()) + frame.origin();
         // A label that the image does not have is on no face; nor is any sought there.
         let id_of = |label: i32| image.id_of(label).unwrap_or(0);
         let mut triangles: Vec<Triangle> = room(mesh.facets.len(), "triangles of the interfaces")?;
         for chunk in (0..mesh.facets.len()).step_by(FILL) {
             monitor.advance(0)?;
             let facets = chunk..(chunk + FILL).min(mesh.facets.len());
-            triangles.par_extend(
-                facets
-                    .into_par_iter()
-                    .map(|f| Triangle { corners: mesh.facets[f].map(local), ids: mesh.facet_labels[f].map(id_of) }),
-            );
+            triangles.par_extend(facets.into_par_iter().map(|f| Triangle {
+                corners: mesh.facets[f].map(local),
+                ids: mesh.facet_labels[f].map(id_of),
+                components: mesh.facet_tets[f].map(|t| mesh_components.of(t).unwrap_or(NO_SET)),
+            }));
         }
-        let (mesh_to_image, sums) = from_mesh::mesh_to_image(&triangles, mesh, mesh_components, &faces, monitor)?;
+        let triangles = triangle_bins::by_brick(&triangles, &faces, monitor)?;
+        let (mesh_to_image, sums) = from_mesh::mesh_to_image(&triangles, &faces, monitor)?;
         let of_mesh = spread(sums, mesh_components.list.len());
-        let (mesh_to_surface, sums) = to_surface::mesh_to_surface(&triangles, mesh, mesh_components, oracle, monitor)?;
+        let (mesh_to_surface, sums) = to_surface::mesh_to_surface(&triangles, to_world, oracle, monitor)?;
         let of_mesh_to_surface = spread(sums, mesh_components.list.len());
         let [_, ny, nz] = faces.brick_dims();
         monitor.enter(Step::ImageToMesh, ny * nz)?;

@@ -14,18 +14,49 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::voxel_faces::{BRICK, VoxelFaces};
-use crate::memory::zeroed;
+use crate::memory::{room, zeroed};
 use crate::monitor::Monitor;
 use crate::{Error, Result};
 
 /// Triangles of one piece of work.
 const CHUNK: usize = 1 << 12;
 
-/// A triangle, and the ids of the labels on its two sides.
+/// An interface facet in the coordinates of [`VoxelFaces`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Triangle {
     pub corners: [DVec3; 3],
+    /// The ids of the labels on its two sides.
     pub ids: [u16; 2],
+    /// The components of the mesh there; [`NO_SET`](super::sets::NO_SET) for background.
+    pub components: [u32; 2],
+}
+
+/// The triangles of each brick one after the other, so that who goes through them meets near ones, and what is near them in the image, in turn.
+///
+/// # Errors
+/// [`Error::Cancelled`], [`Error::OutOfMemory`].
+pub(super) fn by_brick(triangles: &[Triangle], faces: &VoxelFaces<'_>, monitor: &Monitor<'_>) -> Result<Vec<Triangle>> {
+    let dims = faces.brick_dims();
+    let size = faces.spacing() * BRICK as f64;
+    let mut order: Vec<u64> = zeroed(triangles.len(), "order of triangles")?;
+    order.par_chunks_mut(CHUNK).zip(triangles.par_chunks(CHUNK)).enumerate().try_for_each(
+        |(chunk, (order, part))| {
+            monitor.advance(0)?;
+            for ((key, triangle), number) in order.iter_mut().zip(part).zip((chunk * CHUNK) as u64..) {
+                let centre = triangle.corners.iter().sum::<DVec3>() / 3.0 / size;
+                let [i, j, k] = [0, 1, 2].map(|axis| within(centre[axis], dims[axis]));
+                *key = ((i + dims[0] * (j + dims[1] * k)) as u64) << 32 | number;
+            }
+            Ok(())
+        },
+    )?;
+    order.par_sort_unstable();
+    let mut ordered: Vec<Triangle> = room(triangles.len(), "triangles of the interfaces")?;
+    for part in order.chunks(1 << 16) {
+        monitor.advance(0)?;
+        ordered.par_extend(part.par_iter().map(|&key| triangles[key as u32 as usize]));
+    }
+    Ok(ordered)
 }
 
 impl Triangle {
@@ -245,6 +276,7 @@ fn closest_on_segment(a: DVec3, b: DVec3, p: DVec3) -> DVec3 {
 mod tests {
     use proptest::prelude::*;
 
+    use super::super::sets::NO_SET;
     use super::super::testing;
     use super::*;
     use crate::image::Frame;
@@ -260,7 +292,7 @@ mod tests {
     /// Labels of which two have the same bit.
     fn labelled() -> impl Strategy<Value = Triangle> {
         let id = || prop::sample::select(vec![1, 2, 3, 65]);
-        (triangle(), [id(), id()]).prop_map(|(corners, ids)| Triangle { corners, ids })
+        (triangle(), [id(), id()]).prop_map(|(corners, ids)| Triangle { corners, ids, components: [NO_SET; 2] })
     }
 
     proptest! {
@@ -308,8 +340,11 @@ mod tests {
     fn every_triangle_is_in_the_bricks_that_it_reaches() {
         let image = testing::image([30, 30, 30], Frame::axis_aligned([1.0; 3]).unwrap(), |_, _, _| 1);
         let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
-        let at =
-            |x: f64| Triangle { corners: [DVec3::splat(x), DVec3::splat(x) + DVec3::X, DVec3::splat(x)], ids: [1, 0] };
+        let at = |x: f64| Triangle {
+            corners: [DVec3::splat(x), DVec3::splat(x) + DVec3::X, DVec3::splat(x)],
+            ids: [1, 0],
+            components: [NO_SET; 2],
+        };
         let triangles: Vec<Triangle> = (0..60).map(|i| at(0.5 * f64::from(i))).collect();
         let bins = TriangleBins::new(triangles.clone(), &faces, 0.25, &Monitor::silent()).unwrap();
         let [nx, ny, nz] = faces.brick_dims();

@@ -28,32 +28,40 @@ struct Target {
     limit: f64,
 }
 
-/// The plane of a triangle, and those through its edges at right angles to it.
+/// The plane of a triangle, and those through its edges at right angles to it: directions, and what turns the square of a product with them into a squared distance.
 struct Planes {
     corners: [DVec3; 3],
-    normal: DVec3,
+    normal: (DVec3, f64),
     /// Pointing out.
-    sides: [DVec3; 3],
+    sides: [(DVec3, f64); 3],
+    is_flat: bool,
 }
 
 impl Planes {
     #[inline]
     fn of(triangle: &Triangle) -> Self {
         let corners @ [a, b, c] = triangle.corners;
-        // A triangle without area has none of them: then the bound is 0.
-        let normal = (b - a).cross(c - a).normalize_or_zero();
-        let sides = [b - a, c - b, a - c].map(|edge| edge.cross(normal).normalize_or_zero());
-        Self { corners, normal, sides }
+        let edges = [b - a, c - b, a - c];
+        let normal = edges[0].cross(c - a);
+        let squared = normal.length_squared();
+        // A triangle without area has no planes.
+        let is_flat = !(squared > 0.0 && squared.is_normal());
+        let per = |squared: f64| if is_flat { 0.0 } else { squared.recip() };
+        let sides = edges.map(|edge| (edge.cross(normal), per(edge.length_squared() * squared)));
+        Self { corners, normal: (normal, per(squared)), sides, is_flat }
     }
 
     /// A lower bound of the squared distance from `p`, and whether it is the distance.
     #[inline]
     fn bound(&self, p: DVec3) -> (f64, bool) {
-        let [a, b, c] = self.corners.map(|corner| p - corner);
-        let height = self.normal.dot(a);
-        let outside = self.sides[0].dot(a).max(self.sides[1].dot(b)).max(self.sides[2].dot(c));
-        let is_beside = outside > 0.0 || self.normal == DVec3::ZERO;
-        (height * height + outside.max(0.0).powi(2), !is_beside)
+        let [a, ..] = self.corners;
+        let height = self.normal.0.dot(p - a);
+        let mut outside = 0.0_f64;
+        for (&(side, per), corner) in self.sides.iter().zip(self.corners) {
+            let beyond = side.dot(p - corner).max(0.0);
+            outside = outside.max(beyond * beyond * per);
+        }
+        (height * height * self.normal.1 + outside, outside == 0.0 && !self.is_flat)
     }
 }
 
@@ -223,6 +231,8 @@ pub(super) fn image_to_mesh(
                 let area = faces.area(target.face);
                 let mut corners = Corners::of(target.face, faces);
                 let crossing = crossing(target, faces, oracle);
+                // Mostly one triangle is the nearest of all three.
+                let mut known = (NONE, 0.0);
                 let mut measure = |best: Nearest, id: Option<u16>, max: &Maxima| {
                     // All triangles within the reach have been met.
                     let found = if best.distance_squared <= reach * reach {
@@ -237,7 +247,10 @@ pub(super) fn image_to_mesh(
                         return [Sum::of(area, distance); 2];
                     };
                     corners.look_at(triangle, distance, bins, id, &max.faces);
-                    let bound = bins.triangles[triangle as usize].distance_squared(crossing).sqrt();
+                    if known.0 != triangle {
+                        known = (triangle, bins.triangles[triangle as usize].distance_squared(crossing).sqrt());
+                    }
+                    let bound = known.1;
                     if bound > max.surface.get()
                         && let Some(nearest) = bins.nearest(id, crossing, Some(triangle))
                     {
@@ -313,10 +326,10 @@ impl Corners {
         };
         self.known = Some((triangle, bounds));
         for (corner, bound) in self.at.into_iter().zip(bounds) {
-            if bound > max.get() {
-                if let Some(nearest) = bins.nearest(id, corner, Some(triangle)) {
-                    max.raise(nearest.distance_squared.sqrt());
-                }
+            if bound > max.get()
+                && let Some(nearest) = bins.nearest(id, corner, Some(triangle))
+            {
+                max.raise(nearest.distance_squared.sqrt());
             }
         }
     }

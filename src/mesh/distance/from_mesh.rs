@@ -3,9 +3,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::TetMesh;
 use super::super::ledger::{Ledger, Sums};
-use super::super::mesh_components::MeshComponents;
+use super::super::sets::NO_SET;
 use super::super::triangle_bins::Triangle;
 use super::super::voxel_faces::{Face, VoxelFaces};
 use super::{CHECK_EVERY, CHUNK, Distance, PART, Sum, TOLERANCE};
@@ -23,25 +22,23 @@ struct Side {
 /// Distances from the mesh to the image: over the whole, and the sums of each component that has any facets.
 pub(super) fn mesh_to_image(
     triangles: &[Triangle],
-    mesh: &TetMesh,
-    components: &MeshComponents,
     faces: &VoxelFaces<'_>,
     monitor: &Monitor<'_>,
 ) -> Result<(Distance, Sums<Sum>)> {
     let spacing = faces.smallest_spacing();
     // No point of a triangle is farther than this.
     let mut bounds: Vec<f64> = zeroed(triangles.len(), "distances of facets")?;
-    let chunks = triangles.par_chunks(CHUNK).zip(bounds.par_chunks_mut(CHUNK)).enumerate();
-    let parts = chunks.map(|(chunk, (triangles, bounds))| {
+    let chunks = triangles.par_chunks(CHUNK).zip(bounds.par_chunks_mut(CHUNK));
+    let parts = chunks.map(|(triangles, bounds)| {
         let mut whole = Sum::default();
         let mut ledger = Ledger::default();
         let mut start = None;
         let mut samples = 0_usize;
         let mut sides: [Option<Side>; 2] = [None, None];
-        for ((triangle, bound), f) in triangles.iter().zip(bounds).zip(chunk * CHUNK..) {
-            for (side, (t, &id)) in sides.iter_mut().zip(mesh.facet_tets[f].into_iter().zip(&triangle.ids)) {
+        for (triangle, bound) in triangles.iter().zip(bounds) {
+            for (side, (component, id)) in sides.iter_mut().zip(triangle.components.into_iter().zip(triangle.ids)) {
                 let last = side.take().filter(|side| side.id == id).and_then(|side| side.last);
-                *side = components.of(t).map(|component| Side { component: component.into(), id, last });
+                *side = (component != NO_SET).then_some(Side { component: component.into(), id, last });
             }
             let mut of_all = Sum::default();
             let mut of_sides = [Sum::default(); 2];

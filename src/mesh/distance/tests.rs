@@ -1,7 +1,5 @@
 //! Distances whose values are known, or found by brute force.
 
-use glam::DVec3;
-
 use super::super::testing;
 use super::super::triangle_bins::closest_point;
 use super::super::voxel_faces::Face;

@@ -3,9 +3,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::TetMesh;
 use super::super::ledger::{Ledger, Sums};
-use super::super::mesh_components::MeshComponents;
+use super::super::sets::NO_SET;
 use super::super::triangle_bins::Triangle;
 use super::{CHECK_EVERY, CHUNK, Distance, Sum};
 use crate::Result;
@@ -15,27 +14,26 @@ use crate::oracle::Oracle;
 /// How far from a facet dO is looked for, in largest spacings.
 const FAR: f64 = 2.0;
 
-/// Distances from the mesh to dO: over the whole, and the sums of each component that has any facets. The ids of labels are those of `triangles`.
+/// Distances from the mesh to dO: over the whole, and the sums of each component that has any facets. `to_world` leads from the coordinates of the triangles to the oracle's.
 pub(super) fn mesh_to_surface(
     triangles: &[Triangle],
-    mesh: &TetMesh,
-    components: &MeshComponents,
+    to_world: impl Fn(DVec3) -> DVec3 + Sync,
     oracle: &Oracle,
     monitor: &Monitor<'_>,
 ) -> Result<(Distance, Sums<Sum>)> {
-    let parts = triangles.par_chunks(CHUNK).enumerate().map(|(chunk, triangles)| {
+    let parts = triangles.par_chunks(CHUNK).map(|triangles| {
         let mut whole = Sum::default();
         let mut ledger = Ledger::default();
-        for (triangle, f) in triangles.iter().zip(chunk * CHUNK..) {
-            if f.is_multiple_of(CHECK_EVERY) {
+        for (t, triangle) in triangles.iter().enumerate() {
+            if t.is_multiple_of(CHECK_EVERY) {
                 monitor.advance(0)?;
             }
-            let facet @ [a, b, c] = mesh.facets[f].map(|v| mesh.point(v));
+            let facet @ [a, b, c] = triangle.corners.map(&to_world);
             let normal = (b - a).cross(c - a);
             let distance = from_centroid(oracle, facet, normal.normalize_or_zero(), triangle.ids);
             let sum = Sum::of(0.5 * normal.length(), distance);
             whole += sum;
-            for component in mesh.facet_tets[f].into_iter().filter_map(|t| components.of(t)) {
+            for component in triangle.components.into_iter().filter(|&component| component != NO_SET) {
                 ledger.add(component.into(), sum);
             }
         }
@@ -45,7 +43,8 @@ pub(super) fn mesh_to_surface(
     Ok((wholes.into_iter().sum::<Sum>().distance(), Ledger::total(sums)))
 }
 
-/// Distance from the centroid of a facet to the nearest change of label that is found along its normal, or, where that is far, beside it; no more than [`FAR`]. The normal
+/// Distance from the centroid of a facet to the nearest change of label that is found along its normal: towards the side whose label the centroid
+/// does not have; where that is far, the other way, and then beside the normal. No more than [`FAR`]. The normal
 /// leads from the first label of `ids` to the second.
 fn from_centroid(oracle: &Oracle, [a, b, c]: [DVec3; 3], normal: DVec3, ids: [u16; 2]) -> f64 {
     let p = (a + b + c) / 3.0;
@@ -57,10 +56,10 @@ fn from_centroid(oracle: &Oracle, [a, b, c]: [DVec3; 3], normal: DVec3, ids: [u1
         }
         nearest
     };
-    // Mostly it is on the side of the other label; then the other way need not be followed farther.
+    let half = 0.5 * oracle.spacing().min_element();
+    // Mostly it is near, on the side of the other label.
     let first = if here == ids[1] { -normal } else { normal };
-    look(first);
-    if look(-first) > 0.5 * oracle.spacing().min_element() {
+    if look(first) > half && look(-first) > half {
         // Beside the end of an interface, which may lie in the facet's very plane.
         let along = (b - a).normalize_or_zero();
         let across = normal.cross(along);
