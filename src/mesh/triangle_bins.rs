@@ -31,11 +31,15 @@ pub(super) struct Triangle {
     pub components: [u32; 2],
 }
 
-/// The triangles of each brick one after the other, so that who goes through them meets near ones, and what is near them in the image, in turn.
+/// The triangles of each brick one after the other, in place of those given, so that who goes through them meets near ones, and what is near them in the image, in turn.
 ///
 /// # Errors
 /// [`Error::Cancelled`], [`Error::OutOfMemory`].
-pub(super) fn by_brick(triangles: &[Triangle], faces: &VoxelFaces<'_>, monitor: &Monitor<'_>) -> Result<Vec<Triangle>> {
+pub(super) fn by_brick(
+    triangles: Vec<Triangle>,
+    faces: &VoxelFaces<'_>,
+    monitor: &Monitor<'_>,
+) -> Result<Vec<Triangle>> {
     let dims = faces.brick_dims();
     let size = faces.spacing() * BRICK as f64;
     let mut order: Vec<u64> = zeroed(triangles.len(), "order of triangles")?;
