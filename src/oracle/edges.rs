@@ -216,11 +216,17 @@ impl Oracle {
         at + here / (here + there)
     }
 
-    /// How far along the edge between the centres of two voxels that differ dO crosses it, 0 to 1: the first has index `voxel` along `axis` (-1 outside of the image), the second the
-    /// next one; their dense ids are `ids`.
-    pub fn crossed_at(&self, voxel: isize, axis: usize, ids: [u16; 2]) -> f64 {
-        let at = (voxel - self.first[axis]) as f64;
-        self.crossing_between(at, axis, ids) - at
+    /// How far along the edge between the centres of two voxels that differ dO crosses it first, 0 to 1: the first has index `voxel` (-1 outside of the image), the second the
+    /// next one along `axis`; their dense ids are `ids`.
+    pub fn crossed_at(&self, voxel: [isize; 3], axis: usize, ids: [u16; 2]) -> f64 {
+        let at = DVec3::from([0, 1, 2].map(|a| (voxel[a] - self.first[a]) as f64));
+        if self.field.is_none() {
+            return self.crossing_between(at[axis], axis, ids) - at[axis];
+        }
+        let mut next = at;
+        next[axis] += 1.0;
+        // Two voxels that differ have a crossing.
+        self.trace(at, next, ids[0]).map_or(0.5, |(x, _)| x[axis] - at[axis])
     }
 
     /// The crossing of the segment beside a crossed edge, moved by `offset` (world units, along the image axes that are not the edge's). `None` where the

@@ -296,7 +296,9 @@ fn crossing(target: &Target, faces: &VoxelFaces<'_>, oracle: &Oracle) -> DVec3 {
     let Face { cell, axis } = target.face;
     let ids = target.sides.map(|side| side.map_or(0, |(_, id)| id));
     let mut point = target.centre;
-    point[axis] += (oracle.crossed_at(cell[axis] as isize - 1, axis, ids) - 0.5) * faces.spacing()[axis];
+    let mut voxel = cell.map(|c| c as isize);
+    voxel[axis] -= 1;
+    point[axis] += (oracle.crossed_at(voxel, axis, ids) - 0.5) * faces.spacing()[axis];
     point
 }
 

@@ -263,7 +263,7 @@ fn distances_to_the_smooth_surface() {
     let label = |i: usize, j: usize, k: usize| 1 + i32::from(i > 1 && (1..3).contains(&j) && k == 1);
     let (mut mesh, image) = pair(label);
     let oracle = oracle(&image, SurfaceModel::Smooth);
-    let at = oracle.crossed_at(1, 0, [1, 2]);
+    let at = oracle.crossed_at([1, 0, 0], 0, [1, 2]);
     assert!((at - 0.5).abs() > 0.01, "{at}");
     let before = both(&mesh, &image, SurfaceModel::Smooth).surface;
     // The plane between the labels across the first axis comes to where dO crosses the edges between centres.
