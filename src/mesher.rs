@@ -18,7 +18,7 @@ use crate::mesh::certificate::{Certificate, Defect, DefectKind};
 use crate::mesh::extract::{BYTES_PER_SLOT, extract};
 use crate::mesh::quality::Quality;
 use crate::monitor::{Level, Monitor, Step};
-use crate::oracle::Oracle;
+use crate::oracle::{Oracle, Surface};
 use crate::parallel::machine::Machine;
 use crate::params::MeshParams;
 use crate::refine::activity::ThreadReport;
@@ -132,7 +132,9 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     if limits.max_memory.is_some() {
         limits.check_memory(Oracle::bytes_needed(image, &go_on)?)?;
     }
-    let oracle = Oracle::smoothed(image, params.surface, (params.sigma > 0.0).then_some(params.sigma), &go_on)?;
+    let surface =
+        Surface { model: params.surface, border: params.border, sigma: (params.sigma > 0.0).then_some(params.sigma) };
+    let oracle = Oracle::new(image, surface, &go_on)?;
     let sizing = if params.adaptive {
         Sizing::new(image, params.delta, params.spacing_floor, &go_on)?
     } else {

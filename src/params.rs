@@ -15,6 +15,17 @@ pub enum SurfaceModel {
     Voxel,
 }
 
+/// How the object is closed where it reaches the border of the image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum ImageBorder {
+    /// By flat walls, the outer faces of the outermost voxels, with sharp edges.
+    #[default]
+    Flat,
+    /// As if one more layer of background lay around the image: by the smooth surface of [`SurfaceModel::Smooth`]. The same as [`ImageBorder::Flat`] in
+    /// [`SurfaceModel::Voxel`].
+    Smooth,
+}
+
 /// What a thread does when another one owns a vertex that it needs: the contention manager. All give up the operation first, with nothing changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Contention {
@@ -80,6 +91,8 @@ pub struct MeshParams {
     /// Smooth the labels of a coarse segmentation first: the standard deviation of a Gaussian, in voxels along each axis of the image; 0 to [`MAX_SIGMA`], 0 for
     /// none. Voxels keep the labels of their centres, so that nothing thin or small is lost. For label images and the smooth model only.
     pub sigma: f64,
+    /// How the object is closed at the border of the image.
+    pub border: ImageBorder,
     /// Before all else the first label of each pair becomes the second, all at once. Label 0 may be either.
     pub merge: Vec<(i32, i32)>,
     /// The label, after merging, that counts as background; it becomes 0. Where it is another than 0, no voxel may have label 0.
@@ -129,6 +142,7 @@ impl Default for MeshParams {
             facet_angle: 30.0,
             surface: SurfaceModel::Smooth,
             sigma: 0.0,
+            border: ImageBorder::Flat,
             merge: Vec::new(),
             background_label: 0,
             keep: Vec::new(),

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use lapd::Error;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
-use lapd::oracle::Oracle;
+use lapd::oracle::{Oracle, Surface};
 use lapd::params::SurfaceModel;
 
 struct Random(u64);
@@ -116,7 +116,7 @@ fn compare(random: &mut Random, image: &LabelImage, oracle: &Oracle, label: impl
 }
 
 fn oracle_of(image: &LabelImage, sigma: Option<f64>) -> Oracle {
-    Oracle::smoothed(image, SurfaceModel::Smooth, sigma, &|| Ok(())).unwrap()
+    Oracle::new(image, Surface { sigma, ..Surface::default() }, &|| Ok(())).unwrap()
 }
 
 #[test]
@@ -196,7 +196,7 @@ fn smoothing_takes_no_voxel_centre() {
 fn smoothing_is_for_label_images() {
     let gray = GrayImage::new([2, 2, 1], frame(), vec![0.0, 1.0, 2.0, 3.0]).unwrap();
     let image = gray.label_image(&[1.5], None).unwrap();
-    let error = Oracle::smoothed(&image, SurfaceModel::Smooth, Some(1.0), &|| Ok(())).unwrap_err();
+    let error = Oracle::new(&image, Surface { sigma: Some(1.0), ..Surface::default() }, &|| Ok(())).unwrap_err();
     assert!(
         matches!(&error, Error::InvalidArgument(message) if message.starts_with("sigma 1 smooths label images only"))
     );

@@ -50,10 +50,29 @@ impl Border {
         x.cmpge(self.lower).all() && x.cmple(self.upper).all()
     }
 
+    /// A point that is on a face of the box but for rounding, exactly there.
+    #[inline]
+    pub(super) fn onto_face(&self, x: DVec3) -> DVec3 {
+        const ROUNDING: f64 = 1e-6;
+        let face = |x: f64, face: f64| if (x - face).abs() <= ROUNDING { face } else { x };
+        DVec3::from([0, 1, 2].map(|a| face(face(x[a], self.lower[a]), self.upper[a])))
+    }
+
     /// The point that has the label of the inside point `x`: its projection, between outermost centres and wall.
     #[inline(always)]
     pub(super) fn extend(&self, x: DVec3) -> DVec3 {
         x.max(self.first).min(self.last)
+    }
+
+    /// The coordinate of the wall that halves the cells of number `cell` along an axis.
+    #[inline]
+    pub(super) fn wall_of(&self, axis: usize, cell: usize) -> Option<f64> {
+        let at = cell as f64;
+        match () {
+            () if at < self.first[axis] => Some(self.lower[axis]),
+            () if at >= self.last[axis] => Some(self.upper[axis]),
+            () => None,
+        }
     }
 
     /// Whether the model in a cell is that between its eight voxel centres, without walls.

@@ -101,7 +101,7 @@ impl Oracle {
         };
         if enter > 0.0 && enter < leave.min(1.0) {
             // Into a wall.
-            let entry = line.from.max(self.border.lower).min(self.border.upper);
+            let entry = self.border.onto_face(line.from);
             let id = self.label_inside(entry);
             if id != from {
                 return Some((entry, id));
@@ -140,7 +140,7 @@ impl Oracle {
         }
         if from != 0 && leave < 1.0 {
             // Out of a wall.
-            return Some((line.at(stop).max(self.border.lower).min(self.border.upper), 0));
+            return Some((self.border.onto_face(line.at(stop)), 0));
         }
         // A change that rounding hid from the walk. Not the label at t = end: that point is the target's but for rounding, and the target may lie on a tie.
         let to = self.label_at(target);

@@ -85,27 +85,15 @@ impl EdgeGrid<'_> {
     /// # Errors
     /// What `visit` returns; the first ends the visit.
     pub fn visit_row(&self, row: usize, mut visit: impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
-        let [nx, ny, nz] = self.oracle.bricks.dims();
-        let per_layer = nz.div_ceil(Bricks::EDGE);
-        let along = |brick: usize, count: usize| brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1);
-        for brick in 0..nx.div_ceil(Bricks::EDGE) {
-            for j in along(row / per_layer, ny) {
-                for k in along(row % per_layer, nz) {
-                    for i in along(brick, nx) {
-                        // Without crossings in cells of one label. The outermost voxels are background, so no edge of theirs is crossed.
-                        if self.oracle.at([i, j, k]).rings() == 0 {
-                            let parts = self.parts_of([i, j, k]);
-                            if parts == [1; 3] && !self.searches {
-                                self.visit_edges_of([i, j, k], &mut visit)?;
-                            } else {
-                                self.visit_parts_of([i, j, k], parts, &mut visit)?;
-                            }
-                        }
-                    }
-                }
+        // The outermost voxels are background, so no edge of theirs is crossed.
+        self.oracle.visit_mixed_cells(row, |voxel| {
+            let parts = self.parts_of(voxel);
+            if parts == [1; 3] && !self.searches {
+                self.visit_edges_of(voxel, &mut visit)
+            } else {
+                self.visit_parts_of(voxel, parts, &mut visit)
             }
-        }
-        Ok(())
+        })
     }
 
     /// Calls `visit` for the middle of each edge between voxels of a row around which two labels alternate, in world coordinates. The rows hold each once. Intensities and probabilities say themselves what is joined there: with
@@ -114,32 +102,21 @@ impl EdgeGrid<'_> {
     /// # Errors
     /// What `visit` returns; the first ends the visit.
     pub fn visit_saddles(&self, row: usize, mut visit: impl FnMut(DVec3) -> Result<()>) -> Result<()> {
-        let [nx, ny, nz] = self.oracle.bricks.dims();
-        let per_layer = nz.div_ceil(Bricks::EDGE);
-        let along = |brick: usize, count: usize| brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1);
-        let bricks = if self.searches { 0 } else { nx.div_ceil(Bricks::EDGE) };
-        for brick in 0..bricks {
-            for j in along(row / per_layer, ny) {
-                for k in along(row % per_layer, nz) {
-                    for i in along(brick, nx) {
-                        if self.oracle.at([i, j, k]).rings() != 0 {
-                            continue;
-                        }
-                        let id = |step: usize| self.oracle.corner([i, j, k], step as u32);
-                        for axis in 0..3 {
-                            let (u, v) = (1 << ((axis + 1) % 3), 1 << ((axis + 2) % 3));
-                            let ids = [id(0), id(u + v), id(u), id(v)];
-                            if ids[0] == ids[1] && ids[2] == ids[3] && ids[0] != ids[2] {
-                                let mut x = DVec3::new(i as f64, j as f64, k as f64) + 0.5;
-                                x[axis] -= 0.5;
-                                visit(self.oracle.world_point(x))?;
-                            }
-                        }
-                    }
+        if self.searches {
+            return Ok(());
+        }
+        self.oracle.visit_mixed_cells(row, |cell| {
+            let id = |corner: usize| self.oracle.corner(cell, corner as u32);
+            for axis in 0..3 {
+                let (u, v) = (1 << ((axis + 1) % 3), 1 << ((axis + 2) % 3));
+                if id(0) == id(u + v) && id(u) == id(v) && id(0) != id(u) {
+                    let mut x = DVec3::from(cell.map(|c| c as f64)) + 0.5;
+                    x[axis] -= 0.5;
+                    visit(self.oracle.world_point(x))?;
                 }
             }
-        }
-        Ok(())
+            Ok(())
+        })
     }
 
     /// Into how many parts edges are divided in the cell from a voxel on.
@@ -203,6 +180,26 @@ impl EdgeGrid<'_> {
 }
 
 impl Oracle {
+    /// Calls `visit` for the mixed cells of one row of bricks of voxels, brick after brick.
+    #[inline(always)]
+    pub(super) fn visit_mixed_cells(&self, row: usize, mut visit: impl FnMut([usize; 3]) -> Result<()>) -> Result<()> {
+        let [nx, ny, nz] = self.bricks.dims();
+        let per_layer = nz.div_ceil(Bricks::EDGE);
+        let along = |brick: usize, count: usize| brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1);
+        for brick in 0..nx.div_ceil(Bricks::EDGE) {
+            for j in along(row / per_layer, ny) {
+                for k in along(row % per_layer, nz) {
+                    for i in along(brick, nx) {
+                        if self.at([i, j, k]).rings() == 0 {
+                            visit([i, j, k])?;
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Where the label changes between two voxel centres of these labels, from `at` to `at + 1` along an axis.
     fn crossing_between(&self, at: f64, axis: usize, ids: [u16; 2]) -> f64 {
         // Beyond the outermost centres that count there is no interpolation: the crossing is on the wall.

@@ -30,10 +30,12 @@ mod crossing;
 mod edges;
 mod field;
 mod indicator;
+mod junctions;
 mod mixtures;
 mod region;
 mod smoothing;
 pub mod thickness;
+mod ties;
 mod voxel;
 mod weights;
 
@@ -44,11 +46,31 @@ use bricks::Bricks;
 use cells::Cells;
 pub use edges::{CrossedEdge, EdgeGrid};
 use field::Field;
+pub use junctions::{JunctionKind, JunctionPlanes};
 use region::{Region, Rows};
 use voxel::{Pairs, Voxel};
 use weights::Sampling;
 
-use crate::{Result, image::LabelImage, params::SurfaceModel};
+use crate::Result;
+use crate::image::LabelImage;
+use crate::params::{ImageBorder, SurfaceModel};
+
+/// What dO is, beside the image.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Surface {
+    /// How labels between voxel centres are decided.
+    pub model: SurfaceModel,
+    /// How the object is closed at the border of the image.
+    pub border: ImageBorder,
+    /// In the smooth model of a segmentation: the standard deviation, in voxels, of the Gaussian that the indicators are convolved with first.
+    pub sigma: Option<f64>,
+}
+
+impl From<SurfaceModel> for Surface {
+    fn from(model: SurfaceModel) -> Self {
+        Self { model, ..Self::default() }
+    }
+}
 
 /// Answers questions about the isosurface. Built once from an image; points are in world coordinates.
 #[derive(Clone, Debug)]
@@ -65,6 +87,8 @@ pub struct Oracle {
     last: DVec3,
     /// Where the smooth model ends.
     border: Border,
+    /// Where the image cuts the object off: in the smooth model the same.
+    walls: Border,
     bricks: Bricks,
     /// The voxels of the region, in the bricked layout.
     voxels: Vec<Voxel>,
@@ -93,19 +117,10 @@ impl Oracle {
     ///
     /// # Errors
     /// [`crate::Error::EmptyImage`] when no voxel differs from the background; [`crate::Error::InvalidArgument`] when the object's bounding box has
-    /// 2^32 voxels or more; [`crate::Error::OutOfMemory`]; whatever `check` returns.
-    pub fn new(image: &LabelImage, model: SurfaceModel, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
-        Self::smoothed(image, model, None, check)
-    }
-
-    /// As [`Oracle::new`]; the smooth model of a label image interpolates indicators that were convolved with a Gaussian of standard deviation `sigma`, in voxels.
-    ///
-    /// # Errors
-    /// As [`Oracle::new`]; [`crate::Error::InvalidArgument`] for a `sigma` with an image made of intensities or probabilities.
-    pub fn smoothed(
+    /// 2^32 voxels or more, or indicators are to be smoothed that intensities or probabilities give; [`crate::Error::OutOfMemory`]; whatever `check` returns.
+    pub fn new(
         image: &LabelImage,
-        model: SurfaceModel,
-        sigma: Option<f64>,
+        surface: impl Into<Surface>,
         check: &(dyn Fn() -> Result<()> + Sync),
     ) -> Result<Self> {
         let region = Region::new(image, check)?;
@@ -114,15 +129,20 @@ impl Oracle {
         let frame = image.frame();
         let spacing = frame.spacing();
         let mixed = Cells::mixed(&rows, check)?;
+        let Surface { model, border, sigma } = surface.into();
+        let walls = match (border, model) {
+            (ImageBorder::Smooth, SurfaceModel::Smooth) => Border::none(dims),
+            _ => Border::new(first, dims, image.dims()),
+        };
         let has_field = image.field().is_some() || sigma.is_some();
         let (border, voxels, weights, field) = match model {
             SurfaceModel::Smooth if has_field => {
                 let (voxels, _) = voxel::records(&rows, &mixed, Pairs::Unmarked, check)?;
                 let field = Field::new(image, sigma, &region, &voxels, check)?;
-                (Border::new(first, dims, image.dims()), voxels, Vec::new(), field)
+                (walls, voxels, Vec::new(), field)
             }
             SurfaceModel::Smooth => {
-                let border = Border::new(first, dims, image.dims());
+                let border = walls;
                 let sampling = Sampling::new(rows.rough_counts(image.labels().len()).into_iter());
                 let (voxels, tally) = voxel::records(&rows, &mixed, Pairs::Counted(&sampling, &border), check)?;
                 let weights = tally.map_or(Ok(Vec::new()), |tally| tally.weights(&|| check()))?;
@@ -143,6 +163,7 @@ impl Oracle {
             first,
             last: DVec3::from(dims.map(|n| (n - 1) as f64)),
             border,
+            walls,
             bricks: Bricks::new(dims),
             voxels,
             field,

@@ -451,8 +451,8 @@ fn distinct(ids: &indicator::Corners) -> ([u16; 8], usize) {
     (present, count)
 }
 
-/// Where a cell's samples start and whether it stands for others, without order.
-fn hash([i, j, k]: [usize; 3]) -> u64 {
+/// A number of a cell, without order: where its samples start and whether it stands for others, for one.
+pub(super) fn hash([i, j, k]: [usize; 3]) -> u64 {
     // The finalizer of splitmix64 (G. Steele, D. Lea, C. Flood, OOPSLA 2014).
     let mut h =
         (i as u64 ^ (j as u64).rotate_left(21) ^ (k as u64).rotate_left(42)).wrapping_add(0x9e37_79b9_7f4a_7c15);

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`sizing`] | how far apart samples are, from place to place |
 //! | [`sampling`] | R1: samples of the isosurface, before there are tets |
+//! | [`junctions`] | the samples of junctions, from which R1 starts |
 //! | [`rules`] | what each rule asks for; reads only |
 //! | [`cell_table`] | cells of points, for the two that look for near points |
 //! | [`vertex_grid`] | which vertices lie near a point |
@@ -18,6 +19,7 @@
 
 pub mod activity;
 pub mod cell_table;
+mod junctions;
 mod lapd;
 pub mod partition;
 pub mod pel;

@@ -108,6 +108,11 @@ pub const FACET_DISTANCE: f64 = 0.22;
 /// Sampling for the sake of the facet distance keeps isovertices this part of delta apart.
 pub const SPACING_FLOOR: f64 = 0.5;
 
+/// A vertex that a junction gets in place of a surface center keeps this part of delta from all others.
+const LEAST_DISTANCE: f64 = 0.25;
+/// How near to a junction a surface center is left to it: in parts of its distance to the vertices, and of delta.
+const NEAR_JUNCTION: [f64; 2] = [0.7, 0.5];
+
 /// Tets of an object within the cube of its size, as measured on the atlases.
 pub const TETS_PER_SIZE: f64 = 8.0;
 
@@ -145,7 +150,8 @@ impl<'a> Rules<'a> {
     /// The same rules for samples whose distance differs from place to place, nowhere above delta.
     pub fn with_sizing(self, sizing: Sizing) -> Self {
         let least_squared = sizing.least() * sizing.least();
-        let closest_squared = 0.25 * self.sizes_squared.iter().copied().fold(least_squared, f64::min);
+        let least_size_squared = self.sizes_squared.iter().copied().fold(f64::INFINITY, f64::min);
+        let closest_squared = (0.25 * least_size_squared).min(LEAST_DISTANCE * LEAST_DISTANCE * least_squared);
         Self {
             large_squared: LARGE * LARGE * least_squared,
             // Less a little, for rounding.
@@ -266,8 +272,21 @@ impl<'a> Rules<'a> {
         if !misshapen && x.distance_squared(a) <= floor * floor || !self.triangulation.holds(x) {
             return None;
         }
-        let start = if here.contains(x) == Some(true) { t } else { neighbor.tet() };
-        Some(Demand { rule: Rule::R3, point: x, kind: VertexKind::Isovertex, start, across: Some(across) })
+        let point = self.on_near_junction(x, x.distance(a)).unwrap_or(x);
+        let start = if here.contains(point) == Some(true) { t } else { neighbor.tet() };
+        Some(Demand { rule: Rule::R3, point, kind: VertexKind::Isovertex, start, across: Some(across) })
+    }
+
+    /// The point of a junction in place of a surface center `x` close to it, `radius` from the nearest vertices: a vertex beside the junction, as far from it as its samples are from each other, would
+    /// draw mesh edges away from it.
+    fn on_near_junction(&self, x: DVec3, radius: f64) -> Option<DVec3> {
+        let [of_radius, of_delta] = NEAR_JUNCTION;
+        let delta = self.sizing.at(x);
+        let reach = (of_radius * radius).min(of_delta * delta).min(radius - LEAST_DISTANCE * delta);
+        if reach <= 0.0 {
+            return None;
+        }
+        self.oracle.nearest_junction(x, reach).filter(|&y| self.triangulation.holds(y))
     }
 
     /// Whether a demand of the tet that `stamp` was taken of is still true. To be asked when `demand.start` is owned: then the tet, which is this or a neighbour, cannot change, nor can its neighbour

@@ -6,8 +6,7 @@
 //! within delta. Isovertices are never removed, so this holds from then on. The greedy choice goes slab by slab of the image, of a thickness that spacing and delta alone
 //! decide: every other slab by itself, and those between them, each mindful of its two neighbours, as soon as both are done. So the samples are the same whatever the number of threads.
 //!
-//! **Saddles.** Where two voxels of a label meet in an edge and the two beside them have one other label, both labels touch themselves. The middle of that edge is a sample, before all crossings: both pairs can share it as a
-//! vertex. Otherwise tets would cross there as it happens.
+//! **Junctions first.** The lines and points where labels meet, or touch themselves, are sampled before all else (`junctions`), and crossings near to their samples get none.
 //!
 //! **Moved crossings.** Crossings on a grid are massively cocircular. A sample is moved to a point of dO nearby, by up to a fifth of a voxel beside its edge, less where
 //! delta is below a voxel: exact arithmetic stays the exception, and facets are not all halves of squares. The move is at most delta/2, so samples
@@ -26,9 +25,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cell_table::{CellTable, MAX_HEADS};
+use super::junctions::sample_junctions;
 use super::sizing::Sizing;
 use crate::memory::{filled, reserve, room};
-use crate::oracle::{CrossedEdge, Oracle};
+use crate::oracle::{CrossedEdge, EdgeGrid, Oracle};
 use crate::{Error, Result};
 
 /// How far samples are moved beside their edges at most, in voxels and in deltas.
@@ -82,31 +82,54 @@ pub fn sample_isosurface(
     let grid = oracle.edge_grid(delta, sizing.varies().then_some(&spacing_at));
     // Samples of two slabs with one between them are delta apart, and that one reaches no further.
     let slabs = grid.slabs(2.0 * delta);
+    let junctions = sample_junctions(oracle, sizing, &grid, &slabs, &go_on)?;
+    let samples = thinned(sizing, 1.0, &grid, &slabs, &junctions, |slab, offer| {
+        for row in grid.slab_rows(&slabs[slab]) {
+            go_on()?;
+            grid.visit_row(row, |edge| offer(edge.point, &|| moved(oracle, sizing.at(edge.point), &edge)))?;
+        }
+        Ok(())
+    })?;
+    insertion_order(samples, growth)
+}
+
+/// A net of points in each slab: the seeds, and what `fill` offers for a slab, where nothing within the spacing is in a net yet. An offer is a point, and a function that makes of it what
+/// comes into the net. The spacing is that of `sizing` times `part`.
+///
+/// # Errors
+/// [`crate::Error::OutOfMemory`]; those of `fill`.
+pub(super) fn thinned(
+    sizing: &Sizing,
+    part: f64,
+    grid: &EdgeGrid<'_>,
+    slabs: &[Range<usize>],
+    seeds: &[Vec<DVec3>],
+    fill: impl Fn(usize, &mut dyn FnMut(DVec3, &dyn Fn() -> DVec3) -> Result<()>) -> Result<()> + Sync,
+) -> Result<Vec<Vec<DVec3>>> {
     // Half of what the grid of vertices may have: there are fewer samples than vertices.
     let most_heads = (MAX_HEADS / 2 / slabs.len()).max(1);
-    let sample = |slab: usize, before: &[&Net<'_>]| -> Result<Net<'_>> {
-        let mut net = Net::new(oracle, sizing, grid.slab_bounds(&slabs[slab]), most_heads)?;
-        for row in grid.slab_rows(&slabs[slab]) {
-            go_on()?;
-            grid.visit_saddles(row, |p| {
-                let delta = FARTHEST * sizing.at(p);
-                let near = |other: &&Net<'_>| other.reaches(p) && other.sample_near(p, delta).is_some();
-                if net.covers(p, delta) || before.iter().any(near) { Ok(()) } else { net.push(p) }
-            })?;
+    let nets = in_two_colors(slabs.len(), |slab, before: &[&Net]| {
+        let mut net = Net::new(part * sizing.greatest(), grid.slab_bounds(&slabs[slab]), most_heads)?;
+        seeds[slab].iter().try_for_each(|&p| net.push(p))?;
+        for beside in [slab.wrapping_sub(1), slab + 1] {
+            let near = seeds.get(beside).into_iter().flatten().filter(|&&p| net.reaches(p));
+            for p in near.copied().collect::<Vec<_>>() {
+                net.push(p)?;
+            }
         }
-        for row in grid.slab_rows(&slabs[slab]) {
-            go_on()?;
-            grid.visit_row(row, |edge| {
-                let delta = sizing.at(edge.point);
-                let near =
-                    |other: &&Net<'_>| other.reaches(edge.point) && other.sample_near(edge.point, delta).is_some();
-                if net.covers(edge.point, delta) || before.iter().any(near) { Ok(()) } else { net.add(&edge, delta) }
-            })?;
-        }
+        net.foreign = seeds[slab].len()..net.points.len();
+        fill(slab, &mut |p, sample| {
+            let spacing = part * sizing.at(p);
+            let near = |other: &&Net| other.reaches(p) && other.sample_near(p, spacing).is_some();
+            if net.covers(p, spacing) || before.iter().any(near) { Ok(()) } else { net.push(sample()) }
+        })?;
         Ok(net)
+    })?;
+    let own = |mut net: Net| {
+        net.points.drain(net.foreign);
+        net.points
     };
-    let nets = in_two_colors(slabs.len(), sample)?;
-    insertion_order(nets.into_iter().map(|net| net.points).collect(), growth)
+    Ok(nets.into_iter().map(own).collect())
 }
 
 /// Makes something of each of a row of slabs, on all threads: of those with even numbers from nothing, of the others from what their neighbours gave, as soon as both have. The
@@ -146,26 +169,28 @@ fn in_two_colors<T: Send + Sync>(count: usize, make: impl Fn(usize, &[&T]) -> Re
     }
 }
 
-/// The samples of a slab so far, in chains by cells of twice delta.
-struct Net<'a> {
-    oracle: &'a Oracle,
+/// The samples of a slab so far, in chains by cells of twice the largest spacing.
+struct Net {
     cells: CellTable,
     heads: Vec<u32>,
     next: Vec<u32>,
     points: Vec<DVec3>,
+    /// Those that are in other slabs' nets too.
+    foreign: Range<usize>,
     /// Holds all that its samples cover.
     reach: [DVec3; 2],
     /// The sample that covered a point last: it is likely to cover the next one.
     last: DVec3,
 }
 
-impl<'a> Net<'a> {
-    fn new(oracle: &'a Oracle, sizing: &Sizing, [lower, upper]: [DVec3; 2], most_heads: usize) -> Result<Self> {
-        let delta = sizing.greatest();
-        let cells = CellTable::new(lower - 2.0 * delta, upper + 2.0 * delta, 2.0 * delta, most_heads);
-        let reach = [lower - 1.5 * delta, upper + 1.5 * delta];
+impl Net {
+    /// For spacings up to `most`.
+    fn new(most: f64, [lower, upper]: [DVec3; 2], most_heads: usize) -> Result<Self> {
+        let cells = CellTable::new(lower - 2.0 * most, upper + 2.0 * most, 2.0 * most, most_heads);
+        let reach = [lower - 1.5 * most, upper + 1.5 * most];
         let heads = filled(cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
-        Ok(Self { oracle, cells, heads, next: Vec::new(), points: Vec::new(), reach, last: DVec3::INFINITY })
+        let (next, points, foreign) = (Vec::new(), Vec::new(), 0..0);
+        Ok(Self { cells, heads, next, points, foreign, reach, last: DVec3::INFINITY })
     }
 
     /// Whether a sample is closer than delta to `p`.
@@ -223,12 +248,7 @@ impl<'a> Net<'a> {
         None
     }
 
-    /// Adds the sample of an edge that no sample covers.
-    fn add(&mut self, edge: &CrossedEdge, delta: f64) -> Result<()> {
-        let p = self.moved(edge, delta);
-        self.push(p)
-    }
-
+    /// Adds a sample.
     fn push(&mut self, p: DVec3) -> Result<()> {
         reserve(&mut self.next, 1, "samples of the isosurface")?;
         reserve(&mut self.points, 1, "samples of the isosurface")?;
@@ -239,19 +259,20 @@ impl<'a> Net<'a> {
         self.last = p;
         Ok(())
     }
+}
 
-    fn moved(&self, edge: &CrossedEdge, delta: f64) -> DVec3 {
-        let p = edge.point;
-        let most = MOVE * delta.min(self.oracle.spacing().min_element());
-        let mut state = p.to_array().map(f64::to_bits).into_iter().fold(0, mix);
-        let mut random = || {
-            state = mix(state, 1);
-            (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-        };
-        let offset = [most * random(), most * random()];
-        let near = |q: &DVec3| q.distance(p) <= FARTHEST * delta;
-        self.oracle.crossing_beside(edge, offset).filter(near).unwrap_or(p)
-    }
+/// The sample of an edge: its crossing, moved.
+fn moved(oracle: &Oracle, delta: f64, edge: &CrossedEdge) -> DVec3 {
+    let p = edge.point;
+    let most = MOVE * delta.min(oracle.spacing().min_element());
+    let mut state = p.to_array().map(f64::to_bits).into_iter().fold(0, mix);
+    let mut random = || {
+        state = mix(state, 1);
+        (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    };
+    let offset = [most * random(), most * random()];
+    let near = |q: &DVec3| q.distance(p) <= FARTHEST * delta;
+    oracle.crossing_beside(edge, offset).filter(near).unwrap_or(p)
 }
 
 /// A hash of the two (the finaliser of SplitMix64).

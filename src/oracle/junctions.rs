@@ -1,0 +1,318 @@
+//! Junctions: lines where three or more labels meet, points where four or more do, and where the image cuts the object off the sharp edges and corners of the wall.
+//!
+//! Lines are found where they cross planes, as many in each cell along each axis as asked for. In the smooth model the ties of three
+//! labels on such a plane, and of four within a cell, are those of `ties`. The outside of a wall counts as a label of its own: an interface, or an edge of the object, ends
+//! at a wall in a line, and walls meet in lines and corners. Between the outermost voxel centres and a wall the model does not change along the wall's normal (`border`), so junctions there are
+//! those of a model of one dimension less, continued straight to the wall; their coordinates on walls are exact.
+//!
+//! Each cell has planes of its own: on those of a grid the points of straight junctions would be massively cocircular.
+//!
+//! In the voxel model lines run from the centres of cells, where eight voxels meet, to the centres of faces of cells around which three or more labels are.
+//!
+//! Not junctions: lines in which the boundary of a label touches itself between two labels. Nor are those of images of intensities or probabilities looked for, whose indicators are others.
+//!
+//! Cost: a microsecond or so for a cell of three labels or more; others are passed over.
+
+use glam::DVec3;
+
+use super::Oracle;
+use super::indicator::Corners;
+use super::ties::{Cube, Square};
+use super::weights::hash;
+use crate::Result;
+use crate::params::SurfaceModel;
+
+/// Most parts of a cell along an axis.
+const MOST_PARTS: f64 = 8.0;
+
+/// What meets at a point of a junction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JunctionKind {
+    /// Four labels or more, the outside of each wall one of them: where lines meet.
+    Corner,
+    /// Three labels: a point of a line.
+    Line,
+}
+
+/// The planes on which junctions are looked for; see [`Oracle::junction_planes`].
+pub struct JunctionPlanes<'a> {
+    oracle: &'a Oracle,
+    cuts: Cuts<'a>,
+}
+
+/// Which planes cut cells.
+#[derive(Clone, Copy)]
+enum Cuts<'a> {
+    /// For each cell its own, as far apart as is told of its centre.
+    Spaced(&'a (dyn Fn(DVec3) -> f64 + Sync)),
+    /// Those through a point, in region coordinates.
+    Through(DVec3),
+}
+
+/// A tie of three labels in a cell: their bits, and where it is in the cell.
+type Tie = (u32, DVec3);
+
+impl Oracle {
+    /// Planes as far apart as `spacing_at` tells of places, about; one to eight between two voxel centres.
+    pub fn junction_planes<'a>(&'a self, spacing_at: &'a (dyn Fn(DVec3) -> f64 + Sync)) -> JunctionPlanes<'a> {
+        JunctionPlanes { oracle: self, cuts: Cuts::Spaced(spacing_at) }
+    }
+
+    /// About the nearest point of a junction to `p`, if one is nearer than `reach`: the nearest of those on the planes through `p`, one of which cuts a straight line no farther from `p` than
+    /// the square root of three times the line's distance.
+    pub fn nearest_junction(&self, p: DVec3, reach: f64) -> Option<DVec3> {
+        let x = self.region_point(p);
+        let planes = JunctionPlanes { oracle: self, cuts: Cuts::Through(x) };
+        let last = self.last - 1.0;
+        let cell_of = |x: DVec3| x.floor().clamp(DVec3::ZERO, last).to_array().map(|c| c as usize);
+        let (low, high) = (cell_of(x - reach / self.spacing), cell_of(x + reach / self.spacing));
+        let (mut nearest, mut squared) = (None, reach * reach);
+        let mut ties = Vec::new();
+        for j in low[1]..=high[1] {
+            for k in low[2]..=high[2] {
+                for i in (low[0]..=high[0]).filter(|&i| self.at([i, j, k]).rings() == 0) {
+                    // Never an error.
+                    let _ = planes.visit_mixed_cell([i, j, k], &mut ties, &mut |_, x| {
+                        let q = self.world_point(x);
+                        if q.distance_squared(p) < squared {
+                            (nearest, squared) = (Some(q), q.distance_squared(p));
+                        }
+                        Ok(())
+                    });
+                }
+            }
+        }
+        nearest
+    }
+}
+
+impl JunctionPlanes<'_> {
+    /// Calls `visit` for the points, in world coordinates, of one row of bricks of voxels, numbered as by [`super::EdgeGrid::rows`]. Each point is in one row, there once or more often.
+    ///
+    /// # Errors
+    /// What `visit` returns; the first ends the visit.
+    pub fn visit_row(&self, row: usize, mut visit: impl FnMut(JunctionKind, DVec3) -> Result<()>) -> Result<()> {
+        let mut ties = Vec::new();
+        self.oracle.visit_mixed_cells(row, |cell| {
+            self.visit_mixed_cell(cell, &mut ties, &mut |kind, x| visit(kind, self.oracle.world_point(x)))
+        })
+    }
+
+    fn visit_mixed_cell(
+        &self,
+        cell: [usize; 3],
+        ties: &mut Vec<Tie>,
+        visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
+    ) -> Result<()> {
+        let oracle = self.oracle;
+        if oracle.field.is_some() {
+            return Ok(());
+        }
+        let at_wall = !oracle.walls.leaves(cell);
+        // Two labels meet in no line, but where a wall cuts their interface.
+        if oracle.at(cell).is_two() && !at_wall {
+            return Ok(());
+        }
+        let corners = oracle.corners(cell);
+        match oracle.model {
+            SurfaceModel::Smooth if at_wall => self.visit_cell_at_wall(cell, &corners, visit),
+            SurfaceModel::Smooth => self.visit_cell(cell, &corners, ties, visit),
+            SurfaceModel::Voxel => self.visit_voxel_cell(cell, &corners, visit),
+        }
+    }
+
+    /// Where the planes across an axis cut a cell.
+    fn cuts(&self, cell: [usize; 3], axis: usize) -> impl Iterator<Item = f64> + use<> {
+        let (parts, through) = match self.cuts {
+            Cuts::Spaced(spacing_at) => {
+                let center = self.oracle.world_point(low_corner(cell) + 0.5);
+                let parts = (self.oracle.spacing[axis] / spacing_at(center)).ceil();
+                (parts.clamp(1.0, MOST_PARTS) as usize, None)
+            }
+            Cuts::Through(x) => {
+                let at = x[axis] - cell[axis] as f64;
+                (usize::from((0.0..1.0).contains(&at)), Some(at))
+            }
+        };
+        // A plane for each part of the cell, which keeps off its ends.
+        let random = hash(cell) >> (16 * axis) & 0xffff;
+        (0..parts).map(move |part| {
+            let random = (random + 0x9e37 * part as u64 & 0xffff) as f64 / f64::from(1 << 16);
+            through.unwrap_or((part as f64 + 0.25 + 0.5 * random) / parts as f64)
+        })
+    }
+
+    /// A cell of the smooth model away from all walls.
+    fn visit_cell(
+        &self,
+        cell: [usize; 3],
+        corners: &Corners,
+        ties: &mut Vec<Tie>,
+        visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
+    ) -> Result<()> {
+        let cube = Cube::new(corners, &self.oracle.weights);
+        let low = low_corner(cell);
+        ties.clear();
+        let cut = |axis: usize, at: f64, ties: &mut Vec<Tie>| {
+            cube.cut(axis, at).ties_of_three(|labels, [u, v]| {
+                let mut x = DVec3::ZERO;
+                (x[axis], x[(axis + 1) % 3], x[(axis + 2) % 3]) = (at, u, v);
+                ties.push((labels, x));
+            });
+        };
+        (0..3).for_each(|axis| self.cuts(cell, axis).for_each(|at| cut(axis, at, ties)));
+        let of_lines = ties.len();
+        if cube.count() >= 4 && matches!(self.cuts, Cuts::Spaced(_)) {
+            // A line that ends in a corner within the cell, or its other end, crosses a face.
+            (0..3).for_each(|axis| [0.0, 1.0].into_iter().for_each(|at| cut(axis, at, ties)));
+            corners_between(&cube, ties).into_iter().try_for_each(|x| visit(JunctionKind::Corner, low + x))?;
+        }
+        ties[..of_lines].iter().try_for_each(|&(_, x)| visit(JunctionKind::Line, low + x))
+    }
+
+    /// A cell of the smooth model that one, two or three walls halve.
+    fn visit_cell_at_wall(
+        &self,
+        cell: [usize; 3],
+        corners: &Corners,
+        visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
+    ) -> Result<()> {
+        let (walls, weights) = (&self.oracle.walls, &self.oracle.weights);
+        let low = low_corner(cell);
+        let across = [0, 1, 2].map(|a| walls.wall_of(a, cell[a]));
+        let (ids, _) = walls.extend_corners(cell, corners);
+        let mut x = DVec3::from([0, 1, 2].map(|a| across[a].unwrap_or(low[a])));
+        match across {
+            [Some(_), Some(_), Some(_)] => {
+                if ids[0] != 0 {
+                    self.visit_end(cell, x, across, visit)?;
+                }
+            }
+            // A wall: its model is that of a square.
+            [Some(_), None, None] | [None, Some(_), None] | [None, None, Some(_)] => {
+                let normal = across.iter().position(Option::is_some).unwrap_or(0);
+                let axes @ [u, v] = [(normal + 1) % 3, (normal + 2) % 3];
+                let square = Square::new(std::array::from_fn(|c| ids[(c & 1) << u | (c >> 1) << v]), weights);
+                let mut ties = Vec::new();
+                square.ties_of_three(|_, at| ties.push(at));
+                for at in ties {
+                    (x[u], x[v]) = (low[u] + at[0], low[v] + at[1]);
+                    self.visit_end(cell, x, across, visit)?;
+                }
+                for (n, along) in axes.into_iter().enumerate() {
+                    let beside = axes[1 - n];
+                    for at in self.cuts(cell, beside) {
+                        let mut changes = Vec::new();
+                        square.changes(n, at, |s| changes.push(s));
+                        for s in changes {
+                            (x[along], x[beside]) = (low[along] + s, low[beside] + at);
+                            visit(JunctionKind::Line, x)?;
+                        }
+                    }
+                }
+            }
+            // The edge of two walls.
+            _ => {
+                let along = across.iter().position(Option::is_none).unwrap_or(0);
+                let ends = [ids[0], ids[1 << along]];
+                let [here, there] = ends.map(|id| f64::from(weights[usize::from(id)]));
+                let change = if ends[0] == ends[1] { 1.0 } else { here / (here + there) };
+                for at in self.cuts(cell, along) {
+                    if ends[usize::from(at > change)] != 0 {
+                        x[along] = low[along] + at;
+                        visit(JunctionKind::Line, x)?;
+                    }
+                }
+                if ends[0] != ends[1] {
+                    x[along] = low[along] + change;
+                    self.visit_end(cell, x, across, visit)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A corner `x` on the walls `across` some axes, and the lines that run from it straight to the outermost voxel centres: each leaves one of the walls.
+    fn visit_end(
+        &self,
+        cell: [usize; 3],
+        x: DVec3,
+        across: [Option<f64>; 3],
+        visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
+    ) -> Result<()> {
+        visit(JunctionKind::Corner, x)?;
+        let walls = &self.oracle.walls;
+        for a in (0..3).filter(|&a| across[a].is_some()) {
+            for at in self.cuts(cell, a).map(|at| cell[a] as f64 + at) {
+                if at > walls.lower[a] && at < walls.upper[a] {
+                    let mut on_line = x;
+                    on_line[a] = at;
+                    visit(JunctionKind::Line, on_line)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A cell of the voxel model: what is on the rays from its centre to those of its faces.
+    fn visit_voxel_cell(
+        &self,
+        cell: [usize; 3],
+        corners: &Corners,
+        visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
+    ) -> Result<()> {
+        let walls = &self.oracle.walls;
+        // What is outside of some walls counts as a label of its own.
+        let labels: [u32; 8] = std::array::from_fn(|c| {
+            let at = [0, 1, 2].map(|a| (cell[a] + (c >> a & 1)) as f64);
+            let outside = (0..3).filter(|&a| at[a] < walls.first[a] || at[a] > walls.last[a]);
+            outside.fold(u32::from(corners[c]), |label, a| label | 1 << (16 + a))
+        });
+        let is_line = |axis: usize, side: usize| {
+            let mut around: Vec<u32> = (0..8).filter(|c| c >> axis & 1 == side).map(|c| labels[c]).collect();
+            around.sort_unstable();
+            around.dedup();
+            around.len() >= 3 && around.iter().any(|&label| label as u16 != 0)
+        };
+        let low = low_corner(cell);
+        let center = low + 0.5;
+        let lines = [0, 1, 2].map(|axis| [is_line(axis, 0), is_line(axis, 1)]);
+        match lines.iter().flatten().filter(|&&line| line).count() {
+            0 => return Ok(()),
+            2 if lines.contains(&[true, true]) => visit(JunctionKind::Line, center)?,
+            _ => visit(JunctionKind::Corner, center)?,
+        }
+        for (axis, sides) in lines.into_iter().enumerate() {
+            for at in self.cuts(cell, axis).filter(|&at| sides[usize::from(at > 0.5)]) {
+                let mut x = center;
+                x[axis] = low[axis] + at;
+                visit(JunctionKind::Line, x)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn low_corner(cell: [usize; 3]) -> DVec3 {
+    DVec3::from(cell.map(|c| c as f64))
+}
+
+/// Where four labels of a cell tie: where lines of it meet, of which these are points.
+fn corners_between(cube: &Cube, ties: &[Tie]) -> Vec<DVec3> {
+    let mut sets: Vec<u32> = Vec::new();
+    for (n, &(first, _)) in ties.iter().enumerate() {
+        for &(second, _) in &ties[..n] {
+            let four = first | second;
+            if four.count_ones() == 4 && !sets.contains(&four) {
+                sets.push(four);
+            }
+        }
+    }
+    let corner = |four: u32| {
+        let lines = ties.iter().filter(|&&(labels, _)| labels & !four == 0);
+        let (sum, count) = lines.fold((DVec3::ZERO, 0.0), |(sum, count), &(_, x)| (sum + x, count + 1.0));
+        let mut labels = (0..8).filter(|l| four >> l & 1 == 1);
+        cube.tie_of_four([(); 4].map(|()| labels.next().unwrap_or(0)), sum / count)
+    };
+    sets.into_iter().filter_map(corner).collect()
+}

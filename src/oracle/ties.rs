@@ -1,0 +1,237 @@
+//! Where the weighted indicators of several labels tie: on a rectangle across a cell three, in its interior four.
+//!
+//! On a plane across a cell, parallel to two of its axes, each label's weighted indicator is bilinear. Where three are equal, their two differences P and Q vanish. P is linear in y, so
+//! y can be eliminated: what is left is a quadratic equation in x, and no point is missed. The tie of four labels is found by Newton's method, from the mean of points known
+//! to lie on lines that end there.
+//!
+//! A tie is kept when no other label is ahead, and when its labels' gradients are in general position. Then each of them leads in a sector around the point: a label's indicator grows fastest of
+//! all in some direction exactly if its gradient is a corner of the hull of all of them, and the corners of a triangle (a tetrahedron) all are.
+
+use glam::{DMat3, DVec3};
+
+use super::indicator::Corners;
+
+/// Most labels of a cell.
+pub(super) const MOST: usize = 8;
+/// By how much others may be ahead at a tie, and its own labels apart: rounding.
+const SLACK: f64 = 1e-7;
+/// The least determinant of differences of gradients: below, the labels' interfaces touch rather than cross.
+const LEAST_DETERMINANT: f64 = 1e-6;
+/// Newton steps; four or five are usual.
+const NEWTON_STEPS: usize = 20;
+/// How far outside of a cell Newton's method may look.
+const MARGIN: f64 = 0.25;
+
+/// Weighted indicators of the labels of a cell, by their values at its corners.
+pub(super) struct Cube {
+    count: usize,
+    values: [[f64; 8]; MOST],
+}
+
+/// Weighted indicators of labels on a rectangle, given in [0, 1]^2, by their values at its corners; corner c lies at (c & 1, c >> 1).
+pub(super) struct Square {
+    count: usize,
+    values: [[f64; 4]; MOST],
+}
+
+impl Cube {
+    pub(super) fn new(ids: &Corners, weights: &[f32]) -> Self {
+        let (labels, count) = distinct(ids);
+        let mut values = [[0.0; 8]; MOST];
+        for (values, &label) in values.iter_mut().zip(&labels[..count]) {
+            *values = ids.map(|id| if id == label { f64::from(weights[usize::from(id)]) } else { 0.0 });
+        }
+        Self { count, values }
+    }
+
+    /// How many labels there are.
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// The rectangle across the cube at `at` in [0, 1] on an axis. Its own axes are the next two, in cyclic order.
+    pub(super) fn cut(&self, axis: usize, at: f64) -> Square {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut values = [[0.0; 4]; MOST];
+        for (square, cube) in values.iter_mut().zip(&self.values[..self.count]) {
+            for (c, value) in square.iter_mut().enumerate() {
+                let low = (c & 1) << u | (c >> 1) << v;
+                *value = cube[low] + (cube[low | 1 << axis] - cube[low]) * at;
+            }
+        }
+        Square { count: self.count, values }
+    }
+
+    /// The point where four labels, given by their numbers, tie and no other is ahead; Newton's method from `start`.
+    pub(super) fn tie_of_four(&self, labels: [usize; 4], start: DVec3) -> Option<DVec3> {
+        let mut x = start;
+        for _ in 0..NEWTON_STEPS {
+            let [(base, slope), rest @ ..] = labels.map(|l| self.value_and_gradient(l, x));
+            let apart = DVec3::from(rest.map(|(value, _)| value - base));
+            let differences = DMat3::from_cols_array_2d(&rest.map(|(_, gradient)| (gradient - slope).to_array()));
+            if differences.determinant().abs() < LEAST_DETERMINANT {
+                return None;
+            }
+            let step = differences.transpose().inverse() * apart;
+            x -= step;
+            if !(x.cmpge(DVec3::splat(-MARGIN)).all() && x.cmple(DVec3::splat(1.0 + MARGIN)).all()) {
+                return None;
+            }
+            if step.abs().max_element() < 1e-10 {
+                let inside = x.cmpge(DVec3::splat(-1e-9)).all() && x.cmple(DVec3::splat(1.0 + 1e-9)).all();
+                return (inside && self.leads(labels, x)).then(|| x.clamp(DVec3::ZERO, DVec3::ONE));
+            }
+        }
+        None
+    }
+
+    fn leads(&self, labels: [usize; 4], x: DVec3) -> bool {
+        let tie = self.value_and_gradient(labels[0], x).0;
+        (0..self.count).all(|l| labels.contains(&l) || self.value_and_gradient(l, x).0 <= tie + SLACK)
+    }
+
+    fn value_and_gradient(&self, label: usize, x: DVec3) -> (f64, DVec3) {
+        let v = &self.values[label];
+        let parts = [0, 1, 2].map(|a| [1.0 - x[a], x[a]]);
+        let (mut value, mut gradient) = (0.0, DVec3::ZERO);
+        for (c, &at_corner) in v.iter().enumerate().filter(|&(_, &value)| value != 0.0) {
+            let [p, q, r] = [0, 1, 2].map(|a| parts[a][c >> a & 1]);
+            let sign = |a: usize| if c >> a & 1 == 1 { at_corner } else { -at_corner };
+            value += at_corner * p * q * r;
+            gradient += DVec3::new(sign(0) * q * r, sign(1) * p * r, sign(2) * p * q);
+        }
+        (value, gradient)
+    }
+}
+
+impl Square {
+    pub(super) fn new(ids: [u16; 4], weights: &[f32]) -> Self {
+        let (labels, count) = distinct(&ids);
+        let mut values = [[0.0; 4]; MOST];
+        for (values, &label) in values.iter_mut().zip(&labels[..count]) {
+            *values = ids.map(|id| if id == label { f64::from(weights[usize::from(id)]) } else { 0.0 });
+        }
+        Self { count, values }
+    }
+
+    /// Calls `visit` for each point where three labels tie and no other is ahead, with a bit for each of the three.
+    pub(super) fn ties_of_three(&self, mut visit: impl FnMut(u32, [f64; 2])) {
+        // Labels that are absent at all corners are nowhere.
+        let mut present = [0; MOST];
+        let mut count = 0;
+        for label in 0..self.count {
+            if self.values[label].iter().any(|&value| value > 0.0) {
+                present[count] = label;
+                count += 1;
+            }
+        }
+        let present = &present[..count];
+        for (n, &a) in present.iter().enumerate() {
+            for (m, &b) in present.iter().enumerate().skip(n + 1) {
+                for &c in &present[m + 1..] {
+                    self.ties_of([a, b, c], present, &mut visit);
+                }
+            }
+        }
+    }
+
+    fn ties_of(&self, [a, b, c]: [usize; 3], present: &[usize], visit: &mut impl FnMut(u32, [f64; 2])) {
+        let [p, q] = [b, c].map(|other| Bilinear::difference(&self.values[a], &self.values[other]));
+        let roots = quadratic_roots(
+            q.x * p.xy - q.xy * p.x,
+            q.one * p.xy + q.x * p.y - q.y * p.x - q.xy * p.one,
+            q.one * p.y - q.y * p.one,
+        );
+        for x in roots.into_iter().flatten() {
+            let [of_p, of_q] = [&p, &q].map(|f| f.y + f.xy * x);
+            let by = if of_p.abs() >= of_q.abs() { &p } else { &q };
+            let y = -(by.one + by.x * x) / (by.y + by.xy * x);
+            // Also where this is no number.
+            if !([x, y].iter().all(|c| (-1e-12..=1.0 + 1e-12).contains(c))) {
+                continue;
+            }
+            let at = [x, y].map(|c| c.clamp(0.0, 1.0));
+            let tie = self.value(a, at);
+            let determinant = (p.x + p.xy * y) * of_q - (q.x + q.xy * y) * of_p;
+            let is_tie = p.at(at).abs() <= SLACK && q.at(at).abs() <= SLACK && determinant.abs() >= LEAST_DETERMINANT;
+            if is_tie && present.iter().all(|&l| [a, b, c].contains(&l) || self.value(l, at) <= tie + SLACK) {
+                visit(1 << a | 1 << b | 1 << c, at);
+            }
+        }
+    }
+
+    /// Calls `visit` where the label changes along the line of the square on which the coordinate that is not `along` is `at`.
+    pub(super) fn changes(&self, along: usize, at: f64, mut visit: impl FnMut(f64)) {
+        let other = 1 - along;
+        let ends = |label: usize| -> [f64; 2] {
+            let v = &self.values[label];
+            [0, 1 << along].map(|c| v[c] + (v[c | 1 << other] - v[c]) * at)
+        };
+        // The upper envelope of linear functions: of those that overtake the leader the next to do so, the steepest of these.
+        let leader_at_start = (0..self.count).fold(0, |best, l| if ends(l)[0] > ends(best)[0] { l } else { best });
+        let (mut leader, mut from) = (leader_at_start, 0.0);
+        while let Some((s, _, next)) = (0..self.count)
+            .filter_map(|l| {
+                let ([a, b], [p, q]) = (ends(leader), ends(l));
+                let gain = (q - p) - (b - a);
+                let s = (a - p) / gain;
+                (gain > 0.0 && s >= from && s < 1.0).then_some((s, -gain, l))
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)))
+        {
+            if s > 0.0 {
+                visit(s);
+            }
+            (leader, from) = (next, s);
+        }
+    }
+
+    fn value(&self, label: usize, [x, y]: [f64; 2]) -> f64 {
+        let v = &self.values[label];
+        (1.0 - y) * ((1.0 - x) * v[0] + x * v[1]) + y * ((1.0 - x) * v[2] + x * v[3])
+    }
+}
+
+/// A bilinear function by its coefficients.
+struct Bilinear {
+    one: f64,
+    x: f64,
+    y: f64,
+    xy: f64,
+}
+
+impl Bilinear {
+    /// Of two functions given by their values at the corners.
+    fn difference(f: &[f64; 4], g: &[f64; 4]) -> Self {
+        let d: [f64; 4] = std::array::from_fn(|c| f[c] - g[c]);
+        Self { one: d[0], x: d[1] - d[0], y: d[2] - d[0], xy: d[0] - d[1] - d[2] + d[3] }
+    }
+
+    fn at(&self, [x, y]: [f64; 2]) -> f64 {
+        self.one + self.x * x + (self.y + self.xy * x) * y
+    }
+}
+
+/// The roots of a x^2 + b x + c; a double root once or twice.
+fn quadratic_roots(a: f64, b: f64, c: f64) -> [Option<f64>; 2] {
+    let discriminant = b * b - 4.0 * a * c;
+    if discriminant < 0.0 || (a == 0.0 && b == 0.0) {
+        return [None; 2];
+    }
+    // Without cancellation: the root of the larger size first, the other one by their product.
+    let q = -0.5 * (b + discriminant.sqrt().copysign(b));
+    [(a != 0.0).then(|| q / a), (q != 0.0).then(|| c / q)]
+}
+
+/// The different ones among some ids, in the order of their first places, and how many they are.
+fn distinct(ids: &[u16]) -> ([u16; MOST], usize) {
+    let mut labels = [0; MOST];
+    let mut count = 0;
+    for &id in ids {
+        if !labels[..count].contains(&id) {
+            labels[count] = id;
+            count += 1;
+        }
+    }
+    (labels, count)
+}

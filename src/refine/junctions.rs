@@ -1,0 +1,90 @@
+//! Samples of the junctions of dO, from which R1 starts: first the corners where lines meet, then the lines, at equal spacing, then saddles.
+//!
+//! Why their edges then are edges of the mesh: a line is followed by mesh edges where the nearest samples of each of its points are its own. Let its samples be g apart and all others rho or more
+//! from these. A point of the line is no more than g/2 from a sample of it, and another sample is at least sqrt(rho^2 - g^2/4) from the line: farther, if rho > g / sqrt(2). Here rho is delta, and g
+//! from [`SPACING`] delta on; candidates come one after the other along a line, [`FINENESS`] of the spacing apart, so that g is hardly more than the spacing. Only where two runs of samples
+//! along a line meet it may be up to twice that.
+//!
+//! **Saddles.** Where two voxels of a label meet in an edge and the two beside them have one other label, both labels touch themselves. The middle of that edge is a sample: both pairs can share it as a
+//! vertex. Otherwise tets would cross there as it happens.
+//!
+//! Each slab of the image thins out what it has, those with even numbers first: see `sampling`. So the samples do not depend on the number of threads.
+
+use std::ops::Range;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::sampling::thinned;
+use super::sizing::Sizing;
+use crate::Result;
+use crate::memory::reserve;
+use crate::oracle::{EdgeGrid, JunctionKind, Oracle};
+
+/// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
+const SPACING: f64 = 0.6;
+/// Distance of the planes on which candidates lie, in spacings.
+const FINENESS: f64 = 0.4;
+
+/// The points of the junctions of a slab.
+#[derive(Default)]
+struct Candidates {
+    corners: Vec<DVec3>,
+    lines: Vec<DVec3>,
+    saddles: Vec<DVec3>,
+}
+
+impl Candidates {
+    fn is_empty(&self) -> bool {
+        self.corners.is_empty() && self.lines.is_empty() && self.saddles.is_empty()
+    }
+}
+
+/// Samples of the junctions in each slab.
+///
+/// # Errors
+/// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked once per row of bricks of voxels.
+pub(super) fn sample_junctions(
+    oracle: &Oracle,
+    sizing: &Sizing,
+    grid: &EdgeGrid<'_>,
+    slabs: &[Range<usize>],
+    go_on: &(impl Fn() -> Result<()> + Sync),
+) -> Result<Vec<Vec<DVec3>>> {
+    let spacing_at = |p| FINENESS * SPACING * sizing.at(p);
+    let planes = oracle.junction_planes(&spacing_at);
+    let of_slab = |slab: &Range<usize>| -> Result<Candidates> {
+        let mut found = Candidates::default();
+        for row in grid.slab_rows(slab) {
+            go_on()?;
+            planes.visit_row(row, |kind, p| {
+                let points = match kind {
+                    JunctionKind::Corner => &mut found.corners,
+                    JunctionKind::Line => &mut found.lines,
+                };
+                reserve(points, 1, "points of junctions")?;
+                points.push(p);
+                Ok(())
+            })?;
+            grid.visit_saddles(row, |p| {
+                reserve(&mut found.saddles, 1, "points of junctions")?;
+                found.saddles.push(p);
+                Ok(())
+            })?;
+        }
+        Ok(found)
+    };
+    let found: Vec<Candidates> = slabs.par_iter().map(of_slab).collect::<Result<_>>()?;
+    let none = || vec![Vec::new(); slabs.len()];
+    if found.iter().all(Candidates::is_empty) {
+        return Ok(none());
+    }
+    let thin = |seeds: &[Vec<DVec3>], points: fn(&Candidates) -> &[DVec3]| {
+        thinned(sizing, SPACING, grid, slabs, seeds, |slab, offer| {
+            points(&found[slab]).iter().try_for_each(|&p| offer(p, &|| p))
+        })
+    };
+    let corners = thin(&none(), |found| &found.corners)?;
+    let lines = thin(&corners, |found| &found.lines)?;
+    thin(&lines, |found| &found.saddles)
+}
