@@ -161,6 +161,7 @@ static void choice_parameters(void) {
         lapd_status (*get)(const lapd_params *, int32_t *);
         int32_t known, supported;
     } table[] = {{lapd_params_set_surface, lapd_params_get_surface, 2, 2},
+                 {lapd_params_set_border, lapd_params_get_border, 2, 2},
                  {lapd_params_set_background, lapd_params_get_background, 2, 2},
                  {lapd_params_set_algorithm, lapd_params_get_algorithm, 2, 2},
                  {lapd_params_set_adaptive, lapd_params_get_adaptive, 2, 2},

@@ -172,6 +172,7 @@ void errors() {
 void parameters() {
     lapd::params params;
     params.set_delta(0.5).set_size(1.5).set_radius_edge(2.5).set_facet_angle(25).set_surface(LAPD_SURFACE_VOXEL);
+    params.set_border(LAPD_BORDER_SMOOTH);
     params.set_keep({5, -9}).set_background(true).set_threads(2).set_max_vertices(100000);
     params.set_algorithm(LAPD_ALGORITHM_LAPD).set_contention(LAPD_CONTENTION_RANDOM).set_optimize(false);
     params.set_begging(LAPD_BEGGING_FLAT).set_topology("").set_bind(true).set_count_accesses(true).set_timeline(true);
@@ -180,6 +181,7 @@ void parameters() {
     CHECK(!params.adaptive() && params.spacing_floor() == 0.25 && params.least_voxels() == 27);
     params.set_label_size(5, 1.25);
     CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 && params.facet_angle() == 25);
+    CHECK(params.border() == LAPD_BORDER_SMOOTH);
     CHECK(params.surface() == LAPD_SURFACE_VOXEL && params.background() && params.threads() == 2);
     CHECK(params.max_vertices() == 100000 && params.algorithm() == LAPD_ALGORITHM_LAPD);
     CHECK(params.contention() == LAPD_CONTENTION_RANDOM && !params.optimize());

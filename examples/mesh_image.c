@@ -57,6 +57,7 @@ static const char USAGE[] =
     "  --gaussian SIGMA     smooth the labels of a coarse image; in voxels, at most 5; default 0\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
     "  --surface NAME       smooth | voxel; default smooth\n"
+    "  --border NAME        flat | smooth: how the object is closed where the image cuts it off; default flat\n"
     "  --optimize           not in this version\n"
     "  --no-optimize        the default\n"
     "  --max-vertices N     give up when the mesh needs more\n"
@@ -241,6 +242,7 @@ static set_result from_status(lapd_status status) {
 /* Sets the parameter that an option with a value stands for. The numbers of names are those of the library's enums. */
 static set_result set_parameter(lapd_context *context, lapd_params *params, const char *option, const char *value) {
     static const char *const surfaces[] = {"smooth", "voxel"};
+    static const char *const borders[] = {"flat", "smooth"};
     static const char *const algorithms[] = {"podm", "lapd"};
     static const char *const contentions[] = {"local", "global", "random", "aggressive"};
     static const char *const beggings[] = {"levels", "flat"};
@@ -264,6 +266,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
         const char *const *names;
         size_t count;
     } choices[] = {{"--surface", lapd_params_set_surface, surfaces, 2},
+                   {"--border", lapd_params_set_border, borders, 2},
                    {"--algorithm", lapd_params_set_algorithm, algorithms, 2},
                    {"--contention", lapd_params_set_contention, contentions, 4},
                    {"--begging", lapd_params_set_begging, beggings, 2}};
@@ -398,7 +401,7 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                 "--keep",    "--label-size", "--merge",         "--background-label", "--radius-edge",  "--facet-angle",
                 "--threads", "--algorithm",  "--begging",       "--contention",       "--max-vertices", "--time-limit",
                 "--surface", "--max-memory", "--spacing-floor", "--least-voxels",     "--isovalue",     "--labels",
-                "--gaussian"};
+                "--gaussian", "--border"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");

@@ -427,6 +427,9 @@ class params {
     params &set_sigma(double sigma) {
         return set(lapd_params_set_sigma, sigma);
     }
+    params &set_border(lapd_border border) {
+        return set(lapd_params_set_border, border);
+    }
     params &set_merge(const std::vector<std::int32_t> &labels, std::int32_t target) {
         return set(lapd_params_set_merge, labels.data(), labels.size(), target);
     }
@@ -521,6 +524,9 @@ class params {
     }
     double sigma() const {
         return value<double>(lapd_params_get_sigma);
+    }
+    lapd_border border() const {
+        return static_cast<lapd_border>(value<std::int32_t>(lapd_params_get_border));
     }
     span<std::int32_t> keep() const {
         const std::int32_t *data = nullptr;

@@ -7,7 +7,7 @@ use std::ffi::CString;
 use super::boundary::{Failure, Out, Outcome, borrow, borrow_mut, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::status::lapd_status;
-use crate::params::{Algorithm, MeshParams, SurfaceModel};
+use crate::params::{Algorithm, ImageBorder, MeshParams, SurfaceModel};
 
 /// Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a run takes a copy.
 pub struct lapd_params {
@@ -24,6 +24,16 @@ pub enum lapd_surface {
     LAPD_SURFACE_SMOOTH = 0,
     /// The label of the nearest voxel: interfaces are voxel faces.
     LAPD_SURFACE_VOXEL = 1,
+}
+
+/// How the object is closed where it reaches the border of the image.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_border {
+    /// By flat walls with sharp edges, the outer faces of the outermost voxels. The default.
+    LAPD_BORDER_FLAT = 0,
+    /// By the smooth surface, as if one more layer of background lay around the image. With LAPD_SURFACE_VOXEL the same as LAPD_BORDER_FLAT.
+    LAPD_BORDER_SMOOTH = 1,
 }
 
 /// How the work is shared by threads.
@@ -94,8 +104,8 @@ pub(super) unsafe fn read<T>(
     })
 }
 
-/// Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, smooth surfaces, all labels,
-/// no background, 1 thread, no limits.
+/// Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, smooth surfaces, flat walls at the border
+/// of the image, all labels, no background, 1 thread, no limits.
 ///
 /// The caller owns `*params` and frees it with lapd_params_free. Any thread.
 ///
@@ -317,6 +327,42 @@ pub unsafe extern "C" fn lapd_params_get_surface(params: *const lapd_params, sur
         read(params, surface, "surface", |p| match p.surface {
             SurfaceModel::Smooth => lapd_surface::LAPD_SURFACE_SMOOTH as i32,
             SurfaceModel::Voxel => lapd_surface::LAPD_SURFACE_VOXEL as i32,
+        })
+    }
+}
+
+/// Sets how the object is closed at the border of the image, a lapd_border. No other thread may use `params` or the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_border(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    border: i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.border = match border {
+                b if b == lapd_border::LAPD_BORDER_FLAT as i32 => ImageBorder::Flat,
+                b if b == lapd_border::LAPD_BORDER_SMOOTH as i32 => ImageBorder::Smooth,
+                _ => return Err(unknown("border", "a lapd_border", border)),
+            };
+            Ok(())
+        })
+    }
+}
+
+/// How the object is closed at the border of the image, a lapd_border. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_border(params: *const lapd_params, border: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        read(params, border, "border", |p| match p.border {
+            ImageBorder::Flat => lapd_border::LAPD_BORDER_FLAT as i32,
+            ImageBorder::Smooth => lapd_border::LAPD_BORDER_SMOOTH as i32,
         })
     }
 }
