@@ -109,6 +109,8 @@ impl Oracle {
         }
         let mut known = 0.0;
         let mut cell = locate(known);
+        // The face through which the cell was entered: in the voxel model crossings are on it, not beside it by rounding.
+        let mut entrance = (0, line.from.x);
         while known < stop {
             let voxel = self.at(cell);
             // Cells of one label beside this one, on each side. In the voxel model as many voxels: the corners of these cells.
@@ -124,7 +126,9 @@ impl Oracle {
                     return Some((line.at(t + (part - t) * s), to));
                 }
             } else if voxel.id() != from {
-                return Some((line.at(t), voxel.id()));
+                let mut x = line.at(t);
+                x[entrance.0] = entrance.1;
+                return Some((x, voxel.id()));
             }
             known = part;
             // Across the face; along the other axes it may be any of the next cells that have it.
@@ -133,6 +137,7 @@ impl Oracle {
             if across > self.bricks.dims()[axis] - most {
                 break;
             }
+            entrance = (axis, across as f64 + if line.way[axis] > 0.0 { shift } else { shift + 1.0 });
             if beside > 0 {
                 cell = locate(known);
             }

@@ -7,7 +7,7 @@
 //!
 //! Each cell has planes of its own: on those of a grid the points of straight junctions would be massively cocircular.
 //!
-//! In the voxel model lines run from the centres of cells, where eight voxels meet, to the centres of faces of cells around which three or more labels are.
+//! In the voxel model lines run from the centres of cells, where eight voxels meet, to the centres of faces of cells around which three or more labels are; of the centres themselves only those on walls are given.
 //!
 //! Not junctions: lines in which the boundary of a label touches itself between two labels. Nor are those of images of intensities or probabilities looked for, whose indicators are others.
 //!
@@ -277,10 +277,10 @@ impl JunctionPlanes<'_> {
         let low = low_corner(cell);
         let center = low + 0.5;
         let lines = [0, 1, 2].map(|axis| [is_line(axis, 0), is_line(axis, 1)]);
-        match lines.iter().flatten().filter(|&&line| line).count() {
-            0 => return Ok(()),
-            2 if lines.contains(&[true, true]) => visit(JunctionKind::Line, center)?,
-            _ => visit(JunctionKind::Corner, center)?,
+        // Inside of the image all centres of cells together would be massively cocircular.
+        let straight = lines.iter().flatten().filter(|&&line| line).count() == 2 && lines.contains(&[true, true]);
+        if !walls.leaves(cell) && lines.as_flattened().contains(&true) && !straight {
+            visit(JunctionKind::Corner, center)?;
         }
         for (axis, sides) in lines.into_iter().enumerate() {
             for at in self.cuts(cell, axis).filter(|&at| sides[usize::from(at > 0.5)]) {
