@@ -86,6 +86,27 @@ impl Oracle {
     }
 }
 
+impl Oracle {
+    /// A point of the same wall no farther than `most` from `p`, if that lies on one wall and not on the edge of two. Points on walls that meet at a right angle mirror each other, in fours on a circle; where it is moved to
+    /// looks random.
+    pub fn moved_on_wall(&self, p: DVec3, most: f64) -> Option<DVec3> {
+        let mut x = self.walls.onto_face(self.region_point(p));
+        let on_wall = |a: usize| x[a] == self.walls.lower[a] || x[a] == self.walls.upper[a];
+        let [Some(normal), None] = ({
+            let mut walls = (0..3).filter(|&a| on_wall(a));
+            [walls.next(), walls.next()]
+        }) else {
+            return None;
+        };
+        let random = hash([0, 1, 2].map(|a| p[a].to_bits() as usize));
+        for (n, a) in [(normal + 1) % 3, (normal + 2) % 3].into_iter().enumerate() {
+            let part = (random >> (32 * n) & 0xffff_ffff) as f64 / f64::from(1_u32 << 31) - 1.0;
+            x[a] += std::f64::consts::FRAC_1_SQRT_2 * part * most / self.spacing[a];
+        }
+        (self.label_at(x) != 0).then(|| self.world_point(x))
+    }
+}
+
 impl JunctionPlanes<'_> {
     /// Calls `visit` for the points, in world coordinates, of one row of bricks of voxels, numbered as by [`super::EdgeGrid::rows`]. Each point is in one row, there once or more often.
     ///

@@ -235,3 +235,66 @@ fn distinct(ids: &[u16]) -> ([u16; MOST], usize) {
     }
     (labels, count)
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn ties_of_equal_weights_are_where_they_must_be() {
+        let mut found = Vec::new();
+        Square::new([1, 1, 2, 3], &[1.0; 4]).ties_of_three(|_, at| found.push(at));
+        assert_eq!(found.len(), 1);
+        assert!((found[0][0] - 0.5).abs() < 1e-12 && (found[0][1] - 2.0 / 3.0).abs() < 1e-12);
+        // Labels of opposite corners that join between the others.
+        Square::new([1, 2, 3, 1], &[1.0; 4]).ties_of_three(|_, at| panic!("no tie at {at:?}"));
+        let octants = Cube::new(&std::array::from_fn(|c| c as u16), &[1.0; 8]);
+        let center = octants.tie_of_four([0, 1, 2, 4], DVec3::new(0.4, 0.6, 0.3));
+        assert!(center.is_some_and(|x| x.distance(DVec3::splat(0.5)) < 1e-9));
+        // Four labels that meet in a line have no point of their own.
+        let columns = Cube::new(&std::array::from_fn(|c| (c & 3) as u16), &[1.0; 4]);
+        assert_eq!(columns.tie_of_four([0, 1, 2, 3], DVec3::splat(0.4)), None);
+    }
+
+    proptest! {
+        #[test]
+        fn faces_have_the_ties_that_their_corners_ask_for(weights in prop::array::uniform4(0.7_f32..1.5)) {
+            let ties = |ids: [u16; 4]| {
+                let square = Square::new(ids, &weights);
+                let mut found = Vec::new();
+                square.ties_of_three(|labels, at| {
+                    let values: Vec<f64> = (0..square.count).map(|l| square.value(l, at)).collect();
+                    let best = values.iter().copied().fold(0.0, f64::max);
+                    let all_lead = (0..square.count).all(|l| labels >> l & 1 == 0 || best - values[l] < 1e-9);
+                    found.push((at, all_lead && labels.count_ones() == 3));
+                });
+                found
+            };
+            // Two corners beside each other of one label: the indicators of three are as the inverses of their weights.
+            let found = ties([0, 0, 1, 2]);
+            let [a, b, c] = [0, 1, 2].map(|l: usize| 1.0 / f64::from(weights[l]));
+            prop_assert_eq!(found.len(), 1);
+            let (at, is_tie) = found[0];
+            prop_assert!(is_tie && (at[0] - c / (b + c)).abs() < 1e-9 && (at[1] - (b + c) / (a + b + c)).abs() < 1e-9);
+            // Four labels: those of one diagonal touch, and have one of the others at each end.
+            let [w, x, y, z] = weights.map(f64::from);
+            prop_assume!((w * z / (x * y) - 1.0).abs() > 1e-2);
+            let found = ties([0, 1, 2, 3]);
+            prop_assert!(found.len() == 2 && found.iter().all(|&(_, is_tie)| is_tie), "{:?}", found);
+        }
+
+        #[test]
+        fn ties_within_a_cell_are_ties(ids in prop::array::uniform8(0_u16..5), axis in 0..3_usize, at in 0.0..1.0_f64) {
+            let cube = Cube::new(&ids, &[1.0, 1.3, 0.75, 1.2, 0.875]);
+            cube.cut(axis, at).ties_of_three(|labels, [u, v]| {
+                let mut x = DVec3::ZERO;
+                (x[axis], x[(axis + 1) % 3], x[(axis + 2) % 3]) = (at, u, v);
+                let values: Vec<f64> = (0..cube.count()).map(|l| cube.value_and_gradient(l, x).0).collect();
+                let best = values.iter().copied().fold(0.0, f64::max);
+                assert!((0..cube.count()).all(|l| labels >> l & 1 == 0 || best - values[l] < 1e-6), "no tie at {x}: {values:?}");
+            });
+        }
+    }
+}

@@ -108,7 +108,9 @@ pub const FACET_DISTANCE: f64 = 0.22;
 /// Sampling for the sake of the facet distance keeps isovertices this part of delta apart.
 pub const SPACING_FLOOR: f64 = 0.5;
 
-/// A vertex that a junction gets in place of a surface center keeps this part of delta from all others.
+/// How far a surface center on a wall is moved, in parts of its distance to the vertices.
+const MOVE_ON_WALL: f64 = 0.02;
+/// What is inserted in place of a surface center keeps this part of delta from all vertices.
 const LEAST_DISTANCE: f64 = 0.25;
 /// How near to a junction a surface center is left to it: in parts of its distance to the vertices, and of delta.
 const NEAR_JUNCTION: [f64; 2] = [0.7, 0.5];
@@ -272,21 +274,23 @@ impl<'a> Rules<'a> {
         if !misshapen && x.distance_squared(a) <= floor * floor || !self.triangulation.holds(x) {
             return None;
         }
-        let point = self.on_near_junction(x, x.distance(a)).unwrap_or(x);
+        let point = self.instead_of(x, x.distance(a));
         let start = if here.contains(point) == Some(true) { t } else { neighbor.tet() };
         Some(Demand { rule: Rule::R3, point, kind: VertexKind::Isovertex, start, across: Some(across) })
     }
 
-    /// The point of a junction in place of a surface center `x` close to it, `radius` from the nearest vertices: a vertex beside the junction, as far from it as its samples are from each other, would
-    /// draw mesh edges away from it.
-    fn on_near_junction(&self, x: DVec3, radius: f64) -> Option<DVec3> {
-        let [of_radius, of_delta] = NEAR_JUNCTION;
+    /// What is inserted for a surface center `x`, `radius` from the nearest vertices. The point of a junction close to it: a vertex beside the junction, as far from it as its samples are from each
+    /// other, would draw mesh edges away from it. On a wall a point beside it.
+    fn instead_of(&self, x: DVec3, radius: f64) -> DVec3 {
         let delta = self.sizing.at(x);
-        let reach = (of_radius * radius).min(of_delta * delta).min(radius - LEAST_DISTANCE * delta);
-        if reach <= 0.0 {
-            return None;
+        let most = radius - LEAST_DISTANCE * delta;
+        if most <= 0.0 {
+            return x;
         }
-        self.oracle.nearest_junction(x, reach).filter(|&y| self.triangulation.holds(y))
+        let [of_radius, of_delta] = NEAR_JUNCTION;
+        let near = self.oracle.nearest_junction(x, most.min(of_radius * radius).min(of_delta * delta));
+        let point = near.or_else(|| self.oracle.moved_on_wall(x, most.min(MOVE_ON_WALL * radius)));
+        point.filter(|&y| self.triangulation.holds(y)).unwrap_or(x)
     }
 
     /// Whether a demand of the tet that `stamp` was taken of is still true. To be asked when `demand.start` is owned: then the tet, which is this or a neighbour, cannot change, nor can its neighbour
