@@ -25,6 +25,9 @@ use crate::params::SurfaceModel;
 /// Most parts of a cell along an axis.
 const MOST_PARTS: f64 = 8.0;
 
+/// How far beside a point the planes are by which a junction near it is found, in parts of the reach.
+const BESIDE: f64 = 0.1;
+
 /// What meets at a point of a junction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JunctionKind {
@@ -58,11 +61,13 @@ impl Oracle {
         JunctionPlanes { oracle: self, cuts: Cuts::Spaced(spacing_at) }
     }
 
-    /// About the nearest point of a junction to `p`, if one is nearer than `reach`: the nearest of those on the planes through `p`, one of which cuts a straight line no farther from `p` than
+    /// About the nearest point of a junction to `p`, if one is nearer than `reach`: the nearest of those on planes across the axes close to `p`, one of which cuts a straight line hardly farther from `p` than
     /// the square root of three times the line's distance.
     pub fn nearest_junction(&self, p: DVec3, reach: f64) -> Option<DVec3> {
         let x = self.region_point(p);
-        let planes = JunctionPlanes { oracle: self, cuts: Cuts::Through(x) };
+        // Through a point beside: what is inserted for mirror images of each other on parallel lines would be in fours on a circle.
+        let beside = x + BESIDE * reach * random_of(p) / self.spacing;
+        let planes = JunctionPlanes { oracle: self, cuts: Cuts::Through(beside) };
         let last = self.last - 1.0;
         let cell_of = |x: DVec3| x.floor().clamp(DVec3::ZERO, last).to_array().map(|c| c as usize);
         let (low, high) = (cell_of(x - reach / self.spacing), cell_of(x + reach / self.spacing));
@@ -98,10 +103,9 @@ impl Oracle {
         }) else {
             return None;
         };
-        let random = hash([0, 1, 2].map(|a| p[a].to_bits() as usize));
-        for (n, a) in [(normal + 1) % 3, (normal + 2) % 3].into_iter().enumerate() {
-            let part = (random >> (32 * n) & 0xffff_ffff) as f64 / f64::from(1_u32 << 31) - 1.0;
-            x[a] += std::f64::consts::FRAC_1_SQRT_2 * part * most / self.spacing[a];
+        let random = random_of(p);
+        for a in [(normal + 1) % 3, (normal + 2) % 3] {
+            x[a] += std::f64::consts::FRAC_1_SQRT_2 * most * random[a] / self.spacing[a];
         }
         (self.label_at(x) != 0).then(|| self.world_point(x))
     }
@@ -312,6 +316,12 @@ impl JunctionPlanes<'_> {
         }
         Ok(())
     }
+}
+
+/// A vector with coordinates between -1 and 1 that looks random and depends on `p` alone.
+fn random_of(p: DVec3) -> DVec3 {
+    let bits = hash([0, 1, 2].map(|a| p[a].to_bits() as usize));
+    DVec3::from([0, 1, 2].map(|a| (bits >> (21 * a) & 0x1f_ffff) as f64 / f64::from(1 << 20) - 1.0))
 }
 
 fn low_corner(cell: [usize; 3]) -> DVec3 {
