@@ -162,7 +162,7 @@ impl JunctionPlanes<'_> {
         // A plane for each part of the cell, which keeps off its ends.
         let random = hash(cell) >> (16 * axis) & 0xffff;
         (0..parts).map(move |part| {
-            let random = (random + 0x9e37 * part as u64 & 0xffff) as f64 / f64::from(1 << 16);
+            let random = ((random + 0x9e37 * part as u64) & 0xffff) as f64 / f64::from(1 << 16);
             through.unwrap_or((part as f64 + 0.25 + 0.5 * random) / parts as f64)
         })
     }
