@@ -396,12 +396,32 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
         } else if (strcmp(option, "--quiet") == 0) {
             o->quiet = true;
         } else {
-            static const char *const with_value[] = {
-                "-o",        "--report",     "--timeline",      "--topology",         "--delta",        "--size",
-                "--keep",    "--label-size", "--merge",         "--background-label", "--radius-edge",  "--facet-angle",
-                "--threads", "--algorithm",  "--begging",       "--contention",       "--max-vertices", "--time-limit",
-                "--surface", "--max-memory", "--spacing-floor", "--least-voxels",     "--isovalue",     "--labels",
-                "--gaussian", "--border"};
+            static const char *const with_value[] = {"-o",
+                                                     "--report",
+                                                     "--timeline",
+                                                     "--topology",
+                                                     "--delta",
+                                                     "--size",
+                                                     "--keep",
+                                                     "--label-size",
+                                                     "--merge",
+                                                     "--background-label",
+                                                     "--radius-edge",
+                                                     "--facet-angle",
+                                                     "--threads",
+                                                     "--algorithm",
+                                                     "--begging",
+                                                     "--contention",
+                                                     "--max-vertices",
+                                                     "--time-limit",
+                                                     "--surface",
+                                                     "--max-memory",
+                                                     "--spacing-floor",
+                                                     "--least-voxels",
+                                                     "--isovalue",
+                                                     "--labels",
+                                                     "--gaussian",
+                                                     "--border"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");

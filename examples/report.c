@@ -151,11 +151,11 @@ void print_table(const summary *s, const file_seconds *seconds) {
     for (size_t i = 0; i < s->defect_count; i++) {
         defects[s->defects[i].kind]++;
     }
-    printf("  components lost %llu, merged %llu, torn off %llu, stray %llu, left out %llu; pinched edges %llu, vertices %llu\n",
+    printf("  components lost %llu, merged %llu, torn off %llu, stray %llu, left out %llu; pinched edges %llu, "
+           "vertices %llu\n",
            (unsigned long long)defects[LAPD_DEFECT_LOST], (unsigned long long)defects[LAPD_DEFECT_MERGED],
            (unsigned long long)defects[LAPD_DEFECT_TORN], (unsigned long long)defects[LAPD_DEFECT_STRAY],
-           (unsigned long long)defects[LAPD_DEFECT_DROPPED],
-           (unsigned long long)defects[LAPD_DEFECT_PINCHED_EDGE],
+           (unsigned long long)defects[LAPD_DEFECT_DROPPED], (unsigned long long)defects[LAPD_DEFECT_PINCHED_EDGE],
            (unsigned long long)defects[LAPD_DEFECT_PINCHED_VERTEX]);
     printf("  unmet rules:");
     for (int i = 0; i < 6; i++) {
@@ -449,8 +449,8 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
 
     fputs("\n  ],\n  \"defects\": [", f);
     for (size_t i = 0; i < s->defect_count; i++) {
-        static const char *const kinds[DEFECT_KINDS] = {"lost",  "merged",       "torn",
-                                                        "stray", "pinched_edge", "pinched_vertex", "dropped"};
+        static const char *const kinds[DEFECT_KINDS] = {"lost",         "merged",         "torn",   "stray",
+                                                        "pinched_edge", "pinched_vertex", "dropped"};
         const lapd_defect *defect = &s->defects[i];
         fprintf(f, "%s\n    {\"kind\": \"%s\", \"label\": %lld", i > 0 ? "," : "", kinds[defect->kind],
                 (long long)defect->label);

@@ -203,6 +203,20 @@ typedef enum {
 } lapd_surface;
 
 /**
+ * How the object is closed where it reaches the border of the image.
+ */
+typedef enum {
+  /**
+   * By flat walls with sharp edges, the outer faces of the outermost voxels. The default.
+   */
+  LAPD_BORDER_FLAT = 0,
+  /**
+   * By the smooth surface, as if one more layer of background lay around the image. With LAPD_SURFACE_VOXEL the same as LAPD_BORDER_FLAT.
+   */
+  LAPD_BORDER_SMOOTH = 1,
+} lapd_border;
+
+/**
  * How the work is shared by threads.
  */
 typedef enum {
@@ -299,6 +313,10 @@ typedef enum {
    * A vertex, on no such edge, at which more than one sheet of the label's boundary meet.
    */
   LAPD_DEFECT_PINCHED_VERTEX = 5,
+  /**
+   * A component of the image that was left out for its size, as asked (lapd_params_set_least_voxels).
+   */
+  LAPD_DEFECT_DROPPED = 6,
 } lapd_defect_kind;
 
 /**
@@ -1153,8 +1171,8 @@ lapd_status lapd_image_read_probabilities(lapd_context *context,
                                           lapd_image **image);
 
 /**
- * Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, smooth surfaces, all labels,
- * no background, 1 thread, no limits.
+ * Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, smooth surfaces, flat walls at the border
+ * of the image, all labels, no background, 1 thread, no limits.
  *
  * The caller owns `*params` and frees it with lapd_params_free. Any thread.
  *
@@ -1274,6 +1292,22 @@ lapd_status lapd_params_set_surface(lapd_context *context, lapd_params *params, 
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_surface(const lapd_params *params, int32_t *surface);
+
+/**
+ * Sets how the object is closed at the border of the image, a lapd_border. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
+ */
+lapd_status lapd_params_set_border(lapd_context *context,
+                                   lapd_params *params,
+                                   int32_t border);
+
+/**
+ * How the object is closed at the border of the image, a lapd_border. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_border(const lapd_params *params, int32_t *border);
 
 /**
  * Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0. No
@@ -1405,6 +1439,57 @@ lapd_status lapd_params_set_optimize(lapd_context *context,
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimize);
+
+/**
+ * Whether components and layers of a label that are thinner than the distance of samples (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so farther away (1,
+ * the default), or not (0). The mesh then has as many more elements as it takes to keep them whole. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+ */
+lapd_status lapd_params_set_adaptive(lapd_context *context,
+                                     lapd_params *params,
+                                     int32_t adaptive);
+
+/**
+ * Whether thin structures are sampled more densely, 1 or 0. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_adaptive(const lapd_params *params, int32_t *adaptive);
+
+/**
+ * Sets how close samples of thin structures come at most: this times the smallest side of a voxel; above 0, by default 0.5. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_spacing_floor(lapd_context *context,
+                                          lapd_params *params,
+                                          double spacing_floor);
+
+/**
+ * How close samples of thin structures come at most, in smallest sides of a voxel. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_spacing_floor(const lapd_params *params,
+                                          double *spacing_floor);
+
+/**
+ * Leaves out components of a label (after lapd_params_set_merge, of voxels joined with all 26 around them) of fewer voxels than this: they become a part of the label, or the background, that most
+ * voxels around them have. lapd_mesh_get_defect lists them. 0, the default, and 1 leave out nothing. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+ */
+lapd_status lapd_params_set_least_voxels(lapd_context *context,
+                                         lapd_params *params,
+                                         uint64_t least_voxels);
+
+/**
+ * The voxels that a component has at least, not to be left out. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_least_voxels(const lapd_params *params, uint64_t *least_voxels);
 
 /**
  * Gives labels of the image another one before all else: each of `labels` becomes `target`. All labels are changed at once, so that two can be exchanged

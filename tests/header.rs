@@ -6,8 +6,8 @@
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 11] =
-    ["status", "context", "image", "values", "params", "labels", "threads", "run", "mesh", "report", "tables"];
+const SOURCES: [&str; 12] =
+    ["status", "context", "image", "values", "params", "thin", "labels", "threads", "run", "mesh", "report", "tables"];
 
 const HEAD: &str = "\
 /*
