@@ -91,6 +91,12 @@ fn differ(rows: [&[u16]; 4]) -> u64 {
         let far = (id ^ c[i]) | (id ^ c[i + 1]) | (id ^ d[i]) | (id ^ d[i + 1]);
         u8::from(near | far != 0)
     });
+    gathered(&flags)
+}
+
+/// A bit for each of 64 flags, 0 or 1.
+#[inline]
+pub(super) fn gathered(flags: &[u8; 64]) -> u64 {
     // The product moves the lowest bits of eight bytes side by side to the top.
     const GATHER: u64 = 0x0102_0408_1020_4080;
     let (bytes, _) = flags.as_chunks::<8>();

@@ -17,6 +17,10 @@ const MOST_PARTS: f64 = 8.0;
 /// Least layers of bricks of a slab: thinner ones have more neighbours to ask than there are threads to gain.
 const LEAST_LAYERS: usize = 2;
 
+/// Of the face of a cell across each axis, on the side of its first corner: the corners across from each other, as bits, the first among them, and the others.
+const LOWER_DIAGONALS: [(u32, u32); 3] =
+    [(1 << 0 | 1 << 6, 1 << 2 | 1 << 4), (1 << 0 | 1 << 5, 1 << 1 | 1 << 4), (1 << 0 | 1 << 3, 1 << 1 | 1 << 2)];
+
 /// An edge of the grid, between points of different labels.
 #[derive(Clone, Copy, Debug)]
 pub struct CrossedEdge {
@@ -106,10 +110,13 @@ impl EdgeGrid<'_> {
             return Ok(());
         }
         self.oracle.visit_mixed_cells(row, |cell| {
-            let id = |corner: usize| self.oracle.corner(cell, corner as u32);
-            for axis in 0..3 {
-                let (u, v) = (1 << ((axis + 1) % 3), 1 << ((axis + 2) % 3));
-                if id(0) == id(u + v) && id(u) == id(v) && id(0) != id(u) {
+            let record = self.oracle.at(cell);
+            // Corners with the label of the first, which is one of each of these faces.
+            let first = record.first_corners();
+            for (axis, (across, beside)) in LOWER_DIAGONALS.into_iter().enumerate() {
+                let of_first = first & (across | beside);
+                let alternates = of_first == across && (record.is_two() || self.has_one_label(cell, beside));
+                if alternates {
                     let mut x = DVec3::from(cell.map(|c| c as f64)) + 0.5;
                     x[axis] -= 0.5;
                     visit(self.oracle.world_point(x))?;
@@ -117,6 +124,11 @@ impl EdgeGrid<'_> {
             }
             Ok(())
         })
+    }
+
+    /// Whether two corners of a cell, given by their bits, have one label.
+    fn has_one_label(&self, cell: [usize; 3], corners: u32) -> bool {
+        self.oracle.corner(cell, corners.trailing_zeros()) == self.oracle.corner(cell, corners.ilog2())
     }
 
     /// Into how many parts edges are divided in the cell from a voxel on.

@@ -130,12 +130,10 @@ impl JunctionPlanes<'_> {
         visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
     ) -> Result<()> {
         let oracle = self.oracle;
-        if oracle.field.is_some() {
-            return Ok(());
-        }
-        let at_wall = !oracle.walls.leaves(cell);
         // Two labels meet in no line, but where a wall cuts their interface.
-        if oracle.at(cell).is_two() && !at_wall {
+        let is_two = oracle.at(cell).is_two();
+        let at_wall = !oracle.walls.leaves(cell);
+        if is_two && !at_wall || oracle.field.is_some() {
             return Ok(());
         }
         let corners = oracle.corners(cell);
@@ -151,7 +149,7 @@ impl JunctionPlanes<'_> {
         let (parts, through) = match self.cuts {
             Cuts::Spaced(spacing_at) => {
                 let center = self.oracle.world_point(low_corner(cell) + 0.5);
-                let parts = (self.oracle.spacing[axis] / spacing_at(center)).ceil();
+                let parts = (self.oracle.spacing[axis] / spacing_at(center)).round();
                 (parts.clamp(1.0, MOST_PARTS) as usize, None)
             }
             Cuts::Through(x) => {

@@ -19,8 +19,9 @@
 
 use rayon::prelude::*;
 
+use super::cells::gathered;
 use super::region::{Region, Rows};
-use crate::memory::{reserve, room, zeroed};
+use crate::memory::{filled, reserve, room, zeroed};
 use crate::{Result, image::LabelImage};
 
 /// Called for each plane of voxels and step: whether to go on.
@@ -109,23 +110,35 @@ impl Labels {
         let padded = [nx, ny, nz].map(|n| n + 2 * pad);
         let words = padded[0].div_ceil(64);
         let size = [padded[1], padded[2]];
-        // Rows have background behind their ends.
-        let id = |row: Option<&[u16]>, i: usize| row.and_then(|row| row.get(i.wrapping_sub(pad))).copied().unwrap_or(0);
         let row = |j: usize, k: usize| {
             let (j, k) = (j.wrapping_sub(pad), k.wrapping_sub(pad));
             (j < ny && k < nz).then(|| &rows.row(j, k)[..nx])
         };
         let of_axis = |axis: usize| {
             let step = [0, 1, 2].map(|a| usize::from(a == axis));
-            Set::new(words, size, check, |j, k, w| {
-                if j + step[1] >= size[0] || k + step[2] >= size[1] {
-                    return 0;
+            let mut bits: Vec<u64> = zeroed(words * size[0] * size[1], "words of the sets of thin voxels")?;
+            bits.par_chunks_mut(words * size[1]).enumerate().take(size[0] - step[1]).try_for_each(|(j, layer)| {
+                check()?;
+                // Outside of the region, and at its ends, all is background.
+                let mut flags = filled(64 * words, 1_u8, "flags of a row", || Ok(()))?;
+                flags[padded[0] - step[0]..].fill(0);
+                for (k, out) in layer.chunks_mut(words).enumerate().take(size[1] - step[2]) {
+                    let beside = row(j, k).zip(row(j + step[1], k + step[2]));
+                    let own = &mut flags[pad..pad + nx - step[0]];
+                    match beside {
+                        None => own.fill(1),
+                        Some((here, there)) => {
+                            let pairs = here.iter().zip(&there[step[0]..]);
+                            own.iter_mut().zip(pairs).for_each(|(flag, (a, b))| *flag = u8::from(a == b));
+                        }
+                    }
+                    for (word, flags) in out.iter_mut().zip(flags.as_chunks::<64>().0) {
+                        *word = gathered(flags);
+                    }
                 }
-                let (here, there) = (row(j, k), row(j + step[1], k + step[2]));
-                let last = padded[0] - step[0];
-                (64 * w..(64 * w + 64).min(last))
-                    .fold(0, |word, i| word | u64::from(id(here, i) == id(there, i + step[0])) << (i % 64))
-            })
+                Ok(())
+            })?;
+            Ok(Set { words, rows: size, bits })
         };
         Ok(Self { equal: [of_axis(0)?, of_axis(1)?, of_axis(2)?] })
     }
@@ -232,7 +245,7 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     let padded = nx + 2 * largest;
     let all = labels.equal[0]
         .like(check, |_, _, w| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 })?;
-    let contacts = contacts(&rows, check)?;
+    let contacts = contacts(&rows, &labels, largest, check)?;
     if !contacts.is_empty() {
         thin.found.push((unit, contacts));
     }
@@ -243,12 +256,12 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
         let layers = (0..ny).into_par_iter().map(|j| {
             let mut numbers = Vec::new();
             for k in 0..nz {
-                for i in 0..nx {
-                    let at = i + largest;
-                    if set.word(j + largest, k + largest, at / 64) >> (at % 64) & 1 == 1 {
-                        reserve(&mut numbers, 1, "thin voxels")?;
-                        numbers.push(((j * nz + k) * nx + i) as u32);
-                    }
+                for w in 0..set.words {
+                    let word = set.word(j + largest, k + largest, w);
+                    reserve(&mut numbers, word.count_ones() as usize, "thin voxels")?;
+                    // What surrounds the region counts for nothing.
+                    let inside = ones(word).map(|bit| (64 * w + bit).wrapping_sub(largest)).filter(|&i| i < nx);
+                    numbers.extend(inside.map(|i| ((j * nz + k) * nx + i) as u32));
                 }
             }
             Ok(numbers)
@@ -262,23 +275,27 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
 }
 
 /// Voxels of a label, not background, that meet in an edge alone: two of the four around it, across from each other, while the others have other labels.
-fn contacts(rows: &Rows, check: Check<'_>) -> Result<Vec<u32>> {
+fn contacts(rows: &Rows, labels: &Labels, pad: usize, check: Check<'_>) -> Result<Vec<u32>> {
     let [nx, ny, nz] = rows.dims();
     let layers = (0..ny - 1).into_par_iter().map(|j| {
         check()?;
         let mut numbers = Vec::new();
         for k in 0..nz - 1 {
             let around = rows.around(j, k);
-            for i in 0..nx - 1 {
-                // Corner c of the cell from this voxel on, and its number in the region.
-                let id = |c: usize| around[c >> 1][i + (c & 1)];
-                let number = |c: usize| (((j + (c >> 1 & 1)) * nz + k + (c >> 2)) * nx + i + (c & 1)) as u32;
-                for (u, v) in [(1, 2), (2, 4), (4, 1)] {
-                    for (pair, beside) in [([0, u + v], [u, v]), ([u, v], [0, u + v])] {
-                        let own = id(pair[0]);
-                        if own != 0 && own == id(pair[1]) && beside.iter().all(|&c| id(c) != own) {
-                            reserve(&mut numbers, 2, "thin voxels")?;
-                            numbers.extend(pair.map(number));
+            for w in 0..labels.equal[0].words {
+                let [x, y, z] = [0, 1, 2].map(|axis| !labels.equal[axis].word(j + pad, k + pad, w));
+                // Whichever pair it is, the first corner differs from those beside it.
+                for (candidates, u, v) in [(x & y, 1, 2), (y & z, 2, 4), (z & x, 4, 1)] {
+                    for i in ones(candidates).map(|bit| (64 * w + bit).wrapping_sub(pad)).filter(|&i| i + 1 < nx) {
+                        // Corner c of the cell from this voxel on, and its number in the region.
+                        let id = |c: usize| around[c >> 1][i + (c & 1)];
+                        let number = |c: usize| (((j + (c >> 1 & 1)) * nz + k + (c >> 2)) * nx + i + (c & 1)) as u32;
+                        for (pair, beside) in [([0, u + v], [u, v]), ([u, v], [0, u + v])] {
+                            let own = id(pair[0]);
+                            if own != 0 && own == id(pair[1]) && beside.iter().all(|&c| id(c) != own) {
+                                reserve(&mut numbers, 2, "thin voxels")?;
+                                numbers.extend(pair.map(number));
+                            }
                         }
                     }
                 }
@@ -288,6 +305,15 @@ fn contacts(rows: &Rows, check: Check<'_>) -> Result<Vec<u32>> {
     });
     let layers: Vec<Vec<u32>> = layers.collect::<Result<_>>()?;
     Ok(layers.concat())
+}
+
+/// The places of the ones of a word, from the lowest on.
+fn ones(mut word: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = word.trailing_zeros() as usize;
+        word &= word.wrapping_sub(1);
+        (place < 64).then_some(place)
+    })
 }
 
 /// Edges of the cubes, in voxels: about a third apart, all from 2 to 4.
