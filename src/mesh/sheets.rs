@@ -102,15 +102,16 @@ impl Sheets {
                 }
                 start = end;
             }
-            Ok((umbrellas.open_edges, umbrellas.pinches, umbrellas.touches, umbrellas.euler.sums()))
+            let Umbrellas { open_edges, pinches, touches, euler, .. } = umbrellas;
+            Ok((Self { open_edges, pinches, touches, ..Self::default() }, euler.sums()))
         };
         let chunks = (0..mesh.points.len().div_ceil(CHUNK)).into_par_iter();
-        let pieces: Vec<(u64, Vec<Pinch>, Vec<Touch>, Sums<i64>)> = chunks.map(measure).collect::<Result<_>>()?;
+        let pieces: Vec<(Self, Sums<i64>)> = chunks.map(measure).collect::<Result<_>>()?;
         let mut sheets = Self { euler: vec![0; components.list.len()], ..Self::default() };
-        for (open_edges, pinches, touches, euler) in pieces {
-            sheets.open_edges += open_edges;
-            sheets.pinches.extend(pinches);
-            sheets.touches.extend(touches);
+        for (piece, euler) in pieces {
+            sheets.open_edges += piece.open_edges;
+            sheets.pinches.extend(piece.pinches);
+            sheets.touches.extend(piece.touches);
             euler.into_iter().for_each(|(component, part)| sheets.euler[component as usize] += part);
         }
         // Around one vertex they come in no particular order.
