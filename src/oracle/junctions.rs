@@ -149,7 +149,7 @@ impl JunctionPlanes<'_> {
         let (parts, through) = match self.cuts {
             Cuts::Spaced(spacing_at) => {
                 let center = self.oracle.world_point(low_corner(cell) + 0.5);
-                let parts = (self.oracle.spacing[axis] / spacing_at(center)).round();
+                let parts = (self.oracle.spacing[axis] / spacing_at(center)).ceil();
                 (parts.clamp(1.0, MOST_PARTS) as usize, None)
             }
             Cuts::Through(x) => {

@@ -24,7 +24,7 @@ use crate::oracle::{EdgeGrid, JunctionKind, Oracle};
 /// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
 const SPACING: f64 = 0.6;
 /// Distance of the planes on which candidates lie, in spacings.
-const FINENESS: f64 = 0.8;
+const FINENESS: f64 = 0.4;
 
 /// The points of the junctions of a slab.
 #[derive(Default)]

@@ -257,8 +257,7 @@ impl<'a> Rules<'a> {
         if labels.contains(&LABEL_UNKNOWN) {
             return None;
         }
-        let misshapen = vertices.iter().any(|&v| self.triangulation.vertex(v).kind() != VertexKind::Isovertex)
-            || has_angle_below(a, b, c, self.facet_cosine_squared);
+        let misshapen = self.is_misshapen(vertices, facet);
         if !misshapen && !self.strays(facet, [here.center, there.center], labels, asked) {
             return None;
         }
@@ -277,6 +276,34 @@ impl<'a> Rules<'a> {
         let point = self.instead_of(x, x.distance(a));
         let start = if here.contains(point) == Some(true) { t } else { neighbor.tet() };
         Some(Demand { rule: Rule::R3, point, kind: VertexKind::Isovertex, start, across: Some(across) })
+    }
+
+    /// Whether an interface facet has a vertex that is no isovertex, or too small an angle.
+    #[inline(always)]
+    fn is_misshapen(&self, vertices: [VertexId; 3], [a, b, c]: [DVec3; 3]) -> bool {
+        vertices.iter().any(|&v| self.triangulation.vertex(v).kind() != VertexKind::Isovertex)
+            || has_angle_below(a, b, c, self.facet_cosine_squared)
+    }
+
+    /// The misshapen interface facets of a living tet of a triangulation at rest that R3 is not asked of, because this tet or that across is too flat to have a circumcenter. Each counts with the tet of greater id.
+    pub fn undecided_facets(&self, t: TetId) -> u64 {
+        if !self.triangulation.is_living(t) {
+            return 0;
+        }
+        let record = self.triangulation.tet(t);
+        let is_undecided = |i: &usize| {
+            let neighbor = record.neighbor(*i);
+            if neighbor.is_none() || neighbor.tet() >= t {
+                return false;
+            }
+            let is_certain = |u: TetId| self.triangulation.tet(u).sphere().is_certain();
+            if is_certain(t) && is_certain(neighbor.tet()) || self.label(t) == self.label(neighbor.tet()) {
+                return false;
+            }
+            let vertices = FACET[*i].map(|k| record.vertices()[k]);
+            self.is_misshapen(vertices, vertices.map(|v| self.triangulation.position(v)))
+        };
+        (0..4).filter(is_undecided).count() as u64
     }
 
     /// What is inserted for a surface center `x`, `radius` from the nearest vertices. The point of a junction close to it: a vertex beside the junction, as far from it as its samples are from each

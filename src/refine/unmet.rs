@@ -18,7 +18,7 @@ const PIECE: u32 = 1 << 12;
 /// The sweep fetches the neighbours of the tet this many slots ahead: they lie anywhere.
 const AHEAD: u32 = 8;
 
-/// Counts the tets to which a rule still applies, by rule. A tet of the object that is too flat for its circumcenter to be computed counts under R4; under
+/// Counts the tets to which a rule still applies, by rule. A tet of the object that is too flat for its circumcenter to be computed counts under R4, and each misshapen interface facet of such a tet under R3; under
 /// R1 count the crossed edges of the image's grid that have no isovertex within delta.
 ///
 /// # Errors
@@ -34,6 +34,7 @@ pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]>
             if let Some(rule) = rules.unmet_rule(t) {
                 unmet[rule as usize] += 1;
             }
+            unmet[Rule::R3 as usize] += rules.undecided_facets(t);
         }
         Ok(unmet)
     });

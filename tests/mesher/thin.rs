@@ -3,10 +3,11 @@
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
 use lapd::mesh::DefectKind;
-use lapd::mesher::Meshing;
+use lapd::mesher::{Meshing, mesh_image};
+use lapd::monitor::Monitor;
 use lapd::params::MeshParams;
 
-use super::{mesh, params, run};
+use super::{mesh, params};
 
 /// Every component of the image is one of the mesh, and bounded alike.
 fn assert_same_topology(meshing: &Meshing, what: &str) {
@@ -62,9 +63,10 @@ fn blocks_of_eight_voxels_have_tets() {
     let meshing = mesh(&image, &MeshParams { size: 8.0, ..params(3.0) });
     assert_eq!(meshing.report.certificate.labels[0].components_image, 64);
     assert_same_topology(&meshing, "blocks");
-    // Without adapting none or few are found.
-    let meshing = run(&image, &MeshParams { size: 8.0, adaptive: false, ..params(3.0) });
-    assert!(meshing.report.certificate.labels[0].components_lost > 32);
+    // Without adapting none is found.
+    let uniform = MeshParams { size: 8.0, adaptive: false, ..params(3.0) };
+    let error = mesh_image(&image, &uniform, &Monitor::silent()).unwrap_err();
+    assert!(error.to_string().contains("too coarse"), "{error}");
 }
 
 #[test]
