@@ -252,7 +252,7 @@ impl<'a> Rules<'a> {
         }
         let across = Across { facet: neighbor, center: there.center, label: other.tag() };
         let vertices = FACET[i].map(|k| vertices[k]);
-        let facet @ [a, b, c] = vertices.map(|v| self.triangulation.position(v));
+        let facet @ [a, ..] = vertices.map(|v| self.triangulation.position(v));
         let labels = [record.tag(), across.label];
         if labels.contains(&LABEL_UNKNOWN) {
             return None;
