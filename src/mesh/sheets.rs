@@ -50,7 +50,7 @@ impl Pinch {
 }
 
 /// A vertex or edge where tets of one label touch that are not joined there as in a solid.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Touch {
     /// Whether it is an edge, and not a vertex.
     pub is_edge: bool,
@@ -80,7 +80,7 @@ pub struct Sheets {
     pub euler: Vec<i64>,
     /// In the order of their vertices.
     pub pinches: Vec<Pinch>,
-    /// In no particular order.
+    /// Sorted.
     pub touches: Vec<Touch>,
 }
 
@@ -116,6 +116,8 @@ impl Sheets {
         }
         // Around one vertex they come in no particular order.
         sheets.pinches.sort_unstable();
+        sheets.touches.iter_mut().for_each(|touch| touch.parts.sort_unstable());
+        sheets.touches.sort_unstable();
         Ok(sheets)
     }
 }
