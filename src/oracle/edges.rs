@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::{Oracle, bricks::Bricks};
+use super::{Oracle, bricks::Bricks, weights::hash};
 use crate::Result;
 
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the surface model has no detail left.
@@ -16,6 +16,9 @@ const MOST_PARTS: f64 = 8.0;
 
 /// Least layers of bricks of a slab: thinner ones have more neighbours to ask than there are threads to gain.
 const LEAST_LAYERS: usize = 2;
+
+/// How far a saddle is moved along each axis, in voxels: on the grid itself they would be massively cocircular.
+const MOST_MOVE: f64 = 0.05;
 
 /// Of the face of a cell across each axis, on the side of its first corner: the corners across from each other, as bits, the first among them, and the others.
 const LOWER_DIAGONALS: [(u32, u32); 3] =
@@ -100,7 +103,7 @@ impl EdgeGrid<'_> {
         })
     }
 
-    /// Calls `visit` for the middle of each edge between voxels of a row around which two labels alternate, in world coordinates. The rows hold each once. Intensities and probabilities say themselves what is joined there: with
+    /// Calls `visit` for a point near the middle of each edge between voxels of a row around which two labels alternate, in world coordinates. The rows hold each once. Intensities and probabilities say themselves what is joined there: with
     /// these there are none.
     ///
     /// # Errors
@@ -119,7 +122,10 @@ impl EdgeGrid<'_> {
                 if alternates {
                     let mut x = DVec3::from(cell.map(|c| c as f64)) + 0.5;
                     x[axis] -= 0.5;
-                    visit(self.oracle.world_point(x))?;
+                    let random = hash(cell) ^ (axis as u64) << 50;
+                    let move_by =
+                        |a: usize| ((random >> (16 * a) & 0xffff) as f64 / f64::from(1 << 15) - 1.0) * MOST_MOVE;
+                    visit(self.oracle.world_point(x + DVec3::new(move_by(0), move_by(1), move_by(2))))?;
                 }
             }
             Ok(())

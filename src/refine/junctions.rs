@@ -15,6 +15,7 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::cell_table::MAX_HEADS;
 use super::sampling::thinned;
 use super::sizing::Sizing;
 use crate::Result;
@@ -79,12 +80,16 @@ pub(super) fn sample_junctions(
     if found.iter().all(Candidates::is_empty) {
         return Ok(none());
     }
-    let thin = |seeds: &[Vec<DVec3>], points: fn(&Candidates) -> &[DVec3]| {
-        thinned(sizing, SPACING, grid, slabs, seeds, |slab, offer| {
+    let thin = |seeds: Vec<Vec<DVec3>>, points: fn(&Candidates) -> &[DVec3]| {
+        let count = found.iter().map(|of_slab| points(of_slab).len()).sum::<usize>();
+        if count == 0 {
+            return Ok(seeds);
+        }
+        thinned(sizing, SPACING, grid, slabs, &seeds, count.min(MAX_HEADS / 4), |slab, offer| {
             points(&found[slab]).iter().try_for_each(|&p| offer(p, &|| p))
         })
     };
-    let corners = thin(&none(), |found| &found.corners)?;
-    let lines = thin(&corners, |found| &found.lines)?;
-    thin(&lines, |found| &found.saddles)
+    let corners = thin(none(), |found| &found.corners)?;
+    let lines = thin(corners, |found| &found.lines)?;
+    thin(lines, |found| &found.saddles)
 }

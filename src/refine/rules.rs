@@ -9,6 +9,7 @@
 
 use glam::DVec3;
 
+use super::cell_table::MAX_HEADS;
 use super::sizing::Sizing;
 use super::vertex_grid::VertexGrid;
 use crate::Result;
@@ -138,7 +139,7 @@ impl<'a> Rules<'a> {
         let rules = Self {
             triangulation,
             oracle,
-            free_vertices: VertexGrid::new(triangulation, VertexKind::Free, 4.0 * params.delta)?,
+            free_vertices: VertexGrid::new(triangulation, VertexKind::Free, 4.0 * params.delta, MAX_HEADS)?,
             sizing: Sizing::uniform(params.delta),
             large_squared: 0.0,
             radius_edge_squared: params.radius_edge * params.radius_edge,

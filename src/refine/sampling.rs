@@ -83,7 +83,8 @@ pub fn sample_isosurface(
     // Samples of two slabs with one between them are delta apart, and that one reaches no further.
     let slabs = grid.slabs(2.0 * delta);
     let junctions = sample_junctions(oracle, sizing, &grid, &slabs, &go_on)?;
-    let samples = thinned(sizing, 1.0, &grid, &slabs, &junctions, |slab, offer| {
+    // A quarter of what the grid of vertices may have: there are fewer samples than vertices, and a limit of memory counts them only when all are there.
+    let samples = thinned(sizing, 1.0, &grid, &slabs, &junctions, MAX_HEADS / 4, |slab, offer| {
         for row in grid.slab_rows(&slabs[slab]) {
             go_on()?;
             grid.visit_row(row, |edge| offer(edge.point, &|| moved(oracle, sizing.at(edge.point), &edge)))?;
@@ -94,7 +95,7 @@ pub fn sample_isosurface(
 }
 
 /// A net of points in each slab: the seeds, and what `fill` offers for a slab, where nothing within the spacing is in a net yet. An offer is a point, and a function that makes of it what
-/// comes into the net. The spacing is that of `sizing` times `part`.
+/// comes into the net. The spacing is that of `sizing` times `part`. All nets together have `most_heads` chains at most.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; those of `fill`.
@@ -104,10 +105,10 @@ pub(super) fn thinned(
     grid: &EdgeGrid<'_>,
     slabs: &[Range<usize>],
     seeds: &[Vec<DVec3>],
+    most_heads: usize,
     fill: impl Fn(usize, &mut dyn FnMut(DVec3, &dyn Fn() -> DVec3) -> Result<()>) -> Result<()> + Sync,
 ) -> Result<Vec<Vec<DVec3>>> {
-    // Half of what the grid of vertices may have: there are fewer samples than vertices.
-    let most_heads = (MAX_HEADS / 2 / slabs.len()).max(1);
+    let most_heads = (most_heads / slabs.len()).max(1);
     let nets = in_two_colors(slabs.len(), |slab, before: &[&Net]| {
         let mut net = Net::new(part * sizing.greatest(), grid.slab_bounds(&slabs[slab]), most_heads)?;
         seeds[slab].iter().try_for_each(|&p| net.push(p))?;

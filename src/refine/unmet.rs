@@ -6,6 +6,7 @@
 
 use rayon::prelude::*;
 
+use super::cell_table::MAX_HEADS;
 use super::rules::{Facets, Lookups, Rule, Rules};
 use super::vertex_grid::VertexGrid;
 use crate::Result;
@@ -55,8 +56,11 @@ impl Rules<'_> {
 
     /// How many crossed edges of the image's grid have no isovertex within delta: where R1 is unmet.
     fn uncovered_edges(&self, monitor: &Monitor<'_>) -> Result<u64> {
-        let isovertices = VertexGrid::new(self.triangulation, VertexKind::Isovertex, 2.0 * self.sizing.greatest())?;
         let bound = self.triangulation.vertex_bound();
+        // Chains of about one vertex: the triangulation and the mesh are there as well, so memory is short.
+        let heads = (bound as usize).clamp(1, MAX_HEADS);
+        let cell = 2.0 * self.sizing.greatest();
+        let isovertices = VertexGrid::new(self.triangulation, VertexKind::Isovertex, cell, heads)?;
         (0..bound.div_ceil(PIECE)).into_par_iter().try_for_each(|piece| {
             monitor.check_cancelled()?;
             for v in piece * PIECE..((piece + 1) * PIECE).min(bound) {

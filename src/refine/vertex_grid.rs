@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU32, Ordering::*};
 
 use glam::DVec3;
 
-use super::cell_table::{CellTable, MAX_HEADS};
+use super::cell_table::CellTable;
 use crate::Result;
 use crate::delaunay::chunked::{CHUNK, Chunked};
 use crate::delaunay::tet::NO_VERTEX;
@@ -25,12 +25,12 @@ pub struct VertexGrid {
 }
 
 impl VertexGrid {
-    /// A grid over the triangulation's box, for vertices of `kind`; queries with radii up to half of `cell` look at no more than eight cells.
+    /// A grid over the triangulation's box, for vertices of `kind`, with no more than `most_heads` chains, at least 1; queries with radii up to half of `cell` look at no more than eight cells.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
-    pub fn new(triangulation: &Triangulation, kind: VertexKind, cell: f64) -> Result<Self> {
-        let cells = CellTable::new(triangulation.lower(), triangulation.upper(), cell, MAX_HEADS);
+    pub fn new(triangulation: &Triangulation, kind: VertexKind, cell: f64, most_heads: usize) -> Result<Self> {
+        let cells = CellTable::new(triangulation.lower(), triangulation.upper(), cell, most_heads);
         let mut no_chains = room(cells.heads(), "cells of a vertex grid")?;
         no_chains.resize_with(cells.heads(), || AtomicU32::new(NO_VERTEX));
         Ok(Self { kind, cells, heads: no_chains, next: Chunked::with_capacity(crate::delaunay::tet::MAX_TETS / 4)? })
