@@ -174,13 +174,34 @@ pub unsafe extern "C" fn lapd_image_create(
             let out = Out::new(image, "image")?;
             let voxel_type = lapd_voxel_type::from_number(voxel_type)?;
             let dims = array(dims, "dims")?;
-            let strides = if strides.is_null() { None } else { Some(array(strides, "strides")?) };
+            let strides = strides_of(strides)?;
             let frame = frame_of(origin, spacing, direction)?;
             let image = copy_voxels(data, voxel_type, dims, strides, frame)?;
-            out.set(Box::into_raw(Box::new(lapd_image { image, warnings: Vec::new() })));
+            out.set(handle(image, Vec::new()));
             Ok(())
         })
     }
+}
+
+/// What the caller owns; warnings with a zero byte, of which C has no string, are left out.
+pub(super) fn handle(image: LabelImage, warnings: Vec<String>) -> *mut lapd_image {
+    let warnings = warnings.into_iter().filter_map(|line| CString::new(line).ok()).collect();
+    Box::into_raw(Box::new(lapd_image { image, warnings }))
+}
+
+/// Hands warnings to the log.
+pub(super) fn tell(context: &lapd_context, warnings: &[String]) {
+    let callbacks = context.callbacks();
+    warnings.iter().for_each(|warning| callbacks.log(lapd_log_level::LAPD_LOG_WARNING, warning));
+}
+
+/// Strides that may be left out.
+///
+/// # Safety
+/// As [`array`].
+pub(super) unsafe fn strides_of(strides: *const isize) -> Outcome<Option<[isize; 3]>> {
+    // SAFETY: passed on to the caller.
+    if strides.is_null() { Ok(None) } else { unsafe { array(strides, "strides") }.map(Some) }
 }
 
 fn rows_to_matrix(rows: [f64; 9]) -> DMat3 {
@@ -208,12 +229,8 @@ pub unsafe extern "C" fn lapd_image_read(
         with_context(context, |context| {
             let out = Out::new(image, "image")?;
             let read = read_image(to_path(c_str(path, "path")?)?)?;
-            let callbacks = context.callbacks();
-            for warning in &read.warnings {
-                callbacks.log(lapd_log_level::LAPD_LOG_WARNING, warning);
-            }
-            let warnings = read.warnings.into_iter().filter_map(|line| CString::new(line).ok()).collect();
-            out.set(Box::into_raw(Box::new(lapd_image { image: read.image, warnings })));
+            tell(context, &read.warnings);
+            out.set(handle(read.image, read.warnings));
             Ok(())
         })
     }

@@ -2,12 +2,12 @@
 //!
 //! They are images like any other afterwards: what differs is where smooth interfaces lie.
 
-use std::ffi::{CStr, CString, c_char};
+use std::ffi::{CStr, c_char};
 use std::path::Path;
 
 use super::boundary::{Failure, Out, Outcome, array, c_str, slice};
-use super::context::{lapd_context, lapd_log_level, with_context};
-use super::image::{frame_of, lapd_image, strided, to_path};
+use super::context::{lapd_context, with_context};
+use super::image::{frame_of, handle, lapd_image, strided, strides_of, tell, to_path};
 use super::status::lapd_status;
 use crate::image::readers::ReadOptions;
 use crate::image::readers::values::{read_gray, read_probabilities};
@@ -48,11 +48,6 @@ unsafe fn copy_numbers(
 unsafe fn optional_labels<'a>(labels: *const i32, count: usize) -> Outcome<Option<&'a [i32]>> {
     // SAFETY: passed on to the caller.
     if labels.is_null() { Ok(None) } else { unsafe { slice(labels, count, "labels") }.map(Some) }
-}
-
-fn handle(image: LabelImage, warnings: Vec<String>) -> *mut lapd_image {
-    let warnings = warnings.into_iter().filter_map(|line| CString::new(line).ok()).collect();
-    Box::into_raw(Box::new(lapd_image { image, warnings }))
 }
 
 /// The most likely labels, and a warning for maps that win nowhere.
@@ -99,7 +94,7 @@ pub unsafe extern "C" fn lapd_image_create_gray(
         with_context(context, |_| {
             let out = Out::new(image, "image")?;
             let dims = array(dims, "dims")?;
-            let strides = if strides.is_null() { None } else { Some(array(strides, "strides")?) };
+            let strides = strides_of(strides)?;
             let frame = frame_of(origin, spacing, direction)?;
             let isovalues = slice(isovalues, isovalue_count, "isovalues")?;
             let labels = optional_labels(labels, isovalue_count)?;
@@ -146,7 +141,7 @@ pub unsafe extern "C" fn lapd_image_create_probabilities(
             let maps = slice(maps, map_count, "maps")?;
             let labels = slice(labels, map_count, "labels")?;
             let dims = array(dims, "dims")?;
-            let strides = if strides.is_null() { None } else { Some(array(strides, "strides")?) };
+            let strides = strides_of(strides)?;
             let frame = frame_of(origin, spacing, direction)?;
             let copied = maps.iter().enumerate();
             let copied = copied.map(|(n, &map)| copy_numbers(map, dims, strides, &format!("maps[{n}]")));
@@ -224,10 +219,4 @@ pub unsafe extern "C" fn lapd_image_read_probabilities(
             Ok(())
         })
     }
-}
-
-/// Hands warnings to the log.
-fn tell(context: &lapd_context, warnings: &[String]) {
-    let callbacks = context.callbacks();
-    warnings.iter().for_each(|warning| callbacks.log(lapd_log_level::LAPD_LOG_WARNING, warning));
 }
