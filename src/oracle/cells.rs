@@ -13,6 +13,7 @@ use crate::{Result, memory::zeroed};
 
 /// A set of cells of the region; bit i of row (j, k) is the cell between voxels (i, j, k) and (i + 1, j + 1, k + 1). There is a row for each row of voxels; the last cell of each axis
 /// lies outside of the region, and is uniform.
+#[derive(Clone, Debug)]
 pub(super) struct Cells {
     words: usize,
     rows: [usize; 2],
@@ -39,6 +40,49 @@ impl Cells {
             Ok(())
         })?;
         Ok(Self { words, rows: [ny, nz], bits })
+    }
+
+    /// No cells, at no cost.
+    pub(super) fn none() -> Self {
+        Self { words: 0, rows: [0; 2], bits: Vec::new() }
+    }
+
+    /// Leaves those cells that `keep` tells.
+    ///
+    /// # Errors
+    /// Whatever `check` returns.
+    pub(super) fn retain(
+        &mut self,
+        keep: impl Fn([usize; 3]) -> bool + Sync,
+        check: &(dyn Fn() -> Result<()> + Sync),
+    ) -> Result<()> {
+        let Self { words, rows: [_, nz], .. } = *self;
+        self.bits.par_chunks_mut(words * nz).enumerate().try_for_each(|(j, layer)| {
+            check()?;
+            for (at, word) in layer.iter_mut().enumerate() {
+                let (k, i) = (at / words, 64 * (at % words));
+                *word = ones(*word).filter(|&bit| keep([i + bit, j, k])).fold(0, |word, bit| word | 1 << bit);
+            }
+            Ok(())
+        })
+    }
+
+    /// A bit for each of `count` cells from `first` on, at most 64: whether it is in the set.
+    #[inline]
+    pub(super) fn bits(&self, [i, j, k]: [usize; 3], count: usize) -> u64 {
+        if self.words == 0 {
+            return 0;
+        }
+        let row = self.row(j, k);
+        let word = |w: usize| row.get(w).copied().unwrap_or(0);
+        let (w, shift) = (i / 64, i % 64);
+        // The word after it, by two shifts: one by 64 would be none.
+        (word(w) >> shift | word(w + 1) << 1 << (63 - shift)) & (u64::MAX >> (64 - count))
+    }
+
+    /// Bytes of memory held.
+    pub(super) fn held(&self) -> usize {
+        size_of::<u64>() * self.bits.len()
     }
 
     /// Bytes that one set of a region of `dims` voxels takes.
@@ -78,6 +122,17 @@ impl Cells {
         })?;
         Ok(Self { bits, ..*self })
     }
+}
+
+/// The places of the bits of a word, from the lowest on.
+#[inline]
+pub(super) fn ones(mut word: u64) -> impl Iterator<Item = usize> + Clone {
+    std::iter::from_fn(move || {
+        let bit = word.trailing_zeros() as usize;
+        // 0 has no lowest bit.
+        word &= word.wrapping_sub(1);
+        (bit < 64).then_some(bit)
+    })
 }
 
 /// A bit for each of 64 cells: whether its corners differ.

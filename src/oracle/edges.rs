@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::{Oracle, bricks::Bricks, weights::hash};
+use super::{Oracle, bricks::Bricks, cells::ones, voxel::Voxel, weights::hash};
 use crate::Result;
 
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the surface model has no detail left.
@@ -23,6 +23,12 @@ const MOST_MOVE: f64 = 0.05;
 /// Of the face of a cell across each axis, on the side of its first corner: the corners across from each other, as bits, the first among them, and the others.
 const LOWER_DIAGONALS: [(u32, u32); 3] =
     [(1 << 0 | 1 << 6, 1 << 2 | 1 << 4), (1 << 0 | 1 << 5, 1 << 1 | 1 << 4), (1 << 0 | 1 << 3, 1 << 1 | 1 << 2)];
+
+/// Whether, of the face of a mixed cell across an axis on the side of its first corner, the first corner and the one across from it have one label, and the others have others.
+pub(super) fn has_diagonal(cell: Voxel, axis: usize) -> bool {
+    let (across, beside) = LOWER_DIAGONALS[axis];
+    cell.first_corners() & (across | beside) == across
+}
 
 /// An edge of the grid, between points of different labels.
 #[derive(Clone, Copy, Debug)]
@@ -112,14 +118,10 @@ impl EdgeGrid<'_> {
         if self.searches {
             return Ok(());
         }
-        self.oracle.visit_mixed_cells(row, |cell| {
+        self.oracle.visit_junction_cells(row, |cell| {
             let record = self.oracle.at(cell);
-            // Corners with the label of the first, which is one of each of these faces.
-            let first = record.first_corners();
-            for (axis, (across, beside)) in LOWER_DIAGONALS.into_iter().enumerate() {
-                let of_first = first & (across | beside);
-                let alternates = of_first == across && (record.is_two() || self.has_one_label(cell, beside));
-                if alternates {
+            for (axis, (_, beside)) in LOWER_DIAGONALS.into_iter().enumerate() {
+                if has_diagonal(record, axis) && (record.is_two() || self.has_one_label(cell, beside)) {
                     let mut x = DVec3::from(cell.map(|c| c as f64)) + 0.5;
                     x[axis] -= 0.5;
                     let random = hash(cell) ^ (axis as u64) << 50;
@@ -200,17 +202,39 @@ impl EdgeGrid<'_> {
 impl Oracle {
     /// Calls `visit` for the mixed cells of one row of bricks of voxels, brick after brick.
     #[inline(always)]
-    pub(super) fn visit_mixed_cells(&self, row: usize, mut visit: impl FnMut([usize; 3]) -> Result<()>) -> Result<()> {
+    fn visit_mixed_cells(&self, row: usize, visit: impl FnMut([usize; 3]) -> Result<()>) -> Result<()> {
+        let is_mixed = |cell: [usize; 3]| {
+            let [i, j, k] = cell;
+            let along_x = &self.voxels[self.bricks.index(i, j, k)..][..Bricks::EDGE];
+            let bits = along_x.iter().enumerate().fold(0, |bits, (n, voxel)| bits | u64::from(voxel.rings() == 0) << n);
+            // Beyond the last cell are voxels without one, and those by which bricks are filled up.
+            bits & ((1 << (self.bricks.dims()[0] - 1 - i).min(Bricks::EDGE)) - 1)
+        };
+        self.visit_cells(row, is_mixed, visit)
+    }
+
+    /// As [`Self::visit_mixed_cells`], for those cells that can have points of junctions, or saddles.
+    #[inline(always)]
+    pub(super) fn visit_junction_cells(&self, row: usize, visit: impl FnMut([usize; 3]) -> Result<()>) -> Result<()> {
+        self.visit_cells(row, |cell| self.junction_cells.bits(cell, Bricks::EDGE), visit)
+    }
+
+    /// Calls `visit` for cells of one row of bricks, brick after brick: those that `among` tells, by bits, of the cells of a brick from one on along x.
+    #[inline(always)]
+    fn visit_cells(
+        &self,
+        row: usize,
+        among: impl Fn([usize; 3]) -> u64,
+        mut visit: impl FnMut([usize; 3]) -> Result<()>,
+    ) -> Result<()> {
         let [nx, ny, nz] = self.bricks.dims();
         let per_layer = nz.div_ceil(Bricks::EDGE);
         let along = |brick: usize, count: usize| brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1);
-        for brick in 0..nx.div_ceil(Bricks::EDGE) {
+        for first in (0..nx - 1).step_by(Bricks::EDGE) {
             for j in along(row / per_layer, ny) {
                 for k in along(row % per_layer, nz) {
-                    for i in along(brick, nx) {
-                        if self.at([i, j, k]).rings() == 0 {
-                            visit([i, j, k])?;
-                        }
+                    for n in ones(among([first, j, k])) {
+                        visit([first + n, j, k])?;
                     }
                 }
             }

@@ -9,6 +9,8 @@
 //!
 //! In the voxel model lines run from the centres of cells, where eight voxels meet, to the centres of faces of cells around which three or more labels are; of the centres themselves only those on walls are given.
 //!
+//! Which cells there are to be looked at is kept as a set of bits: [`is_junction_cell`].
+//!
 //! Not junctions: lines in which the boundary of a label touches itself between two labels. Nor are those of images of intensities or probabilities looked for, whose indicators are others.
 //!
 //! Cost: a microsecond or so for a cell of three labels or more; others are passed over.
@@ -16,8 +18,12 @@
 use glam::DVec3;
 
 use super::Oracle;
+use super::border::Border;
+use super::cells::ones;
+use super::edges::has_diagonal;
 use super::indicator::Corners;
 use super::ties::{Cube, Square};
+use super::voxel::Voxel;
 use super::weights::hash;
 use crate::Result;
 use crate::params::SurfaceModel;
@@ -69,25 +75,43 @@ impl Oracle {
         let beside = x + BESIDE * reach * random_of(p) / self.spacing;
         let planes = JunctionPlanes { oracle: self, cuts: Cuts::Through(beside) };
         let last = self.last - 1.0;
-        let cell_of = |x: DVec3| x.floor().clamp(DVec3::ZERO, last).to_array().map(|c| c as usize);
-        let (low, high) = (cell_of(x - reach / self.spacing), cell_of(x + reach / self.spacing));
+        let cell_of = |x: DVec3| x.max(DVec3::ZERO).min(last).to_array().map(|c| c as usize);
+        let [low, high, cut] = [x - reach / self.spacing, x + reach / self.spacing, beside].map(cell_of);
         let (mut nearest, mut squared) = (None, reach * reach);
         let mut ties = Vec::new();
         for j in low[1]..=high[1] {
             for k in low[2]..=high[2] {
-                for i in (low[0]..=high[0]).filter(|&i| self.at([i, j, k]).rings() == 0) {
-                    // Never an error.
-                    let _ = planes.visit_mixed_cell([i, j, k], &mut ties, &mut |_, x| {
-                        let q = self.world_point(x);
-                        if q.distance_squared(p) < squared {
-                            (nearest, squared) = (Some(q), q.distance_squared(p));
+                let mut first = low[0];
+                while first <= high[0] {
+                    let count = (high[0] + 1 - first).min(64);
+                    for n in ones(self.junction_cells.bits([first, j, k], count)) {
+                        let cell = [first + n, j, k];
+                        // At a wall corners are known without planes.
+                        let is_cut = (0..3).any(|a| cell[a] == cut[a]) || !self.walls.leaves(cell);
+                        if !is_cut || self.squared_distance_to_cell(x, cell) >= squared {
+                            continue;
                         }
-                        Ok(())
-                    });
+                        // Never an error.
+                        let _ = planes.visit_mixed_cell(cell, &mut ties, &mut |_, x| {
+                            let q = self.world_point(x);
+                            if q.distance_squared(p) < squared {
+                                (nearest, squared) = (Some(q), q.distance_squared(p));
+                            }
+                            Ok(())
+                        });
+                    }
+                    first += count;
                 }
             }
         }
         nearest
+    }
+
+    /// The squared distance, in world units, from a point to a cell, but for rounding.
+    fn squared_distance_to_cell(&self, x: DVec3, cell: [usize; 3]) -> f64 {
+        let from = x - low_corner(cell);
+        let beside = (-from).max(from - 1.0).max(DVec3::ZERO);
+        (beside * self.spacing).length_squared() * (1.0 - 1e-9)
     }
 }
 
@@ -118,11 +142,13 @@ impl JunctionPlanes<'_> {
     /// What `visit` returns; the first ends the visit.
     pub fn visit_row(&self, row: usize, mut visit: impl FnMut(JunctionKind, DVec3) -> Result<()>) -> Result<()> {
         let mut ties = Vec::new();
-        self.oracle.visit_mixed_cells(row, |cell| {
+        self.oracle.visit_junction_cells(row, |cell| {
             self.visit_mixed_cell(cell, &mut ties, &mut |kind, x| visit(kind, self.oracle.world_point(x)))
         })
     }
 
+    // Not inlined: what it needs of a cell would be computed for every row of cells, most of which have none.
+    #[inline(never)]
     fn visit_mixed_cell(
         &self,
         cell: [usize; 3],
@@ -130,10 +156,9 @@ impl JunctionPlanes<'_> {
         visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
     ) -> Result<()> {
         let oracle = self.oracle;
-        // Two labels meet in no line, but where a wall cuts their interface.
-        let is_two = oracle.at(cell).is_two();
         let at_wall = !oracle.walls.leaves(cell);
-        if is_two && !at_wall || oracle.field.is_some() {
+        // Of two labels it is here for a saddle: they meet in no line, but where a wall cuts their interface.
+        if oracle.at(cell).is_two() && !at_wall {
             return Ok(());
         }
         let corners = oracle.corners(cell);
@@ -314,6 +339,11 @@ impl JunctionPlanes<'_> {
         }
         Ok(())
     }
+}
+
+/// Whether a mixed cell can have points of junctions, or a saddle at its lower faces: with three labels or more, at a wall, and where two alternate.
+pub(super) fn is_junction_cell(record: Voxel, cell: [usize; 3], walls: &Border) -> bool {
+    !record.is_two() || !walls.leaves(cell) || (0..3).any(|axis| has_diagonal(record, axis))
 }
 
 /// A vector with coordinates between -1 and 1 that looks random and depends on `p` alone.

@@ -46,6 +46,7 @@ use bricks::Bricks;
 use cells::Cells;
 pub use edges::{CrossedEdge, EdgeGrid};
 use field::Field;
+use junctions::is_junction_cell;
 pub use junctions::{JunctionKind, JunctionPlanes};
 use region::{Region, Rows};
 use voxel::{Pairs, Voxel};
@@ -92,6 +93,8 @@ pub struct Oracle {
     bricks: Bricks,
     /// The voxels of the region, in the bricked layout.
     voxels: Vec<Voxel>,
+    /// The mixed cells that can have points of junctions, or saddles; none with a field.
+    junction_cells: Cells,
     /// What the smooth model interpolates where that is not the indicators of labels. Then no record says that a cell has two labels, which leaves mixed cells to the field.
     field: Option<Field>,
     /// Weight of each dense id in the smooth model; empty in the voxel model, and with a field.
@@ -128,7 +131,7 @@ impl Oracle {
         let rows = Rows::new(image, &region, check)?;
         let frame = image.frame();
         let spacing = frame.spacing();
-        let mixed = Cells::mixed(&rows, check)?;
+        let mut mixed = Cells::mixed(&rows, check)?;
         let Surface { model, border, sigma } = surface.into();
         let walls = match (border, model) {
             (ImageBorder::Smooth, SurfaceModel::Smooth) => Border::none(dims),
@@ -153,6 +156,14 @@ impl Oracle {
                 (Border::none(dims), voxels, Vec::new(), None)
             }
         };
+        let bricks = Bricks::new(dims);
+        let junction_cells = if field.is_some() {
+            Cells::none()
+        } else {
+            let record = |[i, j, k]: [usize; 3]| voxels[bricks.index(i, j, k)];
+            mixed.retain(|cell| is_junction_cell(record(cell), cell, &walls), check)?;
+            mixed
+        };
         let to_world = frame.direction() * DMat3::from_diagonal(spacing);
         Ok(Self {
             model,
@@ -164,8 +175,9 @@ impl Oracle {
             last: DVec3::from(dims.map(|n| (n - 1) as f64)),
             border,
             walls,
-            bricks: Bricks::new(dims),
+            bricks,
             voxels,
+            junction_cells,
             field,
             greatest: weights.iter().copied().fold(1.0, f32::max),
             weights,
@@ -268,7 +280,8 @@ impl Oracle {
 
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
-        self.voxels.len() * size_of::<Voxel>() + self.field.as_ref().map_or(0, Field::bytes)
+        let records = self.voxels.len() * size_of::<Voxel>();
+        records + self.junction_cells.held() + self.field.as_ref().map_or(0, Field::bytes)
     }
 
     #[inline(always)]

@@ -9,6 +9,7 @@
 
 use glam::{DMat3, DVec3};
 
+use super::cells::ones;
 use super::indicator::Corners;
 
 /// Most labels of a cell.
@@ -22,26 +23,34 @@ const NEWTON_STEPS: usize = 20;
 /// How far outside of a cell Newton's method may look.
 const MARGIN: f64 = 0.25;
 
-/// Weighted indicators of the labels of a cell, by their values at its corners.
+/// Weighted indicators of the labels of a cell: of each its weight, and at each corner which of them is there.
 pub(super) struct Cube {
     count: usize,
-    values: [[f64; 8]; MOST],
+    weights: [f64; MOST],
+    labels: [u8; 8],
 }
 
 /// Weighted indicators of labels on a rectangle, given in [0, 1]^2, by their values at its corners; corner c lies at (c & 1, c >> 1).
 pub(super) struct Square {
-    count: usize,
+    /// A bit for each label that is somewhere on it.
+    present: u32,
     values: [[f64; 4]; MOST],
 }
 
 impl Cube {
     pub(super) fn new(ids: &Corners, weights: &[f32]) -> Self {
-        let (labels, count) = distinct(ids);
-        let mut values = [[0.0; 8]; MOST];
-        for (values, &label) in values.iter_mut().zip(&labels[..count]) {
-            *values = ids.map(|id| if id == label { f64::from(weights[usize::from(id)]) } else { 0.0 });
+        let mut cube = Self { count: 0, weights: [0.0; MOST], labels: [0; 8] };
+        for (c, id) in ids.iter().enumerate() {
+            cube.labels[c] = match ids[..c].iter().position(|other| other == id) {
+                Some(earlier) => cube.labels[earlier],
+                None => {
+                    cube.weights[cube.count] = f64::from(weights[usize::from(*id)]);
+                    cube.count += 1;
+                    cube.count as u8 - 1
+                }
+            };
         }
-        Self { count, values }
+        cube
     }
 
     /// How many labels there are.
@@ -52,14 +61,16 @@ impl Cube {
     /// The rectangle across the cube at `at` in [0, 1] on an axis. Its own axes are the next two, in cyclic order.
     pub(super) fn cut(&self, axis: usize, at: f64) -> Square {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let mut values = [[0.0; 4]; MOST];
-        for (square, cube) in values.iter_mut().zip(&self.values[..self.count]) {
-            for (c, value) in square.iter_mut().enumerate() {
-                let low = (c & 1) << u | (c >> 1) << v;
-                *value = cube[low] + (cube[low | 1 << axis] - cube[low]) * at;
+        let mut square = Square { present: 0, values: [[0.0; 4]; MOST] };
+        for c in 0..4 {
+            let low = (c & 1) << u | (c >> 1) << v;
+            for (corner, part) in [(low, 1.0 - at), (low | 1 << axis, at)] {
+                let label = usize::from(self.labels[corner]);
+                square.values[label][c] += part * self.weights[label];
+                square.present |= u32::from(part > 0.0) << label;
             }
         }
-        Square { count: self.count, values }
+        square
     }
 
     /// The point where four labels, given by their numbers, tie and no other is ahead; Newton's method from `start`.
@@ -91,10 +102,10 @@ impl Cube {
     }
 
     fn value_and_gradient(&self, label: usize, x: DVec3) -> (f64, DVec3) {
-        let v = &self.values[label];
+        let at_corner = self.weights[label];
         let parts = [0, 1, 2].map(|a| [1.0 - x[a], x[a]]);
         let (mut value, mut gradient) = (0.0, DVec3::ZERO);
-        for (c, &at_corner) in v.iter().enumerate().filter(|&(_, &value)| value != 0.0) {
+        for c in (0..8).filter(|&c| usize::from(self.labels[c]) == label) {
             let [p, q, r] = [0, 1, 2].map(|a| parts[a][c >> a & 1]);
             let sign = |a: usize| if c >> a & 1 == 1 { at_corner } else { -at_corner };
             value += at_corner * p * q * r;
@@ -106,45 +117,57 @@ impl Cube {
 
 impl Square {
     pub(super) fn new(ids: [u16; 4], weights: &[f32]) -> Self {
-        let (labels, count) = distinct(&ids);
-        let mut values = [[0.0; 4]; MOST];
-        for (values, &label) in values.iter_mut().zip(&labels[..count]) {
-            *values = ids.map(|id| if id == label { f64::from(weights[usize::from(id)]) } else { 0.0 });
+        let mut square = Self { present: 0, values: [[0.0; 4]; MOST] };
+        for (c, id) in ids.iter().enumerate() {
+            let label = ids.iter().position(|other| other == id).unwrap_or(c);
+            square.values[label][c] = f64::from(weights[usize::from(*id)]);
+            square.present |= 1 << label;
         }
-        Self { count, values }
+        square
+    }
+
+    /// The labels that are somewhere on the square, from number `from` on.
+    fn labels(&self, from: usize) -> impl Iterator<Item = usize> + Clone + use<> {
+        ones(u64::from(self.present) & u64::MAX << from)
     }
 
     /// Calls `visit` for each point where three labels tie and no other is ahead, with a bit for each of the three.
     pub(super) fn ties_of_three(&self, mut visit: impl FnMut(u32, [f64; 2])) {
-        // Labels that are absent at all corners are nowhere.
-        let mut present = [0; MOST];
-        let mut count = 0;
-        for label in 0..self.count {
-            if self.values[label].iter().any(|&value| value > 0.0) {
-                present[count] = label;
-                count += 1;
-            }
-        }
-        let present = &present[..count];
-        for (n, &a) in present.iter().enumerate() {
-            for (m, &b) in present.iter().enumerate().skip(n + 1) {
-                for &c in &present[m + 1..] {
-                    self.ties_of([a, b, c], present, &mut visit);
+        let apart = |a: usize, b: usize| {
+            let difference = Bilinear::difference(&self.values[a], &self.values[b]);
+            // Otherwise one of the two is ahead everywhere.
+            difference.has_zero().then_some(difference)
+        };
+        for a in self.labels(0) {
+            for b in self.labels(a + 1) {
+                let Some(p) = apart(a, b) else { continue };
+                for c in self.labels(b + 1) {
+                    if let Some(q) = apart(a, c)
+                        && apart(b, c).is_some()
+                    {
+                        self.ties_of([a, b, c], &p, &q, &mut visit);
+                    }
                 }
             }
         }
     }
 
-    fn ties_of(&self, [a, b, c]: [usize; 3], present: &[usize], visit: &mut impl FnMut(u32, [f64; 2])) {
-        let [p, q] = [b, c].map(|other| Bilinear::difference(&self.values[a], &self.values[other]));
+    /// The ties of labels a, b and c, where `p` is a - b and `q` is a - c.
+    fn ties_of(
+        &self,
+        labels @ [a, _, _]: [usize; 3],
+        p: &Bilinear,
+        q: &Bilinear,
+        visit: &mut impl FnMut(u32, [f64; 2]),
+    ) {
         let roots = quadratic_roots(
             q.x * p.xy - q.xy * p.x,
             q.one * p.xy + q.x * p.y - q.y * p.x - q.xy * p.one,
             q.one * p.y - q.y * p.one,
         );
         for x in roots.into_iter().flatten() {
-            let [of_p, of_q] = [&p, &q].map(|f| f.y + f.xy * x);
-            let by = if of_p.abs() >= of_q.abs() { &p } else { &q };
+            let [of_p, of_q] = [p, q].map(|f| f.y + f.xy * x);
+            let by = if of_p.abs() >= of_q.abs() { p } else { q };
             let y = -(by.one + by.x * x) / (by.y + by.xy * x);
             // Also where this is no number.
             if !([x, y].iter().all(|c| (-1e-12..=1.0 + 1e-12).contains(c))) {
@@ -154,8 +177,8 @@ impl Square {
             let tie = self.value(a, at);
             let determinant = (p.x + p.xy * y) * of_q - (q.x + q.xy * y) * of_p;
             let is_tie = p.at(at).abs() <= SLACK && q.at(at).abs() <= SLACK && determinant.abs() >= LEAST_DETERMINANT;
-            if is_tie && present.iter().all(|&l| [a, b, c].contains(&l) || self.value(l, at) <= tie + SLACK) {
-                visit(1 << a | 1 << b | 1 << c, at);
+            if is_tie && self.labels(0).all(|l| labels.contains(&l) || self.value(l, at) <= tie + SLACK) {
+                visit(labels.iter().fold(0, |bits, l| bits | 1 << l), at);
             }
         }
     }
@@ -168,9 +191,10 @@ impl Square {
             [0, 1 << along].map(|c| v[c] + (v[c | 1 << other] - v[c]) * at)
         };
         // The upper envelope of linear functions: of those that overtake the leader the next to do so, the steepest of these.
-        let leader_at_start = (0..self.count).fold(0, |best, l| if ends(l)[0] > ends(best)[0] { l } else { best });
+        let leader_at_start = self.labels(0).fold(0, |best, l| if ends(l)[0] > ends(best)[0] { l } else { best });
         let (mut leader, mut from) = (leader_at_start, 0.0);
-        while let Some((s, _, next)) = (0..self.count)
+        while let Some((s, _, next)) = self
+            .labels(0)
             .filter_map(|l| {
                 let ([a, b], [p, q]) = (ends(leader), ends(l));
                 let gain = (q - p) - (b - a);
@@ -192,19 +216,26 @@ impl Square {
     }
 }
 
-/// A bilinear function by its coefficients.
+/// A bilinear function by its coefficients, and by its values at the corners.
 struct Bilinear {
     one: f64,
     x: f64,
     y: f64,
     xy: f64,
+    corners: [f64; 4],
 }
 
 impl Bilinear {
     /// Of two functions given by their values at the corners.
     fn difference(f: &[f64; 4], g: &[f64; 4]) -> Self {
         let d: [f64; 4] = std::array::from_fn(|c| f[c] - g[c]);
-        Self { one: d[0], x: d[1] - d[0], y: d[2] - d[0], xy: d[0] - d[1] - d[2] + d[3] }
+        Self { one: d[0], x: d[1] - d[0], y: d[2] - d[0], xy: d[0] - d[1] - d[2] + d[3], corners: d }
+    }
+
+    /// Whether it has 0 somewhere within the square. Not where it is 0 at corners alone: of two labels that differ by 0 there neither leads, because one of others does.
+    fn has_zero(&self) -> bool {
+        let below = self.corners.iter().filter(|value| value.is_sign_negative()).count();
+        below != 0 && below != 4
     }
 
     fn at(&self, [x, y]: [f64; 2]) -> f64 {
@@ -221,19 +252,6 @@ fn quadratic_roots(a: f64, b: f64, c: f64) -> [Option<f64>; 2] {
     // Without cancellation: the root of the larger size first, the other one by their product.
     let q = -0.5 * (b + discriminant.sqrt().copysign(b));
     [(a != 0.0).then(|| q / a), (q != 0.0).then(|| c / q)]
-}
-
-/// The different ones among some ids, in the order of their first places, and how many they are.
-fn distinct(ids: &[u16]) -> ([u16; MOST], usize) {
-    let mut labels = [0; MOST];
-    let mut count = 0;
-    for &id in ids {
-        if !labels[..count].contains(&id) {
-            labels[count] = id;
-            count += 1;
-        }
-    }
-    (labels, count)
 }
 
 #[cfg(test)]
@@ -265,9 +283,9 @@ mod tests {
                 let square = Square::new(ids, &weights);
                 let mut found = Vec::new();
                 square.ties_of_three(|labels, at| {
-                    let values: Vec<f64> = (0..square.count).map(|l| square.value(l, at)).collect();
+                    let values: Vec<f64> = (0..MOST).map(|l| square.value(l, at)).collect();
                     let best = values.iter().copied().fold(0.0, f64::max);
-                    let all_lead = (0..square.count).all(|l| labels >> l & 1 == 0 || best - values[l] < 1e-9);
+                    let all_lead = (0..MOST).all(|l| labels >> l & 1 == 0 || best - values[l] < 1e-9);
                     found.push((at, all_lead && labels.count_ones() == 3));
                 });
                 found
