@@ -116,6 +116,9 @@ Meshing::Meshing(const std::string &name, double delta, double size) {
     require(lapd_params_set_delta(context, made, delta));
     require(lapd_params_set_size(context, made, size));
     require(lapd_params_set_background(context, made, 1));
+    // One spacing: what is thin in an atlas would make millions of tets whatever delta is, and take minutes of the
+    // others' time.
+    require(lapd_params_set_adaptive(context, made, 0));
     if (name == "cube") {
         require(lapd_params_set_surface(context, made, LAPD_SURFACE_VOXEL));
     }
