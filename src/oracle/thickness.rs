@@ -15,11 +15,11 @@
 //!
 //! All of this is done for all labels at once, with sets of voxels as rows of bits: a bit for each pair of neighbours that says whether they have the same label is all that is asked of labels.
 //!
-//! Cost: about two nanoseconds per voxel and level; ten bits per voxel while it lasts.
+//! Cost: about two nanoseconds per voxel and level; seven bits per voxel while it lasts.
 
 use rayon::prelude::*;
 
-use super::cells::gathered;
+use super::cells::{gathered, ones};
 use super::region::{Region, Rows};
 use crate::memory::{filled, reserve, room, zeroed};
 use crate::{Result, image::LabelImage};
@@ -27,8 +27,10 @@ use crate::{Result, image::LabelImage};
 /// Called for each plane of voxels and step: whether to go on.
 type Check<'a> = &'a (dyn Fn() -> Result<()> + Sync);
 
+/// Rows that are made on the way to another one.
+const ROOMS: usize = 4;
+
 /// A set of the voxels of a padded region; bit i of row (j, k) is voxel (i, j, k).
-#[derive(Clone)]
 struct Set {
     words: usize,
     rows: [usize; 2],
@@ -36,60 +38,59 @@ struct Set {
 }
 
 impl Set {
-    /// The set whose words are `word(j, k, w)`.
-    fn new(
-        words: usize,
-        rows: [usize; 2],
-        check: Check<'_>,
-        word: impl Fn(usize, usize, usize) -> u64 + Sync,
-    ) -> Result<Self> {
-        let mut bits: Vec<u64> = zeroed(words * rows[0] * rows[1], "words of the sets of thin voxels")?;
-        bits.par_chunks_mut(words * rows[1]).enumerate().try_for_each(|(j, layer)| {
-            check()?;
-            for (k, row) in layer.chunks_mut(words).enumerate() {
-                row.iter_mut().enumerate().for_each(|(w, out)| *out = word(j, k, w));
-            }
-            Ok(())
-        })?;
+    /// No voxels.
+    fn new(words: usize, rows: [usize; 2]) -> Result<Self> {
+        let bits = zeroed(words * rows[0] * rows[1], "words of the sets of thin voxels")?;
         Ok(Self { words, rows, bits })
     }
 
-    fn like(&self, check: Check<'_>, word: impl Fn(usize, usize, usize) -> u64 + Sync) -> Result<Self> {
-        Self::new(self.words, self.rows, check, word)
+    fn row(&self, j: usize, k: usize) -> &[u64] {
+        &self.bits[(j * self.rows[1] + k) * self.words..][..self.words]
     }
 
-    #[inline]
-    fn word(&self, j: usize, k: usize, w: usize) -> u64 {
-        self.bits[(j * self.rows[1] + k) * self.words + w]
-    }
-
-    /// The word of the voxels `by` further on along an axis, fewer than 64; outside of the region there are none.
-    #[inline]
-    fn ahead(&self, [j, k, w]: [usize; 3], axis: usize, by: usize) -> u64 {
-        match axis {
-            0 if by == 0 => self.word(j, k, w),
-            0 => {
-                let next = if w + 1 < self.words { self.word(j, k, w + 1) } else { 0 };
-                self.word(j, k, w) >> by | next << (64 - by)
+    /// Calls `change` for each row, with room for some more, in parallel.
+    fn change_rows(
+        &mut self,
+        check: Check<'_>,
+        change: impl Fn([usize; 2], &mut [u64], [&mut [u64]; ROOMS]) + Sync,
+    ) -> Result<()> {
+        let (words, [_, per_layer]) = (self.words, self.rows);
+        self.bits.par_chunks_mut(words * per_layer).enumerate().try_for_each(|(j, layer)| {
+            check()?;
+            let mut room = filled(ROOMS * words, 0, "words of the sets of thin voxels", || Ok(()))?;
+            for (k, row) in layer.chunks_mut(words).enumerate() {
+                let mut rooms = room.chunks_mut(words);
+                change([j, k], row, [(); ROOMS].map(|()| rooms.next().unwrap_or_default()));
             }
-            1 if j + by < self.rows[0] => self.word(j + by, k, w),
-            2 if k + by < self.rows[1] => self.word(j, k + by, w),
-            _ => 0,
-        }
+            Ok(())
+        })
     }
 
-    /// The word of the voxels `by` further back along an axis.
-    #[inline]
-    fn behind(&self, [j, k, w]: [usize; 3], axis: usize, by: usize) -> u64 {
+    /// The row of the voxels `by` further on along an axis, or back, fewer than 64; `None`: outside of the region. Along x it is written to `shifted`.
+    fn beside<'a>(&'a self, [j, k]: [usize; 2], axis: usize, by: isize, shifted: &'a mut [u64]) -> Option<&'a [u64]> {
+        let moved = |at: usize, count: usize| at.checked_add_signed(by).filter(|&at| at < count);
         match axis {
-            0 if by == 0 => self.word(j, k, w),
-            0 => {
-                let next = if w > 0 { self.word(j, k, w - 1) } else { 0 };
-                self.word(j, k, w) << by | next >> (64 - by)
+            1 => moved(j, self.rows[0]).map(|j| self.row(j, k)),
+            2 => moved(k, self.rows[1]).map(|k| self.row(j, k)),
+            _ => {
+                let (row, bits) = (self.row(j, k), by.unsigned_abs() as u32);
+                if by > 0 {
+                    let next = row[1..].iter().chain([&0]);
+                    shifted
+                        .iter_mut()
+                        .zip(row.iter().zip(next))
+                        .for_each(|(out, (&word, &next))| *out = word >> bits | next << (64 - bits));
+                } else if by < 0 {
+                    let before = [0].iter().chain(row);
+                    shifted
+                        .iter_mut()
+                        .zip(row.iter().zip(before))
+                        .for_each(|(out, (&word, &before))| *out = word << bits | before >> (64 - bits));
+                } else {
+                    return Some(row);
+                }
+                Some(shifted)
             }
-            1 if by <= j => self.word(j - by, k, w),
-            2 if by <= k => self.word(j, k - by, w),
-            _ => 0,
         }
     }
 
@@ -97,7 +98,6 @@ impl Set {
         self.bits.par_iter().all(|&word| word == 0)
     }
 }
-
 /// The voxels of a region, and for each axis whether a voxel and the next one have the same label.
 struct Labels {
     equal: [Set; 3],
@@ -143,77 +143,117 @@ impl Labels {
         Ok(Self { equal: [of_axis(0)?, of_axis(1)?, of_axis(2)?] })
     }
 
-    /// The voxels in cubes of one label, of so many voxels along each axis.
-    fn thick(&self, all: &Set, cube: [usize; 3], check: Check<'_>) -> Result<Set> {
-        let mut set = all.clone();
-        for (axis, &count) in cube.iter().enumerate() {
+    /// Makes `set` the voxels of `all` in cubes of one label, of so many voxels along each axis.
+    fn thick(&self, all: &[u64], cube: [usize; 3], set: &mut Set, spare: &mut Set, check: Check<'_>) -> Result<()> {
+        set.change_rows(check, |_, row, _| row.copy_from_slice(all))?;
+        // Where cubes begin: where runs of runs of runs do.
+        for (axis, &count) in cube.iter().enumerate().filter(|&(_, &count)| count > 1) {
             let equal = &self.equal[axis];
-            let runs = set.like(check, |j, k, w| {
-                let at = [j, k, w];
-                let same = (0..count - 1).fold(u64::MAX, |word, by| word & equal.ahead(at, axis, by));
-                (0..count).fold(same, |word, by| word & set.ahead(at, axis, by))
-            })?;
-            set = runs;
-        }
-        for (axis, &count) in cube.iter().enumerate() {
-            set = set.like(check, |j, k, w| (0..count).fold(0, |word, by| word | set.behind([j, k, w], axis, by)))?;
-        }
-        Ok(set)
-    }
-
-    /// A set and what lies up to `steps` further on, or back, along an axis, in runs of one label.
-    fn spread(&self, set: &Set, axis: usize, steps: usize, forward: bool, check: Check<'_>) -> Result<Set> {
-        let equal = &self.equal[axis];
-        set.like(check, |j, k, w| {
-            let at = [j, k, w];
-            let mut same = u64::MAX;
-            (1..=steps).fold(set.word(j, k, w), |word, by| {
-                if forward {
-                    same &= equal.behind(at, axis, by);
-                    word | same & set.behind(at, axis, by)
-                } else {
-                    same &= equal.ahead(at, axis, by - 1);
-                    word | same & set.ahead(at, axis, by)
+            spare.change_rows(check, |at, row, [room, ..]| {
+                row.copy_from_slice(set.row(at[0], at[1]));
+                for by in 1..count as isize {
+                    both(row, equal.beside(at, axis, by - 1, room));
+                    both(row, set.beside(at, axis, by, room));
                 }
-            })
-        })
-    }
-
-    /// A set and what is within so many steps of it along each axis, one axis after the other, within its label.
-    fn grown(&self, set: &Set, steps: [usize; 3], check: Check<'_>) -> Result<Set> {
-        let mut grown = set.clone();
-        for (axis, &count) in steps.iter().enumerate().filter(|&(_, &count)| count > 0) {
-            let (on, back) =
-                (self.spread(&grown, axis, count, true, check)?, self.spread(&grown, axis, count, false, check)?);
-            grown = grown.like(check, |j, k, w| on.word(j, k, w) | back.word(j, k, w))?;
-        }
-        Ok(grown)
-    }
-
-    /// Of the voxels that are less than a cube thick, those that count; `None`: there are none.
-    fn thin(&self, all: &Set, cube: [usize; 3], check: Check<'_>) -> Result<Option<Set>> {
-        let thick = self.thick(all, cube, check)?;
-        let thin = all.like(check, |j, k, w| all.word(j, k, w) & !thick.word(j, k, w))?;
-        if thin.is_empty() {
-            return Ok(None);
-        }
-        let near = cube.map(|count| count - 1);
-        let beside = self.grown(&thick, near, check)?;
-        let mut counts = thin.like(check, |j, k, w| thin.word(j, k, w) & !beside.word(j, k, w))?;
-        // Longer ones have voxels that are far from both ends.
-        let between = near.map(|steps| 2 * steps);
-        for (axis, &steps) in between.iter().enumerate().filter(|&(_, &steps)| steps > 0) {
-            let (on, back) =
-                (self.spread(&thick, axis, steps, true, check)?, self.spread(&thick, axis, steps, false, check)?);
-            counts = counts.like(check, |j, k, w| {
-                counts.word(j, k, w) | thin.word(j, k, w) & on.word(j, k, w) & back.word(j, k, w)
             })?;
+            std::mem::swap(set, spare);
         }
+        for (axis, &count) in cube.iter().enumerate().filter(|&(_, &count)| count > 1) {
+            spare.change_rows(check, |at, row, [room, ..]| {
+                row.copy_from_slice(set.row(at[0], at[1]));
+                (1..count as isize).for_each(|by| either(row, set.beside(at, axis, -by, room)));
+            })?;
+            std::mem::swap(set, spare);
+        }
+        Ok(())
+    }
+
+    /// Adds to a row what a set has up to `steps` further on along an axis, in runs of one label, or further back.
+    fn add_in_runs(
+        &self,
+        row: &mut [u64],
+        set: &Set,
+        at: [usize; 2],
+        axis: usize,
+        steps: isize,
+        [same, room]: [&mut [u64]; 2],
+    ) {
+        same.fill(u64::MAX);
+        for by in 1..=steps.abs() {
+            let (pair, by) = if steps > 0 { (by - 1, by) } else { (-by, -by) };
+            both(same, self.equal[axis].beside(at, axis, pair, room));
+            if let Some(beside) = set.beside(at, axis, by, room) {
+                row.iter_mut().zip(beside.iter().zip(&*same)).for_each(|(out, (word, same))| *out |= word & same);
+            }
+        }
+    }
+
+    /// Adds to a set what is within so many steps of it along each axis, one axis after the other, within its label.
+    fn grow(&self, set: &mut Set, steps: [usize; 3], spare: &mut Set, check: Check<'_>) -> Result<()> {
+        for (axis, &count) in steps.iter().enumerate().filter(|&(_, &count)| count > 0) {
+            spare.change_rows(check, |at, row, [same, room, ..]| {
+                row.copy_from_slice(set.row(at[0], at[1]));
+                for steps in [count as isize, -(count as isize)] {
+                    self.add_in_runs(row, set, at, axis, steps, [&mut *same, &mut *room]);
+                }
+            })?;
+            std::mem::swap(set, spare);
+        }
+        Ok(())
+    }
+
+    /// Makes `counts` those voxels of `all` that are less than a cube thick and count. Whether there are any.
+    fn thin(&self, all: &[u64], cube: [usize; 3], sets: &mut [Set; 4], check: Check<'_>) -> Result<bool> {
+        let [counts, thick, thin, spare] = sets;
+        self.thick(all, cube, thick, spare, check)?;
+        thin.change_rows(check, |[j, k], row, _| {
+            row.iter_mut().zip(all.iter().zip(thick.row(j, k))).for_each(|(out, (all, thick))| *out = all & !thick);
+        })?;
+        if thin.is_empty() {
+            return Ok(false);
+        }
+        // What lies between, on both sides along an axis. Longer bridges have voxels that are far from both ends.
+        let near = cube.map(|count| count - 1);
+        counts.change_rows(check, |at @ [j, k], row, [on, back, same, room]| {
+            row.fill(0);
+            for (axis, &steps) in near.iter().enumerate().filter(|&(_, &steps)| steps > 0) {
+                let steps = 2 * steps as isize;
+                for (side, steps) in [(&mut *on, steps), (&mut *back, -steps)] {
+                    side.fill(0);
+                    self.add_in_runs(side, thick, at, axis, steps, [&mut *same, &mut *room]);
+                }
+                both(on, Some(back));
+                either(row, Some(on));
+            }
+            both(row, Some(thin.row(j, k)));
+        })?;
+        // And what is far from all that is thick.
+        self.grow(thick, near, spare, check)?;
+        counts.change_rows(check, |[j, k], row, _| {
+            let far = thin.row(j, k).iter().zip(thick.row(j, k)).map(|(thin, thick)| thin & !thick);
+            row.iter_mut().zip(far).for_each(|(out, far)| *out |= far);
+        })?;
         if counts.is_empty() {
-            return Ok(None);
+            return Ok(false);
         }
-        let around = self.grown(&counts, cube, check)?;
-        thin.like(check, |j, k, w| thin.word(j, k, w) & around.word(j, k, w)).map(Some)
+        self.grow(counts, cube, spare, check)?;
+        counts.change_rows(check, |[j, k], row, _| both(row, Some(thin.row(j, k))))?;
+        Ok(true)
+    }
+}
+
+/// Keeps of a row what the other has, too.
+fn both(row: &mut [u64], other: Option<&[u64]>) {
+    match other {
+        Some(other) => row.iter_mut().zip(other).for_each(|(word, other)| *word &= other),
+        None => row.fill(0),
+    }
+}
+
+/// Adds to a row what the other has.
+fn either(row: &mut [u64], other: Option<&[u64]>) {
+    if let Some(other) = other {
+        row.iter_mut().zip(other).for_each(|(word, other)| *word |= other);
     }
 }
 
@@ -243,8 +283,11 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     let labels = Labels::new(&rows, largest, check)?;
     let [nx, ny, nz] = region.dims;
     let padded = nx + 2 * largest;
-    let all = labels.equal[0]
-        .like(check, |_, _, w| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 })?;
+    let words = padded.div_ceil(64);
+    let all: Vec<u64> =
+        (0..words).map(|w| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 }).collect();
+    let set = || Set::new(words, labels.equal[0].rows);
+    let mut sets = [set()?, set()?, set()?, set()?];
     let contacts = contacts(&rows, &labels, largest, check)?;
     if !contacts.is_empty() {
         thin.found.push((unit, contacts));
@@ -252,12 +295,14 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     for count in sizes().take_while(|&count| count <= largest) {
         let edge = count as f64 * unit;
         let cube = spacing.to_array().map(|side| (edge / side).round().max(1.0) as usize);
-        let Some(set) = labels.thin(&all, cube, check)? else { continue };
+        if !labels.thin(&all, cube, &mut sets, check)? {
+            continue;
+        }
+        let [set, ..] = &sets;
         let layers = (0..ny).into_par_iter().map(|j| {
             let mut numbers = Vec::new();
             for k in 0..nz {
-                for w in 0..set.words {
-                    let word = set.word(j + largest, k + largest, w);
+                for (w, &word) in set.row(j + largest, k + largest).iter().enumerate() {
                     reserve(&mut numbers, word.count_ones() as usize, "thin voxels")?;
                     // What surrounds the region counts for nothing.
                     let inside = ones(word).map(|bit| (64 * w + bit).wrapping_sub(largest)).filter(|&i| i < nx);
@@ -283,7 +328,7 @@ fn contacts(rows: &Rows, labels: &Labels, pad: usize, check: Check<'_>) -> Resul
         for k in 0..nz - 1 {
             let around = rows.around(j, k);
             for w in 0..labels.equal[0].words {
-                let [x, y, z] = [0, 1, 2].map(|axis| !labels.equal[axis].word(j + pad, k + pad, w));
+                let [x, y, z] = [0, 1, 2].map(|axis| !labels.equal[axis].row(j + pad, k + pad)[w]);
                 // Whichever pair it is, the first corner differs from those beside it.
                 for (candidates, u, v) in [(x & y, 1, 2), (y & z, 2, 4), (z & x, 4, 1)] {
                     for i in ones(candidates).map(|bit| (64 * w + bit).wrapping_sub(pad)).filter(|&i| i + 1 < nx) {
@@ -305,15 +350,6 @@ fn contacts(rows: &Rows, labels: &Labels, pad: usize, check: Check<'_>) -> Resul
     });
     let layers: Vec<Vec<u32>> = layers.collect::<Result<_>>()?;
     Ok(layers.concat())
-}
-
-/// The places of the ones of a word, from the lowest on.
-fn ones(mut word: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let place = word.trailing_zeros() as usize;
-        word &= word.wrapping_sub(1);
-        (place < 64).then_some(place)
-    })
 }
 
 /// Edges of the cubes, in voxels: about a third apart, all from 2 to 4.

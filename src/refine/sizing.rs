@@ -134,57 +134,74 @@ impl Field {
 /// Gives each voxel the least level of the 27 around it.
 fn widen(levels: &mut [u8], row: usize, layer: usize) {
     levels.par_chunks_mut(layer).for_each(|layer| {
-        layer.chunks_mut(row).for_each(|row| {
+        let mut rows: Vec<&mut [u8]> = layer.chunks_mut(row).collect();
+        for row in &mut rows {
             let mut before = LEVELS;
             for x in 0..row.len() {
                 let (here, after) = (row[x], row.get(x + 1).copied().unwrap_or(LEVELS));
                 row[x] = before.min(here).min(after);
                 before = here;
             }
-        });
-        least_of_three(layer, row);
-    });
-    least_of_three(levels, layer);
-}
-
-/// Gives each element the least of itself and those `stride` before and behind.
-fn least_of_three(levels: &mut [u8], stride: usize) {
-    let mut before = vec![LEVELS; stride];
-    let mut here = vec![LEVELS; stride];
-    for start in (0..levels.len()).step_by(stride) {
-        let (own, behind) = levels[start..].split_at_mut(stride);
-        here.copy_from_slice(own);
-        for (i, level) in own.iter_mut().enumerate() {
-            *level = (*level).min(before[i]).min(behind.get(i).copied().unwrap_or(LEVELS));
         }
-        std::mem::swap(&mut before, &mut here);
-    }
+        least_of_three(&mut rows);
+    });
+    across_layers(levels, layer, least_of_three);
 }
 
 /// Lowers levels until none is above a neighbour's by more than the growth along that axis: along x, along z and along y, each to and fro, which is exact for distances along the axes.
 fn grade(levels: &mut [u8], [nx, _, nz]: [usize; 3], growth: [u8; 3]) {
     let layer = nx * nz;
     levels.par_chunks_mut(layer).for_each(|layer| {
-        for row in layer.chunks_mut(nx) {
-            sweep(row, 1, growth[0]);
+        let mut rows: Vec<&mut [u8]> = layer.chunks_mut(nx).collect();
+        for row in &mut rows {
+            let lower = |before: u8, level: &mut u8| {
+                *level = (*level).min(before.saturating_add(growth[0]));
+                *level
+            };
+            row.iter_mut().fold(LEVELS, lower);
+            row.iter_mut().rev().fold(LEVELS, lower);
         }
-        sweep(layer, nx, growth[2]);
+        sweep(&mut rows, growth[2]);
     });
-    sweep(levels, layer, growth[1]);
+    across_layers(levels, layer, |parts| sweep(parts, growth[1]));
 }
 
-/// Lets no element be above the one `stride` before or behind by more than `growth`.
-fn sweep(levels: &mut [u8], stride: usize, growth: u8) {
-    let lower = |levels: &mut [u8], from: usize, to: usize| {
-        let (first, second) = levels.split_at_mut(from.max(to));
-        let (from, to) = if from < to {
-            (&first[from..][..stride], &mut second[..stride])
-        } else {
-            (&second[..stride], &mut first[to..][..stride])
-        };
+/// Does something with the parts that lie above each other in all layers, for parts that fit into a cache, in parallel.
+fn across_layers(levels: &mut [u8], layer: usize, work: impl Fn(&mut [&mut [u8]]) + Sync) {
+    const PART: usize = 1 << 11;
+    let mut columns: Vec<Vec<&mut [u8]>> = (0..layer.div_ceil(PART)).map(|_| Vec::new()).collect();
+    for layer in levels.chunks_mut(layer) {
+        columns.iter_mut().zip(layer.chunks_mut(PART)).for_each(|(column, part)| column.push(part));
+    }
+    columns.par_iter_mut().for_each(|column| work(column));
+}
+
+/// Gives each element the least of itself and those at its place in the rows before and behind.
+fn least_of_three(rows: &mut [&mut [u8]]) {
+    let least = |to: &mut [u8], from: &[u8]| to.iter_mut().zip(from).for_each(|(to, &from)| *to = (*to).min(from));
+    let mut before: Vec<u8> = Vec::new();
+    for at in 0..rows.len() {
+        let (own, behind) = rows[at..].split_at_mut(1);
+        let here = own[0].to_vec();
+        least(own[0], &before);
+        if let Some(behind) = behind.first() {
+            least(own[0], behind);
+        }
+        before = here;
+    }
+}
+
+/// Lets no element be above the one at its place in the row before, or behind, by more than `growth`.
+fn sweep(rows: &mut [&mut [u8]], growth: u8) {
+    let lower = |to: &mut [u8], from: &[u8]| {
         to.iter_mut().zip(from).for_each(|(to, &from)| *to = (*to).min(from.saturating_add(growth)));
     };
-    let count = levels.len() / stride;
-    (1..count).for_each(|i| lower(levels, (i - 1) * stride, i * stride));
-    (1..count).rev().for_each(|i| lower(levels, i * stride, (i - 1) * stride));
+    for at in 1..rows.len() {
+        let (before, behind) = rows.split_at_mut(at);
+        lower(behind[0], before[at - 1]);
+    }
+    for at in (1..rows.len()).rev() {
+        let (before, behind) = rows.split_at_mut(at);
+        lower(before[at - 1], behind[0]);
+    }
 }
