@@ -58,6 +58,13 @@ impl Border {
         DVec3::from([0, 1, 2].map(|a| face(face(x[a], self.lower[a]), self.upper[a])))
     }
 
+    /// The axes across which a point lies on a face of the box.
+    #[inline]
+    pub(super) fn around(&self, x: DVec3) -> impl Iterator<Item = usize> + use<> {
+        let on_face = x.cmpeq(self.lower) | x.cmpeq(self.upper);
+        (0..3).filter(move |&a| on_face.test(a))
+    }
+
     /// The point that has the label of the inside point `x`: its projection, between outermost centres and wall.
     #[inline(always)]
     pub(super) fn extend(&self, x: DVec3) -> DVec3 {

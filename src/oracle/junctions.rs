@@ -116,15 +116,17 @@ impl Oracle {
 }
 
 impl Oracle {
+    /// Whether a point is on a wall, but for rounding.
+    pub fn is_on_wall(&self, p: DVec3) -> bool {
+        self.walls.around(self.walls.onto_face(self.region_point(p))).next().is_some()
+    }
+
     /// A point of the same wall no farther than `most` from `p`, if that lies on one wall and not on the edge of two. Points on walls that meet at a right angle mirror each other, in fours on a circle; where it is moved to
     /// looks random.
     pub fn moved_on_wall(&self, p: DVec3, most: f64) -> Option<DVec3> {
         let mut x = self.walls.onto_face(self.region_point(p));
-        let on_wall = |a: usize| x[a] == self.walls.lower[a] || x[a] == self.walls.upper[a];
-        let [Some(normal), None] = ({
-            let mut walls = (0..3).filter(|&a| on_wall(a));
-            [walls.next(), walls.next()]
-        }) else {
+        let mut walls = self.walls.around(x);
+        let [Some(normal), None] = [walls.next(), walls.next()] else {
             return None;
         };
         let random = random_of(p);

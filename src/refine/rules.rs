@@ -365,13 +365,13 @@ impl<'a> Rules<'a> {
         let sphere = record.sphere();
         let squared_radius = sphere.squared_radius();
         let demand = |rule| Some(Demand { rule, point: sphere.center, kind: VertexKind::Free, start: t, across: None });
-        if !sphere.is_certain() {
-            return None;
-        }
         let vertices = record.vertices();
         // With others at work the tet may have gone by now.
         if vertices[0] == NO_VERTEX {
             return None;
+        }
+        if !sphere.is_certain() {
+            return self.flat_demand(record, sphere.center);
         }
         // The cheapest first: all three ask for the same point.
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
@@ -387,6 +387,27 @@ impl<'a> Rules<'a> {
         } else {
             None
         }
+    }
+
+    /// What R4 asks for a tet of the object that is too flat to have a circumcenter: its centroid. Four points of which some mirror others lie in one plane and on one circle; the centroid lies within that, so in the circumballs of
+    /// the tets around, and R3 and R6 see to what comes of it. Where the points are as close as sampling may bring them, or on a wall, whose edges R3 might then cut off, the tet is left, and counts as unmet.
+    #[cold]
+    fn flat_demand(&self, record: &TetRecord, centroid: DVec3) -> Option<Demand> {
+        let corners @ [a, b, c, _] = self.triangulation.corners(record.vertices());
+        let delta = self.sizing.at(centroid);
+        let (_, squared_radius) = triangle_circumcircle(a, b, c)?;
+        let is_close = |p: &DVec3| p.distance_squared(centroid) < (LEAST_DISTANCE * delta).powi(2);
+        if squared_radius < (SPACING_FLOOR * delta).powi(2)
+            || corners.iter().any(|p| is_close(p) || self.oracle.is_on_wall(*p))
+        {
+            return None;
+        }
+        let mut neighbors = (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none());
+        let facet =
+            neighbors.find(|facet| self.triangulation.tet(facet.tet()).sphere().contains(centroid) == Some(true))?;
+        let other = self.triangulation.tet(facet.tet());
+        let across = Some(Across { facet, center: other.sphere().center, label: other.tag() });
+        Some(Demand { rule: Rule::R4, point: centroid, kind: VertexKind::Free, start: facet.tet(), across })
     }
 
     #[inline]
