@@ -175,9 +175,9 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     seconds.refine = lap();
     log_refinement(monitor, &counters, seconds.refine);
 
-    let tets = triangulation.tet_bound() as usize;
-    monitor.enter(Step::Extract, tets)?;
-    let mesh = extract(&triangulation, |t| rules.label(t), image.labels(), params.background, monitor)?;
+    monitor.enter(Step::Extract, triangulation.tet_bound() as usize)?;
+    let order = triangulation.tets_by_place(|| monitor.check_cancelled())?;
+    let mesh = extract(&triangulation, &order, |t| rules.label(t), image.labels(), params.background, monitor)?;
     if !mesh.labels.iter().any(|&label| label != 0) {
         return Err(ended_by.unwrap_or_else(|| {
             Error::InvalidArgument(format!(
@@ -198,11 +198,12 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         ),
     );
 
-    monitor.enter(Step::Unmet, tets)?;
-    let unmet = unmet_rules(&rules, monitor)?;
-    monitor.enter(Step::Validate, tets + triangulation.vertex_bound() as usize)?;
-    let check = triangulation.check_while(|| monitor.advance(CHECK_EVERY as usize))?;
+    monitor.enter(Step::Unmet, order.len())?;
+    let unmet = unmet_rules(&rules, &order, monitor)?;
+    monitor.enter(Step::Validate, order.len() + triangulation.vertex_bound() as usize)?;
+    let check = triangulation.check_in(&order, || monitor.advance(CHECK_EVERY))?;
     monitor.note_tets(check.tets);
+    drop(order);
     let oracle_bytes = oracle.bytes() as u64;
     drop(rules);
     drop(triangulation);

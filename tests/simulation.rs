@@ -55,9 +55,10 @@ impl Subject {
         let check = triangulation.check();
         assert!(check.is_sound(), "{what}: {check:?}");
         assert_eq!(triangulation.left_over(), 0, "{what}: vertices owned or tets marked");
-        let unmet = unmet_rules(&rules, &monitor).unwrap();
+        let order = triangulation.tets_by_place(|| Ok(())).unwrap();
+        let unmet = unmet_rules(&rules, &order, &monitor).unwrap();
         assert_eq!(unmet, [0; 6], "{what}: unmet rules");
-        let mesh = extract(&triangulation, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
+        let mesh = extract(&triangulation, &order, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
         let certificate =
             Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor).unwrap();
         let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];

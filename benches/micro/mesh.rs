@@ -23,11 +23,12 @@ pub fn run(criterion: &mut Criterion) -> Result<()> {
         ids[t as usize] = radii.iter().filter(|&&shell| radius < shell).count() as u16;
         tets += 1;
     }
+    let order = triangulation.tets_by_place(|| Ok(()))?;
     let mut group = criterion.benchmark_group("mesh");
     group.throughput(Throughput::Elements(tets));
     group.bench_function("extract", |bencher| {
         let label_id = |t: TetId| ids[t as usize];
-        bencher.iter(|| extract(&triangulation, label_id, &[0, 1, 2, 3], false, &Monitor::silent()));
+        bencher.iter(|| extract(&triangulation, &order, label_id, &[0, 1, 2, 3], false, &Monitor::silent()));
     });
     group.finish();
     Ok(())

@@ -3,24 +3,21 @@
 //! Checking every facet against the vertex across it suffices: a triangulation of a convex box that is locally Delaunay at each facet is
 //! Delaunay (Delaunay 1934).
 //!
-//! Runs in the current rayon pool, by pieces of slots; the counts do not depend on the number of threads. Linear; what it costs is the memory that
-//! neighbours lie in.
-
-use std::ops::Range;
+//! Runs in the current rayon pool, tet by tet in the order of their places, so that neighbours are at hand; the counts do not depend on the number of threads. Linear.
 
 use rayon::prelude::*;
 
-use super::tet::{FACET, Facet, TetId, VertexId, VertexKind};
+use super::tet::{FACET, Facet, TetId, VertexId, VertexKind, VertexRecord};
 use super::triangulation::Triangulation;
 use crate::Result;
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
 
-/// Slots of tets, or vertices, between two questions whether to go on: one piece of work.
-pub const CHECK_EVERY: u32 = 1 << 12;
+/// Tets, or vertices, between two questions whether to go on: one piece of work.
+pub const CHECK_EVERY: usize = 1 << 12;
 
-/// A sweep fetches the neighbours of the tet this many slots ahead: they lie anywhere.
-const AHEAD: u32 = 8;
+/// A sweep fetches the tet this many places ahead.
+pub(crate) const AHEAD: usize = 16;
 
 /// What the validator counted. All but `tets` and `vertices` are 0 for a sound triangulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -60,66 +57,54 @@ impl Check {
 impl Triangulation {
     /// Checks the whole triangulation. Not to be used while others operate.
     pub fn check(&self) -> Check {
-        self.check_while(|| Ok(())).unwrap_or_default()
+        let go_on = || Ok(());
+        self.tets_by_place(go_on).and_then(|order| self.check_in(&order, go_on)).unwrap_or_default()
     }
 
-    /// As [`Self::check`]; asks `go_on` before every [`CHECK_EVERY`] slots and vertices, on any thread of the pool.
+    /// As [`Self::check`], by the `order` of [`Self::tets_by_place`]; asks `go_on` before every [`CHECK_EVERY`] tets and vertices, on any thread of the pool.
     ///
     /// # Errors
     /// Those of `go_on`.
-    pub fn check_while(&self, go_on: impl Fn() -> Result<()> + Sync) -> Result<Check> {
-        let in_pieces = |bound: u32, check: &(dyn Fn(Range<u32>) -> Check + Sync)| {
-            let pieces = (0..bound.div_ceil(CHECK_EVERY)).into_par_iter().map(|piece| {
-                go_on()?;
-                let first = piece * CHECK_EVERY;
-                Ok(check(first..(first + CHECK_EVERY).min(bound)))
-            });
-            // Counts: their sum does not depend on the order.
-            pieces.try_reduce(Check::default, |a, b| Ok(a.merged(b)))
-        };
-        let of_tets = in_pieces(self.tet_bound(), &|slots| self.check_slots(slots))?;
-        Ok(of_tets.merged(in_pieces(self.vertex_bound(), &|vertices| self.check_vertices(vertices))?))
+    pub fn check_in(&self, order: &[TetId], go_on: impl Fn() -> Result<()> + Sync) -> Result<Check> {
+        let tets = order.par_chunks(CHECK_EVERY).map(|tets| {
+            go_on()?;
+            let mut check = Check { tets: tets.len() as u64, ..Check::default() };
+            let mut stars = 0;
+            for (i, &t) in tets.iter().enumerate() {
+                self.prefetch(tets[(i + AHEAD).min(tets.len() - 1)]);
+                self.check_tet(t, &mut check, &mut stars);
+            }
+            Ok((check, stars))
+        });
+        // Counts: their sums do not depend on the order.
+        let (mut check, stars) = tets.try_reduce(Default::default, |a, b| Ok((a.0.merged(b.0), a.1 + b.1)))?;
+        let bound = self.vertex_bound();
+        let vertices = (0..bound.div_ceil(CHECK_EVERY as u32)).into_par_iter().map(|piece| {
+            go_on()?;
+            let first = piece * CHECK_EVERY as u32;
+            let pieces = first..(first + CHECK_EVERY as u32).min(bound);
+            Ok(pieces.filter(|&v| self.vertex(v).kind() != VertexKind::Removed).count() as u64)
+        });
+        check.vertices = vertices.try_reduce(|| 0, |a, b| Ok(a + b))?;
+        // Those whose tet was not met.
+        check.broken_stars += check.vertices.saturating_sub(stars);
+        Ok(check)
     }
 
-    fn check_slots(&self, slots: Range<TetId>) -> Check {
-        let mut check = Check::default();
-        let last = slots.end - 1;
-        for t in slots {
-            self.prefetch_neighbors((t + AHEAD).min(last));
-            if self.is_living(t) {
-                check.tets += 1;
-                self.check_tet(t, &mut check);
-            }
-        }
-        check
-    }
-
-    fn check_vertices(&self, vertices: Range<VertexId>) -> Check {
-        let mut check = Check::default();
-        for v in vertices {
-            if self.vertex(v).kind() == VertexKind::Removed {
-                continue;
-            }
-            check.vertices += 1;
-            let star = self.vertex(v).star();
-            if !self.is_living(star) || !self.tet(star).vertices().contains(&v) {
-                check.broken_stars += 1;
-            }
-        }
-        check
-    }
-
-    fn check_tet(&self, t: TetId, check: &mut Check) {
+    /// Checks a tet; `stars` counts the vertices that name it as theirs.
+    fn check_tet(&self, t: TetId, check: &mut Check, stars: &mut u64) {
         let vertices = self.tet(t).vertices();
         let corners = self.corners(vertices);
-        if vertices.iter().any(|&v| self.vertex(v).kind() == VertexKind::Removed) {
-            check.broken_stars += 1;
-        }
-        if orient(corners[0], corners[1], corners[2], corners[3]) <= 0.0 {
+        let records = vertices.map(|v| self.vertex(v));
+        let is_removed = |vertex: &&VertexRecord| vertex.kind() == VertexKind::Removed;
+        check.broken_stars += u64::from(records.iter().any(is_removed));
+        *stars += records.iter().filter(|vertex| !is_removed(vertex) && vertex.star() == t).count() as u64;
+        let [a, b, c, d] = corners;
+        // The sphere made anew: what the tet keeps is not trusted here. It is certain only of tets that are positive by more than the error of the determinant.
+        let sphere = Circumsphere::of_tet(a, b, c, d);
+        if !sphere.is_certain() && orient(a, b, c, d) <= 0.0 {
             check.inverted_tets += 1;
         }
-        let [a, b, c, d] = corners;
-        let sphere = Circumsphere::of_tet(a, b, c, d);
         for i in 0..4 {
             let twin = self.tet(t).neighbor(i);
             if twin.is_none() {
@@ -143,7 +128,7 @@ impl Triangulation {
                 continue;
             }
             let across = self.position(other[twin.index()]);
-            // The sphere made anew: what the tet keeps is not trusted here. Its bounds are proved, so an answer is the exact one.
+            // The bounds of the sphere are proved, so an answer is the exact one.
             let inside = sphere.contains(across).unwrap_or_else(|| in_sphere_perturbed(corners, across));
             check.non_delaunay_facets += u64::from(inside);
         }
@@ -213,6 +198,8 @@ mod tests {
     fn the_check_ends_when_told_to() {
         let left = AtomicU32::new(1);
         let stop = || if left.fetch_sub(1, Relaxed) == 0 { Err(Error::Cancelled) } else { Ok(()) };
-        assert!(matches!(triangulation().check_while(stop), Err(Error::Cancelled)));
+        let triangulation = triangulation();
+        let order = triangulation.tets_by_place(|| Ok(())).unwrap();
+        assert!(matches!(triangulation.check_in(&order, stop), Err(Error::Cancelled)));
     }
 }

@@ -15,6 +15,7 @@
 //! | [`cavity`] | the conflict zone of a point (digging) |
 //! | [`insert`] | Bowyer-Watson insertion (filling) |
 //! | [`remove`] | vertex removal by the Delaunay triangulation of the link |
+//! | [`places`] | tets and vertices in the order of their places |
 //! | `forced_conflicts` | locks refused at random, in a build for tests |
 //! | [`check`] | the validator: every invariant below, exactly |
 //!
@@ -41,6 +42,7 @@ pub mod insert;
 pub mod locate;
 pub mod lock;
 pub mod ownership;
+pub mod places;
 pub mod remove;
 pub mod tet;
 pub mod triangulation;

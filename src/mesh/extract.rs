@@ -1,20 +1,20 @@
 //! From the triangulation to the finished mesh: the tets whose circumcenter lies in the object, each with the label there.
 //!
-//! Vertices keep the order in which they were inserted, tets that of their slots, facets that of the tets that list them; vertices of no kept tet are
-//! left out.
+//! Tets and vertices come in the order of their places (`delaunay::places`), facets in that of the tets that list them: what is near in space is mostly near in the arrays, which
+//! whoever goes through them profits from, the certificate first of all. Vertices of no kept tet are left out.
 //!
 //! # Passes
-//! 1. *Keep*: a sweep over the tets notes which are kept, their label ids, and the vertices in use.
+//! 1. *Keep*: a sweep over the tets notes the label ids of those that are kept, and the vertices in use.
 //! 2. *Vertices*: those in use are numbered and copied.
-//! 3. *Tets*: a second sweep writes vertices and neighbours in their new indices, and lists the interface facets.
-//! 4. *Facets*: those that were listed are written.
+//! 3. *Number*: the tets get their indices and labels.
+//! 4. *Tets*: a second sweep writes vertices and neighbours in their new indices, and lists the interface facets.
+//! 5. *Facets*: those that were listed are written.
 //!
-//! Work goes by ranges of slots or vertices. A pass counts by range what the next one writes, so that each range knows where it starts: the mesh does not
+//! Work goes by ranges of tets or vertices. A pass counts by range what the next one writes, so that each range knows where it starts: the mesh does not
 //! depend on the number of threads, and every array gets its memory at once, touched first by the thread that fills it.
 //!
-//! Cost: two reads of every record, and for each kept tet eight lookups anywhere in two tables: four bytes a slot, four a vertex. On one thread a third
-//! of the time is the system's, for the pages of the new arrays. Beside the mesh it holds the tables, the first of which goes before the facets come,
-//! and four to eight bytes an interface facet.
+//! Cost: two reads of every record, and for each kept tet eight lookups in two tables: four bytes a slot, four a vertex. Beside the mesh it holds these tables, which go before the facets come,
+//! two bytes a tet, and four to eight bytes an interface facet.
 //!
 //! Thread safety: runs in the current rayon pool; nobody may operate on the triangulation meanwhile.
 
@@ -25,89 +25,79 @@ use rayon::prelude::*;
 
 use super::{NONE, TetMesh};
 use crate::Result;
-use crate::delaunay::tet::{FACET, Facet, is_tet};
+use crate::delaunay::check::AHEAD;
+use crate::delaunay::tet::{FACET, Facet, NO_TAG};
 use crate::delaunay::{TetId, Triangulation};
 use crate::memory::{reserve, zeroed};
 use crate::monitor::Monitor;
 
-/// Slots, or vertices, of one piece of work: some hundred microseconds, between two looks at the cancel flag.
+/// Tets, or vertices, of one piece of work: some hundred microseconds, between two looks at the cancel flag.
 const RANGE: usize = 1 << 13;
 
-/// Slots whose tets are copied step by step, in the first-level cache.
-const BLOCK: usize = 64;
-
-/// A sweep asks for records this many slots ahead: the processor does not look beyond pages, nor far enough while other misses keep it waiting.
-const AHEAD: u32 = 64;
-
 /// Bytes per slot of a tet that extraction needs at most, mesh included: 36 for a kept tet, 5 for the vertices (some six tets have
-/// one), 18 for the interface facets (fewer than one for two tets).
-pub const BYTES_PER_SLOT: u64 = 60;
+/// one), 18 for the interface facets (fewer than one for two tets), 4 for the order.
+pub const BYTES_PER_SLOT: u64 = 64;
 
-/// Collects the mesh. `label_id` is the dense id of a tet's label, asked once for each tet; `labels` has the label of each id. Id 0 is the background,
+/// Collects the mesh, in the `order` of [`Triangulation::tets_by_place`]. `label_id` is the dense id of a tet's label, asked once for each tet; `labels` has the label of each id. Id 0 is the background,
 /// whose tets are left out unless `background`.
 ///
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
 pub fn extract(
     triangulation: &Triangulation,
+    order: &[TetId],
     label_id: impl Fn(TetId) -> u16 + Sync,
     labels: &[i32],
     background: bool,
     monitor: &Monitor<'_>,
 ) -> Result<TetMesh> {
-    let (slots, in_use) = Slots::new(triangulation, label_id, background, monitor)?;
+    let (kept, in_use) = Kept::new(triangulation, order, label_id, background, monitor)?;
     let (vertex_index, points) = copy_vertices(triangulation, &in_use, monitor)?;
     drop(in_use);
     let mut mesh = TetMesh { points, ..TetMesh::default() };
-    let listed = copy_tets(triangulation, &slots, &vertex_index, &mut mesh, monitor)?;
-    drop(vertex_index);
-    mesh.labels = slots.labels(labels, monitor)?;
-    drop(slots);
+    let tet_index = kept.number(triangulation, labels, &mut mesh, monitor)?;
+    let listed = copy_tets(triangulation, &kept, &tet_index, &vertex_index, &mut mesh, monitor)?;
+    drop((vertex_index, tet_index, kept));
     copy_facets(&mut mesh, &listed, monitor)?;
     Ok(mesh)
 }
 
-/// What becomes of the tet in each slot.
-struct Slots {
-    /// Low half: the place of the tet among those kept in its [`RANGE`] of slots, or [`NOT_KEPT`]. High half: its label id, 0 where none is kept.
-    notes: Vec<u32>,
-    /// The indices in the mesh of the tets in each range.
+/// What becomes of the tets.
+struct Kept<'o> {
+    order: &'o [TetId],
+    /// The label id of each tet of the order, or [`NOT_KEPT`].
+    ids: Vec<u16>,
+    /// The indices in the mesh of the tets in each [`RANGE`] of the order.
     ranges: Vec<Range<usize>>,
 }
 
-/// The note on a slot without a tet of the mesh; as a place, none in a range.
-const NOT_KEPT: u32 = 0xFFFF;
-const _: () = assert!(RANGE < NOT_KEPT as usize);
+/// The note on a tet that is not kept; no label's id.
+const NOT_KEPT: u16 = NO_TAG;
 
-impl Slots {
+impl<'o> Kept<'o> {
     /// The keep pass. Returns besides which vertices are in use, a bit for each.
     fn new(
         triangulation: &Triangulation,
+        order: &'o [TetId],
         label_id: impl Fn(TetId) -> u16 + Sync,
         background: bool,
         monitor: &Monitor<'_>,
     ) -> Result<(Self, Vec<AtomicU32>)> {
         let words = triangulation.vertex_bound().div_ceil(u32::BITS) as usize;
         let in_use: Vec<AtomicU32> = zeroed(words, "vertices of the mesh")?;
-        let mut notes = zeroed(triangulation.tet_bound() as usize, "slots of tets")?;
-        let keep = |(range, notes): (usize, &mut [u32])| {
-            monitor.advance(notes.len() / 2)?;
+        let mut ids = zeroed(order.len(), "tets of the triangulation")?;
+        let keep = |(tets, ids): (&[TetId], &mut [u16])| {
+            monitor.advance(tets.len() / 2)?;
             let mut kept = 0;
-            for (slot, note) in notes.iter_mut().enumerate() {
-                *note = NOT_KEPT;
-                let t = (range * RANGE + slot) as TetId;
-                triangulation.prefetch(t + AHEAD);
-                let vertices = triangulation.tet(t).vertices();
-                if !is_tet(vertices) {
+            for (i, (&t, id)) in tets.iter().zip(ids).enumerate() {
+                triangulation.prefetch(tets[(i + AHEAD).min(tets.len() - 1)]);
+                *id = label_id(t);
+                if *id == 0 && !background {
+                    *id = NOT_KEPT;
                     continue;
                 }
-                let id = label_id(t);
-                if id == 0 && !background {
-                    continue;
-                }
-                *note = u32::from(id) << 16 | kept;
                 kept += 1;
-                for v in vertices {
+                for v in triangulation.tet(t).vertices() {
                     let (word, bit): (&AtomicU32, u32) = (&in_use[(v / u32::BITS) as usize], 1 << (v % u32::BITS));
                     // Most are in use already: looking first spares the locked operation.
                     if word.load(Relaxed) & bit == 0 {
@@ -115,23 +105,40 @@ impl Slots {
                     }
                 }
             }
-            Ok(kept as usize)
+            Ok(kept)
         };
-        let kept = notes.par_chunks_mut(RANGE).enumerate().map(keep).collect::<Result<_>>()?;
-        Ok((Self { notes, ranges: consecutive(kept) }, in_use))
+        let kept = order.par_chunks(RANGE).zip(ids.par_chunks_mut(RANGE)).map(keep).collect::<Result<_>>()?;
+        Ok((Self { order, ids, ranges: consecutive(kept) }, in_use))
     }
 
-    /// The labels of the mesh's tets.
-    fn labels(&self, labels: &[i32], monitor: &Monitor<'_>) -> Result<Vec<i32>> {
-        let mut list = zeroed(end_of(&self.ranges), "tets of the mesh")?;
-        let pieces = split(&mut list, &self.ranges).into_par_iter().zip(self.notes.par_chunks(RANGE));
-        pieces.try_for_each(|(list, notes)| {
+    /// The tets of a range that are kept, each with its label id.
+    fn of_range(&self, range: usize) -> impl Iterator<Item = (TetId, u16)> {
+        let part = range * RANGE..((range + 1) * RANGE).min(self.order.len());
+        let tets = self.order[part.clone()].iter().copied().zip(self.ids[part].iter().copied());
+        tets.filter(|&(_, id)| id != NOT_KEPT)
+    }
+
+    /// The number pass: fills in the labels. Returns the index of the tet in each slot, [`NONE`] where none is kept.
+    fn number(
+        &self,
+        triangulation: &Triangulation,
+        labels: &[i32],
+        mesh: &mut TetMesh,
+        monitor: &Monitor<'_>,
+    ) -> Result<Vec<AtomicU32>> {
+        // What is zero stands for none, so indices are kept with 1 added.
+        let tet_index: Vec<AtomicU32> = zeroed(triangulation.tet_bound() as usize, "slots of tets")?;
+        mesh.labels = zeroed(end_of(&self.ranges), "tets of the mesh")?;
+        let pieces = split(&mut mesh.labels, &self.ranges).into_par_iter().zip(&self.ranges).enumerate();
+        pieces.try_for_each(|(range, (own, indices))| {
             monitor.check_cancelled()?;
-            let kept = notes.iter().filter(|&note| note & NOT_KEPT != NOT_KEPT);
-            list.iter_mut().zip(kept).for_each(|(label, note)| *label = labels[(note >> 16) as usize]);
+            for (((t, id), label), index) in self.of_range(range).zip(own).zip(indices.clone()) {
+                *label = labels[usize::from(id)];
+                tet_index[t as usize].store(index as u32 + 1, Relaxed);
+            }
             Ok(())
         })?;
-        Ok(list)
+        Ok(tet_index)
     }
 }
 
@@ -140,23 +147,21 @@ fn copy_vertices(
     triangulation: &Triangulation,
     in_use: &[AtomicU32],
     monitor: &Monitor<'_>,
-) -> Result<(Vec<u32>, Vec<[f64; 3]>)> {
-    const BITS: usize = u32::BITS as usize;
-    let count = |words: &[AtomicU32]| words.iter().map(|word| word.load(Relaxed).count_ones() as usize).sum();
-    let ranges = consecutive(in_use.par_chunks(RANGE / BITS).map(count).collect());
-    let mut index: Vec<u32> = zeroed(in_use.len() * BITS, "vertices of the mesh")?;
-    let mut points = zeroed(end_of(&ranges), "vertices of the mesh")?;
-    let pieces = index.par_chunks_mut(RANGE).zip(split(&mut points, &ranges)).zip(&ranges).enumerate();
-    pieces.try_for_each(|(at, ((index, points), range))| {
-        monitor.check_cancelled()?;
-        let first = at * RANGE;
-        let is_in_use = |v: &usize| in_use[(first + v) / BITS].load(Relaxed) >> (v % BITS) & 1 == 1;
-        for (k, (v, point)) in (0..index.len()).filter(is_in_use).zip(points).enumerate() {
-            index[v] = (range.start + k) as u32;
-            *point = triangulation.position((first + v) as u32).to_array();
-        }
-        Ok(())
-    })?;
+) -> Result<(Vec<AtomicU32>, Vec<[f64; 3]>)> {
+    let is_in_use = |v: u32| in_use[(v / u32::BITS) as usize].load(Relaxed) >> (v % u32::BITS) & 1 == 1;
+    let order = triangulation.vertices_by_place(is_in_use, || monitor.check_cancelled())?;
+    let index: Vec<AtomicU32> = zeroed(triangulation.vertex_bound() as usize, "vertices of the mesh")?;
+    let mut points: Vec<[f64; 3]> = zeroed(order.len(), "vertices of the mesh")?;
+    order.par_chunks(RANGE).zip(points.par_chunks_mut(RANGE)).enumerate().try_for_each(
+        |(range, (vertices, points))| {
+            monitor.check_cancelled()?;
+            for ((&v, point), new) in vertices.iter().zip(points).zip((range * RANGE) as u32..) {
+                index[v as usize].store(new, Relaxed);
+                *point = triangulation.position(v).to_array();
+            }
+            Ok(())
+        },
+    )?;
     Ok((index, points))
 }
 
@@ -166,62 +171,41 @@ type Fours<'a> = &'a mut [[u32; 4]];
 /// The tet pass: fills in vertices and neighbours. Returns the interface facets of each range of tets.
 fn copy_tets(
     triangulation: &Triangulation,
-    slots: &Slots,
-    vertex_index: &[u32],
+    kept: &Kept<'_>,
+    tet_index: &[AtomicU32],
+    vertex_index: &[AtomicU32],
     mesh: &mut TetMesh,
     monitor: &Monitor<'_>,
 ) -> Result<Vec<Vec<Facet>>> {
-    let count = end_of(&slots.ranges);
+    let count = end_of(&kept.ranges);
     mesh.tets = zeroed(count, "tets of the mesh")?;
     mesh.neighbors = zeroed(count, "tets of the mesh")?;
-    let copy = |(range, (mut tets, mut neighbors)): (usize, (Fours<'_>, Fours<'_>))| {
+    let labels = &mesh.labels;
+    let copy = |(range, (tets, neighbors)): (usize, (Fours<'_>, Fours<'_>))| {
         monitor.advance(RANGE / 2)?;
         let mut listed = Vec::new();
-        let mut index = slots.ranges[range].start as u32;
-        for first in (range * RANGE..(range + 1) * RANGE).step_by(BLOCK) {
-            // Each step is a loop of its own: in a short one the processor has many lookups under way at once.
-            let mut ids = [0; BLOCK];
-            let mut kept = 0;
-            for (slot, &note) in (first..).zip(&slots.notes[first..first + BLOCK]) {
-                triangulation.prefetch(slot as TetId + AHEAD);
-                if note & NOT_KEPT != NOT_KEPT {
-                    let record = triangulation.tet(slot as TetId);
-                    tets[kept] = record.vertices();
-                    neighbors[kept] = [0, 1, 2, 3].map(|i| record.neighbor(i).tet());
-                    ids[kept] = note >> 16;
-                    kept += 1;
+        let filled = tets.iter_mut().zip(neighbors).zip(kept.ranges[range].clone());
+        for ((t, _), ((vertices, neighbors), index)) in kept.of_range(range).zip(filled) {
+            let record = triangulation.tet(t);
+            *vertices = record.vertices().map(|v| vertex_index[v as usize].load(Relaxed));
+            // A facet on the box names a slot far beyond all that exist. Less 1, 0 becomes `NONE`.
+            let index_of =
+                |slot: TetId| tet_index.get(slot as usize).map_or(0, |index| index.load(Relaxed)).wrapping_sub(1);
+            *neighbors = [0, 1, 2, 3].map(|i| index_of(record.neighbor(i).tet()));
+            for (i, &other) in neighbors.iter().enumerate() {
+                // Each interface facet once. What is not kept has label 0, and so has what lies outside of the box: in a finished refinement nothing else
+                // lies along it, but a partial mesh may reach it.
+                let (label, is_listed) =
+                    if other == NONE { (0, true) } else { (labels[other as usize], other < index as u32) };
+                if is_listed && labels[index] != label {
+                    reserve(&mut listed, 1, "interface facets of the mesh")?;
+                    listed.push(Facet::new(index as u32, i));
                 }
             }
-            let tets = tets.split_off_mut(..kept).expect("the range holds its tets");
-            let neighbors = neighbors.split_off_mut(..kept).expect("the range holds its tets");
-            for v in tets.as_flattened_mut() {
-                *v = vertex_index[*v as usize];
-            }
-            let mut notes = [[NOT_KEPT; 4]; BLOCK];
-            for (note, &slot) in notes.as_flattened_mut().iter_mut().zip(neighbors.as_flattened()) {
-                // A facet on the box names a slot far beyond all that exist.
-                *note = slots.notes.get(slot as usize).copied().unwrap_or(NOT_KEPT);
-            }
-            let mut facets = [Facet::NONE; 4 * BLOCK];
-            let mut count = 0;
-            for ((neighbors, notes), id) in neighbors.iter_mut().zip(notes).zip(ids) {
-                for i in 0..4 {
-                    let (place, other) = (notes[i] & NOT_KEPT, notes[i] >> 16);
-                    let start = slots.ranges.get(neighbors[i] as usize / RANGE).map_or(0, |range| range.start as u32);
-                    neighbors[i] = if place == NOT_KEPT { NONE } else { start + place };
-                    // Each interface facet once: from its tet with the larger id. What is not kept has id 0, and so has what lies outside of the box: in
-                    // a finished refinement nothing else lies along it, but a partial mesh may reach it. No branch, for it could not be foreseen.
-                    facets[count] = Facet::new(index, i);
-                    count += usize::from(id > other);
-                }
-                index += 1;
-            }
-            reserve(&mut listed, count, "interface facets of the mesh")?;
-            listed.extend_from_slice(&facets[..count]);
         }
         Ok(listed)
     };
-    let pieces = split(&mut mesh.tets, &slots.ranges).into_par_iter().zip(split(&mut mesh.neighbors, &slots.ranges));
+    let pieces = split(&mut mesh.tets, &kept.ranges).into_par_iter().zip(split(&mut mesh.neighbors, &kept.ranges));
     pieces.enumerate().map(copy).collect()
 }
 
@@ -312,14 +296,15 @@ mod tests {
             let center = triangulation.tet(t).sphere().center;
             if center.distance(DVec3::splat(0.5)) > 0.4 { 0 } else { 1 + u16::from(center.x > 0.5) }
         };
+        let order = triangulation.tets_by_place(|| Ok(())).unwrap();
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| extract(&triangulation, label_id, labels, background, &Monitor::silent()).unwrap())
+            pool.install(|| extract(&triangulation, &order, label_id, labels, background, &Monitor::silent()).unwrap())
         };
         let mesh = on(1);
         assert_eq!(mesh, on(3));
 
-        let kept: Vec<TetId> = triangulation.living_tets().filter(|&t| background || label_id(t) != 0).collect();
+        let kept: Vec<TetId> = order.iter().copied().filter(|&t| background || label_id(t) != 0).collect();
         let index: HashMap<TetId, u32> = kept.iter().zip(0..).map(|(&t, i)| (t, i)).collect();
         assert_eq!(mesh.tets.len(), kept.len());
         let mut facets = 0;

@@ -286,23 +286,20 @@ impl<'a> Rules<'a> {
             || has_angle_below(a, b, c, self.facet_cosine_squared)
     }
 
-    /// The misshapen interface facets of a living tet of a triangulation at rest that R3 is not asked of, because this tet or that across is too flat to have a circumcenter. Each counts with the tet of greater id.
+    /// The misshapen interface facets of a tet too flat to have a circumcenter, of which R3 is not asked; of a triangulation at rest. Where two such tets meet the facet counts with the one of greater id.
     pub fn undecided_facets(&self, t: TetId) -> u64 {
-        if !self.triangulation.is_living(t) {
+        let record = self.triangulation.tet(t);
+        if record.sphere().is_certain() {
             return 0;
         }
-        let record = self.triangulation.tet(t);
         let is_undecided = |i: &usize| {
             let neighbor = record.neighbor(*i);
-            if neighbor.is_none() || neighbor.tet() >= t {
-                return false;
-            }
-            let is_certain = |u: TetId| self.triangulation.tet(u).sphere().is_certain();
-            if is_certain(t) && is_certain(neighbor.tet()) || self.label(t) == self.label(neighbor.tet()) {
+            if neighbor.is_none() || self.label(t) == self.label(neighbor.tet()) {
                 return false;
             }
             let vertices = FACET[*i].map(|k| record.vertices()[k]);
-            self.is_misshapen(vertices, vertices.map(|v| self.triangulation.position(v)))
+            let is_counted = neighbor.tet() < t || self.triangulation.tet(neighbor.tet()).sphere().is_certain();
+            is_counted && self.is_misshapen(vertices, vertices.map(|v| self.triangulation.position(v)))
         };
         (0..4).filter(is_undecided).count() as u64
     }

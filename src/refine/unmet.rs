@@ -2,7 +2,7 @@
 //! conflict zone, or since a limit ended the run.
 //!
 //! Reads only, in parallel in the current rayon pool; nobody may operate on the triangulation meanwhile. The counts do not depend on the number of threads.
-//! Linear in the slots of tets, and in the cells of the image through which interfaces pass.
+//! Linear in the tets, which are gone through in the order of their places, and in the cells of the image through which interfaces pass.
 
 use rayon::prelude::*;
 
@@ -10,28 +10,24 @@ use super::cell_table::MAX_HEADS;
 use super::rules::{Facets, Lookups, Rule, Rules};
 use super::vertex_grid::VertexGrid;
 use crate::Result;
+use crate::delaunay::check::{AHEAD, CHECK_EVERY};
 use crate::delaunay::{TetId, VertexKind};
 use crate::monitor::Monitor;
 
-/// Slots of tets, or vertices, of one piece of work, between two looks at the cancel flag.
+/// Vertices of one piece of work, between two looks at the cancel flag.
 const PIECE: u32 = 1 << 12;
 
-/// The sweep fetches the neighbours of the tet this many slots ahead: they lie anywhere.
-const AHEAD: u32 = 8;
-
-/// Counts the tets to which a rule still applies, by rule. A tet of the object that is too flat for its circumcenter to be computed counts under R4, and each misshapen interface facet of such a tet under R3; under
+/// Counts the tets to which a rule still applies, by rule; `order` is that of [`Triangulation::tets_by_place`](crate::delaunay::Triangulation::tets_by_place). A tet of the object that is too flat for its circumcenter to be computed counts under R4, and each misshapen interface facet of such a tet under R3; under
 /// R1 count the crossed edges of the image's grid that have no isovertex within delta.
 ///
 /// # Errors
 /// [`crate::Error::Cancelled`]; [`crate::Error::OutOfMemory`].
-pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]> {
-    let bound = rules.triangulation.tet_bound();
-    let pieces = (0..bound.div_ceil(PIECE)).into_par_iter().map(|piece| {
-        monitor.advance(PIECE as usize)?;
+pub fn unmet_rules(rules: &Rules<'_>, order: &[TetId], monitor: &Monitor<'_>) -> Result<[u64; 6]> {
+    let pieces = order.par_chunks(CHECK_EVERY).map(|tets| {
+        monitor.advance(tets.len())?;
         let mut unmet = [0; 6];
-        let end = ((piece + 1) * PIECE).min(bound);
-        for t in piece * PIECE..end {
-            rules.triangulation.prefetch_neighbors((t + AHEAD).min(end - 1));
+        for (i, &t) in tets.iter().enumerate() {
+            rules.triangulation.prefetch(tets[(i + AHEAD).min(tets.len() - 1)]);
             if let Some(rule) = rules.unmet_rule(t) {
                 unmet[rule as usize] += 1;
             }
@@ -45,11 +41,8 @@ pub fn unmet_rules(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<[u64; 6]>
 }
 
 impl Rules<'_> {
-    /// The first rule that applies to a slot, if a tet lives there. With all tets each facet is asked once.
+    /// The first rule that applies to a tet. With all tets each facet is asked once.
     fn unmet_rule(&self, t: TetId) -> Option<Rule> {
-        if !self.triangulation.is_living(t) {
-            return None;
-        }
         let demand = self.surface_demand(t, Facets::Once, &mut Lookups::default()).or_else(|| self.volume_demand(t));
         demand.map(|demand| demand.rule).or_else(|| self.is_undecided(t).then_some(Rule::R4))
     }

@@ -59,7 +59,8 @@ fn refining_again_changes_nothing() {
         assert!(triangulation.check().is_sound());
         let again = refine(&rules, &schedule, &Monitor::silent()).unwrap().counters;
         assert_eq!((again.insertions, again.removals, again.created, again.destroyed), (0, 0, 0, 0), "{surface:?}");
-        assert_eq!(unmet_rules(&rules, &Monitor::silent()).unwrap(), [0; 6], "{surface:?}");
+        let order = triangulation.tets_by_place(|| Ok(())).unwrap();
+        assert_eq!(unmet_rules(&rules, &order, &Monitor::silent()).unwrap(), [0; 6], "{surface:?}");
     }
 }
 
@@ -75,9 +76,10 @@ fn what_stays_unmet_is_the_same_on_any_number_of_threads() {
     let limits = Limits { max_vertices: Some(5000), ..Limits::default() };
     let ended = refine(&rules, &Schedule { limits, ..Schedule::solo() }, &Monitor::silent()).unwrap();
     assert!(matches!(ended.ended_by, Some(Error::LimitReached(_))));
+    let order = triangulation.tets_by_place(|| Ok(())).unwrap();
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| (unmet_rules(&rules, &Monitor::silent()).unwrap(), triangulation.check()))
+        pool.install(|| (unmet_rules(&rules, &order, &Monitor::silent()).unwrap(), triangulation.check()))
     };
     let counted = on(1);
     assert!(counted.0.iter().sum::<u64>() > 100, "{:?}", counted.0);

@@ -130,9 +130,10 @@ pub fn outcome(subject: &Subject, schedule: &Schedule, complete: bool) -> Outcom
     let counters = refinement.counters;
     assert_eq!(counters.insertions - counters.removals, check.vertices - 8, "{what}: vertices are lost");
     assert_eq!(refinement.ended_by.is_none(), complete, "{what}: {:?}", refinement.ended_by);
-    let unmet = unmet_rules(&rules, &monitor).unwrap();
+    let order = triangulation.tets_by_place(|| Ok(())).unwrap();
+    let unmet = unmet_rules(&rules, &order, &monitor).unwrap();
     assert!(!complete || unmet == [0; 6], "{what}: unmet {unmet:?}");
-    let mesh = extract(&triangulation, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
+    let mesh = extract(&triangulation, &order, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
     let certificate = Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor).unwrap();
     let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
     assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");

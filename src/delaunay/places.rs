@@ -1,0 +1,182 @@
+//! Tets and vertices by place, so that who goes through them meets neighbours one soon after the other.
+//!
+//! Slots and ids are given out as the refinement goes: it ends with neighbours anywhere in memory, and a sweep that looks at each tet's neighbours and vertices waits
+//! for memory most of the time. In the order of their places what one needs the next one has in the cache.
+//!
+//! Places are cells of a grid over the box, along the curve of G. M. Morton ("A computer oriented geodetic data base", 1966); within a cell the order is that of the
+//! numbers. So the order depends on the triangulation alone, not on the number of threads.
+//!
+//! A counting sort: linear, parallel in the current rayon pool. Not to be used while others operate.
+
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::tet::{TetId, VertexId};
+use super::triangulation::Triangulation;
+use crate::Result;
+use crate::memory::zeroed;
+
+/// Numbers of one piece of work, between two questions whether to go on.
+const PIECE: usize = 1 << 13;
+
+/// Cells of one piece of work.
+const CELLS: usize = 1 << 10;
+
+/// As many numbers come to a cell: their records fit into the first-level cache.
+const PER_CELL: u32 = 32;
+
+/// Most bits of a cell's place along an axis.
+const MOST_BITS: u32 = 8;
+
+impl Triangulation {
+    /// All living tets, by their circumcenters.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`]; those of `go_on`.
+    pub fn tets_by_place(&self, go_on: impl Fn() -> Result<()> + Sync) -> Result<Vec<TetId>> {
+        let center = |t| self.is_living(t).then(|| self.tet(t).sphere().center);
+        self.by_place(self.tet_bound(), center, go_on)
+    }
+
+    /// The vertices that `wanted` names.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`]; those of `go_on`.
+    pub fn vertices_by_place(
+        &self,
+        wanted: impl Fn(VertexId) -> bool + Sync,
+        go_on: impl Fn() -> Result<()> + Sync,
+    ) -> Result<Vec<VertexId>> {
+        let position = |v| wanted(v).then(|| self.position(v));
+        self.by_place(self.vertex_bound(), position, go_on)
+    }
+
+    /// The numbers below `bound` that have a place.
+    fn by_place(
+        &self,
+        bound: u32,
+        place: impl Fn(u32) -> Option<DVec3> + Sync,
+        go_on: impl Fn() -> Result<()> + Sync,
+    ) -> Result<Vec<u32>> {
+        let bits = ((bound / PER_CELL).max(1).ilog2() / 3).min(MOST_BITS);
+        let side = f64::from(1_u32 << bits);
+        let per_cell = side / (self.upper() - self.lower());
+        // Circumcenters may lie outside of the box.
+        let cell = |p: DVec3| {
+            let [x, y, z] = ((p - self.lower()) * per_cell).clamp(DVec3::ZERO, DVec3::splat(side - 1.0)).to_array();
+            spread(x as u32) | spread(y as u32) << 1 | spread(z as u32) << 2
+        };
+        // The cell of each number, from 1 on; 0 for one without a place.
+        let mut cells: Vec<u32> = zeroed(bound as usize, "cells of tets")?;
+        let ends: Vec<AtomicU32> = zeroed((1 << (3 * bits)) + 1, "cells of a grid")?;
+        cells.par_chunks_mut(PIECE).enumerate().try_for_each(|(piece, cells)| {
+            go_on()?;
+            for (own, number) in cells.iter_mut().zip((piece * PIECE) as u32..) {
+                if let Some(p) = place(number) {
+                    *own = 1 + cell(p);
+                    ends[*own as usize].fetch_add(1, Relaxed);
+                }
+            }
+            Ok(())
+        })?;
+        let mut end = 0;
+        for count in &ends {
+            end += count.load(Relaxed);
+            count.store(end, Relaxed);
+        }
+        // `ends[c]` grows from the start of the cell's part to its end.
+        let sorted: Vec<AtomicU32> = zeroed(end as usize, "tets by place")?;
+        cells.par_chunks(PIECE).enumerate().try_for_each(|(piece, cells)| {
+            go_on()?;
+            for (&own, number) in cells.iter().zip((piece * PIECE) as u32..).filter(|&(&own, _)| own > 0) {
+                sorted[ends[own as usize - 1].fetch_add(1, Relaxed) as usize].store(number, Relaxed);
+            }
+            Ok(())
+        })?;
+        drop(cells);
+        // With several threads the numbers of a cell come in no particular order.
+        let mut sorted: Vec<u32> = sorted.into_par_iter().map(AtomicU32::into_inner).collect();
+        let ends: Vec<u32> = ends.into_iter().map(AtomicU32::into_inner).collect();
+        let mut rest = sorted.as_mut_slice();
+        let mut start = 0;
+        let mut pieces = Vec::new();
+        for ends in ends[..ends.len() - 1].chunks(CELLS) {
+            let end = ends[ends.len() - 1];
+            pieces.extend(rest.split_off_mut(..(end - start) as usize).map(|piece| (start, ends, piece)));
+            start = end;
+        }
+        pieces.into_par_iter().try_for_each(|(first, ends, piece)| {
+            go_on()?;
+            let mut start = 0;
+            for end in ends.iter().map(|end| (end - first) as usize) {
+                piece[start..end].sort_unstable();
+                start = end;
+            }
+            Ok(())
+        })?;
+        Ok(sorted)
+    }
+}
+
+/// The bits of a number of at most [`MOST_BITS`], two places between one and the next.
+fn spread(x: u32) -> u32 {
+    let x = (x | x << 8) & 0x0000_F00F;
+    let x = (x | x << 4) & 0x000C_30C3;
+    (x | x << 2) & 0x0024_9249
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::delaunay::{Solo, VertexKind, Worker};
+
+    #[test]
+    fn bits_are_spread() {
+        for x in 0..1_u32 << MOST_BITS {
+            let expected = (0..MOST_BITS).fold(0, |bits, i| bits | (x >> i & 1) << (3 * i));
+            assert_eq!(spread(x), expected, "{x}");
+        }
+    }
+
+    #[test]
+    fn every_tet_and_vertex_once_near_those_before() {
+        let triangulation = Triangulation::new(DVec3::ZERO, DVec3::ONE).unwrap();
+        let mut worker = Worker::new(Solo, 0);
+        let mut start = 0;
+        for i in 0..6000_u32 {
+            // Far from the one before.
+            let p = DVec3::new(0.754_877_666, 0.569_840_290_998, 0.430_159_709) * f64::from(i + 1);
+            start = triangulation.locate(start, p.fract());
+            worker.insert(&triangulation, start, p.fract(), VertexKind::Free).unwrap();
+            if i % 5 == 4 {
+                worker.remove(&triangulation, 8 + i - 2).unwrap();
+            }
+            start = worker.created()[0];
+        }
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let is_free = |v| triangulation.vertex(v).kind() == VertexKind::Free;
+                let vertices = triangulation.vertices_by_place(is_free, || Ok(())).unwrap();
+                (triangulation.tets_by_place(|| Ok(())).unwrap(), vertices)
+            })
+        };
+        let (tets, vertices) = on(1);
+        assert_eq!((&tets, &vertices), {
+            let (tets, vertices) = &on(3);
+            (tets, vertices)
+        });
+        let sorted = |list: &[u32]| {
+            let mut list = list.to_vec();
+            list.sort_unstable();
+            list
+        };
+        assert_eq!(sorted(&tets), triangulation.living_tets().collect::<Vec<_>>());
+        assert_eq!(vertices.len(), 6000 - 1200);
+        let step = |p: &[u32]| triangulation.position(p[0]).distance(triangulation.position(p[1]));
+        let mean = vertices.windows(2).map(step).sum::<f64>() / vertices.len() as f64;
+        assert!(mean < 0.15, "{mean}");
+    }
+}
