@@ -8,7 +8,6 @@
 use std::time::{Duration, Instant};
 
 use crate::delaunay::Triangulation;
-use crate::delaunay::check::CHECK_EVERY;
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
 use crate::image::islands::Island;
@@ -27,7 +26,7 @@ use crate::refine::refiner::Work;
 use crate::refine::rules::{Rules, TETS_PER_SIZE};
 use crate::refine::sizing::Sizing;
 use crate::refine::team::{Limits, Schedule};
-use crate::refine::{refine, unmet_rules};
+use crate::refine::{examine, refine};
 use crate::system::binding::Places;
 use crate::{Error, Result};
 
@@ -198,10 +197,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         ),
     );
 
-    monitor.enter(Step::Unmet, order.len())?;
-    let unmet = unmet_rules(&rules, &order, monitor)?;
-    monitor.enter(Step::Validate, order.len() + triangulation.vertex_bound() as usize)?;
-    let check = triangulation.check_in(&order, || monitor.advance(CHECK_EVERY))?;
+    let (check, unmet) = examine(&rules, &order, monitor)?;
     monitor.note_tets(check.tets);
     drop(order);
     let oracle_bytes = oracle.bytes() as u64;

@@ -17,7 +17,7 @@ use lapd::params::{Algorithm, Begging, Contention, MeshParams};
 use lapd::refine::activity::Doing;
 use lapd::refine::rules::Rules;
 use lapd::refine::team::Schedule;
-use lapd::refine::{refine, unmet_rules};
+use lapd::refine::{examine, refine};
 use lapd::simulation::course::STEADY;
 use lapd::simulation::platform::{Costs, Level, Network, Platform};
 use lapd::simulation::{Simulated, simulate};
@@ -52,11 +52,10 @@ impl Subject {
         let triangulation = Triangulation::new(lower - margin, upper + margin).unwrap();
         let rules = Rules::new(&triangulation, oracle, params, image.labels()).unwrap();
         let done = work(&rules).unwrap_or_else(|error| panic!("{what}: {error}"));
-        let check = triangulation.check();
+        let order = triangulation.tets_by_place(|| Ok(())).unwrap();
+        let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
         assert!(check.is_sound(), "{what}: {check:?}");
         assert_eq!(triangulation.left_over(), 0, "{what}: vertices owned or tets marked");
-        let order = triangulation.tets_by_place(|| Ok(())).unwrap();
-        let unmet = unmet_rules(&rules, &order, &monitor).unwrap();
         assert_eq!(unmet, [0; 6], "{what}: unmet rules");
         let mesh = extract(&triangulation, &order, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
         let certificate =

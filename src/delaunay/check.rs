@@ -16,8 +16,8 @@ use crate::geometry::sphere::Circumsphere;
 /// Tets, or vertices, between two questions whether to go on: one piece of work.
 pub const CHECK_EVERY: usize = 1 << 12;
 
-/// A sweep fetches the tet this many places ahead.
-pub(crate) const AHEAD: usize = 16;
+/// A sweep fetches the tet this many places ahead: more than there are in a few cells, so that most neighbours are there before they are asked for.
+pub(crate) const AHEAD: usize = 96;
 
 /// What the validator counted. All but `tets` and `vertices` are 0 for a sound triangulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -57,30 +57,31 @@ impl Check {
 impl Triangulation {
     /// Checks the whole triangulation. Not to be used while others operate.
     pub fn check(&self) -> Check {
-        let go_on = || Ok(());
-        self.tets_by_place(go_on).and_then(|order| self.check_in(&order, go_on)).unwrap_or_default()
+        let order = self.tets_by_place(|| Ok(()));
+        order.and_then(|order| self.check_in(&order, |_| Ok(()))).unwrap_or_default()
     }
 
-    /// As [`Self::check`], by the `order` of [`Self::tets_by_place`]; asks `go_on` before every [`CHECK_EVERY`] tets and vertices, on any thread of the pool.
+    /// As [`Self::check`], by the `order` of [`Self::tets_by_place`]. Shows each piece of [`CHECK_EVERY`] tets to `look` after it was checked, while it is in the cache, on any thread of the pool; and as often no tets
+    /// while it goes through the vertices.
     ///
     /// # Errors
-    /// Those of `go_on`.
-    pub fn check_in(&self, order: &[TetId], go_on: impl Fn() -> Result<()> + Sync) -> Result<Check> {
+    /// Those of `look`.
+    pub fn check_in(&self, order: &[TetId], look: impl Fn(&[TetId]) -> Result<()> + Sync) -> Result<Check> {
         let tets = order.par_chunks(CHECK_EVERY).map(|tets| {
-            go_on()?;
             let mut check = Check { tets: tets.len() as u64, ..Check::default() };
             let mut stars = 0;
             for (i, &t) in tets.iter().enumerate() {
                 self.prefetch(tets[(i + AHEAD).min(tets.len() - 1)]);
                 self.check_tet(t, &mut check, &mut stars);
             }
+            look(tets)?;
             Ok((check, stars))
         });
         // Counts: their sums do not depend on the order.
         let (mut check, stars) = tets.try_reduce(Default::default, |a, b| Ok((a.0.merged(b.0), a.1 + b.1)))?;
         let bound = self.vertex_bound();
         let vertices = (0..bound.div_ceil(CHECK_EVERY as u32)).into_par_iter().map(|piece| {
-            go_on()?;
+            look(&[])?;
             let first = piece * CHECK_EVERY as u32;
             let pieces = first..(first + CHECK_EVERY as u32).min(bound);
             Ok(pieces.filter(|&v| self.vertex(v).kind() != VertexKind::Removed).count() as u64)
@@ -197,7 +198,7 @@ mod tests {
     #[test]
     fn the_check_ends_when_told_to() {
         let left = AtomicU32::new(1);
-        let stop = || if left.fetch_sub(1, Relaxed) == 0 { Err(Error::Cancelled) } else { Ok(()) };
+        let stop = |_: &[TetId]| if left.fetch_sub(1, Relaxed) == 0 { Err(Error::Cancelled) } else { Ok(()) };
         let triangulation = triangulation();
         let order = triangulation.tets_by_place(|| Ok(())).unwrap();
         assert!(matches!(triangulation.check_in(&order, stop), Err(Error::Cancelled)));

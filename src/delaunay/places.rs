@@ -24,8 +24,8 @@ const PIECE: usize = 1 << 13;
 /// Cells of one piece of work.
 const CELLS: usize = 1 << 10;
 
-/// As many numbers come to a cell: their records fit into the first-level cache.
-const PER_CELL: u32 = 32;
+/// As many numbers come to a cell at least, on average; in the object, which fills a part of the box, some more.
+const PER_CELL: u32 = 4;
 
 /// Most bits of a cell's place along an axis.
 const MOST_BITS: u32 = 8;

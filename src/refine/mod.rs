@@ -33,4 +33,4 @@ pub mod unmet;
 pub mod vertex_grid;
 
 pub use podm::refine;
-pub use unmet::unmet_rules;
+pub use unmet::examine;

@@ -4,40 +4,46 @@
 //! Reads only, in parallel in the current rayon pool; nobody may operate on the triangulation meanwhile. The counts do not depend on the number of threads.
 //! Linear in the tets, which are gone through in the order of their places, and in the cells of the image through which interfaces pass.
 
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
 use rayon::prelude::*;
 
 use super::cell_table::MAX_HEADS;
 use super::rules::{Facets, Lookups, Rule, Rules};
 use super::vertex_grid::VertexGrid;
 use crate::Result;
-use crate::delaunay::check::{AHEAD, CHECK_EVERY};
+use crate::delaunay::check::{CHECK_EVERY, Check};
 use crate::delaunay::{TetId, VertexKind};
-use crate::monitor::Monitor;
+use crate::monitor::{Monitor, Step};
 
 /// Vertices of one piece of work, between two looks at the cancel flag.
 const PIECE: u32 = 1 << 12;
 
-/// Counts the tets to which a rule still applies, by rule; `order` is that of [`Triangulation::tets_by_place`](crate::delaunay::Triangulation::tets_by_place). A tet of the object that is too flat for its circumcenter to be computed counts under R4, and each misshapen interface facet of such a tet under R3; under
+/// Checks the triangulation, and counts the tets to which a rule still applies, by rule; `order` is that of [`Triangulation::tets_by_place`](crate::delaunay::Triangulation::tets_by_place).
+/// A tet of the object that is too flat for its circumcenter to be computed counts under R4, and each misshapen interface facet of such a tet under R3; under
 /// R1 count the crossed edges of the image's grid that have no isovertex within delta.
 ///
 /// # Errors
 /// [`crate::Error::Cancelled`]; [`crate::Error::OutOfMemory`].
-pub fn unmet_rules(rules: &Rules<'_>, order: &[TetId], monitor: &Monitor<'_>) -> Result<[u64; 6]> {
-    let pieces = order.par_chunks(CHECK_EVERY).map(|tets| {
-        monitor.advance(tets.len())?;
-        let mut unmet = [0; 6];
-        for (i, &t) in tets.iter().enumerate() {
-            rules.triangulation.prefetch(tets[(i + AHEAD).min(tets.len() - 1)]);
+pub fn examine(rules: &Rules<'_>, order: &[TetId], monitor: &Monitor<'_>) -> Result<(Check, [u64; 6])> {
+    monitor.enter(Step::Unmet, 1)?;
+    let uncovered = rules.uncovered_edges(monitor)?;
+    monitor.enter(Step::Validate, order.len() + rules.triangulation.vertex_bound() as usize)?;
+    let unmet: [AtomicU64; 6] = Default::default();
+    // Piece by piece, so that the tets are still in the cache.
+    let check = rules.triangulation.check_in(order, |tets| {
+        let mut undecided = 0;
+        for &t in tets {
             if let Some(rule) = rules.unmet_rule(t) {
-                unmet[rule as usize] += 1;
+                unmet[rule as usize].fetch_add(1, Relaxed);
             }
-            unmet[Rule::R3 as usize] += rules.undecided_facets(t);
+            undecided += rules.undecided_facets(t);
         }
-        Ok(unmet)
-    });
-    let mut unmet = pieces.try_reduce(|| [0; 6], |a, b| Ok(std::array::from_fn(|rule| a[rule] + b[rule])))?;
-    unmet[Rule::R1 as usize] = rules.uncovered_edges(monitor)?;
-    Ok(unmet)
+        unmet[Rule::R3 as usize].fetch_add(undecided, Relaxed);
+        monitor.advance(CHECK_EVERY)
+    })?;
+    unmet[Rule::R1 as usize].fetch_add(uncovered, Relaxed);
+    Ok((check, unmet.map(AtomicU64::into_inner)))
 }
 
 impl Rules<'_> {

@@ -10,7 +10,7 @@ use lapd::oracle::Oracle;
 use lapd::params::{MeshParams, SurfaceModel};
 use lapd::refine::rules::Rules;
 use lapd::refine::team::{Limits, Schedule};
-use lapd::refine::{refine, unmet_rules};
+use lapd::refine::{examine, refine};
 
 use super::{params, run};
 
@@ -60,7 +60,7 @@ fn refining_again_changes_nothing() {
         let again = refine(&rules, &schedule, &Monitor::silent()).unwrap().counters;
         assert_eq!((again.insertions, again.removals, again.created, again.destroyed), (0, 0, 0, 0), "{surface:?}");
         let order = triangulation.tets_by_place(|| Ok(())).unwrap();
-        assert_eq!(unmet_rules(&rules, &order, &Monitor::silent()).unwrap(), [0; 6], "{surface:?}");
+        assert_eq!(examine(&rules, &order, &Monitor::silent()).unwrap().1, [0; 6], "{surface:?}");
     }
 }
 
@@ -79,10 +79,10 @@ fn what_stays_unmet_is_the_same_on_any_number_of_threads() {
     let order = triangulation.tets_by_place(|| Ok(())).unwrap();
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| (unmet_rules(&rules, &order, &Monitor::silent()).unwrap(), triangulation.check()))
+        pool.install(|| examine(&rules, &order, &Monitor::silent()).unwrap())
     };
     let counted = on(1);
-    assert!(counted.0.iter().sum::<u64>() > 100, "{:?}", counted.0);
+    assert!(counted.1.iter().sum::<u64>() > 100, "{:?}", counted.1);
     assert_eq!(counted, on(3));
 }
 

@@ -19,7 +19,7 @@ use lapd::refine::activity::Overhead;
 use lapd::refine::podm::Refinement;
 use lapd::refine::rules::Rules;
 use lapd::refine::team::Schedule;
-use lapd::refine::{refine, unmet_rules};
+use lapd::refine::{examine, refine};
 
 /// Seconds that a test may take, however slow the build; beyond, its threads hang.
 const PATIENCE: u64 = 1500;
@@ -124,14 +124,13 @@ pub fn outcome(subject: &Subject, schedule: &Schedule, complete: bool) -> Outcom
     let clock = Instant::now();
     let refinement = refine(&rules, schedule, &monitor).unwrap_or_else(|e| panic!("{what}: {e}"));
     let seconds = clock.elapsed().as_secs_f64();
-    let check = triangulation.check();
+    let order = triangulation.tets_by_place(|| Ok(())).unwrap();
+    let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
     assert!(check.is_sound(), "{what}: {check:?}");
     assert_eq!(triangulation.left_over(), 0, "{what}: vertices owned or tets marked");
     let counters = refinement.counters;
     assert_eq!(counters.insertions - counters.removals, check.vertices - 8, "{what}: vertices are lost");
     assert_eq!(refinement.ended_by.is_none(), complete, "{what}: {:?}", refinement.ended_by);
-    let order = triangulation.tets_by_place(|| Ok(())).unwrap();
-    let unmet = unmet_rules(&rules, &order, &monitor).unwrap();
     assert!(!complete || unmet == [0; 6], "{what}: unmet {unmet:?}");
     let mesh = extract(&triangulation, &order, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
     let certificate = Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor).unwrap();

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::super::image_components::ImageComponents;
 use super::super::ledger::{Ledger, Sums};
-use super::super::triangle_bins::{Nearest, Triangle, TriangleBins};
+use super::super::triangle_bins::{Nearest, Triangle, TriangleBins, closest_point};
 use super::super::voxel_faces::{BRICK, Face, VoxelFaces};
 use super::{CHECK_EVERY, Distance, Max, Sum, spread};
 use crate::Result;
@@ -229,10 +229,9 @@ pub(super) fn image_to_mesh(
                     monitor.advance(0)?;
                 }
                 let area = faces.area(target.face);
-                let mut corners = Corners::of(target.face, faces);
                 let crossing = crossing(target, faces, oracle);
                 // Mostly one triangle is the nearest of all three.
-                let mut known = (NONE, 0.0);
+                let mut known: Option<Met> = None;
                 let mut measure = |best: Nearest, id: Option<u16>, max: &Maxima| {
                     // All triangles within the reach have been met.
                     let found = if best.distance_squared <= reach * reach {
@@ -246,17 +245,18 @@ pub(super) fn image_to_mesh(
                         max.surface.raise(distance);
                         return [Sum::of(area, distance); 2];
                     };
-                    corners.look_at(triangle, distance, bins, id, &max.faces);
-                    if known.0 != triangle {
-                        known = (triangle, bins.triangles[triangle as usize].distance_squared(crossing).sqrt());
+                    let met = known.filter(|met| met.triangle == triangle);
+                    let met = *known.insert(met.unwrap_or_else(|| Met::new(triangle, crossing, bins)));
+                    // A corner with any triangle within the maximum so far cannot raise it. The margin keeps rounding from deciding.
+                    if distance + faces.half_diagonal(target.face) > max.faces.get() * (1.0 - 1e-12) {
+                        met.look_at_corners(target.face, faces, bins, id, &max.faces);
                     }
-                    let bound = known.1;
-                    if bound > max.surface.get()
+                    if met.distance > max.surface.get()
                         && let Some(nearest) = bins.nearest(id, crossing, Some(triangle))
                     {
                         max.surface.raise(nearest.distance_squared.sqrt());
                     }
-                    [distance, bound].map(|distance| Sum::of(area, distance))
+                    [distance, met.distance].map(|distance| Sum::of(area, distance))
                 };
                 let [of_all, of_sides @ ..] = target.best;
                 let sums = measure(of_all, None, &maximum);
@@ -302,34 +302,30 @@ fn crossing(target: &Target, faces: &VoxelFaces<'_>, oracle: &Oracle) -> DVec3 {
     point
 }
 
-/// The corners of a voxel face.
-struct Corners {
-    at: [DVec3; 4],
-    half_diagonal: f64,
-    /// A triangle, and the distances of the corners from it.
-    known: Option<(u32, [f64; 4])>,
+/// A triangle near a voxel face: that which is nearest to the centre.
+#[derive(Clone, Copy)]
+struct Met {
+    triangle: u32,
+    /// Its point closest to where dO crosses the edge through the face.
+    point: DVec3,
+    /// How far that is.
+    distance: f64,
 }
 
-impl Corners {
-    fn of(face: Face, faces: &VoxelFaces<'_>) -> Self {
-        Self { at: faces.corners(face), half_diagonal: faces.half_diagonal(face), known: None }
+impl Met {
+    fn new(triangle: u32, crossing: DVec3, bins: &TriangleBins) -> Self {
+        let point = closest_point(&bins.triangles[triangle as usize].corners, crossing);
+        Self { triangle, point, distance: point.distance(crossing) }
     }
 
-    /// Raises `max` to the largest distance from a corner to the triangles, or to those of label `id`. `triangle` is one of them, and the centre is no farther from it
-    /// than `distance`.
-    fn look_at(&mut self, triangle: u32, distance: f64, bins: &TriangleBins, id: Option<u16>, max: &Max) {
-        // A corner with any triangle within the maximum so far cannot raise it. The margin keeps rounding from deciding.
-        if distance + self.half_diagonal <= max.get() * (1.0 - 1e-12) {
-            return;
-        }
-        let bounds = match self.known {
-            Some((known, bounds)) if known == triangle => bounds,
-            _ => self.at.map(|corner| bins.triangles[triangle as usize].distance_squared(corner).sqrt()),
-        };
-        self.known = Some((triangle, bounds));
-        for (corner, bound) in self.at.into_iter().zip(bounds) {
-            if bound > max.get()
-                && let Some(nearest) = bins.nearest(id, corner, Some(triangle))
+    /// Raises `max` to the largest distance from a corner of the face to the triangles, or to those of label `id`; this is one of them.
+    fn look_at_corners(&self, face: Face, faces: &VoxelFaces<'_>, bins: &TriangleBins, id: Option<u16>, max: &Max) {
+        for corner in faces.corners(face) {
+            // Bounds of the distance, the cheapest first.
+            let most = max.get();
+            if corner.distance_squared(self.point) > most * most
+                && bins.triangles[self.triangle as usize].distance_squared(corner) > most * most
+                && let Some(nearest) = bins.nearest(id, corner, Some(self.triangle))
             {
                 max.raise(nearest.distance_squared.sqrt());
             }
