@@ -40,7 +40,7 @@ use super::image_components::ImageComponents;
 use super::ledger::Sums;
 use super::mesh_components::MeshComponents;
 use super::sets::NO_SET;
-use super::triangle_bins::{self, Triangle, TriangleBins};
+use super::triangle_bins::{Triangle, TriangleBins};
 use super::voxel_faces::VoxelFaces;
 use crate::image::LabelImage;
 use crate::memory::room;
@@ -139,7 +139,6 @@ impl Distances {
                 components: mesh.facet_tets[f].map(|t| mesh_components.of(t).unwrap_or(NO_SET)),
             }));
         }
-        let triangles = triangle_bins::by_brick(triangles, &faces, monitor)?;
         let (mesh_to_image, sums) = from_mesh::mesh_to_image(&triangles, &faces, monitor)?;
         let of_mesh = spread(sums, mesh_components.list.len());
         let (mesh_to_surface, sums) = to_surface::mesh_to_surface(&triangles, to_world, oracle, monitor)?;

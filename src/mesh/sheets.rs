@@ -170,6 +170,8 @@ struct Umbrellas<'m> {
     euler: Ledger<i64>,
     /// The facets of the vertex.
     facets: Vec<u32>,
+    /// The edge of each facet that is across from the vertex.
+    rim: Vec<[u32; 2]>,
     /// Its edges on the interfaces, each with the place of a facet there: sorted, those of one edge beside each other.
     edges: Vec<(u32, u32)>,
     /// The sides of the facets at one edge.
@@ -197,6 +199,7 @@ impl<'m> Umbrellas<'m> {
             touches,
             euler,
             facets,
+            rim: Vec::new(),
             edges,
             sides,
             parents,
@@ -210,12 +213,6 @@ impl<'m> Umbrellas<'m> {
     fn look_at(&mut self, v: u32, facets: impl Iterator<Item = u32>) {
         self.facets.clear();
         self.facets.extend(facets);
-        self.edges.clear();
-        for (&f, place) in self.facets.iter().zip(0..) {
-            let others = self.mesh.facets[f as usize].into_iter().filter(|&w| w != v);
-            self.edges.extend(others.map(|w| (w, place)));
-        }
-        self.edges.sort_unstable();
         if !self.is_disk(v) {
             self.look_closely(v);
         }
@@ -247,27 +244,39 @@ impl<'m> Umbrellas<'m> {
         if self.facets.iter().any(|&f| self.mesh.facet_labels[f as usize] != labels) {
             return false;
         }
-        self.parents.clear();
-        self.parents.extend(0..self.facets.len() as u32);
-        let (mut own_edges, mut cycles) = (0, self.facets.len());
-        let (edges, parents) = (&self.edges, &mut self.parents);
-        for edge in edges.chunk_by(|x, y| x.0 == y.0) {
-            let &[(w, one), (_, other)] = edge else { return false };
-            own_edges += i64::from(w > v);
-            cycles -= usize::from(join(parents, one, other));
+        // Each facet leads from one of its vertices to the next: those of one interface are all turned the same way.
+        self.rim.clear();
+        for &f in &self.facets {
+            let facet = self.mesh.facets[f as usize];
+            let Some(i) = facet.iter().position(|&w| w == v) else { return false };
+            self.rim.push([facet[(i + 1) % 3], facet[(i + 2) % 3]]);
         }
-        if cycles != 1 {
+        let [first, mut end] = self.rim[0];
+        let mut steps = 1;
+        while end != first && steps < self.rim.len() {
+            let Some(&[_, next]) = self.rim.iter().find(|step| step[0] == end) else { return false };
+            (end, steps) = (next, steps + 1);
+        }
+        // A way that comes to its start after as many steps as there are facets goes through all of them: a second one from the same vertex would not be met.
+        if end != first || steps != self.rim.len() {
             return false;
         }
-        let own_facets = self.facets.iter().filter(|&&f| self.mesh.facets[f as usize].iter().all(|&w| w >= v)).count();
+        let own_edges = self.rim.iter().filter(|step| step[0] > v).count() as i64;
+        let own_facets = self.rim.iter().filter(|[a, b]| *a >= v && *b >= v).count() as i64;
         for node in [0, 1] {
-            self.add(node, 1 - own_edges + own_facets as i64);
+            self.add(node, 1 - own_edges + own_facets);
         }
         true
     }
 
     /// Counts where more than two labels meet, or something touches itself.
     fn look_closely(&mut self, v: u32) {
+        self.edges.clear();
+        for (&f, place) in self.facets.iter().zip(0..) {
+            let others = self.mesh.facets[f as usize].into_iter().filter(|&w| w != v);
+            self.edges.extend(others.map(|w| (w, place)));
+        }
+        self.edges.sort_unstable();
         self.parents.clear();
         self.parents.extend(0..2 * self.facets.len() as u32);
         self.pinched.clear();
@@ -415,8 +424,8 @@ impl<'m> Umbrellas<'m> {
     }
 }
 
-/// Joins the trees of `x` and `y`; whether they were two.
-fn join(parents: &mut [u32], x: u32, y: u32) -> bool {
+/// Joins the trees of `x` and `y`.
+fn join(parents: &mut [u32], x: u32, y: u32) {
     let root = |mut x: u32| {
         while parents[x as usize] != x {
             x = parents[x as usize];
@@ -425,7 +434,6 @@ fn join(parents: &mut [u32], x: u32, y: u32) -> bool {
     };
     let (x, y) = (root(x), root(y));
     parents[x.max(y) as usize] = x.min(y);
-    x != y
 }
 
 #[cfg(test)]

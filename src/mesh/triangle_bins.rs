@@ -14,7 +14,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::voxel_faces::{BRICK, VoxelFaces};
-use crate::memory::{room, zeroed};
+use crate::memory::zeroed;
 use crate::monitor::Monitor;
 use crate::{Error, Result};
 
@@ -29,38 +29,6 @@ pub(super) struct Triangle {
     pub ids: [u16; 2],
     /// The components of the mesh there; [`NO_SET`](super::sets::NO_SET) for background.
     pub components: [u32; 2],
-}
-
-/// The triangles of each brick one after the other, in place of those given, so that who goes through them meets near ones, and what is near them in the image, in turn.
-///
-/// # Errors
-/// [`Error::Cancelled`], [`Error::OutOfMemory`].
-pub(super) fn by_brick(
-    triangles: Vec<Triangle>,
-    faces: &VoxelFaces<'_>,
-    monitor: &Monitor<'_>,
-) -> Result<Vec<Triangle>> {
-    let dims = faces.brick_dims();
-    let size = faces.spacing() * BRICK as f64;
-    let mut order: Vec<u64> = zeroed(triangles.len(), "order of triangles")?;
-    order.par_chunks_mut(CHUNK).zip(triangles.par_chunks(CHUNK)).enumerate().try_for_each(
-        |(chunk, (order, part))| {
-            monitor.advance(0)?;
-            for ((key, triangle), number) in order.iter_mut().zip(part).zip((chunk * CHUNK) as u64..) {
-                let centre = triangle.corners.iter().sum::<DVec3>() / 3.0 / size;
-                let [i, j, k] = [0, 1, 2].map(|axis| within(centre[axis], dims[axis]));
-                *key = ((i + dims[0] * (j + dims[1] * k)) as u64) << 32 | number;
-            }
-            Ok(())
-        },
-    )?;
-    order.par_sort_unstable();
-    let mut ordered: Vec<Triangle> = room(triangles.len(), "triangles of the interfaces")?;
-    for part in order.chunks(1 << 16) {
-        monitor.advance(0)?;
-        ordered.par_extend(part.par_iter().map(|&key| triangles[key as u32 as usize]));
-    }
-    Ok(ordered)
 }
 
 impl Triangle {

@@ -5,7 +5,7 @@
 //!
 //! A face belongs to the cell on its upper side; there is one more cell along each axis than there are voxels. One byte per cell holds which of its
 //! three lower faces are interfaces; bricks of 4 x 4 x 4 cells tell where there are any. Within half a voxel of an interface the eight voxels around the nearest corner of
-//! the grid tell the distance ([`VoxelFaces::near_distances`]). Elsewhere a query looks at the sides of the voxel that holds the point, and mostly ends there, since a mesh lies close to its interfaces; then at the cells of the ball that can still hold something nearer; only when that
+//! the grid tell the distance ([`Corners::near_distances`]). Elsewhere a query looks at the sides of the voxel that holds the point, and mostly ends there, since a mesh lies close to its interfaces; then at the cells of the ball that can still hold something nearer; only when that
 //! ball is large does it search brick by brick, in growing shells. A query may ask for faces of one label alone.
 //!
 //! Read-only after `new`, so any number of threads may ask. Linear in the voxels to build, layer of bricks by layer of bricks in parallel.
@@ -182,35 +182,23 @@ impl<'i> VoxelFaces<'i> {
         self.voxels(face).into_iter().any(|voxel| voxel.map_or(0, id_at) == id)
     }
 
-    /// Squared distances from `p` to the nearest face of all, and to the nearest ones of two labels, as far as the corner of the grid nearest to `p` tells: twelve faces
-    /// meet there, and all others are no nearer than the planes of the grid beyond. What it does not tell is infinite.
-    #[inline]
-    pub fn near_distances(&self, p: DVec3, ids: [u16; 2]) -> [f64; 3] {
-        // The sum with 2^52 has the nearest integer in its low bits; a call of `floor` takes several times as long.
-        const SHIFT: f64 = (1_u64 << 52) as f64;
-        let shifted = p * self.per_spacing + SHIFT;
-        let corner = shifted - SHIFT;
-        if !(corner.cmpge(DVec3::ZERO).all() && corner.cmple(self.last).all()) {
-            return [f64::INFINITY; 3];
-        }
-        let offset = p - corner * self.spacing;
-        let octant = offset.cmpge(DVec3::ZERO).bitmask() as usize;
-        let around = self.around(shifted.to_array().map(|x| x.to_bits() as u32 as usize));
+    /// A memory of the voxels around corners of the grid, for [`Corners::near_distances`].
+    pub fn corners_of_grid(&self) -> Corners<'_> {
+        let unknown = Corner { at: usize::MAX, ids: [0; 2], codes: [[0; 3]; 8] };
+        Corners { faces: self, known: [unknown; 64] }
+    }
+
+    /// What is around a corner of the grid, number `at`.
+    #[inline(never)]
+    fn look_at(&self, corner: [usize; 3], at: usize, ids: [u16; 2]) -> Corner {
+        let around = self.around(corner);
         let [one, other] = ids.map(|id| (0..8).fold(0, |bits, o| bits | usize::from(around[o] == id) << o));
-        let [code, other_code] = [one, other].map(|bits| u32::from(CODES[octant][bits]));
-        let all = if one | other == 255 { code } else { around_code(&around, octant) };
-        let DVec3 { x, y, z } = offset * offset;
-        let squares = [x, y, z, x + y, x + z, y + z, x + y + z];
-        let beyond = (self.spacing - offset.abs()).min_element();
-        let distance = |code: u32| {
-            let present = |bit: usize| if code >> bit & 1 == 1 { squares[bit] } else { f64::INFINITY };
-            let nearest = (0..7).fold(f64::INFINITY, |nearest, bit| present(bit).min(nearest));
-            if nearest <= beyond * beyond { nearest } else { f64::INFINITY }
-        };
-        if all == code && code == other_code {
-            return [distance(all); 3];
-        }
-        [all, code, other_code].map(distance)
+        let codes = std::array::from_fn(|octant| {
+            let [code, other_code] = [one, other].map(|bits| CODES[octant][bits]);
+            let all = if one | other == 255 { code } else { around_code(&around, octant) as u8 };
+            [all, code, other_code]
+        });
+        Corner { at, ids, codes }
     }
 
     /// The ids of the eight voxels at a corner of the grid, x fastest.
@@ -390,6 +378,61 @@ impl<'i> VoxelFaces<'i> {
     }
 }
 
+/// What the voxels around a corner of the grid tell about two labels.
+#[derive(Clone, Copy)]
+struct Corner {
+    /// The corner, in the order of cells.
+    at: usize,
+    ids: [u16; 2],
+    /// For a point in each octant where the nearest faces may be, of all, and of each label: see [`CODES`].
+    codes: [[u8; 3]; 8],
+}
+
+/// The last corners of the grid that distances were asked at, one of each place modulo 4: who goes along an interface comes to most of them many times.
+pub(super) struct Corners<'f> {
+    faces: &'f VoxelFaces<'f>,
+    known: [Corner; 64],
+}
+
+impl Corners<'_> {
+    /// Squared distances from `p` to the nearest face of all, and to the nearest ones of two labels, as far as the corner of the grid nearest to `p` tells: twelve faces
+    /// meet there, and all others are no nearer than the planes of the grid beyond. What it does not tell is infinite.
+    #[inline]
+    pub fn near_distances(&mut self, p: DVec3, ids: [u16; 2]) -> [f64; 3] {
+        // The sum with 2^52 has the nearest integer in its low bits; a call of `floor` takes several times as long.
+        const SHIFT: f64 = (1_u64 << 52) as f64;
+        let faces = self.faces;
+        let shifted = p * faces.per_spacing + SHIFT;
+        let corner = shifted - SHIFT;
+        if !(corner.cmpge(DVec3::ZERO).all() && corner.cmple(faces.last).all()) {
+            return [f64::INFINITY; 3];
+        }
+        let offset = p - corner * faces.spacing;
+        let octant = offset.cmpge(DVec3::ZERO).bitmask() as usize;
+        let [i, j, k] = shifted.to_array().map(|x| x.to_bits() as u32 as usize);
+        let at = i + faces.dims[0] * (j + faces.dims[1] * k);
+        let known = &mut self.known[(i & 3) | (j & 3) << 2 | (k & 3) << 4];
+        if known.at != at || known.ids != ids {
+            *known = faces.look_at([i, j, k], at, ids);
+        }
+        let [all, one, other] = known.codes[octant];
+        let DVec3 { x, y, z } = offset * offset;
+        let squares = [x, y, z, x + y, x + z, y + z, x + y + z];
+        let beyond = (faces.spacing - offset.abs()).min_element();
+        let distance = |code: u8| {
+            // No branch on the bits, which could not be foreseen.
+            let absent = &ABSENT[usize::from(code)];
+            let nearest = squares.iter().zip(absent).fold(f64::INFINITY, |nearest, (square, absent)| {
+                let square = square + absent;
+                if square < nearest { square } else { nearest }
+            });
+            if nearest <= beyond * beyond { nearest } else { f64::INFINITY }
+        };
+        let nearest = distance(all);
+        if all == one && one == other { [nearest; 3] } else { [nearest, distance(one), distance(other)] }
+    }
+}
+
 /// For each octant around a corner of the grid, and for each set of the eight voxels there, where the faces lie that have one voxel of the set on one side: a bit for each set of
 /// axes along which a point of the octant is beside them, x, y, z, xy, xz, yz, xyz.
 static CODES: [[u8; 256]; 8] = {
@@ -410,6 +453,19 @@ static CODES: [[u8; 256]; 8] = {
         octant += 1;
     }
     codes
+};
+
+/// Infinity for each bit that a code of [`CODES`] does not have.
+static ABSENT: [[f64; 7]; 128] = {
+    let mut absent = [[f64::INFINITY; 7]; 128];
+    let mut at = 0;
+    while at < 128 * 7 {
+        if at / 7 >> (at % 7) & 1 == 1 {
+            absent[at / 7][at % 7] = 0.0;
+        }
+        at += 1;
+    }
+    absent
 };
 
 /// Where faces are between eight voxels, the first of which holds a point near the corner that they share: see [`CODES`].
@@ -559,7 +615,7 @@ mod tests {
             let all = all(&faces);
             let p = DVec3::from(p) * DVec3::from(spacing);
             let ids = ids.map(|id| id.min(image.labels().len() as u16 - 1));
-            let found = faces.near_distances(p, ids);
+            let found = faces.corners_of_grid().near_distances(p, ids);
             let wanted = |id: Option<u16>| {
                 let of = all.iter().filter(|&&f| id.is_none_or(|id| faces.touches(f, id)));
                 of.map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min)

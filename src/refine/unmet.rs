@@ -6,6 +6,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cell_table::MAX_HEADS;
@@ -75,9 +76,18 @@ impl Rules<'_> {
         let rows = (0..grid.rows()).into_par_iter().map(|row| {
             monitor.check_cancelled()?;
             let mut uncovered = 0;
+            // Edges come brick after brick: mostly a vertex found for one of the last edges will do.
+            let mut recent = [DVec3::INFINITY; 8];
+            let mut found = (0..recent.len()).cycle();
             grid.visit_row(row, |edge| {
-                uncovered +=
-                    u64::from(!isovertices.any_within(self.triangulation, edge.point, self.sizing.at(edge.point)));
+                let point = edge.point;
+                let spacing = self.sizing.at(point);
+                if recent.iter().all(|v| v.distance_squared(point) >= spacing * spacing) {
+                    match (isovertices.any_within(self.triangulation, point, spacing), found.next()) {
+                        (Some(v), Some(place)) => recent[place] = self.triangulation.position(v),
+                        _ => uncovered += 1,
+                    }
+                }
                 Ok(())
             })?;
             Ok(uncovered)

@@ -88,12 +88,12 @@ impl VertexGrid {
         }
     }
 
-    /// Whether a vertex of the grid's kind lies closer than `radius` to `p`.
+    /// A vertex of the grid's kind that lies closer than `radius` to `p`.
     #[inline]
-    pub fn any_within(&self, triangulation: &Triangulation, p: DVec3, radius: f64) -> bool {
-        let mut found = false;
-        self.visit_within(triangulation, p, radius, |_| {
-            found = true;
+    pub fn any_within(&self, triangulation: &Triangulation, p: DVec3, radius: f64) -> Option<VertexId> {
+        let mut found = None;
+        self.visit_within(triangulation, p, radius, |v| {
+            found = Some(v);
             false
         });
         found

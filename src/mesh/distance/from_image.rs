@@ -22,7 +22,7 @@ struct Target {
     centre: DVec3,
     /// The components on its two sides with the ids of their labels; `None` for the background.
     sides: [Option<(u32, u16)>; 2],
-    /// The nearest triangle of all, and the nearest one of the label of each side.
+    /// The nearest triangle of all, and the nearest one of the label of each side; none where all are out of reach.
     best: [Nearest; 3],
     /// The largest of their squared distances: a triangle that is farther changes none.
     limit: f64,
@@ -119,13 +119,13 @@ impl Target {
 
 impl Targets {
     /// Collects the faces of a brick.
-    fn collect(&mut self, brick: [usize; 3], faces: &VoxelFaces<'_>, components: &ImageComponents) {
+    fn collect(&mut self, brick: [usize; 3], faces: &VoxelFaces<'_>, components: &ImageComponents, reach: f64) {
         let dims = faces.dims();
         self.low = brick.map(|i| i * BRICK);
         self.high = [0, 1, 2].map(|axis| (self.low[axis] + BRICK).min(dims[axis]));
         self.list.clear();
         self.first.clear();
-        let none = Nearest { triangle: NONE, distance_squared: f64::INFINITY };
+        let none = Nearest { triangle: NONE, distance_squared: reach * reach };
         for k in self.low[2]..self.high[2] {
             for j in self.low[1]..self.high[1] {
                 // The voxels of the row, and of the rows below it along y and z. Below 0 wraps to what is outside just as well.
@@ -155,7 +155,7 @@ impl Targets {
                             centre,
                             sides: [below, own],
                             best: [none; 3],
-                            limit: f64::INFINITY,
+                            limit: reach * reach,
                         });
                     }
                     left = own;
@@ -220,10 +220,12 @@ pub(super) fn image_to_mesh(
         let mut ledgers = [Ledger::default(), Ledger::default()];
         for brick in (nx * row..nx * (row + 1)).filter(|&brick| faces.has_faces(brick)) {
             monitor.advance(0)?;
-            targets.collect([brick % nx, row % ny, row / ny], faces, components);
+            targets.collect([brick % nx, row % ny, row / ny], faces, components, reach);
             for (number, triangle) in bins.list(brick) {
                 targets.show(number, triangle, faces, reach);
             }
+            // The triangle that was found last, for the next that is searched for.
+            let mut last = None;
             for (t, target) in targets.list.iter().enumerate() {
                 if t.is_multiple_of(CHECK_EVERY) {
                     monitor.advance(0)?;
@@ -234,11 +236,13 @@ pub(super) fn image_to_mesh(
                 let mut known: Option<Met> = None;
                 let mut measure = |best: Nearest, id: Option<u16>, max: &Maxima| {
                     // All triangles within the reach have been met.
-                    let found = if best.distance_squared <= reach * reach {
+                    let found = if best.triangle != NONE {
                         Some(best)
                     } else {
-                        bins.nearest(id, target.centre, (best.triangle != NONE).then_some(best.triangle))
+                        let has_id = |t: &u32| id.is_none_or(|id| bins.triangles[*t as usize].ids.contains(&id));
+                        bins.nearest(id, target.centre, last.filter(has_id))
                     };
+                    last = found.map(|found| found.triangle).or(last);
                     let distance = found.map_or(f64::INFINITY, |found| found.distance_squared.sqrt());
                     max.faces.raise(distance);
                     let Some(Nearest { triangle, .. }) = found else {

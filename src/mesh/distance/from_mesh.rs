@@ -33,6 +33,7 @@ pub(super) fn mesh_to_image(
         let mut whole = Sum::default();
         let mut ledger = Ledger::default();
         let mut start = None;
+        let mut corners = faces.corners_of_grid();
         let mut samples = 0_usize;
         let mut sides: [Option<Side>; 2] = [None, None];
         for (triangle, bound) in triangles.iter().zip(bounds) {
@@ -40,6 +41,10 @@ pub(super) fn mesh_to_image(
                 let last = side.take().filter(|side| side.id == id).and_then(|side| side.last);
                 *side = (component != NO_SET).then_some(Side { component: component.into(), id, last });
             }
+            // A label that the image does not have is nowhere near.
+            let are_there = sides.iter().flatten().all(|side| side.id != 0);
+            // Of samples to which the same face is nearest of all, and of both labels: most.
+            let mut of_each = Sum::default();
             let mut of_all = Sum::default();
             let mut of_sides = [Sum::default(); 2];
             let radius = for_each_sample(&triangle.corners, PART * spacing, |p, weight| {
@@ -48,7 +53,11 @@ pub(super) fn mesh_to_image(
                     monitor.advance(0)?;
                 }
                 // What is near a corner of the grid, as most is, is told by the voxels there.
-                let [near, of_labels @ ..] = faces.near_distances(p, triangle.ids);
+                let [near, of_labels @ ..] = corners.near_distances(p, triangle.ids);
+                if are_there && near.is_finite() && of_labels == [near; 2] {
+                    of_each += Sum::of(weight, near.sqrt());
+                    return Ok(());
+                }
                 let far = if near.is_finite() { None } else { faces.nearest(p, start) };
                 start = far.map(|(face, _)| face).or(start);
                 let squared_of_all = far.map_or(near, |(_, squared)| squared);
@@ -57,7 +66,6 @@ pub(super) fn mesh_to_image(
                 for ((side, sum), near) in sides.iter_mut().zip(&mut of_sides).zip(of_labels) {
                     let Some(side) = side else { continue };
                     let squared = match near {
-                        // A label that the image does not have.
                         _ if side.id == 0 => f64::INFINITY,
                         near if near.is_finite() => near,
                         _ => {
@@ -71,10 +79,12 @@ pub(super) fn mesh_to_image(
                 }
                 Ok(())
             })?;
+            of_all += of_each;
             whole += of_all;
             *bound = of_all.max + radius;
-            for (side, sum) in sides.iter().zip(of_sides) {
+            for (side, mut sum) in sides.iter().zip(of_sides) {
                 if let Some(side) = side {
+                    sum += of_each;
                     ledger.add(side.component, sum);
                 }
             }
