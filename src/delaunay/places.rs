@@ -96,28 +96,35 @@ impl Triangulation {
             Ok(())
         })?;
         drop(cells);
-        // With several threads the numbers of a cell come in no particular order.
         let mut sorted: Vec<u32> = sorted.into_par_iter().map(AtomicU32::into_inner).collect();
-        let ends: Vec<u32> = ends.into_iter().map(AtomicU32::into_inner).collect();
-        let mut rest = sorted.as_mut_slice();
-        let mut start = 0;
-        let mut pieces = Vec::new();
-        for ends in ends[..ends.len() - 1].chunks(CELLS) {
-            let end = ends[ends.len() - 1];
-            pieces.extend(rest.split_off_mut(..(end - start) as usize).map(|piece| (start, ends, piece)));
-            start = end;
-        }
-        pieces.into_par_iter().try_for_each(|(first, ends, piece)| {
-            go_on()?;
-            let mut start = 0;
-            for end in ends.iter().map(|end| (end - first) as usize) {
-                piece[start..end].sort_unstable();
-                start = end;
-            }
-            Ok(())
-        })?;
+        let ends: Vec<u32> = ends[..ends.len() - 1].iter().map(|end| end.load(Relaxed)).collect();
+        // With several threads the numbers of a cell come in no particular order.
+        sort_parts(&mut sorted, &ends, go_on)?;
         Ok(sorted)
     }
+}
+
+/// Sorts each part of a list, of which `ends` has the ends.
+///
+/// # Errors
+/// Those of `go_on`, which is asked every some thousand numbers.
+pub fn sort_parts(mut list: &mut [u32], ends: &[u32], go_on: impl Fn() -> Result<()> + Sync) -> Result<()> {
+    let mut pieces = Vec::new();
+    let mut start = 0;
+    for ends in ends.chunks(CELLS) {
+        let end = ends[ends.len() - 1];
+        pieces.extend(list.split_off_mut(..(end - start) as usize).map(|piece| (start, ends, piece)));
+        start = end;
+    }
+    pieces.into_par_iter().try_for_each(|(first, ends, piece)| {
+        go_on()?;
+        let mut start = 0;
+        for end in ends.iter().map(|end| (end - first) as usize) {
+            piece[start..end].sort_unstable();
+            start = end;
+        }
+        Ok(())
+    })
 }
 
 /// The bits of a number of at most [`MOST_BITS`], two places between one and the next.

@@ -4,7 +4,7 @@
 //! was made with: a smooth mesh of a perfect image has a distance above 0. The measure follows Aspert, Santa-Cruz, Ebrahimi ("MESH: measuring errors between surfaces
 //! using the Hausdorff distance", ICME 2002): one side is sampled densely, the distance of each sample to the other side is exact.
 //!
-//! - Mesh to image: each facet is cut into n x n similar triangles with edges of at most half of the smallest spacing; samples are their centroids,
+//! - Mesh to image: each facet is cut into n x n similar triangles; samples are their centroids, no more than 0.34 smallest spacings from any point of the facet,
 //!   weighted by area (the midpoint rule, exact for a linear distance). What lies between the samples can only raise the maximum where bounds permit it; there facets are cut
 //!   further, until the maximum is known to a hundredth of the smallest spacing (`Facet::raise`).
 //! - Image to mesh: the mean is over the centres of the voxel faces, weighted by area; the maximum is over centres and corners, and may miss the true one by at most the
@@ -12,8 +12,7 @@
 //!
 //! Over the whole, labels are not compared: a facet between labels 1 and 2 may be nearest to a face between 1 and 3. For a component they are: its boundary, a part of its
 //! label's, is held against the boundary of that label alone, so that a component that is lost is as far away as the next part of its label. Mostly the nearest of
-//! all is of the label; otherwise it is searched for. The largest distance of a mesh's component is that of its samples, not refined further:
-//! no point is more than 0.34 smallest spacings from one of them.
+//! all is of the label; otherwise it is searched for. The largest distance of a mesh's component is that of its samples, not refined further.
 //!
 //! The distances to dO, the surface of the oracle, are for its samples, not for all its points:
 //!
@@ -57,9 +56,9 @@ const CHECK_EVERY: usize = 64;
 /// Facets whose triangles are made between two looks at the cancel flag.
 const FILL: usize = 1 << 16;
 
-/// Longest edge of the parts of a facet, in smallest spacings. Facets have their corners where edges of the grid are crossed, near voxel faces, and their middles elsewhere: with one
-/// sample for most facets the mean is 12 % too large, with this length half a per cent.
-const PART: f64 = 0.5;
+/// How far a point of a facet may be from a sample, in smallest spacings. Facets have their corners where edges of the grid are crossed, near voxel faces, and their middles elsewhere: with one
+/// sample for most facets the mean is 12 % too large, with this distance less than a per cent.
+const PART: f64 = 0.34;
 
 /// The largest distance from the mesh may be farther by this part of the smallest spacing.
 const TOLERANCE: f64 = 0.01;

@@ -141,7 +141,7 @@ impl ImageComponents {
         let contributions: Vec<Vec<i32>> = (0..nz).into_par_iter().map(join).collect::<Result<_>>()?;
         let numbers = sets.numbered(|_| true, "runs of equal voxels", monitor)?;
 
-        let mut list: Vec<ImageComponent> = room(numbers.count, "components of the image")?;
+        let mut list: Vec<ImageComponent> = room(numbers.roots.len(), "components of the image")?;
         for (k, (slice, contributions)) in slices.iter().zip(&contributions).enumerate() {
             monitor.advance(SLICE / 4)?;
             let mut row = 0;

@@ -18,7 +18,6 @@ use super::sets::{DisjointSets, NO_SET, Numbered};
 use super::{NONE, TetMesh};
 use crate::Result;
 use crate::image::LabelImage;
-use crate::memory::room;
 use crate::monitor::Monitor;
 
 /// Tets of one piece of work, between two looks at the cancel flag; fixed, so that sums do not depend on the number of threads.
@@ -122,13 +121,9 @@ impl MeshComponents {
         };
         let overlaps: Vec<Overlap> = Ledger::total(pieces).iter().map(overlap).collect();
 
-        let mut list: Vec<MeshComponent> = room(numbers.count, "components of the mesh")?;
-        // Components are numbered in the order of their first tets, so one tet after the other tells whether a new one begins.
-        for (t, &label) in mesh.labels.iter().enumerate() {
-            if numbers.of(t as u32) as usize == list.len() && label != 0 {
-                list.push(MeshComponent { label, first: t as u32, tets: Tets::default() });
-            }
-        }
+        let component =
+            |&first: &u32| MeshComponent { label: mesh.labels[first as usize], first, tets: Tets::default() };
+        let mut list: Vec<MeshComponent> = numbers.roots.iter().map(component).collect();
         for overlap in &overlaps {
             list[overlap.mesh as usize].tets += overlap.tets;
         }

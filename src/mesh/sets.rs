@@ -79,12 +79,10 @@ impl DisjointSets {
         let is_root = |x: u32| self.steps[x as usize].load(Relaxed) == 0 && counts(x);
         let chunks = 0..self.steps.len().div_ceil(CHUNK);
         let range = |chunk: usize| (chunk * CHUNK) as u32..((chunk + 1) * CHUNK).min(self.steps.len()) as u32;
-        let mut firsts: Vec<u32> =
-            chunks.clone().into_par_iter().map(|chunk| range(chunk).filter(|&x| is_root(x)).count() as u32).collect();
-        let mut count = 0;
-        for first in &mut firsts {
-            (*first, count) = (count, count + *first);
-        }
+        let roots: Vec<Vec<u32>> =
+            chunks.clone().into_par_iter().map(|chunk| range(chunk).filter(|&x| is_root(x)).collect()).collect();
+        let starts = roots.iter().scan(0, |next, roots| Some(std::mem::replace(next, *next + roots.len() as u32)));
+        let firsts: Vec<u32> = starts.collect();
         let each = |pass: &(dyn Fn(usize) + Sync)| {
             chunks.clone().into_par_iter().try_for_each(|chunk| {
                 monitor.check_cancelled()?;
@@ -93,8 +91,10 @@ impl DisjointSets {
             })
         };
         each(&|chunk| {
-            let roots = range(chunk).filter(|&x| is_root(x));
-            roots.zip(firsts[chunk]..).for_each(|(x, number)| numbers[x as usize].store(number, Relaxed));
+            roots[chunk]
+                .iter()
+                .zip(firsts[chunk]..)
+                .for_each(|(&x, number)| numbers[x as usize].store(number, Relaxed));
         })?;
         // A number's root has been numbered by the pass before.
         each(&|chunk| {
@@ -107,15 +107,15 @@ impl DisjointSets {
                 }
             }
         })?;
-        Ok(Numbered { numbers, count: count as usize })
+        Ok(Numbered { numbers, roots: roots.concat() })
     }
 }
 
 /// Numbered sets.
 pub(super) struct Numbered {
     numbers: Vec<AtomicU32>,
-    /// How many sets there are.
-    pub count: usize,
+    /// The smallest number of each set.
+    pub roots: Vec<u32>,
 }
 
 impl Numbered {
@@ -142,7 +142,7 @@ mod tests {
             let joins: usize = (0..6_u32).into_par_iter().map(joined).sum();
             (joins, sets.numbered(|x| x != 3, "numbers", &Monitor::silent()).unwrap())
         });
-        assert_eq!((joins, numbered.count), (count as usize - 7, 6));
+        assert_eq!((joins, &numbered.roots[..]), (count as usize - 7, &[0, 1, 2, 4, 5, 6][..]));
         let expected = |x: u32| [0, 1, 2, NO_SET, 3, 4, 5][x as usize % 7];
         (0..count).for_each(|x| assert_eq!(numbered.of(x), expected(x), "{x}"));
     }

@@ -5,15 +5,16 @@
 //! cannot hold anything nearer. The bricks at the rim stand for all that is beyond them. A query may ask for triangles of one label alone: a bit for every 64th label
 //! tells in which bricks there may be some.
 //!
-//! Built by a counting sort, in parallel in the current rayon pool; read-only afterwards, so any number of threads may ask. With several threads the lists have
-//! no particular order, which no distance depends on. Distance to a triangle: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
+//! Built by a counting sort, in parallel in the current rayon pool; read-only afterwards, so any number of threads may ask. Lists are in the order of the triangles: of several that
+//! are equally near, any number of threads finds the same. Distance to a triangle: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
 
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::voxel_faces::{BRICK, VoxelFaces};
+use crate::delaunay::places::sort_parts;
 use crate::memory::zeroed;
 use crate::monitor::Monitor;
 use crate::{Error, Result};
@@ -65,12 +66,12 @@ pub(super) struct TriangleBins {
     size: DVec3,
     dims: [usize; 3],
     /// Where the list of each brick ends.
-    ends: Vec<AtomicU32>,
-    lists: Vec<AtomicU32>,
+    ends: Vec<u32>,
+    lists: Vec<u32>,
     /// The bits of all labels in each brick.
     labels: Vec<u64>,
     /// Whether any triangle has label id `i`.
-    has_id: Vec<bool>,
+    has_id: Vec<AtomicBool>,
 }
 
 impl TriangleBins {
@@ -110,8 +111,16 @@ impl TriangleBins {
         // `ends[b]` grows from the start of b's list to its end.
         let lists: Vec<AtomicU32> = zeroed(total as usize, "triangles of bricks")?;
         each(&|brick, number| lists[ends[brick].fetch_add(1, Relaxed) as usize].store(number, Relaxed))?;
-        let mut has_id = vec![false; usize::from(u16::MAX) + 1];
-        triangles.iter().flat_map(|triangle| triangle.ids).for_each(|id| has_id[usize::from(id)] = true);
+        let mut lists: Vec<u32> = lists.into_par_iter().map(AtomicU32::into_inner).collect();
+        let ends: Vec<u32> = ends[..ends.len() - 1].iter().map(|end| end.load(Relaxed)).collect();
+        sort_parts(&mut lists, &ends, || monitor.advance(0))?;
+        let has_id: Vec<AtomicBool> = zeroed(usize::from(u16::MAX) + 1, "labels of triangles")?;
+        triangles.par_iter().flat_map_iter(|triangle| triangle.ids).for_each(|id| {
+            // Most are marked already: looking first lets threads share what they only read.
+            if !has_id[usize::from(id)].load(Relaxed) {
+                has_id[usize::from(id)].store(true, Relaxed);
+            }
+        });
         let mut bins = Self { triangles, size, dims, ends, lists, labels: Vec::new(), has_id };
         let labels = |brick| bins.list(brick).fold(0, |all, (_, t)| t.ids.iter().fold(all, |all, &id| all | bit(id)));
         bins.labels = (0..dims[0] * dims[1] * dims[2]).into_par_iter().map(labels).collect();
@@ -121,18 +130,15 @@ impl TriangleBins {
     /// The triangles listed in a brick, each with its number.
     #[inline]
     pub fn list(&self, brick: usize) -> impl Iterator<Item = (u32, &Triangle)> {
-        let start = if brick == 0 { 0 } else { self.ends[brick - 1].load(Relaxed) };
-        let end = self.ends[brick].load(Relaxed);
-        self.lists[start as usize..end as usize].iter().map(|number| {
-            let number = number.load(Relaxed);
-            (number, &self.triangles[number as usize])
-        })
+        let start = if brick == 0 { 0 } else { self.ends[brick - 1] };
+        let list = &self.lists[start as usize..self.ends[brick] as usize];
+        list.iter().map(|&number| (number, &self.triangles[number as usize]))
     }
 
     /// The triangle nearest to `p`, or the nearest of those with label id `id` on one side; `start` is one of them that is thought to be near, and changes only the
     /// time taken. `None` if there is none.
     pub fn nearest(&self, id: Option<u16>, p: DVec3, start: Option<u32>) -> Option<Nearest> {
-        if self.triangles.is_empty() || id.is_some_and(|id| !self.has_id[usize::from(id)]) {
+        if self.triangles.is_empty() || id.is_some_and(|id| !self.has_id[usize::from(id)].load(Relaxed)) {
             return None;
         }
         let mut best = match start {

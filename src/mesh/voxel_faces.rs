@@ -4,7 +4,7 @@
 //! spacing. The step from world to local is an isometry, so distances are world distances.
 //!
 //! A face belongs to the cell on its upper side; there is one more cell along each axis than there are voxels. One byte per cell holds which of its
-//! three lower faces are interfaces; bricks of 4 x 4 x 4 cells tell where there are any. Within half a voxel of an interface the eight voxels around the nearest corner of
+//! three lower faces are interfaces; bricks of 8 x 8 x 8 cells tell where there are any. Within half a voxel of an interface the eight voxels around the nearest corner of
 //! the grid tell the distance ([`Corners::near_distances`]). Elsewhere a query looks at the sides of the voxel that holds the point, and mostly ends there, since a mesh lies close to its interfaces; then at the cells of the ball that can still hold something nearer; only when that
 //! ball is large does it search brick by brick, in growing shells. A query may ask for faces of one label alone.
 //!
@@ -19,7 +19,7 @@ use crate::memory::zeroed;
 use crate::monitor::Monitor;
 
 /// Cells along each axis of a brick.
-pub(super) const BRICK: usize = 4;
+pub(super) const BRICK: usize = 8;
 
 /// An interface face: the lower face along `axis` of `cell`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -234,15 +234,16 @@ pub(super) fn image_to_mesh(
                 let crossing = crossing(target, faces, oracle);
                 // Mostly one triangle is the nearest of all three.
                 let mut known: Option<Met> = None;
+                // That is asked for first.
+                let mut of_all: Option<Nearest> = None;
                 let mut measure = |best: Nearest, id: Option<u16>, max: &Maxima| {
-                    // All triangles within the reach have been met.
-                    let found = if best.triangle != NONE {
-                        Some(best)
-                    } else {
-                        let has_id = |t: &u32| id.is_none_or(|id| bins.triangles[*t as usize].ids.contains(&id));
-                        bins.nearest(id, target.centre, last.filter(has_id))
-                    };
+                    let has_id = |t: u32| id.is_none_or(|id| bins.triangles[t as usize].ids.contains(&id));
+                    // All triangles within the reach have been met. Farther away, the nearest of all may be that of the label.
+                    let found =
+                        if best.triangle != NONE { Some(best) } else { of_all.filter(|all| has_id(all.triangle)) };
+                    let found = found.or_else(|| bins.nearest(id, target.centre, last.filter(|&t| has_id(t))));
                     last = found.map(|found| found.triangle).or(last);
+                    of_all = of_all.or(found);
                     let distance = found.map_or(f64::INFINITY, |found| found.distance_squared.sqrt());
                     max.faces.raise(distance);
                     let Some(Nearest { triangle, .. }) = found else {
@@ -262,8 +263,8 @@ pub(super) fn image_to_mesh(
                     }
                     [distance, met.distance].map(|distance| Sum::of(area, distance))
                 };
-                let [of_all, of_sides @ ..] = target.best;
-                let sums = measure(of_all, None, &maximum);
+                let [best, of_sides @ ..] = target.best;
+                let sums = measure(best, None, &maximum);
                 whole.iter_mut().zip(sums).for_each(|(whole, sum)| *whole += sum);
                 for (side, best) in target.sides.into_iter().zip(of_sides) {
                     if let Some((component, id)) = side {

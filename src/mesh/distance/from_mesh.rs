@@ -175,20 +175,22 @@ impl Facet {
     }
 }
 
-/// Calls `sample` with the centroids of a subdivision of the triangle into n x n similar ones with edges of at most `step`, and with the area of each. Returns how far a
-/// point of the triangle is from the nearest of these at most. An error of `sample` ends the calls.
+/// Calls `sample` with the centroids of a subdivision of the triangle into n x n similar ones, so that no point of it is farther than `most` from one of them, and with the area of each. Returns how far
+/// one is. An error of `sample` ends the calls.
 pub(super) fn for_each_sample(
     &[a, b, c]: &[DVec3; 3],
-    step: f64,
+    most: f64,
     mut sample: impl FnMut(DVec3, f64) -> Result<()>,
 ) -> Result<f64> {
     let (ab, ac) = (b - a, c - a);
-    let longest = ab.length_squared().max(ac.length_squared()).max(b.distance_squared(c)).sqrt();
-    let n = ((longest / step).ceil() as usize).max(1);
+    let middle = (ab + ac) / 3.0;
+    let radius =
+        [DVec3::ZERO, ab, ac].into_iter().map(|corner| corner.distance_squared(middle)).fold(0.0, f64::max).sqrt();
+    let n = ((radius / most).ceil() as usize).max(1);
     let scale = 1.0 / n as f64;
     let area = ab.cross(ac).length() * 0.5 * scale * scale;
     let (u, v) = (ab * scale, ac * scale);
-    let third = (u + v) / 3.0;
+    let third = middle * scale;
     for i in 0..n {
         let row = a + u * i as f64 + third;
         for j in 0..n - i {
@@ -200,7 +202,5 @@ pub(super) fn for_each_sample(
             }
         }
     }
-    let radius_squared =
-        [DVec3::ZERO, u, v].into_iter().map(|corner| corner.distance_squared(third)).fold(0.0, f64::max);
-    Ok(radius_squared.sqrt())
+    Ok(radius * scale)
 }
