@@ -40,6 +40,14 @@ impl Triangle {
         (a.min(b).min(c), a.max(b).max(c))
     }
 
+    /// Centre and radius of a sphere around it.
+    fn sphere(&self) -> [f32; 4] {
+        let centre = (self.corners.iter().sum::<DVec3>() / 3.0).as_vec3();
+        let radius = self.corners.iter().map(|c| c.distance(centre.as_dvec3())).fold(0.0, f64::max);
+        // Rounding to f32, and that of the distance to it, must leave the corners inside.
+        [centre.x, centre.y, centre.z, (radius * (1.0 + 1e-6)) as f32 + f32::MIN_POSITIVE]
+    }
+
     /// Squared distance from `p`.
     #[inline]
     pub fn distance_squared(&self, p: DVec3) -> f64 {
@@ -62,6 +70,8 @@ pub(super) struct Nearest {
 /// The triangles by brick.
 pub(super) struct TriangleBins {
     pub triangles: Vec<Triangle>,
+    /// Centre and radius of a sphere around each.
+    spheres: Vec<[f32; 4]>,
     /// World size of a brick.
     size: DVec3,
     dims: [usize; 3],
@@ -121,7 +131,9 @@ impl TriangleBins {
                 has_id[usize::from(id)].store(true, Relaxed);
             }
         });
-        let mut bins = Self { triangles, size, dims, ends, lists, labels: Vec::new(), has_id };
+        let mut spheres: Vec<[f32; 4]> = zeroed(triangles.len(), "spheres of triangles")?;
+        spheres.par_iter_mut().zip(&triangles).for_each(|(sphere, triangle)| *sphere = triangle.sphere());
+        let mut bins = Self { triangles, spheres, size, dims, ends, lists, labels: Vec::new(), has_id };
         let labels = |brick| bins.list(brick).fold(0, |all, (_, t)| t.ids.iter().fold(all, |all, &id| all | bit(id)));
         bins.labels = (0..dims[0] * dims[1] * dims[2]).into_par_iter().map(labels).collect();
         Ok(bins)
@@ -130,9 +142,13 @@ impl TriangleBins {
     /// The triangles listed in a brick, each with its number.
     #[inline]
     pub fn list(&self, brick: usize) -> impl Iterator<Item = (u32, &Triangle)> {
+        self.numbers(brick).iter().map(|&number| (number, &self.triangles[number as usize]))
+    }
+
+    #[inline]
+    fn numbers(&self, brick: usize) -> &[u32] {
         let start = if brick == 0 { 0 } else { self.ends[brick - 1] };
-        let list = &self.lists[start as usize..self.ends[brick] as usize];
-        list.iter().map(|&number| (number, &self.triangles[number as usize]))
+        &self.lists[start as usize..self.ends[brick] as usize]
     }
 
     /// The triangle nearest to `p`, or the nearest of those with label id `id` on one side; `start` is one of them that is thought to be near, and changes only the
@@ -193,7 +209,14 @@ impl TriangleBins {
         if p.distance_squared(p.clamp(low, high)) >= best.distance_squared {
             return;
         }
-        for (number, triangle) in self.list(brick) {
+        let mut reach = best.distance_squared.sqrt();
+        for &number in self.numbers(brick) {
+            // Most are seen to be too far by a few bytes.
+            let [x, y, z, radius] = self.spheres[number as usize].map(f64::from);
+            if p.distance_squared(DVec3::new(x, y, z)) > (reach + radius) * (reach + radius) {
+                continue;
+            }
+            let triangle = &self.triangles[number as usize];
             let (low, high) = triangle.bounds();
             if id.is_some_and(|id| !triangle.ids.contains(&id))
                 || p.distance_squared(p.clamp(low, high)) >= best.distance_squared
@@ -203,6 +226,7 @@ impl TriangleBins {
             let distance_squared = triangle.distance_squared(p);
             if distance_squared < best.distance_squared {
                 *best = Nearest { triangle: number, distance_squared };
+                reach = distance_squared.sqrt();
             }
         }
     }

@@ -184,7 +184,7 @@ impl<'i> VoxelFaces<'i> {
 
     /// A memory of the voxels around corners of the grid, for [`Corners::near_distances`].
     pub fn corners_of_grid(&self) -> Corners<'_> {
-        let unknown = Corner { at: usize::MAX, ids: [0; 2], codes: [[0; 3]; 8] };
+        let unknown = Corner { at: usize::MAX, ids: [0; 2], sets: [0; 2], around: [0; 8] };
         Corners { faces: self, known: [unknown; 64] }
     }
 
@@ -192,13 +192,8 @@ impl<'i> VoxelFaces<'i> {
     #[inline(never)]
     fn look_at(&self, corner: [usize; 3], at: usize, ids: [u16; 2]) -> Corner {
         let around = self.around(corner);
-        let [one, other] = ids.map(|id| (0..8).fold(0, |bits, o| bits | usize::from(around[o] == id) << o));
-        let codes = std::array::from_fn(|octant| {
-            let [code, other_code] = [one, other].map(|bits| CODES[octant][bits]);
-            let all = if one | other == 255 { code } else { around_code(&around, octant) as u8 };
-            [all, code, other_code]
-        });
-        Corner { at, ids, codes }
+        let sets = ids.map(|id| (0..8).fold(0, |bits, o| bits | u8::from(around[o] == id) << o));
+        Corner { at, ids, sets, around }
     }
 
     /// The ids of the eight voxels at a corner of the grid, x fastest.
@@ -378,14 +373,15 @@ impl<'i> VoxelFaces<'i> {
     }
 }
 
-/// What the voxels around a corner of the grid tell about two labels.
+/// The voxels around a corner of the grid, x fastest.
 #[derive(Clone, Copy)]
 struct Corner {
     /// The corner, in the order of cells.
     at: usize,
+    /// Two labels, and the set of voxels that each has: a bit for each voxel.
     ids: [u16; 2],
-    /// For a point in each octant where the nearest faces may be, of all, and of each label: see [`CODES`].
-    codes: [[u8; 3]; 8],
+    sets: [u8; 2],
+    around: [u16; 8],
 }
 
 /// The last corners of the grid that distances were asked at, one of each place modulo 4: who goes along an interface comes to most of them many times.
@@ -415,7 +411,8 @@ impl Corners<'_> {
         if known.at != at || known.ids != ids {
             *known = faces.look_at([i, j, k], at, ids);
         }
-        let [all, one, other] = known.codes[octant];
+        let [one, other] = known.sets.map(|set| CODES[octant][usize::from(set)]);
+        let all = if known.sets[0] | known.sets[1] == 255 { one } else { around_code(&known.around, octant) as u8 };
         let DVec3 { x, y, z } = offset * offset;
         let squares = [x, y, z, x + y, x + z, y + z, x + y + z];
         let beyond = (faces.spacing - offset.abs()).min_element();
