@@ -137,7 +137,7 @@ fn spread(x: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::delaunay::{Solo, VertexKind, Worker};
+    use crate::delaunay::{Insertion, Removal, Solo, VertexKind, Worker};
 
     #[test]
     fn bits_are_spread() {
@@ -156,9 +156,10 @@ mod tests {
             // Far from the one before.
             let p = DVec3::new(0.754_877_666, 0.569_840_290_998, 0.430_159_709) * f64::from(i + 1);
             start = triangulation.locate(start, p.fract());
-            worker.insert(&triangulation, start, p.fract(), VertexKind::Free).unwrap();
+            let inserted = worker.insert(&triangulation, start, p.fract(), VertexKind::Free).unwrap();
+            let Insertion::Done(v) = inserted else { panic!("{inserted:?}") };
             if i % 5 == 4 {
-                worker.remove(&triangulation, 8 + i - 2).unwrap();
+                assert_eq!(worker.remove(&triangulation, v - 2).unwrap(), Removal::Done);
             }
             start = worker.created()[0];
         }
@@ -170,11 +171,9 @@ mod tests {
                 (triangulation.tets_by_place(|| Ok(())).unwrap(), vertices)
             })
         };
-        let (tets, vertices) = on(1);
-        assert_eq!((&tets, &vertices), {
-            let (tets, vertices) = &on(3);
-            (tets, vertices)
-        });
+        let one = on(1);
+        assert_eq!(one, on(3));
+        let (tets, vertices) = one;
         let sorted = |list: &[u32]| {
             let mut list = list.to_vec();
             list.sort_unstable();

@@ -4,17 +4,17 @@
 //! whoever goes through them profits from, the certificate first of all. Vertices of no kept tet are left out.
 //!
 //! # Passes
-//! 1. *Keep*: a sweep over the tets notes the label ids of those that are kept, and the vertices in use.
+//! 1. *Keep*: a sweep over the slots notes the label ids of the tets that are kept, and the vertices in use.
 //! 2. *Vertices*: those in use are numbered and copied.
 //! 3. *Number*: the tets get their indices and labels.
-//! 4. *Tets*: a second sweep writes vertices and neighbours in their new indices, and lists the interface facets.
+//! 4. *Tets*: a sweep in the order of places writes vertices and neighbours in their new indices, and lists the interface facets.
 //! 5. *Facets*: those that were listed are written.
 //!
 //! Work goes by ranges of tets or vertices. A pass counts by range what the next one writes, so that each range knows where it starts: the mesh does not
 //! depend on the number of threads, and every array gets its memory at once, touched first by the thread that fills it.
 //!
-//! Cost: two reads of every record, and for each kept tet eight lookups in two tables: four bytes a slot, four a vertex. Beside the mesh it holds these tables, which go before the facets come,
-//! two bytes a tet, and four to eight bytes an interface facet.
+//! Cost: two reads of every record, and for each kept tet eight lookups in two tables: four bytes a slot, four a vertex. Beside the mesh it holds these tables and two bytes a slot, which go before the facets come,
+//! and four to eight bytes an interface facet.
 //!
 //! Thread safety: runs in the current rayon pool; nobody may operate on the triangulation meanwhile.
 
@@ -26,7 +26,7 @@ use rayon::prelude::*;
 use super::{NONE, TetMesh};
 use crate::Result;
 use crate::delaunay::check::AHEAD;
-use crate::delaunay::tet::{FACET, Facet, NO_TAG};
+use crate::delaunay::tet::{FACET, Facet, NO_TAG, is_tet};
 use crate::delaunay::{TetId, Triangulation};
 use crate::memory::{reserve, zeroed};
 use crate::monitor::Monitor;
@@ -55,8 +55,8 @@ pub fn extract(
     let (vertex_index, points) = copy_vertices(triangulation, &in_use, monitor)?;
     drop(in_use);
     let mut mesh = TetMesh { points, ..TetMesh::default() };
-    let tet_index = kept.number(triangulation, labels, &mut mesh, monitor)?;
-    let listed = copy_tets(triangulation, &kept, &tet_index, &vertex_index, &mut mesh, monitor)?;
+    let tet_index = kept.number(labels, &mut mesh, monitor)?;
+    let listed = copy_tets(&kept, &tet_index, &vertex_index, &mut mesh, monitor)?;
     drop((vertex_index, tet_index, kept));
     copy_facets(&mut mesh, &listed, monitor)?;
     Ok(mesh)
@@ -64,20 +64,21 @@ pub fn extract(
 
 /// What becomes of the tets.
 struct Kept<'o> {
+    triangulation: &'o Triangulation,
     order: &'o [TetId],
-    /// The label id of each tet of the order, or [`NOT_KEPT`].
+    /// The label id of the tet in each slot, or [`NOT_KEPT`].
     ids: Vec<u16>,
     /// The indices in the mesh of the tets in each [`RANGE`] of the order.
     ranges: Vec<Range<usize>>,
 }
 
-/// The note on a tet that is not kept; no label's id.
+/// The note on a slot without a tet of the mesh; no label's id.
 const NOT_KEPT: u16 = NO_TAG;
 
 impl<'o> Kept<'o> {
     /// The keep pass. Returns besides which vertices are in use, a bit for each.
     fn new(
-        triangulation: &Triangulation,
+        triangulation: &'o Triangulation,
         order: &'o [TetId],
         label_id: impl Fn(TetId) -> u16 + Sync,
         background: bool,
@@ -85,19 +86,21 @@ impl<'o> Kept<'o> {
     ) -> Result<(Self, Vec<AtomicU32>)> {
         let words = triangulation.vertex_bound().div_ceil(u32::BITS) as usize;
         let in_use: Vec<AtomicU32> = zeroed(words, "vertices of the mesh")?;
-        let mut ids = zeroed(order.len(), "tets of the triangulation")?;
-        let keep = |(tets, ids): (&[TetId], &mut [u16])| {
-            monitor.advance(tets.len() / 2)?;
-            let mut kept = 0;
-            for (i, (&t, id)) in tets.iter().zip(ids).enumerate() {
-                triangulation.prefetch(tets[(i + AHEAD).min(tets.len() - 1)]);
-                *id = label_id(t);
-                if *id == 0 && !background {
-                    *id = NOT_KEPT;
+        let mut ids = zeroed(triangulation.tet_bound() as usize, "slots of tets")?;
+        ids.par_chunks_mut(RANGE).enumerate().try_for_each(|(range, ids)| {
+            monitor.advance(ids.len() / 2)?;
+            for (id, t) in ids.iter_mut().zip((range * RANGE) as TetId..) {
+                *id = NOT_KEPT;
+                let vertices = triangulation.tet(t).vertices();
+                if !is_tet(vertices) {
                     continue;
                 }
-                kept += 1;
-                for v in triangulation.tet(t).vertices() {
+                let label = label_id(t);
+                if label == 0 && !background {
+                    continue;
+                }
+                *id = label;
+                for v in vertices {
                     let (word, bit): (&AtomicU32, u32) = (&in_use[(v / u32::BITS) as usize], 1 << (v % u32::BITS));
                     // Most are in use already: looking first spares the locked operation.
                     if word.load(Relaxed) & bit == 0 {
@@ -105,34 +108,33 @@ impl<'o> Kept<'o> {
                     }
                 }
             }
-            Ok(kept)
+            Ok(())
+        })?;
+        let kept = |tets: &[TetId]| {
+            monitor.check_cancelled()?;
+            Ok(tets.iter().filter(|&&t| ids[t as usize] != NOT_KEPT).count())
         };
-        let kept = order.par_chunks(RANGE).zip(ids.par_chunks_mut(RANGE)).map(keep).collect::<Result<_>>()?;
-        Ok((Self { order, ids, ranges: consecutive(kept) }, in_use))
+        let ranges = consecutive(order.par_chunks(RANGE).map(kept).collect::<Result<_>>()?);
+        Ok((Self { triangulation, order, ids, ranges }, in_use))
     }
 
-    /// The tets of a range that are kept, each with its label id.
-    fn of_range(&self, range: usize) -> impl Iterator<Item = (TetId, u16)> {
-        let part = range * RANGE..((range + 1) * RANGE).min(self.order.len());
-        let tets = self.order[part.clone()].iter().copied().zip(self.ids[part].iter().copied());
-        tets.filter(|&(_, id)| id != NOT_KEPT)
+    /// The tets of a range that are kept, each with its label id, and the tet that is to be fetched meanwhile.
+    fn of_range(&self, range: usize) -> impl Iterator<Item = (TetId, u16, TetId)> {
+        let tets = &self.order[range * RANGE..((range + 1) * RANGE).min(self.order.len())];
+        let ahead = move |i: usize| tets[(i + AHEAD).min(tets.len() - 1)];
+        let tets = tets.iter().enumerate().map(move |(i, &t)| (t, self.ids[t as usize], ahead(i)));
+        tets.filter(|&(_, id, _)| id != NOT_KEPT)
     }
 
     /// The number pass: fills in the labels. Returns the index of the tet in each slot, [`NONE`] where none is kept.
-    fn number(
-        &self,
-        triangulation: &Triangulation,
-        labels: &[i32],
-        mesh: &mut TetMesh,
-        monitor: &Monitor<'_>,
-    ) -> Result<Vec<AtomicU32>> {
+    fn number(&self, labels: &[i32], mesh: &mut TetMesh, monitor: &Monitor<'_>) -> Result<Vec<AtomicU32>> {
         // What is zero stands for none, so indices are kept with 1 added.
-        let tet_index: Vec<AtomicU32> = zeroed(triangulation.tet_bound() as usize, "slots of tets")?;
+        let tet_index: Vec<AtomicU32> = zeroed(self.ids.len(), "slots of tets")?;
         mesh.labels = zeroed(end_of(&self.ranges), "tets of the mesh")?;
         let pieces = split(&mut mesh.labels, &self.ranges).into_par_iter().zip(&self.ranges).enumerate();
         pieces.try_for_each(|(range, (own, indices))| {
             monitor.check_cancelled()?;
-            for (((t, id), label), index) in self.of_range(range).zip(own).zip(indices.clone()) {
+            for (((t, id, _), label), index) in self.of_range(range).zip(own).zip(indices.clone()) {
                 *label = labels[usize::from(id)];
                 tet_index[t as usize].store(index as u32 + 1, Relaxed);
             }
@@ -170,7 +172,6 @@ type Fours<'a> = &'a mut [[u32; 4]];
 
 /// The tet pass: fills in vertices and neighbours. Returns the interface facets of each range of tets.
 fn copy_tets(
-    triangulation: &Triangulation,
     kept: &Kept<'_>,
     tet_index: &[AtomicU32],
     vertex_index: &[AtomicU32],
@@ -185,8 +186,9 @@ fn copy_tets(
         monitor.advance(RANGE / 2)?;
         let mut listed = Vec::new();
         let filled = tets.iter_mut().zip(neighbors).zip(kept.ranges[range].clone());
-        for ((t, _), ((vertices, neighbors), index)) in kept.of_range(range).zip(filled) {
-            let record = triangulation.tet(t);
+        for ((t, _, ahead), ((vertices, neighbors), index)) in kept.of_range(range).zip(filled) {
+            kept.triangulation.prefetch(ahead);
+            let record = kept.triangulation.tet(t);
             *vertices = record.vertices().map(|v| vertex_index[v as usize].load(Relaxed));
             // A facet on the box names a slot far beyond all that exist. Less 1, 0 becomes `NONE`.
             let index_of =
@@ -263,7 +265,7 @@ fn split<'v, T>(mut values: &'v mut [T], ranges: &[Range<usize>]) -> Vec<&'v mut
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::delaunay::{Solo, VertexKind, Worker};
+    use crate::delaunay::{Insertion, Removal, Solo, VertexKind, Worker};
     use glam::DVec3;
     use std::collections::HashMap;
 
@@ -280,9 +282,10 @@ mod tests {
         for i in 0..4000 {
             let p = DVec3::new(random(), random(), random());
             start = triangulation.locate(start, p);
-            worker.insert(&triangulation, start, p, VertexKind::Free).unwrap();
+            let inserted = worker.insert(&triangulation, start, p, VertexKind::Free).unwrap();
+            let Insertion::Done(v) = inserted else { panic!("{inserted:?}") };
             if i % 5 == 4 {
-                worker.remove(&triangulation, 8 + i - 2).unwrap();
+                assert_eq!(worker.remove(&triangulation, v - 2).unwrap(), Removal::Done);
             }
             start = worker.created()[0];
         }
