@@ -56,9 +56,12 @@ impl Check {
 
 impl Triangulation {
     /// Checks the whole triangulation. Not to be used while others operate.
+    ///
+    /// # Panics
+    /// When there is no memory for the order of the tets.
     pub fn check(&self) -> Check {
         let order = self.tets_by_place(|| Ok(()));
-        order.and_then(|order| self.check_in(&order, |_| Ok(()))).unwrap_or_default()
+        order.and_then(|order| self.check_in(&order, |_| Ok(()))).expect("memory for the order of the tets")
     }
 
     /// As [`Self::check`], by the `order` of [`Self::tets_by_place`]. Shows each piece of [`CHECK_EVERY`] tets to `look` after it was checked, while it is in the cache, on any thread of the pool; and as often no tets

@@ -457,7 +457,7 @@ static ABSENT: [[f64; 7]; 128] = {
     let mut absent = [[f64::INFINITY; 7]; 128];
     let mut at = 0;
     while at < 128 * 7 {
-        if at / 7 >> (at % 7) & 1 == 1 {
+        if (at / 7) >> (at % 7) & 1 == 1 {
             absent[at / 7][at % 7] = 0.0;
         }
         at += 1;
