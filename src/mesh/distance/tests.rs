@@ -2,7 +2,6 @@
 
 use super::super::testing;
 use super::super::triangle_bins::closest_point;
-use super::super::voxel_faces::Face;
 use super::from_mesh::for_each_sample;
 use super::*;
 use crate::image::Frame;
@@ -21,16 +20,6 @@ fn both(mesh: &TetMesh, image: &LabelImage, model: SurfaceModel) -> BothDistance
     let image_components = ImageComponents::new(image, &monitor).unwrap();
     let mesh_components = MeshComponents::new(mesh, image, &image_components, &monitor).unwrap();
     Distances::measure(mesh, image, &mesh_components, &image_components, &oracle(image, model), &monitor).unwrap()
-}
-
-fn all(faces: &VoxelFaces<'_>) -> Vec<Face> {
-    let [nx, ny, nz] = faces.dims();
-    let cells = (0..nx * ny * nz).map(|at| [at % nx, at / nx % ny, at / (nx * ny)]);
-    cells
-        .flat_map(|cell| {
-            (0..3).filter(move |axis| faces.mask(cell) >> axis & 1 == 1).map(move |axis| Face { cell, axis })
-        })
-        .collect()
 }
 
 fn close(a: f64, b: f64) {
@@ -86,7 +75,7 @@ fn both_sides_against_brute_force() {
     let measured = measured(&mesh, &image).whole;
 
     let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
-    let all = all(&faces);
+    let all = testing::voxel_faces(&faces);
     let frame = image.frame();
     let triangles: Vec<[DVec3; 3]> =
         mesh.facets.iter().map(|f| f.map(|v| (frame.to_index(mesh.point(v)) + 0.5) * frame.spacing())).collect();
@@ -137,7 +126,7 @@ fn components_are_held_against_their_own_label() {
             .unwrap()
             .faces;
     let faces = VoxelFaces::new(&image, &monitor).unwrap();
-    let all = all(&faces);
+    let all = testing::voxel_faces(&faces);
     let frame = image.frame();
     let local = |v: u32| (frame.to_index(mesh.point(v)) + 0.5) * frame.spacing();
 
