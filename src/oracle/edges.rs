@@ -8,7 +8,8 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::{Oracle, bricks::Bricks, cells::ones, voxel::Voxel, weights::hash};
+use super::contacts::{self, Contacts};
+use super::{Oracle, bricks::Bricks, weights::hash};
 use crate::Result;
 
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the surface model has no detail left.
@@ -17,12 +18,17 @@ const MOST_PARTS: f64 = 8.0;
 /// Least layers of bricks of a slab: thinner ones have more neighbours to ask than there are threads to gain.
 const LEAST_LAYERS: usize = 2;
 
-/// How far a saddle is moved along each axis, in voxels: on the grid itself they would be massively cocircular.
-const MOST_MOVE: f64 = 0.05;
+/// How far what is sampled around contacts is moved along each axis, in voxels: on the grid itself it would be massively cocircular. Points half a voxel apart keep 0.45 of it, the spacing that samples of junctions have there.
+const MOST_MOVE: f64 = 0.025;
 
-/// Of the face of a cell across each axis, on the side of its first corner: the corners across from each other, as bits, the first among them, and the others.
-const LOWER_DIAGONALS: [(u32, u32); 3] =
-    [(1 << 0 | 1 << 6, 1 << 2 | 1 << 4), (1 << 0 | 1 << 5, 1 << 1 | 1 << 4), (1 << 0 | 1 << 3, 1 << 1 | 1 << 2)];
+/// What is sampled around a contact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ContactPoint {
+    /// The contact itself.
+    Contact,
+    /// A point beside it.
+    Around,
+}
 
 /// Whether, of the face of a mixed cell across an axis on the side of its first corner, the first corner and the one across from it have one label, and the others have others.
 pub(super) fn has_diagonal(cell: Voxel, axis: usize) -> bool {
@@ -109,34 +115,56 @@ impl EdgeGrid<'_> {
         })
     }
 
-    /// Calls `visit` for a point near the middle of each edge between voxels of a row around which two labels alternate, in world coordinates. The rows hold each once. Intensities and probabilities say themselves what is joined there: with
-    /// these there are none.
+    /// Calls `visit` for what is to be sampled around the contacts of a row, see `contacts`, in world coordinates. Those of an octahedron: the contact itself, and on each of the three lines through it that follow the grid a point half a voxel away
+    /// on both sides; the tets between it and three of these have their circumcenters in the octants, and so the labels of the voxels there. Neighbours share such points, which are told more often. Intensities and probabilities
+    /// say themselves what is joined: with these there are none.
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
-    pub fn visit_saddles(&self, row: usize, mut visit: impl FnMut(DVec3) -> Result<()>) -> Result<()> {
-        if self.searches {
-            return Ok(());
-        }
-        self.oracle.visit_junction_cells(row, |cell| {
-            let record = self.oracle.at(cell);
-            for (axis, (_, beside)) in LOWER_DIAGONALS.into_iter().enumerate() {
-                if has_diagonal(record, axis) && (record.is_two() || self.has_one_label(cell, beside)) {
-                    let mut x = DVec3::from(cell.map(|c| c as f64)) + 0.5;
-                    x[axis] -= 0.5;
-                    let random = hash(cell) ^ (axis as u64) << 50;
-                    let move_by =
-                        |a: usize| ((random >> (16 * a) & 0xffff) as f64 / f64::from(1 << 15) - 1.0) * MOST_MOVE;
-                    visit(self.oracle.world_point(x + DVec3::new(move_by(0), move_by(1), move_by(2))))?;
+    pub fn visit_contacts(&self, row: usize, mut visit: impl FnMut(ContactPoint, DVec3) -> Result<()>) -> Result<()> {
+        let oracle = self.oracle;
+        oracle.visit_mixed_cells(row, |cell| {
+            let contacts = oracle.at(cell).contacts();
+            if contacts == Contacts::None {
+                return Ok(());
+            }
+            let corners = oracle.corners(cell);
+            // In half voxels, where centres of cells are odd.
+            let center = cell.map(|c| 2 * c + 1);
+            // A face belongs to the cell of which it is the lower one.
+            let lower = (0..3).filter(|&axis| contacts::alternates(&corners, contacts::FACES[axis][0]));
+            let of_face = lower.map(|axis| [0, 1, 2].map(|a| center[a] - usize::from(a == axis)));
+            for contact in of_face.chain((contacts == Contacts::Center).then_some(center)) {
+                visit(ContactPoint::Contact, self.near_half(contact))?;
+                for axis in 0..3 {
+                    for side in [contact[axis] - 1, contact[axis] + 1] {
+                        let mut beside = contact;
+                        beside[axis] = side;
+                        visit(ContactPoint::Around, self.near_half(beside))?;
+                    }
                 }
             }
             Ok(())
         })
     }
 
-    /// Whether two corners of a cell, given by their bits, have one label.
-    fn has_one_label(&self, cell: [usize; 3], corners: u32) -> bool {
-        self.oracle.corner(cell, corners.trailing_zeros()) == self.oracle.corner(cell, corners.ilog2())
+    /// A point at a place given in half voxels, moved a little; on an edge between voxel centres to where the label changes there.
+    fn near_half(&self, half: [usize; 3]) -> DVec3 {
+        let oracle = self.oracle;
+        let random = hash(half);
+        let move_by = |a: usize| ((random >> (16 * a) & 0xffff) as f64 / f64::from(1 << 15) - 1.0) * MOST_MOVE;
+        let mut x = DVec3::from([0, 1, 2].map(|a| half[a] as f64 / 2.0 + move_by(a)));
+        let mut odd = (0..3).filter(|&a| half[a] % 2 == 1);
+        if let (Some(axis), None) = (odd.next(), odd.next()) {
+            let here = half.map(|h| h / 2);
+            let mut next = here;
+            next[axis] += 1;
+            let ids = [here, next].map(|v| oracle.at(v).id());
+            if ids[0] != ids[1] {
+                x[axis] = oracle.crossing_between(here[axis] as f64, axis, ids);
+            }
+        }
+        oracle.world_point(x)
     }
 
     /// Into how many parts edges are divided in the cell from a voxel on.

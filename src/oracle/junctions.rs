@@ -18,9 +18,7 @@
 use glam::DVec3;
 
 use super::Oracle;
-use super::border::Border;
-use super::cells::ones;
-use super::edges::has_diagonal;
+use super::contacts::Contacts;
 use super::indicator::Corners;
 use super::ties::{Cube, Square};
 use super::voxel::Voxel;
@@ -158,9 +156,10 @@ impl JunctionPlanes<'_> {
         visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
     ) -> Result<()> {
         let oracle = self.oracle;
+        // Two labels meet in no line, but where a wall cuts their interface. Around contacts lines run along the edges of voxels, and are sampled with these.
+        let is_two = oracle.at(cell).is_two();
         let at_wall = !oracle.walls.leaves(cell);
-        // Of two labels it is here for a saddle: they meet in no line, but where a wall cuts their interface.
-        if oracle.at(cell).is_two() && !at_wall {
+        if is_two && !at_wall || oracle.field.is_some() || oracle.at(cell).contacts() != Contacts::None {
             return Ok(());
         }
         let corners = oracle.corners(cell);

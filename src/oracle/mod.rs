@@ -26,6 +26,7 @@
 mod border;
 mod bricks;
 mod cells;
+mod contacts;
 mod crossing;
 mod edges;
 mod field;
@@ -44,7 +45,8 @@ use glam::{DMat3, DVec3};
 use border::Border;
 use bricks::Bricks;
 use cells::Cells;
-pub use edges::{CrossedEdge, EdgeGrid};
+use contacts::Contacts;
+pub use edges::{ContactPoint, CrossedEdge, EdgeGrid};
 use field::Field;
 use junctions::is_junction_cell;
 pub use junctions::{JunctionKind, JunctionPlanes};
@@ -327,9 +329,18 @@ impl Oracle {
             indicator::label_of_two(first, [voxel.id(), other], &self.weights, place(x, cell))
         } else if let Some(field) = &self.field {
             field.label(&self.bricks, cell, place(x, cell))
+        } else if voxel.contacts() != Contacts::None {
+            self.label_at_contact(cell, voxel, x)
         } else {
             indicator::label(&self.corners(cell), &self.weights, self.greatest, place(x, cell))
         }
+    }
+
+    /// The label in a cell with contacts.
+    #[cold]
+    fn label_at_contact(&self, cell: [usize; 3], voxel: Voxel, x: DVec3) -> u16 {
+        let center = voxel.contacts() == Contacts::Center;
+        contacts::Cell { ids: &self.corners(cell), weights: &self.weights, center }.label(place(x, cell))
     }
 
     #[inline(always)]

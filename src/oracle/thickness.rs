@@ -344,6 +344,19 @@ fn contacts(rows: &Rows, labels: &Labels, pad: usize, check: Check<'_>) -> Resul
                         }
                     }
                 }
+                // The first corner differs from that beside it, or is one of the pair.
+                for (candidates, c) in [(x & y & z, 0), (x, 1), (y, 2), (z, 3)] {
+                    for i in ones(candidates).map(|bit| (64 * w + bit).wrapping_sub(pad)).filter(|&i| i + 1 < nx) {
+                        let id = |c: usize| around[c >> 1][i + (c & 1)];
+                        let number = |c: usize| (((j + (c >> 1 & 1)) * nz + k + (c >> 2)) * nx + i + (c & 1)) as u32;
+                        let pair = [c, 7 - c];
+                        let own = id(c);
+                        if own != 0 && own == id(7 - c) && (0..8).all(|c| pair.contains(&c) || id(c) != own) {
+                            reserve(&mut numbers, 2, "thin voxels")?;
+                            numbers.extend(pair.map(number));
+                        }
+                    }
+                }
             }
         }
         Ok(numbers)

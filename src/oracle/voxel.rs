@@ -11,6 +11,7 @@ use super::{
     border::Border,
     bricks::Bricks,
     cells::Cells,
+    contacts::Contacts,
     indicator::Corners,
     region::Rows,
     weights::{Sampling, Tally, UNITS},
@@ -20,13 +21,15 @@ use crate::{Result, memory::filled};
 /// Rings are counted up to this.
 const MOST_RINGS: u16 = 3;
 
-/// A voxel and its cell, in one word: one load tells a uniform cell and its label. From the lowest bit on: two bits for the rings, 0 for a mixed cell; a bit "two labels" and, in the second
-/// byte, a bit for each corner that has the label of the first, both of mixed cells; the dense id of the voxel's label in the upper half.
+/// A voxel and its cell, in one word: one load tells a uniform cell and its label. From the lowest bit on: two bits for the rings, 0 for a mixed cell; of mixed cells a bit "two labels, no contacts", one for contacts and one
+/// for the centre as one, and, in the second byte, a bit for each corner that has the label of the first; the dense id of the voxel's label in the upper half.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Voxel(u32);
 
 impl Voxel {
     const TWO: u16 = 1 << 2;
+    const CONTACT: u16 = 1 << 3;
+    const CENTER: u16 = 1 << 4;
 
     fn new(id: u16, cell: u16) -> Self {
         Self(u32::from(id) << 16 | u32::from(cell))
@@ -50,10 +53,20 @@ impl Voxel {
         self.0 >> 8 & 0xff
     }
 
-    /// Of a mixed cell: whether all other corners have one label.
+    /// Of a mixed cell: whether all other corners have one label, and nothing touches in it.
     #[inline(always)]
     pub(super) fn is_two(self) -> bool {
         self.0 & u32::from(Self::TWO) != 0
+    }
+
+    /// Of a mixed cell: its contacts.
+    #[inline(always)]
+    pub(super) fn contacts(self) -> Contacts {
+        match () {
+            () if self.0 & u32::from(Self::CONTACT) == 0 => Contacts::None,
+            () if self.0 & u32::from(Self::CENTER) == 0 => Contacts::Faces,
+            () => Contacts::Center,
+        }
     }
 }
 
@@ -99,6 +112,25 @@ impl Block {
             self.differences[i] = any;
         }
     }
+
+    /// Adds the contacts of the `mixed` ones of these cells, from `first` on; between walls and the outermost voxel centres there are none.
+    fn add_contacts(&mut self, border: &Border, first: [usize; 3], mixed: u64, around: [&[u16]; 4]) {
+        let around = around.map(|row| &row[..65]);
+        let mut rest = mixed;
+        while rest != 0 {
+            let i = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
+            let corners: Corners = std::array::from_fn(|c| around[c >> 1][i + (c & 1)]);
+            let bits = match Contacts::of(&corners) {
+                Contacts::None => continue,
+                Contacts::Faces => Voxel::CONTACT,
+                Contacts::Center => Voxel::CONTACT | Voxel::CENTER,
+            };
+            if border.leaves([first[0] + i, first[1], first[2]]) {
+                self.cells[i] = self.cells[i] & !Voxel::TWO | bits;
+            }
+        }
+    }
 }
 
 /// What becomes of cells of two labels.
@@ -108,7 +140,7 @@ pub(super) enum Pairs<'a> {
     Unmarked,
     /// Their records say so.
     Marked,
-    /// And they are counted, with all mixed cells, for the weights of labels.
+    /// And they are counted, with all mixed cells, for the weights of labels; cells with contacts are marked instead.
     Counted(&'a Sampling, &'a Border),
 }
 
@@ -147,6 +179,7 @@ pub(super) fn records<'a>(
                         block.add_mixed(around, !matches!(pairs, Pairs::Unmarked));
                         if let (Some(tally), Pairs::Counted(_, border)) = (&mut tally, pairs) {
                             count(tally, border, [64 * w, j, k], words[0], &block, around)?;
+                            block.add_contacts(border, [64 * w, j, k], words[0], around);
                         }
                     }
                     for (n, (ids, cells)) in row[64 * w..nx.min(64 * (w + 1))]

@@ -20,7 +20,7 @@ use super::sampling::thinned;
 use super::sizing::Sizing;
 use crate::Result;
 use crate::memory::reserve;
-use crate::oracle::{EdgeGrid, JunctionKind, Oracle};
+use crate::oracle::{ContactPoint, EdgeGrid, JunctionKind, Oracle};
 
 /// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
 const SPACING: f64 = 0.6;
@@ -30,14 +30,15 @@ const FINENESS: f64 = 0.4;
 /// The points of the junctions of a slab.
 #[derive(Default)]
 struct Candidates {
+    contacts: Vec<DVec3>,
+    around: Vec<DVec3>,
     corners: Vec<DVec3>,
     lines: Vec<DVec3>,
-    saddles: Vec<DVec3>,
 }
 
 impl Candidates {
     fn is_empty(&self) -> bool {
-        self.corners.is_empty() && self.lines.is_empty() && self.saddles.is_empty()
+        self.contacts.is_empty() && self.corners.is_empty() && self.lines.is_empty()
     }
 }
 
@@ -67,9 +68,13 @@ pub(super) fn sample_junctions(
                 points.push(p);
                 Ok(())
             })?;
-            grid.visit_saddles(row, |p| {
-                reserve(&mut found.saddles, 1, "points of junctions")?;
-                found.saddles.push(p);
+            grid.visit_contacts(row, |kind, p| {
+                let points = match kind {
+                    ContactPoint::Contact => &mut found.contacts,
+                    ContactPoint::Around => &mut found.around,
+                };
+                reserve(points, 1, "points of junctions")?;
+                points.push(p);
                 Ok(())
             })?;
         }
@@ -89,7 +94,8 @@ pub(super) fn sample_junctions(
             points(&found[slab]).iter().try_for_each(|&p| offer(p, &|| p))
         })
     };
-    let corners = thin(none(), |found| &found.corners)?;
-    let lines = thin(corners, |found| &found.lines)?;
-    thin(lines, |found| &found.saddles)
+    let contacts = thin(none(), |found| &found.contacts)?;
+    let around = thin(contacts, |found| &found.around)?;
+    let corners = thin(around, |found| &found.corners)?;
+    thin(corners, |found| &found.lines)
 }
