@@ -99,7 +99,9 @@ fn needs_center(ids: &Corners, own: u32) -> bool {
     let pairs = || {
         let faces = FACES.as_flattened().iter();
         let both = faces.flat_map(|&[a, b, c, d]| [([a, b], [c, d]), ([c, d], [a, b])]);
-        both.filter(|&([a, b], [c, d])| [a, b].iter().all(|&c| own >> c & 1 == 1) && [c, d].iter().all(|&c| own >> c & 1 == 0))
+        both.filter(|&([a, b], [c, d])| {
+            [a, b].iter().all(|&c| own >> c & 1 == 1) && [c, d].iter().all(|&c| own >> c & 1 == 0)
+        })
     };
     for ([a, b], [c, d]) in pairs() {
         if ids[c] != ids[d] {
@@ -166,7 +168,8 @@ impl Cell<'_> {
 
     fn label_in(&self, octant: &Octant, at: [f32; 3]) -> u16 {
         let parts = indicator::parts(at);
-        let near: f32 = indicator::parts(octant.place(at)).iter().zip(&octant.bonus).map(|(part, bonus)| part * bonus).sum();
+        let near: f32 =
+            indicator::parts(octant.place(at)).iter().zip(&octant.bonus).map(|(part, bonus)| part * bonus).sum();
         let own = self.ids[octant.corner];
         let (mut best, mut largest) = (own, f32::NEG_INFINITY);
         let mut rest = 0xff_u32;
@@ -197,7 +200,8 @@ impl Cell<'_> {
 
     /// The first point of a segment at which another label overtakes `id`, as [`indicator::overtaken`] has it: here also where it enters another octant.
     pub(super) fn overtaken(&self, id: u16, [start, end]: [[f32; 3]; 2], tolerance: f64) -> Option<(f64, u16)> {
-        let at = |s: f64| [0, 1, 2].map(|a| (f64::from(start[a]) + (f64::from(end[a]) - f64::from(start[a])) * s) as f32);
+        let at =
+            |s: f64| [0, 1, 2].map(|a| (f64::from(start[a]) + (f64::from(end[a]) - f64::from(start[a])) * s) as f32);
         let mut cuts = [0, 1, 2].map(|a| {
             let s = (0.5 - f64::from(start[a])) / (f64::from(end[a]) - f64::from(start[a]));
             // Also where this is no number.

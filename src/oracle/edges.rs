@@ -18,8 +18,8 @@ const MOST_PARTS: f64 = 8.0;
 /// Least layers of bricks of a slab: thinner ones have more neighbours to ask than there are threads to gain.
 const LEAST_LAYERS: usize = 2;
 
-/// How far what is sampled around contacts is moved along each axis, in voxels: on the grid itself it would be massively cocircular. Points half a voxel apart keep 0.45 of it, the spacing that samples of junctions have there.
-const MOST_MOVE: f64 = 0.025;
+/// How far what is sampled around contacts is moved along each axis, in voxels: on the grid itself it would be massively cocircular.
+const MOST_MOVE: f64 = 0.03;
 
 /// What is sampled around a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,7 +123,16 @@ impl EdgeGrid<'_> {
     /// What `visit` returns; the first ends the visit.
     pub fn visit_contacts(&self, row: usize, mut visit: impl FnMut(ContactPoint, DVec3) -> Result<()>) -> Result<()> {
         let oracle = self.oracle;
+        if self.searches {
+            return Ok(());
+        }
+        // A point moved off a wall would dent it.
+        let inside = |half: [usize; 3]| {
+            (0..3)
+                .all(|a| half[a] as f64 / 2.0 >= oracle.walls.first[a] && half[a] as f64 / 2.0 <= oracle.walls.last[a])
+        };
         oracle.visit_mixed_cells(row, |cell| {
+            self.visit_single_voxel(cell, &mut visit)?;
             let contacts = oracle.at(cell).contacts();
             if contacts == Contacts::None {
                 return Ok(());
@@ -140,7 +149,9 @@ impl EdgeGrid<'_> {
                     for side in [contact[axis] - 1, contact[axis] + 1] {
                         let mut beside = contact;
                         beside[axis] = side;
-                        visit(ContactPoint::Around, self.near_half(beside))?;
+                        if inside(beside) {
+                            visit(ContactPoint::Around, self.near_half(beside))?;
+                        }
                     }
                 }
             }
@@ -148,23 +159,37 @@ impl EdgeGrid<'_> {
         })
     }
 
-    /// A point at a place given in half voxels, moved a little; on an edge between voxel centres to where the label changes there.
-    fn near_half(&self, half: [usize; 3]) -> DVec3 {
+    /// Where dO crosses the six edges from a voxel to those beside it, if all have other labels.
+    fn visit_single_voxel(
+        &self,
+        voxel: [usize; 3],
+        visit: &mut impl FnMut(ContactPoint, DVec3) -> Result<()>,
+    ) -> Result<()> {
         let oracle = self.oracle;
-        let random = hash(half);
-        let move_by = |a: usize| ((random >> (16 * a) & 0xffff) as f64 / f64::from(1 << 15) - 1.0) * MOST_MOVE;
-        let mut x = DVec3::from([0, 1, 2].map(|a| half[a] as f64 / 2.0 + move_by(a)));
-        let mut odd = (0..3).filter(|&a| half[a] % 2 == 1);
-        if let (Some(axis), None) = (odd.next(), odd.next()) {
-            let here = half.map(|h| h / 2);
-            let mut next = here;
-            next[axis] += 1;
-            let ids = [here, next].map(|v| oracle.at(v).id());
-            if ids[0] != ids[1] {
-                x[axis] = oracle.crossing_between(here[axis] as f64, axis, ids);
+        let record = oracle.at(voxel);
+        let next = |voxel: [usize; 3], axis: usize| [0, 1, 2].map(|a| voxel[a] + usize::from(a == axis));
+        let last = |axis: usize| [0, 1, 2].map(|a| voxel[a] - usize::from(a == axis));
+        const BESIDE: u32 = 1 << 1 | 1 << 2 | 1 << 4;
+        if record.first_corners() & BESIDE != 0
+            || voxel.contains(&0)
+            || (0..3).any(|axis| oracle.at(last(axis)).id() == record.id())
+        {
+            return Ok(());
+        }
+        for axis in 0..3 {
+            for from in [last(axis), voxel] {
+                let ids = [from, next(from, axis)].map(|v| oracle.at(v).id());
+                let mut x = moved(DVec3::from(voxel.map(|c| c as f64)), hash(from) >> (4 * axis));
+                x[axis] = oracle.crossing_between(from[axis] as f64, axis, ids);
+                visit(ContactPoint::Around, oracle.world_point(x))?;
             }
         }
-        oracle.world_point(x)
+        Ok(())
+    }
+
+    /// A point at a place given in half voxels, moved a little.
+    fn near_half(&self, half: [usize; 3]) -> DVec3 {
+        self.oracle.world_point(moved(DVec3::from(half.map(|h| h as f64 / 2.0)), hash(half)))
     }
 
     /// Into how many parts edges are divided in the cell from a voxel on.
@@ -224,6 +249,22 @@ impl EdgeGrid<'_> {
             }
         }
         Ok(())
+    }
+}
+
+/// A point, in region coordinates, moved a little.
+fn moved(x: DVec3, random: u64) -> DVec3 {
+    x + DVec3::from([0, 1, 2].map(|a| ((random >> (16 * a) & 0xffff) as f64 / f64::from(1 << 15) - 1.0) * MOST_MOVE))
+}
+
+impl Oracle {
+    /// Whether a contact may be within a voxel of a point.
+    pub fn is_near_contact(&self, p: DVec3) -> bool {
+        let x = self.region_point(p);
+        (0..8).any(|c| {
+            let beside = DVec3::from([0, 1, 2].map(|a| if c >> a & 1 == 1 { 0.5 } else { -0.5 }));
+            self.at(self.cell(self.inside(x + beside))).contacts() != Contacts::None
+        })
     }
 }
 

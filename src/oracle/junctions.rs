@@ -159,7 +159,8 @@ impl JunctionPlanes<'_> {
         // Two labels meet in no line, but where a wall cuts their interface. Around contacts lines run along the edges of voxels, and are sampled with these.
         let is_two = oracle.at(cell).is_two();
         let at_wall = !oracle.walls.leaves(cell);
-        if is_two && !at_wall || oracle.field.is_some() || oracle.at(cell).contacts() != Contacts::None {
+        let touches = oracle.model == SurfaceModel::Smooth && oracle.at(cell).contacts() != Contacts::None;
+        if is_two && !at_wall || oracle.field.is_some() || touches {
             return Ok(());
         }
         let corners = oracle.corners(cell);

@@ -138,9 +138,9 @@ impl Block {
 pub(super) enum Pairs<'a> {
     /// Their records do not say so: what they look like is not told by labels alone.
     Unmarked,
-    /// Their records say so.
-    Marked,
-    /// And they are counted, with all mixed cells, for the weights of labels; cells with contacts are marked instead.
+    /// Their records say so, and which have contacts.
+    Marked(&'a Border),
+    /// And they are counted, with all mixed cells, for the weights of labels.
     Counted(&'a Sampling, &'a Border),
 }
 
@@ -179,6 +179,8 @@ pub(super) fn records<'a>(
                         block.add_mixed(around, !matches!(pairs, Pairs::Unmarked));
                         if let (Some(tally), Pairs::Counted(_, border)) = (&mut tally, pairs) {
                             count(tally, border, [64 * w, j, k], words[0], &block, around)?;
+                        }
+                        if let Pairs::Counted(_, border) | Pairs::Marked(border) = pairs {
                             block.add_contacts(border, [64 * w, j, k], words[0], around);
                         }
                     }
@@ -259,7 +261,7 @@ mod tests {
         let region = Region::new(&image, check).unwrap();
         let rows = Rows::new(&image, &region, check).unwrap();
         let cells = Cells::mixed(&rows, check).unwrap();
-        let (voxels, _) = records(&rows, &cells, Pairs::Marked, check).unwrap();
+        let (voxels, _) = records(&rows, &cells, Pairs::Marked(&Border::none(rows.dims())), check).unwrap();
         let dims = rows.dims();
         let bricks = Bricks::new(dims);
         let id = |at: [usize; 3]| rows.row(at[1], at[2])[at[0]];

@@ -1,12 +1,13 @@
-//! Samples of the junctions of dO, from which R1 starts: first the corners where lines meet, then the lines, at equal spacing, then saddles.
+//! Samples of the junctions of dO, from which R1 starts: first contacts and what is around them, then the corners where lines meet, then the lines, at equal spacing.
 //!
 //! Why their edges then are edges of the mesh: a line is followed by mesh edges where the nearest samples of each of its points are its own. Let its samples be g apart and all others rho or more
 //! from these. A point of the line is no more than g/2 from a sample of it, and another sample is at least sqrt(rho^2 - g^2/4) from the line: farther, if rho > g / sqrt(2). Here rho is delta, and g
 //! from [`SPACING`] delta on; candidates come one after the other along a line, [`FINENESS`] of the spacing apart, so that g is hardly more than the spacing. Only where two runs of samples
 //! along a line meet it may be up to twice that.
 //!
-//! **Saddles.** Where two voxels of a label meet in an edge and the two beside them have one other label, both labels touch themselves. The middle of that edge is a sample: both pairs can share it as a
-//! vertex. Otherwise tets would cross there as it happens.
+//! **Contacts** (`oracle/contacts`) are places in which the bodies of labels touch as their voxels do. Each is a sample, with points around it half a voxel away on the lines of the grid: so it is a vertex whose tets have the labels of the voxels
+//! there, if nothing else is inserted within these octahedra. What is around a single voxel, whose neighbours across all faces have other labels, is sampled as well: the six points where dO crosses the edges to these hold a tet with its circumcenter in the voxel, and
+//! a component or a cavity of one voxel is not lost. Where samples are sparser than that, because sampling does not adapt, they are thinned out like others.
 //!
 //! Each slab of the image thins out what it has, those with even numbers first: see `sampling`. So the samples do not depend on the number of threads.
 
@@ -24,6 +25,8 @@ use crate::oracle::{ContactPoint, EdgeGrid, JunctionKind, Oracle};
 
 /// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
 const SPACING: f64 = 0.6;
+/// The same around contacts, and single voxels.
+const CONTACT_SPACING: f64 = 0.5;
 /// Distance of the planes on which candidates lie, in spacings.
 const FINENESS: f64 = 0.4;
 
@@ -38,7 +41,7 @@ struct Candidates {
 
 impl Candidates {
     fn is_empty(&self) -> bool {
-        self.contacts.is_empty() && self.corners.is_empty() && self.lines.is_empty()
+        self.around.is_empty() && self.corners.is_empty() && self.lines.is_empty()
     }
 }
 
@@ -85,17 +88,17 @@ pub(super) fn sample_junctions(
     if found.iter().all(Candidates::is_empty) {
         return Ok(none());
     }
-    let thin = |seeds: Vec<Vec<DVec3>>, points: fn(&Candidates) -> &[DVec3]| {
+    let thin = |seeds: Vec<Vec<DVec3>>, spacing: f64, points: fn(&Candidates) -> &[DVec3]| {
         let count = found.iter().map(|of_slab| points(of_slab).len()).sum::<usize>();
         if count == 0 {
             return Ok(seeds);
         }
-        thinned(sizing, SPACING, grid, slabs, &seeds, count.min(MAX_HEADS / 4), |slab, offer| {
+        thinned(sizing, spacing, grid, slabs, &seeds, count.min(MAX_HEADS / 4), |slab, offer| {
             points(&found[slab]).iter().try_for_each(|&p| offer(p, &|| p))
         })
     };
-    let contacts = thin(none(), |found| &found.contacts)?;
-    let around = thin(contacts, |found| &found.around)?;
-    let corners = thin(around, |found| &found.corners)?;
-    thin(corners, |found| &found.lines)
+    let contacts = thin(none(), CONTACT_SPACING, |found| &found.contacts)?;
+    let around = thin(contacts, CONTACT_SPACING, |found| &found.around)?;
+    let corners = thin(around, SPACING, |found| &found.corners)?;
+    thin(corners, SPACING, |found| &found.lines)
 }

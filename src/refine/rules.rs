@@ -314,6 +314,8 @@ impl<'a> Rules<'a> {
         }
         let [of_radius, of_delta] = NEAR_JUNCTION;
         let near = self.oracle.nearest_junction(x, most.min(of_radius * radius).min(of_delta * delta));
+        // Around contacts samples stand where they do for a reason.
+        let near = near.filter(|&y| !self.oracle.is_near_contact(y));
         let point = near.or_else(|| self.oracle.moved_on_wall(x, most.min(MOVE_ON_WALL * radius)));
         point.filter(|&y| self.triangulation.holds(y)).unwrap_or(x)
     }
