@@ -18,8 +18,9 @@ const MOST_PARTS: f64 = 8.0;
 /// Least layers of bricks of a slab: thinner ones have more neighbours to ask than there are threads to gain.
 const LEAST_LAYERS: usize = 2;
 
-/// How far what is sampled around contacts is moved along each axis, in voxels: on the grid itself it would be massively cocircular.
-const MOST_MOVE: f64 = 0.03;
+/// How far what is sampled around contacts is moved along each axis, in voxels, at most and at least: on the grid itself it would be massively cocircular.
+const MOST_MOVE: f64 = 0.02;
+const LEAST_MOVE: f64 = 0.01;
 
 /// What is sampled around a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -179,7 +180,9 @@ impl EdgeGrid<'_> {
         for axis in 0..3 {
             for from in [last(axis), voxel] {
                 let ids = [from, next(from, axis)].map(|v| oracle.at(v).id());
-                let mut x = moved(DVec3::from(voxel.map(|c| c as f64)), hash(from) >> (4 * axis));
+                // The four in a plane: two to one side of it, two to the other.
+                let backwards = [0, 1, 2].map(|a| a == (axis + 1) % 3);
+                let mut x = moved(DVec3::from(voxel.map(|c| c as f64)), backwards, hash(from) >> (4 * axis));
                 x[axis] = oracle.crossing_between(from[axis] as f64, axis, ids);
                 visit(ContactPoint::Around, oracle.world_point(x))?;
             }
@@ -187,9 +190,10 @@ impl EdgeGrid<'_> {
         Ok(())
     }
 
-    /// A point at a place given in half voxels, moved a little.
+    /// A point at a place given in half voxels, moved a little: to and fro across each plane of the grid in turn, so that no four around a square stay in a plane.
     fn near_half(&self, half: [usize; 3]) -> DVec3 {
-        self.oracle.world_point(moved(DVec3::from(half.map(|h| h as f64 / 2.0)), hash(half)))
+        let turns = [0, 1, 2].map(|a| (half[(a + 1) % 3] + half[(a + 2) % 3]) % 2 == 1);
+        self.oracle.world_point(moved(DVec3::from(half.map(|h| h as f64 / 2.0)), turns, hash(half)))
     }
 
     /// Into how many parts edges are divided in the cell from a voxel on.
@@ -252,9 +256,14 @@ impl EdgeGrid<'_> {
     }
 }
 
-/// A point, in region coordinates, moved a little.
-fn moved(x: DVec3, random: u64) -> DVec3 {
-    x + DVec3::from([0, 1, 2].map(|a| ((random >> (16 * a) & 0xffff) as f64 / f64::from(1 << 15) - 1.0) * MOST_MOVE))
+/// A point, in region coordinates, moved a little: backwards along the axes that are given.
+fn moved(x: DVec3, backwards: [bool; 3], random: u64) -> DVec3 {
+    let by = |a: usize| {
+        let part = (random >> (16 * a) & 0xffff) as f64 / f64::from(1 << 16);
+        let by = LEAST_MOVE + (MOST_MOVE - LEAST_MOVE) * part;
+        if backwards[a] { -by } else { by }
+    };
+    x + DVec3::new(by(0), by(1), by(2))
 }
 
 impl Oracle {
