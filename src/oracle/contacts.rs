@@ -243,3 +243,116 @@ impl Cell<'_> {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// Points of the lattice between the centre of an octant's voxel and that of the cell.
+    const STEPS: usize = 6;
+    const SIDE: usize = 2 * STEPS + 1;
+
+    /// All ways in which labels can lie on the corners, but for their names; the first one's id is 0.
+    fn all_ways() -> Vec<Corners> {
+        let mut ways = vec![(Vec::new(), 0)];
+        for _ in 0..8 {
+            let longer = |(ids, count): &(Vec<u16>, u16)| -> Vec<(Vec<u16>, u16)> {
+                (0..=*count).map(|id| ([&ids[..], &[id]].concat(), (*count).max(id + 1))).collect()
+            };
+            ways = ways.iter().flat_map(longer).collect();
+        }
+        ways.into_iter().map(|(ids, _)| std::array::from_fn(|c| ids[c])).collect()
+    }
+
+    /// Where no label is ahead of `id` in some octant of a cell: the points of a lattice in its closed body.
+    fn closed_body(cell: &Cell<'_>, id: u16) -> Vec<bool> {
+        let mut body = vec![false; SIDE.pow(3)];
+        for corner in 0..8 {
+            let octant = cell.octant([0, 1, 2].map(|a| if corner >> a & 1 == 1 { 0.75 } else { 0.25 }));
+            let mut ids = cell.ids.to_vec();
+            ids.sort_unstable();
+            ids.dedup();
+            let values: Vec<(u16, [f32; 8])> = ids.into_iter().map(|id| (id, cell.values(&octant, id))).collect();
+            for n in 0..(STEPS + 1).pow(3) {
+                let steps = [n % (STEPS + 1), n / (STEPS + 1) % (STEPS + 1), n / (STEPS + 1).pow(2)];
+                let parts = indicator::parts(steps.map(|s| s as f32 / STEPS as f32));
+                let value = |values: &[f32; 8]| parts.iter().zip(values).map(|(part, value)| part * value).sum::<f32>();
+                let most = values.iter().map(|(_, values)| value(values)).fold(0.0, f32::max);
+                let own = values
+                    .iter()
+                    .filter(|(other, _)| *other == id)
+                    .map(|(_, values)| value(values))
+                    .fold(0.0, f32::max);
+                let place = [0, 1, 2].map(|a| if corner >> a & 1 == 1 { 2 * STEPS - steps[a] } else { steps[a] });
+                body[place[0] + SIDE * (place[1] + SIDE * place[2])] |= own >= most - 1e-5;
+            }
+        }
+        body
+    }
+
+    /// The Euler characteristic of the points of a lattice in a box and the edges, squares and cubes between them.
+    fn euler(body: &[bool], sides: [usize; 3]) -> i64 {
+        let at =
+            |p: [usize; 3]| p.iter().zip(&sides).all(|(c, side)| c < side) && body[p[0] + SIDE * (p[1] + SIDE * p[2])];
+        let mut sum = 0;
+        for n in 0..sides.iter().product() {
+            let p = [n % sides[0], n / sides[0] % sides[1], n / (sides[0] * sides[1])];
+            for axes in 0..8_usize {
+                let corners = (0..8).filter(|c| c & !axes == 0);
+                let full = corners.map(|c| [0, 1, 2].map(|a| p[a] + (c >> a & 1))).all(at);
+                sum += if full { 1 - 2 * i64::from(axes.count_ones() % 2) } else { 0 };
+            }
+        }
+        sum
+    }
+
+    /// What the head of this file says: bodies are contractible in each cell and in its faces, however labels lie.
+    #[test]
+    fn closed_bodies_are_those_of_closed_voxels() {
+        let ways = all_ways();
+        assert_eq!(ways.len(), 4140);
+        let mut with = [0; 3];
+        for ids in ways {
+            let contacts = Contacts::of(&ids);
+            with[contacts as usize] += 1;
+            let weights = [1.0, 1.1, 0.95, 1.15, 1.0, 1.05, 0.98, 1.0];
+            let cell = Cell { ids: &ids, weights: &weights, center: contacts == Contacts::Center };
+            for id in 1..8 {
+                if indicator::corners_of(&ids, id) != 0 {
+                    let body = closed_body(&cell, id);
+                    assert_eq!(euler(&body, [SIDE; 3]), 1, "label {id} of {ids:?}");
+                    assert!(euler(&body, [SIDE, SIDE, 1]) <= 1, "label {id} on a face of {ids:?}");
+                }
+            }
+        }
+        assert!(with.iter().all(|&count| count > 100), "{with:?}");
+    }
+
+    proptest! {
+        #[test]
+        fn overtaken_is_the_first_change_on_dense_samples(
+            ids in prop::array::uniform8(0_u16..3),
+            start in prop::array::uniform3(0.0_f32..=1.0),
+            end in prop::array::uniform3(0.0_f32..=1.0),
+        ) {
+            let contacts = Contacts::of(&ids);
+            prop_assume!(contacts != Contacts::None);
+            let cell = Cell { ids: &ids, weights: &[1.0, 1.25, 0.875], center: contacts == Contacts::Center };
+            const SAMPLES: u32 = 2000;
+            let at = |s: f64| -> [f32; 3] { std::array::from_fn(|a| (f64::from(start[a]) + (f64::from(end[a]) - f64::from(start[a])) * s) as f32) };
+            let id = cell.label(start);
+            let labels: Vec<(f64, u16)> = (0..=SAMPLES).map(|n| f64::from(n) / f64::from(SAMPLES)).map(|s| (s, cell.label(at(s)))).collect();
+            let change = labels.iter().find(|(_, label)| *label != id).map(|(s, _)| *s);
+            match (cell.overtaken(id, [start, end], 1e-4), change) {
+                (Some((s, _)), Some(change)) => prop_assert!(s <= change + 1e-3, "late: {s}, sampled {change}"),
+                (None, Some(change)) => {
+                    // A stay too short to be more than rounding.
+                    prop_assert!(labels.iter().filter(|(_, label)| *label != id).count() <= 1, "missed at {change}");
+                }
+                _ => {}
+            }
+        }
+    }
+}

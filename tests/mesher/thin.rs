@@ -49,6 +49,50 @@ fn slits_of_one_voxel_stay_open() {
     keeps_its_topology(&comb(12).unwrap(), "the comb");
 }
 
+/// Two labels alternate: each is joined to itself along all edges of cells, and at all corners. Eight labels nowhere.
+#[test]
+fn checkerboards_touch_where_their_cells_do() {
+    let two = cubes(8, 4, |[a, b, c]| 1 + ((a + b + c) % 2) as i32).unwrap();
+    let eight = cubes(8, 4, |[a, b, c]| 1 + (a % 2 + 2 * (b % 2) + 4 * (c % 2)) as i32).unwrap();
+    for delta in [1.0, 3.0] {
+        let params = MeshParams { size: 8.0, ..params(delta) };
+        for row in &mesh(&two, &params).report.certificate.labels {
+            assert_eq!(
+                (row.euler_image, row.euler_mesh, row.components_lost),
+                (218, 218, 0),
+                "label {} of two",
+                row.label
+            );
+        }
+        assert_same_topology(&mesh(&eight, &params), "a checkerboard of eight labels");
+    }
+}
+
+/// Two cubes that meet in a corner alone are one body, and what is around them has no channel.
+#[test]
+fn cubes_touch_in_a_corner() {
+    let image = cubes(2, 6, |at| if at == [0; 3] || at == [1; 3] { 1 } else { 2 }).unwrap();
+    for delta in [1.0, 3.0] {
+        let meshing = mesh(&image, &params(delta));
+        let euler = |n: usize| {
+            (meshing.report.certificate.labels[n].euler_image, meshing.report.certificate.labels[n].euler_mesh)
+        };
+        assert_eq!((euler(0), euler(1)), ((2, 2), (2, 2)), "delta {delta}");
+    }
+}
+
+#[test]
+fn single_voxels_are_kept() {
+    // A cavity of one voxel, and a voxel of another label.
+    let block = cubes(1, 12, |_| 1).unwrap();
+    let dims = block.dims();
+    let mut voxels: Vec<i32> = block.ids().iter().map(|&id| id.into()).collect();
+    voxels[8 + dims[0] * (8 + dims[1] * 8)] = 0;
+    voxels[11 + dims[0] * (11 + dims[1] * 10)] = 2;
+    let image = LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, *block.frame()).unwrap();
+    keeps_its_topology(&image, "a block with two holes of a voxel");
+}
+
 #[test]
 fn blocks_of_eight_voxels_have_tets() {
     let image = cubes(6, 4, |_| 0).unwrap();
