@@ -70,6 +70,48 @@ fn voxel(image: &LabelImage, at: [i64; 3]) -> u16 {
     image.ids()[(at[0] + dims[0] * (at[1] + dims[1] * at[2])) as usize]
 }
 
+/// By how much the indicator of the voxel at corner `own` is raised in its octant of a cell: near the centres of faces around which two labels alternate, and of cells whose faces do not join a label's corners as a tree.
+fn bonus(corners: &[u16; 8], own: usize, f: DVec3) -> f64 {
+    let alternates = |axis: usize, side: usize| {
+        let [c, u, v] = [side << axis, 1 << ((axis + 1) % 3), 1 << ((axis + 2) % 3)];
+        corners[c] == corners[c | u | v] && corners[c | u] == corners[c | v] && corners[c] != corners[c | u]
+    };
+    // From 0 at the voxel's centre to 1 at the cell's.
+    let near = [0, 1, 2].map(|a| 2.0 * f[a].min(1.0 - f[a]));
+    let at_face = |axis: usize| (0..3).map(|a| if a == axis { 1.0 - near[a] } else { near[a] }).product::<f64>();
+    let faces = (0..3).filter(|&axis| alternates(axis, own >> axis & 1)).map(at_face).sum::<f64>();
+    let needs_center = |label: u16| {
+        let pairs = || {
+            (0..8_usize)
+                .flat_map(|c| (0..c).map(move |d| [c, d]))
+                .filter(|pair| pair.iter().all(|&c| corners[c] == label))
+        };
+        let mut set: [usize; 8] = std::array::from_fn(|c| c);
+        let join = |set: &mut [usize; 8], [c, d]: [usize; 2]| {
+            let (from, to) = (set[c], set[d]);
+            set.iter_mut().filter(|s| **s == from).for_each(|s| *s = to);
+        };
+        pairs().filter(|[c, d]| (c ^ d).count_ones() == 1).for_each(|pair| join(&mut set, pair));
+        let pieces = set;
+        // Across a face, of which the other two corners have other labels.
+        let across = |[c, d]: [usize; 2]| {
+            let e = (c ^ d) & (c ^ d).wrapping_neg();
+            ((c ^ d).count_ones() == 2 && pieces[c] != pieces[d]).then(|| [corners[c ^ e], corners[d ^ e]])
+        };
+        let is_joined = |pair| across(pair).is_some_and(|[x, y]| x != label && y != label && x != y);
+        pairs().filter(|&pair| is_joined(pair)).for_each(|pair| join(&mut set, pair));
+        for pair in pairs().filter(|&pair| across(pair).is_some_and(|[x, y]| x != label && x == y)) {
+            if set[pair[0]] == set[pair[1]] {
+                return true;
+            }
+            join(&mut set, pair);
+        }
+        pairs().any(|[c, d]| set[c] != set[d])
+    };
+    let center = (1..5).any(needs_center);
+    4.0 * (faces + if center { near.iter().product::<f64>() } else { 0.0 })
+}
+
 /// The label by definition, and by how much it is ahead of the next (smooth), or how far the next voxel is (voxel model, without weights; in voxels).
 fn naive(image: &LabelImage, weights: &[f32], p: DVec3) -> (u16, f64) {
     let x = image.frame().to_index(p);
@@ -93,6 +135,9 @@ fn naive(image: &LabelImage, weights: &[f32], p: DVec3) -> (u16, f64) {
         let weight: f64 = (0..3).map(|a| if bit[a] == 1 { f[a] } else { 1.0 - f[a] }).product();
         sums[usize::from(voxel(image, [0, 1, 2].map(|a| low[a] as i64 + bit[a])))] += weight;
     }
+    let corners = std::array::from_fn(|c| voxel(image, [0, 1, 2].map(|a| low[a] as i64 + (c >> a & 1) as i64)));
+    let own = (0..3).fold(0, |own, a| own | usize::from(f[a] > 0.5) << a);
+    sums[usize::from(corners[own])] += bonus(&corners, own, f);
     sums.iter_mut().zip(weights).for_each(|(sum, &w)| *sum *= f64::from(w));
     let best = (0..5).fold(0, |best, l| if sums[l] > sums[best] { l } else { best });
     let ahead = (0..5).filter(|&l| l != best).map(|l| sums[best] - sums[l]).fold(inside, f64::min);

@@ -144,7 +144,7 @@ impl EdgeGrid<'_> {
             // A face belongs to the cell of which it is the lower one.
             let lower = (0..3).filter(|&axis| contacts::alternates(&corners, contacts::FACES[axis][0]));
             let of_face = lower.map(|axis| [0, 1, 2].map(|a| center[a] - usize::from(a == axis)));
-            for contact in of_face.chain((contacts == Contacts::Center).then_some(center)) {
+            for contact in of_face.chain((contacts == Contacts::Center).then_some(center)).filter(|&c| inside(c)) {
                 visit(ContactPoint::Contact, self.near_half(contact))?;
                 for axis in 0..3 {
                     for side in [contact[axis] - 1, contact[axis] + 1] {

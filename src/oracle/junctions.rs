@@ -159,7 +159,7 @@ impl JunctionPlanes<'_> {
         // Two labels meet in no line, but where a wall cuts their interface. Around contacts lines run along the edges of voxels, and are sampled with these.
         let is_two = oracle.at(cell).is_two();
         let at_wall = !oracle.walls.leaves(cell);
-        let touches = oracle.model == SurfaceModel::Smooth && oracle.at(cell).contacts() != Contacts::None;
+        let touches = oracle.model == SurfaceModel::Smooth && !at_wall && oracle.at(cell).contacts() != Contacts::None;
         if is_two && !at_wall || oracle.field.is_some() || touches {
             return Ok(());
         }

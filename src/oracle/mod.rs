@@ -154,7 +154,7 @@ impl Oracle {
                 (border, voxels, weights, None)
             }
             SurfaceModel::Voxel => {
-                let (voxels, _) = voxel::records(&rows, &mixed, Pairs::Marked(&walls), check)?;
+                let (voxels, _) = voxel::records(&rows, &mixed, Pairs::Marked, check)?;
                 (Border::none(dims), voxels, Vec::new(), None)
             }
         };

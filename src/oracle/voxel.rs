@@ -113,8 +113,8 @@ impl Block {
         }
     }
 
-    /// Adds the contacts of the `mixed` ones of these cells, from `first` on; between walls and the outermost voxel centres there are none.
-    fn add_contacts(&mut self, border: &Border, first: [usize; 3], mixed: u64, around: [&[u16]; 4]) {
+    /// Adds the contacts of the `mixed` ones of these cells.
+    fn add_contacts(&mut self, mixed: u64, around: [&[u16]; 4]) {
         let around = around.map(|row| &row[..65]);
         let mut rest = mixed;
         while rest != 0 {
@@ -126,9 +126,7 @@ impl Block {
                 Contacts::Faces => Voxel::CONTACT,
                 Contacts::Center => Voxel::CONTACT | Voxel::CENTER,
             };
-            if border.leaves([first[0] + i, first[1], first[2]]) {
-                self.cells[i] = self.cells[i] & !Voxel::TWO | bits;
-            }
+            self.cells[i] = self.cells[i] & !Voxel::TWO | bits;
         }
     }
 }
@@ -139,7 +137,7 @@ pub(super) enum Pairs<'a> {
     /// Their records do not say so: what they look like is not told by labels alone.
     Unmarked,
     /// Their records say so, and which have contacts.
-    Marked(&'a Border),
+    Marked,
     /// And they are counted, with all mixed cells, for the weights of labels.
     Counted(&'a Sampling, &'a Border),
 }
@@ -180,8 +178,8 @@ pub(super) fn records<'a>(
                         if let (Some(tally), Pairs::Counted(_, border)) = (&mut tally, pairs) {
                             count(tally, border, [64 * w, j, k], words[0], &block, around)?;
                         }
-                        if let Pairs::Counted(_, border) | Pairs::Marked(border) = pairs {
-                            block.add_contacts(border, [64 * w, j, k], words[0], around);
+                        if !matches!(pairs, Pairs::Unmarked) {
+                            block.add_contacts(words[0], around);
                         }
                     }
                     for (n, (ids, cells)) in row[64 * w..nx.min(64 * (w + 1))]
@@ -261,7 +259,7 @@ mod tests {
         let region = Region::new(&image, check).unwrap();
         let rows = Rows::new(&image, &region, check).unwrap();
         let cells = Cells::mixed(&rows, check).unwrap();
-        let (voxels, _) = records(&rows, &cells, Pairs::Marked(&Border::none(rows.dims())), check).unwrap();
+        let (voxels, _) = records(&rows, &cells, Pairs::Marked, check).unwrap();
         let dims = rows.dims();
         let bricks = Bricks::new(dims);
         let id = |at: [usize; 3]| rows.row(at[1], at[2])[at[0]];
