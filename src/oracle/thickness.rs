@@ -9,7 +9,7 @@
 //! - that have such on both sides along an axis, in runs of their label: bridges;
 //! - and those less than m thick within m steps of these.
 //!
-//! Two voxels of a label that meet in an edge, and are not joined by a third one beside both, are a neck: they count as one thick.
+//! Two voxels of a label that meet in an edge, and are not joined by a third one beside both, are a neck: they count as one thick. So do two that meet in a corner, around which no third one is.
 //!
 //! The background is a label like others here: a slit between two objects is thin as well.
 //!
@@ -319,7 +319,7 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     Ok(thin)
 }
 
-/// Voxels of a label, not background, that meet in an edge alone: two of the four around it, across from each other, while the others have other labels.
+/// Voxels of a label, not background, that meet in an edge alone: two of the four around it, across from each other, while the others have other labels; or in a corner alone, around which all others have.
 fn contacts(rows: &Rows, labels: &Labels, pad: usize, check: Check<'_>) -> Result<Vec<u32>> {
     let [nx, ny, nz] = rows.dims();
     let layers = (0..ny - 1).into_par_iter().map(|j| {
