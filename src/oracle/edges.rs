@@ -9,7 +9,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::contacts::{self, Contacts};
-use super::{Oracle, bricks::Bricks, weights::hash};
+use super::{Oracle, bricks::Bricks, cells::ones, weights::hash};
 use crate::Result;
 
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the surface model has no detail left.
@@ -29,12 +29,6 @@ pub enum ContactPoint {
     Contact,
     /// A point beside it.
     Around,
-}
-
-/// Whether, of the face of a mixed cell across an axis on the side of its first corner, the first corner and the one across from it have one label, and the others have others.
-pub(super) fn has_diagonal(cell: Voxel, axis: usize) -> bool {
-    let (across, beside) = LOWER_DIAGONALS[axis];
-    cell.first_corners() & (across | beside) == across
 }
 
 /// An edge of the grid, between points of different labels.
@@ -291,7 +285,7 @@ impl Oracle {
         self.visit_cells(row, is_mixed, visit)
     }
 
-    /// As [`Self::visit_mixed_cells`], for those cells that can have points of junctions, or saddles.
+    /// As [`Self::visit_mixed_cells`], for those cells that can have points of junctions.
     #[inline(always)]
     pub(super) fn visit_junction_cells(&self, row: usize, visit: impl FnMut([usize; 3]) -> Result<()>) -> Result<()> {
         self.visit_cells(row, |cell| self.junction_cells.bits(cell, Bricks::EDGE), visit)

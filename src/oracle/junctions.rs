@@ -18,6 +18,7 @@
 use glam::DVec3;
 
 use super::Oracle;
+use super::cells::ones;
 use super::contacts::Contacts;
 use super::indicator::Corners;
 use super::ties::{Cube, Square};
@@ -156,13 +157,7 @@ impl JunctionPlanes<'_> {
         visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
     ) -> Result<()> {
         let oracle = self.oracle;
-        // Two labels meet in no line, but where a wall cuts their interface. Around contacts lines run along the edges of voxels, and are sampled with these.
-        let is_two = oracle.at(cell).is_two();
         let at_wall = !oracle.walls.leaves(cell);
-        let touches = oracle.model == SurfaceModel::Smooth && !at_wall && oracle.at(cell).contacts() != Contacts::None;
-        if is_two && !at_wall || oracle.field.is_some() || touches {
-            return Ok(());
-        }
         let corners = oracle.corners(cell);
         match oracle.model {
             SurfaceModel::Smooth if at_wall => self.visit_cell_at_wall(cell, &corners, visit),
@@ -343,9 +338,9 @@ impl JunctionPlanes<'_> {
     }
 }
 
-/// Whether a mixed cell can have points of junctions, or a saddle at its lower faces: with three labels or more, at a wall, and where two alternate.
-pub(super) fn is_junction_cell(record: Voxel, cell: [usize; 3], walls: &Border) -> bool {
-    !record.is_two() || !walls.leaves(cell) || (0..3).any(|axis| has_diagonal(record, axis))
+/// Whether a mixed cell can have points of junctions. Two labels meet in no line, but where a wall cuts their interface. Around contacts of the smooth model lines run along the edges of voxels, and are sampled with these.
+pub(super) fn is_junction_cell(record: Voxel, at_wall: bool, model: SurfaceModel) -> bool {
+    at_wall || !record.is_two() && (model == SurfaceModel::Voxel || record.contacts() == Contacts::None)
 }
 
 /// A vector with coordinates between -1 and 1 that looks random and depends on `p` alone.

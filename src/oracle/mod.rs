@@ -95,7 +95,7 @@ pub struct Oracle {
     bricks: Bricks,
     /// The voxels of the region, in the bricked layout.
     voxels: Vec<Voxel>,
-    /// The mixed cells that can have points of junctions, or saddles; none with a field.
+    /// The mixed cells that can have points of junctions; none with a field.
     junction_cells: Cells,
     /// What the smooth model interpolates where that is not the indicators of labels. Then no record says that a cell has two labels, which leaves mixed cells to the field.
     field: Option<Field>,
@@ -163,7 +163,7 @@ impl Oracle {
             Cells::none()
         } else {
             let record = |[i, j, k]: [usize; 3]| voxels[bricks.index(i, j, k)];
-            mixed.retain(|cell| is_junction_cell(record(cell), cell, &walls), check)?;
+            mixed.retain(|cell| is_junction_cell(record(cell), !walls.leaves(cell), model), check)?;
             mixed
         };
         let to_world = frame.direction() * DMat3::from_diagonal(spacing);
