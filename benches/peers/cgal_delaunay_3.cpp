@@ -42,6 +42,8 @@ void collect(const std::string& path, double delta, double size, double threads,
   lapd::context context;
   lapd::params params;
   params.set_delta(delta).set_size(size).set_threads(static_cast<std::size_t>(threads)).set_background(true);
+  // As the runs beside it.
+  params.set_adaptive(false);
   const lapd::image image = lapd::image::read(context, path);
   const lapd::mesh mesh = lapd::mesh::make(context, image, params);
   const auto coordinates = mesh.points().values();
