@@ -3,10 +3,9 @@
 //! Slots and ids are given out as the refinement goes: it ends with neighbours anywhere in memory, and a sweep that looks at each tet's neighbours and vertices waits
 //! for memory most of the time. In the order of their places what one needs the next one has in the cache.
 //!
-//! Places are cells of a grid over the box, along the curve of G. M. Morton ("A computer oriented geodetic data base", 1966); within a cell the order is that of the
-//! numbers. So the order depends on the triangulation alone, not on the number of threads.
+//! Places are cells of a grid over the box, along Morton's curve ([`morton`]); within a cell the order is that of the numbers. So the order depends on the triangulation alone, not on the number of threads.
 //!
-//! A counting sort: linear, parallel in the current rayon pool. Not to be used while others operate.
+//! A counting sort: linear, parallel in the current rayon pool. Not to be used while others operate. Its counters are relaxed: each is a sum of its own, and a pass is joined before the next one reads what it left.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -16,6 +15,7 @@ use rayon::prelude::*;
 use super::tet::{TetId, VertexId};
 use super::triangulation::Triangulation;
 use crate::Result;
+use crate::geometry::morton;
 use crate::memory::zeroed;
 
 /// Numbers of one piece of work, between two questions whether to go on.
@@ -65,8 +65,8 @@ impl Triangulation {
         let per_cell = side / (self.upper() - self.lower());
         // Circumcenters may lie outside of the box.
         let cell = |p: DVec3| {
-            let [x, y, z] = ((p - self.lower()) * per_cell).clamp(DVec3::ZERO, DVec3::splat(side - 1.0)).to_array();
-            spread(x as u32) | spread(y as u32) << 1 | spread(z as u32) << 2
+            let cell = ((p - self.lower()) * per_cell).clamp(DVec3::ZERO, DVec3::splat(side - 1.0));
+            morton::place(cell.to_array().map(|c| c as u32))
         };
         // The cell of each number, from 1 on; 0 for one without a place.
         let mut cells: Vec<u32> = zeroed(bound as usize, "cells of tets")?;
@@ -127,25 +127,10 @@ pub fn sort_parts(mut list: &mut [u32], ends: &[u32], go_on: impl Fn() -> Result
     })
 }
 
-/// The bits of a number of at most [`MOST_BITS`], two places between one and the next.
-fn spread(x: u32) -> u32 {
-    let x = (x | x << 8) & 0x0000_F00F;
-    let x = (x | x << 4) & 0x000C_30C3;
-    (x | x << 2) & 0x0024_9249
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::delaunay::{Insertion, Removal, Solo, VertexKind, Worker};
-
-    #[test]
-    fn bits_are_spread() {
-        for x in 0..1_u32 << MOST_BITS {
-            let expected = (0..MOST_BITS).fold(0, |bits, i| bits | (x >> i & 1) << (3 * i));
-            assert_eq!(spread(x), expected, "{x}");
-        }
-    }
 
     #[test]
     fn every_tet_and_vertex_once_near_those_before() {

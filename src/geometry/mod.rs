@@ -1,4 +1,4 @@
-//! Geometry on plain points: exact predicates, circumspheres, shape measures.
+//! Geometry on plain points: exact predicates, circumspheres, shape measures; places along a curve.
 //!
 //! # The one sign convention
 //! A tet (a, b, c, d) is *positive* when (b - a) x (c - a) . (d - a) > 0: by the right-hand rule, the normal of (a, b, c)
@@ -7,6 +7,7 @@
 //!
 //! Shewchuk's `orient3d` and `insphere` (and so the `robust` crate) use the opposite sign; only [`predicates`] knows that.
 
+pub mod morton;
 pub mod predicates;
 pub mod shape;
 pub mod sphere;

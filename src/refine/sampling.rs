@@ -27,6 +27,7 @@ use rayon::prelude::*;
 use super::cell_table::{CellTable, MAX_HEADS};
 use super::junctions::sample_junctions;
 use super::sizing::Sizing;
+use crate::geometry::morton;
 use crate::memory::{filled, reserve, room};
 use crate::oracle::{CrossedEdge, EdgeGrid, Oracle};
 use crate::{Error, Result};
@@ -45,7 +46,7 @@ pub enum Growth {
 }
 /// A key of the order of insertion has, from its low end: the number of the sample, its place along the curve by so many bits for each axis, its round.
 const AT_BITS: u32 = 30;
-const PLACE_BITS: u32 = 10;
+const PLACE_BITS: u32 = morton::BITS;
 const LAST_ROUND: u32 = 15;
 /// No sample.
 const NONE: u32 = u32::MAX;
@@ -306,10 +307,10 @@ fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth) -> Result<Samples> {
     let scale = f64::from((1 << PLACE_BITS) - 1) / (upper - lower).max_element().max(f64::MIN_POSITIVE);
     let key_of = |at: usize, p: DVec3| {
         let round = (mix(at as u64, 0) | 1 << (growth * LAST_ROUND)).trailing_zeros() / growth;
-        let place = ((p - lower) * scale).to_array().map(|c| spread(c as u64));
+        let place = morton::place(((p - lower) * scale).to_array().map(|c| c as u32));
         // The last round holds most of the points.
         let round = u64::from(LAST_ROUND - round) << (3 * PLACE_BITS);
-        (round | place[0] | place[1] << 1 | place[2] << 2) << AT_BITS | at as u64
+        (round | u64::from(place)) << AT_BITS | at as u64
     };
     let mut keys = filled(total, 0, "places in the order of insertion", || Ok(()))?;
     let mut rest = keys.as_mut_slice();
@@ -343,12 +344,4 @@ fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth) -> Result<Samples> {
         at += keys[at..].partition_point(|key| key >> (3 * PLACE_BITS + AT_BITS) == this);
     }
     Ok(Samples { points: sorted, rounds })
-}
-
-/// Puts two zeros behind each of the 10 low bits: three such numbers interleave to a place on the Z-order curve.
-fn spread(x: u64) -> u64 {
-    let x = (x | x << 16) & 0x0300_00FF;
-    let x = (x | x << 8) & 0x0300_F00F;
-    let x = (x | x << 4) & 0x030C_30C3;
-    (x | x << 2) & 0x0924_9249
 }

@@ -30,6 +30,7 @@ pub fn examine(rules: &Rules<'_>, order: &[TetId], monitor: &Monitor<'_>) -> Res
     monitor.enter(Step::Unmet, 1)?;
     let uncovered = rules.uncovered_edges(monitor)?;
     monitor.enter(Step::Validate, order.len() + rules.triangulation.vertex_bound() as usize)?;
+    // Relaxed: sums, read when all pieces are done.
     let unmet: [AtomicU64; 6] = Default::default();
     // Piece by piece, so that the tets are still in the cache.
     let check = rules.triangulation.check_in(order, |tets| {
