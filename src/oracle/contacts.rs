@@ -62,16 +62,12 @@ impl Contacts {
         if !(on_faces || across) {
             return Self::None;
         }
-        let mut rest = 0xff_u32;
-        while rest != 0 {
-            let id = ids[rest.trailing_zeros() as usize];
-            let own = indicator::corners_of(ids, id);
-            rest &= !own;
-            if id != 0 && needs_center(ids, own) {
-                return Self::Center;
-            }
+        let needs = |id: u16| id != 0 && needs_center(ids, indicator::corners_of(ids, id));
+        match () {
+            () if indicator::labels(ids, 0xff).any(needs) => Self::Center,
+            () if on_faces => Self::Faces,
+            () => Self::None,
         }
-        if on_faces { Self::Faces } else { Self::None }
     }
 }
 
@@ -123,7 +119,7 @@ fn needs_center(ids: &Corners, own: u32) -> bool {
 
 /// A cell with contacts.
 pub(super) struct Cell<'a> {
-    pub(super) ids: &'a Corners,
+    pub(super) ids: Corners,
     pub(super) weights: &'a [f32],
     /// Whether its centre is a contact.
     pub(super) center: bool,
@@ -154,7 +150,7 @@ impl Cell<'_> {
             bonus[7] = BONUS;
         }
         for (axis, faces) in FACES.iter().enumerate() {
-            if alternates(self.ids, faces[corner >> axis & 1]) {
+            if alternates(&self.ids, faces[corner >> axis & 1]) {
                 bonus[7 ^ 1 << axis] = BONUS;
             }
         }
@@ -172,12 +168,9 @@ impl Cell<'_> {
             indicator::parts(octant.place(at)).iter().zip(&octant.bonus).map(|(part, bonus)| part * bonus).sum();
         let own = self.ids[octant.corner];
         let (mut best, mut largest) = (own, f32::NEG_INFINITY);
-        let mut rest = 0xff_u32;
-        while rest != 0 {
-            let id = self.ids[rest.trailing_zeros() as usize];
-            rest &= !indicator::corners_of(self.ids, id);
+        for id in indicator::labels(&self.ids, 0xff) {
             let bonus = if id == own { near } else { 0.0 };
-            let value = (indicator::indicator(self.ids, &parts, id) + bonus) * self.weights[usize::from(id)];
+            let value = (indicator::indicator(&self.ids, &parts, id) + bonus) * self.weights[usize::from(id)];
             if value > largest || (value == largest && id < best) {
                 (best, largest) = (id, value);
             }
@@ -187,7 +180,7 @@ impl Cell<'_> {
 
     /// The weighted indicator of a label at the corners of an octant.
     fn values(&self, octant: &Octant, id: u16) -> [f32; 8] {
-        let corners = indicator::corners_of(self.ids, id);
+        let corners = indicator::corners_of(&self.ids, id);
         let weight = self.weights[usize::from(id)];
         std::array::from_fn(|c| {
             // The mean over the cell's corners around: what differs from the octant's own in axes that `c` has.
@@ -222,20 +215,11 @@ impl Cell<'_> {
             }
             let ends = [at(from), at(to)].map(|p| octant.place(p));
             let own = self.values(&octant, id);
-            let mut first: Option<(f64, u16)> = None;
-            let mut rest = !indicator::corners_of(self.ids, id) & 0xff;
-            while rest != 0 {
-                let other = self.ids[rest.trailing_zeros() as usize];
-                rest &= !indicator::corners_of(self.ids, other);
+            let lead = |other: u16| {
                 let against = self.values(&octant, other);
-                let lead: [f32; 8] = std::array::from_fn(|c| own[c] - against[c]);
-                if let Some(s) = indicator::descent_along(&lead, ends, tolerance / (to - from))
-                    && first.is_none_or(|f| (s, other) < f)
-                {
-                    first = Some((s, other));
-                }
-            }
-            if let Some((s, other)) = first {
+                std::array::from_fn(|c| own[c] - against[c])
+            };
+            if let Some((s, other)) = indicator::first_overtaking(&self.ids, id, ends, tolerance / (to - from), lead) {
                 return Some((from + (to - from) * s, other));
             }
             from = to;
@@ -318,7 +302,7 @@ mod tests {
             let contacts = Contacts::of(&ids);
             with[contacts as usize] += 1;
             let weights = [1.0, 1.1, 0.95, 1.15, 1.0, 1.05, 0.98, 1.0];
-            let cell = Cell { ids: &ids, weights: &weights, center: contacts == Contacts::Center };
+            let cell = Cell { ids, weights: &weights, center: contacts == Contacts::Center };
             for id in 1..8 {
                 if indicator::corners_of(&ids, id) != 0 {
                     let body = closed_body(&cell, id);
@@ -339,7 +323,7 @@ mod tests {
         ) {
             let contacts = Contacts::of(&ids);
             prop_assume!(contacts != Contacts::None);
-            let cell = Cell { ids: &ids, weights: &[1.0, 1.25, 0.875], center: contacts == Contacts::Center };
+            let cell = Cell { ids, weights: &[1.0, 1.25, 0.875], center: contacts == Contacts::Center };
             const SAMPLES: u32 = 2000;
             let at = |s: f64| -> [f32; 3] { std::array::from_fn(|a| (f64::from(start[a]) + (f64::from(end[a]) - f64::from(start[a])) * s) as f32) };
             let id = cell.label(start);

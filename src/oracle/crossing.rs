@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use super::contacts::{self, Contacts};
+use super::contacts::Contacts;
 use super::{Oracle, border::Border, indicator, voxel::Voxel};
 use crate::params::SurfaceModel;
 
@@ -171,9 +171,7 @@ impl Oracle {
                 return match &self.field {
                     Some(field) => field.overtaken(&self.bricks, cell, from, ends, tolerance),
                     None if voxel.contacts() != Contacts::None => {
-                        let center = voxel.contacts() == Contacts::Center;
-                        contacts::Cell { ids: &self.corners(cell), weights: &self.weights, center }
-                            .overtaken(from, ends, tolerance)
+                        self.contact_cell(cell).overtaken(from, ends, tolerance)
                     }
                     None => indicator::overtaken(&self.corners(cell), &self.weights, from, ends, tolerance),
                 };

@@ -13,6 +13,16 @@ pub(super) fn corners_of(ids: &Corners, id: u16) -> u32 {
     (0..8).fold(0, |mask, c| mask | u32::from(ids[c] == id) << c)
 }
 
+/// The different labels at some corners, given by their bits, in the order of their first corners.
+#[inline(always)]
+pub(super) fn labels(ids: &Corners, mut among: u32) -> impl Iterator<Item = u16> {
+    std::iter::from_fn(move || {
+        let id = *ids.get(among.trailing_zeros() as usize)?;
+        among &= !corners_of(ids, id);
+        Some(id)
+    })
+}
+
 /// The part each of the eight corners has in a point of the cell, given in [0, 1]^3.
 #[inline(always)]
 pub(super) fn parts([x, y, z]: [f32; 3]) -> [f32; 8] {
@@ -96,19 +106,30 @@ pub(super) fn overtaken(
     [start, end]: [[f32; 3]; 2],
     tolerance: f64,
 ) -> Option<(f64, u16)> {
-    let mut first: Option<(f64, u16)> = None;
     let weight = weights[usize::from(id)];
-    let mut rest = !corners_of(ids, id) & 0xff;
-    while rest != 0 {
-        let other = ids[rest.trailing_zeros() as usize];
-        rest &= !corners_of(ids, other);
+    let lead = |other: u16| {
         let against = weights[usize::from(other)];
-        let lead: [f32; 8] = std::array::from_fn(|c| {
+        std::array::from_fn(|c| {
             let ahead = if ids[c] == id { weight } else { 0.0 };
             let behind = if ids[c] == other { against } else { 0.0 };
             ahead - behind
-        });
-        if let Some(s) = descent_along(&lead, [start, end], tolerance)
+        })
+    };
+    first_overtaking(ids, id, [start, end], tolerance, lead)
+}
+
+/// As [`overtaken`], where `lead` tells the lead of `id` over another label at the corners of the cell, or of a part of it, in which the segment is given.
+#[inline(always)]
+pub(super) fn first_overtaking(
+    ids: &Corners,
+    id: u16,
+    ends: [[f32; 3]; 2],
+    tolerance: f64,
+    lead: impl Fn(u16) -> [f32; 8],
+) -> Option<(f64, u16)> {
+    let mut first: Option<(f64, u16)> = None;
+    for other in labels(ids, !corners_of(ids, id) & 0xff) {
+        if let Some(s) = descent_along(&lead(other), ends, tolerance)
             && first.is_none_or(|f| (s, other) < f)
         {
             first = Some((s, other));

@@ -330,7 +330,7 @@ impl Oracle {
         } else if let Some(field) = &self.field {
             field.label(&self.bricks, cell, place(x, cell))
         } else if voxel.contacts() != Contacts::None {
-            self.label_at_contact(cell, voxel, x)
+            self.label_at_contact(cell, x)
         } else {
             indicator::label(&self.corners(cell), &self.weights, self.greatest, place(x, cell))
         }
@@ -338,9 +338,14 @@ impl Oracle {
 
     /// The label in a cell with contacts.
     #[cold]
-    fn label_at_contact(&self, cell: [usize; 3], voxel: Voxel, x: DVec3) -> u16 {
-        let center = voxel.contacts() == Contacts::Center;
-        contacts::Cell { ids: &self.corners(cell), weights: &self.weights, center }.label(place(x, cell))
+    fn label_at_contact(&self, cell: [usize; 3], x: DVec3) -> u16 {
+        self.contact_cell(cell).label(place(x, cell))
+    }
+
+    /// A cell with contacts.
+    fn contact_cell(&self, cell: [usize; 3]) -> contacts::Cell<'_> {
+        let center = self.at(cell).contacts() == Contacts::Center;
+        contacts::Cell { ids: self.corners(cell), weights: &self.weights, center }
     }
 
     #[inline(always)]

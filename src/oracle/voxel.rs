@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::{
     border::Border,
     bricks::Bricks,
-    cells::Cells,
+    cells::{Cells, ones},
     contacts::Contacts,
     indicator::Corners,
     region::Rows,
@@ -116,10 +116,7 @@ impl Block {
     /// Adds the contacts of the `mixed` ones of these cells.
     fn add_contacts(&mut self, mixed: u64, around: [&[u16]; 4]) {
         let around = around.map(|row| &row[..65]);
-        let mut rest = mixed;
-        while rest != 0 {
-            let i = rest.trailing_zeros() as usize;
-            rest &= rest - 1;
+        for i in ones(mixed) {
             let corners: Corners = std::array::from_fn(|c| around[c >> 1][i + (c & 1)]);
             let bits = match Contacts::of(&corners) {
                 Contacts::None => continue,
@@ -218,10 +215,7 @@ fn count(
     around: [&[u16]; 4],
 ) -> Result<()> {
     let around = around.map(|row| &row[..65]);
-    let mut rest = mixed;
-    while rest != 0 {
-        let i = rest.trailing_zeros() as usize;
-        rest &= rest - 1;
+    for i in ones(mixed) {
         let cell = [first[0] + i, first[1], first[2]];
         let id = around[0][i];
         let voxel = Voxel::new(id, block.cells[i]);

@@ -442,10 +442,8 @@ struct Missing {
 fn distinct(ids: &indicator::Corners) -> ([u16; 8], usize) {
     let mut present = [0; 8];
     let mut count = 0;
-    let mut rest = 0xff_u32;
-    while rest != 0 {
-        present[count] = ids[rest.trailing_zeros() as usize];
-        rest &= !indicator::corners_of(ids, present[count]);
+    for id in indicator::labels(ids, 0xff) {
+        present[count] = id;
         count += 1;
     }
     (present, count)
