@@ -39,10 +39,11 @@ struct Candidates {
     lines: Vec<DVec3>,
 }
 
-impl Candidates {
-    fn is_empty(&self) -> bool {
-        self.around.is_empty() && self.corners.is_empty() && self.lines.is_empty()
-    }
+/// Notes a point.
+fn keep(points: &mut Vec<DVec3>, p: DVec3) -> Result<()> {
+    reserve(points, 1, "points of junctions")?;
+    points.push(p);
+    Ok(())
 }
 
 /// Samples of the junctions in each slab.
@@ -62,32 +63,18 @@ pub(super) fn sample_junctions(
         let mut found = Candidates::default();
         for row in grid.slab_rows(slab) {
             go_on()?;
-            planes.visit_row(row, |kind, p| {
-                let points = match kind {
-                    JunctionKind::Corner => &mut found.corners,
-                    JunctionKind::Line => &mut found.lines,
-                };
-                reserve(points, 1, "points of junctions")?;
-                points.push(p);
-                Ok(())
+            planes.visit_row(row, |kind, p| match kind {
+                JunctionKind::Corner => keep(&mut found.corners, p),
+                JunctionKind::Line => keep(&mut found.lines, p),
             })?;
-            grid.visit_contacts(row, |kind, p| {
-                let points = match kind {
-                    ContactPoint::Contact => &mut found.contacts,
-                    ContactPoint::Around => &mut found.around,
-                };
-                reserve(points, 1, "points of junctions")?;
-                points.push(p);
-                Ok(())
+            grid.visit_contacts(row, |kind, p| match kind {
+                ContactPoint::Contact => keep(&mut found.contacts, p),
+                ContactPoint::Around => keep(&mut found.around, p),
             })?;
         }
         Ok(found)
     };
     let found: Vec<Candidates> = slabs.par_iter().map(of_slab).collect::<Result<_>>()?;
-    let none = || vec![Vec::new(); slabs.len()];
-    if found.iter().all(Candidates::is_empty) {
-        return Ok(none());
-    }
     let thin = |seeds: Vec<Vec<DVec3>>, spacing: f64, points: fn(&Candidates) -> &[DVec3]| {
         let count = found.iter().map(|of_slab| points(of_slab).len()).sum::<usize>();
         if count == 0 {
@@ -97,7 +84,7 @@ pub(super) fn sample_junctions(
             points(&found[slab]).iter().try_for_each(|&p| offer(p, &|| p))
         })
     };
-    let contacts = thin(none(), CONTACT_SPACING, |found| &found.contacts)?;
+    let contacts = thin(vec![Vec::new(); slabs.len()], CONTACT_SPACING, |found| &found.contacts)?;
     let around = thin(contacts, CONTACT_SPACING, |found| &found.around)?;
     let corners = thin(around, SPACING, |found| &found.corners)?;
     thin(corners, SPACING, |found| &found.lines)
