@@ -358,10 +358,10 @@ impl<'a> Rules<'a> {
     pub fn volume_demand(&self, t: TetId) -> Option<Demand> {
         let record = self.triangulation.tet(t);
         let label = record.tag();
-        if label == 0 {
+        let sphere = record.sphere();
+        if label == 0 && (sphere.is_certain() || !self.has_interface(record)) {
             return None;
         }
-        let sphere = record.sphere();
         let squared_radius = sphere.squared_radius();
         let demand = |rule| Some(Demand { rule, point: sphere.center, kind: VertexKind::Free, start: t, across: None });
         let vertices = record.vertices();
@@ -388,17 +388,22 @@ impl<'a> Rules<'a> {
         }
     }
 
-    /// What R4 asks for a tet of the object that is too flat to have a circumcenter: its centroid. Four points of which some mirror others lie in one plane and on one circle; the centroid lies within that, so in the circumballs of
+    /// Whether a tet has a facet between it and one of another label.
+    #[cold]
+    fn has_interface(&self, record: &TetRecord) -> bool {
+        let neighbors = (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none());
+        let mut labels = neighbors.map(|neighbor| self.triangulation.tet(neighbor.tet()).tag());
+        labels.any(|label| label != record.tag() && label != LABEL_UNKNOWN)
+    }
+
+    /// What R4 asks for a tet of the object, or beside it, that is too flat to have a circumcenter: its centroid. Four points of which some mirror others lie in one plane and on one circle; the centroid lies within that, so in the circumballs of
     /// the tets around, and R3 and R6 see to what comes of it. Where the points are as close as sampling may bring them, or on a wall, whose edges R3 might then cut off, the tet is left, and counts as unmet.
     #[cold]
     fn flat_demand(&self, record: &TetRecord, centroid: DVec3) -> Option<Demand> {
-        let corners @ [a, b, c, _] = self.triangulation.corners(record.vertices());
+        let corners = self.triangulation.corners(record.vertices());
         let delta = self.sizing.at(centroid);
-        let (_, squared_radius) = triangle_circumcircle(a, b, c)?;
         let is_close = |p: &DVec3| p.distance_squared(centroid) < (LEAST_DISTANCE * delta).powi(2);
-        if squared_radius < (SPACING_FLOOR * delta).powi(2)
-            || corners.iter().any(|p| is_close(p) || self.oracle.is_on_wall(*p))
-        {
+        if corners.iter().any(|p| is_close(p) || self.oracle.is_on_wall(*p)) {
             return None;
         }
         let mut neighbors = (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none());
