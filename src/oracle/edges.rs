@@ -22,6 +22,9 @@ const LEAST_LAYERS: usize = 2;
 const MOST_MOVE: f64 = 0.02;
 const LEAST_MOVE: f64 = 0.01;
 
+/// A corner voxel has its label in common with so many of the six beside it, as at the corner of a block; a *narrow* one with fewer, as along a row of voxels and at the corner of a sheet of one.
+const CORNER_JOINED: u32 = 3;
+
 /// What is sampled around a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContactPoint {
@@ -29,6 +32,8 @@ pub enum ContactPoint {
     Contact,
     /// A point beside it.
     Around,
+    /// Where dO crosses an edge from a narrow voxel.
+    Narrow,
 }
 
 /// An edge of the grid, between points of different labels.
@@ -127,7 +132,9 @@ impl EdgeGrid<'_> {
                 .all(|a| half[a] as f64 / 2.0 >= oracle.walls.first[a] && half[a] as f64 / 2.0 <= oracle.walls.last[a])
         };
         oracle.visit_mixed_cells(row, |cell| {
-            self.visit_single_voxel(cell, &mut visit)?;
+            if self.joined(cell).is_some_and(|joined| joined < CORNER_JOINED) {
+                self.visit_sides(cell, &mut |p| visit(ContactPoint::Narrow, p))?;
+            }
             let contacts = oracle.at(cell).contacts();
             if contacts == Contacts::None {
                 return Ok(());
@@ -154,31 +161,46 @@ impl EdgeGrid<'_> {
         })
     }
 
-    /// Where dO crosses the six edges from a voxel to those beside it, if all have other labels.
-    fn visit_single_voxel(
-        &self,
-        voxel: [usize; 3],
-        visit: &mut impl FnMut(ContactPoint, DVec3) -> Result<()>,
-    ) -> Result<()> {
-        let oracle = self.oracle;
-        let record = oracle.at(voxel);
-        let next = |voxel: [usize; 3], axis: usize| [0, 1, 2].map(|a| voxel[a] + usize::from(a == axis));
-        let last = |axis: usize| [0, 1, 2].map(|a| voxel[a] - usize::from(a == axis));
-        const BESIDE: u32 = 1 << 1 | 1 << 2 | 1 << 4;
-        if record.first_corners() & BESIDE != 0
-            || voxel.contains(&0)
-            || (0..3).any(|axis| oracle.at(last(axis)).id() == record.id())
-        {
+    /// Calls `visit` for where dO crosses the edges from the *corner voxels* of a row to those beside them: voxels of a label, not background, that three of these six have, too. There bodies bulge. Intensities and
+    /// probabilities know no voxels: with these there are none.
+    ///
+    /// # Errors
+    /// What `visit` returns; the first ends the visit.
+    pub fn visit_corner_voxels(&self, row: usize, mut visit: impl FnMut(DVec3) -> Result<()>) -> Result<()> {
+        if self.searches {
             return Ok(());
         }
+        self.oracle.visit_mixed_cells(row, |voxel| {
+            let is_corner = self.oracle.at(voxel).id() != 0 && self.joined(voxel) == Some(CORNER_JOINED);
+            if is_corner { self.visit_sides(voxel, &mut visit) } else { Ok(()) }
+        })
+    }
+
+    /// How many of the six voxels beside one, not outermost, have its label.
+    #[inline(always)]
+    fn joined(&self, voxel: [usize; 3]) -> Option<u32> {
+        const BESIDE: u32 = 1 << 1 | 1 << 2 | 1 << 4;
+        if voxel.contains(&0) {
+            return None;
+        }
+        let record = self.oracle.at(voxel);
+        let below = (0..3).filter(|&axis| self.oracle.at(step(voxel, axis, -1)).id() == record.id());
+        Some((record.first_corners() & BESIDE).count_ones() + below.count() as u32)
+    }
+
+    /// Where dO crosses the edges from a voxel, not outermost, to those beside it.
+    fn visit_sides(&self, voxel: [usize; 3], visit: &mut impl FnMut(DVec3) -> Result<()>) -> Result<()> {
         for axis in 0..3 {
-            for from in [last(axis), voxel] {
-                let ids = [from, next(from, axis)].map(|v| oracle.at(v).id());
+            for from in [step(voxel, axis, -1), voxel] {
+                let ids = [from, step(from, axis, 1)].map(|v| self.oracle.at(v).id());
+                if ids[0] == ids[1] {
+                    continue;
+                }
                 // The four in a plane: two to one side of it, two to the other.
                 let backwards = [0, 1, 2].map(|a| a == (axis + 1) % 3);
                 let mut x = moved(DVec3::from(voxel.map(|c| c as f64)), backwards, hash(from) >> (4 * axis));
-                x[axis] = oracle.crossing_between(from[axis] as f64, axis, ids);
-                visit(ContactPoint::Around, oracle.world_point(x))?;
+                x[axis] = self.oracle.crossing_between(from[axis] as f64, axis, ids);
+                visit(self.oracle.world_point(x))?;
             }
         }
         Ok(())
@@ -204,8 +226,7 @@ impl EdgeGrid<'_> {
     fn visit_edges_of(&self, voxel: [usize; 3], visit: &mut impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
         let here = self.oracle.at(voxel).id();
         for axis in 0..3 {
-            let mut next = voxel;
-            next[axis] += 1;
+            let next = step(voxel, axis, 1);
             let there = self.oracle.at(next).id();
             if here != there {
                 let ends = [voxel, next].map(|v| DVec3::from(v.map(|c| c as f64)));
@@ -248,6 +269,12 @@ impl EdgeGrid<'_> {
         }
         Ok(())
     }
+}
+
+/// The voxel one step away along an axis.
+#[inline(always)]
+fn step(voxel: [usize; 3], axis: usize, by: isize) -> [usize; 3] {
+    [0, 1, 2].map(|a| if a == axis { voxel[a].wrapping_add_signed(by) } else { voxel[a] })
 }
 
 /// A point, in region coordinates, moved a little: backwards along the axes that are given.

@@ -1,4 +1,4 @@
-//! Samples of the junctions of dO, from which R1 starts: first contacts and what is around them, then the corners where lines meet, then the lines, at equal spacing.
+//! Samples of the junctions of dO, from which R1 starts: first contacts and what is around them, then the corners where lines meet, then the lines, at equal spacing, and last the sides of narrow voxels.
 //!
 //! Why their edges then are edges of the mesh: a line is followed by mesh edges where the nearest samples of each of its points are its own. Let its samples be g apart and all others rho or more
 //! from these. A point of the line is no more than g/2 from a sample of it, and another sample is at least sqrt(rho^2 - g^2/4) from the line: farther, if rho > g / sqrt(2). Here rho is delta, and g
@@ -6,8 +6,13 @@
 //! along a line meet it may be up to twice that.
 //!
 //! **Contacts** (`oracle/contacts`) are places in which the bodies of labels touch as their voxels do. Each is a sample, with points around it half a voxel away on the lines of the grid: so it is a vertex whose tets have the labels of the voxels
-//! there, if nothing else is inserted within these octahedra. What is around a single voxel, whose neighbours across all faces have other labels, is sampled as well: the six points where dO crosses the edges to these hold a tet with its circumcenter in the voxel, and
-//! a component or a cavity of one voxel is not lost. Where samples are sparser than that, because sampling does not adapt, they are thinned out like others.
+//! there, if nothing else is inserted within these octahedra.
+//!
+//! **Narrow voxels** are those that have their label in common with two or fewer of the six beside them: single ones, pairs, rows, and the corners of sheets of one voxel. Where dO crosses the edges to the others is sampled as well: around a single voxel these
+//! six points hold a tet with its circumcenter in the voxel, so a component or a cavity of one voxel is not lost, nor one of two whose neighbours' weights leave it little. These come after the lines: where the label of a row of voxels
+//! changes, its body is thinnest, and a crossing in the middle of the interface there would keep the line around it from being sampled; then the label around the row would touch itself in this one vertex.
+//!
+//! Where samples are sparser than that, because sampling does not adapt, they are thinned out like others.
 //!
 //! Each slab of the image thins out what it has, those with even numbers first: see `sampling`. So the samples do not depend on the number of threads.
 
@@ -25,7 +30,7 @@ use crate::oracle::{ContactPoint, EdgeGrid, JunctionKind, Oracle};
 
 /// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
 const SPACING: f64 = 0.6;
-/// The same around contacts, and single voxels.
+/// The same around contacts, and narrow voxels.
 const CONTACT_SPACING: f64 = 0.5;
 /// Distance of the planes on which candidates lie, in spacings.
 const FINENESS: f64 = 0.4;
@@ -35,6 +40,7 @@ const FINENESS: f64 = 0.4;
 struct Candidates {
     contacts: Vec<DVec3>,
     around: Vec<DVec3>,
+    narrow: Vec<DVec3>,
     corners: Vec<DVec3>,
     lines: Vec<DVec3>,
 }
@@ -70,6 +76,7 @@ pub(super) fn sample_junctions(
             grid.visit_contacts(row, |kind, p| match kind {
                 ContactPoint::Contact => keep(&mut found.contacts, p),
                 ContactPoint::Around => keep(&mut found.around, p),
+                ContactPoint::Narrow => keep(&mut found.narrow, p),
             })?;
         }
         Ok(found)
@@ -87,5 +94,6 @@ pub(super) fn sample_junctions(
     let contacts = thin(vec![Vec::new(); slabs.len()], CONTACT_SPACING, |found| &found.contacts)?;
     let around = thin(contacts, CONTACT_SPACING, |found| &found.around)?;
     let corners = thin(around, SPACING, |found| &found.corners)?;
-    thin(corners, SPACING, |found| &found.lines)
+    let lines = thin(corners, SPACING, |found| &found.lines)?;
+    thin(lines, CONTACT_SPACING, |found| &found.narrow)
 }

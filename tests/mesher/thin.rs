@@ -81,16 +81,51 @@ fn cubes_touch_in_a_corner() {
     }
 }
 
+/// A block of label 1, `side` voxels along each axis, in which some voxels have another label.
+fn block_with(side: usize, others: &[([usize; 3], i32)]) -> LabelImage {
+    let block = cubes(1, side, |_| 1).unwrap();
+    let (dims, margin) = (block.dims(), (block.dims()[0] - side) / 2);
+    let mut voxels: Vec<i32> = block.ids().iter().map(|&id| id.into()).collect();
+    for &([i, j, k], label) in others {
+        voxels[i + margin + dims[0] * (j + margin + dims[1] * (k + margin))] = label;
+    }
+    LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, *block.frame()).unwrap()
+}
+
 #[test]
 fn single_voxels_are_kept() {
-    // A cavity of one voxel, and a voxel of another label.
-    let block = cubes(1, 12, |_| 1).unwrap();
-    let dims = block.dims();
-    let mut voxels: Vec<i32> = block.ids().iter().map(|&id| id.into()).collect();
-    voxels[8 + dims[0] * (8 + dims[1] * 8)] = 0;
-    voxels[11 + dims[0] * (11 + dims[1] * 10)] = 2;
-    let image = LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, *block.frame()).unwrap();
-    keeps_its_topology(&image, "a block with two holes of a voxel");
+    keeps_its_topology(&block_with(12, &[([4; 3], 0), ([7, 7, 6], 2)]), "a block with two holes of a voxel");
+}
+
+/// Small labels lie between others whose weights leave them little, and their voxels have most of their sides in common with these.
+#[test]
+fn pairs_of_voxels_are_kept() {
+    let mut others = Vec::new();
+    for axis in 0..3 {
+        for (n, label) in [0, 2, 0, 3].into_iter().enumerate() {
+            let mut at = [3 + 4 * n; 3];
+            at[(axis + 1) % 3] = 3 + 5 * axis;
+            others.push((at, label));
+            at[axis] += 1;
+            others.push((at, label));
+        }
+    }
+    keeps_its_topology(&block_with(19, &others), "a block with holes of two voxels");
+}
+
+/// Where the label of a row of voxels changes its body is thinnest; the mesh must not be pinched off there.
+#[test]
+fn rows_of_changing_labels_stay_whole() {
+    let mut others = Vec::new();
+    for axis in 0..3 {
+        for n in 0..9 {
+            let mut at = [3 + 4 * axis; 3];
+            at[axis] = 2 + n;
+            at[(axis + 1) % 3] = 12 - 4 * axis;
+            others.push((at, [2, 2, 3, 3, 3, 0, 4, 2, 2][n]));
+        }
+    }
+    keeps_its_topology(&block_with(15, &others), "rows through a block");
 }
 
 #[test]
