@@ -692,7 +692,7 @@ typedef struct {
    */
   uint64_t components_image;
   /**
-   * Connected components of its tets, across facets.
+   * Connected components of its tets, joined where they share a facet, an edge or a vertex.
    */
   uint64_t components_mesh;
   /**
@@ -760,7 +760,7 @@ typedef struct {
 /**
  * One component of the image that has LAPD_LEAST_VOXELS or more. Set struct_size to sizeof(lapd_component_row) before the call.
  *
- * Voxels are joined with all 26 around them, tets across facets. Volumes are in cubic world units, positions and distances in world units.
+ * Voxels are joined with all 26 around them, tets where they share a facet, an edge or a vertex. Volumes are in cubic world units, positions and distances in world units.
  */
 typedef struct {
   /**

@@ -25,7 +25,7 @@ pub struct lapd_label_row {
     pub image_voxels: u64,
     /// Connected components of its voxels, joined with all 26 around them.
     pub components_image: u64,
-    /// Connected components of its tets, across facets.
+    /// Connected components of its tets, joined where they share a facet, an edge or a vertex.
     pub components_mesh: u64,
     /// Components of the image, of LAPD_LEAST_VOXELS or more, in which it has no tet.
     pub components_lost: u64,
@@ -78,7 +78,7 @@ pub enum lapd_fate {
 
 /// One component of the image that has LAPD_LEAST_VOXELS or more. Set struct_size to sizeof(lapd_component_row) before the call.
 ///
-/// Voxels are joined with all 26 around them, tets across facets. Volumes are in cubic world units, positions and distances in world units.
+/// Voxels are joined with all 26 around them, tets where they share a facet, an edge or a vertex. Volumes are in cubic world units, positions and distances in world units.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_component_row {

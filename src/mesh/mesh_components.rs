@@ -1,6 +1,7 @@
 //! Connected components of a mesh's labels, and which of them lies in which component of the image.
 //!
-//! Tets are joined across facets, each with tets of the same label only. A tet lies in the component of the image that holds the voxel of its
+//! Tets of a label are joined across facets, to *parts*, and parts where they touch, to components: as the voxels of the image are, which all 26 around join. So a component is a connected set of closed tets, and where its parts only touch is listed as a
+//! pinch. A tet lies in the component of the image that holds the voxel of its
 //! label nearest to its centroid, if that voxel is one of those around it.
 //!
 //! Pure functions, parallel in the current rayon pool, practically linear. Which tets are joined does not depend on the order of the unions, and volumes are
@@ -61,9 +62,11 @@ pub struct Overlap {
     pub tets: Tets,
 }
 
-/// The components of a mesh.
+/// The components of a mesh: its parts, until those that touch are joined.
 pub(super) struct MeshComponents {
-    numbers: Numbered,
+    /// The parts of the tets.
+    parts: Numbered,
+    of_parts: Vec<u32>,
     /// In the order of their first tets.
     pub list: Vec<MeshComponent>,
     /// In the order of mesh components, then of image components, none last.
@@ -71,7 +74,7 @@ pub(super) struct MeshComponents {
 }
 
 impl MeshComponents {
-    /// Finds the components of all labels but 0, and where in `image` they lie.
+    /// Finds the parts of all labels but 0, and where in `image` they lie; each is a component yet.
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
@@ -94,7 +97,7 @@ impl MeshComponents {
             }
             Ok(())
         })?;
-        let numbers = sets.numbered(|t| mesh.labels[t as usize] != 0, "components of the mesh", monitor)?;
+        let parts = sets.numbered(|t| mesh.labels[t as usize] != 0, "components of the mesh", monitor)?;
         let lie = |(chunk, tets): (usize, &[[u32; 4]])| {
             monitor.advance(tets.len())?;
             let mut ledger = Ledger::default();
@@ -109,32 +112,76 @@ impl MeshComponents {
                 let centroid = corners.iter().sum::<DVec3>() * 0.25;
                 let index = image.frame().to_index(centroid);
                 let in_image = id.and_then(|id| image_components.near(image, id, index)).unwrap_or(NO_SET);
-                let key = u64::from(numbers.of(t as u32)) << 32 | u64::from(in_image);
+                let key = overlap_key(parts.of(t as u32), in_image);
                 ledger.add(key, Tets { count: 1, volume: tet_volume(&corners) });
             }
             Ok(ledger.sums())
         };
         let pieces: Vec<Sums<Tets>> = mesh.tets.par_chunks(CHUNK).enumerate().map(lie).collect::<Result<_>>()?;
-        let overlap = |&(key, tets): &(u64, Tets)| {
-            let in_image = key as u32;
-            Overlap { mesh: (key >> 32) as u32, image: (in_image != NO_SET).then_some(in_image), tets }
-        };
-        let overlaps: Vec<Overlap> = Ledger::total(pieces).iter().map(overlap).collect();
+        let overlaps = overlaps(Ledger::total(pieces));
 
         let component =
             |&first: &u32| MeshComponent { label: mesh.labels[first as usize], first, tets: Tets::default() };
-        let mut list: Vec<MeshComponent> = numbers.roots.iter().map(component).collect();
+        let mut list: Vec<MeshComponent> = parts.roots.iter().map(component).collect();
         for overlap in &overlaps {
             list[overlap.mesh as usize].tets += overlap.tets;
         }
-        Ok(Self { numbers, list, overlaps })
+        Ok(Self { of_parts: (0..list.len() as u32).collect(), parts, list, overlaps })
+    }
+
+    /// Joins the parts of each of `groups`.
+    ///
+    /// # Errors
+    /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
+    pub fn join<'g>(&mut self, groups: impl Iterator<Item = &'g [u32]>, monitor: &Monitor<'_>) -> Result<()> {
+        const WHAT: &str = "components of the mesh";
+        let sets = DisjointSets::new(self.list.len(), WHAT)?;
+        for group in groups {
+            group.windows(2).for_each(|pair| _ = sets.join(pair[0], pair[1]));
+        }
+        let joined = sets.numbered(|_| true, WHAT, monitor)?;
+        self.of_parts.iter_mut().for_each(|component| *component = joined.of(*component));
+        let mut list: Vec<MeshComponent> = Vec::with_capacity(joined.roots.len());
+        for (part, component) in (0..).zip(self.list.drain(..)) {
+            match list.get_mut(joined.of(part) as usize) {
+                Some(joined) => joined.tets += component.tets,
+                None => list.push(component),
+            }
+        }
+        self.list = list;
+        let mut ledger = Ledger::default();
+        for overlap in &self.overlaps {
+            ledger.add(overlap_key(joined.of(overlap.mesh), overlap.image.unwrap_or(NO_SET)), overlap.tets);
+        }
+        self.overlaps = overlaps(ledger.sums());
+        Ok(())
+    }
+
+    /// The component of each part.
+    pub fn of_parts(&self) -> &[u32] {
+        &self.of_parts
     }
 
     /// The component of tet `t`; `None` for label 0, and for no tet.
     #[inline]
     pub fn of(&self, t: u32) -> Option<u32> {
-        (t != NONE).then(|| self.numbers.of(t)).filter(|&number| number != NO_SET)
+        let part = (t != NONE).then(|| self.parts.of(t)).filter(|&part| part != NO_SET);
+        part.map(|part| self.of_parts[part as usize])
     }
+}
+
+/// The key of a sum over what a component of the mesh has in one of the image, or in [`NO_SET`].
+fn overlap_key(mesh: u32, in_image: u32) -> u64 {
+    u64::from(mesh) << 32 | u64::from(in_image)
+}
+
+/// The overlaps with such sums.
+fn overlaps(sums: Sums<Tets>) -> Vec<Overlap> {
+    let overlap = |(key, tets): (u64, Tets)| {
+        let in_image = key as u32;
+        Overlap { mesh: (key >> 32) as u32, image: (in_image != NO_SET).then_some(in_image), tets }
+    };
+    sums.into_iter().map(overlap).collect()
 }
 
 #[cfg(test)]

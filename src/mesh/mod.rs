@@ -13,6 +13,7 @@ mod sets;
 pub mod sheets;
 mod tables;
 mod triangle_bins;
+mod umbrellas;
 mod voxel_faces;
 
 #[cfg(test)]

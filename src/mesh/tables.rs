@@ -59,10 +59,6 @@ impl Tables<'_> {
             open.mesh_to_image += self.distances.faces.of_mesh[c];
             open.mesh_to_surface += self.distances.surface.of_mesh[c];
         }
-        for touch in &self.sheets.touches {
-            let label = self.mesh_components.list[touch.parts[0].0 as usize].label;
-            rows.entry(label).or_default().row.euler_mesh += touch.of_union(|_| true);
-        }
         for pinch in &self.sheets.pinches {
             let row = &mut rows.entry(pinch.label).or_default().row;
             *if pinch.is_edge() { &mut row.pinched_edges } else { &mut row.pinched_vertices } += 1;
@@ -110,17 +106,6 @@ impl Tables<'_> {
                 rows[place].row.euler_mesh += self.sheets.euler[c];
                 rows[place].mesh_to_image += self.distances.faces.of_mesh[c];
                 rows[place].mesh_to_surface += self.distances.surface.of_mesh[c];
-            }
-        }
-        for touch in &self.sheets.touches {
-            let lies_in = |component: u32| self.matching.roles[component as usize].1;
-            let mut owners: Vec<u32> = touch.parts.iter().filter_map(|&(component, _)| lies_in(component)).collect();
-            owners.sort_unstable();
-            owners.dedup();
-            for owner in owners {
-                if let Some(place) = places[owner as usize] {
-                    rows[place].row.euler_mesh += touch.of_union(|component| lies_in(component) == Some(owner));
-                }
             }
         }
         let complete = |open: Open<ComponentRow>| ComponentRow {
