@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 
 use lapd::image::readers::read_image;
 use lapd::mesh::DefectKind;
-use lapd::mesh::certificate::LEAST_VOXELS;
 use lapd::mesh::quality::{radius_edge_ratio, triangle_angles};
 use lapd::mesher::{Meshing, mesh_image};
 use lapd::monitor::Monitor;
@@ -55,30 +54,49 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
             worst = (row.label, error);
         }
         bar(
-            error.abs() < 0.05,
+            error.abs() < 0.03,
             format!("label {} of {} voxels: volume {:+.1} %", row.label, row.image_voxels, 100.0 * error),
         );
     }
     let total = certificate.mesh_volume() / certificate.image_volume() - 1.0;
-    bar(total.abs() < 0.005, format!("total volume {:+.2} %", 100.0 * total));
+    bar(total.abs() < 0.002, format!("total volume {:+.2} %", 100.0 * total));
 
     let voxel = certificate.voxel;
     let (mean, max) = (certificate.mean_mesh_to_image / voxel, certificate.hausdorff_mesh_to_image / voxel);
-    bar(mean < 0.3, format!("mean distance to the image {mean:.3} voxels"));
-    bar(max < 1.5, format!("largest distance to the image {max:.3} voxels"));
+    bar(mean < 0.25, format!("mean distance to the image {mean:.3} voxels"));
+    bar(max < 1.2, format!("largest distance to the image {max:.3} voxels"));
+    let (mean_to_mesh, max_to_mesh) =
+        (certificate.mean_image_to_mesh / voxel, certificate.hausdorff_image_to_mesh / voxel);
+    bar(mean_to_mesh < 0.25, format!("mean distance to the mesh {mean_to_mesh:.3} voxels"));
+    bar(max_to_mesh < 1.2, format!("largest distance to the mesh {max_to_mesh:.3} voxels"));
 
     let count = |kind| certificate.defects.iter().filter(|defect| defect.kind == kind).count();
-    for (kind, what) in [(DefectKind::Lost, "lost"), (DefectKind::Merged, "merged")] {
-        bar(count(kind) == 0, format!("{} components of {LEAST_VOXELS} voxels or more {what}", count(kind)));
+    for (kind, what) in [
+        (DefectKind::Lost, "lost"),
+        (DefectKind::Merged, "merged"),
+        (DefectKind::Torn, "torn off"),
+        (DefectKind::Stray, "stray"),
+    ] {
+        bar(count(kind) == 0, format!("{} components {what}", count(kind)));
+    }
+    for row in &certificate.labels {
+        let counts = [row.components_image, row.components_mesh];
+        bar(
+            counts[0] == counts[1],
+            format!("label {}: {} components in the image, {} in the mesh", row.label, counts[0], counts[1]),
+        );
     }
     let large = || certificate.components.iter().filter(|row| row.image_voxels >= 100);
+    let equal = large().filter(|row| row.euler_mesh == row.euler_image).count();
+    let euler = format!(
+        "{equal} of {} components of 100 voxels or more with the image's Euler characteristic",
+        large().count()
+    );
+    bar(20 * equal >= 19 * large().count(), euler.clone());
     println!(
-        "{} of {} components of 100 voxels or more with the image's Euler characteristic; {} pieces torn off, {} edges and {} vertices pinched",
-        large().filter(|row| row.euler_mesh == row.euler_image).count(),
-        large().count(),
-        count(DefectKind::Torn) + count(DefectKind::Stray),
+        "{euler}; {} edges and {} vertices pinched",
         count(DefectKind::PinchedEdge),
-        count(DefectKind::PinchedVertex),
+        count(DefectKind::PinchedVertex)
     );
 
     println!(
@@ -92,8 +110,8 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
         worst.0,
         100.0 * worst.1,
         100.0 * total,
-        certificate.mean_image_to_mesh / voxel,
-        certificate.hausdorff_image_to_mesh / voxel,
+        mean_to_mesh,
+        max_to_mesh,
     );
     misses
 }
