@@ -2,7 +2,8 @@
 //!
 //! **Looks** come in rounds. A round holds the tets that one made of the tets of the round before it, in the order of their making; when none is left, the next round
 //! begins with some of the tets that wait. So a tet that the demand of another of its round destroys is never looked at, while all
-//! tets of a round still lie close together. **Poor** tets are served, some at a time, only when none is left to look at: a tet that lives only for a moment is never refined for
+//! tets of a round still lie close together. Where each round makes more than it had, rounds would become a front that spreads over all of the worker's region, and no cache holds it: so the tets of a large round
+//! that were made last wait, and are the first to begin a round later. **Poor** tets are served, some at a time, only when none is left to look at: a tet that lives only for a moment is never refined for
 //! its own shape, and all interfaces are sampled before the first circumcenter is inserted, which leaves R6 next to nothing to do.
 //!
 //! An entry is never taken out when its tet dies: the stamp tells.
@@ -11,7 +12,7 @@ use super::rules::Demand;
 use crate::delaunay::{TetStamp, VertexId};
 use crate::{Error, Result};
 
-/// Waiting tets that begin a round.
+/// Tets of a round at most, and so many waiting tets that begin one.
 const ROUND: usize = 512;
 /// Poor tets that are served before the tets that this makes are looked at.
 const SERVED: usize = 64;
@@ -137,6 +138,7 @@ impl Pel {
     /// Begins the next round.
     fn turn(&mut self) -> Option<Task> {
         std::mem::swap(&mut self.round, &mut self.made);
+        self.waiting.extend(self.round.drain(ROUND.min(self.round.len())..));
         self.round.reverse();
         if self.round.is_empty() {
             let from = self.waiting.len().saturating_sub(ROUND);
@@ -156,7 +158,8 @@ impl Pel {
     /// [`Error::OutOfMemory`].
     pub fn make_room(&mut self, count: usize) -> Result<()> {
         let lack = |_| Error::OutOfMemory { count, what: "entries of a poor element list" };
-        self.waiting.try_reserve(count).map_err(lack)?;
+        // What is made may come to wait.
+        self.waiting.try_reserve(count + self.made.len()).map_err(lack)?;
         self.made.try_reserve(count).map_err(lack)?;
         self.poor.try_reserve(count).map_err(lack)?;
         self.round.try_reserve(ROUND).map_err(lack)?;
@@ -167,5 +170,30 @@ impl Pel {
     pub fn bytes(&self) -> u64 {
         let lists = [&self.waiting, &self.round, &self.made, &self.poor, &self.served];
         lists.map(|list| (list.capacity() * size_of::<TetStamp>()) as u64).iter().sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn large_rounds_are_cut_and_nothing_is_lost() {
+        let mut pel = Pel::default();
+        let count = 3 * ROUND as u32 + 7;
+        pel.make_room(count as usize).unwrap();
+        (0..count).for_each(|tet| pel.push_made(TetStamp { tet, generation: 0 }));
+        let looks: Vec<u32> = std::iter::from_fn(|| pel.pop())
+            .map(|task| match task {
+                Task::Look(stamp) => stamp.tet,
+                other => panic!("{other:?}"),
+            })
+            .collect();
+        // In the order of their making, then those that were made last.
+        assert!(looks[..ROUND].iter().copied().eq(0..ROUND as u32));
+        assert_eq!(looks[ROUND], count - 1);
+        let mut all = looks;
+        all.sort_unstable();
+        assert!(all.into_iter().eq(0..count));
     }
 }
