@@ -74,7 +74,7 @@ pub(super) struct MeshComponents {
 }
 
 impl MeshComponents {
-    /// Finds the parts of all labels but 0, and where in `image` they lie; each is a component yet.
+    /// Finds the parts of all labels but 0, and where in `image` they lie; each is a component of its own until [`join`](Self::join) is called.
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).

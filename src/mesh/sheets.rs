@@ -174,6 +174,12 @@ mod tests {
         (Parts::measure(mesh, &parts, &monitor).unwrap(), parts)
     }
 
+    /// The Euler characteristics of the boundaries of parts, just inside of the tets.
+    fn by_part(dims: [usize; 3], label: impl Fn(usize, usize, usize) -> i32 + Copy) -> Vec<i64> {
+        let image = testing::image(dims, Frame::axis_aligned([1.0; 3]).unwrap(), label);
+        measured_by_part(&testing::kuhn_box(dims, [1.0; 3], label), &image).0.euler
+    }
+
     fn of_voxels(dims: [usize; 3], label: impl Fn(usize, usize, usize) -> i32 + Copy) -> Sheets {
         let image = testing::image(dims, Frame::axis_aligned([1.0; 3]).unwrap(), label);
         measured(&testing::kuhn_box(dims, [1.0; 3], label), &image).0
@@ -257,19 +263,25 @@ mod tests {
     #[test]
     fn what_touches_is_one_component() {
         // Two cubes with one edge in common, two with one vertex, and a ring of cubes closed by an edge.
-        let sheets = of_voxels([2, 2, 1], |i, j, _| i32::from(i == j));
+        let edge = |i: usize, j: usize, _: usize| i32::from(i == j);
+        let sheets = of_voxels([2, 2, 1], edge);
+        assert_eq!(by_part([2, 2, 1], edge), [2, 2]);
         assert_eq!((sheets.euler, sheets.pinches), (vec![2], vec![Pinch { ends: [4, 13], label: 1 }]));
-        let sheets = of_voxels([2; 3], |i, j, k| i32::from(i == j && j == k));
+        let corner = |i: usize, j: usize, k: usize| i32::from(i == j && j == k);
+        let sheets = of_voxels([2; 3], corner);
+        assert_eq!(by_part([2; 3], corner), [2, 2]);
         assert_eq!((sheets.euler, sheets.pinches), (vec![2], vec![Pinch { ends: [13, 13], label: 1 }]));
-        // Two cavities with a vertex in common are two.
+        // Two cavities with a vertex in common are two; just inside, one surface goes around both.
         let cavities = |i: usize, j: usize, k: usize| i32::from([i, j, k] != [1; 3] && [i, j, k] != [2; 3]);
         let sheets = of_voxels([4; 3], cavities);
+        assert_eq!(by_part([4; 3], cavities), [4]);
         assert_eq!((sheets.euler, sheets.pinches), (vec![6], vec![Pinch { ends: [62, 62], label: 1 }]));
         let ring = |i: usize, j: usize, _: usize| [[1, 1, 1], [1, 0, 2], [1, 1, 0]][j][i];
         let sheets = of_voxels([3, 3, 1], ring);
         assert_eq!((sheets.euler, sheets.pinches), (vec![2, 2], vec![]), "a bent bar and a cube");
         let closed = |i: usize, j: usize, _: usize| i32::from([[1, 1, 1], [1, 0, 1], [1, 1, 0]][j][i] == 1);
         let sheets = of_voxels([3, 3, 1], closed);
+        assert_eq!(by_part([3, 3, 1], closed), [2]);
         assert_eq!((sheets.euler, sheets.pinches), (vec![0], vec![Pinch { ends: [10, 26], label: 1 }]));
     }
 

@@ -28,7 +28,7 @@ struct Side {
 /// Looks at one vertex after the other, and keeps what it finds. The tables are room to work in.
 pub(super) struct Umbrellas<'m> {
     mesh: &'m TetMesh,
-    components: &'m MeshComponents,
+    parts: &'m MeshComponents,
     /// Edges where the boundary of some label is open.
     pub open_edges: u64,
     pub pinches: Vec<Pinch>,
@@ -54,13 +54,13 @@ pub(super) struct Umbrellas<'m> {
 }
 
 impl<'m> Umbrellas<'m> {
-    pub fn new(mesh: &'m TetMesh, components: &'m MeshComponents) -> Self {
+    pub fn new(mesh: &'m TetMesh, parts: &'m MeshComponents) -> Self {
         let (facets, edges, sides, parents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (pinches, touches, pinched, tops, cone) = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let euler = Ledger::default();
         Self {
             mesh,
-            components,
+            parts,
             open_edges: 0,
             pinches,
             touches,
@@ -95,13 +95,13 @@ impl<'m> Umbrellas<'m> {
         (t != NONE).then_some(t)
     }
 
-    fn component(&self, node: u32) -> Option<u32> {
-        self.tet(node).and_then(|t| self.components.of(t))
+    fn part(&self, node: u32) -> Option<u32> {
+        self.tet(node).and_then(|t| self.parts.of(t))
     }
 
     fn add(&mut self, node: u32, count: i64) {
-        if let Some(component) = self.component(node) {
-            self.euler.add(component.into(), count);
+        if let Some(part) = self.part(node) {
+            self.euler.add(part.into(), count);
         }
     }
 
@@ -194,7 +194,7 @@ impl<'m> Umbrellas<'m> {
                     self.add(top.node, 1);
                     around += 1;
                     self.gather_cone(v, top.node);
-                    parts.extend(self.components.of(t));
+                    parts.extend(self.parts.of(t));
                 }
             }
             if !parts.is_empty() {
@@ -255,7 +255,7 @@ impl<'m> Umbrellas<'m> {
                 // Each pair once.
                 if own && other.is_none_or(|other| side.node < other.node) {
                     self.add(side.node, -1);
-                    wedges.extend(self.component(side.node));
+                    wedges.extend(self.part(side.node));
                 }
             }
             if wedges.len() > 1 {

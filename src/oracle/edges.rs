@@ -25,7 +25,7 @@ const LEAST_MOVE: f64 = 0.01;
 /// A corner voxel has its label in common with so many of the six beside it, as at the corner of a block; a *narrow* one with fewer, as along a row of voxels and at the corner of a sheet of one.
 const CORNER_JOINED: u32 = 3;
 
-/// What is sampled around a contact.
+/// What is sampled at contacts and narrow voxels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContactPoint {
     /// The contact itself.
@@ -115,7 +115,7 @@ impl EdgeGrid<'_> {
         })
     }
 
-    /// Calls `visit` for what is to be sampled around the contacts of a row, see `contacts`, in world coordinates. Those of an octahedron: the contact itself, and on each of the three lines through it that follow the grid a point half a voxel away
+    /// Calls `visit` for what is to be sampled at the narrow voxels of a row, and around its contacts, see `contacts`, in world coordinates. Around a contact those are the points of an octahedron: the contact itself, and on each of the three lines through it that follow the grid a point half a voxel away
     /// on both sides; the tets between it and three of these have their circumcenters in the octants, and so the labels of the voxels there. Neighbours share such points, which are told more often. Intensities and probabilities
     /// say themselves what is joined: with these there are none.
     ///
@@ -144,13 +144,11 @@ impl EdgeGrid<'_> {
             let center = cell.map(|c| 2 * c + 1);
             // A face belongs to the cell of which it is the lower one.
             let lower = (0..3).filter(|&axis| contacts::alternates(&corners, contacts::FACES[axis][0]));
-            let of_face = lower.map(|axis| [0, 1, 2].map(|a| center[a] - usize::from(a == axis)));
+            let of_face = lower.map(|axis| step(center, axis, -1));
             for contact in of_face.chain((contacts == Contacts::Center).then_some(center)).filter(|&c| inside(c)) {
                 visit(ContactPoint::Contact, self.near_half(contact))?;
                 for axis in 0..3 {
-                    for side in [contact[axis] - 1, contact[axis] + 1] {
-                        let mut beside = contact;
-                        beside[axis] = side;
+                    for beside in [step(contact, axis, -1), step(contact, axis, 1)] {
                         if inside(beside) {
                             visit(ContactPoint::Around, self.near_half(beside))?;
                         }
@@ -271,10 +269,10 @@ impl EdgeGrid<'_> {
     }
 }
 
-/// The voxel one step away along an axis.
+/// The place one step away along an axis.
 #[inline(always)]
-fn step(voxel: [usize; 3], axis: usize, by: isize) -> [usize; 3] {
-    [0, 1, 2].map(|a| if a == axis { voxel[a].wrapping_add_signed(by) } else { voxel[a] })
+fn step(from: [usize; 3], axis: usize, by: isize) -> [usize; 3] {
+    [0, 1, 2].map(|a| if a == axis { from[a].wrapping_add_signed(by) } else { from[a] })
 }
 
 /// A point, in region coordinates, moved a little: backwards along the axes that are given.
