@@ -22,18 +22,20 @@ const LEAST_LAYERS: usize = 2;
 const MOST_MOVE: f64 = 0.02;
 const LEAST_MOVE: f64 = 0.01;
 
-/// A corner voxel has its label in common with so many of the six beside it, as at the corner of a block; a *narrow* one with fewer, as along a row of voxels and at the corner of a sheet of one.
+/// A *corner voxel* has its label in common with so many of the six beside it, as at the corner of a block; a *narrow* one with fewer, as along a row of voxels and at the corner of a sheet of one.
 const CORNER_JOINED: u32 = 3;
 
-/// What is sampled at contacts and narrow voxels.
+/// What is sampled because of how voxels lie beside each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ContactPoint {
-    /// The contact itself.
+pub enum FeaturePoint {
+    /// A contact.
     Contact,
     /// A point beside it.
     Around,
     /// Where dO crosses an edge from a narrow voxel.
     Narrow,
+    /// Where dO crosses an edge from a corner voxel of a label other than the background.
+    Corner,
 }
 
 /// An edge of the grid, between points of different labels.
@@ -115,13 +117,13 @@ impl EdgeGrid<'_> {
         })
     }
 
-    /// Calls `visit` for what is to be sampled at the narrow voxels of a row, and around its contacts, see `contacts`, in world coordinates. Around a contact those are the points of an octahedron: the contact itself, and on each of the three lines through it that follow the grid a point half a voxel away
+    /// Calls `visit` for what is to be sampled at the contacts of a row, see `contacts`, and at its narrow and its corner voxels, in world coordinates. Around a contact those are the points of an octahedron: the contact itself, and on each of the three lines through it that follow the grid a point half a voxel away
     /// on both sides; the tets between it and three of these have their circumcenters in the octants, and so the labels of the voxels there. Neighbours share such points, which are told more often. Intensities and probabilities
-    /// say themselves what is joined: with these there are none.
+    /// say themselves what is joined, and know no voxels: with these there are none.
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
-    pub fn visit_contacts(&self, row: usize, mut visit: impl FnMut(ContactPoint, DVec3) -> Result<()>) -> Result<()> {
+    pub fn visit_features(&self, row: usize, mut visit: impl FnMut(FeaturePoint, DVec3) -> Result<()>) -> Result<()> {
         let oracle = self.oracle;
         if self.searches {
             return Ok(());
@@ -132,8 +134,12 @@ impl EdgeGrid<'_> {
                 .all(|a| half[a] as f64 / 2.0 >= oracle.walls.first[a] && half[a] as f64 / 2.0 <= oracle.walls.last[a])
         };
         oracle.visit_mixed_cells(row, |cell| {
-            if self.joined(cell).is_some_and(|joined| joined < CORNER_JOINED) {
-                self.visit_sides(cell, &mut |p| visit(ContactPoint::Narrow, p))?;
+            match self.joined(cell) {
+                Some(0..CORNER_JOINED) => self.visit_sides(cell, &mut |p| visit(FeaturePoint::Narrow, p))?,
+                Some(CORNER_JOINED) if oracle.at(cell).id() != 0 => {
+                    self.visit_sides(cell, &mut |p| visit(FeaturePoint::Corner, p))?;
+                }
+                _ => {}
             }
             let contacts = oracle.at(cell).contacts();
             if contacts == Contacts::None {
@@ -146,31 +152,16 @@ impl EdgeGrid<'_> {
             let lower = (0..3).filter(|&axis| contacts::alternates(&corners, contacts::FACES[axis][0]));
             let of_face = lower.map(|axis| step(center, axis, -1));
             for contact in of_face.chain((contacts == Contacts::Center).then_some(center)).filter(|&c| inside(c)) {
-                visit(ContactPoint::Contact, self.near_half(contact))?;
+                visit(FeaturePoint::Contact, self.near_half(contact))?;
                 for axis in 0..3 {
                     for beside in [step(contact, axis, -1), step(contact, axis, 1)] {
                         if inside(beside) {
-                            visit(ContactPoint::Around, self.near_half(beside))?;
+                            visit(FeaturePoint::Around, self.near_half(beside))?;
                         }
                     }
                 }
             }
             Ok(())
-        })
-    }
-
-    /// Calls `visit` for where dO crosses the edges from the *corner voxels* of a row to those beside them: voxels of a label, not background, that three of these six have, too. There bodies bulge. Intensities and
-    /// probabilities know no voxels: with these there are none.
-    ///
-    /// # Errors
-    /// What `visit` returns; the first ends the visit.
-    pub fn visit_corner_voxels(&self, row: usize, mut visit: impl FnMut(DVec3) -> Result<()>) -> Result<()> {
-        if self.searches {
-            return Ok(());
-        }
-        self.oracle.visit_mixed_cells(row, |voxel| {
-            let is_corner = self.oracle.at(voxel).id() != 0 && self.joined(voxel) == Some(CORNER_JOINED);
-            if is_corner { self.visit_sides(voxel, &mut visit) } else { Ok(()) }
         })
     }
 
@@ -251,14 +242,20 @@ impl EdgeGrid<'_> {
                 for x in 0..parts[0] {
                     let part = [x, y, z];
                     let from = place(part);
-                    let label = oracle.label_at(from);
+                    let mut label = None;
                     for axis in 0..3 {
                         let mut next = part;
                         next[axis] += 1;
                         let to = place(next);
-                        if oracle.label_at(to) != label
-                            && let Some((crossing, _)) = oracle.trace(from, to, label)
-                        {
+                        let is_of_grid = (0..3).all(|a| a == axis || part[a] == 0);
+                        let crossing = if is_of_grid && !self.searches {
+                            self.crossing_in(voxel, axis, [part[axis], parts[axis]])
+                        } else {
+                            let label = *label.get_or_insert_with(|| oracle.label_at(from));
+                            let differs = oracle.label_at(to) != label;
+                            differs.then(|| oracle.trace(from, to, label)).flatten().map(|(crossing, _)| crossing)
+                        };
+                        if let Some(crossing) = crossing {
                             visit(CrossedEdge { point: oracle.world_point(crossing), ends: [from, to], axis })?;
                         }
                     }
@@ -266,6 +263,19 @@ impl EdgeGrid<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Where dO crosses part `part` of `parts` of the edge from a voxel to the next one along an axis.
+    fn crossing_in(&self, voxel: [usize; 3], axis: usize, [part, parts]: [usize; 2]) -> Option<DVec3> {
+        let ids = [voxel, step(voxel, axis, 1)].map(|v| self.oracle.at(v).id());
+        if ids[0] == ids[1] {
+            return None;
+        }
+        let at = voxel[axis] as f64;
+        let mut x = DVec3::from(voxel.map(|c| c as f64));
+        x[axis] = self.oracle.crossing_between(at, axis, ids);
+        let crossed = ((x[axis] - at) * parts as f64) as usize;
+        (crossed.min(parts - 1) == part).then_some(x)
     }
 }
 

@@ -46,7 +46,7 @@ use border::Border;
 use bricks::Bricks;
 use cells::Cells;
 use contacts::Contacts;
-pub use edges::{ContactPoint, CrossedEdge, EdgeGrid};
+pub use edges::{CrossedEdge, EdgeGrid, FeaturePoint};
 use field::Field;
 use junctions::is_junction_cell;
 pub use junctions::{JunctionKind, JunctionPlanes};

@@ -26,7 +26,7 @@ use super::sampling::thinned;
 use super::sizing::Sizing;
 use crate::Result;
 use crate::memory::reserve;
-use crate::oracle::{ContactPoint, EdgeGrid, JunctionKind, Oracle};
+use crate::oracle::{EdgeGrid, FeaturePoint, JunctionKind, Oracle};
 
 /// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
 const SPACING: f64 = 0.6;
@@ -35,7 +35,7 @@ const CONTACT_SPACING: f64 = 0.5;
 /// Distance of the planes on which candidates lie, in spacings.
 const FINENESS: f64 = 0.4;
 
-/// The points of the junctions of a slab.
+/// The points of the junctions of a slab, and those of its corner voxels.
 #[derive(Default)]
 struct Candidates {
     contacts: Vec<DVec3>,
@@ -43,6 +43,15 @@ struct Candidates {
     narrow: Vec<DVec3>,
     corners: Vec<DVec3>,
     lines: Vec<DVec3>,
+    corner_voxels: Vec<DVec3>,
+}
+
+/// What R1 starts from, slab by slab.
+pub(super) struct Seeds {
+    /// Samples of the junctions.
+    pub samples: Vec<Vec<DVec3>>,
+    /// Crossings to be sampled before others: where dO crosses the edges from corner voxels.
+    pub corner_voxels: Vec<Vec<DVec3>>,
 }
 
 /// Notes a point.
@@ -52,7 +61,7 @@ fn keep(points: &mut Vec<DVec3>, p: DVec3) -> Result<()> {
     Ok(())
 }
 
-/// Samples of the junctions in each slab.
+/// Samples of the junctions in each slab, and where others should begin.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked once per row of bricks of voxels.
@@ -62,7 +71,7 @@ pub(super) fn sample_junctions(
     grid: &EdgeGrid<'_>,
     slabs: &[Range<usize>],
     go_on: &(impl Fn() -> Result<()> + Sync),
-) -> Result<Vec<Vec<DVec3>>> {
+) -> Result<Seeds> {
     let spacing_at = |p| FINENESS * SPACING * sizing.at(p);
     let planes = oracle.junction_planes(&spacing_at);
     let of_slab = |slab: &Range<usize>| -> Result<Candidates> {
@@ -73,10 +82,11 @@ pub(super) fn sample_junctions(
                 JunctionKind::Corner => keep(&mut found.corners, p),
                 JunctionKind::Line => keep(&mut found.lines, p),
             })?;
-            grid.visit_contacts(row, |kind, p| match kind {
-                ContactPoint::Contact => keep(&mut found.contacts, p),
-                ContactPoint::Around => keep(&mut found.around, p),
-                ContactPoint::Narrow => keep(&mut found.narrow, p),
+            grid.visit_features(row, |kind, p| match kind {
+                FeaturePoint::Contact => keep(&mut found.contacts, p),
+                FeaturePoint::Around => keep(&mut found.around, p),
+                FeaturePoint::Narrow => keep(&mut found.narrow, p),
+                FeaturePoint::Corner => keep(&mut found.corner_voxels, p),
             })?;
         }
         Ok(found)
@@ -95,5 +105,6 @@ pub(super) fn sample_junctions(
     let around = thin(contacts, CONTACT_SPACING, |found| &found.around)?;
     let corners = thin(around, SPACING, |found| &found.corners)?;
     let lines = thin(corners, SPACING, |found| &found.lines)?;
-    thin(lines, CONTACT_SPACING, |found| &found.narrow)
+    let samples = thin(lines, CONTACT_SPACING, |found| &found.narrow)?;
+    Ok(Seeds { samples, corner_voxels: found.into_iter().map(|found| found.corner_voxels).collect() })
 }

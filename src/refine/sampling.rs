@@ -86,13 +86,10 @@ pub fn sample_isosurface(
     let grid = oracle.edge_grid(delta, sizing.varies().then_some(&spacing_at));
     // Samples of two slabs with one between them are delta apart, and that one reaches no further.
     let slabs = grid.slabs(2.0 * delta);
-    let junctions = sample_junctions(oracle, sizing, &grid, &slabs, &go_on)?;
+    let seeds = sample_junctions(oracle, sizing, &grid, &slabs, &go_on)?;
     // A quarter of what the grid of vertices may have: there are fewer samples than vertices, and a limit of memory counts them only when all are there.
-    let samples = thinned(sizing, 1.0, &grid, &slabs, &junctions, MAX_HEADS / 4, |slab, offer| {
-        for row in grid.slab_rows(&slabs[slab]) {
-            go_on()?;
-            grid.visit_corner_voxels(row, |p| offer(p, &|| p))?;
-        }
+    let samples = thinned(sizing, 1.0, &grid, &slabs, &seeds.samples, MAX_HEADS / 4, |slab, offer| {
+        seeds.corner_voxels[slab].iter().try_for_each(|&p| offer(p, &|| p))?;
         for row in grid.slab_rows(&slabs[slab]) {
             go_on()?;
             grid.visit_row(row, |edge| offer(edge.point, &|| moved(oracle, sizing.at(edge.point), &edge)))?;
