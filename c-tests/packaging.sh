@@ -10,6 +10,9 @@ debug=$5/debug_tree
 rm -rf "$work"
 mkdir -p "$work"
 
+# Debug builds are of the package, not of the code.
+CARGO_PROFILE_DEV_OPT_LEVEL=0
+export CARGO_PROFILE_DEV_OPT_LEVEL
 case $test in
 *_debug) build_type=Debug installed=$debug/install uninstalled=$debug/build ;;
 *) build_type=Release ;;

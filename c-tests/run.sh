@@ -12,6 +12,10 @@ logs=$build/logs
 mkdir -p "$logs"
 rm -f "$logs"/*
 PATH=$PATH:${CARGO_HOME:-$HOME/.cargo}/bin
+# What is compiled once need not be kept in parts.
+CARGO_INCREMENTAL=0
+export CARGO_INCREMENTAL
+cores=$(nproc 2>/dev/null || echo 1)
 passed=0
 failed=0
 skipped=$logs/skipped
@@ -132,10 +136,11 @@ build_examples() {
 }
 build_tests() {
     cmake -S c-tests -B "$build/c-tests" -DCMAKE_PREFIX_PATH="$build/install" -DLAPD_INSTALLED="$build/install" \
-        -DLAPD_BUILD_TREE="$build/cmake" -DLAPD_CARGO_TARGET_DIR="$root/target" -DMESH_IMAGE="$build/bin/mesh_image" && cmake --build "$build/c-tests"
+        -DLAPD_BUILD_TREE="$build/cmake" -DLAPD_CARGO_TARGET_DIR="$root/target" -DMESH_IMAGE="$build/bin/mesh_image" &&
+        cmake --build "$build/c-tests" --parallel "$cores"
 }
 if step package build_package && step examples build_examples && step c-build build_tests; then
-    step ctest ctest --test-dir "$build/c-tests" --output-on-failure --timeout 300
+    step ctest ctest --test-dir "$build/c-tests" --output-on-failure --timeout 300 --parallel "$cores"
     c_total=$(grep -c -E '^ *[0-9]+/[0-9]+ Test +#[0-9]+:' "$logs/ctest.log")
     c_passed=$(grep -c -E '^ *[0-9]+/[0-9]+ Test +#[0-9]+:.* Passed ' "$logs/ctest.log")
     passed=$((passed + c_passed))

@@ -3,7 +3,7 @@
 #
 #   loom        models of locks, contention, begging and the end, in all orders of steps (verification/loom)
 #   conflicts   tests/podm.rs and tests/lapd.rs with locks that refuse at random, at every step of an operation
-#   features    tests of the cargo features simulation, and hwloc where it is installed (Debian: libhwloc-dev, libudev-dev): unit tests, tests/simulation.rs
+#   features    tests of the cargo features simulation, and hwloc where it is installed (Debian: libhwloc-dev, libudev-dev): unit tests, which then are also those of src/simulation and src/system/hwloc.rs
 #   sanitizer   tests/podm.rs and tests/lapd.rs under ThreadSanitizer, standard library included; needs its sources: rustup component add rust-src
 #
 # Usage: sh verification/run.sh [PART...]; without arguments all. Ends with 0 if all passed. What was not checked is said in lines that start with SKIPPED.
@@ -23,7 +23,7 @@ features() {
     else
         echo "SKIPPED: the feature hwloc, libhwloc-dev or libudev-dev is missing"
     fi
-    cargo test --locked --features "$features" --lib --test simulation -- --show-output
+    cargo test --locked --features "$features" --lib -- --show-output
 }
 
 sanitizer() {

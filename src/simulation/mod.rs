@@ -90,3 +90,6 @@ impl Simulated {
         to - from
     }
 }
+
+#[cfg(test)]
+mod tests;

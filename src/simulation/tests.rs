@@ -1,26 +1,26 @@
 //! Simulated refinements: as deterministic as a lone worker's, as sound as real ones, and of the speed that real ones have where these can be measured.
-#![cfg(feature = "simulation")]
 
 use std::path::PathBuf;
 
 use glam::DVec3;
-use lapd::delaunay::Triangulation;
-use lapd::image::LabelImage;
-use lapd::image::phantom::{nested_shells, torus};
-use lapd::image::readers::read_image;
-use lapd::mesh::certificate::Certificate;
-use lapd::mesh::extract::extract;
-use lapd::monitor::Monitor;
-use lapd::oracle::Oracle;
-use lapd::parallel::machine::Machine;
-use lapd::params::{Algorithm, Begging, Contention, MeshParams};
-use lapd::refine::activity::Doing;
-use lapd::refine::rules::Rules;
-use lapd::refine::team::Schedule;
-use lapd::refine::{examine, refine};
-use lapd::simulation::course::STEADY;
-use lapd::simulation::platform::{Costs, Level, Network, Platform};
-use lapd::simulation::{Simulated, simulate};
+
+use super::course::STEADY;
+use super::platform::{Costs, Level, Network, Platform};
+use super::{Simulated, simulate};
+use crate::delaunay::Triangulation;
+use crate::image::LabelImage;
+use crate::image::phantom::{nested_shells, torus};
+use crate::image::readers::read_image;
+use crate::mesh::certificate::Certificate;
+use crate::mesh::extract::extract;
+use crate::monitor::Monitor;
+use crate::oracle::Oracle;
+use crate::parallel::machine::Machine;
+use crate::params::{Algorithm, Begging, Contention, MeshParams};
+use crate::refine::activity::Doing;
+use crate::refine::rules::Rules;
+use crate::refine::team::Schedule;
+use crate::refine::{examine, refine};
 
 struct Subject {
     image: LabelImage,
@@ -44,7 +44,7 @@ impl Subject {
     }
 
     /// What `work` gives, with all tets of the triangulation that it leaves, in the order of their slots. The mesh is sound and complete.
-    fn with_rules<T>(&self, what: &str, work: impl FnOnce(&Rules<'_>) -> lapd::Result<T>) -> (T, Vec<[u32; 4]>) {
+    fn with_rules<T>(&self, what: &str, work: impl FnOnce(&Rules<'_>) -> crate::Result<T>) -> (T, Vec<[u32; 4]>) {
         let Self { image, oracle, params } = self;
         let monitor = Monitor::silent();
         let [lower, upper] = oracle.bounds();
