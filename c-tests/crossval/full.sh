@@ -10,7 +10,7 @@ set -u
 root=$(cd "$(dirname "$0")/../.." && pwd)
 bin=$root/build/c-tests/crossval
 status=0
-for image in 'aal 1 2 1.16 0.26' 'abdomen 1.25 2.5 1.44 0.325' 'brain 1 2 1.2 0.27'; do
+for image in 'aal 1 2 0.982 0.22' 'abdomen 1.25 2.5 0.98 0.221' 'brain 1 2 0.898 0.202'; do
     # Word splitting is wanted: name, delta, size, facet size, facet distance.
     set -- $image
     for program in delaunay tetgen surfaces; do
