@@ -4,8 +4,8 @@
 //! was made with: a smooth mesh of a perfect image has a distance above 0. The measure follows Aspert, Santa-Cruz, Ebrahimi ("MESH: measuring errors between surfaces
 //! using the Hausdorff distance", ICME 2002): one side is sampled densely, the distance of each sample to the other side is exact.
 //!
-//! - Mesh to image: each facet is sampled at the centroids of similar parts (`from_mesh::for_each_sample`), no more than 0.34 smallest spacings from any point of the facet,
-//!   weighted by area (exact for a linear distance). What lies between the samples can only raise the maximum where bounds permit it; there facets are cut
+//! - Mesh to image: each facet is cut into n x n similar triangles; samples are their centroids, no more than 0.34 smallest spacings from any point of the facet,
+//!   weighted by area (the midpoint rule, exact for a linear distance). What lies between the samples can only raise the maximum where bounds permit it; there facets are cut
 //!   further, until the maximum is known to a hundredth of the smallest spacing (`Facet::raise`).
 //! - Image to mesh: the mean is over the centres of the voxel faces, weighted by area; the maximum is over centres and corners, and may miss the true one by at most the
 //!   distance to the nearest of these.
@@ -57,7 +57,7 @@ const CHECK_EVERY: usize = 64;
 const FILL: usize = 1 << 16;
 
 /// How far a point of a facet may be from a sample, in smallest spacings. Facets have their corners where edges of the grid are crossed, near voxel faces, and their middles elsewhere: with one
-/// sample for most facets the mean is 12 % too large, with this distance a per cent too small.
+/// sample for most facets the mean is 12 % too large, with this distance less than a per cent.
 const PART: f64 = 0.34;
 
 /// The largest distance from the mesh may be farther by this part of the smallest spacing.

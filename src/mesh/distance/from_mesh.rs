@@ -175,11 +175,8 @@ impl Facet {
     }
 }
 
-/// Calls `sample` with points of the triangle, so that no point of it is farther than `most` from one of them, and with the area that each stands for. Returns how far one is. An error of `sample` ends the calls.
-///
-/// The triangle is cut into n x n similar ones; samples are the centroids of those that are not upside down. With R the largest distance from its corners to its centroid, no point of a part is farther than R / n from the part's
-/// centroid. Cut at its centroid, a part upside down falls into three, each beside a part that is not, whose centroid is no farther than R / n from its three corners: two are corners of the part itself, and the
-/// centroids of the two lie as far apart as the third corner from its part's centroid. So each sample stands for its part and for a third of those beside it. Of a function that is linear the sum is exact; where n is 2, of one of the second degree, too.
+/// Calls `sample` with the centroids of a subdivision of the triangle into n x n similar ones, so that no point of it is farther than `most` from one of them, and with the area of each. Returns how far
+/// one is. An error of `sample` ends the calls.
 pub(super) fn for_each_sample(
     &[a, b, c]: &[DVec3; 3],
     most: f64,
@@ -191,14 +188,18 @@ pub(super) fn for_each_sample(
         [DVec3::ZERO, ab, ac].into_iter().map(|corner| corner.distance_squared(middle)).fold(0.0, f64::max).sqrt();
     let n = ((radius / most).ceil() as usize).max(1);
     let scale = 1.0 / n as f64;
-    let third = ab.cross(ac).length() * (0.5 / 3.0) * scale * scale;
+    let area = ab.cross(ac).length() * 0.5 * scale * scale;
     let (u, v) = (ab * scale, ac * scale);
-    let first = a + middle * scale;
+    let third = middle * scale;
     for i in 0..n {
-        let row = first + u * i as f64;
+        let row = a + u * i as f64 + third;
         for j in 0..n - i {
-            let beside = usize::from(i > 0) + usize::from(j > 0) + usize::from(i + j + 1 < n);
-            sample(row + v * j as f64, third * (3 + beside) as f64)?;
+            // One triangle like the whole, and one upside down, which the last of a row lacks.
+            let centroid = row + v * j as f64;
+            sample(centroid, area)?;
+            if i + j + 1 < n {
+                sample(centroid + third, area)?;
+            }
         }
     }
     Ok(radius * scale)
