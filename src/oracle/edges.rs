@@ -213,15 +213,10 @@ impl EdgeGrid<'_> {
     /// The edges from a voxel to the next one along each axis; all belong to the cell from this voxel on.
     #[inline(always)]
     fn visit_edges_of(&self, voxel: [usize; 3], visit: &mut impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
-        let here = self.oracle.at(voxel).id();
         for axis in 0..3 {
-            let next = step(voxel, axis, 1);
-            let there = self.oracle.at(next).id();
-            if here != there {
-                let ends = [voxel, next].map(|v| DVec3::from(v.map(|c| c as f64)));
-                let mut x = ends[0];
-                x[axis] = self.oracle.crossing_between(x[axis], axis, [here, there]);
-                visit(CrossedEdge { point: self.oracle.world_point(x), ends, axis })?;
+            if let Some(crossing) = self.crossing_of(voxel, axis) {
+                let ends = [voxel, step(voxel, axis, 1)].map(|v| DVec3::from(v.map(|c| c as f64)));
+                visit(CrossedEdge { point: self.oracle.world_point(crossing), ends, axis })?;
             }
         }
         Ok(())
@@ -249,7 +244,10 @@ impl EdgeGrid<'_> {
                         let to = place(next);
                         let is_of_grid = (0..3).all(|a| a == axis || part[a] == 0);
                         let crossing = if is_of_grid && !self.searches {
-                            self.crossing_in(voxel, axis, [part[axis], parts[axis]])
+                            self.crossing_of(voxel, axis).filter(|x| {
+                                let crossed = ((x[axis] - voxel[axis] as f64) * parts[axis] as f64) as usize;
+                                crossed.min(parts[axis] - 1) == part[axis]
+                            })
                         } else {
                             let label = *label.get_or_insert_with(|| oracle.label_at(from));
                             let differs = oracle.label_at(to) != label;
@@ -265,17 +263,15 @@ impl EdgeGrid<'_> {
         Ok(())
     }
 
-    /// Where dO crosses part `part` of `parts` of the edge from a voxel to the next one along an axis.
-    fn crossing_in(&self, voxel: [usize; 3], axis: usize, [part, parts]: [usize; 2]) -> Option<DVec3> {
+    /// Where dO crosses the edge from a voxel to the next one along an axis.
+    #[inline(always)]
+    fn crossing_of(&self, voxel: [usize; 3], axis: usize) -> Option<DVec3> {
         let ids = [voxel, step(voxel, axis, 1)].map(|v| self.oracle.at(v).id());
-        if ids[0] == ids[1] {
-            return None;
-        }
-        let at = voxel[axis] as f64;
-        let mut x = DVec3::from(voxel.map(|c| c as f64));
-        x[axis] = self.oracle.crossing_between(at, axis, ids);
-        let crossed = ((x[axis] - at) * parts as f64) as usize;
-        (crossed.min(parts - 1) == part).then_some(x)
+        (ids[0] != ids[1]).then(|| {
+            let mut x = DVec3::from(voxel.map(|c| c as f64));
+            x[axis] = self.oracle.crossing_between(x[axis], axis, ids);
+            x
+        })
     }
 }
 
