@@ -47,6 +47,10 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
     bar(bad_facets <= unmet[2], format!("{bad_facets} facets below the angle bound, {} reported unmet", unmet[2]));
     bar(unmet_facets < 0.01, format!("{:.2} % of facets unmet", 100.0 * unmet_facets));
 
+    // R4 leaves slivers, but none may be flat to rounding: a solver could not use it.
+    let least = report.quality.min_dihedral;
+    bar(least > 1e-5, format!("a dihedral angle of {least:e} degrees"));
+
     let mut worst = (0, 0.0_f64);
     for row in certificate.labels.iter().filter(|row| row.image_voxels >= LARGE) {
         let error = row.mesh_volume / row.image_volume - 1.0;

@@ -85,6 +85,26 @@ fn junction_points(oracle: &Oracle) -> Vec<DVec3> {
     points
 }
 
+/// Lines of a cell that mirror each other are cut by one plane in points that do, too, and by the next one again: four points in one plane and on one circle.
+#[test]
+fn points_of_lines_lie_on_no_common_planes() {
+    const N: usize = 8;
+    let noise = (0..(N * N * N) as u64).map(|at| 1 + ((at * at * 2_654_435_761) >> 7) as u16 % 4);
+    let frame = Frame::axis_aligned([1.0; 3]).unwrap();
+    let image = LabelImage::from_ids([N; 3], frame, noise.collect(), (0..5).collect()).unwrap();
+    let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
+    // At walls lines follow the grid.
+    let is_inside = |p: &DVec3| p.cmpgt(DVec3::splat(1.0)).all() && p.cmplt(DVec3::splat(N as f64 - 2.0)).all();
+    let points: Vec<DVec3> = junction_points(&oracle).into_iter().filter(is_inside).collect();
+    assert!(points.len() > 500, "{} points", points.len());
+    for axis in 0..3 {
+        let mut places: Vec<f64> = points.iter().map(|p| p[axis]).collect();
+        places.sort_unstable_by(f64::total_cmp);
+        let shared = places.array_windows().filter(|[a, b]| b - a < 1e-12).count();
+        assert!(100 * shared < points.len(), "{shared} of {} points share a place on axis {axis}", points.len());
+    }
+}
+
 /// Points along an edge.
 fn along([p, q]: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
     (0..=4).map(move |n| p.lerp(q, f64::from(n) / 4.0))

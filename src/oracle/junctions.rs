@@ -30,6 +30,9 @@ use crate::params::SurfaceModel;
 /// Most parts of a cell along an axis.
 const MOST_PARTS: f64 = 8.0;
 
+/// How far samples of lines are moved along each axis at most, in voxels. Where lines of a cell mirror each other so do the points in which a plane cuts them: with those of another plane they would be in one plane and on one circle.
+const MOVE: f64 = 0.005;
+
 /// How far beside a point the planes are by which a junction near it is found, in parts of the reach.
 const BESIDE: f64 = 0.1;
 
@@ -212,7 +215,11 @@ impl JunctionPlanes<'_> {
             (0..3).for_each(|axis| [0.0, 1.0].into_iter().for_each(|at| cut(axis, at, ties)));
             corners_between(&cube, ties).into_iter().try_for_each(|x| visit(JunctionKind::Corner, low + x))?;
         }
-        ties[..of_lines].iter().try_for_each(|&(_, x)| visit(JunctionKind::Line, low + x))
+        let most = if matches!(self.cuts, Cuts::Spaced(_)) { MOVE } else { 0.0 };
+        ties[..of_lines].iter().try_for_each(|&(_, x)| {
+            let x = low + x;
+            visit(JunctionKind::Line, x + most * random_of(x))
+        })
     }
 
     /// A cell of the smooth model that one, two or three walls halve.
