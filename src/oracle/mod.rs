@@ -423,7 +423,7 @@ impl Oracle {
 /// The integer nearest to x in [0, 2^31], even on a tie. The sum with 2^52 has it in its low bits; several times faster than a conversion that
 /// saturates.
 #[inline(always)]
-fn rounded(x: f64) -> usize {
+pub(crate) fn rounded(x: f64) -> usize {
     const SHIFT: f64 = (1_u64 << 52) as f64;
     (x + SHIFT).to_bits() as u32 as usize
 }

@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use crate::Result;
 use crate::image::LabelImage;
 use crate::memory::filled;
+use crate::oracle::rounded;
 use crate::oracle::thickness::{ThinVoxels, thin_voxels};
 
 /// Samples of a thin structure are this part of its thickness apart.
@@ -126,8 +127,8 @@ impl Field {
     #[inline(always)]
     fn level(&self, p: DVec3) -> u8 {
         // Outside of the region there is nothing to sample; NaN falls to 0.
-        let x = (self.to_region * (p - self.origin) + 0.5).max(DVec3::ZERO).min(self.last);
-        self.levels[x.x as usize + self.row * x.z as usize + self.layer * x.y as usize]
+        let x = (self.to_region * (p - self.origin)).max(DVec3::ZERO).min(self.last);
+        self.levels[rounded(x.x) + self.row * rounded(x.z) + self.layer * rounded(x.y)]
     }
 }
 
