@@ -4,8 +4,6 @@
 //! voxels have an indicator above 0, and both are linear there, so the one crossing is known without a search; others are looked for, as are all of intensities, probabilities and smoothed labels. Every interface of the
 //! image crosses edges of the grid, however small or thin what it bounds.
 
-use std::ops::Range;
-
 use glam::DVec3;
 
 use super::contacts::{self, Contacts};
@@ -14,9 +12,6 @@ use crate::Result;
 
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the surface model has no detail left.
 const MOST_PARTS: f64 = 8.0;
-
-/// Least layers of bricks of a slab: thinner ones have more neighbours to ask than there are threads to gain.
-const LEAST_LAYERS: usize = 2;
 
 /// How far what is sampled around contacts is moved along each axis, in voxels, at most and at least: on the grid itself it would be massively cocircular.
 const MOST_MOVE: f64 = 0.02;
@@ -50,7 +45,7 @@ pub struct CrossedEdge {
 
 /// A grid of edges; see [`Oracle::edge_grid`].
 pub struct EdgeGrid<'a> {
-    oracle: &'a Oracle,
+    pub(super) oracle: &'a Oracle,
     parts: [usize; 3],
     /// The spacing at a place, where that differs.
     local: Option<&'a (dyn Fn(DVec3) -> f64 + Sync)>,
@@ -76,29 +71,6 @@ impl EdgeGrid<'_> {
     pub fn rows(&self) -> usize {
         let [_, ny, nz] = self.oracle.bricks.dims();
         ny.div_ceil(Bricks::EDGE) * nz.div_ceil(Bricks::EDGE)
-    }
-
-    /// Cuts the rows into slabs, ranges of layers of bricks, each at least `thickness` thick in world units, all but the last equally.
-    pub fn slabs(&self, thickness: f64) -> Vec<Range<usize>> {
-        let layers = self.oracle.bricks.dims()[1].div_ceil(Bricks::EDGE);
-        // A crossing moved beside its edge stays within half a voxel of its slab.
-        let voxels = thickness / self.oracle.spacing.y + 1.0;
-        let thick = ((voxels / Bricks::EDGE as f64).ceil() as usize).clamp(LEAST_LAYERS, layers.max(LEAST_LAYERS));
-        (0..layers).step_by(thick).map(|first| first..(first + thick).min(layers)).collect()
-    }
-
-    /// The rows of a slab.
-    pub fn slab_rows(&self, slab: &Range<usize>) -> Range<usize> {
-        let per_layer = self.oracle.bricks.dims()[2].div_ceil(Bricks::EDGE);
-        slab.start * per_layer..slab.end * per_layer
-    }
-
-    /// A world box that holds what dO has in a slab.
-    pub fn slab_bounds(&self, slab: &Range<usize>) -> [DVec3; 2] {
-        let (mut lower, mut upper) = (DVec3::ZERO, self.oracle.last);
-        lower.y = (slab.start * Bricks::EDGE) as f64;
-        upper.y = upper.y.min((slab.end * Bricks::EDGE) as f64);
-        self.oracle.box_of(lower, upper)
     }
 
     /// Calls `visit` for the crossed edges of one row, brick after brick. The rows hold each crossed edge of the grid once.

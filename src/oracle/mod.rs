@@ -37,6 +37,7 @@ mod region;
 mod smoothing;
 pub mod thickness;
 mod ties;
+mod tiles;
 mod voxel;
 mod weights;
 
@@ -51,6 +52,7 @@ use field::Field;
 use junctions::is_junction_cell;
 pub use junctions::{JunctionKind, JunctionPlanes};
 use region::{Region, Rows};
+pub use tiles::Tiles;
 use voxel::{Pairs, Voxel};
 use weights::Sampling;
 

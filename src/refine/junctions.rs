@@ -14,9 +14,7 @@
 //!
 //! Where samples are sparser than that, because sampling does not adapt, they are thinned out like others.
 //!
-//! Each slab of the image thins out what it has, those with even numbers first: see `sampling`. So the samples do not depend on the number of threads.
-
-use std::ops::Range;
+//! Each tile of the image thins out what it has, one colour after the other: see `sampling`. So the samples do not depend on the number of threads.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -26,7 +24,7 @@ use super::sampling::thinned;
 use super::sizing::Sizing;
 use crate::Result;
 use crate::memory::reserve;
-use crate::oracle::{EdgeGrid, FeaturePoint, JunctionKind, Oracle};
+use crate::oracle::{EdgeGrid, FeaturePoint, JunctionKind, Oracle, Tiles};
 
 /// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
 const SPACING: f64 = 0.6;
@@ -35,7 +33,7 @@ const CONTACT_SPACING: f64 = 0.5;
 /// Distance of the planes on which candidates lie, in spacings.
 const FINENESS: f64 = 0.4;
 
-/// The points of the junctions of a slab, and those of its corner voxels.
+/// The points of the junctions of a tile, and those of its corner voxels.
 #[derive(Default)]
 struct Candidates {
     contacts: Vec<DVec3>,
@@ -46,7 +44,7 @@ struct Candidates {
     corner_voxels: Vec<DVec3>,
 }
 
-/// What R1 starts from, slab by slab.
+/// What R1 starts from, tile by tile.
 pub(super) struct Seeds {
     /// Samples of the junctions.
     pub samples: Vec<Vec<DVec3>>,
@@ -61,7 +59,7 @@ fn keep(points: &mut Vec<DVec3>, p: DVec3) -> Result<()> {
     Ok(())
 }
 
-/// Samples of the junctions in each slab, and where others should begin.
+/// Samples of the junctions in each tile, and where others should begin.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked once per row of bricks of voxels.
@@ -69,14 +67,14 @@ pub(super) fn sample_junctions(
     oracle: &Oracle,
     sizing: &Sizing,
     grid: &EdgeGrid<'_>,
-    slabs: &[Range<usize>],
+    tiles: &Tiles,
     go_on: &(impl Fn() -> Result<()> + Sync),
 ) -> Result<Seeds> {
     let spacing_at = |p| FINENESS * SPACING * sizing.at(p);
     let planes = oracle.junction_planes(&spacing_at);
-    let of_slab = |slab: &Range<usize>| -> Result<Candidates> {
+    let of_tile = |tile: usize| -> Result<Candidates> {
         let mut found = Candidates::default();
-        for row in grid.slab_rows(slab) {
+        for row in tiles.rows(tile) {
             go_on()?;
             planes.visit_row(row, |kind, p| match kind {
                 JunctionKind::Corner => keep(&mut found.corners, p),
@@ -91,17 +89,19 @@ pub(super) fn sample_junctions(
         }
         Ok(found)
     };
-    let found: Vec<Candidates> = slabs.par_iter().map(of_slab).collect::<Result<_>>()?;
+    // One at a time: those at the rim of the image have next to nothing.
+    let found: Vec<Candidates> =
+        (0..tiles.count()).into_par_iter().with_max_len(1).map(of_tile).collect::<Result<_>>()?;
     let thin = |seeds: Vec<Vec<DVec3>>, spacing: f64, points: fn(&Candidates) -> &[DVec3]| {
-        let count = found.iter().map(|of_slab| points(of_slab).len()).sum::<usize>();
+        let count = found.iter().map(|of_tile| points(of_tile).len()).sum::<usize>();
         if count == 0 {
             return Ok(seeds);
         }
-        thinned(sizing, spacing, grid, slabs, &seeds, count.min(MAX_HEADS / 4), |slab, offer| {
-            points(&found[slab]).iter().try_for_each(|&p| offer(p, &|| p))
+        thinned(sizing, spacing, tiles, &seeds, count.min(MAX_HEADS / 4), |tile, offer| {
+            points(&found[tile]).iter().try_for_each(|&p| offer(p, &|| p))
         })
     };
-    let contacts = thin(vec![Vec::new(); slabs.len()], CONTACT_SPACING, |found| &found.contacts)?;
+    let contacts = thin(vec![Vec::new(); tiles.count()], CONTACT_SPACING, |found| &found.contacts)?;
     let around = thin(contacts, CONTACT_SPACING, |found| &found.around)?;
     let corners = thin(around, SPACING, |found| &found.corners)?;
     let lines = thin(corners, SPACING, |found| &found.lines)?;

@@ -3,8 +3,8 @@
 //! The paper's R1 lets circumcenters look for dO: it inserts their closest surface points as long as these are delta away from all isovertices. What no circumcenter
 //! is near to it never finds, and every tet has to be asked. Here the image is asked instead, once, before there are tets: an interface, however small,
 //! crosses edges of the grid of voxel centres (`oracle/edges.rs`; divided where voxels are larger than delta), and each such crossing gets an isovertex
-//! within delta. Isovertices are never removed, so this holds from then on. The greedy choice goes slab by slab of the image, of a thickness that spacing and delta alone
-//! decide: every other slab by itself, and those between them, each mindful of its two neighbours, as soon as both are done. So the samples are the same whatever the number of threads.
+//! within delta. Isovertices are never removed, so this holds from then on. The greedy choice goes tile by tile of the image (`oracle/tiles`), of a size that spacing and delta alone
+//! decide, in four colours: each tile is mindful of those beside it that come before, and begins as soon as these are done. So the samples are the same whatever the number of threads.
 //!
 //! **Junctions first.** The lines and points where labels meet, or touch themselves, are sampled before all else (`junctions`), and crossings near to their samples get none.
 //!
@@ -21,8 +21,6 @@
 //! Cost: some tens of nanoseconds per crossed edge, some hundreds per sample. Memory: 36 bytes per sample.
 
 use std::ops::Range;
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicUsize, Ordering::AcqRel};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -32,7 +30,7 @@ use super::junctions::sample_junctions;
 use super::sizing::Sizing;
 use crate::geometry::morton;
 use crate::memory::{filled, reserve, room};
-use crate::oracle::{CrossedEdge, EdgeGrid, Oracle};
+use crate::oracle::{CrossedEdge, Oracle, Tiles};
 use crate::{Error, Result};
 
 /// How far samples are moved beside their edges at most, in voxels and in deltas.
@@ -84,13 +82,12 @@ pub fn sample_isosurface(
     let delta = sizing.greatest();
     let spacing_at = |p| sizing.at(p);
     let grid = oracle.edge_grid(delta, sizing.varies().then_some(&spacing_at));
-    // Samples of two slabs with one between them are delta apart, and that one reaches no further.
-    let slabs = grid.slabs(2.0 * delta);
-    let seeds = sample_junctions(oracle, sizing, &grid, &slabs, &go_on)?;
+    let tiles = grid.tiles(2.0 * delta);
+    let seeds = sample_junctions(oracle, sizing, &grid, &tiles, &go_on)?;
     // A quarter of what the grid of vertices may have: there are fewer samples than vertices, and a limit of memory counts them only when all are there.
-    let samples = thinned(sizing, 1.0, &grid, &slabs, &seeds.samples, MAX_HEADS / 4, |slab, offer| {
-        seeds.corner_voxels[slab].iter().try_for_each(|&p| offer(p, &|| p))?;
-        for row in grid.slab_rows(&slabs[slab]) {
+    let samples = thinned(sizing, 1.0, &tiles, &seeds.samples, MAX_HEADS / 4, |tile, offer| {
+        seeds.corner_voxels[tile].iter().try_for_each(|&p| offer(p, &|| p))?;
+        for row in tiles.rows(tile) {
             go_on()?;
             grid.visit_row(row, |edge| offer(edge.point, &|| moved(oracle, sizing.at(edge.point), &edge)))?;
         }
@@ -99,7 +96,7 @@ pub fn sample_isosurface(
     insertion_order(samples, growth)
 }
 
-/// A net of points in each slab: the seeds, and what `fill` offers for a slab, where nothing within the spacing is in a net yet. An offer is a point, and a function that makes of it what
+/// A net of points in each tile: the seeds, and what `fill` offers for a tile, where nothing within the spacing is in a net yet. An offer is a point, and a function that makes of it what
 /// comes into the net. The spacing is that of `sizing` times `part`. All nets together have `most_heads` chains at most.
 ///
 /// # Errors
@@ -107,24 +104,23 @@ pub fn sample_isosurface(
 pub(super) fn thinned(
     sizing: &Sizing,
     part: f64,
-    grid: &EdgeGrid<'_>,
-    slabs: &[Range<usize>],
+    tiles: &Tiles,
     seeds: &[Vec<DVec3>],
     most_heads: usize,
     fill: impl Fn(usize, &mut dyn FnMut(DVec3, &dyn Fn() -> DVec3) -> Result<()>) -> Result<()> + Sync,
 ) -> Result<Vec<Vec<DVec3>>> {
-    let most_heads = (most_heads / slabs.len()).max(1);
-    let nets = in_two_colors(slabs.len(), |slab, before: &[&Net]| {
-        let mut net = Net::new(part * sizing.greatest(), grid.slab_bounds(&slabs[slab]), most_heads)?;
-        seeds[slab].iter().try_for_each(|&p| net.push(p))?;
-        for beside in [slab.wrapping_sub(1), slab + 1] {
-            let near = seeds.get(beside).into_iter().flatten().filter(|&&p| net.reaches(p));
+    let most_heads = (most_heads / tiles.count().max(1)).max(1);
+    let nets = tiles.in_colors(|tile, before: &[&Net]| {
+        let mut net = Net::new(part * sizing.greatest(), tiles.bounds(tile), most_heads)?;
+        seeds[tile].iter().try_for_each(|&p| net.push(p))?;
+        for beside in tiles.beside(tile) {
+            let near = seeds[beside].iter().filter(|&&p| net.reaches(p));
             for p in near.copied().collect::<Vec<_>>() {
                 net.push(p)?;
             }
         }
-        net.foreign = seeds[slab].len()..net.points.len();
-        fill(slab, &mut |p, sample| {
+        net.foreign = seeds[tile].len()..net.points.len();
+        fill(tile, &mut |p, sample| {
             let spacing = part * sizing.at(p);
             let near = |other: &&Net| other.reaches(p) && other.sample_near(p, spacing).is_some();
             if net.covers(p, spacing) || before.iter().any(near) { Ok(()) } else { net.push(sample()) }
@@ -138,50 +134,13 @@ pub(super) fn thinned(
     Ok(nets.into_iter().map(own).collect())
 }
 
-/// Makes something of each of a row of slabs, on all threads: of those with even numbers from nothing, of the others from what their neighbours gave, as soon as both have. The
-/// first error counts.
-fn in_two_colors<T: Send + Sync>(count: usize, make: impl Fn(usize, &[&T]) -> Result<T> + Sync) -> Result<Vec<T>> {
-    let made: Vec<OnceLock<T>> = (0..count).map(|_| OnceLock::new()).collect();
-    let failure = OnceLock::new();
-    let neighbors = |slab: usize| slab.checked_sub(1).into_iter().chain(Some(slab + 1)).filter(|&at| at < count);
-    let missing: Vec<AtomicUsize> = (0..count).map(|slab| AtomicUsize::new(neighbors(slab).count())).collect();
-    let fill = |slab: usize, given: &[&T]| {
-        // Each is filled once.
-        let _ = match make(slab, given) {
-            Ok(net) => made[slab].set(net).is_ok(),
-            Err(error) => failure.set(error).is_ok(),
-        };
-    };
-    rayon::scope(|scope| {
-        for even in (0..count).step_by(2) {
-            let (fill, neighbors, missing, made) = (&fill, &neighbors, &missing, &made);
-            scope.spawn(move |scope| {
-                fill(even, &[]);
-                for odd in neighbors(even) {
-                    // AcqRel: the one that comes last sees what the other has made.
-                    if missing[odd].fetch_sub(1, AcqRel) == 1 {
-                        scope.spawn(move |_| {
-                            let given: Vec<&T> = neighbors(odd).filter_map(|at| made[at].get()).collect();
-                            fill(odd, &given);
-                        });
-                    }
-                }
-            });
-        }
-    });
-    match failure.into_inner() {
-        Some(error) => Err(error),
-        None => Ok(made.into_iter().filter_map(OnceLock::into_inner).collect()),
-    }
-}
-
-/// The samples of a slab so far, in chains by cells of twice the largest spacing.
+/// The samples of a tile so far, in chains by cells of twice the largest spacing.
 struct Net {
     cells: CellTable,
     heads: Vec<u32>,
     next: Vec<u32>,
     points: Vec<DVec3>,
-    /// Those that are in other slabs' nets too.
+    /// Those that are in other tiles' nets too.
     foreign: Range<usize>,
     /// Holds all that its samples cover.
     reach: [DVec3; 2],
