@@ -5,6 +5,7 @@
 //!
 //! Built in one pass over the rows of the region, 64 cells at a time. A few nanoseconds per voxel.
 
+use bytemuck::Zeroable;
 use rayon::prelude::*;
 
 use super::{
@@ -16,15 +17,18 @@ use super::{
     region::Rows,
     weights::{Sampling, Tally, UNITS},
 };
-use crate::{Result, memory::filled};
+use crate::{Result, memory::zeroed};
 
 /// Rings are counted up to this.
 const MOST_RINGS: u16 = 3;
 
 /// A voxel and its cell, in one word: one load tells a uniform cell and its label. From the lowest bit on: two bits for the rings, 0 for a mixed cell; of mixed cells a bit "two labels, no contacts", one for contacts and one
 /// for the centre as one, and, in the second byte, a bit for each corner that has the label of the first; the dense id of the voxel's label in the upper half.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Voxel(u32);
+
+// SAFETY: an integer; all of its bytes zero are the number 0.
+unsafe impl Zeroable for Voxel {}
 
 impl Voxel {
     const TWO: u16 = 1 << 2;
@@ -153,7 +157,7 @@ pub(super) fn records<'a>(
     let near = beside.dilated(check)?;
     let bricks = Bricks::new(rows.dims());
     let [nx, ny, nz] = bricks.dims();
-    let mut voxels = filled(bricks.len(), Voxel::default(), "voxels of the label volume", check)?;
+    let mut voxels: Vec<Voxel> = zeroed(bricks.len(), "voxels of the label volume")?;
     let none = || match pairs {
         Pairs::Counted(sampling, _) => Some(Tally::new(sampling)),
         _ => None,

@@ -23,6 +23,8 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::LazyLock;
 
+use rayon::prelude::*;
+
 use super::{border::Border, indicator};
 use crate::{Error, Result};
 
@@ -58,6 +60,8 @@ const LENGTHS: usize = 5;
 const SWEEPS: usize = 60;
 /// Labels that take part in one sample at most; more than four with values so much alike hardly occur, and then the least is left out.
 const RIVALS: usize = 4;
+/// Samples that a thread takes at a time, at least.
+const AT_ONCE: usize = 1 << 12;
 
 /// Something that changes with the level, at the ends of the tabulated intervals.
 type Curve = [f64; LEVELS + 1];
@@ -399,8 +403,17 @@ impl<'a> Tally<'a> {
 
     /// What each label lacks under the given weights, in units; negative for too much.
     fn missing(&self, curves: &BTreeMap<[u16; 2], Curve>, weights: &[f32]) -> Vec<f64> {
-        let mut units = self.surplus.clone();
-        self.many.iter().for_each(|m| units[usize::from(m.winner(weights))] += i64::from(m.units));
+        let none = || vec![0; weights.len()];
+        let won = |mut units: Vec<i64>, m: &Many| {
+            units[usize::from(m.winner(weights))] += i64::from(m.units);
+            units
+        };
+        let sum = |mut a: Vec<i64>, b: Vec<i64>| {
+            a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+            a
+        };
+        let samples = self.many.par_iter().with_min_len(AT_ONCE).fold(none, won);
+        let units = samples.chain([self.surplus.clone()]).reduce(none, sum);
         let mut missing: Vec<f64> = units.iter().map(|&u| -u as f64).collect();
         for (&[a, b], curve) in curves {
             let (wa, wb) = (weights[usize::from(a)], weights[usize::from(b)]);
@@ -463,9 +476,19 @@ pub(super) fn hash([i, j, k]: [usize; 3]) -> u64 {
 fn exchange(curves: &BTreeMap<[u16; 2], Curve>, many: &[Many], labels: usize) -> Vec<Vec<(u16, f64)>> {
     let mut units: BTreeMap<[u16; 2], f64> =
         curves.iter().map(|(&pair, curve)| (pair, curve[0] - curve[LEVELS])).collect();
-    for m in many {
+    // Sums of integers: in any order the same.
+    let count = |mut units: HashMap<[u16; 2], u64>, m: &Many| {
         let [a, b, ..] = m.labels;
-        *units.entry([a.min(b), a.max(b)]).or_default() += f64::from(m.units);
+        *units.entry([a.min(b), a.max(b)]).or_default() += u64::from(m.units);
+        units
+    };
+    let counts: Vec<_> = many.par_iter().with_min_len(AT_ONCE).fold(HashMap::new, count).collect();
+    let mut contested = HashMap::<[u16; 2], u64>::new();
+    for (pair, n) in counts.into_iter().flatten() {
+        *contested.entry(pair).or_default() += n;
+    }
+    for (pair, n) in contested {
+        *units.entry(pair).or_default() += n as f64;
     }
     let mut exchange = vec![Vec::new(); labels];
     // Levels are those of ratios from 1/RATIO to RATIO.
