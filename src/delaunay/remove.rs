@@ -42,7 +42,7 @@ enum Side {
 #[derive(Clone, Copy)]
 struct OpenFacet {
     vertices: [usize; 3],
-    key: [usize; 3],
+    key: u64,
     behind: Side,
 }
 
@@ -62,10 +62,11 @@ pub struct LinkScratch {
     slots: Vec<TetId>,
 }
 
-fn key(vertices: [usize; 3]) -> [usize; 3] {
-    let mut key = vertices;
-    key.sort_unstable();
-    key
+/// The same for a facet's vertices in any order, and another for any other facet: indices into a link are far below 2^21, as ids of tets are below 2^32.
+fn key(vertices: [usize; 3]) -> u64 {
+    let mut sorted = vertices;
+    sorted.sort_unstable();
+    sorted.into_iter().fold(0, |key, v| key << 21 | v as u64)
 }
 
 impl LinkScratch {
@@ -93,6 +94,16 @@ impl LinkScratch {
         let (o_length, n_error) = (o.length() * condition, 16.0 * UNIT * (uu * vv).sqrt());
         let mut best = f64::INFINITY;
         self.close_calls.clear();
+        let (squared_o, squared_n_error) = (o_length * o_length, n_error * n_error);
+        // Whether e is certainly outside of the best sphere, that is s > best, multiplied by 2 dot to be spared a root and a quotient. The numerator's error is at most 128 UNIT |q| (|q| + o_length), and what that of the
+        // dot product makes of the other side is a FAR-th of it; where that side is the larger one by far, the difference is as large.
+        let is_outside = |q: DVec3, best: f64| {
+            const FAR: f64 = (1_u64 << 20) as f64;
+            let (dot, qq) = (n.dot(q), q.length_squared());
+            let numerator = qq - 2.0 * q.dot(o);
+            let error = 128.0 * UNIT * (2.0 * qq + squared_o) + (8.0 / FAR) * numerator.abs();
+            dot > 0.0 && dot * dot > FAR * FAR * squared_n_error * qq && numerator - 2.0 * best * dot > error
+        };
         let bounds = |q: DVec3| -> Option<(f64, f64)> {
             let (dot, q_length) = (n.dot(q), q.length());
             let dot_error = n_error * q_length;
@@ -110,7 +121,7 @@ impl LinkScratch {
             }
         };
         for (i, &e) in self.positions.iter().enumerate() {
-            if facet.contains(&i) {
+            if facet.contains(&i) || is_outside(e - a, best) {
                 continue;
             }
             let Some((low, high)) = bounds(e - a) else { continue };
