@@ -13,7 +13,7 @@ const VOLUME: usize = EDGE * EDGE * EDGE;
 
 /// The layout of a grid in bricks; sizes are rounded up to whole bricks.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Bricks {
+pub(crate) struct Bricks {
     dims: [usize; 3],
     /// Elements from one brick to the next along z.
     z_stride: usize,
@@ -23,49 +23,49 @@ pub(super) struct Bricks {
 
 impl Bricks {
     /// Voxels along y in one brick.
-    pub(super) const EDGE: usize = EDGE;
+    pub(crate) const EDGE: usize = EDGE;
 
     /// The layout of a grid of `dims` voxels.
-    pub(super) fn new(dims: [usize; 3]) -> Self {
+    pub(crate) fn new(dims: [usize; 3]) -> Self {
         let z_stride = dims[0].div_ceil(EDGE) * VOLUME;
         Self { dims, z_stride, y_stride: dims[2].div_ceil(EDGE) * z_stride }
     }
 
     /// Voxels along each axis, without the rounding.
-    pub(super) fn dims(&self) -> [usize; 3] {
+    pub(crate) fn dims(&self) -> [usize; 3] {
         self.dims
     }
 
     /// Elements to allocate.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.dims[1].div_ceil(EDGE) * self.y_stride
     }
 
     /// Elements of all bricks that share a range of y: those of `y` in `EDGE * b .. EDGE * (b + 1)` are `b * layer() .. (b + 1) * layer()`.
-    pub(super) fn layer(&self) -> usize {
+    pub(crate) fn layer(&self) -> usize {
         self.y_stride
     }
 
     /// The term of x in the address.
     #[inline(always)]
-    pub(super) fn x(&self, i: usize) -> usize {
+    pub(crate) fn x(&self, i: usize) -> usize {
         (i >> LOG) * VOLUME + (i & MASK)
     }
 
     /// The term of y in the address.
     #[inline(always)]
-    pub(super) fn y(&self, j: usize) -> usize {
+    pub(crate) fn y(&self, j: usize) -> usize {
         (j >> LOG) * self.y_stride + ((j & MASK) << (2 * LOG))
     }
 
     /// The term of z in the address.
     #[inline(always)]
-    pub(super) fn z(&self, k: usize) -> usize {
+    pub(crate) fn z(&self, k: usize) -> usize {
         (k >> LOG) * self.z_stride + ((k & MASK) << LOG)
     }
 
     /// The voxel at an address; beyond the grid where its size was rounded up.
-    pub(super) fn voxel(&self, index: usize) -> [usize; 3] {
+    pub(crate) fn voxel(&self, index: usize) -> [usize; 3] {
         let (y, in_layer) = (index / self.y_stride, index % self.y_stride);
         let (z, in_row) = (in_layer / self.z_stride, in_layer % self.z_stride);
         let (x, within) = (in_row / VOLUME, in_row % VOLUME);
@@ -74,7 +74,7 @@ impl Bricks {
 
     /// The address of voxel (i, j, k).
     #[inline(always)]
-    pub(super) fn index(&self, i: usize, j: usize, k: usize) -> usize {
+    pub(crate) fn index(&self, i: usize, j: usize, k: usize) -> usize {
         self.x(i) + self.y(j) + self.z(k)
     }
 }

@@ -24,7 +24,7 @@
 //! The oracle is immutable and `Sync`. Memory: a little more than 4 bytes per voxel of the region; 8 with intensities, probabilities or smoothed labels.
 
 mod border;
-mod bricks;
+pub(crate) mod bricks;
 mod cells;
 mod contacts;
 mod crossing;

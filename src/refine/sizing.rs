@@ -12,7 +12,8 @@ use rayon::prelude::*;
 
 use crate::Result;
 use crate::image::LabelImage;
-use crate::memory::filled;
+use crate::memory::{filled, zeroed};
+use crate::oracle::bricks::Bricks;
 use crate::oracle::rounded;
 use crate::oracle::thickness::{ThinVoxels, thin_voxels};
 
@@ -39,11 +40,9 @@ struct Field {
     to_region: DMat3,
     origin: DVec3,
     last: DVec3,
-    /// Voxels along x, and in a layer of one y.
-    row: usize,
-    layer: usize,
-    /// The field, from `least` on in steps, x fastest, then z, then y.
+    /// The field, from `least` on in steps, in bricks of one cache line: who asks about one place asks about others nearby.
     levels: Vec<u8>,
+    bricks: Bricks,
     step: f64,
 }
 
@@ -81,13 +80,13 @@ impl Sizing {
         let growth = |axis: usize| (GRADING * spacing[axis] / step).clamp(1.0, f64::from(LEVELS)) as u8;
         grade(&mut levels, [nx, ny, nz], [growth(0), growth(1), growth(2)]);
         let frame = image.frame();
+        let bricks = Bricks::new(dims);
         let field = Field {
             to_region: DMat3::from_diagonal(spacing.recip()) * frame.direction().transpose(),
             origin: frame.to_world(DVec3::from(first.map(|c| c as f64))),
             last: DVec3::from(dims.map(|n| (n - 1) as f64)),
-            row: nx,
-            layer,
-            levels,
+            levels: in_bricks(&levels, &bricks)?,
+            bricks,
             step,
         };
         Ok(Self { greatest: delta, least, field: Some(field) })
@@ -128,8 +127,26 @@ impl Field {
     fn level(&self, p: DVec3) -> u8 {
         // Outside of the region there is nothing to sample; NaN falls to 0.
         let x = (self.to_region * (p - self.origin)).max(DVec3::ZERO).min(self.last);
-        self.levels[rounded(x.x) + self.row * rounded(x.z) + self.layer * rounded(x.y)]
+        self.levels[self.bricks.index(rounded(x.x), rounded(x.y), rounded(x.z))]
     }
+}
+
+/// Levels of rows, x fastest, then z, then y, in bricks.
+fn in_bricks(levels: &[u8], bricks: &Bricks) -> Result<Vec<u8>> {
+    let [nx, ny, nz] = bricks.dims();
+    let mut placed = zeroed(bricks.len(), "voxels of the sizing field")?;
+    placed.par_chunks_mut(bricks.layer()).enumerate().for_each(|(n, placed)| {
+        for y in (n * Bricks::EDGE..ny).take(Bricks::EDGE) {
+            for z in 0..nz {
+                let row = &levels[nx * (z + nz * y)..][..nx];
+                let at = bricks.index(0, y, z) - n * bricks.layer();
+                for (x, along_x) in row.chunks(Bricks::EDGE).enumerate() {
+                    placed[at + bricks.x(x * Bricks::EDGE)..][..along_x.len()].copy_from_slice(along_x);
+                }
+            }
+        }
+    });
+    Ok(placed)
 }
 
 /// Gives each voxel the least level of the 27 around it.
