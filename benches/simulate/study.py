@@ -13,6 +13,7 @@ import pathlib
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from statistics import mean
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "benches"))
@@ -37,8 +38,10 @@ ROUTER, UNIT = 8, 16
 FITTED = [128, 144, 160, 176, 192]
 # Constants to begin with: nanoseconds of a hop, and of a record in a router and between the routers of a unit.
 START = (11.0, 38.0, 285.0)
-# What another fit must be predicted to take off the largest error, to be tried: single rows change by more with the order of a few conflicts.
+# What another fit must be predicted to take off the largest error, to be tried.
 WORTH = 0.01
+# Deltas of the meshes that a row is the mean of, in parts of the first one's. One run's efficiency changes by 0.03 when a few conflicts fall out in another order, as another delta makes them do.
+NUDGE = 1.002
 
 
 # ---- Runs ----
@@ -71,6 +74,11 @@ class Runs:
     def alone(self, image, tets):
         """One worker on a mesh of about so many tets; its delta is that of the others on the same mesh."""
         return self.one(image, 1, "--tets", tets)
+
+    def alones(self, image, tets, meshes):
+        """One worker on each of some meshes that hardly differ, of about so many tets."""
+        first = self.alone(image, tets)
+        return [first, *self.many([(image, 1, "--delta", f"{first['delta'] * NUDGE**mesh:.6g}") for mesh in range(1, meshes)])]
 
     def many(self, asked):
         """As `one`, for each of a list, the longest first."""
@@ -158,15 +166,18 @@ def predicted(run, work, others, between, constants):
 
 def fit(rows, simulated):
     """Constants that bring the predicted efficiencies nearest to the published ones of PODM, by steps along each axis that halve; and the largest error by which these are predicted to differ, before and
-    after. `rows`: runs simulated with the constants `simulated`, their efficiencies, and those published."""
+    after. `rows`: lists of runs, on one mesh each, simulated with the constants `simulated`; their efficiencies; and that published, of which theirs are to be the mean."""
     known = []
-    for run, found, published in rows:
-        total = run["workers"] * run["steady"]["seconds"]
-        work = found * total
-        known.append(((run, work, total / (work + waited(run)), time_between(run, simulated)), published))
+    for of_row, found, published in rows:
+        cases = []
+        for run, efficiency in zip(of_row, found):
+            total = run["workers"] * run["steady"]["seconds"]
+            work = efficiency * total
+            cases.append((run, work, total / (work + waited(run)), time_between(run, simulated)))
+        known.append((cases, published))
 
     def errors(constants):
-        return [abs(predicted(*row, constants) - published) for row, published in known]
+        return [abs(mean(predicted(*case, constants) for case in cases) - published) for cases, published in known]
 
     def error(constants):
         # Such powers have the largest count, and are smooth.
@@ -192,23 +203,27 @@ def fit(rows, simulated):
 def blacklight(runs, options):
     """The paper's tables."""
     images = [image for image in PODM if image in runs.images]
-    # All rows refine one mesh.
-    alone = {image: runs.alone(image, options.tets * THREADS[-1]) for image in images}
-    slow = {image: rate(alone[image]) / RATE_ALONE[image] for image in images}
+    # All rows refine the same meshes.
+    alone = {image: runs.alones(image, options.tets * THREADS[-1], options.meshes) for image in images}
+    slow = {image: mean(map(rate, alone[image])) / RATE_ALONE[image] for image in images}
 
     def sweep(algorithm, constants, threads):
+        """For each image and number of threads one run for each mesh."""
         hop, router, unit = constants
-        asked = [(image, p, "--delta", alone[image]["delta"], "--machine", "blacklight", "--algorithm", algorithm, "--begging", "flat" if algorithm == "podm" else "levels",
-                  "--set", f"slowdown={slow[image]:.4g},hop={hop:g}", "--level", f"{ROUTER}:{router:g},{UNIT}:{unit:g}") for image in images for p in threads]
+        asked = [(image, p, "--delta", mesh["delta"], "--machine", "blacklight", "--algorithm", algorithm, "--begging", "flat" if algorithm == "podm" else "levels",
+                  "--set", f"slowdown={slow[image]:.4g},hop={hop:g}", "--level", f"{ROUTER}:{router:g},{UNIT}:{unit:g}") for image in images for p in threads for mesh in alone[image]]
         found = iter(runs.many(asked))
-        return {image: [next(found) for _ in threads] for image in images}
+        return {image: [[next(found) for _ in alone[image]] for _ in threads] for image in images}
+
+    def efficiencies(of, image, row):
+        return [of(run, one, slow[image]) for run, one in zip(row, alone[image])]
 
     constants, best = START, (math.inf, START)
     for _ in range(options.rounds):
         podm, rows = sweep("podm", constants, FITTED), []
         for image in images:
             published = dict(zip(THREADS, PODM[image]))
-            rows += [(run, steady_efficiency(run, alone[image], slow[image]), published[run["workers"]]) for run in podm[image]]
+            rows += [(row, efficiencies(steady_efficiency, image, row), published[row[0]["workers"]]) for row in podm[image]]
         fitted, before, after = fit(rows, constants)
         say(f"    router {constants[1]} ns, unit {constants[2]} ns: largest error {before:.3f}; {after:.3f} is predicted for {fitted[1]} and {fitted[2]} ns")
         best = min(best, (before, constants))
@@ -216,25 +231,28 @@ def blacklight(runs, options):
             break
         constants = fitted
     constants = best[1]
-    podm, lapd = (sweep(algorithm, constants, THREADS) for algorithm in ("podm", "lapd"))
-    used = [[image, str(alone[image]["tets"]), f"{slow[image]:.2f}", *(f"{value:g}" for value in constants)] for image in images]
+    simulated = {"PODM": sweep("podm", constants, THREADS), "LAPD": sweep("lapd", constants, THREADS)}
+    used = [[image, ", ".join(str(one["tets"]) for one in alone[image]), f"{slow[image]:.2f}", *(f"{value:g}" for value in constants)] for image in images]
     text = [markdown(["image", "tets", "slowdown", "hop, ns", "router, ns a record", "unit, ns a record"], used)]
-    head = ["image", "threads", "algorithm", "published", "simulated", "error", "whole run", "rolled back, %", "contention, %", "idle, %", "communication, %", "remote visits, %", "fetched per tet"]
+    head = ["image", "threads", "algorithm", "published", "simulated", "error", "least, largest", "whole run", "rolled back, %", "contention, %", "idle, %", "communication, %", "remote visits, %",
+            "fetched per tet"]
     table = []
     for image in images:
-        for name, runs_of, published in (("PODM", podm, PODM), ("LAPD", lapd, LAPD)):
-            for p, run, paper in zip(THREADS, runs_of[image], published[image]):
-                found = steady_efficiency(run, alone[image], slow[image])
-                whole = whole_efficiency(run, alone[image], slow[image])
-                table.append([image, str(p), name, f"{paper:.2f}", f"{found:.2f}", f"{found - paper:+.2f}", f"{whole:.2f}", *percent(shares(run)), f"{remote(run):.1f}",
-                              f"{sum(run['fetched_by_hops']) / run['tets']:.2f}"])
+        for name, published in (("PODM", PODM), ("LAPD", LAPD)):
+            for p, row, paper in zip(THREADS, simulated[name][image], published[image]):
+                found = efficiencies(steady_efficiency, image, row)
+                whole = mean(efficiencies(whole_efficiency, image, row))
+                lost = [mean(parts) for parts in zip(*map(shares, row))]
+                fetched = mean(sum(run["fetched_by_hops"]) / run["tets"] for run in row)
+                table.append([image, str(p), name, f"{paper:.2f}", f"{mean(found):.2f}", f"{mean(found) - paper:+.3f}", f"{min(found):.2f}, {max(found):.2f}", f"{whole:.2f}", *percent(lost),
+                              f"{mean(map(remote, row)):.1f}", f"{fetched:.2f}"])
     text.append(markdown(head, table))
     if not options.print_only:
-        plot_blacklight(images, podm, lapd, alone, slow)
+        plot_blacklight(images, simulated, efficiencies)
     return text
 
 
-def plot_blacklight(images, podm, lapd, alone, slow):
+def plot_blacklight(images, simulated, efficiencies):
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
@@ -242,17 +260,17 @@ def plot_blacklight(images, podm, lapd, alone, slow):
     for column, image in enumerate(images):
         above, below = axes[0][column], axes[1][column]
         above.plot([0, 192], [0, 192], color="grey", lw=0.8, label="ideal")
-        for name, runs_of, published, color in (("PODM", podm, PODM, "tab:blue"), ("LAPD", lapd, LAPD, "tab:red")):
+        for name, published, color in (("PODM", PODM, "tab:blue"), ("LAPD", LAPD, "tab:red")):
             above.plot(THREADS, [p * e for p, e in zip(THREADS, published[image])], "o--", color=color, mfc="none", label=f"{name}, published")
             for style, what, of in (("s-", "steady state", steady_efficiency), (":", "whole run", whole_efficiency)):
-                speedups = [p * of(run, alone[image], slow[image]) for p, run in zip(THREADS, runs_of[image])]
+                speedups = [p * mean(efficiencies(of, image, row)) for p, row in zip(THREADS, simulated[name][image])]
                 above.plot(THREADS, speedups, style, color=color, label=f"{name}, simulated, {what}")
         above.set(title=image, xlabel="threads", ylabel="speedup")
         above.legend(fontsize=7)
-        for offset, runs_of, alpha in ((-3, podm, 1.0), (3, lapd, 0.6)):
+        for offset, name, alpha in ((-3, "PODM", 1.0), (3, "LAPD", 0.6)):
             bottom = [0.0] * len(THREADS)
             for index, (what, color) in enumerate((("rolled back", "tab:orange"), ("contention", "tab:purple"), ("idle", "tab:green"), ("communication", "tab:blue"))):
-                heights = [100 * shares(run)[index] for run in runs_of[image]]
+                heights = [100 * mean(shares(run)[index] for run in row) for row in simulated[name][image]]
                 below.bar([p + offset for p in THREADS], heights, 5, bottom=bottom, color=color, alpha=alpha, label=what if offset < 0 else None)
                 bottom = [a + b for a, b in zip(bottom, heights)]
         below.set(xlabel="threads; left PODM, right LAPD", ylabel="% of the time of all threads, steady state")
@@ -326,6 +344,7 @@ def main():
     parser.add_argument("parts", nargs="*", help=", ".join(PARTS))
     parser.add_argument("--images", default="abdomen,brain")
     parser.add_argument("--tets", type=int, default=32_000, help="for each of the 192 or 256 workers of the largest row; all rows refine the same mesh")
+    parser.add_argument("--meshes", type=int, default=3, help="that hardly differ, of each image; a row of blacklight is the mean of their runs")
     parser.add_argument("--rounds", type=int, default=3, help="most fits of Blacklight's constants, one after the other; fewer where another would gain nothing")
     parser.add_argument("--jobs", type=int, default=max(1, len(os.sched_getaffinity(0))))
     parser.add_argument("--print-only", action="store_true")
