@@ -69,7 +69,8 @@ fn refine_under<S: Access, T: Access>(
     shared: &(impl Fn(usize, Option<S>) -> T + Sync),
 ) -> Result<Refinement> {
     let clock = Clock::start();
-    let go_on = || monitor.check_cancelled().and_then(|()| schedule.limits.check_time());
+    // Samples are the smaller part: until they are there, reports say that nothing is done.
+    let go_on = || monitor.advance(0).and_then(|()| schedule.limits.check_time());
     let growth = if lapd::divides(schedule) { Growth::Fourfold } else { Growth::Eightfold };
     let mut samples = match sample_isosurface(rules.oracle, &rules.sizing, growth, go_on) {
         Err(limit) if limit.is_limit() => return Ok(Refinement::none(limit)),
