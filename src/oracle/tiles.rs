@@ -1,8 +1,7 @@
 //! Tiles of the image, which are sampled side by side.
 //!
 //! A tile is a range of layers of bricks along y and one along z, whole along x. Its *colour* is which of its two numbers are odd, so no two of one colour are beside each other: whoever works on the tiles in the order
-//! of their colours, each after those beside it of a lower one, has the same result whatever the number of threads. All that is found in a tile's rows lies in its box, and the boxes of two tiles that are not beside each other are
-//! apart by the thickness that was asked for.
+//! of their colours, each after those beside it of a lower one, has the same result whatever the number of threads. What is found in the rows of two tiles that are not beside each other is apart by the distance that was asked for.
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -32,7 +31,7 @@ pub struct Tiles {
 }
 
 impl EdgeGrid<'_> {
-    /// Cuts the rows into tiles; those that are not beside each other are `apart` in world units at least. All but the last along an axis are equally thick.
+    /// Cuts the rows into tiles; what is found in those that are not beside each other is `apart` in world units at least. All but the last along an axis are equally thick.
     pub fn tiles(&self, apart: f64) -> Tiles {
         let oracle = self.oracle;
         let dims = oracle.bricks.dims();
