@@ -13,7 +13,7 @@
 //!
 //! The background is a label like others here: a slit between two objects is thin as well.
 //!
-//! All of this is done for all labels at once, with sets of voxels as rows of bits: a bit for each pair of neighbours that says whether they have the same label is all that is asked of labels.
+//! All of this is done for all labels at once, with sets of voxels as bits, 64 in a word: a bit for each pair of neighbours that says whether they have the same label is all that is asked of labels.
 //!
 //! Cost: about two nanoseconds per voxel and level; seven bits per voxel while it lasts.
 
@@ -27,10 +27,16 @@ use crate::{Result, image::LabelImage};
 /// Called for each plane of voxels and step: whether to go on.
 type Check<'a> = &'a (dyn Fn() -> Result<()> + Sync);
 
-/// Rows that are made on the way to another one.
+/// What is made on the way to a block.
 const ROOMS: usize = 4;
 
-/// A set of the voxels of a padded region; bit i of row (j, k) is voxel (i, j, k).
+/// Words, at least, that are changed at a time: they, their neighbours and what is made on the way stay in the nearest cache.
+const BLOCK: usize = 512;
+
+/// Blocks that a thread changes one after the other.
+const BLOCKS: usize = 8;
+
+/// A set of the voxels of a padded region, as whole words of 64 for each row along x: row (j, k) is number j * rows\[1\] + k, and its bit i is voxel (i, j, k).
 struct Set {
     words: usize,
     rows: [usize; 2],
@@ -48,57 +54,65 @@ impl Set {
         &self.bits[(j * self.rows[1] + k) * self.words..][..self.words]
     }
 
-    /// Calls `change` for each row, with room for some more, in parallel.
-    fn change_rows(
+    /// Words of a block: those of whole rows.
+    fn block(&self) -> usize {
+        self.words * BLOCK.div_ceil(self.words)
+    }
+
+    /// Calls `change` for each block, given by its first word, with room for some more, in parallel.
+    fn change(
         &mut self,
         check: Check<'_>,
-        change: impl Fn([usize; 2], &mut [u64], [&mut [u64]; ROOMS]) + Sync,
+        change: impl Fn(usize, &mut [u64], [&mut [u64]; ROOMS]) + Sync,
     ) -> Result<()> {
-        let (words, [_, per_layer]) = (self.words, self.rows);
-        self.bits.par_chunks_mut(words * per_layer).enumerate().try_for_each(|(j, layer)| {
+        let size = self.block();
+        self.bits.par_chunks_mut(BLOCKS * size).enumerate().try_for_each(|(n, blocks)| {
             check()?;
-            let mut room = filled(ROOMS * words, 0, "words of the sets of thin voxels", || Ok(()))?;
-            for (k, row) in layer.chunks_mut(words).enumerate() {
-                let mut rooms = room.chunks_mut(words);
-                change([j, k], row, [(); ROOMS].map(|()| rooms.next().unwrap_or_default()));
+            let mut room = filled(ROOMS * size, 0, "words of the sets of thin voxels", || Ok(()))?;
+            for (m, block) in blocks.chunks_mut(size).enumerate() {
+                let mut rooms = room.chunks_mut(size).map(|room| &mut room[..block.len()]);
+                let rooms = [(); ROOMS].map(|()| rooms.next().unwrap_or_default());
+                change((n * BLOCKS + m) * size, block, rooms);
             }
             Ok(())
         })
     }
 
-    /// The row of the voxels `by` further on along an axis, or back, fewer than 64; `None`: outside of the region. Along x it is written to `shifted`.
-    fn beside<'a>(&'a self, [j, k]: [usize; 2], axis: usize, by: isize, shifted: &'a mut [u64]) -> Option<&'a [u64]> {
-        let moved = |at: usize, count: usize| at.checked_add_signed(by).filter(|&at| at < count);
-        match axis {
-            1 => moved(j, self.rows[0]).map(|j| self.row(j, k)),
-            2 => moved(k, self.rows[1]).map(|k| self.row(j, k)),
-            _ => {
-                let (row, bits) = (self.row(j, k), by.unsigned_abs() as u32);
-                if by > 0 {
-                    let next = row[1..].iter().chain([&0]);
-                    shifted
-                        .iter_mut()
-                        .zip(row.iter().zip(next))
-                        .for_each(|(out, (&word, &next))| *out = word >> bits | next << (64 - bits));
-                } else if by < 0 {
-                    let before = [0].iter().chain(row);
-                    shifted
-                        .iter_mut()
-                        .zip(row.iter().zip(before))
-                        .for_each(|(out, (&word, &before))| *out = word << bits | before >> (64 - bits));
-                } else {
-                    return Some(row);
+    /// The block from word `first` on.
+    fn at<'a>(&'a self, first: usize, like: &[u64]) -> &'a [u64] {
+        &self.bits[first..][..like.len()]
+    }
+
+    /// A block as large as `room`, of which each bit is that of the voxel `by` further on along an axis, or back. Beyond the end of a row along x or along z it is one of the next row or layer, beyond the
+    /// first layer and the last there is nothing.
+    fn beside<'a>(&'a self, first: usize, axis: usize, by: isize, room: &'a mut [u64]) -> &'a [u64] {
+        let step = [1, 64 * self.words * self.rows[1], 64 * self.words][axis];
+        let bits = by * step as isize;
+        let (from, part) = (first as isize + bits.div_euclid(64), bits.rem_euclid(64) as u32);
+        let inside = usize::try_from(from).ok().filter(|from| from + room.len() < self.bits.len());
+        match (inside, part) {
+            (Some(from), 0) => return &self.bits[from..][..room.len()],
+            (Some(from), _) => {
+                let pairs = self.bits[from..].iter().zip(&self.bits[from + 1..]);
+                room.iter_mut().zip(pairs).for_each(|(out, (low, high))| *out = low >> part | high << (64 - part));
+            }
+            (None, _) => {
+                let word =
+                    |at: isize| usize::try_from(at).ok().and_then(|at| self.bits.get(at)).map_or(0, |&word| word);
+                for (out, at) in room.iter_mut().zip(from..) {
+                    *out = word(at) >> part | word(at + 1).checked_shl(64 - part).unwrap_or(0);
                 }
-                Some(shifted)
             }
         }
+        room
     }
 
     fn is_empty(&self) -> bool {
-        self.bits.par_iter().all(|&word| word == 0)
+        self.bits.par_chunks(self.block()).all(|words| words.iter().fold(0, |all, &word| all | word) == 0)
     }
 }
-/// The voxels of a region, and for each axis whether a voxel and the next one have the same label.
+
+/// The voxels of a region, and for each axis whether a voxel and the next one have the same label: never so at the end of a row or layer, so no run goes on in the next one.
 struct Labels {
     equal: [Set; 3],
 }
@@ -143,37 +157,38 @@ impl Labels {
         Ok(Self { equal: [of_axis(0)?, of_axis(1)?, of_axis(2)?] })
     }
 
-    /// Makes `set` the voxels of `all` in cubes of one label, of so many voxels along each axis.
+    /// Makes `set` the voxels of `all`, the words of a block, in cubes of one label, of so many voxels along each axis.
     fn thick(&self, all: &[u64], cube: [usize; 3], set: &mut Set, spare: &mut Set, check: Check<'_>) -> Result<()> {
-        set.change_rows(check, |_, row, _| row.copy_from_slice(all))?;
+        set.change(check, |_, block, _| block.copy_from_slice(&all[..block.len()]))?;
         // Where cubes begin: where runs of runs of runs do.
         for (axis, &count) in cube.iter().enumerate().filter(|&(_, &count)| count > 1) {
             let equal = &self.equal[axis];
-            spare.change_rows(check, |at, row, [room, ..]| {
-                row.copy_from_slice(set.row(at[0], at[1]));
+            spare.change(check, |first, block, [room, ..]| {
+                block.copy_from_slice(set.at(first, block));
                 for by in 1..count as isize {
-                    both(row, equal.beside(at, axis, by - 1, room));
-                    both(row, set.beside(at, axis, by, room));
+                    both(block, equal.beside(first, axis, by - 1, room));
+                    both(block, set.beside(first, axis, by, room));
                 }
             })?;
             std::mem::swap(set, spare);
         }
+        // None begins so near to an end that it would go on in the next row.
         for (axis, &count) in cube.iter().enumerate().filter(|&(_, &count)| count > 1) {
-            spare.change_rows(check, |at, row, [room, ..]| {
-                row.copy_from_slice(set.row(at[0], at[1]));
-                (1..count as isize).for_each(|by| either(row, set.beside(at, axis, -by, room)));
+            spare.change(check, |first, block, [room, ..]| {
+                block.copy_from_slice(set.at(first, block));
+                (1..count as isize).for_each(|by| either(block, set.beside(first, axis, -by, room)));
             })?;
             std::mem::swap(set, spare);
         }
         Ok(())
     }
 
-    /// Adds to a row what a set has up to `steps` further on along an axis, in runs of one label, or further back.
+    /// Adds to a block what a set has up to `steps` further on along an axis, in runs of one label, or further back.
     fn add_in_runs(
         &self,
-        row: &mut [u64],
+        block: &mut [u64],
         set: &Set,
-        at: [usize; 2],
+        first: usize,
         axis: usize,
         steps: isize,
         [same, room]: [&mut [u64]; 2],
@@ -181,20 +196,19 @@ impl Labels {
         same.fill(u64::MAX);
         for by in 1..=steps.abs() {
             let (pair, by) = if steps > 0 { (by - 1, by) } else { (-by, -by) };
-            both(same, self.equal[axis].beside(at, axis, pair, room));
-            if let Some(beside) = set.beside(at, axis, by, room) {
-                row.iter_mut().zip(beside.iter().zip(&*same)).for_each(|(out, (word, same))| *out |= word & same);
-            }
+            both(same, self.equal[axis].beside(first, axis, pair, room));
+            let beside = set.beside(first, axis, by, room);
+            block.iter_mut().zip(beside.iter().zip(&*same)).for_each(|(out, (word, same))| *out |= word & same);
         }
     }
 
     /// Adds to a set what is within so many steps of it along each axis, one axis after the other, within its label.
     fn grow(&self, set: &mut Set, steps: [usize; 3], spare: &mut Set, check: Check<'_>) -> Result<()> {
         for (axis, &count) in steps.iter().enumerate().filter(|&(_, &count)| count > 0) {
-            spare.change_rows(check, |at, row, [same, room, ..]| {
-                row.copy_from_slice(set.row(at[0], at[1]));
+            spare.change(check, |first, block, [same, room, ..]| {
+                block.copy_from_slice(set.at(first, block));
                 for steps in [count as isize, -(count as isize)] {
-                    self.add_in_runs(row, set, at, axis, steps, [&mut *same, &mut *room]);
+                    self.add_in_runs(block, set, first, axis, steps, [&mut *same, &mut *room]);
                 }
             })?;
             std::mem::swap(set, spare);
@@ -202,59 +216,55 @@ impl Labels {
         Ok(())
     }
 
-    /// Makes `counts` those voxels of `all` that are less than a cube thick and count. Whether there are any.
+    /// Makes `counts` those voxels of `all`, the words of a block, that are less than a cube thick and count. Whether there are any.
     fn thin(&self, all: &[u64], cube: [usize; 3], sets: &mut [Set; 4], check: Check<'_>) -> Result<bool> {
         let [counts, thick, thin, spare] = sets;
         self.thick(all, cube, thick, spare, check)?;
-        thin.change_rows(check, |[j, k], row, _| {
-            row.iter_mut().zip(all.iter().zip(thick.row(j, k))).for_each(|(out, (all, thick))| *out = all & !thick);
+        thin.change(check, |first, block, _| {
+            let thick = thick.at(first, block);
+            block.iter_mut().zip(all.iter().zip(thick)).for_each(|(out, (all, thick))| *out = all & !thick);
         })?;
         if thin.is_empty() {
             return Ok(false);
         }
         // What lies between, on both sides along an axis. Longer bridges have voxels that are far from both ends.
         let near = cube.map(|count| count - 1);
-        counts.change_rows(check, |at @ [j, k], row, [on, back, same, room]| {
-            row.fill(0);
+        counts.change(check, |first, block, [on, back, same, room]| {
+            block.fill(0);
             for (axis, &steps) in near.iter().enumerate().filter(|&(_, &steps)| steps > 0) {
                 let steps = 2 * steps as isize;
                 for (side, steps) in [(&mut *on, steps), (&mut *back, -steps)] {
                     side.fill(0);
-                    self.add_in_runs(side, thick, at, axis, steps, [&mut *same, &mut *room]);
+                    self.add_in_runs(side, thick, first, axis, steps, [&mut *same, &mut *room]);
                 }
-                both(on, Some(back));
-                either(row, Some(on));
+                both(on, back);
+                either(block, on);
             }
-            both(row, Some(thin.row(j, k)));
+            both(block, thin.at(first, block));
         })?;
         // And what is far from all that is thick.
         self.grow(thick, near, spare, check)?;
-        counts.change_rows(check, |[j, k], row, _| {
-            let far = thin.row(j, k).iter().zip(thick.row(j, k)).map(|(thin, thick)| thin & !thick);
-            row.iter_mut().zip(far).for_each(|(out, far)| *out |= far);
+        counts.change(check, |first, block, _| {
+            let far = thin.at(first, block).iter().zip(thick.at(first, block)).map(|(thin, thick)| thin & !thick);
+            block.iter_mut().zip(far).for_each(|(out, far)| *out |= far);
         })?;
         if counts.is_empty() {
             return Ok(false);
         }
         self.grow(counts, cube, spare, check)?;
-        counts.change_rows(check, |[j, k], row, _| both(row, Some(thin.row(j, k))))?;
+        counts.change(check, |first, block, _| both(block, thin.at(first, block)))?;
         Ok(true)
     }
 }
 
-/// Keeps of a row what the other has, too.
-fn both(row: &mut [u64], other: Option<&[u64]>) {
-    match other {
-        Some(other) => row.iter_mut().zip(other).for_each(|(word, other)| *word &= other),
-        None => row.fill(0),
-    }
+/// Keeps of a block what the other has, too.
+fn both(block: &mut [u64], other: &[u64]) {
+    block.iter_mut().zip(other).for_each(|(word, other)| *word &= other);
 }
 
-/// Adds to a row what the other has.
-fn either(row: &mut [u64], other: Option<&[u64]>) {
-    if let Some(other) = other {
-        row.iter_mut().zip(other).for_each(|(word, other)| *word |= other);
-    }
+/// Adds to a block what the other has.
+fn either(block: &mut [u64], other: &[u64]) {
+    block.iter_mut().zip(other).for_each(|(word, other)| *word |= other);
 }
 
 /// What is thin in an image.
@@ -284,10 +294,10 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     let [nx, ny, nz] = region.dims;
     let padded = nx + 2 * largest;
     let words = padded.div_ceil(64);
-    let all: Vec<u64> =
-        (0..words).map(|w| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 }).collect();
     let set = || Set::new(words, labels.equal[0].rows);
     let mut sets = [set()?, set()?, set()?, set()?];
+    let of_row = |w: usize| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 };
+    let all: Vec<u64> = (0..sets[0].block()).map(|n| of_row(n % words)).collect();
     let contacts = contacts(&rows, &labels, largest, check)?;
     if !contacts.is_empty() {
         thin.found.push((unit, contacts));
