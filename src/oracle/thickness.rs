@@ -83,11 +83,19 @@ impl Set {
         &self.bits[first..][..like.len()]
     }
 
-    /// A block as large as `room`, of which each bit is that of the voxel `by` further on along an axis, or back. Beyond the end of a row along x or along z it is one of the next row or layer, beyond the
+    /// How far apart in bits voxels are that are so many steps apart along each axis.
+    fn steps(&self, [x, y, z]: [isize; 3]) -> isize {
+        x + 64 * self.words as isize * (y * self.rows[1] as isize + z)
+    }
+
+    /// How far apart in bits voxels are that are so many steps apart along an axis.
+    fn along(&self, axis: usize, steps: isize) -> isize {
+        self.steps([0, 1, 2].map(|a| if a == axis { steps } else { 0 }))
+    }
+
+    /// A block as large as `room`, of which each bit is the one that is `bits` further on, or back: [`Set::steps`]. Beyond the end of a row along x or along z it is one of the next row or layer, beyond the
     /// first layer and the last there is nothing.
-    fn beside<'a>(&'a self, first: usize, axis: usize, by: isize, room: &'a mut [u64]) -> &'a [u64] {
-        let step = [1, 64 * self.words * self.rows[1], 64 * self.words][axis];
-        let bits = by * step as isize;
+    fn beside<'a>(&'a self, first: usize, bits: isize, room: &'a mut [u64]) -> &'a [u64] {
         let (from, part) = (first as isize + bits.div_euclid(64), bits.rem_euclid(64) as u32);
         let inside = usize::try_from(from).ok().filter(|from| from + room.len() < self.bits.len());
         match (inside, part) {
@@ -166,8 +174,8 @@ impl Labels {
             spare.change(check, |first, block, [room, ..]| {
                 block.copy_from_slice(set.at(first, block));
                 for by in 1..count as isize {
-                    both(block, equal.beside(first, axis, by - 1, room));
-                    both(block, set.beside(first, axis, by, room));
+                    both(block, equal.beside(first, set.along(axis, by - 1), room));
+                    both(block, set.beside(first, set.along(axis, by), room));
                 }
             })?;
             std::mem::swap(set, spare);
@@ -176,7 +184,7 @@ impl Labels {
         for (axis, &count) in cube.iter().enumerate().filter(|&(_, &count)| count > 1) {
             spare.change(check, |first, block, [room, ..]| {
                 block.copy_from_slice(set.at(first, block));
-                (1..count as isize).for_each(|by| either(block, set.beside(first, axis, -by, room)));
+                (1..count as isize).for_each(|by| either(block, set.beside(first, set.along(axis, -by), room)));
             })?;
             std::mem::swap(set, spare);
         }
@@ -196,8 +204,8 @@ impl Labels {
         same.fill(u64::MAX);
         for by in 1..=steps.abs() {
             let (pair, by) = if steps > 0 { (by - 1, by) } else { (-by, -by) };
-            both(same, self.equal[axis].beside(first, axis, pair, room));
-            let beside = set.beside(first, axis, by, room);
+            both(same, self.equal[axis].beside(first, set.along(axis, pair), room));
+            let beside = set.beside(first, set.along(axis, by), room);
             block.iter_mut().zip(beside.iter().zip(&*same)).for_each(|(out, (word, same))| *out |= word & same);
         }
     }
@@ -294,14 +302,14 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     let [nx, ny, nz] = region.dims;
     let padded = nx + 2 * largest;
     let words = padded.div_ceil(64);
-    let set = || Set::new(words, labels.equal[0].rows);
-    let mut sets = [set()?, set()?, set()?, set()?];
     let of_row = |w: usize| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 };
-    let all: Vec<u64> = (0..sets[0].block()).map(|n| of_row(n % words)).collect();
-    let contacts = contacts(&rows, &labels, largest, check)?;
+    let all: Vec<u64> = (0..labels.equal[0].block()).map(|n| of_row(n % words)).collect();
+    let contacts = contacts(&rows, &labels, &all, largest, check)?;
     if !contacts.is_empty() {
         thin.found.push((unit, contacts));
     }
+    let set = || Set::new(words, labels.equal[0].rows);
+    let mut sets = [set()?, set()?, set()?, set()?];
     for count in sizes().take_while(|&count| count <= largest) {
         let edge = count as f64 * unit;
         let cube = spacing.to_array().map(|side| (edge / side).round().max(1.0) as usize);
@@ -329,50 +337,74 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     Ok(thin)
 }
 
+/// A way in which two voxels of a label can meet. Corner c of a cell is at (c & 1, c >> 1 & 1, c >> 2).
+struct Meeting {
+    /// The edges of a cell along which the label must change: the corner where each begins, and its axis.
+    edges: Vec<(usize, usize)>,
+    /// The corners of which either two may be those that meet.
+    pairs: Vec<[usize; 2]>,
+    /// Whether all other corners of the cell must have other labels, too.
+    alone: bool,
+}
+
+impl Meeting {
+    /// In the edge across a cell's lower face along two axes.
+    fn across_face([u, v]: [usize; 2]) -> Self {
+        let edges = vec![(0, u), (0, v), (1 << u, v), (1 << v, u)];
+        Self { edges, pairs: vec![[0, 1 << u | 1 << v], [1 << u, 1 << v]], alone: false }
+    }
+
+    /// In the middle of a cell, from one of its corners on.
+    fn across_cell(corner: usize) -> Self {
+        let ends = [corner, 7 - corner];
+        let edges = (0..3).flat_map(|a| ends.map(|c| (c & !(1 << a), a))).collect();
+        Self { edges, pairs: vec![ends], alone: true }
+    }
+}
+
 /// Voxels of a label, not background, that meet in an edge alone: two of the four around it, across from each other, while the others have other labels; or in a corner alone, around which all others have.
-fn contacts(rows: &Rows, labels: &Labels, pad: usize, check: Check<'_>) -> Result<Vec<u32>> {
+fn contacts(rows: &Rows, labels: &Labels, all: &[u64], pad: usize, check: Check<'_>) -> Result<Vec<u32>> {
     let [nx, ny, nz] = rows.dims();
-    let layers = (0..ny - 1).into_par_iter().map(|j| {
-        check()?;
-        let mut numbers = Vec::new();
-        for k in 0..nz - 1 {
-            let around = rows.around(j, k);
-            for w in 0..labels.equal[0].words {
-                let [x, y, z] = [0, 1, 2].map(|axis| !labels.equal[axis].row(j + pad, k + pad)[w]);
-                // Whichever pair it is, the first corner differs from those beside it.
-                for (candidates, u, v) in [(x & y, 1, 2), (y & z, 2, 4), (z & x, 4, 1)] {
-                    for i in ones(candidates).map(|bit| (64 * w + bit).wrapping_sub(pad)).filter(|&i| i + 1 < nx) {
-                        // Corner c of the cell from this voxel on, and its number in the region.
+    let faces = [[0, 1], [1, 2], [2, 0]].map(Meeting::across_face);
+    let cells = [0, 1, 2, 3].map(Meeting::across_cell);
+    let [equal, ..] = &labels.equal;
+    let mut candidates = Set::new(equal.words, equal.rows)?;
+    let mut found = Vec::new();
+    for Meeting { edges, pairs, alone } in faces.into_iter().chain(cells) {
+        candidates.change(check, |first, block, [room, ..]| {
+            block.copy_from_slice(&all[..block.len()]);
+            for &(corner, axis) in &edges {
+                let beside =
+                    labels.equal[axis].beside(first, equal.steps([0, 1, 2].map(|a| (corner >> a & 1) as isize)), room);
+                block.iter_mut().zip(beside).for_each(|(word, equal)| *word &= !equal);
+            }
+        })?;
+        let layers = (0..ny - 1).into_par_iter().map(|j| {
+            let mut numbers = Vec::new();
+            for k in 0..nz - 1 {
+                let around = rows.around(j, k);
+                for (w, &word) in candidates.row(j + pad, k + pad).iter().enumerate() {
+                    for i in ones(word).map(|bit| (64 * w + bit).wrapping_sub(pad)).filter(|&i| i + 1 < nx) {
                         let id = |c: usize| around[c >> 1][i + (c & 1)];
                         let number = |c: usize| (((j + (c >> 1 & 1)) * nz + k + (c >> 2)) * nx + i + (c & 1)) as u32;
-                        for (pair, beside) in [([0, u + v], [u, v]), ([u, v], [0, u + v])] {
+                        for &pair in &pairs {
                             let own = id(pair[0]);
-                            if own != 0 && own == id(pair[1]) && beside.iter().all(|&c| id(c) != own) {
+                            let meets = own != 0 && own == id(pair[1]);
+                            if meets && (!alone || (0..8).all(|c| pair.contains(&c) || id(c) != own)) {
                                 reserve(&mut numbers, 2, "thin voxels")?;
                                 numbers.extend(pair.map(number));
                             }
                         }
                     }
                 }
-                // The first corner differs from that beside it, or is one of the pair.
-                for (candidates, c) in [(x & y & z, 0), (x, 1), (y, 2), (z, 3)] {
-                    for i in ones(candidates).map(|bit| (64 * w + bit).wrapping_sub(pad)).filter(|&i| i + 1 < nx) {
-                        let id = |c: usize| around[c >> 1][i + (c & 1)];
-                        let number = |c: usize| (((j + (c >> 1 & 1)) * nz + k + (c >> 2)) * nx + i + (c & 1)) as u32;
-                        let pair = [c, 7 - c];
-                        let own = id(c);
-                        if own != 0 && own == id(7 - c) && (0..8).all(|c| pair.contains(&c) || id(c) != own) {
-                            reserve(&mut numbers, 2, "thin voxels")?;
-                            numbers.extend(pair.map(number));
-                        }
-                    }
-                }
             }
-        }
-        Ok(numbers)
-    });
-    let layers: Vec<Vec<u32>> = layers.collect::<Result<_>>()?;
-    Ok(layers.concat())
+            Ok(numbers)
+        });
+        let layers: Vec<Vec<u32>> = layers.collect::<Result<_>>()?;
+        reserve(&mut found, layers.iter().map(Vec::len).sum(), "thin voxels")?;
+        layers.iter().for_each(|layer| found.extend_from_slice(layer));
+    }
+    Ok(found)
 }
 
 /// Edges of the cubes, in voxels: about a third apart, all from 2 to 4.
