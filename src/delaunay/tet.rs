@@ -236,6 +236,8 @@ pub struct VertexRecord {
     kind: AtomicU8,
     /// The vertex's number within the operation of its owner, see `insert`; means nothing between operations.
     local: AtomicU8,
+    /// A word of the layer above.
+    tag: AtomicU8,
 }
 
 impl VertexRecord {
@@ -261,6 +263,18 @@ impl VertexRecord {
     pub fn star(&self) -> TetId {
         // Acquire: pairs with the release of set_star, for walks that start here without owning.
         self.star.load(Acquire)
+    }
+
+    /// The word of the layer above; 0 in a new vertex.
+    #[inline(always)]
+    pub fn tag(&self) -> u8 {
+        self.tag.load(Relaxed)
+    }
+
+    /// Sets the word of the layer above.
+    #[inline(always)]
+    pub fn set_tag(&self, tag: u8) {
+        self.tag.store(tag, Relaxed);
     }
 
     pub(super) fn fill(&self, position: DVec3, kind: VertexKind) {

@@ -38,6 +38,8 @@ pub enum FeaturePoint {
 pub struct CrossedEdge {
     /// Where dO crosses it first, in world coordinates.
     pub point: DVec3,
+    /// How far apart samples are to be about it: the spacing at the centre of its cell.
+    pub spacing: f64,
     /// Its ends, in region coordinates.
     ends: [DVec3; 2],
     axis: usize,
@@ -46,6 +48,8 @@ pub struct CrossedEdge {
 /// A grid of edges; see [`Oracle::edge_grid`].
 pub struct EdgeGrid<'a> {
     pub(super) oracle: &'a Oracle,
+    spacing: f64,
+    /// Into how many parts that divides the edges along each axis.
     parts: [usize; 3],
     /// The spacing at a place, where that differs.
     local: Option<&'a (dyn Fn(DVec3) -> f64 + Sync)>,
@@ -57,7 +61,7 @@ impl Oracle {
     /// The grid whose edges are about `spacing` long, at most half as long again; or as long as the distance of voxel centres where that is less. Where `local` is given, it tells the spacing at a place, and each cell has its own
     /// division.
     pub fn edge_grid<'a>(&'a self, spacing: f64, local: Option<&'a (dyn Fn(DVec3) -> f64 + Sync)>) -> EdgeGrid<'a> {
-        EdgeGrid { oracle: self, parts: self.edge_parts(spacing), local, searches: self.field.is_some() }
+        EdgeGrid { oracle: self, spacing, parts: self.edge_parts(spacing), local, searches: self.field.is_some() }
     }
 
     fn edge_parts(&self, spacing: f64) -> [usize; 3] {
@@ -80,11 +84,11 @@ impl EdgeGrid<'_> {
     pub fn visit_row(&self, row: usize, mut visit: impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
         // The outermost voxels are background, so no edge of theirs is crossed.
         self.oracle.visit_mixed_cells(row, |voxel| {
-            let parts = self.parts_of(voxel);
+            let (spacing, parts) = self.division_of(voxel);
             if parts == [1; 3] && !self.searches {
-                self.visit_edges_of(voxel, &mut visit)
+                self.visit_edges_of(voxel, spacing, &mut visit)
             } else {
-                self.visit_parts_of(voxel, parts, &mut visit)
+                self.visit_parts_of(voxel, spacing, parts, &mut visit)
             }
         })
     }
@@ -173,22 +177,28 @@ impl EdgeGrid<'_> {
         self.oracle.world_point(moved(DVec3::from(half.map(|h| h as f64 / 2.0)), turns, hash(half)))
     }
 
-    /// Into how many parts edges are divided in the cell from a voxel on.
+    /// The spacing in the cell from a voxel on, and into how many parts its edges are divided.
     #[inline(always)]
-    fn parts_of(&self, voxel: [usize; 3]) -> [usize; 3] {
-        self.local.map_or(self.parts, |spacing_at| {
+    fn division_of(&self, voxel: [usize; 3]) -> (f64, [usize; 3]) {
+        self.local.map_or((self.spacing, self.parts), |spacing_at| {
             let center = DVec3::from(voxel.map(|c| c as f64)) + 0.5;
-            self.oracle.edge_parts(spacing_at(self.oracle.world_point(center)))
+            let spacing = spacing_at(self.oracle.world_point(center));
+            (spacing, self.oracle.edge_parts(spacing))
         })
     }
 
     /// The edges from a voxel to the next one along each axis; all belong to the cell from this voxel on.
     #[inline(always)]
-    fn visit_edges_of(&self, voxel: [usize; 3], visit: &mut impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
+    fn visit_edges_of(
+        &self,
+        voxel: [usize; 3],
+        spacing: f64,
+        visit: &mut impl FnMut(CrossedEdge) -> Result<()>,
+    ) -> Result<()> {
         for axis in 0..3 {
             if let Some(crossing) = self.crossing_of(voxel, axis) {
                 let ends = [voxel, step(voxel, axis, 1)].map(|v| DVec3::from(v.map(|c| c as f64)));
-                visit(CrossedEdge { point: self.oracle.world_point(crossing), ends, axis })?;
+                visit(CrossedEdge { point: self.oracle.world_point(crossing), spacing, ends, axis })?;
             }
         }
         Ok(())
@@ -198,6 +208,7 @@ impl EdgeGrid<'_> {
     fn visit_parts_of(
         &self,
         voxel: [usize; 3],
+        spacing: f64,
         parts: [usize; 3],
         visit: &mut impl FnMut(CrossedEdge) -> Result<()>,
     ) -> Result<()> {
@@ -226,7 +237,12 @@ impl EdgeGrid<'_> {
                             differs.then(|| oracle.trace(from, to, label)).flatten().map(|(crossing, _)| crossing)
                         };
                         if let Some(crossing) = crossing {
-                            visit(CrossedEdge { point: oracle.world_point(crossing), ends: [from, to], axis })?;
+                            visit(CrossedEdge {
+                                point: oracle.world_point(crossing),
+                                spacing,
+                                ends: [from, to],
+                                axis,
+                            })?;
                         }
                     }
                 }

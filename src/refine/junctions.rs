@@ -92,13 +92,14 @@ pub(super) fn sample_junctions(
     // One at a time: those at the rim of the image have next to nothing.
     let found: Vec<Candidates> =
         (0..tiles.count()).into_par_iter().with_max_len(1).map(of_tile).collect::<Result<_>>()?;
-    let thin = |seeds: Vec<Vec<DVec3>>, spacing: f64, points: fn(&Candidates) -> &[DVec3]| {
+    let thin = |seeds: Vec<Vec<DVec3>>, part: f64, points: fn(&Candidates) -> &[DVec3]| {
         let count = found.iter().map(|of_tile| points(of_tile).len()).sum::<usize>();
         if count == 0 {
             return Ok(seeds);
         }
-        thinned(sizing, spacing, tiles, &seeds, count.min(MAX_HEADS / 4), |tile, offer| {
-            points(&found[tile]).iter().try_for_each(|&p| offer(p, &|| p))
+        let most = part * sizing.greatest();
+        thinned(most, tiles, &seeds, count.min(MAX_HEADS / 4), |tile, offer| {
+            points(&found[tile]).iter().try_for_each(|&p| offer(p, part * sizing.at(p), &|| p))
         })
     };
     let contacts = thin(vec![Vec::new(); tiles.count()], CONTACT_SPACING, |found| &found.contacts)?;

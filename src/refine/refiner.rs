@@ -173,7 +173,9 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                 let begin = self.stamp_time();
                 at = self.worker.locate(self.triangulation, at, p);
                 self.take_permit()?;
-                match self.worker.insert(self.triangulation, at, p, VertexKind::Isovertex)? {
+                let (rules, kind) = (self.rules, VertexKind::Isovertex);
+                let note = |v, _: &[TetId]| rules.note_vertex(v, p, kind);
+                match self.worker.insert_if(self.triangulation, at, p, kind, || true, note)? {
                     Insertion::Done(_) => {
                         self.work.by_rule[Rule::R1 as usize] += 1;
                         at = self.worker.created()[0];

@@ -212,9 +212,16 @@ impl<'a> Rules<'a> {
         None
     }
 
+    /// Whether a radius is larger than R2 allows: 2 deltas of the vertices that are isovertices, on the average.
     #[inline]
-    fn has_isovertex(&self, vertices: [VertexId; 4]) -> bool {
-        vertices.into_iter().any(|v| self.triangulation.vertex(v).kind() == VertexKind::Isovertex)
+    fn is_large(&self, vertices: [VertexId; 4], squared_radius: f64) -> bool {
+        let (mut count, mut levels) = (0, 0);
+        for vertex in vertices.map(|v| self.triangulation.vertex(v)) {
+            let counts = u32::from(vertex.kind() == VertexKind::Isovertex);
+            count += counts;
+            levels += counts * u32::from(vertex.tag());
+        }
+        squared_radius * f64::from(count * count) > (LARGE * self.sizing.sum(count, levels)).powi(2)
     }
 
     /// Those of `facets` of `t` that are interfaces, as bits. Which tets wait is as good as random, so there is no branch on it.
@@ -259,7 +266,7 @@ impl<'a> Rules<'a> {
             return None;
         }
         let misshapen = self.is_misshapen(vertices, facet);
-        if !misshapen && !self.strays(facet, [here.center, there.center], labels, asked) {
+        if !misshapen && !self.strays(vertices, facet, [here.center, there.center], labels, asked) {
             return None;
         }
         // A segment that crosses more than once has one surface center, whichever side is asked.
@@ -270,11 +277,12 @@ impl<'a> Rules<'a> {
         };
         asked.crossings += 1;
         let x = self.oracle.first_crossing_from(label, from, to)?.point;
-        let floor = SPACING_FLOOR * self.sizing.at(x);
+        let delta = self.sizing.at(x);
+        let floor = SPACING_FLOOR * delta;
         if !misshapen && x.distance_squared(a) <= floor * floor || !self.triangulation.holds(x) {
             return None;
         }
-        let point = self.instead_of(x, x.distance(a));
+        let point = self.instead_of(x, x.distance(a), delta);
         let start = if here.contains(point) == Some(true) { t } else { neighbor.tet() };
         Some(Demand { rule: Rule::R3, point, kind: VertexKind::Isovertex, start, across: Some(across) })
     }
@@ -304,10 +312,9 @@ impl<'a> Rules<'a> {
         (0..4).filter(is_undecided).count() as u64
     }
 
-    /// What is inserted for a surface center `x`, `radius` from the nearest vertices. The point of a junction close to it: a vertex beside the junction, as far from it as its samples are from each
+    /// What is inserted for a surface center `x`, `radius` from the nearest vertices, where samples are to be `delta` apart. The point of a junction close to it: a vertex beside the junction, as far from it as its samples are from each
     /// other, would draw mesh edges away from it. On a wall a point beside it.
-    fn instead_of(&self, x: DVec3, radius: f64) -> DVec3 {
-        let delta = self.sizing.at(x);
+    fn instead_of(&self, x: DVec3, radius: f64, delta: f64) -> DVec3 {
         let most = radius - LEAST_DISTANCE * delta;
         if most <= 0.0 {
             return x;
@@ -337,7 +344,14 @@ impl<'a> Rules<'a> {
 
     /// Whether an interface facet strays from its surface center by more than the facet distance: whether the dual segment, whose ends have
     /// different labels, keeps both labels within that distance of the facet's circumcenter. The segment lies on the facet's axis.
-    fn strays(&self, [a, b, c]: [DVec3; 3], centers: [DVec3; 2], labels: [u16; 2], asked: &mut Lookups) -> bool {
+    fn strays(
+        &self,
+        vertices: [VertexId; 3],
+        [a, b, c]: [DVec3; 3],
+        centers: [DVec3; 2],
+        labels: [u16; 2],
+        asked: &mut Lookups,
+    ) -> bool {
         let Some((o, _)) = triangle_circumcircle(a, b, c) else { return true };
         let length = centers[0].distance(centers[1]);
         let axis = (centers[1] - centers[0]) / length;
@@ -350,7 +364,8 @@ impl<'a> Rules<'a> {
                 self.oracle.label(centers[0] + axis * s)
             }
         };
-        let distance = FACET_DISTANCE * self.sizing.at(o);
+        let levels = vertices.map(|v| u32::from(self.triangulation.vertex(v).tag())).iter().sum();
+        let distance = FACET_DISTANCE / 3.0 * self.sizing.sum(3, levels);
         label_at(at - distance) == label_at(at + distance)
     }
 
@@ -376,10 +391,7 @@ impl<'a> Rules<'a> {
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
         if squared_radius > size_squared {
             demand(Rule::R5)
-        } else if squared_radius > self.large_squared
-            && squared_radius > (LARGE * self.sizing.at(sphere.center)).powi(2)
-            && self.has_isovertex(vertices)
-        {
+        } else if squared_radius > self.large_squared && self.is_large(vertices, squared_radius) {
             demand(Rule::R2)
         } else if squared_radius > self.small_squared && self.is_skinny(vertices, squared_radius) {
             demand(Rule::R4)
@@ -430,13 +442,15 @@ impl<'a> Rules<'a> {
         TETS_PER_SIZE * volume / (size_squared * size_squared.sqrt())
     }
 
-    /// Notes a vertex that was inserted.
+    /// Notes a vertex that was inserted, an isovertex or a free one.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
     pub fn note_vertex(&self, v: VertexId, p: DVec3, kind: VertexKind) -> Result<()> {
-        // R6 reaches 2 delta from the interface.
-        if kind == VertexKind::Free && self.oracle.clearance(p) < 2.0 * self.sizing.greatest() {
+        if kind == VertexKind::Isovertex {
+            self.triangulation.vertex(v).set_tag(self.sizing.level(p));
+        } else if self.oracle.clearance(p) < 2.0 * self.sizing.greatest() {
+            // R6 reaches 2 delta from the interface.
             self.free_vertices.push(v, p)?;
         }
         Ok(())

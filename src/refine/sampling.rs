@@ -85,33 +85,35 @@ pub fn sample_isosurface(
     let tiles = grid.tiles(2.0 * delta);
     let seeds = sample_junctions(oracle, sizing, &grid, &tiles, &go_on)?;
     // A quarter of what the grid of vertices may have: there are fewer samples than vertices, and a limit of memory counts them only when all are there.
-    let samples = thinned(sizing, 1.0, &tiles, &seeds.samples, MAX_HEADS / 4, |tile, offer| {
-        seeds.corner_voxels[tile].iter().try_for_each(|&p| offer(p, &|| p))?;
+    let samples = thinned(delta, &tiles, &seeds.samples, MAX_HEADS / 4, |tile, offer| {
+        seeds.corner_voxels[tile].iter().try_for_each(|&p| offer(p, sizing.at(p), &|| p))?;
         for row in tiles.rows(tile) {
             go_on()?;
-            grid.visit_row(row, |edge| offer(edge.point, &|| moved(oracle, sizing.at(edge.point), &edge)))?;
+            grid.visit_row(row, |edge| offer(edge.point, edge.spacing, &|| moved(oracle, &edge)))?;
         }
         Ok(())
     })?;
     insertion_order(samples, growth)
 }
 
-/// A net of points in each tile: the seeds, and what `fill` offers for a tile, where nothing within the spacing is in a net yet. An offer is a point, and a function that makes of it what
-/// comes into the net. The spacing is that of `sizing` times `part`. All nets together have `most_heads` chains at most.
+/// Offers a point to a net; see [`thinned`].
+type Offer<'a> = dyn FnMut(DVec3, f64, &dyn Fn() -> DVec3) -> Result<()> + 'a;
+
+/// A net of points in each tile: the seeds, and what `fill` offers for a tile, where nothing within the spacing is in a net yet. An offer is a point, the spacing there, and a function that makes of the point what
+/// comes into the net. No spacing is above `most`. All nets together have `most_heads` chains at most.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; those of `fill`.
 pub(super) fn thinned(
-    sizing: &Sizing,
-    part: f64,
+    most: f64,
     tiles: &Tiles,
     seeds: &[Vec<DVec3>],
     most_heads: usize,
-    fill: impl Fn(usize, &mut dyn FnMut(DVec3, &dyn Fn() -> DVec3) -> Result<()>) -> Result<()> + Sync,
+    fill: impl Fn(usize, &mut Offer<'_>) -> Result<()> + Sync,
 ) -> Result<Vec<Vec<DVec3>>> {
     let most_heads = (most_heads / tiles.count().max(1)).max(1);
     let nets = tiles.in_colors(|tile, before: &[&Net]| {
-        let mut net = Net::new(part * sizing.greatest(), tiles.bounds(tile), most_heads)?;
+        let mut net = Net::new(most, tiles.bounds(tile), most_heads)?;
         seeds[tile].iter().try_for_each(|&p| net.push(p))?;
         for beside in tiles.beside(tile) {
             let near = seeds[beside].iter().filter(|&&p| net.reaches(p));
@@ -120,8 +122,7 @@ pub(super) fn thinned(
             }
         }
         net.foreign = seeds[tile].len()..net.points.len();
-        fill(tile, &mut |p, sample| {
-            let spacing = part * sizing.at(p);
+        fill(tile, &mut |p, spacing, sample| {
             let near = |other: &&Net| other.reaches(p) && other.sample_near(p, spacing).is_some();
             if net.covers(p, spacing) || before.iter().any(near) { Ok(()) } else { net.push(sample()) }
         })?;
@@ -227,8 +228,8 @@ impl Net {
 }
 
 /// The sample of an edge: its crossing, moved.
-fn moved(oracle: &Oracle, delta: f64, edge: &CrossedEdge) -> DVec3 {
-    let p = edge.point;
+fn moved(oracle: &Oracle, edge: &CrossedEdge) -> DVec3 {
+    let (p, delta) = (edge.point, edge.spacing);
     let most = MOVE * delta.min(oracle.spacing().min_element());
     let mut state = p.to_array().map(f64::to_bits).into_iter().fold(0, mix);
     let mut random = || {

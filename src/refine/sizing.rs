@@ -31,6 +31,8 @@ const LEVELS: u8 = u8::MAX;
 pub struct Sizing {
     greatest: f64,
     least: f64,
+    /// What each level adds to the least; 0 without a table.
+    step: f64,
     field: Option<Field>,
 }
 
@@ -43,13 +45,12 @@ struct Field {
     /// The field, from `least` on in steps, in bricks of one cache line: who asks about one place asks about others nearby.
     levels: Vec<u8>,
     bricks: Bricks,
-    step: f64,
 }
 
 impl Sizing {
     /// The same everywhere.
     pub fn uniform(delta: f64) -> Self {
-        Self { greatest: delta, least: delta, field: None }
+        Self { greatest: delta, least: delta, step: 0.0, field: None }
     }
 
     /// Delta, and less where the image is thin, down to `floor` times the smallest side of a voxel. `check` is called for each plane of voxels and step, from several threads.
@@ -87,18 +88,26 @@ impl Sizing {
             last: DVec3::from(dims.map(|n| (n - 1) as f64)),
             levels: in_bricks(&levels, &bricks)?,
             bricks,
-            step,
         };
-        Ok(Self { greatest: delta, least, field: Some(field) })
+        Ok(Self { greatest: delta, least, step, field: Some(field) })
     }
 
     /// The distance of samples at `p`.
     #[inline(always)]
     pub fn at(&self, p: DVec3) -> f64 {
-        match &self.field {
-            None => self.greatest,
-            Some(field) => self.least + field.step * f64::from(field.level(p)),
-        }
+        self.least + self.step * f64::from(self.level(p))
+    }
+
+    /// Which of the table's levels the distance at `p` is: to be kept with a place, so that it need not be looked up again.
+    #[inline(always)]
+    pub fn level(&self, p: DVec3) -> u8 {
+        self.field.as_ref().map_or(0, |field| field.level(p))
+    }
+
+    /// The sum of the distances at `count` places, by the sum of their levels.
+    #[inline(always)]
+    pub fn sum(&self, count: u32, levels: u32) -> f64 {
+        self.least * f64::from(count) + self.step * f64::from(levels)
     }
 
     /// No place has less.

@@ -81,8 +81,7 @@ impl Rules<'_> {
             let mut recent = [DVec3::INFINITY; 8];
             let mut found = (0..recent.len()).cycle();
             grid.visit_row(row, |edge| {
-                let point = edge.point;
-                let spacing = self.sizing.at(point);
+                let (point, spacing) = (edge.point, edge.spacing);
                 if recent.iter().all(|v| v.distance_squared(point) >= spacing * spacing) {
                     match (isovertices.any_within(self.triangulation, point, spacing), found.next()) {
                         (Some(v), Some(place)) => recent[place] = self.triangulation.position(v),
