@@ -113,7 +113,7 @@ pub(super) fn thinned(
     most_heads: usize,
     fill: impl Fn(usize, &mut Offer<'_>) -> Result<()> + Sync,
 ) -> Result<Vec<Vec<DVec3>>> {
-    let most_heads = (most_heads / tiles.count().max(1)).max(1);
+    let most_heads = (most_heads / tiles.count()).max(1);
     let nets = tiles.in_colors(|tile, before: &[&Net]| {
         let mut net = Net::new(most, tiles.bounds(tile), most_heads)?;
         seeds[tile].iter().try_for_each(|&p| net.push(p))?;
