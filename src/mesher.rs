@@ -133,12 +133,15 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     }
     let surface =
         Surface { model: params.surface, border: params.border, sigma: (params.sigma > 0.0).then_some(params.sigma) };
-    let oracle = Oracle::new(image, surface, &go_on)?;
-    let sizing = if params.adaptive {
-        Sizing::new(image, params.delta, params.spacing_floor, &go_on)?
-    } else {
-        Sizing::uniform(params.delta)
-    };
+    // Side by side: where the threads have nothing to do for the one they work on the other.
+    let (oracle, sizing) = rayon::join(
+        || Oracle::new(image, surface, &go_on),
+        || match params.adaptive {
+            true => Sizing::new(image, params.delta, params.spacing_floor, &go_on),
+            false => Ok(Sizing::uniform(params.delta)),
+        },
+    );
+    let (oracle, sizing) = (oracle?, sizing?);
     seconds.distance = lap();
     monitor.log(Level::Info, &format!("image prepared in {:.2} s", seconds.distance));
 
