@@ -15,7 +15,7 @@
 //!
 //! All of this is done for all labels at once, with sets of voxels as bits, 64 in a word: a bit for each pair of neighbours that says whether they have the same label is all that is asked of labels.
 //!
-//! Cost: about two nanoseconds per voxel and level; seven bits per voxel while it lasts.
+//! Cost: about a nanosecond per voxel and level; seven bits per voxel while it lasts.
 
 use rayon::prelude::*;
 
