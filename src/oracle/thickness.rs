@@ -24,7 +24,7 @@ use super::region::{Region, Rows};
 use crate::memory::{filled, reserve, room, zeroed};
 use crate::{Result, image::LabelImage};
 
-/// Called for each plane of voxels and step: whether to go on.
+/// Called for each few thousand words of a set and each step: whether to go on.
 type Check<'a> = &'a (dyn Fn() -> Result<()> + Sync);
 
 /// What is made on the way to a block.
@@ -285,7 +285,7 @@ pub struct ThinVoxels {
     pub found: Vec<(f64, Vec<u32>)>,
 }
 
-/// Finds what is thinner than `most`, in world units. `check` is called for each plane of voxels and step, from several threads.
+/// Finds what is thinner than `most`, in world units. `check` is called many times in each step, from several threads.
 ///
 /// # Errors
 /// [`crate::Error::EmptyImage`]; [`crate::Error::OutOfMemory`]; whatever `check` returns.

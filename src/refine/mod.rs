@@ -8,6 +8,7 @@
 //! | [`rules`] | what each rule asks for; reads only |
 //! | [`cell_table`] | cells of points, for the two that look for near points |
 //! | [`vertex_grid`] | which vertices lie near a point |
+//! | [`recent`] | points found last, asked before a search |
 //! | [`pel`] | the poor element list: what a worker does next |
 //! | [`activity`] | what each thread did, and with what it lost time |
 //! | [`team`] | what the workers of a refinement share: limits, the way to stop |
@@ -24,6 +25,7 @@ mod lapd;
 pub mod partition;
 pub mod pel;
 pub mod podm;
+mod recent;
 pub mod refiner;
 pub mod rules;
 pub mod sampling;

@@ -27,6 +27,7 @@ use rayon::prelude::*;
 
 use super::cell_table::{CellTable, MAX_HEADS};
 use super::junctions::sample_junctions;
+use super::recent::Recent;
 use super::sizing::Sizing;
 use crate::geometry::morton;
 use crate::memory::{filled, reserve, room};
@@ -49,8 +50,6 @@ pub enum Growth {
 const AT_BITS: u32 = 30;
 const PLACE_BITS: u32 = morton::BITS;
 const LAST_ROUND: u32 = 15;
-/// How many samples a net remembers because they were asked for last.
-const RECENT: usize = 8;
 /// No sample.
 const NONE: u32 = u32::MAX;
 
@@ -147,9 +146,8 @@ struct Net {
     foreign: Range<usize>,
     /// Holds all that its samples cover.
     reach: [DVec3; 2],
-    /// Samples that were added or covered a point last, and whose turn it is to be forgotten: they are likely to cover the next one.
-    recent: [DVec3; RECENT],
-    oldest: usize,
+    /// Samples that were added or covered a point last.
+    recent: Recent,
 }
 
 impl Net {
@@ -159,25 +157,18 @@ impl Net {
         let reach = [lower - 1.5 * most, upper + 1.5 * most];
         let heads = filled(cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
         let (next, points, foreign) = (Vec::new(), Vec::new(), 0..0);
-        Ok(Self { cells, heads, next, points, foreign, reach, recent: [DVec3::INFINITY; RECENT], oldest: 0 })
+        Ok(Self { cells, heads, next, points, foreign, reach, recent: Recent::new() })
     }
 
     /// Whether a sample is closer than delta to `p`.
     #[inline]
     fn covers(&mut self, p: DVec3, delta: f64) -> bool {
-        let covered = |is, q: &DVec3| is | (q.distance_squared(p) < delta * delta);
-        if self.recent.iter().fold(false, covered) {
+        if self.recent.any_within(p, delta) {
             return true;
         }
         let near = self.sample_near(p, delta);
-        near.into_iter().for_each(|q| self.remember(q));
+        near.into_iter().for_each(|q| self.recent.remember(q));
         near.is_some()
-    }
-
-    #[inline]
-    fn remember(&mut self, p: DVec3) {
-        self.recent[self.oldest] = p;
-        self.oldest = (self.oldest + 1) % RECENT;
     }
 
     /// Whether a sample may be closer than delta to `p`.
@@ -232,7 +223,7 @@ impl Net {
         self.next.push(self.heads[head]);
         self.heads[head] = self.points.len() as u32;
         self.points.push(p);
-        self.remember(p);
+        self.recent.remember(p);
         Ok(())
     }
 }

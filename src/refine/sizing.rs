@@ -53,7 +53,7 @@ impl Sizing {
         Self { greatest: delta, least: delta, step: 0.0, field: None }
     }
 
-    /// Delta, and less where the image is thin, down to `floor` times the smallest side of a voxel. `check` is called for each plane of voxels and step, from several threads.
+    /// Delta, and less where the image is thin, down to `floor` times the smallest side of a voxel. `check` is called many times in each step, from several threads.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; whatever `check` returns.

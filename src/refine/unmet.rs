@@ -6,10 +6,10 @@
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cell_table::MAX_HEADS;
+use super::recent::Recent;
 use super::rules::{Facets, Lookups, Rule, Rules};
 use super::vertex_grid::VertexGrid;
 use crate::Result;
@@ -77,15 +77,13 @@ impl Rules<'_> {
         let rows = (0..grid.rows()).into_par_iter().map(|row| {
             monitor.check_cancelled()?;
             let mut uncovered = 0;
-            // Edges come brick after brick: mostly a vertex found for one of the last edges will do.
-            let mut recent = [DVec3::INFINITY; 8];
-            let mut found = (0..recent.len()).cycle();
+            let mut recent = Recent::new();
             grid.visit_row(row, |edge| {
                 let (point, spacing) = (edge.point, edge.spacing);
-                if recent.iter().all(|v| v.distance_squared(point) >= spacing * spacing) {
-                    match (isovertices.any_within(self.triangulation, point, spacing), found.next()) {
-                        (Some(v), Some(place)) => recent[place] = self.triangulation.position(v),
-                        _ => uncovered += 1,
+                if !recent.any_within(point, spacing) {
+                    match isovertices.any_within(self.triangulation, point, spacing) {
+                        Some(v) => recent.remember(self.triangulation.position(v)),
+                        None => uncovered += 1,
                     }
                 }
                 Ok(())
