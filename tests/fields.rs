@@ -3,7 +3,7 @@
 use glam::DVec3;
 use lapd::Error;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
-use lapd::oracle::{Oracle, Surface};
+use lapd::oracle::{ByCell, Oracle, Surface};
 use lapd::params::SurfaceModel;
 
 struct Random(u64);
@@ -99,7 +99,7 @@ fn compare(random: &mut Random, image: &LabelImage, oracle: &Oracle, label: impl
     }
     assert!(found > 20, "{found} crossings");
     // Crossed edges have a point of the isosurface: labels differ nearby. Not where two crossings are close together.
-    let grid = oracle.edge_grid(10.0, None);
+    let grid = oracle.edge_grid(&ByCell::uniform(10.0));
     let step = 2e-3 * oracle.spacing().min_element();
     let (mut edges, mut close) = (0, 0);
     for row in 0..grid.rows() {

@@ -11,7 +11,7 @@ use lapd::mesh::TetMesh;
 use lapd::mesh::quality::tet_volume;
 use lapd::mesher::{Meshing, mesh_image};
 use lapd::monitor::Monitor;
-use lapd::oracle::{JunctionKind, Oracle};
+use lapd::oracle::{ByCell, JunctionKind, Oracle};
 use lapd::params::{ImageBorder, MeshParams, SurfaceModel};
 
 /// The edges of a mesh around which three labels or more are, background included.
@@ -72,10 +72,9 @@ impl Cloud {
 /// The points of the junctions of an oracle, about an eighth of a voxel apart.
 fn junction_points(oracle: &Oracle) -> Vec<(JunctionKind, DVec3)> {
     let voxel = oracle.spacing().min_element();
-    let spacing_at = |_| voxel / 8.0;
-    let planes = oracle.junction_planes(&spacing_at);
+    let planes = oracle.junction_planes(&ByCell::uniform(voxel / 8.0));
     let mut points = Vec::new();
-    for row in 0..oracle.edge_grid(voxel, None).rows() {
+    for row in 0..oracle.edge_grid(&ByCell::uniform(voxel)).rows() {
         let keep = |kind, p| {
             points.push((kind, p));
             Ok(())

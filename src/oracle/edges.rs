@@ -7,7 +7,7 @@
 use glam::DVec3;
 
 use super::contacts::{self, Contacts};
-use super::{Oracle, bricks::Bricks, cells::ones, weights::hash};
+use super::{ByCell, Oracle, bricks::Bricks, cells::ones, weights::hash};
 use crate::Result;
 
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the surface model has no detail left.
@@ -38,7 +38,7 @@ pub enum FeaturePoint {
 pub struct CrossedEdge {
     /// Where dO crosses it first, in world coordinates.
     pub point: DVec3,
-    /// How far apart samples are to be about it: the spacing at the centre of its cell.
+    /// How far apart samples are to be about it: the spacing of its cell.
     pub spacing: f64,
     /// Its ends, in region coordinates.
     ends: [DVec3; 2],
@@ -48,25 +48,28 @@ pub struct CrossedEdge {
 /// A grid of edges; see [`Oracle::edge_grid`].
 pub struct EdgeGrid<'a> {
     pub(super) oracle: &'a Oracle,
-    spacing: f64,
-    /// Into how many parts that divides the edges along each axis.
-    parts: [usize; 3],
-    /// The spacing at a place, where that differs.
-    local: Option<&'a (dyn Fn(DVec3) -> f64 + Sync)>,
+    divisions: ByCell<'a, Division>,
     /// Whether crossings of undivided edges are looked for, too: not where labels alone tell.
     searches: bool,
 }
 
-impl Oracle {
-    /// The grid whose edges are about `spacing` long, at most half as long again; or as long as the distance of voxel centres where that is less. Where `local` is given, it tells the spacing at a place, and each cell has its own
-    /// division.
-    pub fn edge_grid<'a>(&'a self, spacing: f64, local: Option<&'a (dyn Fn(DVec3) -> f64 + Sync)>) -> EdgeGrid<'a> {
-        EdgeGrid { oracle: self, spacing, parts: self.edge_parts(spacing), local, searches: self.field.is_some() }
-    }
+/// How the edges of a cell are divided.
+#[derive(Clone, Copy)]
+struct Division {
+    /// How far apart samples are to be.
+    spacing: f64,
+    /// Into how many parts that divides the edges along each axis.
+    parts: [usize; 3],
+}
 
-    fn edge_parts(&self, spacing: f64) -> [usize; 3] {
-        let parts = (self.spacing / spacing).round().max(DVec3::ONE).min(DVec3::splat(MOST_PARTS));
-        parts.to_array().map(|n| n as usize)
+impl Oracle {
+    /// The grid whose edges are about as long as `spacings` tell of their cell, at most half as long again; or as long as the distance of voxel centres where that is less.
+    pub fn edge_grid<'a>(&'a self, spacings: &ByCell<'a, f64>) -> EdgeGrid<'a> {
+        let divisions = spacings.map(|&spacing| {
+            let parts = (self.spacing / spacing).round().max(DVec3::ONE).min(DVec3::splat(MOST_PARTS));
+            Division { spacing, parts: parts.to_array().map(|n| n as usize) }
+        });
+        EdgeGrid { oracle: self, divisions, searches: self.field.is_some() }
     }
 }
 
@@ -83,12 +86,12 @@ impl EdgeGrid<'_> {
     /// What `visit` returns; the first ends the visit.
     pub fn visit_row(&self, row: usize, mut visit: impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
         // The outermost voxels are background, so no edge of theirs is crossed.
-        self.oracle.visit_mixed_cells(row, |voxel| {
-            let (spacing, parts) = self.division_of(voxel);
-            if parts == [1; 3] && !self.searches {
-                self.visit_edges_of(voxel, spacing, &mut visit)
+        self.oracle.visit_mixed_cells(row, |voxel @ [i, j, k]| {
+            let division = self.divisions.at(self.oracle.bricks.index(i, j, k));
+            if division.parts == [1; 3] && !self.searches {
+                self.visit_edges_of(voxel, division, &mut visit)
             } else {
-                self.visit_parts_of(voxel, spacing, parts, &mut visit)
+                self.visit_parts_of(voxel, division, &mut visit)
             }
         })
     }
@@ -177,28 +180,19 @@ impl EdgeGrid<'_> {
         self.oracle.world_point(moved(DVec3::from(half.map(|h| h as f64 / 2.0)), turns, hash(half)))
     }
 
-    /// The spacing in the cell from a voxel on, and into how many parts its edges are divided.
-    #[inline(always)]
-    fn division_of(&self, voxel: [usize; 3]) -> (f64, [usize; 3]) {
-        self.local.map_or((self.spacing, self.parts), |spacing_at| {
-            let center = DVec3::from(voxel.map(|c| c as f64)) + 0.5;
-            let spacing = spacing_at(self.oracle.world_point(center));
-            (spacing, self.oracle.edge_parts(spacing))
-        })
-    }
-
     /// The edges from a voxel to the next one along each axis; all belong to the cell from this voxel on.
     #[inline(always)]
     fn visit_edges_of(
         &self,
         voxel: [usize; 3],
-        spacing: f64,
+        division: &Division,
         visit: &mut impl FnMut(CrossedEdge) -> Result<()>,
     ) -> Result<()> {
         for axis in 0..3 {
             if let Some(crossing) = self.crossing_of(voxel, axis) {
                 let ends = [voxel, step(voxel, axis, 1)].map(|v| DVec3::from(v.map(|c| c as f64)));
-                visit(CrossedEdge { point: self.oracle.world_point(crossing), spacing, ends, axis })?;
+                let point = self.oracle.world_point(crossing);
+                visit(CrossedEdge { point, spacing: division.spacing, ends, axis })?;
             }
         }
         Ok(())
@@ -208,8 +202,7 @@ impl EdgeGrid<'_> {
     fn visit_parts_of(
         &self,
         voxel: [usize; 3],
-        spacing: f64,
-        parts: [usize; 3],
+        &Division { spacing, parts }: &Division,
         visit: &mut impl FnMut(CrossedEdge) -> Result<()>,
     ) -> Result<()> {
         let oracle = self.oracle;
@@ -237,12 +230,8 @@ impl EdgeGrid<'_> {
                             differs.then(|| oracle.trace(from, to, label)).flatten().map(|(crossing, _)| crossing)
                         };
                         if let Some(crossing) = crossing {
-                            visit(CrossedEdge {
-                                point: oracle.world_point(crossing),
-                                spacing,
-                                ends: [from, to],
-                                axis,
-                            })?;
+                            let point = oracle.world_point(crossing);
+                            visit(CrossedEdge { point, spacing, ends: [from, to], axis })?;
                         }
                     }
                 }
@@ -255,11 +244,12 @@ impl EdgeGrid<'_> {
     #[inline(always)]
     fn crossing_of(&self, voxel: [usize; 3], axis: usize) -> Option<DVec3> {
         let ids = [voxel, step(voxel, axis, 1)].map(|v| self.oracle.at(v).id());
-        (ids[0] != ids[1]).then(|| {
-            let mut x = DVec3::from(voxel.map(|c| c as f64));
-            x[axis] = self.oracle.crossing_between(x[axis], axis, ids);
-            x
-        })
+        if ids[0] == ids[1] {
+            return None;
+        }
+        let mut x = DVec3::from(voxel.map(|c| c as f64));
+        x[axis] = self.oracle.crossing_between(x[axis], axis, ids);
+        Some(x)
     }
 }
 

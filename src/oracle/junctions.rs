@@ -17,13 +17,13 @@
 
 use glam::DVec3;
 
-use super::Oracle;
 use super::cells::ones;
 use super::contacts::Contacts;
 use super::indicator::Corners;
 use super::ties::{Cube, Square};
 use super::voxel::Voxel;
 use super::weights::hash;
+use super::{ByCell, Oracle};
 use crate::Result;
 use crate::params::SurfaceModel;
 
@@ -52,10 +52,9 @@ pub struct JunctionPlanes<'a> {
 }
 
 /// Which planes cut cells.
-#[derive(Clone, Copy)]
 enum Cuts<'a> {
-    /// For each cell its own, as far apart as is told of its centre.
-    Spaced(&'a (dyn Fn(DVec3) -> f64 + Sync)),
+    /// For each cell its own: so many across each axis.
+    Spaced(ByCell<'a, [usize; 3]>),
     /// Those through a point, in region coordinates.
     Through(DVec3),
 }
@@ -64,9 +63,11 @@ enum Cuts<'a> {
 type Tie = (u32, DVec3);
 
 impl Oracle {
-    /// Planes as far apart as `spacing_at` tells of places, about; one to eight between two voxel centres.
-    pub fn junction_planes<'a>(&'a self, spacing_at: &'a (dyn Fn(DVec3) -> f64 + Sync)) -> JunctionPlanes<'a> {
-        JunctionPlanes { oracle: self, cuts: Cuts::Spaced(spacing_at) }
+    /// Planes as far apart as `spacings` tell of cells, about; one to eight between two voxel centres.
+    pub fn junction_planes<'a>(&'a self, spacings: &ByCell<'a, f64>) -> JunctionPlanes<'a> {
+        let parts =
+            |spacing: &f64| (self.spacing / *spacing).ceil().to_array().map(|n| n.clamp(1.0, MOST_PARTS) as usize);
+        JunctionPlanes { oracle: self, cuts: Cuts::Spaced(spacings.map(parts)) }
     }
 
     /// About the nearest point of a junction to `p`, if one is nearer than `reach`: the nearest of those on planes across the axes close to `p`, one of which cuts a straight line hardly farther from `p` than
@@ -171,11 +172,10 @@ impl JunctionPlanes<'_> {
 
     /// Where the planes across an axis cut a cell.
     fn cuts(&self, cell: [usize; 3], axis: usize) -> impl Iterator<Item = f64> + use<> {
-        let (parts, through) = match self.cuts {
-            Cuts::Spaced(spacing_at) => {
-                let center = self.oracle.world_point(low_corner(cell) + 0.5);
-                let parts = (self.oracle.spacing[axis] / spacing_at(center)).ceil();
-                (parts.clamp(1.0, MOST_PARTS) as usize, None)
+        let (parts, through) = match &self.cuts {
+            Cuts::Spaced(parts) => {
+                let [i, j, k] = cell;
+                (parts.at(self.oracle.bricks.index(i, j, k))[axis], None)
             }
             Cuts::Through(x) => {
                 let at = x[axis] - cell[axis] as f64;

@@ -25,6 +25,7 @@
 
 mod border;
 pub(crate) mod bricks;
+mod by_cell;
 mod cells;
 mod contacts;
 mod crossing;
@@ -45,6 +46,7 @@ use glam::{DMat3, DVec3};
 
 use border::Border;
 use bricks::Bricks;
+pub use by_cell::ByCell;
 use cells::Cells;
 use contacts::Contacts;
 pub use edges::{CrossedEdge, EdgeGrid, FeaturePoint};

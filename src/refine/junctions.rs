@@ -70,8 +70,7 @@ pub(super) fn sample_junctions(
     tiles: &Tiles,
     go_on: &(impl Fn() -> Result<()> + Sync),
 ) -> Result<Seeds> {
-    let spacing_at = |p| FINENESS * SPACING * sizing.at(p);
-    let planes = oracle.junction_planes(&spacing_at);
+    let planes = oracle.junction_planes(&sizing.by_cell().map(|spacing| FINENESS * SPACING * spacing));
     let of_tile = |tile: usize| -> Result<Candidates> {
         let mut found = Candidates::default();
         for row in tiles.rows(tile) {
@@ -98,8 +97,8 @@ pub(super) fn sample_junctions(
             return Ok(seeds);
         }
         let most = part * sizing.greatest();
-        thinned(most, tiles, &seeds, count.min(MAX_HEADS / 4), |tile, offer| {
-            points(&found[tile]).iter().try_for_each(|&p| offer(p, part * sizing.at(p), &|| p))
+        thinned(most, tiles, &seeds, count.min(MAX_HEADS / 4), |tile, offers| {
+            points(&found[tile]).iter().try_for_each(|&p| offers.offer(p, part * sizing.at(p), || p))
         })
     };
     let contacts = thin(vec![Vec::new(); tiles.count()], CONTACT_SPACING, |found| &found.contacts)?;

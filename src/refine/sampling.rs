@@ -81,27 +81,40 @@ pub fn sample_isosurface(
     go_on: impl Fn() -> Result<()> + Sync,
 ) -> Result<Samples> {
     let delta = sizing.greatest();
-    let spacing_at = |p| sizing.at(p);
-    let grid = oracle.edge_grid(delta, sizing.varies().then_some(&spacing_at));
+    let grid = oracle.edge_grid(&sizing.by_cell());
     let tiles = grid.tiles(2.0 * delta);
     let seeds = sample_junctions(oracle, sizing, &grid, &tiles, &go_on)?;
     // A quarter of what the grid of vertices may have: there are fewer samples than vertices, and a limit of memory counts them only when all are there.
-    let samples = thinned(delta, &tiles, &seeds.samples, MAX_HEADS / 4, |tile, offer| {
-        seeds.corner_voxels[tile].iter().try_for_each(|&p| offer(p, sizing.at(p), &|| p))?;
+    let samples = thinned(delta, &tiles, &seeds.samples, MAX_HEADS / 4, |tile, offers| {
+        seeds.corner_voxels[tile].iter().try_for_each(|&p| offers.offer(p, sizing.at(p), || p))?;
         for row in tiles.rows(tile) {
             go_on()?;
-            grid.visit_row(row, |edge| offer(edge.point, edge.spacing, &|| moved(oracle, &edge)))?;
+            grid.visit_row(row, |edge| offers.offer(edge.point, edge.spacing, || moved(oracle, &edge)))?;
         }
         Ok(())
     })?;
     insertion_order(samples, growth)
 }
 
-/// Offers a point to a net; see [`thinned`].
-type Offer<'a> = dyn FnMut(DVec3, f64, &dyn Fn() -> DVec3) -> Result<()> + 'a;
+/// The net of a tile, and those of the tiles beside it that come before.
+pub(super) struct Offers<'a> {
+    net: &'a mut Net,
+    before: &'a [&'a Net],
+}
 
-/// A net of points in each tile: the seeds, and what `fill` offers for a tile, where nothing within the spacing is in a net yet. An offer is a point, the spacing there, and a function that makes of the point what
-/// comes into the net. No spacing is above `most`. All nets together have `most_heads` chains at most.
+impl Offers<'_> {
+    /// Offers a point: unless something within the spacing is in one of the nets, what `sample` makes of it comes into that of the tile.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    #[inline]
+    pub fn offer(&mut self, p: DVec3, spacing: f64, sample: impl FnOnce() -> DVec3) -> Result<()> {
+        let near = |other: &&Net| other.reaches(p) && other.sample_near(p, spacing).is_some();
+        if self.net.covers(p, spacing) || self.before.iter().any(near) { Ok(()) } else { self.net.push(sample()) }
+    }
+}
+
+/// A net of points in each tile: the seeds, and what `fill` offers for a tile. No spacing is above `most`. All nets together have `most_heads` chains at most.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; those of `fill`.
@@ -110,7 +123,7 @@ pub(super) fn thinned(
     tiles: &Tiles,
     seeds: &[Vec<DVec3>],
     most_heads: usize,
-    fill: impl Fn(usize, &mut Offer<'_>) -> Result<()> + Sync,
+    fill: impl Fn(usize, &mut Offers<'_>) -> Result<()> + Sync,
 ) -> Result<Vec<Vec<DVec3>>> {
     let most_heads = (most_heads / tiles.count()).max(1);
     let nets = tiles.in_colors(|tile, before: &[&Net]| {
@@ -123,10 +136,7 @@ pub(super) fn thinned(
             }
         }
         net.foreign = seeds[tile].len()..net.points.len();
-        fill(tile, &mut |p, spacing, sample| {
-            let near = |other: &&Net| other.reaches(p) && other.sample_near(p, spacing).is_some();
-            if net.covers(p, spacing) || before.iter().any(near) { Ok(()) } else { net.push(sample()) }
-        })?;
+        fill(tile, &mut Offers { net: &mut net, before })?;
         Ok(net)
     })?;
     let own = |mut net: Net| {

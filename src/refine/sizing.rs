@@ -14,8 +14,8 @@ use crate::Result;
 use crate::image::LabelImage;
 use crate::memory::{filled, zeroed};
 use crate::oracle::bricks::Bricks;
-use crate::oracle::rounded;
 use crate::oracle::thickness::{ThinVoxels, thin_voxels};
+use crate::oracle::{ByCell, rounded};
 
 /// Samples of a thin structure are this part of its thickness apart.
 const PER_THICKNESS: f64 = 0.75;
@@ -96,6 +96,17 @@ impl Sizing {
     #[inline(always)]
     pub fn at(&self, p: DVec3) -> f64 {
         self.least + self.step * f64::from(self.level(p))
+    }
+
+    /// The distance of samples in each cell of the oracle that is made from the same image.
+    pub fn by_cell(&self) -> ByCell<'_, f64> {
+        match &self.field {
+            Some(field) => {
+                let of_level = |level| self.least + self.step * f64::from(level);
+                ByCell::of_levels((0..=LEVELS).map(of_level).collect(), &field.levels)
+            }
+            None => ByCell::uniform(self.greatest),
+        }
     }
 
     /// Which of the table's levels the distance at `p` is: to be kept with a place, so that it need not be looked up again.

@@ -16,6 +16,7 @@ use crate::Result;
 use crate::delaunay::check::{CHECK_EVERY, Check};
 use crate::delaunay::{TetId, VertexKind};
 use crate::monitor::{Monitor, Step};
+use crate::oracle::CrossedEdge;
 
 /// Vertices of one piece of work, between two looks at the cancel flag.
 const PIECE: u32 = 1 << 12;
@@ -72,14 +73,12 @@ impl Rules<'_> {
             }
             Ok(())
         })?;
-        let spacing_at = |p| self.sizing.at(p);
-        let grid = self.oracle.edge_grid(self.sizing.greatest(), self.sizing.varies().then_some(&spacing_at));
+        let grid = self.oracle.edge_grid(&self.sizing.by_cell());
         let rows = (0..grid.rows()).into_par_iter().map(|row| {
             monitor.check_cancelled()?;
             let mut uncovered = 0;
             let mut recent = Recent::new();
-            grid.visit_row(row, |edge| {
-                let (point, spacing) = (edge.point, edge.spacing);
+            grid.visit_row(row, |CrossedEdge { point, spacing, .. }| {
                 if !recent.any_within(point, spacing) {
                     match isovertices.any_within(self.triangulation, point, spacing) {
                         Some(v) => recent.remember(self.triangulation.position(v)),
