@@ -13,6 +13,11 @@ use crate::Result;
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the surface model has no detail left.
 const MOST_PARTS: f64 = 8.0;
 
+/// Into how many parts a cell is divided along each axis, given by whole numbers that may be too small or too large.
+pub(super) fn parts_of(numbers: DVec3) -> [usize; 3] {
+    numbers.to_array().map(|n| n.clamp(1.0, MOST_PARTS) as usize)
+}
+
 /// How far what is sampled around contacts is moved along each axis, in voxels, at most and at least: on the grid itself it would be massively cocircular.
 const MOST_MOVE: f64 = 0.02;
 const LEAST_MOVE: f64 = 0.01;
@@ -54,7 +59,6 @@ pub struct EdgeGrid<'a> {
 }
 
 /// How the edges of a cell are divided.
-#[derive(Clone, Copy)]
 struct Division {
     /// How far apart samples are to be.
     spacing: f64,
@@ -65,10 +69,8 @@ struct Division {
 impl Oracle {
     /// The grid whose edges are about as long as `spacings` tell of their cell, at most half as long again; or as long as the distance of voxel centres where that is less.
     pub fn edge_grid<'a>(&'a self, spacings: &ByCell<'a, f64>) -> EdgeGrid<'a> {
-        let divisions = spacings.map(|&spacing| {
-            let parts = (self.spacing / spacing).round().max(DVec3::ONE).min(DVec3::splat(MOST_PARTS));
-            Division { spacing, parts: parts.to_array().map(|n| n as usize) }
-        });
+        let divisions =
+            spacings.map(|&spacing| Division { spacing, parts: parts_of((self.spacing / spacing).round()) });
         EdgeGrid { oracle: self, divisions, searches: self.field.is_some() }
     }
 }

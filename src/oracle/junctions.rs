@@ -19,6 +19,7 @@ use glam::DVec3;
 
 use super::cells::ones;
 use super::contacts::Contacts;
+use super::edges::parts_of;
 use super::indicator::Corners;
 use super::ties::{Cube, Square};
 use super::voxel::Voxel;
@@ -26,9 +27,6 @@ use super::weights::hash;
 use super::{ByCell, Oracle};
 use crate::Result;
 use crate::params::SurfaceModel;
-
-/// Most parts of a cell along an axis.
-const MOST_PARTS: f64 = 8.0;
 
 /// How far samples of lines are moved along each axis at most, in voxels. Where lines of a cell mirror each other so do the points in which a plane cuts them: with those of another plane they would be in one plane and on one circle.
 const MOVE: f64 = 0.005;
@@ -65,9 +63,8 @@ type Tie = (u32, DVec3);
 impl Oracle {
     /// Planes as far apart as `spacings` tell of cells, about; one to eight between two voxel centres.
     pub fn junction_planes<'a>(&'a self, spacings: &ByCell<'a, f64>) -> JunctionPlanes<'a> {
-        let parts =
-            |spacing: &f64| (self.spacing / *spacing).ceil().to_array().map(|n| n.clamp(1.0, MOST_PARTS) as usize);
-        JunctionPlanes { oracle: self, cuts: Cuts::Spaced(spacings.map(parts)) }
+        let parts = spacings.map(|&spacing| parts_of((self.spacing / spacing).ceil()));
+        JunctionPlanes { oracle: self, cuts: Cuts::Spaced(parts) }
     }
 
     /// About the nearest point of a junction to `p`, if one is nearer than `reach`: the nearest of those on planes across the axes close to `p`, one of which cuts a straight line hardly farther from `p` than

@@ -131,11 +131,6 @@ impl Sizing {
         self.greatest
     }
 
-    /// Whether places differ.
-    pub fn varies(&self) -> bool {
-        self.field.is_some()
-    }
-
     /// Bytes of memory held.
     pub fn bytes(&self) -> usize {
         self.field.as_ref().map_or(0, |field| field.levels.len())
