@@ -19,6 +19,9 @@ pub const CHECK_EVERY: usize = 1 << 12;
 /// A sweep fetches the tet this many places ahead: more than there are in a few cells, so that most neighbours are there before they are asked for.
 pub(crate) const AHEAD: usize = 96;
 
+/// It fetches the vertices and neighbours of the tet this many places ahead, whose record is there by then.
+const AHEAD_AROUND: usize = 32;
+
 /// What the validator counted. All but `tets` and `vertices` are 0 for a sound triangulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Check {
@@ -75,6 +78,7 @@ impl Triangulation {
             let mut stars = 0;
             for (i, &t) in tets.iter().enumerate() {
                 self.prefetch(tets[(i + AHEAD).min(tets.len() - 1)]);
+                self.prefetch_around(tets[(i + AHEAD_AROUND).min(tets.len() - 1)]);
                 self.check_tet(t, &mut check, &mut stars);
             }
             look(tets)?;

@@ -159,6 +159,16 @@ impl Triangulation {
         self.tets.prefetch(t);
     }
 
+    /// Fetches the vertices and the neighbours of a tet, whose record should be in the cache.
+    #[inline(always)]
+    pub fn prefetch_around(&self, t: TetId) {
+        let record = self.tet(t);
+        for i in 0..4 {
+            self.vertices.prefetch(record.vertex(i));
+            self.tets.prefetch(record.neighbor(i).tet());
+        }
+    }
+
     /// Fetches what an operation that destroys a tet needs of it besides its record: its generation, and the vertex opposite to the facet through which
     /// the tet was found. The other three are those of the tet before it.
     #[inline]

@@ -6,7 +6,7 @@
 //!
 //! - Mesh to image: each facet is cut into n x n similar triangles; samples are their centroids, no more than 0.34 smallest spacings from any point of the facet,
 //!   weighted by area (the midpoint rule, exact for a linear distance). What lies between the samples can only raise the maximum where bounds permit it; there facets are cut
-//!   further, until the maximum is known to a hundredth of the smallest spacing (`Facet::raise`).
+//!   further, until the maximum is known to a hundredth of the smallest spacing (`Search`).
 //! - Image to mesh: the mean is over the centres of the voxel faces, weighted by area; the maximum is over centres and corners, and may miss the true one by at most the
 //!   distance to the nearest of these.
 //!
@@ -24,6 +24,7 @@
 //!
 //! Safe from any thread; parallel inside; sums are combined in a fixed order, so equal input gives equal bits. Linear in samples and faces where mesh and image are near each other.
 
+mod face_corners;
 mod from_image;
 mod from_mesh;
 mod to_surface;

@@ -1,5 +1,6 @@
 //! From the faces of the voxels to the mesh, brick by brick: the triangles listed in a brick are gone through once, each looks at the faces within its reach, and a
-//! face keeps the nearest triangles it has met. What no triangle reaches is searched for. With each face goes the point where dO crosses the edge between the centres of its two voxels.
+//! face keeps the nearest triangles it has met. What no triangle reaches is searched for. The corners of the faces only count for the maximum: mostly a triangle that a face has met shows that a corner is near enough
+//! (`face_corners`). With each face goes the point where dO crosses the edge between the centres of its two voxels.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -8,6 +9,7 @@ use super::super::image_components::ImageComponents;
 use super::super::ledger::{Ledger, Sums};
 use super::super::triangle_bins::{Nearest, Triangle, TriangleBins, closest_point};
 use super::super::voxel_faces::{BRICK, Face, VoxelFaces};
+use super::face_corners::FaceCorners;
 use super::{CHECK_EVERY, Distance, Max, Sum, spread};
 use crate::Result;
 use crate::monitor::Monitor;
@@ -214,7 +216,8 @@ pub(super) fn image_to_mesh(
     // What is no farther than the maximum that any thread knows need not be looked at.
     let maximum = Maxima::default();
     let maxima: Vec<Maxima> = (0..components.list.len()).map(|_| Maxima::default()).collect();
-    let parts = (0..ny * nz).into_par_iter().map_init(Targets::default, |targets, row| {
+    let scratch = || (Targets::default(), FaceCorners::new());
+    let parts = (0..ny * nz).into_par_iter().map_init(scratch, |(targets, corners), row| {
         monitor.advance(1)?;
         let mut whole = [Sum::default(); 2];
         let mut ledgers = [Ledger::default(), Ledger::default()];
@@ -236,7 +239,8 @@ pub(super) fn image_to_mesh(
                 let mut known: Option<Met> = None;
                 // That is asked for first.
                 let mut of_all: Option<Nearest> = None;
-                let mut measure = |best: Nearest, id: Option<u16>, max: &Maxima| {
+                let mut measure = |best: Nearest, side: Option<(u32, u16)>, max: &Maxima| {
+                    let id = side.map(|(_, id)| id);
                     let has_id = |t: u32| id.is_none_or(|id| bins.triangles[t as usize].ids.contains(&id));
                     // All triangles within the reach have been met. Farther away, the nearest of all may be that of the label.
                     let found =
@@ -252,10 +256,21 @@ pub(super) fn image_to_mesh(
                     };
                     let met = known.filter(|met| met.triangle == triangle);
                     let met = *known.insert(met.unwrap_or_else(|| Met::new(triangle, crossing, bins)));
-                    // A corner with any triangle within the maximum so far cannot raise it. The margin keeps rounding from deciding.
-                    if distance + faces.half_diagonal(target.face) > max.faces.get() * (1.0 - 1e-12) {
-                        met.look_at_corners(target.face, faces, bins, id, &max.faces);
-                    }
+                    // A corner with any triangle within the maximum so far cannot raise it.
+                    let most = max.faces.get().powi(2);
+                    let farthest = (distance + faces.half_diagonal(target.face)).powi(2);
+                    let of_corner = |corner: DVec3| {
+                        // The cheapest bound first. The margin keeps rounding from deciding.
+                        if farthest < most * (1.0 - 1e-12) {
+                            return farthest;
+                        }
+                        let squared = corner.distance_squared(met.point);
+                        if squared <= most {
+                            return squared;
+                        }
+                        squared.min(bins.triangles[triangle as usize].distance_squared(corner))
+                    };
+                    corners.meet(target.face, side.map(|(component, _)| component), triangle, faces, of_corner);
                     if met.distance > max.surface.get()
                         && let Some(nearest) = bins.nearest(id, crossing, Some(triangle))
                     {
@@ -267,12 +282,23 @@ pub(super) fn image_to_mesh(
                 let sums = measure(best, None, &maximum);
                 whole.iter_mut().zip(sums).for_each(|(whole, sum)| *whole += sum);
                 for (side, best) in target.sides.into_iter().zip(of_sides) {
-                    if let Some((component, id)) = side {
-                        let sums = measure(best, Some(id), &maxima[component as usize]);
+                    if let Some((component, _)) = side {
+                        let sums = measure(best, side, &maxima[component as usize]);
                         ledgers.iter_mut().zip(sums).for_each(|(ledger, sum)| ledger.add(component.into(), sum));
                     }
                 }
             }
+            corners.drain(|corner, component, bound| {
+                let (max, id) = match component {
+                    None => (&maximum.faces, None),
+                    Some(c) => (&maxima[c as usize].faces, Some(components.list[c as usize].id)),
+                };
+                if bound.distance_squared > max.get() * max.get()
+                    && let Some(nearest) = bins.nearest(id, corner, Some(bound.triangle))
+                {
+                    max.raise(nearest.distance_squared.sqrt());
+                }
+            });
         }
         Ok((whole, ledgers.map(Ledger::sums)))
     });
@@ -321,19 +347,5 @@ impl Met {
     fn new(triangle: u32, crossing: DVec3, bins: &TriangleBins) -> Self {
         let point = closest_point(&bins.triangles[triangle as usize].corners, crossing);
         Self { triangle, point, distance: point.distance(crossing) }
-    }
-
-    /// Raises `max` to the largest distance from a corner of the face to the triangles, or to those of label `id`; this is one of them.
-    fn look_at_corners(&self, face: Face, faces: &VoxelFaces<'_>, bins: &TriangleBins, id: Option<u16>, max: &Max) {
-        for corner in faces.corners(face) {
-            // Bounds of the distance, the cheapest first.
-            let most = max.get();
-            if corner.distance_squared(self.point) > most * most
-                && bins.triangles[self.triangle as usize].distance_squared(corner) > most * most
-                && let Some(nearest) = bins.nearest(id, corner, Some(self.triangle))
-            {
-                max.raise(nearest.distance_squared.sqrt());
-            }
-        }
     }
 }

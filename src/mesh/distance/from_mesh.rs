@@ -3,14 +3,18 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::super::grid_corners::Corners;
 use super::super::ledger::{Ledger, Sums};
 use super::super::sets::NO_SET;
 use super::super::triangle_bins::Triangle;
 use super::super::voxel_faces::{Face, VoxelFaces};
 use super::{CHECK_EVERY, CHUNK, Distance, PART, Sum, TOLERANCE};
 use crate::Result;
-use crate::memory::zeroed;
+use crate::memory::reserve;
 use crate::monitor::Monitor;
+
+/// How often parts of a facet are halved by their centroids alone, which costs less than to look for the faces nearest to their corners, and mostly suffices.
+const HALVINGS: u32 = 2;
 
 /// A side of an interface facet: component, the id of its label, and the face that was last found to be nearest of that label.
 struct Side {
@@ -26,17 +30,15 @@ pub(super) fn mesh_to_image(
     monitor: &Monitor<'_>,
 ) -> Result<(Distance, Sums<Sum>)> {
     let spacing = faces.smallest_spacing();
-    // No point of a triangle is farther than this.
-    let mut bounds: Vec<f64> = zeroed(triangles.len(), "distances of facets")?;
-    let chunks = triangles.par_chunks(CHUNK).zip(bounds.par_chunks_mut(CHUNK));
-    let parts = chunks.map(|(triangles, bounds)| {
+    let parts = triangles.par_chunks(CHUNK).map(|triangles| {
         let mut whole = Sum::default();
         let mut ledger = Ledger::default();
         let mut start = None;
         let mut corners = faces.corners_of_grid();
-        let mut samples = 0_usize;
+        // Of each sample in turn, rounded up.
+        let mut distances: Vec<f32> = Vec::new();
         let mut sides: [Option<Side>; 2] = [None, None];
-        for (triangle, bound) in triangles.iter().zip(bounds) {
+        for triangle in triangles {
             for (side, (component, id)) in sides.iter_mut().zip(triangle.components.into_iter().zip(triangle.ids)) {
                 let last = side.take().filter(|side| side.id == id).and_then(|side| side.last);
                 *side = (component != NO_SET).then_some(Side { component: component.into(), id, last });
@@ -47,21 +49,25 @@ pub(super) fn mesh_to_image(
             let mut of_each = Sum::default();
             let mut of_all = Sum::default();
             let mut of_sides = [Sum::default(); 2];
-            let radius = for_each_sample(&triangle.corners, PART * spacing, |p, weight| {
-                samples += 1;
-                if samples.is_multiple_of(CHECK_EVERY) {
+            for_each_sample(&triangle.corners, PART * spacing, |p, weight, _| {
+                if distances.len().is_multiple_of(CHECK_EVERY) {
                     monitor.advance(0)?;
+                    reserve(&mut distances, CHECK_EVERY, "distances of facets")?;
                 }
                 // What is near a corner of the grid, as most is, is told by the voxels there.
                 let [near, of_labels @ ..] = corners.near_distances(p, triangle.ids);
                 if are_there && near.is_finite() && of_labels == [near; 2] {
-                    of_each += Sum::of(weight, near.sqrt());
+                    let distance = near.sqrt();
+                    distances.push(rounded_up(distance));
+                    of_each += Sum::of(weight, distance);
                     return Ok(());
                 }
                 let far = if near.is_finite() { None } else { faces.nearest(p, start) };
                 start = far.map(|(face, _)| face).or(start);
                 let squared_of_all = far.map_or(near, |(_, squared)| squared);
-                let sum_of_all = Sum::of(weight, squared_of_all.sqrt());
+                let distance = squared_of_all.sqrt();
+                distances.push(rounded_up(distance));
+                let sum_of_all = Sum::of(weight, distance);
                 of_all += sum_of_all;
                 for ((side, sum), near) in sides.iter_mut().zip(&mut of_sides).zip(of_labels) {
                     let Some(side) = side else { continue };
@@ -81,7 +87,6 @@ pub(super) fn mesh_to_image(
             })?;
             of_all += of_each;
             whole += of_all;
-            *bound = of_all.max + radius;
             for (side, mut sum) in sides.iter().zip(of_sides) {
                 if let Some(side) = side {
                     sum += of_each;
@@ -90,34 +95,135 @@ pub(super) fn mesh_to_image(
             }
         }
         monitor.advance(triangles.len())?;
-        Ok((whole, ledger.sums()))
+        Ok((whole, (ledger.sums(), distances)))
     });
-    let (wholes, sums): (Vec<Sum>, Vec<Sums<Sum>>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let (wholes, parts): (Vec<Sum>, Vec<_>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let (sums, distances): (Vec<Sums<Sum>>, Vec<Vec<f32>>) = parts.into_iter().unzip();
     let sums = Ledger::total(sums);
     let sampled = wholes.into_iter().sum::<Sum>().distance();
     if sampled.max.is_infinite() {
         return Ok((sampled, sums));
     }
-    let enough = sampled.max + TOLERANCE * spacing;
     // Each chunk starts from the maximum of the samples, not from what others have found, so that equal input gives equal bits.
-    let raised = triangles.par_chunks(CHUNK).zip(bounds.par_chunks(CHUNK)).map(|(triangles, bounds)| {
+    let raised = triangles.par_chunks(CHUNK).zip(&distances).map(|(triangles, distances)| {
         monitor.advance(0)?;
-        let mut max = sampled.max;
-        let mut start = None;
-        for (triangle, _) in triangles.iter().zip(bounds).filter(|&(_, &bound)| bound > enough) {
-            if let Some(facet) = Facet::new(&triangle.corners, faces, &mut start) {
-                facet.raise(faces, TOLERANCE * spacing, &mut max, &mut || monitor.advance(0))?;
-            }
-        }
-        Ok(max)
+        let (near, max) = (faces.corners_of_grid(), sampled.max);
+        let (start, bounds, tolerance) = (None, [DVec3::ZERO; 2], TOLERANCE * spacing);
+        let mut search = Search { faces, near, start, bounds, max, tolerance, monitor };
+        let mut distances = distances.iter();
+        triangles.iter().try_for_each(|triangle| search.look_at(triangle, &mut distances))?;
+        Ok(search.max)
     });
     let max = raised.try_reduce(|| sampled.max, |a, b| Ok(a.max(b)))?;
     Ok((Distance { max, ..sampled }, sums))
 }
 
-/// A triangle, each corner with the voxel face nearest to it and that distance.
-struct Facet([Corner; 3]);
+/// Looks for points of facets that are farther from the faces than all that are known: branch and bound.
+struct Search<'s, 'i, 'm> {
+    faces: &'s VoxelFaces<'i>,
+    near: Corners<'i>,
+    /// The face that was found last.
+    start: Option<Face>,
+    /// Corners of the box around the facet.
+    bounds: [DVec3; 2],
+    /// The largest distance that is known.
+    max: f64,
+    /// What is farther by less is not looked for.
+    tolerance: f64,
+    monitor: &'s Monitor<'m>,
+}
 
+/// A part of a facet: its centroid with an upper bound of its distance from the faces, and from there its corners.
+#[derive(Clone, Copy)]
+struct Part {
+    centroid: DVec3,
+    arms: [DVec3; 3],
+    distance: f64,
+}
+
+impl Search<'_, '_, '_> {
+    /// Raises the maximum to the largest distance from a facet, if that is larger by more than the tolerance; `distances` has those of its samples, and of more to come.
+    fn look_at<'d>(&mut self, triangle: &Triangle, distances: &mut impl Iterator<Item = &'d f32>) -> Result<()> {
+        let most = PART * self.faces.smallest_spacing();
+        self.bounds = triangle.bounds().into();
+        let [a, b, c] = triangle.corners;
+        // From the centroid to the corners, by differences: what lies in a plane of the grid stays there.
+        let (ab, ac) = (b - a, c - a);
+        let middle = (ab + ac) / 3.0;
+        let arms = [-middle, ab - middle, ac - middle];
+        let radius = arms.iter().map(|arm| arm.length_squared()).fold(0.0, f64::max).sqrt();
+        for_each_sample(&triangle.corners, most, |centroid, _, scale| {
+            let distance = distances.next().map_or(f64::INFINITY, |&distance| distance.into());
+            let part = Part { centroid, arms: arms.map(|arm| arm * scale), distance };
+            self.refine(part, radius * scale.abs(), HALVINGS, triangle.ids)
+        })
+    }
+
+    /// The same for a part of a facet, no point of which is farther than `radius` from its centroid. Where parts of parts, `halvings` times, do not show that it is near enough, their corners are looked at.
+    fn refine(&mut self, part: Part, radius: f64, halvings: u32, ids: [u16; 2]) -> Result<()> {
+        if part.distance + radius <= self.max + self.tolerance {
+            return Ok(());
+        }
+        if halvings > 0 {
+            let arms = part.arms.map(|arm| 0.5 * arm);
+            for arm in arms {
+                let centroid = part.centroid + arm;
+                let distance = self.distance(centroid, ids);
+                self.max = self.max.max(distance);
+                self.refine(Part { centroid, arms, distance }, 0.5 * radius, halvings - 1, ids)?;
+            }
+            // The one in the middle is upside down.
+            return self.refine(Part { arms: arms.map(|arm| -arm), ..part }, 0.5 * radius, halvings - 1, ids);
+        }
+        self.monitor.advance(0)?;
+        // Rounding does not lead out of the facet's box: what ends at a face of the grid does so exactly.
+        let [low, high] = self.bounds;
+        let at = part.arms.map(|arm| (part.centroid + arm).clamp(low, high));
+        let corners = at.map(|at| Corner::new(at, self.faces, &mut self.start));
+        if let [Some(a), Some(b), Some(c)] = corners {
+            self.raise([a, b, c])?;
+        }
+        Ok(())
+    }
+
+    /// Distance to the nearest face; 0 where there is none.
+    fn distance(&mut self, p: DVec3, ids: [u16; 2]) -> f64 {
+        let [squared, ..] = self.near.near_distances(p, ids);
+        if squared.is_finite() {
+            return squared.sqrt();
+        }
+        let found = self.faces.nearest(p, self.start);
+        self.start = found.map(|(face, _)| face).or(self.start);
+        found.map_or(0.0, |(_, squared)| squared.sqrt())
+    }
+
+    /// The same by the faces nearest to its corners.
+    fn raise(&mut self, corners: [Corner; 3]) -> Result<()> {
+        self.max = corners.iter().fold(self.max, |max, corner| max.max(corner.distance));
+        if self.bound(&corners) <= self.max + self.tolerance {
+            return Ok(());
+        }
+        self.monitor.advance(0)?;
+        let [a, b, c] = corners;
+        let middle = |p: Corner, q: Corner| Corner::new(p.at.midpoint(q.at), self.faces, &mut Some(p.face));
+        let (Some(ab), Some(bc), Some(ca)) = (middle(a, b), middle(b, c), middle(c, a)) else { return Ok(()) };
+        [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]].into_iter().try_for_each(|part| self.raise(part))
+    }
+
+    /// No point of the triangle is farther than this. The distance to one face is convex, so largest at a corner. And a point x = sum(l_i p_i) is at most
+    /// sum(l_i (d_i + |x - p_i|)) away, where sum(l_i |x - p_i|) is at most the radius of a circle around the triangle, which need not exceed the
+    /// longest edge over the root of 3.
+    fn bound(&self, corners: &[Corner; 3]) -> f64 {
+        let [a, b, c] = corners.map(|corner| corner.at);
+        let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
+        let farthest = corners.iter().fold(0.0, |max: f64, corner| max.max(corner.distance));
+        let to_one = |face: Face| corners.iter().map(|p| self.faces.distance_squared(face, p.at)).fold(0.0, f64::max);
+        let convex = corners.iter().map(|p| to_one(p.face)).fold(f64::INFINITY, f64::min);
+        (farthest + (longest / 3.0).sqrt()).min(convex.sqrt())
+    }
+}
+
+/// A point of a facet with the voxel face nearest to it and that distance.
 #[derive(Clone, Copy)]
 struct Corner {
     at: DVec3,
@@ -133,55 +239,18 @@ impl Corner {
     }
 }
 
-impl Facet {
-    /// `None` when there is no face.
-    fn new(triangle: &[DVec3; 3], faces: &VoxelFaces<'_>, start: &mut Option<Face>) -> Option<Self> {
-        let [a, b, c] = triangle.map(|at| Corner::new(at, faces, start));
-        Some(Self([a?, b?, c?]))
-    }
-
-    /// Raises `max` to the largest distance from the triangle to the faces, if that is larger by more than `tolerance`: branch and bound.
-    fn raise(
-        &self,
-        faces: &VoxelFaces<'_>,
-        tolerance: f64,
-        max: &mut f64,
-        check: &mut dyn FnMut() -> Result<()>,
-    ) -> Result<()> {
-        *max = self.0.iter().fold(*max, |max, corner| max.max(corner.distance));
-        if self.bound(faces) <= *max + tolerance {
-            return Ok(());
-        }
-        check()?;
-        let [a, b, c] = self.0;
-        let middle = |p: Corner, q: Corner| Corner::new(p.at.midpoint(q.at), faces, &mut Some(p.face));
-        let (Some(ab), Some(bc), Some(ca)) = (middle(a, b), middle(b, c), middle(c, a)) else { return Ok(()) };
-        for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
-            Self(part).raise(faces, tolerance, max, check)?;
-        }
-        Ok(())
-    }
-
-    /// No point of the triangle is farther than this. The distance to one face is convex, so largest at a corner. And a point x = sum(l_i p_i) is at most
-    /// sum(l_i (d_i + |x - p_i|)) away, where sum(l_i |x - p_i|) is at most the radius of a circle around the triangle, which need not exceed the
-    /// longest edge over the root of 3.
-    fn bound(&self, faces: &VoxelFaces<'_>) -> f64 {
-        let [a, b, c] = self.0.map(|corner| corner.at);
-        let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
-        let farthest = self.0.iter().fold(0.0, |max: f64, corner| max.max(corner.distance));
-        let to_one = |face: Face| self.0.iter().map(|p| faces.distance_squared(face, p.at)).fold(0.0, f64::max);
-        let convex = self.0.iter().map(|p| to_one(p.face)).fold(f64::INFINITY, f64::min);
-        (farthest + (longest / 3.0).sqrt()).min(convex.sqrt())
-    }
+/// No less than `x`, in half the space.
+fn rounded_up(x: f64) -> f32 {
+    (x as f32).next_up()
 }
 
-/// Calls `sample` with the centroids of a subdivision of the triangle into n x n similar ones, so that no point of it is farther than `most` from one of them, and with the area of each. Returns how far
-/// one is. An error of `sample` ends the calls.
+/// Calls `sample` with the centroids of a subdivision of the triangle into n x n similar ones, so that no point of it is farther than `most` from one of them, with the area of each, and with its size as a part of
+/// the whole's, negative where it is upside down. An error of `sample` ends the calls.
 pub(super) fn for_each_sample(
     &[a, b, c]: &[DVec3; 3],
     most: f64,
-    mut sample: impl FnMut(DVec3, f64) -> Result<()>,
-) -> Result<f64> {
+    mut sample: impl FnMut(DVec3, f64, f64) -> Result<()>,
+) -> Result<()> {
     let (ab, ac) = (b - a, c - a);
     let middle = (ab + ac) / 3.0;
     let radius =
@@ -196,11 +265,11 @@ pub(super) fn for_each_sample(
         for j in 0..n - i {
             // One triangle like the whole, and one upside down, which the last of a row lacks.
             let centroid = row + v * j as f64;
-            sample(centroid, area)?;
+            sample(centroid, area, scale)?;
             if i + j + 1 < n {
-                sample(centroid + third, area)?;
+                sample(centroid + third, area, -scale)?;
             }
         }
     }
-    Ok(radius * scale)
+    Ok(())
 }

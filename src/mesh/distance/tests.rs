@@ -82,7 +82,7 @@ fn both_sides_against_brute_force() {
     let sampled = |step: f64| {
         let mut sum = Sum::default();
         for triangle in &triangles {
-            for_each_sample(triangle, step, |p, weight| {
+            for_each_sample(triangle, step, |p, weight, _| {
                 let squared = all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
                 sum += Sum::of(weight, squared.sqrt());
                 Ok(())
@@ -149,7 +149,7 @@ fn components_are_held_against_their_own_label() {
         for component in mesh.facet_tets[f].into_iter().filter_map(|t| parts.of(t)) {
             let id = image.id_of(parts.list[component as usize].label).unwrap();
             let own: Vec<_> = all.iter().filter(|&&face| faces.touches(face, id)).collect();
-            for_each_sample(&facet.map(local), PART * 0.5, |p, weight| {
+            for_each_sample(&facet.map(local), PART * 0.5, |p, weight, _| {
                 let squared = own.iter().map(|&&face| faces.distance_squared(face, p)).fold(f64::INFINITY, f64::min);
                 of_mesh[component as usize] += Sum::of(weight, squared.sqrt());
                 Ok(())
@@ -192,8 +192,18 @@ fn equal_bits_on_any_number_of_threads() {
 fn samples_cover_the_triangle() {
     let triangle = [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0), DVec3::new(1.0, 2.0, 0.0)];
     let (mut area, mut moment, mut samples) = (0.0, DVec3::ZERO, Vec::new());
-    let radius = for_each_sample(&triangle, 0.18, |p, weight| {
+    let middle = triangle.iter().sum::<DVec3>() / 3.0;
+    let mut radius = 0.0_f64;
+    for_each_sample(&triangle, 0.18, |p, weight, scale| {
         close(weight, 3.0 / 100.0);
+        for corner in triangle.map(|corner| p + (corner - middle) * scale) {
+            // Inside of the triangle: corners of the parts are those of the grid that cuts it.
+            let v = 10.0 * corner.y / triangle[2].y;
+            let u = (10.0 * corner.x - v * triangle[2].x) / triangle[1].x;
+            assert!(u > -1e-9 && v > -1e-9 && u + v < 10.0 + 1e-9, "{corner}");
+            assert!((u - u.round()).abs() < 1e-9 && (v - v.round()).abs() < 1e-9, "{corner}");
+            radius = radius.max(corner.distance(p));
+        }
         area += weight;
         moment += p * weight;
         samples.push(p);
