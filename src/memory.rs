@@ -1,4 +1,4 @@
-//! Large tables: an error that names the table where `Vec` alone would end the process.
+//! Large tables: an error that names the table where `Vec` alone would end the process; and fetching ahead of a sweep through them.
 
 use bytemuck::Zeroable;
 
@@ -45,4 +45,17 @@ pub fn filled<T: Clone>(count: usize, value: T, what: &'static str, go_on: impl 
         values.resize((values.len() + STEP).min(count), value.clone());
     }
     Ok(values)
+}
+
+/// Asks the processor to fetch what is looked at soon. Does nothing where there is nothing.
+#[inline(always)]
+pub fn prefetch<T>(element: *const T) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: prefetching never faults, whatever the address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(element.cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = element;
 }

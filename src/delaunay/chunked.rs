@@ -15,6 +15,7 @@ use std::sync::{Mutex, PoisonError};
 
 use memmap2::MmapMut;
 
+use crate::memory::prefetch;
 use crate::{Error, Result};
 
 /// Elements of one chunk; a power of two.
@@ -133,16 +134,8 @@ impl<T: Zeroable> Chunked<T> {
     /// Asks the processor to fetch element `index`, which is looked at soon. Does nothing when there is no such element.
     #[inline(always)]
     pub fn prefetch(&self, index: u32) {
-        #[cfg(target_arch = "x86_64")]
-        {
-            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            let element =
-                self.chunks[index as usize / CHUNK].load(Ordering::Relaxed).wrapping_add(index as usize % CHUNK);
-            // SAFETY: prefetching never faults, whatever the address.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(element.cast()) };
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        let _ = index;
+        let chunk = self.chunks[index as usize / CHUNK].load(Ordering::Relaxed);
+        prefetch(chunk.wrapping_add(index as usize % CHUNK));
     }
 
     /// The element `index`.

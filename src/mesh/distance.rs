@@ -24,7 +24,6 @@
 //!
 //! Safe from any thread; parallel inside; sums are combined in a fixed order, so equal input gives equal bits. Linear in samples and faces where mesh and image are near each other.
 
-mod face_corners;
 mod from_image;
 mod from_mesh;
 mod to_surface;

@@ -25,10 +25,10 @@ use rayon::prelude::*;
 
 use super::{NONE, TetMesh};
 use crate::Result;
-use crate::delaunay::check::AHEAD;
+use crate::delaunay::check::{AHEAD, AHEAD_AROUND};
 use crate::delaunay::tet::{FACET, Facet, NO_TAG, is_tet};
 use crate::delaunay::{TetId, Triangulation};
-use crate::memory::{reserve, zeroed};
+use crate::memory::{prefetch, reserve, zeroed};
 use crate::monitor::Monitor;
 
 /// Tets, or vertices, of one piece of work: some hundred microseconds, between two looks at the cancel flag.
@@ -118,10 +118,10 @@ impl<'o> Kept<'o> {
         Ok((Self { triangulation, order, ids, ranges }, in_use))
     }
 
-    /// The tets of a range that are kept, each with its label id, and the tet that is to be fetched meanwhile.
-    fn of_range(&self, range: usize) -> impl Iterator<Item = (TetId, u16, TetId)> {
+    /// The tets of a range that are kept, each with its label id, and the tets that are to be fetched meanwhile: one, and what another one leads to.
+    fn of_range(&self, range: usize) -> impl Iterator<Item = (TetId, u16, [TetId; 2])> {
         let tets = &self.order[range * RANGE..((range + 1) * RANGE).min(self.order.len())];
-        let ahead = move |i: usize| tets[(i + AHEAD).min(tets.len() - 1)];
+        let ahead = move |i: usize| [AHEAD, AHEAD_AROUND].map(|ahead| tets[(i + ahead).min(tets.len() - 1)]);
         let tets = tets.iter().enumerate().map(move |(i, &t)| (t, self.ids[t as usize], ahead(i)));
         tets.filter(|&(_, id, _)| id != NOT_KEPT)
     }
@@ -186,8 +186,13 @@ fn copy_tets(
         monitor.advance(RANGE / 2)?;
         let mut listed = Vec::new();
         let filled = tets.iter_mut().zip(neighbors).zip(kept.ranges[range].clone());
-        for ((t, _, ahead), ((vertices, neighbors), index)) in kept.of_range(range).zip(filled) {
-            kept.triangulation.prefetch(ahead);
+        for ((t, _, [far, near]), ((vertices, neighbors), index)) in kept.of_range(range).zip(filled) {
+            kept.triangulation.prefetch(far);
+            let record = kept.triangulation.tet(near);
+            for i in 0..4 {
+                prefetch(vertex_index.as_ptr().wrapping_add(record.vertex(i) as usize));
+                prefetch(tet_index.as_ptr().wrapping_add(record.neighbor(i).tet() as usize));
+            }
             let record = kept.triangulation.tet(t);
             *vertices = record.vertices().map(|v| vertex_index[v as usize].load(Relaxed));
             // A facet on the box names a slot far beyond all that exist. Less 1, 0 becomes `NONE`.

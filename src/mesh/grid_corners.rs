@@ -42,7 +42,7 @@ impl<'i> Corners<'i> {
 
     /// Squared distances from `p` to the nearest face of all, and to the nearest ones of two labels, as far as the corner of the grid nearest to `p` tells: twelve faces
     /// meet there, and all others are no nearer than the planes of the grid beyond. What it does not tell is infinite.
-    #[inline]
+    #[inline(always)]
     pub fn near_distances(&mut self, p: DVec3, ids: [u16; 2]) -> [f64; 3] {
         // The sum with 2^52 has the nearest integer in its low bits; a call of `floor` takes several times as long.
         const SHIFT: f64 = (1_u64 << 52) as f64;

@@ -141,14 +141,25 @@ impl<'i> VoxelFaces<'i> {
         index * self.spacing
     }
 
-    /// Corners of a face.
-    pub fn corners(&self, face: Face) -> [DVec3; 4] {
+    /// The corners of the grid that a face has.
+    pub fn corner_cells(&self, face: Face) -> [[usize; 3]; 4] {
         [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(u, v)| {
             let mut cell = face.cell;
             cell[(face.axis + 1) % 3] += u;
             cell[(face.axis + 2) % 3] += v;
-            DVec3::from(cell.map(|i| i as f64)) * self.spacing
+            cell
         })
+    }
+
+    /// Where a corner of the grid is.
+    pub fn corner(&self, at: [usize; 3]) -> DVec3 {
+        DVec3::from(at.map(|i| i as f64)) * self.spacing
+    }
+
+    /// Corners of a face.
+    #[cfg(test)]
+    pub fn corners(&self, face: Face) -> [DVec3; 4] {
+        self.corner_cells(face).map(|at| self.corner(at))
     }
 
     /// Squared distance from `p` to a face.

@@ -60,6 +60,7 @@ use weights::Sampling;
 
 use crate::Result;
 use crate::image::LabelImage;
+use crate::memory::prefetch;
 use crate::params::{ImageBorder, SurfaceModel};
 
 /// What dO is, beside the image.
@@ -213,7 +214,7 @@ impl Oracle {
                     let x = self.border.extend(x);
                     let cell = self.cell(x);
                     let index = self.bricks.index(cell[0], cell[1], cell[2]);
-                    prefetch(&self.voxels, index);
+                    prefetch(self.voxels.as_ptr().wrapping_add(index));
                     (x, cell, index)
                 } else {
                     (x, [0; 3], OUTSIDE)
@@ -434,19 +435,6 @@ pub(crate) fn rounded(x: f64) -> usize {
 
 /// The place of no voxel.
 const OUTSIDE: usize = usize::MAX;
-
-/// Asks the processor to fetch an element that is looked at soon.
-#[inline(always)]
-fn prefetch<T>(elements: &[T], index: usize) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: prefetching never faults, whatever the address.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(elements.as_ptr().wrapping_add(index).cast()) };
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (elements, index);
-}
 
 /// The ids at the corners of a cell.
 #[inline(always)]

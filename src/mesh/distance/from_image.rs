@@ -1,6 +1,6 @@
 //! From the faces of the voxels to the mesh, brick by brick: the triangles listed in a brick are gone through once, each looks at the faces within its reach, and a
-//! face keeps the nearest triangles it has met. What no triangle reaches is searched for. The corners of the faces only count for the maximum: mostly a triangle that a face has met shows that a corner is near enough
-//! (`face_corners`). With each face goes the point where dO crosses the edge between the centres of its two voxels.
+//! face keeps the nearest triangles it has met. What no triangle reaches is searched for. The corners of the faces only count for the maximum: mostly a triangle that one of the faces around a corner has met shows
+//! that it is near enough. With each face goes the point where dO crosses the edge between the centres of its two voxels.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -9,7 +9,6 @@ use super::super::image_components::ImageComponents;
 use super::super::ledger::{Ledger, Sums};
 use super::super::triangle_bins::{Nearest, Triangle, TriangleBins, closest_point};
 use super::super::voxel_faces::{BRICK, Face, VoxelFaces};
-use super::face_corners::FaceCorners;
 use super::{CHECK_EVERY, Distance, Max, Sum, spread};
 use crate::Result;
 use crate::monitor::Monitor;
@@ -26,7 +25,14 @@ struct Target {
     sides: [Option<(u32, u16)>; 2],
     /// The nearest triangle of all, and the nearest one of the label of each side; none where all are out of reach.
     best: [Nearest; 3],
-    /// The largest of their squared distances: a triangle that is farther changes none.
+}
+
+/// What most triangles are seen by to be too far from a face.
+#[derive(Clone, Copy)]
+struct Reach {
+    /// The centre of the face.
+    centre: DVec3,
+    /// The largest squared distance of the nearest triangles: one that is farther changes none.
     limit: f64,
 }
 
@@ -53,17 +59,22 @@ impl Planes {
         Self { corners, normal: (normal, per(squared)), sides, is_flat }
     }
 
-    /// A lower bound of the squared distance from `p`, and whether it is the distance.
+    /// Squared distance of `p` from the plane of the triangle.
     #[inline]
-    fn bound(&self, p: DVec3) -> (f64, bool) {
-        let [a, ..] = self.corners;
-        let height = self.normal.0.dot(p - a);
+    fn height(&self, p: DVec3) -> f64 {
+        let height = self.normal.0.dot(p - self.corners[0]);
+        height * height * self.normal.1
+    }
+
+    /// A lower bound of the squared distance from `p`, of which the height is known, and whether it is the distance.
+    #[inline]
+    fn bound(&self, p: DVec3, height: f64) -> (f64, bool) {
         let mut outside = 0.0_f64;
         for (&(side, per), corner) in self.sides.iter().zip(self.corners) {
             let beyond = side.dot(p - corner).max(0.0);
             outside = outside.max(beyond * beyond * per);
         }
-        (height * height * self.normal.1 + outside, outside == 0.0 && !self.is_flat)
+        (height + outside, outside == 0.0 && !self.is_flat)
     }
 }
 
@@ -71,6 +82,8 @@ impl Planes {
 #[derive(Default)]
 struct Targets {
     list: Vec<Target>,
+    /// Of each in turn.
+    reaches: Vec<Reach>,
     /// Where the faces of each cell begin.
     first: Vec<u32>,
     low: [usize; 3],
@@ -102,20 +115,30 @@ impl Cursor {
 }
 
 impl Target {
-    /// Keeps the triangle where it is the nearest one so far.
+    /// The triangle that was found to be nearest, over the whole or of the label of a component on one side.
+    fn triangle_of(&self, component: Option<u32>) -> Option<u32> {
+        let best = match component {
+            None => &self.best[0],
+            Some(_) => {
+                let is_on = |side: &Option<(u32, u16)>| side.map(|(own, _)| own) == component;
+                &self.best[1 + self.sides.iter().position(is_on)?]
+            }
+        };
+        Some(best.triangle).filter(|&triangle| triangle != NONE)
+    }
+
+    /// Keeps the triangle where it is the nearest one so far. Returns the new limit.
     #[inline]
-    fn meet(&mut self, triangle: u32, ids: [u16; 2], distance_squared: f64) {
+    fn meet(&mut self, triangle: u32, ids: [u16; 2], distance_squared: f64) -> f64 {
         let [one, other] = self.sides.map(|side| side.is_some_and(|(_, id)| ids.contains(&id)));
-        self.limit = 0.0;
         for (best, wanted) in self.best.iter_mut().zip([true, one, other]) {
             if wanted && distance_squared < best.distance_squared {
                 *best = Nearest { triangle, distance_squared };
             }
         }
         let wanted = [true, self.sides[0].is_some(), self.sides[1].is_some()];
-        for (best, _) in self.best.iter().zip(wanted).filter(|(_, wanted)| *wanted) {
-            self.limit = self.limit.max(best.distance_squared);
-        }
+        let wanted = self.best.iter().zip(wanted).filter(|(_, wanted)| *wanted);
+        wanted.fold(0.0, |limit: f64, (best, _)| limit.max(best.distance_squared))
     }
 }
 
@@ -126,6 +149,7 @@ impl Targets {
         self.low = brick.map(|i| i * BRICK);
         self.high = [0, 1, 2].map(|axis| (self.low[axis] + BRICK).min(dims[axis]));
         self.list.clear();
+        self.reaches.clear();
         self.first.clear();
         let none = Nearest { triangle: NONE, distance_squared: reach * reach };
         for k in self.low[2]..self.high[2] {
@@ -152,19 +176,35 @@ impl Targets {
                             _ => cursors[axis].get([i, rows[axis].0, rows[axis].1], components),
                         };
                         let centre = faces.centre(face);
-                        self.list.push(Target {
-                            face,
-                            centre,
-                            sides: [below, own],
-                            best: [none; 3],
-                            limit: reach * reach,
-                        });
+                        self.list.push(Target { face, centre, sides: [below, own], best: [none; 3] });
+                        self.reaches.push(Reach { centre, limit: reach * reach });
                     }
                     left = own;
                 }
             }
         }
         self.first.push(self.list.len() as u32);
+    }
+
+    /// The faces that have a corner of the grid, as far as they are in the brick.
+    fn around(&self, corner: [usize; 3]) -> impl Iterator<Item = &Target> {
+        let cells = (0..8).filter_map(move |bits: usize| {
+            let mut cell = [0; 3];
+            for axis in 0..3 {
+                cell[axis] = corner[axis].checked_sub(bits >> axis & 1)?;
+                if !(self.low[axis]..self.high[axis]).contains(&cell[axis]) {
+                    return None;
+                }
+            }
+            Some((cell, bits))
+        });
+        cells.flat_map(move |(cell, bits)| {
+            let [i, j, k] = [0, 1, 2].map(|axis| cell[axis] - self.low[axis]);
+            let at = i + (self.high[0] - self.low[0]) * (j + (self.high[1] - self.low[1]) * k);
+            let own = &self.list[self.first[at] as usize..self.first[at + 1] as usize];
+            // A lower face of a cell has the corners of the cell's lower side along its axis.
+            own.iter().filter(move |target| bits >> target.face.axis & 1 == 0)
+        })
     }
 
     /// Shows a triangle to the faces whose centres are within `reach` of the box around it.
@@ -184,20 +224,35 @@ impl Targets {
                 }
                 let row = width * (j - self.low[1] + depth * (k - self.low[2]));
                 let targets = self.first[row + x.start - self.low[0]]..self.first[row + x.end - self.low[0]];
-                for target in &mut self.list[targets.start as usize..targets.end as usize] {
-                    let (bound, is_exact) = planes.bound(target.centre);
+                for t in targets.start as usize..targets.end as usize {
+                    let Reach { centre, limit } = self.reaches[t];
                     // The margin keeps rounding from deciding.
-                    if bound * (1.0 - 1e-12) >= target.limit {
+                    let is_beyond = |bound: f64| bound * (1.0 - 1e-12) >= limit;
+                    let height = planes.height(centre);
+                    if is_beyond(height) {
                         continue;
                     }
-                    let distance_squared = if is_exact { bound } else { triangle.distance_squared(target.centre) };
-                    if distance_squared < target.limit {
-                        target.meet(number, triangle.ids, distance_squared);
+                    let (bound, is_exact) = planes.bound(centre, height);
+                    if is_beyond(bound) {
+                        continue;
+                    }
+                    let distance_squared = if is_exact { bound } else { triangle.distance_squared(centre) };
+                    if distance_squared < limit {
+                        self.reaches[t].limit = self.list[t].meet(number, triangle.ids, distance_squared);
                     }
                 }
             }
         }
     }
+}
+
+/// A corner of the grid that may be farther from the mesh, or from the triangles of a component's label, than all that is known.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Corner {
+    at: [usize; 3],
+    component: Option<u32>,
+    /// One that is thought to be near.
+    triangle: u32,
 }
 
 /// A distance over the whole, and the sums of each component.
@@ -216,7 +271,7 @@ pub(super) fn image_to_mesh(
     // What is no farther than the maximum that any thread knows need not be looked at.
     let maximum = Maxima::default();
     let maxima: Vec<Maxima> = (0..components.list.len()).map(|_| Maxima::default()).collect();
-    let scratch = || (Targets::default(), FaceCorners::new());
+    let scratch = || (Targets::default(), Vec::new());
     let parts = (0..ny * nz).into_par_iter().map_init(scratch, |(targets, corners), row| {
         monitor.advance(1)?;
         let mut whole = [Sum::default(); 2];
@@ -256,21 +311,17 @@ pub(super) fn image_to_mesh(
                     };
                     let met = known.filter(|met| met.triangle == triangle);
                     let met = *known.insert(met.unwrap_or_else(|| Met::new(triangle, crossing, bins)));
-                    // A corner with any triangle within the maximum so far cannot raise it.
-                    let most = max.faces.get().powi(2);
-                    let farthest = (distance + faces.half_diagonal(target.face)).powi(2);
-                    let of_corner = |corner: DVec3| {
-                        // The cheapest bound first. The margin keeps rounding from deciding.
-                        if farthest < most * (1.0 - 1e-12) {
-                            return farthest;
-                        }
-                        let squared = corner.distance_squared(met.point);
-                        if squared <= most {
-                            return squared;
-                        }
-                        squared.min(bins.triangles[triangle as usize].distance_squared(corner))
-                    };
-                    corners.meet(target.face, side.map(|(component, _)| component), triangle, faces, of_corner);
+                    // A corner with any triangle within the maximum so far cannot raise it: bounds of the distance, the cheapest first. The margin keeps rounding from deciding.
+                    let most = max.faces.get();
+                    if distance + faces.half_diagonal(target.face) > most * (1.0 - 1e-12) {
+                        let component = side.map(|(component, _)| component);
+                        let corner = faces.corner_cells(target.face).map(|at| Corner { at, component, triangle });
+                        corners.extend(corner.into_iter().filter(|corner| {
+                            let p = faces.corner(corner.at);
+                            p.distance_squared(met.point) > most * most
+                                && bins.triangles[triangle as usize].distance_squared(p) > most * most
+                        }));
+                    }
                     if met.distance > max.surface.get()
                         && let Some(nearest) = bins.nearest(id, crossing, Some(triangle))
                     {
@@ -288,17 +339,21 @@ pub(super) fn image_to_mesh(
                     }
                 }
             }
-            corners.drain(|corner, component, bound| {
+            corners.sort_unstable();
+            corners.dedup_by_key(|corner| (corner.at, corner.component));
+            for Corner { at, component, triangle } in corners.drain(..) {
                 let (max, id) = match component {
                     None => (&maximum.faces, None),
                     Some(c) => (&maxima[c as usize].faces, Some(components.list[c as usize].id)),
                 };
-                if bound.distance_squared > max.get() * max.get()
-                    && let Some(nearest) = bins.nearest(id, corner, Some(bound.triangle))
+                let (p, most) = (faces.corner(at), max.get().powi(2));
+                let is_near = |t: u32| bins.triangles[t as usize].distance_squared(p) <= most;
+                if !targets.around(at).filter_map(|target| target.triangle_of(component)).any(is_near)
+                    && let Some(nearest) = bins.nearest(id, p, Some(triangle))
                 {
                     max.raise(nearest.distance_squared.sqrt());
                 }
-            });
+            }
         }
         Ok((whole, ledgers.map(Ledger::sums)))
     });

@@ -110,7 +110,7 @@ pub(super) fn mesh_to_image(
         let (near, max) = (faces.corners_of_grid(), sampled.max);
         let (start, bounds, tolerance) = (None, [DVec3::ZERO; 2], TOLERANCE * spacing);
         let mut search = Search { faces, near, start, bounds, max, tolerance, monitor };
-        let mut distances = distances.iter();
+        let mut distances = &distances[..];
         triangles.iter().try_for_each(|triangle| search.look_at(triangle, &mut distances))?;
         Ok(search.max)
     });
@@ -142,20 +142,20 @@ struct Part {
 }
 
 impl Search<'_, '_, '_> {
-    /// Raises the maximum to the largest distance from a facet, if that is larger by more than the tolerance; `distances` has those of its samples, and of more to come.
-    fn look_at<'d>(&mut self, triangle: &Triangle, distances: &mut impl Iterator<Item = &'d f32>) -> Result<()> {
+    /// Raises the maximum to the largest distance from a facet, if that is larger by more than the tolerance; `distances` begins with those of its samples, which are taken off.
+    fn look_at(&mut self, triangle: &Triangle, distances: &mut &[f32]) -> Result<()> {
         let most = PART * self.faces.smallest_spacing();
+        let parts = Parts::new(&triangle.corners, most);
+        let mut sampled = distances.split_off(..parts.along * parts.along).unwrap_or_default().iter();
+        let farthest = sampled.clone().fold(0.0, |max: f32, &distance| max.max(distance));
+        if f64::from(farthest) + parts.radius <= self.max + self.tolerance {
+            return Ok(());
+        }
         self.bounds = triangle.bounds().into();
-        let [a, b, c] = triangle.corners;
-        // From the centroid to the corners, by differences: what lies in a plane of the grid stays there.
-        let (ab, ac) = (b - a, c - a);
-        let middle = (ab + ac) / 3.0;
-        let arms = [-middle, ab - middle, ac - middle];
-        let radius = arms.iter().map(|arm| arm.length_squared()).fold(0.0, f64::max).sqrt();
-        for_each_sample(&triangle.corners, most, |centroid, _, scale| {
-            let distance = distances.next().map_or(f64::INFINITY, |&distance| distance.into());
-            let part = Part { centroid, arms: arms.map(|arm| arm * scale), distance };
-            self.refine(part, radius * scale.abs(), HALVINGS, triangle.ids)
+        for_each_sample(&triangle.corners, most, |centroid, _, sign| {
+            let distance = sampled.next().map_or(f64::INFINITY, |&distance| distance.into());
+            let part = Part { centroid, arms: parts.arms.map(|arm| sign * arm), distance };
+            self.refine(part, parts.radius, HALVINGS, triangle.ids)
         })
     }
 
@@ -187,6 +187,7 @@ impl Search<'_, '_, '_> {
     }
 
     /// Distance to the nearest face; 0 where there is none.
+    #[inline(never)]
     fn distance(&mut self, p: DVec3, ids: [u16; 2]) -> f64 {
         let [squared, ..] = self.near.near_distances(p, ids);
         if squared.is_finite() {
@@ -244,30 +245,50 @@ fn rounded_up(x: f64) -> f32 {
     (x as f32).next_up()
 }
 
-/// Calls `sample` with the centroids of a subdivision of the triangle into n x n similar ones, so that no point of it is farther than `most` from one of them, with the area of each, and with its size as a part of
-/// the whole's, negative where it is upside down. An error of `sample` ends the calls.
+/// A subdivision of a triangle into n x n similar parts, half of them, but for n, upside down.
+struct Parts {
+    /// n.
+    along: usize,
+    /// From a part's centroid to its corners.
+    arms: [DVec3; 3],
+    /// No point of a part is farther from its centroid.
+    radius: f64,
+}
+
+impl Parts {
+    /// Parts with a radius of no more than `most`.
+    fn new(&[a, b, c]: &[DVec3; 3], most: f64) -> Self {
+        // By differences: what lies in a plane of the grid stays there.
+        let (ab, ac) = (b - a, c - a);
+        let middle = (ab + ac) / 3.0;
+        let arms = [-middle, ab - middle, ac - middle];
+        let radius = arms.iter().map(|arm| arm.length_squared()).fold(0.0, f64::max).sqrt();
+        let along = ((radius / most).ceil() as usize).max(1);
+        let scale = 1.0 / along as f64;
+        Self { along, arms: arms.map(|arm| arm * scale), radius: radius * scale }
+    }
+}
+
+/// Calls `sample` with the centroids of the [`Parts`] of a triangle, so that no point of it is farther than `most` from one of them, with the area of each, and with -1 for those upside down, 1 for the others. An error of
+/// `sample` ends the calls.
 pub(super) fn for_each_sample(
-    &[a, b, c]: &[DVec3; 3],
+    triangle: &[DVec3; 3],
     most: f64,
     mut sample: impl FnMut(DVec3, f64, f64) -> Result<()>,
 ) -> Result<()> {
-    let (ab, ac) = (b - a, c - a);
-    let middle = (ab + ac) / 3.0;
-    let radius =
-        [DVec3::ZERO, ab, ac].into_iter().map(|corner| corner.distance_squared(middle)).fold(0.0, f64::max).sqrt();
-    let n = ((radius / most).ceil() as usize).max(1);
+    let Parts { along: n, arms: [to_a, ..], .. } = Parts::new(triangle, most);
+    let &[a, b, c] = triangle;
     let scale = 1.0 / n as f64;
-    let area = ab.cross(ac).length() * 0.5 * scale * scale;
-    let (u, v) = (ab * scale, ac * scale);
-    let third = middle * scale;
+    let (u, v) = ((b - a) * scale, (c - a) * scale);
+    let area = u.cross(v).length() * 0.5;
     for i in 0..n {
-        let row = a + u * i as f64 + third;
+        let row = a + u * i as f64 - to_a;
         for j in 0..n - i {
             // One triangle like the whole, and one upside down, which the last of a row lacks.
             let centroid = row + v * j as f64;
-            sample(centroid, area, scale)?;
+            sample(centroid, area, 1.0)?;
             if i + j + 1 < n {
-                sample(centroid + third, area, -scale)?;
+                sample(centroid - to_a, area, -1.0)?;
             }
         }
     }

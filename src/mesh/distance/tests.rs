@@ -194,9 +194,9 @@ fn samples_cover_the_triangle() {
     let (mut area, mut moment, mut samples) = (0.0, DVec3::ZERO, Vec::new());
     let middle = triangle.iter().sum::<DVec3>() / 3.0;
     let mut radius = 0.0_f64;
-    for_each_sample(&triangle, 0.18, |p, weight, scale| {
+    for_each_sample(&triangle, 0.18, |p, weight, sign| {
         close(weight, 3.0 / 100.0);
-        for corner in triangle.map(|corner| p + (corner - middle) * scale) {
+        for corner in triangle.map(|corner| p + (corner - middle) * (0.1 * sign)) {
             // Inside of the triangle: corners of the parts are those of the grid that cuts it.
             let v = 10.0 * corner.y / triangle[2].y;
             let u = (10.0 * corner.x - v * triangle[2].x) / triangle[1].x;
