@@ -207,6 +207,12 @@ impl Targets {
         })
     }
 
+    /// Whether a corner of the grid, at `p`, is farther than `most` from the triangles that the faces there have met, over the whole or of the label of a component.
+    fn is_far(&self, corner: [usize; 3], component: Option<u32>, p: DVec3, most: f64, bins: &TriangleBins) -> bool {
+        let mut met = self.around(corner).filter_map(|target| target.triangle_of(component));
+        met.all(|triangle| bins.triangles[triangle as usize].distance_squared(p) > most * most)
+    }
+
     /// Shows a triangle to the faces whose centres are within `reach` of the box around it.
     fn show(&mut self, number: u32, triangle: &Triangle, faces: &VoxelFaces<'_>, reach: f64) {
         let (low, high) = triangle.bounds();
@@ -346,12 +352,11 @@ pub(super) fn image_to_mesh(
                     None => (&maximum.faces, None),
                     Some(c) => (&maxima[c as usize].faces, Some(components.list[c as usize].id)),
                 };
-                let (p, most) = (faces.corner(at), max.get().powi(2));
-                let is_near = |t: u32| bins.triangles[t as usize].distance_squared(p) <= most;
-                if !targets.around(at).filter_map(|target| target.triangle_of(component)).any(is_near)
-                    && let Some(nearest) = bins.nearest(id, p, Some(triangle))
-                {
-                    max.raise(nearest.distance_squared.sqrt());
+                let p = faces.corner(at);
+                if targets.is_far(at, component, p, max.get(), bins) {
+                    monitor.advance(0)?;
+                    let nearest = bins.nearest(id, p, Some(triangle));
+                    nearest.iter().for_each(|nearest| max.raise(nearest.distance_squared.sqrt()));
                 }
             }
         }
