@@ -162,11 +162,9 @@ impl Triangulation {
     /// Fetches the vertices and the neighbours of a tet, whose record should be in the cache.
     #[inline(always)]
     pub fn prefetch_around(&self, t: TetId) {
+        self.prefetch_neighbors(t);
         let record = self.tet(t);
-        for i in 0..4 {
-            self.vertices.prefetch(record.vertex(i));
-            self.tets.prefetch(record.neighbor(i).tet());
-        }
+        (0..4).for_each(|i| self.vertices.prefetch(record.vertex(i)));
     }
 
     /// Fetches what an operation that destroys a tet needs of it besides its record: its generation, and the vertex opposite to the facet through which

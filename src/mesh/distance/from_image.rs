@@ -25,14 +25,7 @@ struct Target {
     sides: [Option<(u32, u16)>; 2],
     /// The nearest triangle of all, and the nearest one of the label of each side; none where all are out of reach.
     best: [Nearest; 3],
-}
-
-/// What most triangles are seen by to be too far from a face.
-#[derive(Clone, Copy)]
-struct Reach {
-    /// The centre of the face.
-    centre: DVec3,
-    /// The largest squared distance of the nearest triangles: one that is farther changes none.
+    /// The largest of their squared distances: a triangle that is farther changes none.
     limit: f64,
 }
 
@@ -59,22 +52,17 @@ impl Planes {
         Self { corners, normal: (normal, per(squared)), sides, is_flat }
     }
 
-    /// Squared distance of `p` from the plane of the triangle.
+    /// A lower bound of the squared distance from `p`, and whether it is the distance.
     #[inline]
-    fn height(&self, p: DVec3) -> f64 {
-        let height = self.normal.0.dot(p - self.corners[0]);
-        height * height * self.normal.1
-    }
-
-    /// A lower bound of the squared distance from `p`, of which the height is known, and whether it is the distance.
-    #[inline]
-    fn bound(&self, p: DVec3, height: f64) -> (f64, bool) {
+    fn bound(&self, p: DVec3) -> (f64, bool) {
+        let [a, ..] = self.corners;
+        let height = self.normal.0.dot(p - a);
         let mut outside = 0.0_f64;
         for (&(side, per), corner) in self.sides.iter().zip(self.corners) {
             let beyond = side.dot(p - corner).max(0.0);
             outside = outside.max(beyond * beyond * per);
         }
-        (height + outside, outside == 0.0 && !self.is_flat)
+        (height * height * self.normal.1 + outside, outside == 0.0 && !self.is_flat)
     }
 }
 
@@ -82,8 +70,6 @@ impl Planes {
 #[derive(Default)]
 struct Targets {
     list: Vec<Target>,
-    /// Of each in turn.
-    reaches: Vec<Reach>,
     /// Where the faces of each cell begin.
     first: Vec<u32>,
     low: [usize; 3],
@@ -127,18 +113,20 @@ impl Target {
         Some(best.triangle).filter(|&triangle| triangle != NONE)
     }
 
-    /// Keeps the triangle where it is the nearest one so far. Returns the new limit.
+    /// Keeps the triangle where it is the nearest one so far.
     #[inline]
-    fn meet(&mut self, triangle: u32, ids: [u16; 2], distance_squared: f64) -> f64 {
+    fn meet(&mut self, triangle: u32, ids: [u16; 2], distance_squared: f64) {
         let [one, other] = self.sides.map(|side| side.is_some_and(|(_, id)| ids.contains(&id)));
+        self.limit = 0.0;
         for (best, wanted) in self.best.iter_mut().zip([true, one, other]) {
             if wanted && distance_squared < best.distance_squared {
                 *best = Nearest { triangle, distance_squared };
             }
         }
         let wanted = [true, self.sides[0].is_some(), self.sides[1].is_some()];
-        let wanted = self.best.iter().zip(wanted).filter(|(_, wanted)| *wanted);
-        wanted.fold(0.0, |limit: f64, (best, _)| limit.max(best.distance_squared))
+        for (best, _) in self.best.iter().zip(wanted).filter(|(_, wanted)| *wanted) {
+            self.limit = self.limit.max(best.distance_squared);
+        }
     }
 }
 
@@ -149,7 +137,6 @@ impl Targets {
         self.low = brick.map(|i| i * BRICK);
         self.high = [0, 1, 2].map(|axis| (self.low[axis] + BRICK).min(dims[axis]));
         self.list.clear();
-        self.reaches.clear();
         self.first.clear();
         let none = Nearest { triangle: NONE, distance_squared: reach * reach };
         for k in self.low[2]..self.high[2] {
@@ -176,8 +163,13 @@ impl Targets {
                             _ => cursors[axis].get([i, rows[axis].0, rows[axis].1], components),
                         };
                         let centre = faces.centre(face);
-                        self.list.push(Target { face, centre, sides: [below, own], best: [none; 3] });
-                        self.reaches.push(Reach { centre, limit: reach * reach });
+                        self.list.push(Target {
+                            face,
+                            centre,
+                            sides: [below, own],
+                            best: [none; 3],
+                            limit: reach * reach,
+                        });
                     }
                     left = own;
                 }
@@ -230,21 +222,15 @@ impl Targets {
                 }
                 let row = width * (j - self.low[1] + depth * (k - self.low[2]));
                 let targets = self.first[row + x.start - self.low[0]]..self.first[row + x.end - self.low[0]];
-                for t in targets.start as usize..targets.end as usize {
-                    let Reach { centre, limit } = self.reaches[t];
+                for target in &mut self.list[targets.start as usize..targets.end as usize] {
+                    let (bound, is_exact) = planes.bound(target.centre);
                     // The margin keeps rounding from deciding.
-                    let is_beyond = |bound: f64| bound * (1.0 - 1e-12) >= limit;
-                    let height = planes.height(centre);
-                    if is_beyond(height) {
+                    if bound * (1.0 - 1e-12) >= target.limit {
                         continue;
                     }
-                    let (bound, is_exact) = planes.bound(centre, height);
-                    if is_beyond(bound) {
-                        continue;
-                    }
-                    let distance_squared = if is_exact { bound } else { triangle.distance_squared(centre) };
-                    if distance_squared < limit {
-                        self.reaches[t].limit = self.list[t].meet(number, triangle.ids, distance_squared);
+                    let distance_squared = if is_exact { bound } else { triangle.distance_squared(target.centre) };
+                    if distance_squared < target.limit {
+                        target.meet(number, triangle.ids, distance_squared);
                     }
                 }
             }

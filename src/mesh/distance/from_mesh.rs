@@ -49,7 +49,9 @@ pub(super) fn mesh_to_image(
             let mut of_each = Sum::default();
             let mut of_all = Sum::default();
             let mut of_sides = [Sum::default(); 2];
-            for_each_sample(&triangle.corners, PART * spacing, |p, weight, _| {
+            let parts = Parts::new(&triangle.corners, PART * spacing);
+            let weight = parts.area();
+            parts.for_each(|p, _| {
                 if distances.len().is_multiple_of(CHECK_EVERY) {
                     monitor.advance(0)?;
                     reserve(&mut distances, CHECK_EVERY, "distances of facets")?;
@@ -144,18 +146,16 @@ struct Part {
 impl Search<'_, '_, '_> {
     /// Raises the maximum to the largest distance from a facet, if that is larger by more than the tolerance; `distances` begins with those of its samples, which are taken off.
     fn look_at(&mut self, triangle: &Triangle, distances: &mut &[f32]) -> Result<()> {
-        let most = PART * self.faces.smallest_spacing();
-        let parts = Parts::new(&triangle.corners, most);
+        let parts = Parts::new(&triangle.corners, PART * self.faces.smallest_spacing());
         let mut sampled = distances.split_off(..parts.along * parts.along).unwrap_or_default().iter();
         let farthest = sampled.clone().fold(0.0, |max: f32, &distance| max.max(distance));
         if f64::from(farthest) + parts.radius <= self.max + self.tolerance {
             return Ok(());
         }
         self.bounds = triangle.bounds().into();
-        for_each_sample(&triangle.corners, most, |centroid, _, sign| {
+        parts.for_each(|centroid, arms| {
             let distance = sampled.next().map_or(f64::INFINITY, |&distance| distance.into());
-            let part = Part { centroid, arms: parts.arms.map(|arm| sign * arm), distance };
-            self.refine(part, parts.radius, HALVINGS, triangle.ids)
+            self.refine(Part { centroid, arms, distance }, parts.radius, HALVINGS, triangle.ids)
         })
     }
 
@@ -198,7 +198,7 @@ impl Search<'_, '_, '_> {
         found.map_or(0.0, |(_, squared)| squared.sqrt())
     }
 
-    /// The same by the faces nearest to its corners.
+    /// As [`refine`](Self::refine), for a part with these corners, by the faces nearest to them.
     fn raise(&mut self, corners: [Corner; 3]) -> Result<()> {
         self.max = corners.iter().fold(self.max, |max, corner| max.max(corner.distance));
         if self.bound(&corners) <= self.max + self.tolerance {
@@ -246,10 +246,14 @@ fn rounded_up(x: f64) -> f32 {
 }
 
 /// A subdivision of a triangle into n x n similar parts, half of them, but for n, upside down.
-struct Parts {
+pub(super) struct Parts {
+    /// A corner of the triangle.
+    corner: DVec3,
+    /// The edges of a part from there.
+    edges: [DVec3; 2],
     /// n.
     along: usize,
-    /// From a part's centroid to its corners.
+    /// From the centroid to the corners of a part that is not upside down.
     arms: [DVec3; 3],
     /// No point of a part is farther from its centroid.
     radius: f64,
@@ -257,7 +261,7 @@ struct Parts {
 
 impl Parts {
     /// Parts with a radius of no more than `most`.
-    fn new(&[a, b, c]: &[DVec3; 3], most: f64) -> Self {
+    pub fn new(&[a, b, c]: &[DVec3; 3], most: f64) -> Self {
         // By differences: what lies in a plane of the grid stays there.
         let (ab, ac) = (b - a, c - a);
         let middle = (ab + ac) / 3.0;
@@ -265,32 +269,30 @@ impl Parts {
         let radius = arms.iter().map(|arm| arm.length_squared()).fold(0.0, f64::max).sqrt();
         let along = ((radius / most).ceil() as usize).max(1);
         let scale = 1.0 / along as f64;
-        Self { along, arms: arms.map(|arm| arm * scale), radius: radius * scale }
+        let (edges, arms) = ([ab, ac].map(|edge| edge * scale), arms.map(|arm| arm * scale));
+        Self { corner: a, edges, along, arms, radius: radius * scale }
     }
-}
 
-/// Calls `sample` with the centroids of the [`Parts`] of a triangle, so that no point of it is farther than `most` from one of them, with the area of each, and with -1 for those upside down, 1 for the others. An error of
-/// `sample` ends the calls.
-pub(super) fn for_each_sample(
-    triangle: &[DVec3; 3],
-    most: f64,
-    mut sample: impl FnMut(DVec3, f64, f64) -> Result<()>,
-) -> Result<()> {
-    let Parts { along: n, arms: [to_a, ..], .. } = Parts::new(triangle, most);
-    let &[a, b, c] = triangle;
-    let scale = 1.0 / n as f64;
-    let (u, v) = ((b - a) * scale, (c - a) * scale);
-    let area = u.cross(v).length() * 0.5;
-    for i in 0..n {
-        let row = a + u * i as f64 - to_a;
-        for j in 0..n - i {
-            // One triangle like the whole, and one upside down, which the last of a row lacks.
-            let centroid = row + v * j as f64;
-            sample(centroid, area, 1.0)?;
-            if i + j + 1 < n {
-                sample(centroid - to_a, area, -1.0)?;
+    /// Area of a part.
+    pub fn area(&self) -> f64 {
+        let [u, v] = self.edges;
+        0.5 * u.cross(v).length()
+    }
+
+    /// Calls `sample` with the centroid and the arms of each part. An error of `sample` ends the calls.
+    pub fn for_each(&self, mut sample: impl FnMut(DVec3, [DVec3; 3]) -> Result<()>) -> Result<()> {
+        let (n, [u, v], third) = (self.along, self.edges, -self.arms[0]);
+        for i in 0..n {
+            let row = self.corner + u * i as f64 + third;
+            for j in 0..n - i {
+                // One triangle like the whole, and one upside down, which the last of a row lacks.
+                let centroid = row + v * j as f64;
+                sample(centroid, self.arms)?;
+                if i + j + 1 < n {
+                    sample(centroid + third, self.arms.map(|arm| -arm))?;
+                }
             }
         }
+        Ok(())
     }
-    Ok(())
 }

@@ -2,7 +2,7 @@
 
 use super::super::testing;
 use super::super::triangle_bins::closest_point;
-use super::from_mesh::for_each_sample;
+use super::from_mesh::Parts;
 use super::*;
 use crate::image::Frame;
 use crate::params::SurfaceModel;
@@ -82,12 +82,13 @@ fn both_sides_against_brute_force() {
     let sampled = |step: f64| {
         let mut sum = Sum::default();
         for triangle in &triangles {
-            for_each_sample(triangle, step, |p, weight, _| {
+            let parts = Parts::new(triangle, step);
+            let each = |p: DVec3, _| {
                 let squared = all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
-                sum += Sum::of(weight, squared.sqrt());
+                sum += Sum::of(parts.area(), squared.sqrt());
                 Ok(())
-            })
-            .unwrap();
+            };
+            parts.for_each(each).unwrap();
         }
         sum
     };
@@ -149,12 +150,13 @@ fn components_are_held_against_their_own_label() {
         for component in mesh.facet_tets[f].into_iter().filter_map(|t| parts.of(t)) {
             let id = image.id_of(parts.list[component as usize].label).unwrap();
             let own: Vec<_> = all.iter().filter(|&&face| faces.touches(face, id)).collect();
-            for_each_sample(&facet.map(local), PART * 0.5, |p, weight, _| {
+            let parts = Parts::new(&facet.map(local), PART * 0.5);
+            let each = |p: DVec3, _| {
                 let squared = own.iter().map(|&&face| faces.distance_squared(face, p)).fold(f64::INFINITY, f64::min);
-                of_mesh[component as usize] += Sum::of(weight, squared.sqrt());
+                of_mesh[component as usize] += Sum::of(parts.area(), squared.sqrt());
                 Ok(())
-            })
-            .unwrap();
+            };
+            parts.for_each(each).unwrap();
         }
     }
     assert!(of_image.len() >= 3 && of_mesh.len() > 8);
@@ -192,11 +194,12 @@ fn equal_bits_on_any_number_of_threads() {
 fn samples_cover_the_triangle() {
     let triangle = [DVec3::ZERO, DVec3::new(3.0, 0.0, 0.0), DVec3::new(1.0, 2.0, 0.0)];
     let (mut area, mut moment, mut samples) = (0.0, DVec3::ZERO, Vec::new());
-    let middle = triangle.iter().sum::<DVec3>() / 3.0;
     let mut radius = 0.0_f64;
-    for_each_sample(&triangle, 0.18, |p, weight, sign| {
-        close(weight, 3.0 / 100.0);
-        for corner in triangle.map(|corner| p + (corner - middle) * (0.1 * sign)) {
+    let parts = Parts::new(&triangle, 0.18);
+    let weight = parts.area();
+    close(weight, 3.0 / 100.0);
+    let each = |p: DVec3, arms: [DVec3; 3]| {
+        for corner in arms.map(|arm| p + arm) {
             // Inside of the triangle: corners of the parts are those of the grid that cuts it.
             let v = 10.0 * corner.y / triangle[2].y;
             let u = (10.0 * corner.x - v * triangle[2].x) / triangle[1].x;
@@ -208,8 +211,8 @@ fn samples_cover_the_triangle() {
         moment += p * weight;
         samples.push(p);
         Ok(())
-    })
-    .unwrap();
+    };
+    parts.for_each(each).unwrap();
     assert_eq!(samples.len(), 10 * 10);
     assert!(radius <= 0.18);
     close(area, 3.0);
