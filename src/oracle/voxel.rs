@@ -5,6 +5,8 @@
 //!
 //! Built in one pass over the rows of the region, 64 cells at a time. A few nanoseconds per voxel.
 
+use std::sync::PoisonError;
+
 use bytemuck::Zeroable;
 use rayon::prelude::*;
 
@@ -17,7 +19,9 @@ use super::{
     region::Rows,
     weights::{Sampling, Tally, UNITS},
 };
-use crate::{Result, memory::zeroed};
+use crate::Result;
+use crate::memory::zeroed;
+use crate::sync::{Mutex, lock};
 
 /// Rings are counted up to this.
 const MOST_RINGS: u16 = 3;
@@ -162,8 +166,11 @@ pub(super) fn records<'a>(
         Pairs::Counted(sampling, _) => Some(Tally::new(sampling)),
         _ => None,
     };
-    let layers = voxels.par_chunks_mut(bricks.layer()).enumerate();
-    let tally = layers.try_fold(none, |mut tally, (layer, out)| {
+    // Layers differ in what they cost, so each is a piece of work of its own; tallies are as many as threads at work.
+    let idle = Mutex::new(Vec::new());
+    let layers = voxels.par_chunks_mut(bricks.layer()).enumerate().with_max_len(1);
+    layers.try_for_each(|(layer, out)| {
+        let mut tally = lock(&idle).pop().unwrap_or_else(none);
         for j in (layer * Bricks::EDGE..ny).take(Bricks::EDGE) {
             check()?;
             for k in 0..nz {
@@ -196,12 +203,11 @@ pub(super) fn records<'a>(
                 }
             }
         }
-        Ok(tally)
-    });
-    let tally = tally.try_reduce(none, |a, b| match (a, b) {
-        (Some(a), Some(b)) => a.merge(b).map(Some),
-        (a, b) => Ok(a.or(b)),
+        lock(&idle).push(tally);
+        Ok(())
     })?;
+    let tallies = idle.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let tally = tallies.into_par_iter().flatten().map(Ok).try_reduce_with(|a, b: Tally<'_>| a.merge(b)).transpose()?;
     Ok((voxels, tally))
 }
 

@@ -202,7 +202,10 @@ pub(super) struct Tally<'a> {
     cache: Vec<([u16; 2], usize)>,
     /// Units of each label whatever the weights, less those of the corners; of the cells of more than two labels.
     surplus: Vec<i64>,
+    /// Samples that more labels may win.
     many: Vec<Many>,
+    /// Those of tallies that were merged into this one.
+    merged: Vec<Vec<Many>>,
 }
 
 impl<'a> Tally<'a> {
@@ -215,6 +218,7 @@ impl<'a> Tally<'a> {
             cache: vec![([0, 0], 0); SLOTS],
             surplus: vec![0; sampling.0.len()],
             many: Vec::new(),
+            merged: Vec::new(),
         }
     }
 
@@ -360,11 +364,18 @@ impl<'a> Tally<'a> {
             to.samples.iter_mut().zip(&from.samples).for_each(|(a, b)| *a += b);
         }
         all.surplus.iter_mut().zip(&part.surplus).for_each(|(a, b)| *a += b);
-        let count = part.many.len();
-        let short = |_| Error::OutOfMemory { count, what: "samples for the weights of labels" };
-        all.many.try_reserve(count).map_err(short)?;
-        all.many.append(&mut part.many);
+        let count = 1 + part.merged.len();
+        let short = |_| Error::OutOfMemory { count, what: "tallies for the weights of labels" };
+        all.merged.try_reserve(count).map_err(short)?;
+        all.merged.append(&mut part.merged);
+        all.merged.push(part.many);
         Ok(all)
+    }
+
+    /// All samples that more than two labels may win.
+    fn many(&self) -> impl ParallelIterator<Item = &Many> {
+        let lists = self.merged.par_iter().chain([&self.many]);
+        lists.flat_map(|list| list.par_iter().with_min_len(AT_ONCE))
     }
 
     /// The weight of each label. `check` is called before each evaluation of the volumes.
@@ -375,7 +386,7 @@ impl<'a> Tally<'a> {
         // In the order of labels, so that sums of floats do not depend on the order in which pairs were met.
         let curves: BTreeMap<[u16; 2], Curve> =
             self.of_pair.iter().map(|(&pair, &at)| (pair, self.contests[at].surplus())).collect();
-        let exchange = exchange(&curves, &self.many, self.surplus.len());
+        let exchange = exchange(&curves, self.many(), self.surplus.len());
         let missing = |logs: &[f64]| -> Result<Missing> {
             check()?;
             let weights: Vec<f32> = logs.iter().map(|log| log.exp() as f32).collect();
@@ -412,7 +423,7 @@ impl<'a> Tally<'a> {
             a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
             a
         };
-        let samples = self.many.par_iter().with_min_len(AT_ONCE).fold(none, won);
+        let samples = self.many().fold(none, won);
         let units = samples.chain([self.surplus.clone()]).reduce(none, sum);
         let mut missing: Vec<f64> = units.iter().map(|&u| -u as f64).collect();
         for (&[a, b], curve) in curves {
@@ -473,7 +484,11 @@ pub(super) fn hash([i, j, k]: [usize; 3]) -> u64 {
 }
 
 /// For each label its rivals and the units that go over to it from each, per unit of the logarithm of their ratio.
-fn exchange(curves: &BTreeMap<[u16; 2], Curve>, many: &[Many], labels: usize) -> Vec<Vec<(u16, f64)>> {
+fn exchange<'m>(
+    curves: &BTreeMap<[u16; 2], Curve>,
+    many: impl ParallelIterator<Item = &'m Many>,
+    labels: usize,
+) -> Vec<Vec<(u16, f64)>> {
     let mut units: BTreeMap<[u16; 2], f64> =
         curves.iter().map(|(&pair, curve)| (pair, curve[0] - curve[LEVELS])).collect();
     // Sums of integers: in any order the same.
@@ -482,7 +497,7 @@ fn exchange(curves: &BTreeMap<[u16; 2], Curve>, many: &[Many], labels: usize) ->
         *units.entry([a.min(b), a.max(b)]).or_default() += u64::from(m.units);
         units
     };
-    let counts: Vec<_> = many.par_iter().with_min_len(AT_ONCE).fold(HashMap::new, count).collect();
+    let counts: Vec<_> = many.fold(HashMap::new, count).collect();
     let mut contested = HashMap::<[u16; 2], u64>::new();
     for (pair, n) in counts.into_iter().flatten() {
         *contested.entry(pair).or_default() += n;
