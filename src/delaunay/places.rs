@@ -5,7 +5,7 @@
 //!
 //! Places are cells of a grid over the box, along Morton's curve ([`morton`]); within a cell the order is that of the numbers. So the order depends on the triangulation alone, not on the number of threads.
 //!
-//! A counting sort: linear, parallel in the current rayon pool. Not to be used while others operate. Its counters are relaxed: each is a sum of its own, and a pass is joined before the next one reads what it left.
+//! A radix sort of two digits, linear and stable, parallel in the current rayon pool. Not to be used while others operate.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -16,13 +16,13 @@ use super::tet::{TetId, VertexId};
 use super::triangulation::Triangulation;
 use crate::Result;
 use crate::geometry::morton;
-use crate::memory::zeroed;
+use crate::memory::{room, zeroed};
 
-/// Numbers of one piece of work, between two questions whether to go on.
+/// Numbers between two questions whether to go on.
 const PIECE: usize = 1 << 13;
 
-/// Cells of one piece of work.
-const CELLS: usize = 1 << 10;
+/// Most stretches of consecutive numbers, each a piece of work with counters of its own.
+const STRETCHES: usize = 64;
 
 /// As many numbers come to a cell at least, on average; in the object, which fills a part of the box, some more.
 const PER_CELL: u32 = 4;
@@ -36,7 +36,10 @@ impl Triangulation {
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; those of `go_on`.
     pub fn tets_by_place(&self, go_on: impl Fn() -> Result<()> + Sync) -> Result<Vec<TetId>> {
-        let center = |t| self.is_living(t).then(|| self.tet(t).sphere().center);
+        let center = |t| {
+            self.prefetch_next(t);
+            self.is_living(t).then(|| self.tet(t).sphere().center)
+        };
         self.by_place(self.tet_bound(), center, go_on)
     }
 
@@ -70,61 +73,77 @@ impl Triangulation {
         };
         // The cell of each number, from 1 on; 0 for one without a place.
         let mut cells: Vec<u32> = zeroed(bound as usize, "cells of tets")?;
-        let ends: Vec<AtomicU32> = zeroed((1 << (3 * bits)) + 1, "cells of a grid")?;
-        cells.par_chunks_mut(PIECE).enumerate().try_for_each(|(piece, cells)| {
-            go_on()?;
-            for (own, number) in cells.iter_mut().zip((piece * PIECE) as u32..) {
-                if let Some(p) = place(number) {
-                    *own = 1 + cell(p);
-                    ends[*own as usize].fetch_add(1, Relaxed);
+        // Block by block of cells, then the cells of a block: counters that stay in the cache, and that no two threads share.
+        let low = 3 * bits / 2;
+        let block = |own: u32| ((own - 1) >> low) as usize;
+        let stretch = cells.len().div_ceil(STRETCHES).max(PIECE);
+        let counts = cells.par_chunks_mut(stretch).enumerate().with_max_len(1).map(|(n, cells)| {
+            let mut counts: Vec<u32> = zeroed(1 << (3 * bits - low), "blocks of cells")?;
+            for (piece, cells) in cells.chunks_mut(PIECE).enumerate() {
+                go_on()?;
+                for (own, number) in cells.iter_mut().zip((n * stretch + piece * PIECE) as u32..) {
+                    if let Some(p) = place(number) {
+                        *own = 1 + cell(p);
+                        counts[block(*own)] += 1;
+                    }
+                }
+            }
+            Ok(counts)
+        });
+        let mut starts: Vec<Vec<u32>> = counts.collect::<Result<_>>()?;
+        let mut end = 0;
+        let mut ends: Vec<u32> = zeroed(1 << (3 * bits - low), "blocks of cells")?;
+        for (block, block_end) in ends.iter_mut().enumerate() {
+            for starts in &mut starts {
+                end += std::mem::replace(&mut starts[block], end);
+            }
+            *block_end = end;
+        }
+        // Relaxed: each is written by one thread, and the pass is joined before they are read.
+        let mut sorted: Vec<AtomicU32> = zeroed(end as usize, "tets by place")?;
+        let stretches = cells.par_chunks(stretch).zip(starts).enumerate().with_max_len(1);
+        stretches.try_for_each(|(n, (cells, mut starts))| {
+            for (piece, cells) in cells.chunks(PIECE).enumerate() {
+                go_on()?;
+                let numbers = (n * stretch + piece * PIECE) as u32..;
+                for (&own, number) in cells.iter().zip(numbers).filter(|&(&own, _)| own > 0) {
+                    let at = &mut starts[block(own)];
+                    sorted[*at as usize].store(number, Relaxed);
+                    *at += 1;
                 }
             }
             Ok(())
         })?;
-        let mut end = 0;
-        for count in &ends {
-            end += count.load(Relaxed);
-            count.store(end, Relaxed);
-        }
-        // `ends[c]` grows from the start of the cell's part to its end.
-        let sorted: Vec<AtomicU32> = zeroed(end as usize, "tets by place")?;
-        cells.par_chunks(PIECE).enumerate().try_for_each(|(piece, cells)| {
+        let mut start = 0;
+        let mut rest = sorted.as_mut_slice();
+        let blocks = ends.iter().map(|&end| {
+            let length = (end - std::mem::replace(&mut start, end)) as usize;
+            rest.split_off_mut(..length).expect("the ends are within the list")
+        });
+        blocks.collect::<Vec<_>>().into_par_iter().try_for_each(|numbers| {
             go_on()?;
-            for (&own, number) in cells.iter().zip((piece * PIECE) as u32..).filter(|&(&own, _)| own > 0) {
-                sorted[ends[own as usize - 1].fetch_add(1, Relaxed) as usize].store(number, Relaxed);
-            }
-            Ok(())
+            sort_block(numbers, |number| (cells[number as usize] - 1) as usize % (1 << low), 1 << low)
         })?;
-        drop(cells);
-        let mut sorted: Vec<u32> = sorted.into_par_iter().map(AtomicU32::into_inner).collect();
-        let ends: Vec<u32> = ends[..ends.len() - 1].iter().map(|end| end.load(Relaxed)).collect();
-        // With several threads the numbers of a cell come in no particular order.
-        sort_parts(&mut sorted, &ends, go_on)?;
-        Ok(sorted)
+        Ok(sorted.into_iter().map(AtomicU32::into_inner).collect())
     }
 }
 
-/// Sorts each part of a list, of which `ends` has the ends.
+/// Sorts numbers by their cells, of which a block has so many; stable.
 ///
 /// # Errors
-/// Those of `go_on`, which is asked every some thousand numbers.
-pub fn sort_parts(mut list: &mut [u32], ends: &[u32], go_on: impl Fn() -> Result<()> + Sync) -> Result<()> {
-    let mut pieces = Vec::new();
-    let mut start = 0;
-    for ends in ends.chunks(CELLS) {
-        let end = ends[ends.len() - 1];
-        pieces.extend(list.split_off_mut(..(end - start) as usize).map(|piece| (start, ends, piece)));
-        start = end;
+/// [`crate::Error::OutOfMemory`].
+fn sort_block(numbers: &mut [AtomicU32], cell: impl Fn(u32) -> usize, cells: usize) -> Result<()> {
+    let mut ends: Vec<u32> = zeroed(cells + 1, "cells of a block")?;
+    let mut unsorted = room(numbers.len(), "tets of a block")?;
+    unsorted.extend(numbers.iter_mut().map(|number| (*number.get_mut(), cell(*number.get_mut()))));
+    unsorted.iter().for_each(|&(_, cell)| ends[cell + 1] += 1);
+    (0..cells).for_each(|cell| ends[cell + 1] += ends[cell]);
+    // `ends[c]` grows from the start of the cell's part to its end.
+    for (number, cell) in unsorted {
+        *numbers[ends[cell] as usize].get_mut() = number;
+        ends[cell] += 1;
     }
-    pieces.into_par_iter().try_for_each(|(first, ends, piece)| {
-        go_on()?;
-        let mut start = 0;
-        for end in ends.iter().map(|end| (end - first) as usize) {
-            piece[start..end].sort_unstable();
-            start = end;
-        }
-        Ok(())
-    })
+    Ok(())
 }
 
 #[cfg(test)]

@@ -14,13 +14,15 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::voxel_faces::{BRICK, VoxelFaces};
-use crate::delaunay::places::sort_parts;
 use crate::memory::zeroed;
 use crate::monitor::Monitor;
 use crate::{Error, Result};
 
 /// Triangles of one piece of work.
 const CHUNK: usize = 1 << 12;
+
+/// Bricks of one piece of work.
+const BRICKS: usize = 1 << 10;
 
 /// An interface facet in the coordinates of [`VoxelFaces`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -123,8 +125,10 @@ impl TriangleBins {
         // `ends[b]` grows from the start of b's list to its end.
         let lists: Vec<AtomicU32> = zeroed(total as usize, "triangles of bricks")?;
         each(&|brick, number| lists[ends[brick].fetch_add(1, Relaxed) as usize].store(number, Relaxed))?;
-        let mut lists: Vec<u32> = lists.into_par_iter().map(AtomicU32::into_inner).collect();
-        let ends: Vec<u32> = ends[..ends.len() - 1].iter().map(|end| end.load(Relaxed)).collect();
+        let mut lists: Vec<u32> = lists.into_iter().map(AtomicU32::into_inner).collect();
+        let mut ends: Vec<u32> = ends.into_iter().map(AtomicU32::into_inner).collect();
+        ends.pop();
+        // With several threads the triangles of a brick come in no particular order.
         sort_parts(&mut lists, &ends, || monitor.advance(0))?;
         let has_id: Vec<AtomicBool> = zeroed(usize::from(u16::MAX) + 1, "labels of triangles")?;
         triangles.par_iter().flat_map_iter(|triangle| triangle.ids).for_each(|id| {
@@ -232,6 +236,29 @@ impl TriangleBins {
             }
         }
     }
+}
+
+/// Sorts each part of a list, of which `ends` has the ends.
+///
+/// # Errors
+/// Those of `go_on`, which is asked every some thousand numbers.
+fn sort_parts(mut list: &mut [u32], ends: &[u32], go_on: impl Fn() -> Result<()> + Sync) -> Result<()> {
+    let mut pieces = Vec::new();
+    let mut start = 0;
+    for ends in ends.chunks(BRICKS) {
+        let end = ends[ends.len() - 1];
+        pieces.extend(list.split_off_mut(..(end - start) as usize).map(|piece| (start, ends, piece)));
+        start = end;
+    }
+    pieces.into_par_iter().try_for_each(|(first, ends, piece)| {
+        go_on()?;
+        let mut start = 0;
+        for end in ends.iter().map(|end| (end - first) as usize) {
+            piece[start..end].sort_unstable();
+            start = end;
+        }
+        Ok(())
+    })
 }
 
 /// The brick, of `n`, that holds a coordinate in bricks, or the first or last one. (`as` saturates.)

@@ -19,7 +19,6 @@ use super::pel::{Gift, Pel, Task};
 use super::rules::{Demand, Facets, Lookups, Rule, Rules};
 use super::team::Team;
 use crate::delaunay::access::Effort;
-use crate::delaunay::chunked::CHUNK;
 use crate::delaunay::homes::MAX_NODES;
 use crate::delaunay::worker::mark_of;
 use crate::delaunay::{Access, Insertion, Removal, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker};
@@ -33,6 +32,9 @@ pub(super) const LOOK_EVERY: u64 = 1024;
 
 /// Entries that the list has room for at each look: more than the steps until the next one push, unless cavities are monstrous.
 const ROOM: usize = 64 * LOOK_EVERY as usize;
+
+/// Slots that are collected at once: their records stay in the nearest cache from one step to the next.
+const COLLECTED: usize = 256;
 
 /// What a worker of a refinement did beside the operations of the kernel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -203,28 +205,33 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
 
     /// Takes the tets in the slots that this worker claimed into its list, or sends them to the workers in whose regions they lie. While nobody operates.
     pub fn collect(&mut self) -> Result<()> {
-        // Slots of the box are nobody's claim.
-        let mut living = room(CHUNK, "tets of a chunk")?;
+        let mut living = room(COLLECTED, "tets of a chunk")?;
         let mut parcels: Vec<Vec<TetStamp>> = Vec::new();
         parcels.resize_with(self.team.size(), Vec::new);
         let regions = self.team.regions.as_ref();
+        // Slots of the box are nobody's claim.
         let of_box = (self.me == 0).then(|| self.triangulation.box_slots());
         let claimed: Vec<Range<TetId>> = self.worker.claimed().iter().cloned().chain(of_box).collect();
         for slots in claimed {
             self.pel.make_room(slots.len())?;
-            living.clear();
-            living.extend(slots.filter(|&t| self.triangulation.is_living(t)));
-            self.rules.find_labels(&living);
-            self.note_labels(living.len());
-            for &t in &living {
-                let record = self.triangulation.tet(t);
-                let owner = regions.map_or(self.me, |regions| regions.worker_of(record.sphere().center));
-                record.set_mark(mark_of(owner));
-                if owner == self.me {
-                    self.pel.push_waiting(self.triangulation.stamp(t));
-                } else {
-                    reserve(&mut parcels[owner], 1, "tets of other regions")?;
-                    parcels[owner].push(self.triangulation.stamp(t));
+            for first in slots.clone().step_by(COLLECTED) {
+                living.clear();
+                living.extend((first..slots.end).take(COLLECTED).filter(|&t| {
+                    self.triangulation.prefetch_next(t);
+                    self.triangulation.is_living(t)
+                }));
+                self.rules.find_labels(&living);
+                self.note_labels(living.len());
+                for &t in &living {
+                    let record = self.triangulation.tet(t);
+                    let owner = regions.map_or(self.me, |regions| regions.worker_of(record.sphere().center));
+                    record.set_mark(mark_of(owner));
+                    if owner == self.me {
+                        self.pel.push_waiting(self.triangulation.stamp(t));
+                    } else {
+                        reserve(&mut parcels[owner], 1, "tets of other regions")?;
+                        parcels[owner].push(self.triangulation.stamp(t));
+                    }
                 }
             }
         }
