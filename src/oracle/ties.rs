@@ -140,8 +140,13 @@ impl Square {
         };
         for a in self.labels(0) {
             for b in self.labels(a + 1) {
+                let mut others = self.labels(b + 1).peekable();
+                if others.peek().is_none() {
+                    // Nor do later labels have two after them.
+                    break;
+                }
                 let Some(p) = apart(a, b) else { continue };
-                for c in self.labels(b + 1) {
+                for c in others {
                     if let Some(q) = apart(a, c)
                         && apart(b, c).is_some()
                     {

@@ -176,6 +176,39 @@ impl Many {
     }
 }
 
+/// Samples of a cell, side by side.
+struct Samples {
+    /// The indicators of its labels.
+    values: [[f32; MOST as usize]; 8],
+    /// The labels that some weights let win, one bit each; at least one.
+    rivals: [u32; MOST as usize],
+}
+
+impl Samples {
+    /// Takes samples from number `start` on at the points `at` of a cell of so many labels; `held` are the indicators of the labels at the corners.
+    #[inline(always)]
+    fn take(&mut self, start: usize, labels: usize, held: &[[f32; 8]; 8], at: [[f32; LANES]; 3]) {
+        let parts: [[f32; 8]; LANES] = std::array::from_fn(|lane| indicator::parts(at.map(|along| along[lane])));
+        let mut values = [[0.0_f32; LANES]; 8];
+        let mut largest = [0.0_f32; LANES];
+        for (values, held) in values.iter_mut().zip(held).take(labels) {
+            for lane in 0..LANES {
+                let w: [f32; 8] = std::array::from_fn(|c| held[c] * parts[lane][c]);
+                values[lane] = ((w[0] + w[4]) + (w[2] + w[6])) + ((w[1] + w[5]) + (w[3] + w[7]));
+                largest[lane] = largest[lane].max(values[lane]);
+            }
+        }
+        let mut rivals = [0_u32; LANES];
+        for (n, values) in values[..labels].iter().enumerate() {
+            self.values[n][start..start + LANES].copy_from_slice(values);
+            for lane in 0..LANES {
+                rivals[lane] |= u32::from(values[lane] * RATIO >= largest[lane]) << n;
+            }
+        }
+        self.rivals[start..start + LANES].copy_from_slice(&rivals);
+    }
+}
+
 /// How many samples the cells with a voxel of each label get.
 pub(super) struct Sampling(Vec<u32>);
 
@@ -268,10 +301,10 @@ impl<'a> Tally<'a> {
         let shift = [0, 20, 40].map(|low| (hash >> low & 0xf_ffff) as f32 / (1 << 20) as f32);
         let units = units / count * stands_for;
         let (present, labels) = distinct(ids);
+        let present = &present[..labels];
         let held: [[f32; 8]; 8] =
             std::array::from_fn(|n| ids.map(|id| if n < labels && id == present[n] { 1.0 } else { 0.0 }));
-        let short = |_| Error::OutOfMemory { count: count as usize, what: "samples for the weights of labels" };
-        self.many.try_reserve(count as usize).map_err(short)?;
+        let mut samples = Samples { values: [[0.0; MOST as usize]; 8], rivals: [0; MOST as usize] };
         for start in (0..count as usize).step_by(LANES) {
             let at = [0, 1, 2].map(|a| {
                 std::array::from_fn(|lane| {
@@ -279,44 +312,48 @@ impl<'a> Tally<'a> {
                     if t < 1.0 { t } else { t - 1.0 }
                 })
             });
-            self.add_samples(&present[..labels], &held, at, units);
+            samples.take(start, labels, &held, at);
         }
-        Ok(())
+        self.add_samples(present, &samples, count as usize, units)
     }
 
-    /// Counts samples of one cell; `held` are the indicators of its labels at the corners.
+    /// Counts the first `count` samples of a cell whose labels are `present`.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
     #[inline(always)]
-    fn add_samples(&mut self, present: &[u16], held: &[[f32; 8]; 8], at: [[f32; LANES]; 3], units: u32) {
-        let parts: [[f32; 8]; LANES] = std::array::from_fn(|lane| indicator::parts(at.map(|along| along[lane])));
-        let mut values = [[0.0_f32; LANES]; 8];
-        let mut largest = [0.0_f32; LANES];
-        for (values, held) in values.iter_mut().zip(held).take(present.len()) {
-            for lane in 0..LANES {
-                let w: [f32; 8] = std::array::from_fn(|c| held[c] * parts[lane][c]);
-                values[lane] = ((w[0] + w[4]) + (w[2] + w[6])) + ((w[1] + w[5]) + (w[3] + w[7]));
-                largest[lane] = largest[lane].max(values[lane]);
+    fn add_samples(&mut self, present: &[u16], samples: &Samples, count: usize, units: u32) -> Result<()> {
+        // Sorted by the number of rivals first, without a branch on it, which is as good as random: what one label wins is counted, the others are listed.
+        let mut won = [0_u32; 8];
+        let mut lists = [[0_u8; MOST as usize]; 2];
+        let mut lengths = [0; 2];
+        for (i, &rivals) in samples.rivals[..count].iter().enumerate() {
+            let rest = rivals & (rivals - 1);
+            let (is_contested, is_many) = (rest != 0, rest & rest.wrapping_sub(1) != 0);
+            won[rivals.trailing_zeros() as usize % 8] += u32::from(!is_contested);
+            for (n, is_listed) in [is_contested & !is_many, is_many].into_iter().enumerate() {
+                lists[n][lengths[n]] = i as u8;
+                lengths[n] += usize::from(is_listed);
             }
         }
-        // Those that some weights let win, one bit each.
-        let mut rivals = [0_u32; LANES];
-        for (n, values) in values[..present.len()].iter().enumerate() {
-            for lane in 0..LANES {
-                rivals[lane] |= u32::from(values[lane] * RATIO >= largest[lane]) << n;
-            }
+        for (&id, &won) in present.iter().zip(&won) {
+            self.surplus[usize::from(id)] += i64::from(won * units);
         }
-        for lane in 0..LANES {
-            let (one, rest) = (rivals[lane].trailing_zeros() as usize, rivals[lane] & (rivals[lane] - 1));
-            if rest == 0 {
-                self.surplus[usize::from(present[one])] += i64::from(units);
-            } else if rest & (rest - 1) == 0 {
-                let rival = |n: usize| (present[n], values[n][lane]);
-                self.add_contested(rival(one), rival(rest.trailing_zeros() as usize), units);
-            } else {
-                let is_rival = |n: &usize| rivals[lane] >> n & 1 == 1;
-                self.many
-                    .push(Many::new((0..present.len()).filter(is_rival).map(|n| (values[n][lane], present[n])), units));
-            }
+        for i in lists[0][..lengths[0]].iter().map(|&i| usize::from(i)) {
+            let rivals = samples.rivals[i];
+            let [a, b] = [rivals, rivals & (rivals - 1)].map(|set| {
+                let n = set.trailing_zeros() as usize;
+                (present[n], samples.values[n][i])
+            });
+            self.add_contested(a, b, units);
         }
+        let short = |_| Error::OutOfMemory { count: lengths[1], what: "samples for the weights of labels" };
+        self.many.try_reserve(lengths[1]).map_err(short)?;
+        for i in lists[1][..lengths[1]].iter().map(|&i| usize::from(i)) {
+            let rivals = (0..present.len()).filter(|&n| samples.rivals[i] >> n & 1 == 1);
+            self.many.push(Many::new(rivals.map(|n| (samples.values[n][i], present[n])), units));
+        }
+        Ok(())
     }
 
     /// Counts a sample that either of two labels may win.
