@@ -55,6 +55,19 @@ struct Slot<G> {
     ready: AtomicBool,
 }
 
+/// The beggars of a group, of whom its workers ask with every step: one load, and no way through lists to it.
+#[derive(Clone, Copy)]
+pub struct Beggars<'b>(&'b AtomicUsize);
+
+impl Beggars<'_> {
+    /// Whether there seem to be some.
+    #[inline(always)]
+    pub fn any(self) -> bool {
+        // Relaxed: a hint; the lists are looked at under their locks.
+        self.0.load(Relaxed) != 0
+    }
+}
+
 impl<G> Begging<G> {
     /// For the workers of `levels`, all of which have work.
     pub fn new(levels: Levels) -> Self {
@@ -123,11 +136,9 @@ impl<G> Begging<G> {
         &self.beggars[self.top_of(me)]
     }
 
-    /// Whether somebody seems to beg to whom worker `me` may give.
-    #[inline]
-    pub fn is_wanted(&self, me: usize) -> bool {
-        // Relaxed: a hint; the lists are looked at under their locks.
-        self.beggars_of(me).load(Relaxed) != 0
+    /// The beggars to whom worker `me` may give.
+    pub fn beggars(&self, me: usize) -> Beggars<'_> {
+        Beggars(self.beggars_of(me))
     }
 
     /// The beggar nearest to worker `me`, to whom it must [give](Self::give).
@@ -202,7 +213,7 @@ mod tests {
     fn groups_that_stand_apart_give_nothing_to_each_other() {
         let (begging, waiters) = (Begging::<()>::new(Levels::apart(&[0, 1, 0, 1])), Waiters::new(4));
         begging.join(0);
-        assert_eq!([0, 1, 2, 3].map(|me| begging.is_wanted(me)), [true, false, true, false]);
+        assert_eq!([0, 1, 2, 3].map(|me| begging.beggars(me).any()), [true, false, true, false]);
         assert_eq!(begging.take_beggar(3), None);
         assert_eq!(begging.take_beggar(2), Some(0));
         // All groups without work: the end.
@@ -262,7 +273,7 @@ mod tests {
                         while let Some(task) = tasks.pop() {
                             done.fetch_add(1, Relaxed);
                             tasks.extend(0..task);
-                            if begging.is_wanted(me)
+                            if begging.beggars(me).any()
                                 && tasks.len() > 1
                                 && let Some(beggar) = begging.take_beggar(me)
                             {

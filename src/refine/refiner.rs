@@ -252,6 +252,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     /// Works until no rule applies, for the whole team.
     pub fn run(&mut self) -> Result<()> {
         self.timeline.turn_to(Doing::Refining, ticks());
+        let beggars = self.team.begging.beggars(self.me);
         let divided = A::SHARED && self.team.regions.is_some();
         let mut steps = 0_u64;
         loop {
@@ -260,7 +261,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             }
             steps += 1;
             self.worker.access.pause();
-            if A::SHARED && self.team.begging.is_wanted(self.me) {
+            if A::SHARED && beggars.any() {
                 self.give();
             }
             if divided && let Some(sent) = self.team.begging.open_inbox(self.me) {

@@ -326,7 +326,7 @@ impl Team {
         let mut streak = Streak::new(me);
         loop {
             while tasks > 0 {
-                if self.begging.is_wanted(me)
+                if self.begging.beggars(me).any()
                     && tasks > 1
                     && let Some(beggar) = self.begging.take_beggar(me)
                 {
