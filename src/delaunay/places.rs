@@ -18,11 +18,8 @@ use crate::Result;
 use crate::geometry::morton;
 use crate::memory::{room, zeroed};
 
-/// Numbers between two questions whether to go on.
-const PIECE: usize = 1 << 13;
-
-/// Most stretches of consecutive numbers, each a piece of work with counters of its own.
-const STRETCHES: usize = 64;
+/// Consecutive numbers of one piece of work, which has counters of its own: some hundred microseconds, between two questions whether to go on.
+const STRETCH: usize = 1 << 15;
 
 /// As many numbers come to a cell at least, on average; in the object, which fills a part of the box, some more.
 const PER_CELL: u32 = 4;
@@ -76,23 +73,21 @@ impl Triangulation {
         // Block by block of cells, then the cells of a block: counters that stay in the cache, and that no two threads share.
         let low = 3 * bits / 2;
         let block = |own: u32| ((own - 1) >> low) as usize;
-        let stretch = cells.len().div_ceil(STRETCHES).max(PIECE);
-        let counts = cells.par_chunks_mut(stretch).enumerate().with_max_len(1).map(|(n, cells)| {
-            let mut counts: Vec<u32> = zeroed(1 << (3 * bits - low), "blocks of cells")?;
-            for (piece, cells) in cells.chunks_mut(PIECE).enumerate() {
-                go_on()?;
-                for (own, number) in cells.iter_mut().zip((n * stretch + piece * PIECE) as u32..) {
-                    if let Some(p) = place(number) {
-                        *own = 1 + cell(p);
-                        counts[block(*own)] += 1;
-                    }
+        let blocks = 1 << (3 * bits - low);
+        let counts = cells.par_chunks_mut(STRETCH).enumerate().with_max_len(1).map(|(stretch, cells)| {
+            go_on()?;
+            let mut counts: Vec<u32> = zeroed(blocks, "blocks of cells")?;
+            for (own, number) in cells.iter_mut().zip((stretch * STRETCH) as u32..) {
+                if let Some(p) = place(number) {
+                    *own = 1 + cell(p);
+                    counts[block(*own)] += 1;
                 }
             }
             Ok(counts)
         });
         let mut starts: Vec<Vec<u32>> = counts.collect::<Result<_>>()?;
         let mut end = 0;
-        let mut ends: Vec<u32> = zeroed(1 << (3 * bits - low), "blocks of cells")?;
+        let mut ends: Vec<u32> = zeroed(blocks, "blocks of cells")?;
         for (block, block_end) in ends.iter_mut().enumerate() {
             for starts in &mut starts {
                 end += std::mem::replace(&mut starts[block], end);
@@ -101,16 +96,13 @@ impl Triangulation {
         }
         // Relaxed: each is written by one thread, and the pass is joined before they are read.
         let mut sorted: Vec<AtomicU32> = zeroed(end as usize, "tets by place")?;
-        let stretches = cells.par_chunks(stretch).zip(starts).enumerate().with_max_len(1);
-        stretches.try_for_each(|(n, (cells, mut starts))| {
-            for (piece, cells) in cells.chunks(PIECE).enumerate() {
-                go_on()?;
-                let numbers = (n * stretch + piece * PIECE) as u32..;
-                for (&own, number) in cells.iter().zip(numbers).filter(|&(&own, _)| own > 0) {
-                    let at = &mut starts[block(own)];
-                    sorted[*at as usize].store(number, Relaxed);
-                    *at += 1;
-                }
+        let stretches = cells.par_chunks(STRETCH).zip(starts).enumerate().with_max_len(1);
+        stretches.try_for_each(|(stretch, (cells, mut starts))| {
+            go_on()?;
+            for (&own, number) in cells.iter().zip((stretch * STRETCH) as u32..).filter(|&(&own, _)| own > 0) {
+                let at = &mut starts[block(own)];
+                sorted[*at as usize].store(number, Relaxed);
+                *at += 1;
             }
             Ok(())
         })?;

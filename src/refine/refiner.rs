@@ -205,7 +205,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
 
     /// Takes the tets in the slots that this worker claimed into its list, or sends them to the workers in whose regions they lie. While nobody operates.
     pub fn collect(&mut self) -> Result<()> {
-        let mut living = room(COLLECTED, "tets of a chunk")?;
+        let mut living = room(COLLECTED, "tets to collect")?;
         let mut parcels: Vec<Vec<TetStamp>> = Vec::new();
         parcels.resize_with(self.team.size(), Vec::new);
         let regions = self.team.regions.as_ref();
