@@ -149,3 +149,37 @@ fn a_star_of_hundreds_of_vertices_is_sound_and_can_be_undone() {
         assert_eq!(kernel.canonical(), before);
     }
 }
+
+/// A stamp is current as long as the tet is the same: of all tets, after insertions; after a removal of those that are there still, and of none that has gone, unless another one with the same last vertex came in its place.
+#[test]
+fn stamps_tell_which_tets_are_still_there() {
+    let mut kernel = Kernel::new();
+    let point = |i: u32| (DVec3::new(0.754_877_666, 0.569_840_291, 0.430_159_709) * f64::from(i)).fract() * 4.0;
+    let mut inserted = Vec::new();
+    let (mut stale, mut taken_again) = (0, 0);
+    for i in 1..400 {
+        let triangulation = &kernel.triangulation;
+        let vertices = |t| triangulation.tet(t).vertices();
+        let before: Vec<_> = triangulation.living_tets().map(|t| (triangulation.stamp(t), vertices(t))).collect();
+        let removes = i % 4 == 0;
+        if removes {
+            let v = inserted.swap_remove(inserted.len() / 2);
+            assert_eq!(kernel.worker.remove(&kernel.triangulation, v).expect("room"), Removal::Done);
+        } else {
+            inserted.extend(kernel.insert(point(i)));
+        }
+        let triangulation = &kernel.triangulation;
+        for (stamp, vertices) in before {
+            let now = triangulation.tet(stamp.tet).vertices();
+            let lives = triangulation.is_living(stamp.tet) && now == vertices;
+            if removes && !lives && triangulation.is_current(stamp) {
+                assert!(triangulation.is_living(stamp.tet) && now[3] == vertices[3]);
+                taken_again += 1;
+            } else {
+                assert_eq!(triangulation.is_current(stamp), lives);
+            }
+            stale += u32::from(!lives);
+        }
+    }
+    assert!(stale > 3000 && taken_again * 20 < stale, "{taken_again} of {stale}");
+}

@@ -122,7 +122,7 @@ impl Triangulation {
                 check.broken_adjacency += u64::from(!on_box);
                 continue;
             }
-            if self.is_cleared(twin.tet()) || self.tet(twin.tet()).neighbor(twin.index()) != Facet::new(t, i) {
+            if !self.is_living(twin.tet()) || self.tet(twin.tet()).neighbor(twin.index()) != Facet::new(t, i) {
                 check.broken_adjacency += 1;
                 continue;
             }

@@ -28,7 +28,7 @@ impl Triangulation {
             self.prefetch_neighbors(t);
             let record = self.tet(t);
             let vertices = record.vertices();
-            if vertices[0] == NO_VERTEX {
+            if vertices[3] == NO_VERTEX {
                 // Another worker has just freed the slot: the caller finds that out, and begins elsewhere.
                 return t;
             }

@@ -11,8 +11,7 @@
 //!          \ | /          is a positive tet: the facet's normal points inwards
 //!            1
 //! ```
-//! One tet is one 64-byte cache line: vertices, neighbours, circumcenter, squared radius with its slack, and a word for the
-//! layer above. Only the generation of the slot lies in a second array.
+//! One tet is one 64-byte cache line: vertices, neighbours, circumcenter, squared radius with its slack, and words for the layer above.
 
 use std::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, AtomicU64, Ordering::*};
 
@@ -26,13 +25,13 @@ pub type VertexId = u32;
 /// Index of a tet's slot. Slots are used again; a [`TetStamp`] tells whether the tet is still the same.
 pub type TetId = u32;
 
-/// No vertex; in slot 0 of a tet it marks a slot that was freed.
+/// No vertex; as the last vertex of a tet it marks a slot that was freed.
 pub const NO_VERTEX: VertexId = u32::MAX;
 
 /// Whether these are the vertices of a tet, and not what stands in a slot that was freed, or in one that was never used, where all are 0. Of a triangulation at rest.
 #[inline(always)]
 pub fn is_tet(vertices: [VertexId; 4]) -> bool {
-    vertices[0] != NO_VERTEX && vertices[0] != vertices[1]
+    vertices[3] != NO_VERTEX && vertices[0] != vertices[1]
 }
 
 /// `FACET[i]` lists the vertices of facet i, see the picture above.
@@ -141,7 +140,7 @@ impl TetRecord {
     /// Marks the slot free.
     #[inline(always)]
     pub(super) fn clear(&self) {
-        self.vertices[0].store(NO_VERTEX, Relaxed);
+        self.vertices[3].store(NO_VERTEX, Relaxed);
     }
 
     /// The facet of the neighbour that is this tet's facet `i`.
@@ -204,13 +203,17 @@ impl TetRecord {
     }
 }
 
-/// A tet as it was when the stamp was taken: stale once the slot was freed.
+/// A tet as it was when the stamp was taken: stale when the slot is free or holds another one.
+///
+/// The last vertex tells. Where an insertion made the tet that is the new vertex, whose id is never used again: no other tet of the slot has had it or will have it. A removal makes tets of old vertices, and may give a slot
+/// the last vertex that it had before; then a stamp of the former tet is taken for one of the new one. What is looked at for such a stamp is looked at once too often; what was found out about the former
+/// tet is to be compared with the new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TetStamp {
     /// The slot.
     pub tet: TetId,
-    /// The slot's generation then.
-    pub generation: u32,
+    /// The tet's last vertex.
+    pub last: VertexId,
 }
 
 /// What a vertex is to the refinement rules.

@@ -23,8 +23,6 @@ pub const BOX_VERTICES: u32 = 8;
 /// A Delaunay triangulation of points strictly inside an axis-aligned box.
 pub struct Triangulation {
     tets: Chunked<TetRecord>,
-    /// Counts the uses of each slot: odd while a tet lives in it, even otherwise.
-    generations: Chunked<AtomicU32>,
     vertices: Chunked<VertexRecord>,
     /// The locks of vertices, apart from the records: digging asks for them before it needs anything else of a vertex.
     owners: Owners,
@@ -48,7 +46,6 @@ impl Triangulation {
         }
         let triangulation = Self {
             tets: Chunked::with_capacity(MAX_TETS)?,
-            generations: Chunked::with_capacity(MAX_TETS)?,
             vertices: Chunked::with_capacity(MAX_TETS / 4)?,
             owners: Owners::new()?,
             homes: Homes::new()?,
@@ -175,11 +172,9 @@ impl Triangulation {
         (0..4).for_each(|i| self.vertices.prefetch(record.vertex(i)));
     }
 
-    /// Fetches what an operation that destroys a tet needs of it besides its record: its generation, and the vertex opposite to the facet through which
-    /// the tet was found. The other three are those of the tet before it.
+    /// Fetches what an operation that destroys a tet needs of it besides its record: the vertex opposite to the facet through which the tet was found. The other three are those of the tet before it.
     #[inline]
     pub(super) fn prefetch_rest(&self, entry: Facet) {
-        self.generations.prefetch(entry.tet());
         self.vertices.prefetch(self.tet(entry.tet()).vertex(entry.index()));
     }
 
@@ -212,16 +207,16 @@ impl Triangulation {
         [self.position(vertices[0]), self.position(vertices[1]), self.position(vertices[2]), self.position(vertices[3])]
     }
 
-    /// Whether the tet that the stamp was taken of still lives.
+    /// Whether the tet that the stamp was taken of still lives; [`TetStamp`] tells of the exception.
     #[inline(always)]
     pub fn is_current(&self, stamp: TetStamp) -> bool {
-        self.generations.get(stamp.tet).load(Relaxed) == stamp.generation
+        self.tet(stamp.tet).vertex(3) == stamp.last
     }
 
     /// A stamp of a living tet.
     #[inline(always)]
     pub fn stamp(&self, tet: TetId) -> TetStamp {
-        TetStamp { tet, generation: self.generations.get(tet).load(Relaxed) }
+        TetStamp { tet, last: self.tet(tet).vertex(3) }
     }
 
     /// All living tets, in the order of their slots. Not to be used while others operate.
@@ -229,9 +224,10 @@ impl Triangulation {
         (0..self.tet_bound()).filter(|&t| self.is_living(t))
     }
 
-    /// Whether a tet lives in the slot.
+    /// Whether a tet lives in the slot. Not to be used while others operate.
+    #[inline]
     pub fn is_living(&self, t: TetId) -> bool {
-        self.generations.get(t).load(Relaxed) & 1 == 1
+        is_tet(self.tet(t).vertices())
     }
 
     /// Words of vertices that a worker owns, and living tets marked as in a cavity: 0 when no operation is under way. Not to be used while others operate.
@@ -252,8 +248,7 @@ impl Triangulation {
 
     /// Bytes of all chunks.
     pub fn bytes(&self) -> u64 {
-        let of_tets = Chunked::<TetRecord>::CHUNK_BYTES + Chunked::<AtomicU32>::CHUNK_BYTES;
-        u64::from(self.tet_chunks.load(Relaxed)) * of_tets as u64
+        u64::from(self.tet_chunks.load(Relaxed)) * Chunked::<TetRecord>::CHUNK_BYTES as u64
             + u64::from(self.vertex_chunks.load(Relaxed)) * Chunked::<VertexRecord>::CHUNK_BYTES as u64
     }
 
@@ -274,33 +269,6 @@ impl Triangulation {
     pub(super) fn fill_tet(&self, t: TetId, vertices: [VertexId; 4], mark: u8) {
         let [a, b, c, d] = self.corners(vertices);
         self.tet(t).fill(vertices, &Circumsphere::of_tet(a, b, c, d), mark);
-        self.begin_tet(t);
-    }
-
-    /// Begins the use of a free slot.
-    #[inline]
-    pub(super) fn begin_tet(&self, t: TetId) {
-        self.advance(t, 1);
-    }
-
-    /// Ends one use of a slot and begins the next.
-    #[inline]
-    pub(super) fn renew_tet(&self, t: TetId) {
-        self.advance(t, 2);
-    }
-
-    /// Frees a slot.
-    #[inline]
-    pub(super) fn clear_tet(&self, t: TetId) {
-        self.tet(t).clear();
-        self.advance(t, 1);
-    }
-
-    /// Only the slot's owner does this, so that no exchange is needed.
-    #[inline]
-    fn advance(&self, t: TetId, steps: u32) {
-        let generation = self.generations.get(t);
-        generation.store(generation.load(Relaxed).wrapping_add(steps), Relaxed);
     }
 
     /// A range of fresh tet slots for one worker, at home on its node.
@@ -311,7 +279,6 @@ impl Triangulation {
             return Err(Error::LimitReached(format!("the triangulation would exceed {MAX_TETS} tets")));
         }
         self.tets.make_chunk(chunk as usize)?;
-        self.generations.make_chunk(chunk as usize)?;
         self.homes.set_tets(chunk as usize, node);
         let slots = chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32;
         // Release: whoever counts the chunk finds it.
@@ -336,10 +303,5 @@ impl Triangulation {
 
     fn growing(&self) -> MutexGuard<'_, ()> {
         self.growing.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Whether the record of a slot says that it is free.
-    pub(super) fn is_cleared(&self, t: TetId) -> bool {
-        !is_tet(self.tet(t).vertices())
     }
 }

@@ -196,7 +196,7 @@ impl<A: Access> Worker<A> {
 
     #[inline]
     pub(super) fn give_tet(&mut self, triangulation: &Triangulation, t: TetId) {
-        triangulation.clear_tet(t);
+        triangulation.tet(t).clear();
         self.counters.destroyed += 1;
         if self.foreign.is_some() && triangulation.homes().of_tet(t) != self.node {
             self.send_home(triangulation, t);
@@ -236,10 +236,7 @@ impl<A: Access> Worker<A> {
         }
         let spare = cavity.len().saturating_sub(count);
         // The last found first: their lines are the hottest.
-        for entry in cavity.drain(spare..).rev() {
-            triangulation.renew_tet(entry.tet());
-            self.created.push(entry.tet());
-        }
+        self.created.extend(cavity.drain(spare..).rev().map(Facet::tet));
         self.counters.created += self.created.len() as u64;
         self.counters.destroyed += self.created.len() as u64;
         for entry in cavity.drain(..) {
@@ -248,7 +245,6 @@ impl<A: Access> Worker<A> {
         self.cavity = cavity;
         while self.created.len() < count {
             let t = self.take_tet();
-            triangulation.begin_tet(t);
             self.created.push(t);
         }
     }

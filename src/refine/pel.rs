@@ -182,7 +182,7 @@ mod tests {
         let mut pel = Pel::default();
         let count = 3 * ROUND as u32 + 7;
         pel.make_room(count as usize).unwrap();
-        (0..count).for_each(|tet| pel.push_made(TetStamp { tet, generation: 0 }));
+        (0..count).for_each(|tet| pel.push_made(TetStamp { tet, last: 0 }));
         let looks: Vec<u32> = std::iter::from_fn(|| pel.pop())
             .map(|task| match task {
                 Task::Look(stamp) => stamp.tet,

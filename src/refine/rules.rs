@@ -44,6 +44,8 @@ pub struct Demand {
     pub kind: VertexKind,
     /// A tet whose circumball holds the point.
     pub start: TetId,
+    /// The circumcenter of the tet that asks.
+    center: DVec3,
     /// What was found out about the neighbour of the tet that asks, where that matters.
     pub across: Option<Across>,
 }
@@ -250,7 +252,7 @@ impl<'a> Rules<'a> {
         let vertices = record.vertices();
         let neighbor = record.neighbor(i);
         // With others at work the tet may be another one by now, or none: then the answer does not matter.
-        if vertices[0] == NO_VERTEX || neighbor.is_none() {
+        if vertices[3] == NO_VERTEX || neighbor.is_none() {
             return None;
         }
         let other = self.triangulation.tet(neighbor.tet());
@@ -284,7 +286,8 @@ impl<'a> Rules<'a> {
         }
         let point = self.instead_of(x, x.distance(a), delta);
         let start = if here.contains(point) == Some(true) { t } else { neighbor.tet() };
-        Some(Demand { rule: Rule::R3, point, kind: VertexKind::Isovertex, start, across: Some(across) })
+        let (kind, center) = (VertexKind::Isovertex, here.center);
+        Some(Demand { rule: Rule::R3, point, kind, start, center, across: Some(across) })
     }
 
     /// Whether an interface facet has a vertex that is no isovertex, or too small an angle.
@@ -331,6 +334,7 @@ impl<'a> Rules<'a> {
     /// across the facet in question, which shares three vertices with it.
     pub fn still_demands(&self, stamp: TetStamp, demand: &Demand) -> bool {
         self.triangulation.is_current(stamp)
+            && self.triangulation.tet(stamp.tet).sphere().center == demand.center
             && demand.across.is_none_or(|seen| {
                 let other = self.triangulation.tet(seen.facet.tet());
                 let back = other.neighbor(seen.facet.index());
@@ -378,10 +382,11 @@ impl<'a> Rules<'a> {
             return None;
         }
         let squared_radius = sphere.squared_radius();
-        let demand = |rule| Some(Demand { rule, point: sphere.center, kind: VertexKind::Free, start: t, across: None });
+        let (center, kind) = (sphere.center, VertexKind::Free);
+        let demand = |rule| Some(Demand { rule, point: center, kind, start: t, center, across: None });
         let vertices = record.vertices();
         // With others at work the tet may have gone by now.
-        if vertices[0] == NO_VERTEX {
+        if vertices[3] == NO_VERTEX {
             return None;
         }
         if !sphere.is_certain() {
@@ -423,7 +428,8 @@ impl<'a> Rules<'a> {
             neighbors.find(|facet| self.triangulation.tet(facet.tet()).sphere().contains(centroid) == Some(true))?;
         let other = self.triangulation.tet(facet.tet());
         let across = Some(Across { facet, center: other.sphere().center, label: other.tag() });
-        Some(Demand { rule: Rule::R4, point: centroid, kind: VertexKind::Free, start: facet.tet(), across })
+        let (point, kind, start) = (centroid, VertexKind::Free, facet.tet());
+        Some(Demand { rule: Rule::R4, point, kind, start, center: centroid, across })
     }
 
     #[inline]
