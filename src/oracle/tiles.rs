@@ -81,24 +81,21 @@ impl Tiles {
         around(y, ny).flat_map(move |y| around(z, nz).map(move |z| y * nz + z)).filter(move |&other| other != tile)
     }
 
-    /// Makes something of each tile, on all threads of the current rayon pool: as soon as those beside it of lower colours are made, from what they gave, in the order of [`Tiles::beside`].
+    /// Visits each tile, on all threads of the current rayon pool: as soon as those beside it of lower colours have been visited, and before any of those of higher ones. So no two beside each other are visited at
+    /// the same time, and what a visit finds there does not depend on the number of threads.
     ///
     /// # Errors
-    /// The first of `make`; nothing is begun after it.
-    pub fn in_colors<T: Send + Sync>(&self, make: impl Fn(usize, &[&T]) -> Result<T> + Sync) -> Result<Vec<T>> {
-        let made = (0..self.count()).map(|_| OnceLock::new()).collect();
+    /// The first of `visit`; nothing is begun after it.
+    pub fn in_colors(&self, visit: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
         let missing = (0..self.count()).map(|tile| AtomicUsize::new(self.before(tile).count())).collect();
-        let coloring = Coloring { tiles: self, make, made, missing, failure: OnceLock::new() };
+        let coloring = Coloring { tiles: self, visit, missing, failure: OnceLock::new() };
         rayon::scope(|scope| {
             let coloring = &coloring;
             for tile in (0..self.count()).filter(|&tile| self.before(tile).next().is_none()) {
                 scope.spawn(move |scope| coloring.visit(tile, scope));
             }
         });
-        match coloring.failure.into_inner() {
-            Some(error) => Err(error),
-            None => Ok(coloring.made.into_iter().filter_map(OnceLock::into_inner).collect()),
-        }
+        coloring.failure.into_inner().map_or(Ok(()), Err)
     }
 
     fn place(&self, tile: usize) -> [usize; 2] {
@@ -118,30 +115,28 @@ impl Tiles {
     }
 }
 
-/// Work on all tiles.
-struct Coloring<'a, T, M> {
+/// A way through all tiles.
+struct Coloring<'a, V> {
     tiles: &'a Tiles,
-    make: M,
-    made: Vec<OnceLock<T>>,
-    /// How many of those before each tile are not made yet.
+    visit: V,
+    /// How many of those before each tile have not been visited yet.
     missing: Vec<AtomicUsize>,
     failure: OnceLock<Error>,
 }
 
-impl<T: Send + Sync, M: Fn(usize, &[&T]) -> Result<T> + Sync> Coloring<'_, T, M> {
-    /// Makes something of a tile, and has those visited that waited for it alone.
+impl<V: Fn(usize) -> Result<()> + Sync> Coloring<'_, V> {
+    /// Visits a tile, and has those visited that waited for it alone.
     fn visit<'s>(&'s self, tile: usize, scope: &Scope<'s>) {
         if self.failure.get().is_some() {
             return;
         }
-        let given: Vec<&T> = self.tiles.before(tile).filter_map(|other| self.made[other].get()).collect();
-        // Each is made once.
-        let _ = match (self.make)(tile, &given) {
-            Ok(thing) => self.made[tile].set(thing).is_ok(),
-            Err(error) => self.failure.set(error).is_ok(),
-        };
+        if let Err(error) = (self.visit)(tile) {
+            // The first is told.
+            let _ = self.failure.set(error);
+            return;
+        }
         for after in self.tiles.beside(tile).filter(|&other| self.tiles.color(other) > self.tiles.color(tile)) {
-            // AcqRel: the one that comes last sees what the others have made.
+            // AcqRel: the visit that comes last sees what the others have done.
             if self.missing[after].fetch_sub(1, AcqRel) == 1 {
                 scope.spawn(move |scope| self.visit(after, scope));
             }
@@ -152,6 +147,7 @@ impl<T: Send + Sync, M: Fn(usize, &[&T]) -> Result<T> + Sync> Coloring<'_, T, M>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::Ordering::Acquire;
 
     /// So many tiles along y and z.
     fn tiles(counts: [usize; 2]) -> Tiles {
@@ -168,14 +164,20 @@ mod tests {
     }
 
     #[test]
-    fn each_is_made_of_those_beside_it_of_lower_colors() {
+    fn each_is_visited_once_after_those_beside_it_of_lower_colors() {
         for counts in [[0, 0], [1, 1], [2, 1], [3, 4], [8, 8]] {
             let tiles = tiles(counts);
-            let made = tiles.in_colors(|tile, before: &[&usize]| {
-                assert!(tiles.before(tile).eq(before.iter().map(|&&tile| tile)));
-                Ok(tile)
+            let visits: Vec<AtomicUsize> = (0..tiles.count()).map(|_| AtomicUsize::new(0)).collect();
+            let visited = tiles.in_colors(|tile| {
+                for other in tiles.beside(tile) {
+                    let is_lower = tiles.color(other) < tiles.color(tile);
+                    assert_eq!(visits[other].load(Acquire), usize::from(is_lower));
+                }
+                visits[tile].fetch_add(1, AcqRel);
+                Ok(())
             });
-            assert!(made.unwrap().into_iter().eq(0..tiles.count()));
+            visited.unwrap();
+            assert!(visits.into_iter().all(|count| count.into_inner() == 1));
             for tile in 0..tiles.count() {
                 assert!(tiles.beside(tile).all(|other| tiles.color(other) != tiles.color(tile)));
                 assert!(tiles.beside(tile).all(|other| tiles.beside(other).any(|back| back == tile)));
@@ -187,11 +189,11 @@ mod tests {
     fn nothing_is_begun_that_waits_for_an_error() {
         let tiles = tiles([8, 8]);
         let begun = AtomicUsize::new(0);
-        let made = tiles.in_colors(|tile, _: &[&()]| {
+        let visited = tiles.in_colors(|tile| {
             begun.fetch_add(1, AcqRel);
             if tiles.color(tile) == 1 { Err(Error::Cancelled) } else { Ok(()) }
         });
-        assert!(matches!(made, Err(Error::Cancelled)));
+        assert!(matches!(visited, Err(Error::Cancelled)));
         // A quarter is of the last colour, and none of it has all that it waits for.
         assert!(begun.into_inner() <= 48);
     }

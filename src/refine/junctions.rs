@@ -19,8 +19,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::cell_table::MAX_HEADS;
-use super::sampling::thinned;
+use super::sampling::Nets;
 use super::sizing::Sizing;
 use crate::Result;
 use crate::memory::reserve;
@@ -44,14 +43,6 @@ struct Candidates {
     corner_voxels: Vec<DVec3>,
 }
 
-/// What R1 starts from, tile by tile.
-pub(super) struct Seeds {
-    /// Samples of the junctions.
-    pub samples: Vec<Vec<DVec3>>,
-    /// Crossings to be sampled before others: where dO crosses the edges from corner voxels.
-    pub corner_voxels: Vec<Vec<DVec3>>,
-}
-
 /// Notes a point.
 fn keep(points: &mut Vec<DVec3>, p: DVec3) -> Result<()> {
     reserve(points, 1, "points of junctions")?;
@@ -59,7 +50,7 @@ fn keep(points: &mut Vec<DVec3>, p: DVec3) -> Result<()> {
     Ok(())
 }
 
-/// Samples of the junctions in each tile, and where others should begin.
+/// Samples the junctions in each tile. Returns, for each, the crossings that are to be sampled before others: where dO crosses the edges from corner voxels.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked once per row of bricks of voxels.
@@ -68,8 +59,9 @@ pub(super) fn sample_junctions(
     sizing: &Sizing,
     grid: &EdgeGrid<'_>,
     tiles: &Tiles,
+    nets: &Nets<'_>,
     go_on: &(impl Fn() -> Result<()> + Sync),
-) -> Result<Seeds> {
+) -> Result<Vec<Vec<DVec3>>> {
     let planes = oracle.junction_planes(&sizing.by_cell().map(|spacing| FINENESS * SPACING * spacing));
     let of_tile = |tile: usize| -> Result<Candidates> {
         let mut found = Candidates::default();
@@ -91,20 +83,16 @@ pub(super) fn sample_junctions(
     // One at a time: those at the rim of the image have next to nothing.
     let found: Vec<Candidates> =
         (0..tiles.count()).into_par_iter().with_max_len(1).map(of_tile).collect::<Result<_>>()?;
-    let thin = |seeds: Vec<Vec<DVec3>>, part: f64, points: fn(&Candidates) -> &[DVec3]| {
-        let count = found.iter().map(|of_tile| points(of_tile).len()).sum::<usize>();
-        if count == 0 {
-            return Ok(seeds);
+    let thin = |part: f64, points: fn(&Candidates) -> &[DVec3]| {
+        if found.iter().all(|of_tile| points(of_tile).is_empty()) {
+            return Ok(());
         }
-        let most = part * sizing.greatest();
-        thinned(most, tiles, &seeds, count.min(MAX_HEADS / 4), |tile, offers| {
-            points(&found[tile]).iter().try_for_each(|&p| offers.offer(p, part * sizing.at(p), || p))
-        })
+        nets.offer(|tile, net| points(&found[tile]).iter().try_for_each(|&p| net.offer(p, part * sizing.at(p), || p)))
     };
-    let contacts = thin(vec![Vec::new(); tiles.count()], CONTACT_SPACING, |found| &found.contacts)?;
-    let around = thin(contacts, CONTACT_SPACING, |found| &found.around)?;
-    let corners = thin(around, SPACING, |found| &found.corners)?;
-    let lines = thin(corners, SPACING, |found| &found.lines)?;
-    let samples = thin(lines, CONTACT_SPACING, |found| &found.narrow)?;
-    Ok(Seeds { samples, corner_voxels: found.into_iter().map(|found| found.corner_voxels).collect() })
+    thin(CONTACT_SPACING, |found| &found.contacts)?;
+    thin(CONTACT_SPACING, |found| &found.around)?;
+    thin(SPACING, |found| &found.corners)?;
+    thin(SPACING, |found| &found.lines)?;
+    thin(CONTACT_SPACING, |found| &found.narrow)?;
+    Ok(found.into_iter().map(|found| found.corner_voxels).collect())
 }

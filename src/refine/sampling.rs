@@ -21,6 +21,7 @@
 //! Cost: some tens of nanoseconds per crossed edge, some hundreds per sample. Memory: 36 bytes per sample.
 
 use std::ops::Range;
+use std::sync::{PoisonError, RwLock};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -83,78 +84,67 @@ pub fn sample_isosurface(
     let delta = sizing.greatest();
     let grid = oracle.edge_grid(&sizing.by_cell());
     let tiles = grid.tiles(2.0 * delta);
-    let seeds = sample_junctions(oracle, sizing, &grid, &tiles, &go_on)?;
-    // A quarter of what the grid of vertices may have: there are fewer samples than vertices, and a limit of memory counts them only when all are there.
-    let samples = thinned(delta, &tiles, &seeds.samples, MAX_HEADS / 4, |tile, offers| {
-        seeds.corner_voxels[tile].iter().try_for_each(|&p| offers.offer(p, sizing.at(p), || p))?;
+    let nets = Nets::new(delta, &tiles)?;
+    let corner_voxels = sample_junctions(oracle, sizing, &grid, &tiles, &nets, &go_on)?;
+    nets.offer(|tile, net| {
+        corner_voxels[tile].iter().try_for_each(|&p| net.offer(p, sizing.at(p), || p))?;
         for row in tiles.rows(tile) {
             go_on()?;
-            grid.visit_row(row, |edge| offers.offer(edge.point, edge.spacing, || moved(oracle, &edge)))?;
+            grid.visit_row(row, |edge| net.offer(edge.point, edge.spacing, || moved(oracle, &edge)))?;
         }
         Ok(())
     })?;
-    insertion_order(samples, growth)
+    insertion_order(nets.into_samples(), growth)
 }
 
-/// The net of a tile, and those of the tiles beside it that come before.
-pub(super) struct Offers<'a> {
-    net: &'a mut Net,
-    before: &'a [&'a Net],
+/// The nets of all tiles of an image.
+pub(super) struct Nets<'a> {
+    tiles: &'a Tiles,
+    /// Nobody ever waits for one of the locks: while a tile is visited those beside it are not.
+    nets: Vec<RwLock<Net>>,
 }
 
-impl Offers<'_> {
-    /// Offers a point: unless something within the spacing is in one of the nets, what `sample` makes of it comes into that of the tile.
+impl<'a> Nets<'a> {
+    /// Empty ones; no spacing will be above `most`.
+    fn new(most: f64, tiles: &'a Tiles) -> Result<Self> {
+        // A quarter of what the grid of vertices may have: there are fewer samples than vertices, and a limit of memory counts them only when all are there.
+        let most_heads = (MAX_HEADS / 4 / tiles.count().max(1)).max(1);
+        let net = |tile| Net::new(most, tiles.bounds(tile), most_heads).map(RwLock::new);
+        Ok(Self { tiles, nets: (0..tiles.count()).into_par_iter().map(net).collect::<Result<_>>()? })
+    }
+
+    /// Has `points` offer those of each tile to its net, which knows by then what those beside it have taken: of these points, if they come before it, and of all that were offered earlier.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfMemory`].
-    #[inline]
-    pub fn offer(&mut self, p: DVec3, spacing: f64, sample: impl FnOnce() -> DVec3) -> Result<()> {
-        let near = |other: &&Net| other.reaches(p) && other.sample_near(p, spacing).is_some();
-        if self.net.covers(p, spacing) || self.before.iter().any(near) { Ok(()) } else { self.net.push(sample()) }
+    /// [`crate::Error::OutOfMemory`]; those of `points`.
+    pub fn offer(&self, points: impl Fn(usize, &mut Net) -> Result<()> + Sync) -> Result<()> {
+        self.tiles.in_colors(|tile| {
+            let mut net = self.nets[tile].write().unwrap_or_else(PoisonError::into_inner);
+            for (n, beside) in self.tiles.beside(tile).enumerate() {
+                net.learn(n, &self.nets[beside].read().unwrap_or_else(PoisonError::into_inner))?;
+            }
+            points(tile, &mut net)
+        })
+    }
+
+    /// The samples of each tile, in the order in which they came.
+    fn into_samples(self) -> Vec<Vec<DVec3>> {
+        let nets = self.nets.into_iter().map(|net| net.into_inner().unwrap_or_else(PoisonError::into_inner));
+        nets.map(|net| net.own_from(0).collect()).collect()
     }
 }
 
-/// A net of points in each tile: the seeds, and what `fill` offers for a tile. No spacing is above `most`. All nets together have `most_heads` chains at most.
-///
-/// # Errors
-/// [`crate::Error::OutOfMemory`]; those of `fill`.
-pub(super) fn thinned(
-    most: f64,
-    tiles: &Tiles,
-    seeds: &[Vec<DVec3>],
-    most_heads: usize,
-    fill: impl Fn(usize, &mut Offers<'_>) -> Result<()> + Sync,
-) -> Result<Vec<Vec<DVec3>>> {
-    let most_heads = (most_heads / tiles.count()).max(1);
-    let nets = tiles.in_colors(|tile, before: &[&Net]| {
-        let mut net = Net::new(most, tiles.bounds(tile), most_heads)?;
-        seeds[tile].iter().try_for_each(|&p| net.push(p))?;
-        for beside in tiles.beside(tile) {
-            let near = seeds[beside].iter().filter(|&&p| net.reaches(p));
-            for p in near.copied().collect::<Vec<_>>() {
-                net.push(p)?;
-            }
-        }
-        net.foreign = seeds[tile].len()..net.points.len();
-        fill(tile, &mut Offers { net: &mut net, before })?;
-        Ok(net)
-    })?;
-    let own = |mut net: Net| {
-        net.points.drain(net.foreign);
-        net.points
-    };
-    Ok(nets.into_iter().map(own).collect())
-}
-
-/// The samples of a tile so far, in chains by cells of twice the largest spacing.
-struct Net {
+/// The samples of a tile so far, and those beside it that matter here, in chains by cells of twice the largest spacing.
+pub(super) struct Net {
     cells: CellTable,
     heads: Vec<u32>,
     next: Vec<u32>,
     points: Vec<DVec3>,
-    /// Those that are in other tiles' nets too.
-    foreign: Range<usize>,
-    /// Holds all that its samples cover.
+    /// Which of the points are the tile's own.
+    own: Vec<u32>,
+    /// How many of their own points the nets beside this one, in the order of [`Tiles::beside`], had when they were looked at last.
+    learned: [usize; 8],
+    /// Holds all that its samples cover, and all that covers what is offered.
     reach: [DVec3; 2],
     /// Samples that were added or covered a point last.
     recent: Recent,
@@ -166,8 +156,35 @@ impl Net {
         let cells = CellTable::new(lower - 2.0 * most, upper + 2.0 * most, 2.0 * most, most_heads);
         let reach = [lower - 1.5 * most, upper + 1.5 * most];
         let heads = filled(cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
-        let (next, points, foreign) = (Vec::new(), Vec::new(), 0..0);
-        Ok(Self { cells, heads, next, points, foreign, reach, recent: Recent::new() })
+        let (next, points, own) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { cells, heads, next, points, own, learned: [0; 8], reach, recent: Recent::new() })
+    }
+
+    /// Offers a point of the tile: unless a sample is within the spacing, what `sample` makes of it becomes one.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    #[inline]
+    pub fn offer(&mut self, p: DVec3, spacing: f64, sample: impl FnOnce() -> DVec3) -> Result<()> {
+        if self.covers(p, spacing) {
+            return Ok(());
+        }
+        let at = self.points.len() as u32;
+        self.push(sample())?;
+        reserve(&mut self.own, 1, "samples of the isosurface")?;
+        self.own.push(at);
+        Ok(())
+    }
+
+    /// Takes over from the net of the tile beside this one with number `n` what came to it since this was done last.
+    fn learn(&mut self, n: usize, beside: &Self) -> Result<()> {
+        let since = std::mem::replace(&mut self.learned[n], beside.own.len());
+        beside.own_from(since).try_for_each(|p| if self.reaches(p) { self.push(p) } else { Ok(()) })
+    }
+
+    /// The tile's own samples from number `first` on.
+    fn own_from(&self, first: usize) -> impl Iterator<Item = DVec3> {
+        self.own[first..].iter().map(|&at| self.points[at as usize])
     }
 
     /// Whether a sample is closer than delta to `p`.
