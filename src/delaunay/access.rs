@@ -119,7 +119,7 @@ impl Access for Solo {
     }
 }
 
-/// One of many workers on one triangulation: vertices are owned by the word in their record.
+/// One of many workers on one triangulation: vertices are owned by the words of their groups.
 #[derive(Debug)]
 pub struct TryLock {
     me: OwnerId,

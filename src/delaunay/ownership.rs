@@ -7,15 +7,15 @@
 //! one owns one can go to its neighbours safely: they stay as they are although one does not own their fourth vertex.
 //!
 //! **The way in.** A worker comes to its first tet by a note that may be out of date. It reads the four vertices, owns them, and reads them again: if they are the same, the tet lives
-//! and nobody else can change it. (Whoever changes the slot owns all four old vertices meanwhile, and writes before giving them back; a free slot names no vertex.)
+//! and nobody else can change it. (Whoever changes the slot owns all four old vertices meanwhile, and writes before giving them back; the last id of a free slot names no vertex.)
 //!
 //! **No deadlock.** A refusal ends the operation: its worker gives back all that it owns before it does anything else. Nobody waits while owning.
 //!
 //! **No livelock.** What a worker does after a refusal is the contention manager's business (`parallel/contention.rs`, which argues for each).
 //!
 //! **What is not locked.** Looking. Rules read tets and neighbours that they do not own, and may read a record while another worker rewrites it. All words are atomics, so this is no
-//! undefined behaviour, but what was read is a hint. It is checked when the tet is owned: the stamp is current, so the tet is what it was when the stamp was taken; the neighbour has the circumcenter and label that were
-//! read. A vertex that is being inserted need not be owned: each of its tets has three vertices that its worker owns.
+//! undefined behaviour, but what was read is a hint. It is checked when the tet is owned: the tet that asks and, where it matters, the one across the facet have the vertices, circumsphere and label that
+//! were read. A vertex that is being inserted need not be owned: each of its tets has three vertices that its worker owns.
 //!
 //! # Memory order
 //! `Acquire` on taking pairs with `Release` on giving back: who owns a vertex sees all that its former owners wrote. So all other words can be relaxed. The ids in a tet's record, of its neighbours and its vertices, are written with `Release` and read with

@@ -81,7 +81,7 @@ pub struct TetRecord {
     center: [AtomicU64; 3],
     /// The squared radius above which a point is outside, as f32.
     outside: AtomicU32,
-    /// Two words of the layer above, apart from the flags because they are written without owning the tet.
+    /// Two words of the layer above, apart from the flags because the mark is written without owning the tet.
     tag: AtomicU16,
     mark: AtomicU8,
     /// Bit 0: the tet is in the cavity that its owner digs. From bit 1: the slack of the in-sphere test, see [`slack_exponent`].
@@ -205,7 +205,7 @@ impl TetRecord {
 
 /// A tet as it was when the stamp was taken: stale when the slot is free or holds another one.
 ///
-/// The last vertex tells. Where an insertion made the tet that is the new vertex, whose id is never used again: no other tet of the slot has had it or will have it. A removal makes tets of old vertices, and may give a slot
+/// The last vertex tells. Where an insertion made the tet that is the new vertex, whose id is never used again: no other insertion gives it to the slot. A removal makes tets of old vertices, and may give a slot
 /// the last vertex that it had before; then a stamp of the former tet is taken for one of the new one. What is looked at for such a stamp is looked at once too often; what was found out about the former
 /// tet is to be compared with the new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -213,7 +213,7 @@ impl Triangulation {
         self.tet(stamp.tet).vertex(3) == stamp.last
     }
 
-    /// A stamp of a living tet.
+    /// A stamp of the tet that is in the slot, or of none if another worker has just freed it.
     #[inline(always)]
     pub fn stamp(&self, tet: TetId) -> TetStamp {
         TetStamp { tet, last: self.tet(tet).vertex(3) }

@@ -14,7 +14,7 @@ use super::bricks::Bricks;
 use super::edges::EdgeGrid;
 use crate::{Error, Result};
 
-/// Least layers of bricks of a tile, along y and z: smaller ones have more neighbours to ask than there are threads to gain.
+/// Least layers of bricks of a tile, along y and z: smaller ones have more to learn from their neighbours than there are threads to gain.
 const LEAST_LAYERS: [usize; 2] = [2, 8];
 
 /// How far, in voxels, what is found in a row may be outside of its voxels: the sides of narrow voxels come from the voxel behind them, up to a voxel before it, and are moved a little.

@@ -16,7 +16,7 @@
 //!
 //! # Invariants
 //! - A vertex is inserted by a worker of the node in whose region it lies, but for the first samples. Samples are dealt so. What a tet demands elsewhere is handed over to the node there: a circumcenter with its tet, a point of dO with
-//!   what was seen about it, which is checked when it is carried out, as always (`Rules::still_demands`). The circumcenter of a tet between two surfaces is far from its facets, so this is not rare as long as tets are large.
+//!   what was seen about it, which is checked when it is carried out, as always (`Rules::is_demanded`). The circumcenter of a tet between two surfaces is far from its facets, so this is not rare as long as tets are large.
 //! - Tets are assigned by circumcenter when all samples are in: every living tet is then in one list, that of the worker in whose region its circumcenter lies. A worker that makes a tet later keeps it.
 //! - Work is given away only within a node (`Levels::apart`).
 //! - New tets lie in slots of the worker's own node: slots of other nodes that a cavity frees are sent home (`delaunay/homes`).

@@ -378,7 +378,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             demand.start,
             demand.point,
             demand.kind,
-            || rules.still_demands(stamp, demand),
+            || rules.is_demanded(stamp.tet, demand),
             |v, tets| {
                 rules.find_labels(tets);
                 // While its vertices are owned: an isovertex that is inserted near it later finds it in the grid.

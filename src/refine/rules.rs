@@ -15,9 +15,10 @@ use super::vertex_grid::VertexGrid;
 use crate::Result;
 use crate::delaunay::tet::{FACET, NO_TAG, NO_VERTEX, TetRecord};
 use crate::delaunay::worker::MARKS;
-use crate::delaunay::{Facet, TetId, TetStamp, Triangulation, VertexId, VertexKind};
+use crate::delaunay::{Facet, TetId, Triangulation, VertexId, VertexKind};
 use crate::geometry::predicates::perturbation_order;
 use crate::geometry::shape::{has_angle_below, shortest_squared_edge, triangle_circumcircle};
+use crate::geometry::sphere::Circumsphere;
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
 
@@ -44,21 +45,40 @@ pub struct Demand {
     pub kind: VertexKind,
     /// A tet whose circumball holds the point.
     pub start: TetId,
-    /// The circumcenter of the tet that asks.
-    center: DVec3,
-    /// What was found out about the neighbour of the tet that asks, where that matters.
-    pub across: Option<Across>,
+    /// The tet that asks.
+    seen: Seen,
+    /// The tet across one of its facets, by that tet's facet, where that matters.
+    across: Option<(Facet, Seen)>,
 }
 
-/// The tet across a facet, as it was seen: it may have changed when the demand is carried out.
+/// A tet as a rule saw it. Another worker may have been rewriting it meanwhile, so that parts of two tets were seen: what was concluded is true if the tet is all like this when it is owned.
 #[derive(Clone, Copy, Debug)]
-pub struct Across {
-    /// The facet.
-    facet: Facet,
-    /// The tet's circumcenter.
-    center: DVec3,
-    /// Its label.
+struct Seen {
+    vertices: [VertexId; 4],
+    sphere: Circumsphere,
     label: u16,
+}
+
+impl Seen {
+    #[inline(always)]
+    fn of(record: &TetRecord) -> Self {
+        Self { vertices: record.vertices(), sphere: record.sphere(), label: record.tag() }
+    }
+
+    /// Whether the slot is free.
+    #[inline(always)]
+    fn is_free(&self) -> bool {
+        self.vertices[3] == NO_VERTEX
+    }
+
+    /// Whether a tet is like this; in bits, since a bound may be NaN.
+    fn is(&self, record: &TetRecord) -> bool {
+        let bits = |sphere: &Circumsphere| {
+            (sphere.center.to_array().map(f64::to_bits), sphere.inside.to_bits(), sphere.outside.to_bits())
+        };
+        let now = Self::of(record);
+        self.vertices == now.vertices && self.label == now.label && bits(&self.sphere) == bits(&now.sphere)
+    }
 }
 
 /// What was asked of the oracle.
@@ -249,24 +269,20 @@ impl<'a> Rules<'a> {
     /// R3 for an interface facet: facet `i` of `t`.
     fn interface_demand(&self, t: TetId, i: usize, asked: &mut Lookups) -> Option<Demand> {
         let record = self.triangulation.tet(t);
-        let vertices = record.vertices();
+        let seen = Seen::of(record);
         let neighbor = record.neighbor(i);
         // With others at work the tet may be another one by now, or none: then the answer does not matter.
-        if vertices[3] == NO_VERTEX || neighbor.is_none() {
+        if seen.is_free() || neighbor.is_none() {
             return None;
         }
-        let other = self.triangulation.tet(neighbor.tet());
-        let (here, there) = (record.sphere(), other.sphere());
-        if !there.is_certain() {
+        let other = Seen::of(self.triangulation.tet(neighbor.tet()));
+        let (here, there) = (seen.sphere, other.sphere);
+        let labels = [seen.label, other.label];
+        if !here.is_certain() || !there.is_certain() || labels[0] == labels[1] || labels.contains(&LABEL_UNKNOWN) {
             return None;
         }
-        let across = Across { facet: neighbor, center: there.center, label: other.tag() };
-        let vertices = FACET[i].map(|k| vertices[k]);
+        let vertices = FACET[i].map(|k| seen.vertices[k]);
         let facet @ [a, ..] = vertices.map(|v| self.triangulation.position(v));
-        let labels = [record.tag(), across.label];
-        if labels.contains(&LABEL_UNKNOWN) {
-            return None;
-        }
         let misshapen = self.is_misshapen(vertices, facet);
         if !misshapen && !self.strays(vertices, facet, [here.center, there.center], labels, asked) {
             return None;
@@ -286,8 +302,8 @@ impl<'a> Rules<'a> {
         }
         let point = self.instead_of(x, x.distance(a), delta);
         let start = if here.contains(point) == Some(true) { t } else { neighbor.tet() };
-        let (kind, center) = (VertexKind::Isovertex, here.center);
-        Some(Demand { rule: Rule::R3, point, kind, start, center, across: Some(across) })
+        let (kind, across) = (VertexKind::Isovertex, Some((neighbor, other)));
+        Some(Demand { rule: Rule::R3, point, kind, start, seen, across })
     }
 
     /// Whether an interface facet has a vertex that is no isovertex, or too small an angle.
@@ -330,19 +346,16 @@ impl<'a> Rules<'a> {
         point.filter(|&y| self.triangulation.holds(y)).unwrap_or(x)
     }
 
-    /// Whether a demand of the tet that `stamp` was taken of is still true. To be asked when `demand.start` is owned: then the tet, which is this or a neighbour, cannot change, nor can its neighbour
+    /// Whether a demand of tet `t` is true. To be asked when `demand.start` is owned: then the tet, which is this or a neighbour, cannot change, nor can its neighbour
     /// across the facet in question, which shares three vertices with it.
-    pub fn still_demands(&self, stamp: TetStamp, demand: &Demand) -> bool {
-        self.triangulation.is_current(stamp)
-            && self.triangulation.tet(stamp.tet).sphere().center == demand.center
-            && demand.across.is_none_or(|seen| {
-                let other = self.triangulation.tet(seen.facet.tet());
-                let back = other.neighbor(seen.facet.index());
+    pub fn is_demanded(&self, t: TetId, demand: &Demand) -> bool {
+        let record = self.triangulation.tet(t);
+        demand.seen.is(record)
+            && demand.across.is_none_or(|(facet, seen)| {
+                let other = self.triangulation.tet(facet.tet());
+                let back = other.neighbor(facet.index());
                 // Asked of both: which of the two is owned is not known, and a tet that has been freed still names its neighbours.
-                back.tet() == stamp.tet
-                    && self.triangulation.tet(stamp.tet).neighbor(back.index()) == seen.facet
-                    && other.tag() == seen.label
-                    && other.sphere().center == seen.center
+                back.tet() == t && record.neighbor(back.index()) == facet && seen.is(other)
             })
     }
 
@@ -376,29 +389,28 @@ impl<'a> Rules<'a> {
     /// What the first volume rule (R2, R4, R5) that applies to `t` asks for.
     pub fn volume_demand(&self, t: TetId) -> Option<Demand> {
         let record = self.triangulation.tet(t);
-        let label = record.tag();
-        let sphere = record.sphere();
+        let (label, sphere) = (record.tag(), record.sphere());
         if label == 0 && (sphere.is_certain() || !self.has_interface(record)) {
             return None;
         }
-        let squared_radius = sphere.squared_radius();
-        let (center, kind) = (sphere.center, VertexKind::Free);
-        let demand = |rule| Some(Demand { rule, point: center, kind, start: t, center, across: None });
-        let vertices = record.vertices();
+        let seen = Seen { vertices: record.vertices(), sphere, label };
         // With others at work the tet may have gone by now.
-        if vertices[3] == NO_VERTEX {
+        if seen.is_free() {
             return None;
         }
         if !sphere.is_certain() {
-            return self.flat_demand(record, sphere.center);
+            return self.flat_demand(record, seen);
         }
+        let squared_radius = sphere.squared_radius();
+        let (point, kind) = (sphere.center, VertexKind::Free);
+        let demand = |rule| Some(Demand { rule, point, kind, start: t, seen, across: None });
         // The cheapest first: all three ask for the same point.
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
         if squared_radius > size_squared {
             demand(Rule::R5)
-        } else if squared_radius > self.large_squared && self.is_large(vertices, squared_radius) {
+        } else if squared_radius > self.large_squared && self.is_large(seen.vertices, squared_radius) {
             demand(Rule::R2)
-        } else if squared_radius > self.small_squared && self.is_skinny(vertices, squared_radius) {
+        } else if squared_radius > self.small_squared && self.is_skinny(seen.vertices, squared_radius) {
             demand(Rule::R4)
         } else {
             None
@@ -413,11 +425,12 @@ impl<'a> Rules<'a> {
         labels.any(|label| label != record.tag() && label != LABEL_UNKNOWN)
     }
 
-    /// What R4 asks for a tet of the object, or beside it, that is too flat to have a circumcenter: its centroid. Four points of which some mirror others lie in one plane and on one circle; the centroid lies within that, so in the circumballs of
+    /// What R4 asks for a tet of the object, or beside it, that is too flat to have a circumcenter, and was seen so: its centroid. Four points of which some mirror others lie in one plane and on one circle; the centroid lies within that, so in the circumballs of
     /// the tets around, and R3 and R6 see to what comes of it. Where the points are as close as sampling may bring them, or on a wall, whose edges R3 might then cut off, the tet is left, and counts as unmet.
     #[cold]
-    fn flat_demand(&self, record: &TetRecord, centroid: DVec3) -> Option<Demand> {
-        let corners = self.triangulation.corners(record.vertices());
+    fn flat_demand(&self, record: &TetRecord, seen: Seen) -> Option<Demand> {
+        let corners = self.triangulation.corners(seen.vertices);
+        let centroid = seen.sphere.center;
         let delta = self.sizing.at(centroid);
         let is_close = |p: &DVec3| p.distance_squared(centroid) < (LEAST_DISTANCE * delta).powi(2);
         if corners.iter().any(|p| is_close(p) || self.oracle.is_on_wall(*p)) {
@@ -426,10 +439,8 @@ impl<'a> Rules<'a> {
         let mut neighbors = (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none());
         let facet =
             neighbors.find(|facet| self.triangulation.tet(facet.tet()).sphere().contains(centroid) == Some(true))?;
-        let other = self.triangulation.tet(facet.tet());
-        let across = Some(Across { facet, center: other.sphere().center, label: other.tag() });
-        let (point, kind, start) = (centroid, VertexKind::Free, facet.tet());
-        Some(Demand { rule: Rule::R4, point, kind, start, center: centroid, across })
+        let across = Some((facet, Seen::of(self.triangulation.tet(facet.tet()))));
+        Some(Demand { rule: Rule::R4, point: centroid, kind: VertexKind::Free, start: facet.tet(), seen, across })
     }
 
     #[inline]

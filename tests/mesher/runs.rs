@@ -8,7 +8,7 @@ use lapd::mesher::mesh_image;
 use lapd::monitor::{CancelFlag, Level, Monitor, Phase, Progress, Step};
 use lapd::oracle::Oracle;
 use lapd::params::{MeshParams, SurfaceModel};
-use lapd::refine::rules::Rules;
+use lapd::refine::rules::{Facets, Lookups, Rule, Rules};
 use lapd::refine::team::{Limits, Schedule};
 use lapd::refine::{examine, refine};
 
@@ -62,6 +62,39 @@ fn refining_again_changes_nothing() {
         let order = triangulation.tets_by_place(|| Ok(())).unwrap();
         assert_eq!(examine(&rules, &order, &Monitor::silent()).unwrap().1, [0; 6], "{surface:?}");
     }
+}
+
+#[test]
+fn a_demand_is_true_while_its_tets_are_as_they_were_seen() {
+    let image = busy_image();
+    let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
+    let [lower, upper] = oracle.bounds();
+    let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
+    let coarse = Rules::new(&triangulation, &oracle, &params(2.6), image.labels()).unwrap();
+    refine(&coarse, &Schedule::solo(), &Monitor::silent()).unwrap();
+    let fine = Rules::new(&triangulation, &oracle, &params(0.8), image.labels()).unwrap();
+    let (mut demands, mut of_two) = (0, 0);
+    for t in triangulation.living_tets() {
+        let surface = fine.surface_demand(t, Facets::Second(u8::MAX - 1), &mut Lookups::default());
+        for demand in surface.into_iter().chain(fine.volume_demand(t)) {
+            assert!(fine.is_demanded(t, &demand), "{demand:?}");
+            let relabelled = |other: u32| {
+                let record = triangulation.tet(other);
+                let tag = record.tag();
+                record.set_tag(tag ^ 1);
+                let is_demanded = fine.is_demanded(t, &demand);
+                record.set_tag(tag);
+                !is_demanded
+            };
+            let beside = (0..4).map(|i| triangulation.tet(t).neighbor(i)).filter(|facet| !facet.is_none());
+            let others = beside.clone().filter(|facet| relabelled(facet.tet())).count();
+            assert!(relabelled(t) && others == usize::from(demand.rule == Rule::R3), "{demand:?}");
+            assert!(beside.into_iter().all(|facet| !fine.is_demanded(facet.tet(), &demand)), "{demand:?}");
+            demands += 1;
+            of_two += others;
+        }
+    }
+    assert!(of_two > 100 && demands - of_two > 100, "{demands}, of two tets {of_two}");
 }
 
 #[test]
