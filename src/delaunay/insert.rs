@@ -12,6 +12,7 @@ use super::triangulation::Triangulation;
 use super::worker::Worker;
 use crate::Result;
 use crate::geometry::star::StarSpheres;
+use crate::memory::{filled, reserve};
 
 /// What came of an insertion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,14 +76,15 @@ impl<A: Access> Worker<A> {
     }
 
     fn fill_star(&mut self, triangulation: &Triangulation, p: DVec3, kind: VertexKind) -> Result<VertexId> {
-        if let Err(error) = self.reserve(triangulation, self.boundary.len()) {
+        let count = self.boundary.len();
+        if let Err(error) = self.star.reserve(count).and_then(|()| self.reserve(triangulation, count)) {
             self.undig(triangulation);
             return Err(error);
         }
         let apex = self.take_vertex(triangulation, p, kind);
         // What is still needed of the dead tets stands in the boundary records, so that their slots serve the new ones.
         self.counters.cavity_tets += self.cavity.len() as u64;
-        self.exchange_slots(triangulation, self.boundary.len());
+        self.exchange_slots(triangulation, count);
         triangulation.vertex(apex).set_star(self.created[0]);
         self.access.visit_vertex(apex);
         self.created.iter().for_each(|&t| self.access.visit_tet(t));
@@ -98,7 +100,12 @@ impl<A: Access> Worker<A> {
 const MOST_LOCALS: usize = u8::MAX as usize;
 const TABLE: usize = (MOST_LOCALS + 1) * (MOST_LOCALS + 1);
 
-/// Scratch of filling.
+/// The vertices of a cavity's boundary of so many facets.
+fn vertices_of(facets: usize) -> usize {
+    facets / 2 + 2
+}
+
+/// Scratch of filling, empty until it is first needed.
 ///
 /// The boundary of a cavity is a closed surface without handles: F facets have F / 2 + 2 vertices, and every directed edge is in one of them, its opposite in the
 /// neighbour. Vertices are numbered as they are met, and each new facet is noted in a table under its three directed edges; a second pass finds its neighbours there.
@@ -107,7 +114,7 @@ const TABLE: usize = (MOST_LOCALS + 1) * (MOST_LOCALS + 1);
 pub struct StarScratch {
     locals: [VertexId; MOST_LOCALS + 1],
     /// The new facet over directed edge (a, b) of the boundary, at a << shift | b.
-    sides: Box<[Facet]>,
+    sides: Vec<Facet>,
     /// The numbers of each boundary facet's vertices.
     numbers: Vec<[u8; 3]>,
     /// The new facet over each edge, its smaller vertex in the upper half: for stars too large for numbers.
@@ -119,7 +126,7 @@ impl Default for StarScratch {
     fn default() -> Self {
         Self {
             locals: [0; MOST_LOCALS + 1],
-            sides: vec![Facet::NONE; TABLE].into_boxed_slice(),
+            sides: Vec::new(),
             numbers: Vec::new(),
             edges: Vec::new(),
             spheres: StarSpheres::default(),
@@ -128,8 +135,22 @@ impl Default for StarScratch {
 }
 
 impl StarScratch {
-    /// Writes the tets between the boundary's facets and vertex `apex` at `p` into `slots`, one for each facet: (facet, apex). `access` is told of the boundary's vertices,
-    /// of each once unless numbers run out.
+    /// Makes sure that so many tets can be written without failing.
+    fn reserve(&mut self, count: usize) -> Result<()> {
+        if self.sides.is_empty() {
+            self.sides = filled(TABLE, Facet::NONE, "edges of a cavity", || Ok(()))?;
+        }
+        self.numbers.clear();
+        reserve(&mut self.numbers, count, "facets of a cavity")?;
+        if vertices_of(count) > MOST_LOCALS {
+            self.edges.clear();
+            reserve(&mut self.edges, 3 * count, "edges of a cavity")?;
+        }
+        self.spheres.reserve(count)
+    }
+
+    /// Writes the tets between the boundary's facets and vertex `apex` at `p` into `slots`, one for each facet: (facet, apex). There is [room](Self::reserve) for them. `access` is told of the
+    /// boundary's vertices, of each once unless numbers run out.
     #[inline(never)]
     fn fill(
         &mut self,
@@ -140,14 +161,12 @@ impl StarScratch {
         mark: u8,
         access: &mut impl Access,
     ) {
-        let vertices = boundary.len() / 2 + 2;
+        let vertices = vertices_of(boundary.len());
         let numbered = vertices <= MOST_LOCALS;
         let shift = vertices.next_power_of_two().trailing_zeros();
         // Of one length that the table has, so that no index needs a test.
-        let sides: &mut [Facet; TABLE] = self.sides.as_mut().try_into().expect("made of that length");
+        let sides: &mut [Facet; TABLE] = self.sides.as_mut_slice().try_into().expect("made of that length");
         let at = |a: u8, b: u8| (usize::from(a) << shift | usize::from(b)) % TABLE;
-        self.spheres.begin(boundary.len());
-        self.numbers.clear();
         let mut met = 0_u8;
         for (i, (facet, &t)) in boundary.iter().zip(slots).enumerate() {
             let [a, b, c] = [0, 1, 2].map(|k: usize| {
@@ -196,7 +215,6 @@ impl StarScratch {
     /// Makes the new tets neighbours over the boundary's edges, each of which two of them share.
     #[cold]
     fn join_by_sorting(&mut self, triangulation: &Triangulation, boundary: &[CavityFacet], slots: &[TetId]) {
-        self.edges.clear();
         for (facet, &t) in boundary.iter().zip(slots) {
             for index in 0..3 {
                 let (a, b) = (facet.vertices[(index + 1) % 3], facet.vertices[(index + 2) % 3]);

@@ -10,7 +10,8 @@ use super::insert::StarScratch;
 use super::remove::LinkScratch;
 use super::tet::{Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
-use crate::{Error, Result};
+use crate::Result;
+use crate::memory::reserve;
 use glam::DVec3;
 
 /// What a worker has done.
@@ -173,8 +174,8 @@ impl<A: Access> Worker<A> {
                 continue;
             }
             // For what is left of the range, and for most of what is freed until the next one.
-            self.free.try_reserve(CHUNK).map_err(|_| Error::OutOfMemory { count: CHUNK, what: "free slots" })?;
-            self.claimed.try_reserve(1).map_err(|_| Error::OutOfMemory { count: 1, what: "chunks of a worker" })?;
+            reserve(&mut self.free, CHUNK, "free slots")?;
+            reserve(&mut self.claimed, 1, "chunks of a worker")?;
             let range = triangulation.claim_tets(self.node)?;
             self.claimed.push(range.clone());
             self.free.extend(std::mem::replace(&mut self.fresh_tets, range).rev());
@@ -182,7 +183,7 @@ impl<A: Access> Worker<A> {
         if self.fresh_vertices.is_empty() {
             self.fresh_vertices = triangulation.claim_vertices(self.node)?;
         }
-        Ok(())
+        reserve(&mut self.created, count, "tets of an operation")
     }
 
     #[inline]

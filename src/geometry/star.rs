@@ -8,6 +8,8 @@
 use glam::DVec3;
 
 use super::sphere::{Circumsphere, Origin, relative_to};
+use crate::Result;
+use crate::memory::reserve;
 
 /// Tets of one block; few stars have more.
 const BLOCK: usize = 64;
@@ -32,11 +34,17 @@ type Spheres = [[f64; BLOCK]; 5];
 
 impl StarSpheres {
     /// Makes room for `count` tets. Each is to be [set](Self::set) before [`Self::compute`].
-    pub fn begin(&mut self, count: usize) {
-        let blocks = count.div_ceil(BLOCK);
-        if self.blocks.len() < blocks {
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    #[inline]
+    pub fn reserve(&mut self, count: usize) -> Result<()> {
+        let (blocks, made) = (count.div_ceil(BLOCK), self.blocks.len());
+        if made < blocks {
+            reserve(&mut self.blocks, blocks - made, "circumspheres of a star")?;
             self.blocks.resize_with(blocks, || Block { corners: [[[0.0; BLOCK]; 3]; 3], spheres: [[0.0; BLOCK]; 5] });
         }
+        Ok(())
     }
 
     /// Sets the position of vertex `k` (0 to 2) of tet `i`.
@@ -129,7 +137,7 @@ mod tests {
         let apex = DVec3::new(81.25, -33.1, 7.7);
         let tets = tets(apex);
         let mut star = StarSpheres::default();
-        star.begin(tets.len());
+        star.reserve(tets.len()).expect("memory");
         for (i, corners) in tets.iter().enumerate() {
             (0..3).for_each(|k| star.set(i, k, corners[k]));
         }

@@ -103,25 +103,32 @@ impl Shapes {
             let at = point(n / 8);
             [0, 1, 2].map(|a| if n >> a & 1 == 1 { 1.0 - at[a] } else { at[a] })
         };
-        let parts: Vec<_> = (0..SHAPE_POINTS).map(|n| indicator::parts(mirrored(n))).collect();
-        let mut count = 0;
+        let (mut sets, mut count) = ([0usize; SHAPES], 0);
         for set in 0..256 {
             let least = least(set);
             if least < set {
                 shapes.of[set] = shapes.of[least];
-                continue;
+            } else {
+                shapes.of[set] = count as u8;
+                sets[count] = set;
+                count += 1;
             }
-            shapes.of[set] = count as u8;
-            let ids = std::array::from_fn(|c| (set >> c & 1) as u16);
-            let mut held = [0; LEVELS + 2];
-            parts.iter().for_each(|parts| held[level_above(indicator::indicator(&ids, parts, 1))] += 1);
+        }
+        let ids = sets.map(|set| std::array::from_fn(|c| (set >> c & 1) as u16));
+        let mut held = [[0u32; LEVELS + 2]; SHAPES];
+        for n in 0..SHAPE_POINTS {
+            let parts = indicator::parts(mirrored(n));
+            for (held, ids) in held.iter_mut().zip(&ids) {
+                held[level_above(indicator::indicator(ids, &parts, 1))] += 1;
+            }
+        }
+        for ((curve, held), set) in shapes.curves.iter_mut().zip(&held).zip(sets) {
             // A point is held at all levels up to its own.
             let mut part = 0.0;
             for level in (0..=LEVELS).rev() {
                 part += f64::from(held[level + 1]) / SHAPE_POINTS as f64;
-                shapes.curves[count][level] = part - set.count_ones() as f64 / 8.0;
+                curve[level] = part - f64::from(set.count_ones()) / 8.0;
             }
-            count += 1;
         }
         shapes
     }

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use super::sampling::Nets;
 use super::sizing::Sizing;
 use crate::Result;
-use crate::memory::reserve;
+use crate::memory::{reserve, room};
 use crate::oracle::{EdgeGrid, FeaturePoint, JunctionKind, Oracle, Tiles};
 
 /// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
@@ -63,8 +63,7 @@ pub(super) fn sample_junctions(
     go_on: &(impl Fn() -> Result<()> + Sync),
 ) -> Result<Vec<Vec<DVec3>>> {
     let planes = oracle.junction_planes(&sizing.by_cell().map(|spacing| FINENESS * SPACING * spacing));
-    let of_tile = |tile: usize| -> Result<Candidates> {
-        let mut found = Candidates::default();
+    let of_tile = |(tile, found): (usize, &mut Candidates)| {
         for row in tiles.rows(tile) {
             go_on()?;
             planes.visit_row(row, |kind, p| match kind {
@@ -78,11 +77,12 @@ pub(super) fn sample_junctions(
                 FeaturePoint::Corner => keep(&mut found.corner_voxels, p),
             })?;
         }
-        Ok(found)
+        Ok(())
     };
+    let mut found = room(tiles.count(), "points of junctions")?;
+    found.resize_with(tiles.count(), Candidates::default);
     // One at a time: those at the rim of the image have next to nothing.
-    let found: Vec<Candidates> =
-        (0..tiles.count()).into_par_iter().with_max_len(1).map(of_tile).collect::<Result<_>>()?;
+    found.par_iter_mut().enumerate().with_max_len(1).try_for_each(of_tile)?;
     let thin = |part: f64, points: fn(&Candidates) -> &[DVec3]| {
         if found.iter().all(|of_tile| points(of_tile).is_empty()) {
             return Ok(());

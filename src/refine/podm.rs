@@ -20,6 +20,7 @@ use super::sampling::{Growth, Samples, sample_isosurface};
 use super::team::{Schedule, Team};
 use crate::delaunay::worker::Counters;
 use crate::delaunay::{Access, Counted, Solo, TetId, TryLock};
+use crate::memory::room;
 use crate::monitor::Monitor;
 use crate::panics;
 use crate::parallel::clock::{Clock, ticks};
@@ -93,23 +94,25 @@ fn refine_under<S: Access, T: Access>(
     team.waiters.register(0);
     let alone = if schedule.threads == 1 { total } else { first_for(2, &samples.rounds, total) };
     let mut begun = false;
+    // Before the triangulation takes what memory there is: what has been done is said even if that was too little.
+    let mut threads = room(schedule.threads, "reports of threads")?;
     let done = lead.insert_samples(|| (!std::mem::replace(&mut begun, true)).then_some(0..alone));
-    let threads = match done {
+    match done {
         Err(error) => {
             team.stop(error);
-            vec![report(lead, &clock)]
+            threads.push(report(lead, &clock));
         }
         Ok(()) if schedule.threads == 1 => {
             if let Err(error) = lead.collect().and_then(|()| lead.run()) {
                 team.stop(error);
             }
-            vec![report(lead, &clock)]
+            threads.push(report(lead, &clock));
         }
         Ok(()) => {
             let lead = lead.with_access(|alone| shared(0, Some(alone)));
-            work_together(&team, lead, &|me| shared(me, None), &stretches, &clock)
+            threads.extend(work_together(&team, lead, &|me| shared(me, None), &stretches, &clock));
         }
-    };
+    }
     drop(bound);
     let (mut counters, mut work) = (Counters::default(), Work::default());
     for thread in &threads {
@@ -123,7 +126,8 @@ fn refine_under<S: Access, T: Access>(
     };
     if ended_by.is_some() {
         // Those that were made before the samples were complete have none.
-        let tets: Vec<TetId> = rules.triangulation.living_tets().collect();
+        let mut tets: Vec<TetId> = room(rules.triangulation.tet_bound() as usize, "tets without a label")?;
+        tets.extend(rules.triangulation.living_tets());
         rules.find_labels(&tets);
     }
     Ok(Refinement { counters, work, threads, ended_by })
@@ -160,7 +164,7 @@ fn work_together<'t, 'a, T: Access>(
     access: &(impl Fn(usize) -> T + Sync),
     stretches: &[Stretches],
     clock: &Clock,
-) -> Vec<ThreadReport> {
+) -> impl Iterator<Item = ThreadReport> {
     let part = |me| {
         move || {
             let _bound = team.bind(me);
@@ -172,7 +176,7 @@ fn work_together<'t, 'a, T: Access>(
     let lead = || do_part(team, 0, lead, stretches, clock);
     let (lead, others) = run_together(lead, (1..team.size()).map(part).collect(), lacking);
     // A worker's panic is caught within its part.
-    std::iter::once(lead).chain(others.into_iter().map(Option::unwrap_or_default)).collect()
+    std::iter::once(lead).chain(others.into_iter().map(Option::unwrap_or_default))
 }
 
 /// A worker's part.

@@ -109,8 +109,9 @@ impl<'a> Nets<'a> {
     fn new(most: f64, tiles: &'a Tiles) -> Result<Self> {
         // A quarter of what the grid of vertices may have: there are fewer samples than vertices, and a limit of memory counts them only when all are there.
         let most_heads = (MAX_HEADS / 4 / tiles.count().max(1)).max(1);
-        let net = |tile| Net::new(most, tiles.bounds(tile), most_heads).map(RwLock::new);
-        Ok(Self { tiles, nets: (0..tiles.count()).into_par_iter().map(net).collect::<Result<_>>()? })
+        let mut nets = room(tiles.count(), "nets of tiles")?;
+        nets.extend((0..tiles.count()).map(|tile| RwLock::new(Net::new(most, tiles.bounds(tile), most_heads))));
+        Ok(Self { tiles, nets })
     }
 
     /// Has `points` offer those of each tile to its net, which knows by then what those beside it have taken: of these points, if they come before it, and of all that were offered earlier.
@@ -120,6 +121,7 @@ impl<'a> Nets<'a> {
     pub fn offer(&self, points: impl Fn(usize, &mut Net) -> Result<()> + Sync) -> Result<()> {
         self.tiles.in_colors(|tile| {
             let mut net = self.nets[tile].write().unwrap_or_else(PoisonError::into_inner);
+            net.open()?;
             for (n, beside) in self.tiles.beside(tile).enumerate() {
                 net.learn(n, &self.nets[beside].read().unwrap_or_else(PoisonError::into_inner))?;
             }
@@ -151,13 +153,20 @@ pub(super) struct Net {
 }
 
 impl Net {
-    /// For spacings up to `most`.
-    fn new(most: f64, [lower, upper]: [DVec3; 2], most_heads: usize) -> Result<Self> {
+    /// For spacings up to `most`; to be opened first.
+    fn new(most: f64, [lower, upper]: [DVec3; 2], most_heads: usize) -> Self {
         let cells = CellTable::new(lower - 2.0 * most, upper + 2.0 * most, 2.0 * most, most_heads);
         let reach = [lower - 1.5 * most, upper + 1.5 * most];
-        let heads = filled(cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
-        let (next, points, own) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Self { cells, heads, next, points, own, learned: [0; 8], reach, recent: Recent::new() })
+        let (heads, next, points, own) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { cells, heads, next, points, own, learned: [0; 8], reach, recent: Recent::new() }
+    }
+
+    /// Makes the cells, unless they are there: by the thread that needs them.
+    fn open(&mut self) -> Result<()> {
+        if self.heads.is_empty() {
+            self.heads = filled(self.cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
+        }
+        Ok(())
     }
 
     /// Offers a point of the tile: unless a sample is within the spacing, what `sample` makes of it becomes one.
