@@ -30,6 +30,8 @@ use crate::{Error, Result};
 
 /// Least samples that all workers insert at once, for each of them: with fewer in the triangulation cavities meet too often.
 const SAMPLES_PER_WORKER: usize = 100;
+/// Tets whose labels are found at a time when a limit has ended a run.
+const LABELLED: usize = 1 << 14;
 
 /// How a refinement ended.
 #[derive(Debug)]
@@ -125,10 +127,14 @@ fn refine_under<S: Access, T: Access>(
         None => None,
     };
     if ended_by.is_some() {
-        // Those that were made before the samples were complete have none.
-        let mut tets: Vec<TetId> = room(rules.triangulation.tet_bound() as usize, "tets without a label")?;
-        tets.extend(rules.triangulation.living_tets());
-        rules.find_labels(&tets);
+        // Those that were made before the samples were complete have none. Some at a time: memory may be the limit.
+        let mut tets: Vec<TetId> = room(LABELLED, "tets without a label")?;
+        let mut living = rules.triangulation.living_tets().peekable();
+        while living.peek().is_some() {
+            tets.clear();
+            tets.extend(living.by_ref().take(LABELLED));
+            rules.find_labels(&tets);
+        }
     }
     Ok(Refinement { counters, work, threads, ended_by })
 }

@@ -111,6 +111,8 @@ impl<'a> Nets<'a> {
         let most_heads = (MAX_HEADS / 4 / tiles.count().max(1)).max(1);
         let mut nets = room(tiles.count(), "nets of tiles")?;
         nets.extend((0..tiles.count()).map(|tile| RwLock::new(Net::new(most, tiles.bounds(tile), most_heads))));
+        // All before there are samples: lists that grow between the tables would leave gaps.
+        nets.par_iter_mut().try_for_each(|net| net.get_mut().unwrap_or_else(PoisonError::into_inner).open())?;
         Ok(Self { tiles, nets })
     }
 
@@ -121,7 +123,6 @@ impl<'a> Nets<'a> {
     pub fn offer(&self, points: impl Fn(usize, &mut Net) -> Result<()> + Sync) -> Result<()> {
         self.tiles.in_colors(|tile| {
             let mut net = self.nets[tile].write().unwrap_or_else(PoisonError::into_inner);
-            net.open()?;
             for (n, beside) in self.tiles.beside(tile).enumerate() {
                 net.learn(n, &self.nets[beside].read().unwrap_or_else(PoisonError::into_inner))?;
             }
@@ -161,11 +162,9 @@ impl Net {
         Self { cells, heads, next, points, own, learned: [0; 8], reach, recent: Recent::new() }
     }
 
-    /// Makes the cells, unless they are there: by the thread that needs them.
+    /// Makes the cells.
     fn open(&mut self) -> Result<()> {
-        if self.heads.is_empty() {
-            self.heads = filled(self.cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
-        }
+        self.heads = filled(self.cells.heads(), NONE, "cells of the net of samples", || Ok(()))?;
         Ok(())
     }
 
