@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use super::access::{Access, Effort};
-use super::tet::{FACET, Facet, NO_VERTEX, TetId, TetRecord, VertexId};
+use super::tet::{FACET, Facet, TetId, TetRecord, VertexId, is_free};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
 use crate::geometry::predicates::in_sphere_perturbed;
@@ -40,7 +40,7 @@ impl<A: Access> Worker<A> {
             return Dig::Done;
         }
         let vertices = triangulation.tet(t).vertices();
-        if vertices.contains(&NO_VERTEX) {
+        if is_free(vertices) {
             return Dig::Stale;
         }
         vertices.into_iter().for_each(|v| self.access.visit_vertex(v));

@@ -14,8 +14,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::chunked::CHUNK;
 use super::tet::{MAX_TETS, TetId, VertexId};
+use crate::Result;
 use crate::memory::{reserve, room};
-use crate::{Error, Result};
 
 /// A memory node, by number.
 pub type NodeId = u8;
@@ -48,7 +48,7 @@ impl Homes {
     /// All chunks at home on node 0, until they are claimed.
     ///
     /// # Errors
-    /// [`Error::OutOfMemory`].
+    /// [`crate::Error::OutOfMemory`].
     pub(super) fn new() -> Result<Self> {
         let chunks = |count: usize| -> Result<Vec<AtomicU8>> {
             let mut homes = room(count, "homes of chunks")?;
@@ -85,7 +85,7 @@ impl Homes {
     /// Sends free slots of `node` home.
     ///
     /// # Errors
-    /// [`Error::OutOfMemory`]; the slots stay where they are.
+    /// [`crate::Error::OutOfMemory`]; the slots stay where they are.
     pub(super) fn give_back(&self, node: NodeId, slots: &mut Vec<TetId>) -> Result<()> {
         let home = &self.returned[usize::from(node)];
         let mut waiting = home.slots();
@@ -99,7 +99,7 @@ impl Homes {
     /// Takes slots that were sent home to `node`, at most a chunk's, and puts them behind `free`; `false`: there were none.
     ///
     /// # Errors
-    /// [`Error::OutOfMemory`].
+    /// [`crate::Error::OutOfMemory`].
     pub(super) fn take_returned(&self, node: NodeId, free: &mut Vec<TetId>) -> Result<bool> {
         let home = &self.returned[usize::from(node)];
         if home.count.load(Relaxed) == 0 {
@@ -108,7 +108,7 @@ impl Homes {
         let mut waiting = home.slots();
         let rest = waiting.len().saturating_sub(CHUNK);
         let count = waiting.len() - rest;
-        free.try_reserve(count).map_err(|_| Error::OutOfMemory { count, what: "free slots" })?;
+        reserve(free, count, "free slots")?;
         free.extend(waiting.drain(rest..));
         home.count.store(waiting.len(), Relaxed);
         Ok(count > 0)

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::access::{Access, Solo};
-use super::tet::{FACET, NO_VERTEX, TetId};
+use super::tet::{FACET, TetId, is_free};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
 use crate::geometry::predicates::orient;
@@ -28,7 +28,7 @@ impl Triangulation {
             self.prefetch_neighbors(t);
             let record = self.tet(t);
             let vertices = record.vertices();
-            if vertices[3] == NO_VERTEX {
+            if is_free(vertices) {
                 // Another worker has just freed the slot: the caller finds that out, and begins elsewhere.
                 return t;
             }

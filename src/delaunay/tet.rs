@@ -28,10 +28,16 @@ pub type TetId = u32;
 /// No vertex; as the last vertex of a tet it marks a slot that was freed.
 pub const NO_VERTEX: VertexId = u32::MAX;
 
+/// Whether these words stand in a slot that was freed.
+#[inline(always)]
+pub fn is_free(vertices: [VertexId; 4]) -> bool {
+    vertices[3] == NO_VERTEX
+}
+
 /// Whether these are the vertices of a tet, and not what stands in a slot that was freed, or in one that was never used, where all are 0. Of a triangulation at rest.
 #[inline(always)]
 pub fn is_tet(vertices: [VertexId; 4]) -> bool {
-    vertices[3] != NO_VERTEX && vertices[0] != vertices[1]
+    !is_free(vertices) && vertices[0] != vertices[1]
 }
 
 /// `FACET[i]` lists the vertices of facet i, see the picture above.

@@ -13,7 +13,7 @@ use super::cell_table::MAX_HEADS;
 use super::sizing::Sizing;
 use super::vertex_grid::VertexGrid;
 use crate::Result;
-use crate::delaunay::tet::{FACET, NO_TAG, NO_VERTEX, TetRecord};
+use crate::delaunay::tet::{FACET, NO_TAG, TetRecord, is_free};
 use crate::delaunay::worker::MARKS;
 use crate::delaunay::{Facet, TetId, Triangulation, VertexId, VertexKind};
 use crate::geometry::predicates::perturbation_order;
@@ -63,12 +63,6 @@ impl Seen {
     #[inline(always)]
     fn of(record: &TetRecord) -> Self {
         Self { vertices: record.vertices(), sphere: record.sphere(), label: record.tag() }
-    }
-
-    /// Whether the slot is free.
-    #[inline(always)]
-    fn is_free(&self) -> bool {
-        self.vertices[3] == NO_VERTEX
     }
 
     /// Whether a tet is like this; in bits, since a bound may be NaN.
@@ -272,7 +266,7 @@ impl<'a> Rules<'a> {
         let seen = Seen::of(record);
         let neighbor = record.neighbor(i);
         // With others at work the tet may be another one by now, or none: then the answer does not matter.
-        if seen.is_free() || neighbor.is_none() {
+        if is_free(seen.vertices) || neighbor.is_none() {
             return None;
         }
         let other = Seen::of(self.triangulation.tet(neighbor.tet()));
@@ -395,7 +389,7 @@ impl<'a> Rules<'a> {
         }
         let seen = Seen { vertices: record.vertices(), sphere, label };
         // With others at work the tet may have gone by now.
-        if seen.is_free() {
+        if is_free(seen.vertices) {
             return None;
         }
         if !sphere.is_certain() {

@@ -1,4 +1,4 @@
-//! One run against another: equal input gives equal meshes, refining again changes nothing, a run can be stopped anywhere.
+//! One run against another: equal input gives equal meshes, refining again changes nothing, a run can be stopped anywhere. And how long a demand is true.
 
 use lapd::Error;
 use lapd::delaunay::Triangulation;
