@@ -34,6 +34,14 @@ pub fn zeroed<T: Zeroable>(count: usize, what: &'static str) -> Result<Vec<T>> {
     bytemuck::try_zeroed_vec(count).map_err(|()| Error::OutOfMemory { count, what })
 }
 
+/// A value of all bytes zero, counted by its bytes as `what`; otherwise as [`zeroed`].
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+pub fn zeroed_box<T: Zeroable>(what: &'static str) -> Result<Box<T>> {
+    bytemuck::try_zeroed_box().map_err(|()| Error::OutOfMemory { count: size_of::<T>(), what })
+}
+
 /// `count` copies of a value, counted as `what`.
 ///
 /// # Errors

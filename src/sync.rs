@@ -17,6 +17,9 @@ const YIELDS_END: u32 = SPINS + OFFERS;
 /// Longest sleep: who waits also watches what nobody wakes it for.
 const NAP: Duration = Duration::from_millis(1);
 
+/// Bytes of the stack of a worker's thread. Said, because the standard library would ask the environment.
+pub const STACK: usize = 2 << 20;
+
 /// Locks; a panic of another thread that held the lock is that thread's to report.
 pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
@@ -98,7 +101,9 @@ pub fn run_together<T: Send>(
         return virtual_time::run_together(lead, others, lacking);
     }
     thread::scope(|scope| {
-        let begin = |(at, part)| thread::Builder::new().name(format!("lapd-{}", at + 1)).spawn_scoped(scope, part);
+        let begin = |(at, part)| {
+            thread::Builder::new().name(format!("lapd-{}", at + 1)).stack_size(STACK).spawn_scoped(scope, part)
+        };
         let others: Vec<_> = others.into_iter().enumerate().map(begin).collect();
         if others.iter().any(|thread| thread.is_err()) {
             lacking();

@@ -8,14 +8,15 @@
 //!
 //! Cost: one access is two dependent loads, the first of them always hot, and a test that the chunk exists.
 
-use std::alloc::{Layout, alloc_zeroed};
 use std::ops::Range;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicPtr, Ordering};
-use std::sync::{Mutex, PoisonError};
 
+use bytemuck::Zeroable;
 use memmap2::MmapMut;
 
-use crate::memory::prefetch;
+use crate::memory::{prefetch, zeroed_box};
+use crate::sync::lock;
 use crate::{Error, Result};
 
 /// Elements of one chunk; a power of two.
@@ -42,39 +43,8 @@ fn block_of(chunk: usize) -> Range<usize> {
 /// Entries of the table: any u32 finds its chunk without a test of bounds. The table is zeroed memory, of which only the used part is ever touched.
 const TABLE: usize = (1 << 32) / CHUNK;
 
-/// A type for which all bytes zero are a valid value, and which needs no drop.
-///
-/// # Safety
-/// Both must hold.
-pub unsafe trait Zeroable: Sync + Sized {
-    /// Whether dropping does nothing; checked when an array is made.
-    const NO_DROP: bool = !std::mem::needs_drop::<Self>();
-}
-
-// SAFETY: an atomic pointer of zero bytes is a null pointer, and owns nothing.
-unsafe impl<T> Zeroable for AtomicPtr<T> {}
-
-/// An array of zeros that was never touched: memory that is not used costs nothing.
-///
-/// # Errors
-/// [`Error::OutOfMemory`].
-pub fn zeroed_array<T: Zeroable, const N: usize>() -> Result<Box<[T; N]>> {
-    let layout = Layout::new::<[T; N]>();
-    const { assert!(T::NO_DROP && size_of::<T>() > 0 && N > 0) };
-    // SAFETY: the layout has a size above 0.
-    let array = unsafe { alloc_zeroed(layout) }.cast::<[T; N]>();
-    if array.is_null() {
-        return Err(Error::OutOfMemory { count: layout.size(), what: "bytes for a table of the triangulation" });
-    }
-    // SAFETY: allocated by the global allocator with the layout of the box's content, which zeros are a valid value of.
-    Ok(unsafe { Box::from_raw(array) })
-}
-
-// SAFETY: an atomic integer is an integer in memory, for which 0 is a value.
-unsafe impl Zeroable for std::sync::atomic::AtomicU32 {}
-
-/// The array. `T` holds atomics, so that shared references suffice to write.
-pub struct Chunked<T: Zeroable> {
+/// The array. `T` holds atomics, so that shared references suffice to write; nothing of it is ever dropped.
+pub struct Chunked<T> {
     /// Null, or the first element of a chunk, which is a part of a block; never changes once it is not null.
     chunks: Box<[AtomicPtr<T>; TABLE]>,
     max_chunks: usize,
@@ -82,14 +52,14 @@ pub struct Chunked<T: Zeroable> {
     blocks: Mutex<Vec<MmapMut>>,
 }
 
-impl<T: Zeroable> Chunked<T> {
+impl<T: Zeroable + Sync> Chunked<T> {
     /// An empty array with room for `capacity` elements, rounded up to whole chunks.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
     pub fn with_capacity(capacity: usize) -> Result<Self> {
-        const { assert!(T::NO_DROP && size_of::<T>() > 0) };
-        let chunks = zeroed_array::<AtomicPtr<T>, TABLE>()?;
+        const { assert!(!std::mem::needs_drop::<T>() && size_of::<T>() > 0) };
+        let chunks = zeroed_box("bytes for a table of chunks")?;
         Ok(Self { chunks, max_chunks: capacity.div_ceil(CHUNK).min(TABLE), blocks: Mutex::new(Vec::new()) })
     }
 
@@ -114,7 +84,7 @@ impl<T: Zeroable> Chunked<T> {
     fn make_block(&self, chunk: usize) -> Result<()> {
         // Pages are aligned to more than any record.
         const { assert!(align_of::<T>() <= 4096 && TABLE.is_multiple_of(BLOCK)) };
-        let mut blocks = self.blocks.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut blocks = lock(&self.blocks);
         if !self.chunks[chunk].load(Ordering::Relaxed).is_null() {
             return Ok(());
         }
@@ -151,7 +121,7 @@ impl<T: Zeroable> Chunked<T> {
             missing_chunk();
         }
         // SAFETY: a pointer that is not null is a chunk of CHUNK zeroed, hence valid elements of a block that is unmapped with self, and not reached by another way;
-        // index % CHUNK < CHUNK. T is Sync, so sharing it is fine, and needs no drop.
+        // index % CHUNK < CHUNK. T is Sync, so sharing it is fine.
         unsafe { &*chunk.add(index % CHUNK) }
     }
 }

@@ -10,12 +10,13 @@
 //! Cost: a byte for each chunk that there may be, 80 KiB; 4 bytes for each slot that waits.
 
 use std::sync::atomic::{AtomicU8, AtomicUsize, Ordering::Relaxed};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 use super::chunked::CHUNK;
-use super::tet::{MAX_TETS, TetId, VertexId};
+use super::tet::{MAX_TETS, MAX_VERTICES, TetId, VertexId};
 use crate::Result;
 use crate::memory::{reserve, room};
+use crate::sync::lock;
 
 /// A memory node, by number.
 pub type NodeId = u8;
@@ -40,7 +41,7 @@ struct Returned {
 
 impl Returned {
     fn slots(&self) -> MutexGuard<'_, Vec<TetId>> {
-        self.slots.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.slots)
     }
 }
 
@@ -57,7 +58,7 @@ impl Homes {
         };
         let mut returned = room(MAX_NODES, "memory nodes")?;
         returned.resize_with(MAX_NODES, Returned::default);
-        Ok(Self { tets: chunks(MAX_TETS / CHUNK)?, vertices: chunks(MAX_TETS / 4 / CHUNK)?, returned })
+        Ok(Self { tets: chunks(MAX_TETS / CHUNK)?, vertices: chunks(MAX_VERTICES / CHUNK)?, returned })
     }
 
     /// The home of a slot.

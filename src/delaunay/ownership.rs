@@ -19,11 +19,14 @@
 //!
 //! # Memory order
 //! `Acquire` on taking pairs with `Release` on giving back: who owns a vertex sees all that its former owners wrote. So all other words can be relaxed. The ids in a tet's record, of its neighbours and its vertices, are written with `Release` and read with
-//! `Acquire`, for those who look without owning: who reads an id finds the memory that it names, and a record that was filled once. On x86 all of these are plain loads and stores but the exchange itself.
+//! `Acquire`, for those who look without owning: who reads an id finds the memory that it names, and a record that was filled once or is all zeros: a cavity's tets are linked while they are made. One who
+//! sees zeros sees four vertices of id 0, which is what a walk is blocked by or finds stale, and a demand is not true of. On x86 all of these are plain loads and stores but the exchange itself.
+
+use bytemuck::Zeroable;
 
 use super::VertexId;
-use super::chunked::{Zeroable, zeroed_array};
 use super::lock::Owner;
+use crate::memory::zeroed_box;
 
 /// log2 of [`GROUP`].
 const GROUP_LOG: u32 = 3;
@@ -47,7 +50,7 @@ impl Owners {
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
     pub fn new() -> crate::Result<Self> {
-        Ok(Self(zeroed_array()?))
+        Ok(Self(zeroed_box("bytes for the words of vertices")?))
     }
 
     /// How many are somebody's; out of date at once while others are at work.
@@ -62,5 +65,5 @@ impl Owners {
     }
 }
 
-// SAFETY: an atomic integer, for which 0 is a value; dropping it does nothing.
+// SAFETY: an atomic integer, for which 0 is a value.
 unsafe impl Zeroable for Owner {}

@@ -15,9 +15,10 @@
 
 use std::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, AtomicU64, Ordering::*};
 
+use bytemuck::Zeroable;
 use glam::DVec3;
 
-use super::chunked::Zeroable;
+use super::chunked::CHUNK;
 use crate::geometry::sphere::Circumsphere;
 
 /// Index of a vertex. Ids are never used twice in one triangulation.
@@ -76,8 +77,10 @@ impl Facet {
     }
 }
 
-/// Most tets that packed facets can name.
-pub const MAX_TETS: usize = 1 << 30;
+/// Most tets that packed facets can name, but for a chunk: its last facet would be [`Facet::NONE`].
+pub const MAX_TETS: usize = (1 << 30) - CHUNK;
+/// Most vertices: a triangulation of so many tets has fewer.
+pub const MAX_VERTICES: usize = 1 << 28;
 
 /// The record of a tet: one cache line.
 #[repr(C, align(64))]
@@ -158,7 +161,7 @@ impl TetRecord {
 
     #[inline(always)]
     pub(super) fn set_neighbor(&self, i: usize, facet: Facet) {
-        // Release: who comes through the link finds a chunk, and a record that was filled.
+        // Release: who comes through the link finds a chunk, and a record that was filled or is all zeros (`ownership`, memory order).
         self.neighbors[i].store(facet.0, Release);
     }
 
@@ -314,7 +317,7 @@ impl VertexRecord {
     }
 }
 
-// SAFETY: both records are atomic integers only, for which 0 is a value; dropping them does nothing.
+// SAFETY: both records are atomic integers only, for which 0 is a value.
 unsafe impl Zeroable for TetRecord {}
 // SAFETY: as above.
 unsafe impl Zeroable for VertexRecord {}

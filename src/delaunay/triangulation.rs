@@ -4,7 +4,7 @@
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::*};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 use glam::DVec3;
 
@@ -12,9 +12,12 @@ use super::chunked::{CHUNK, Chunked};
 use super::homes::{Homes, NodeId};
 use super::lock::Owner;
 use super::ownership::Owners;
-use super::tet::{FACET, Facet, MAX_TETS, TetId, TetRecord, TetStamp, VertexId, VertexKind, VertexRecord, is_tet};
+use super::tet::{
+    FACET, Facet, MAX_TETS, MAX_VERTICES, TetId, TetRecord, TetStamp, VertexId, VertexKind, VertexRecord, is_tet,
+};
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
+use crate::sync::lock;
 use crate::{Error, Result};
 
 /// Number of box vertices; they have the first ids.
@@ -46,7 +49,7 @@ impl Triangulation {
         }
         let triangulation = Self {
             tets: Chunked::with_capacity(MAX_TETS)?,
-            vertices: Chunked::with_capacity(MAX_TETS / 4)?,
+            vertices: Chunked::with_capacity(MAX_VERTICES)?,
             owners: Owners::new()?,
             homes: Homes::new()?,
             tet_chunks: AtomicU32::new(0),
@@ -291,7 +294,7 @@ impl Triangulation {
         let _growing = self.growing();
         let chunk = self.vertex_chunks.load(Relaxed);
         if chunk as usize >= self.vertices.max_chunks() {
-            return Err(Error::LimitReached(format!("the triangulation would exceed {} vertices", MAX_TETS / 4)));
+            return Err(Error::LimitReached(format!("the triangulation would exceed {MAX_VERTICES} vertices")));
         }
         self.vertices.make_chunk(chunk as usize)?;
         self.homes.set_vertices(chunk as usize, node);
@@ -302,6 +305,6 @@ impl Triangulation {
     }
 
     fn growing(&self) -> MutexGuard<'_, ()> {
-        self.growing.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.growing)
     }
 }

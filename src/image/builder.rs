@@ -7,11 +7,8 @@
 
 use std::collections::HashMap;
 
-use super::{Frame, LabelImage};
+use super::{Frame, LabelImage, MAX_IDS};
 use crate::{Error, Result};
-
-/// Ids are u16 and id 0 is the background.
-const MAX_LABELS: usize = u16::MAX as usize + 1;
 
 /// Labels from `TABLE_FIRST` on, `TABLE_LEN` of them (all of i16 and u16), are looked up in a table.
 const TABLE_FIRST: i32 = i16::MIN as i32;
@@ -64,7 +61,7 @@ impl LabelBuilder {
     /// Appends the labels of the next voxels.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`] on the 65536th label other than 0, [`Error::OutOfMemory`].
+    /// [`Error::InvalidArgument`] on the 65535th label other than 0, [`Error::OutOfMemory`].
     pub(super) fn push(&mut self, labels: &[i32]) -> Result<()> {
         if self.ids.capacity() - self.ids.len() < labels.len() {
             // At least doubling, so that growth stays linear, yet never past the end of the image.
@@ -116,10 +113,10 @@ impl LabelBuilder {
         if known != 0 {
             return Ok(known);
         }
-        if self.labels.len() == MAX_LABELS {
+        if self.labels.len() == MAX_IDS {
             return Err(Error::InvalidArgument(format!(
                 "more than {} different labels: is this a segmentation, and not an intensity image?",
-                MAX_LABELS - 1
+                MAX_IDS - 1
             )));
         }
         let id = self.labels.len() as u16;

@@ -78,7 +78,7 @@ impl Field {
     /// The image of the labels at the voxel centres, with this field. One pass over the values.
     ///
     /// # Errors
-    /// [`crate::Error::InvalidArgument`] for more than 65535 labels; [`crate::Error::OutOfMemory`].
+    /// [`crate::Error::InvalidArgument`] for more than 65534 labels; [`crate::Error::OutOfMemory`].
     pub(super) fn label_image(self, dims: [usize; 3], frame: Frame) -> Result<LabelImage> {
         let mut builder = LabelBuilder::new(dims, usize::MAX)?;
         let mut row = vec![0; dims[0]];

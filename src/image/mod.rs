@@ -28,3 +28,6 @@ pub use frame::Frame;
 pub use gray::GrayImage;
 pub use probabilities::ProbabilityImage;
 pub use volume::{LabelImage, Voxels};
+
+/// Ids of labels are u16, id 0 is the background, and `u16::MAX` is left for what has none yet.
+pub const MAX_IDS: usize = u16::MAX as usize;

@@ -2,7 +2,9 @@
 //!
 //! A pass over the voxels each, linear; the image itself stays as it is.
 
-use super::LabelImage;
+use rayon::prelude::*;
+
+use super::{LabelImage, MAX_IDS};
 use crate::memory::room;
 use crate::{Error, Result};
 
@@ -73,18 +75,19 @@ impl LabelImage {
         labels.sort_unstable();
         labels.dedup();
         labels.insert(0, 0);
-        if labels.len() > usize::from(u16::MAX) + 1 {
+        if labels.len() > MAX_IDS {
             return Err(Error::InvalidArgument(format!(
                 "{} labels besides the background are more than {}",
                 labels.len() - 1,
-                u16::MAX
+                MAX_IDS - 1
             )));
         }
         let new_id = |label: &i32| labels[1..].binary_search(label).map_or(0, |place| (place + 1) as u16);
         let new_ids: Vec<u16> = label_of.iter().map(new_id).collect();
         let mut ids = room(self.ids().len(), "voxels of an image")?;
-        ids.extend(self.ids().iter().map(|&id| new_ids[usize::from(id)]));
-        Self::from_ids(self.dims(), *self.frame(), ids, labels)
+        ids.par_extend(self.ids().par_iter().map(|&id| new_ids[usize::from(id)]));
+        // Each label is that of some voxels: all ids but 0 were, and 0 becomes another label only where it was.
+        Ok(Self::assembled(ids, labels, self.dims(), *self.frame()))
     }
 }
 

@@ -8,9 +8,9 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::Frame;
 use super::builder::{LabelBuilder, voxel_count};
 use super::field::Field;
+use super::{Frame, MAX_IDS};
 use crate::{Error, Result};
 
 /// A caller's voxels, in any of the integer types. Strides are given beside it, in elements.
@@ -50,7 +50,7 @@ impl LabelImage {
     ///
     /// # Errors
     /// [`Error::InvalidArgument`]: a dimension of 0, 2^32 voxels or more, a slice too short for dims and strides, a label that does
-    /// not fit i32, more than 65535 different labels besides 0. [`Error::OutOfMemory`].
+    /// not fit i32, more than 65534 different labels besides 0. [`Error::OutOfMemory`].
     pub fn from_voxels(
         voxels: Voxels<'_>,
         dims: [usize; 3],
@@ -92,7 +92,7 @@ impl LabelImage {
     ///
     /// # Errors
     /// [`Error::InvalidArgument`]: dims that are impossible or differ from the number of ids, an id without label, `labels[0]` other
-    /// than 0, labels after it that are 0 or not increasing.
+    /// than 0, labels after it that are 0, not increasing, or more than 65534.
     pub fn from_ids(dims: [usize; 3], frame: Frame, mut ids: Vec<u16>, mut labels: Vec<i32>) -> Result<Self> {
         let count = voxel_count(dims)?;
         if ids.len() != count {
@@ -103,6 +103,9 @@ impl LabelImage {
         }
         if labels[1..].contains(&0) || !labels[1..].is_sorted_by(|a, b| a < b) {
             return Err(Error::InvalidArgument("labels of ids above 0 must increase and differ from 0".into()));
+        }
+        if labels.len() > MAX_IDS {
+            return Err(Error::InvalidArgument(format!("labels of {} ids are more than {MAX_IDS}", labels.len())));
         }
         // All ids that u16 can hold, so that an id without label is found and not indexed with.
         let mut occurs = vec![false; usize::from(u16::MAX) + 1];
@@ -353,15 +356,17 @@ mod tests {
 
     #[test]
     fn as_many_labels_as_ids_and_not_one_more() {
-        let mut labels: Vec<i32> = (0..65_536).rev().map(|i| i * 3).collect();
-        let image = LabelImage::from_voxels(Voxels::I32(&labels), [65_536, 1, 1], None, 0, unit()).unwrap();
-        assert_eq!(image.labels().len(), 65_536);
+        let mut labels: Vec<i32> = (0..65_535).rev().map(|i| i * 3).collect();
+        let image = LabelImage::from_voxels(Voxels::I32(&labels), [65_535, 1, 1], None, 0, unit()).unwrap();
+        assert_eq!(image.labels().len(), 65_535);
         assert_eq!(labels_of(&image), labels);
         labels.push(-1);
         assert!(
-            error(LabelImage::from_voxels(Voxels::I32(&labels), [65_537, 1, 1], None, 0, unit()))
-                .contains("more than 65535")
+            error(LabelImage::from_voxels(Voxels::I32(&labels), [65_536, 1, 1], None, 0, unit()))
+                .contains("more than 65534")
         );
+        let increasing: Vec<i32> = (0..65_536).collect();
+        assert!(error(LabelImage::from_ids([1, 1, 1], unit(), vec![0], increasing)).contains("more than 65535"));
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! - *Local*. A worker waits for the one it met, unless that one waits itself. Suppose the workers that run met only each other for ever. Each conflict makes one of the two wait, unless the other has
 //!   begun to wait meanwhile; so fewer and fewer run, and the last one meets nobody. It completes its operations, and wakes those who wait for it. *No cycle of waits*: a worker looks at the other's flag and raises
 //!   its own under the locks of both. Of the members of a cycle, the one that raised its flag last would have seen the flag of the one that it waits for. So the chain of waits from any worker ends at one that
-//!   runs; that one wakes its followers when it has made some progress, or has no work left.
+//!   runs; that one wakes its followers when it has completed an operation, or has no work left.
 //! - *Global*. The same with one list; the last worker that runs never waits (counted under the list's lock).
 //! - *Random*. Two workers that meet again and again sleep for times that differ sooner or later. Certain only in probability.
 //! - *Aggressive*. None: workers go on with another element, which makes meeting again unlikely, not impossible. After some conflicts in sequence they offer their
@@ -18,8 +18,6 @@ use super::waiters::Waiters;
 use crate::params::Contention as Policy;
 use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
 
-/// Operations that a worker completes before it wakes those who wait for it: all, or under Global the first.
-const PROGRESS: u32 = 1;
 /// Conflicts in sequence after which a worker sleeps, under the policy Random, or offers its processor, under Aggressive.
 const PATIENCE: u32 = 3;
 /// Longest sleep after that many conflicts, as a power of two in microseconds; twice as long after each more.
@@ -31,14 +29,13 @@ const MOST_SLEEP_LOG: u32 = 10;
 #[derive(Debug)]
 pub struct Streak {
     conflicts: u32,
-    successes: u32,
     random: u64,
 }
 
 impl Streak {
     /// That of worker `me` in the beginning.
     pub fn new(me: usize) -> Self {
-        Self { conflicts: 0, successes: 0, random: (me as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15) }
+        Self { conflicts: 0, random: (me as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15) }
     }
 
     /// The next pseudo-random number (G. Marsaglia, "Xorshift RNGs", 2003).
@@ -98,7 +95,6 @@ impl Contention {
     /// Worker `me` met worker `met`, and owns nothing any more. Returns whether it waited.
     pub fn after_conflict(&self, me: usize, met: usize, streak: &mut Streak, waiters: &Waiters) -> bool {
         streak.conflicts += 1;
-        streak.successes = 0;
         match self.policy {
             Policy::Local => self.follow(me, met, waiters),
             Policy::Global => self.stand_in_line(me, waiters),
@@ -161,14 +157,10 @@ impl Contention {
     #[inline]
     pub fn after_success(&self, me: usize, streak: &mut Streak, waiters: &Waiters) {
         streak.conflicts = 0;
-        streak.successes += 1;
-        if streak.successes >= PROGRESS {
-            streak.successes = 0;
-            match self.policy {
-                Policy::Local => self.wake_followers(me, waiters),
-                Policy::Global => self.wake_first(waiters),
-                Policy::Random | Policy::Aggressive => {}
-            }
+        match self.policy {
+            Policy::Local => self.wake_followers(me, waiters),
+            Policy::Global => self.wake_first(waiters),
+            Policy::Random | Policy::Aggressive => {}
         }
     }
 

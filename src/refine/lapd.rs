@@ -11,7 +11,7 @@
 //! # What is known before
 //! The paper learns from the mesh of one step how to divide the next. Here the samples, and the volume of each label in each block, tell how many elements there will be, so all bisections are computed before
 //! the first tet is made (`partition`), and no group has to begin with a half that another one meshed. Then nothing is gained by working in common regions in the early rounds, and memory that others wrote would be left
-//! behind: each node works in its own region from the first round on that all workers share. Rounds before that are too small for all; one worker inserts them. [`Schedule::halving`] has the paper's scheme
+//! behind: each node works in its own region from the first round on that all workers share. Rounds before that are too small for all; one worker inserts the first, some the next (`podm`). [`Schedule::halving`] has the paper's scheme
 //! instead: the last round of samples is inserted node by node, the round before by pairs of nodes in the two regions of both, and so on. It visits up to twice as much remote memory (docs/design-notes.md).
 //!
 //! # Invariants
@@ -82,12 +82,13 @@ impl Regions {
     /// Deals the samples of each round from `first` on: sorts them by regions, and gives each worker those of its own, to be helped by the workers of its group at that round's step.
     ///
     /// # Errors
-    /// [`crate::Error::OutOfMemory`].
-    pub fn deal(&self, samples: &mut Samples, first: usize) -> Result<Vec<Stretches>> {
+    /// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked before each round.
+    pub fn deal(&self, samples: &mut Samples, first: usize, go_on: impl Fn() -> Result<()>) -> Result<Vec<Stretches>> {
         let rounds: Vec<Range<usize>> = samples.rounds_from(first).collect();
         let points = &mut samples.points;
         let count = rounds.len();
         let deal = |(round, range): (usize, Range<usize>)| {
+            go_on()?;
             let last = self.partition.levels();
             let level = if self.halving { (last + 1 + round).saturating_sub(count) } else { last };
             let places = self.sort_by_place(&mut points[range.clone()])?;

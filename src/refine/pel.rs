@@ -10,6 +10,7 @@
 
 use super::rules::Demand;
 use crate::delaunay::{TetStamp, VertexId};
+use crate::memory::room;
 use crate::{Error, Result};
 
 /// Tets of a round at most, and so many waiting tets that begin one.
@@ -21,6 +22,9 @@ const SERVED: usize = 64;
 const MANY_WAITING: usize = 64;
 /// Least poor tets of which some are given away.
 const MANY_POOR: usize = 16;
+
+/// What lists hold, as errors name it.
+const ENTRIES: &str = "entries of a poor element list";
 
 /// What a worker does next.
 #[derive(Clone, Copy, Debug)]
@@ -90,17 +94,21 @@ impl Pel {
         self.waiting.len() >= MANY_WAITING || self.poor.len() >= MANY_POOR
     }
 
-    /// Takes half of the tets out that wait, or of the poor ones where few wait.
-    pub fn gift(&mut self) -> Gift {
-        let half = |list: &mut Vec<TetStamp>| {
-            let kept = list.split_off(list.len() / 2);
-            std::mem::replace(list, kept)
+    /// Takes half of the tets out that wait, or of the poor ones where few wait. The lists keep the room that was made in them.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub fn gift(&mut self) -> Result<Gift> {
+        let half = |list: &mut Vec<TetStamp>| -> Result<Vec<TetStamp>> {
+            let mut given = room(list.len() / 2, ENTRIES)?;
+            given.extend(list.drain(..list.len() / 2));
+            Ok(given)
         };
-        if self.waiting.len() >= MANY_WAITING {
-            Gift { waiting: half(&mut self.waiting), ..Gift::default() }
+        Ok(if self.waiting.len() >= MANY_WAITING {
+            Gift { waiting: half(&mut self.waiting)?, ..Gift::default() }
         } else {
-            Gift { poor: half(&mut self.poor), ..Gift::default() }
-        }
+            Gift { poor: half(&mut self.poor)?, ..Gift::default() }
+        })
     }
 
     /// Takes the tets of a gift in.
@@ -157,7 +165,7 @@ impl Pel {
     /// # Errors
     /// [`Error::OutOfMemory`].
     pub fn make_room(&mut self, count: usize) -> Result<()> {
-        let lack = |_| Error::OutOfMemory { count, what: "entries of a poor element list" };
+        let lack = |_| Error::OutOfMemory { count, what: ENTRIES };
         // What is made may come to wait.
         self.waiting.try_reserve(count + self.made.len()).map_err(lack)?;
         self.made.try_reserve(count).map_err(lack)?;

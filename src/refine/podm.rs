@@ -46,7 +46,7 @@ pub struct Refinement {
     pub ended_by: Option<Error>,
 }
 
-/// Refines until no rule applies, or a limit is reached: one of the schedule's, or that of the ids. Worker threads are joined before this returns.
+/// Refines a triangulation of nothing but its box until no rule applies, or a limit is reached: one of the schedule's, or that of the ids. Worker threads are joined before this returns.
 ///
 /// # Errors
 /// [`Error::Cancelled`]; [`Error::OutOfMemory`], also when a thread cannot be had; [`Error::Internal`], also when a worker panics.
@@ -76,7 +76,10 @@ fn refine_under<S: Access, T: Access>(
     let go_on = || monitor.advance(0).and_then(|()| schedule.limits.check_time());
     let growth = if lapd::divides(schedule) { Growth::Fourfold } else { Growth::Eightfold };
     let mut samples = match sample_isosurface(rules.oracle, &rules.sizing, growth, go_on) {
-        Err(limit) if limit.is_limit() => return Ok(Refinement::none(limit)),
+        Err(limit) if limit.is_limit() => {
+            label_all(rules, monitor)?;
+            return Ok(Refinement::none(limit));
+        }
         samples => samples?,
     };
     let total = samples.points.len();
@@ -84,7 +87,7 @@ fn refine_under<S: Access, T: Access>(
     let ramp = deal_to_some(&samples, first, schedule.threads);
     let regions = Regions::new(rules, &samples.points, schedule)?;
     let dealt = match &regions {
-        Some(regions) => regions.deal(&mut samples, first)?,
+        Some(regions) => regions.deal(&mut samples, first, go_on)?,
         None => deal_alike(&samples, first, schedule.threads),
     };
     let stretches: Vec<Stretches> = ramp.into_iter().chain(dealt).collect();
@@ -93,12 +96,11 @@ fn refine_under<S: Access, T: Access>(
     // From here on: what a worker touches first lies in its core's memory. The samples were made by all threads.
     let bound = team.bind(0);
     let mut lead = Refiner::new(&team, 0, team.worker(0, alone));
-    team.waiters.register(0);
-    let alone = if schedule.threads == 1 { total } else { first_for(2, &samples.rounds, total) };
-    let mut begun = false;
+    let end = if schedule.threads == 1 { total } else { first_for(2, &samples.rounds, total) };
+    let mut first_samples = Some(0..end);
     // Before the triangulation takes what memory there is: what has been done is said even if that was too little.
     let mut threads = room(schedule.threads, "reports of threads")?;
-    let done = lead.insert_samples(|| (!std::mem::replace(&mut begun, true)).then_some(0..alone));
+    let done = lead.insert_samples(|| first_samples.take());
     match done {
         Err(error) => {
             team.stop(error);
@@ -127,14 +129,7 @@ fn refine_under<S: Access, T: Access>(
         None => None,
     };
     if ended_by.is_some() {
-        // Those that were made before the samples were complete have none. Some at a time: memory may be the limit.
-        let mut tets: Vec<TetId> = room(LABELLED, "tets without a label")?;
-        let mut living = rules.triangulation.living_tets().peekable();
-        while living.peek().is_some() {
-            tets.clear();
-            tets.extend(living.by_ref().take(LABELLED));
-            rules.find_labels(&tets);
-        }
+        label_all(rules, monitor)?;
     }
     Ok(Refinement { counters, work, threads, ended_by })
 }
@@ -143,6 +138,19 @@ impl Refinement {
     fn none(limit: Error) -> Self {
         Self { counters: Counters::default(), work: Work::default(), threads: Vec::new(), ended_by: Some(limit) }
     }
+}
+
+/// Finds the labels of all tets: those that were made before the samples were complete have none. Some at a time: memory may be what a run has ended by.
+fn label_all(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<()> {
+    let mut tets: Vec<TetId> = room(LABELLED, "tets without a label")?;
+    let mut living = rules.triangulation.living_tets().peekable();
+    while living.peek().is_some() {
+        monitor.check_cancelled()?;
+        tets.clear();
+        tets.extend(living.by_ref().take(LABELLED));
+        rules.find_labels(&tets);
+    }
+    Ok(())
 }
 
 /// The first sample that so many workers may insert at once: a round's first.

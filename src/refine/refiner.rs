@@ -17,7 +17,7 @@ use super::activity::{Accesses, Doing, Lost, Timeline};
 use super::lapd::Outbox;
 use super::pel::{Gift, Pel, Task};
 use super::rules::{Demand, Facets, Lookups, Rule, Rules};
-use super::team::Team;
+use super::team::{PERMITS, Team};
 use crate::delaunay::access::Effort;
 use crate::delaunay::homes::MAX_NODES;
 use crate::delaunay::worker::mark_of;
@@ -213,6 +213,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         let of_box = (self.me == 0).then(|| self.triangulation.box_slots());
         let claimed: Vec<Range<TetId>> = self.worker.claimed().iter().cloned().chain(of_box).collect();
         for slots in claimed {
+            self.look_around()?;
             self.pel.make_room(slots.len())?;
             for first in slots.clone().step_by(COLLECTED) {
                 living.clear();
@@ -262,7 +263,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             steps += 1;
             self.worker.access.pause();
             if A::SHARED && beggars.any() {
-                self.give();
+                self.give()?;
             }
             if divided && let Some(sent) = self.team.begging.open_inbox(self.me) {
                 self.accept(sent)?;
@@ -285,6 +286,10 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         let tets = self.worker.counters.created.saturating_sub(self.worker.counters.destroyed);
         self.pel.make_room(ROOM)?;
         self.send_all();
+        // Others may need what R6 gave.
+        let surplus = self.permits.saturating_sub(PERMITS);
+        self.permits -= surplus;
+        self.team.return_permits(surplus);
         let bytes = self.worker.bytes() + self.pel.bytes();
         let told = std::mem::replace(&mut self.told, (tets, bytes));
         self.team.look_around((tets.wrapping_sub(told.0), bytes.wrapping_sub(told.1)))
@@ -303,16 +308,14 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         self.work.looks += 1;
         self.worker.access.look(self.triangulation, stamp.tet);
         self.rules.mark_elsewhere(stamp.tet);
-        let facets = Facets::Second(self.worker.mark());
-        let before = self.work.lookups;
-        let demand = self.rules.surface_demand(stamp.tet, facets, &mut self.work.lookups);
-        self.worker.access.spend(Effort::Labels(self.work.lookups.labels - before.labels));
-        self.worker.access.spend(Effort::Crossings(self.work.lookups.crossings - before.crossings));
-        if let Some(demand) = demand {
-            if !self.hand_over(stamp, &demand)? {
-                self.settle(stamp, &demand)?;
+        let mut interfaces = self.rules.interfaces(stamp.tet, Facets::Second(self.worker.mark()));
+        while let Some(demand) = self.ask_surface(stamp.tet, &mut interfaces) {
+            // What is dropped keeps nothing else from being asked.
+            if self.hand_over(stamp, &demand)? || self.settle(stamp, &demand)? != Fate::Dropped {
+                return Ok(());
             }
-        } else if let Some(demand) = self.rules.volume_demand(stamp.tet)
+        }
+        if let Some(demand) = self.rules.volume_demand(stamp.tet)
             && !self.hand_over(stamp, &demand)?
         {
             self.pel.push_poor(stamp);
@@ -320,14 +323,24 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         Ok(())
     }
 
+    /// The next demand of the surface, by R3.
+    #[inline]
+    fn ask_surface(&mut self, t: TetId, interfaces: &mut u32) -> Option<Demand> {
+        let before = self.work.lookups;
+        let demand = self.rules.surface_demand(t, interfaces, &mut self.work.lookups);
+        self.worker.access.spend(Effort::Labels(self.work.lookups.labels - before.labels));
+        self.worker.access.spend(Effort::Crossings(self.work.lookups.crossings - before.crossings));
+        demand
+    }
+
     /// Carries out what the surface demands of a tet.
-    fn settle(&mut self, stamp: TetStamp, demand: &Demand) -> Result<()> {
+    fn settle(&mut self, stamp: TetStamp, demand: &Demand) -> Result<Fate> {
         let fate = self.carry_out(stamp, demand)?;
         // What was inserted may lie in the neighbour's circumball alone: then the tet is looked at again.
         if fate != Fate::Dropped && self.triangulation.is_current(stamp) {
             self.pel.push_made(stamp);
         }
-        Ok(())
+        Ok(fate)
     }
 
     /// Leaves to another node what is to be inserted in its region; `false`: it lies in a region of this node.
@@ -481,11 +494,11 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
 
     /// Gives a beggar a part of the list, if there is enough of it.
     #[cold]
-    fn give(&mut self) {
+    fn give(&mut self) -> Result<()> {
         if self.pel.can_give()
             && let Some(beggar) = self.team.begging.take_beggar(self.me)
         {
-            let gift = self.pel.gift();
+            let gift = self.pel.gift()?;
             for stamp in &gift.waiting {
                 // Where the tet has died meanwhile, its slot's next one is looked at twice at worst.
                 self.rules.mark_elsewhere(stamp.tet);
@@ -493,6 +506,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             self.lost.overhead.gifts += 1;
             self.team.begging.give(beggar, gift, &self.team.waiters);
         }
+        Ok(())
     }
 
     /// Waits for work; `false`: nobody has any.
@@ -514,9 +528,12 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     /// Takes work of another worker in; what it demands of the surface is done at once.
     fn accept(&mut self, mut gift: Gift) -> Result<()> {
         self.pel.accept(&mut gift)?;
+        // Each demand is a step.
+        self.pel.make_room(ROOM)?;
         for (stamp, demand) in gift.demands {
-            if self.triangulation.is_current(stamp) {
-                self.settle(stamp, &demand)?;
+            if self.triangulation.is_current(stamp) && self.settle(stamp, &demand)? == Fate::Dropped {
+                // Its volume may ask for something.
+                self.pel.push_poor(stamp);
             }
         }
         Ok(())

@@ -19,6 +19,7 @@ use crate::delaunay::{Facet, TetId, Triangulation, VertexId, VertexKind};
 use crate::geometry::predicates::perturbation_order;
 use crate::geometry::shape::{has_angle_below, shortest_squared_edge, triangle_circumcircle};
 use crate::geometry::sphere::Circumsphere;
+use crate::image::MAX_IDS;
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
 
@@ -65,11 +66,9 @@ impl Seen {
         Self { vertices: record.vertices(), sphere: record.sphere(), label: record.tag() }
     }
 
-    /// Whether a tet is like this; in bits, since a bound may be NaN.
+    /// Whether a tet is like this; in bits. The inside bound says nothing more, and may be NaN.
     fn is(&self, record: &TetRecord) -> bool {
-        let bits = |sphere: &Circumsphere| {
-            (sphere.center.to_array().map(f64::to_bits), sphere.inside.to_bits(), sphere.outside.to_bits())
-        };
+        let bits = |sphere: &Circumsphere| (sphere.center.to_array().map(f64::to_bits), sphere.outside.to_bits());
         let now = Self::of(record);
         self.vertices == now.vertices && self.label == now.label && bits(&self.sphere) == bits(&now.sphere)
     }
@@ -86,8 +85,9 @@ pub struct Lookups {
 
 /// Tets carry the label of their circumcenter in the kernel's tag, once it is known.
 const LABEL_UNKNOWN: u16 = NO_TAG;
+const _: () = assert!(MAX_IDS <= LABEL_UNKNOWN as usize);
 
-/// The mark of a tet that does not wait in the list of the worker that made it: it was looked at, or waits in another list. No worker's mark.
+/// The mark of a tet that does not wait in the list that its mark names, that of the worker which made it or was sent it: it was looked at, or waits in another list. No worker's mark.
 const ELSEWHERE: u8 = MARKS as u8;
 
 /// Which facets of a tet a look is to ask.
@@ -203,24 +203,19 @@ impl<'a> Rules<'a> {
         if label == LABEL_UNKNOWN { self.oracle.label(record.sphere().center) } else { label }
     }
 
-    /// Notes that a tet is no longer one that waits in the list of the worker that made it. A note that comes too late, to the slot's next tet, only makes its facets be
+    /// Notes that a tet is no longer one that waits in the list that its mark names. A note that comes too late, to the slot's next tet, only makes its facets be
     /// looked at twice.
     #[inline]
     pub fn mark_elsewhere(&self, t: TetId) {
         self.triangulation.tet(t).set_mark(ELSEWHERE);
     }
 
-    /// What R3 asks for `facets` of `t`, whose label is known.
-    pub fn surface_demand(&self, t: TetId, facets: Facets, asked: &mut Lookups) -> Option<Demand> {
-        let record = self.triangulation.tet(t);
-        self.triangulation.prefetch_neighbors(t);
-        if !record.sphere().is_certain() {
-            return None;
-        }
-        let mut interfaces = self.interfaces(record, t, facets);
-        while interfaces != 0 {
+    /// What R3 asks for the next of `interfaces`, facets of `t` as bits ([`Self::interfaces`]), that asks for anything; leaves those behind it.
+    #[inline]
+    pub fn surface_demand(&self, t: TetId, interfaces: &mut u32, asked: &mut Lookups) -> Option<Demand> {
+        while *interfaces != 0 {
             let i = interfaces.trailing_zeros() as usize;
-            interfaces &= interfaces - 1;
+            *interfaces &= *interfaces - 1;
             if let Some(demand) = self.interface_demand(t, i, asked) {
                 return Some(demand);
             }
@@ -240,9 +235,14 @@ impl<'a> Rules<'a> {
         squared_radius * f64::from(count * count) > (LARGE * self.sizing.sum(count, levels)).powi(2)
     }
 
-    /// Those of `facets` of `t` that are interfaces, as bits. Which tets wait is as good as random, so there is no branch on it.
+    /// Those of `facets` of `t`, whose label is known, that are interfaces, as bits; none of a tet too flat to have a circumcenter. Which tets wait is as good as random, so there is no branch on it.
     #[inline]
-    fn interfaces(&self, record: &TetRecord, t: TetId, facets: Facets) -> u32 {
+    pub fn interfaces(&self, t: TetId, facets: Facets) -> u32 {
+        let record = self.triangulation.tet(t);
+        self.triangulation.prefetch_neighbors(t);
+        if !record.sphere().is_certain() {
+            return 0;
+        }
         let label = record.tag();
         let mut bits = 0;
         for i in 0..4 {
@@ -411,7 +411,7 @@ impl<'a> Rules<'a> {
         }
     }
 
-    /// Whether a tet has a facet between it and one of another label.
+    /// Whether a tet has a facet between it and one of another label. Of neighbours that are not owned, and are not asked again: a flat tet of the background is beside the object or was, and no harm is done.
     #[cold]
     fn has_interface(&self, record: &TetRecord) -> bool {
         let neighbors = (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none());

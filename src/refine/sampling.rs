@@ -94,7 +94,7 @@ pub fn sample_isosurface(
         }
         Ok(())
     })?;
-    insertion_order(nets.into_samples(), growth)
+    insertion_order(nets.into_samples(), growth, go_on)
 }
 
 /// The nets of all tiles of an image.
@@ -295,7 +295,7 @@ fn mix(state: u64, next: u64) -> u64 {
 }
 
 /// Sorts points, which are in parts, into rounds, and along a space-filling curve in each.
-fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth) -> Result<Samples> {
+fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth, go_on: impl Fn() -> Result<()>) -> Result<Samples> {
     // As a power of two.
     let growth = growth as u32;
     let mut starts = Vec::with_capacity(parts.len());
@@ -321,7 +321,7 @@ fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth) -> Result<Samples> {
         let round = u64::from(LAST_ROUND - round) << (3 * PLACE_BITS);
         (round | u64::from(place)) << AT_BITS | at as u64
     };
-    let mut keys = filled(total, 0, "places in the order of insertion", || Ok(()))?;
+    let mut keys = filled(total, 0, "places in the order of insertion", &go_on)?;
     let mut rest = keys.as_mut_slice();
     let mut jobs = Vec::with_capacity(parts.len());
     for (part, &start) in parts.iter().zip(&starts) {
@@ -334,7 +334,9 @@ fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth) -> Result<Samples> {
             *key = key_of(at, p);
         }
     });
+    go_on()?;
     keys.par_sort_unstable();
+    go_on()?;
     let point = |key: u64| {
         let at = (key % (1 << AT_BITS)) as usize;
         // The last part that begins there or before: those that begin at the same place are empty, but for it.

@@ -14,7 +14,7 @@ use crate::Result;
 use crate::image::LabelImage;
 use crate::memory::{filled, zeroed};
 use crate::oracle::bricks::Bricks;
-use crate::oracle::thickness::{ThinVoxels, thin_voxels};
+use crate::oracle::thickness::{self, ThinVoxels, thin_voxels};
 use crate::oracle::{ByCell, rounded};
 
 /// Samples of a thin structure are this part of its thickness apart.
@@ -90,6 +90,21 @@ impl Sizing {
             bricks,
         };
         Ok(Self { greatest: delta, least, step, field: Some(field) })
+    }
+
+    /// Bytes that [`Self::new`] needs at its peak, but for some per thin voxel.
+    ///
+    /// # Errors
+    /// [`crate::Error::EmptyImage`]; whatever `check` returns.
+    pub fn bytes_needed(
+        image: &LabelImage,
+        delta: f64,
+        floor: f64,
+        check: &(dyn Fn() -> Result<()> + Sync),
+    ) -> Result<u64> {
+        let is_uniform = delta <= floor * image.frame().spacing().min_element();
+        // The table, twice while it is put into bricks, comes when what finds thin voxels has gone; it is smaller.
+        if is_uniform { Ok(0) } else { thickness::bytes_needed(image, delta / PER_THICKNESS, check) }
     }
 
     /// The distance of samples at `p`.

@@ -19,8 +19,8 @@ use crate::sync::{AtomicU64, AtomicUsize, Mutex, Ordering::*, lock};
 use crate::system::binding::{Bound, Places};
 use crate::{Error, Result};
 
-/// Permits to insert a vertex that a worker takes at once.
-const PERMITS: u64 = 64;
+/// Permits to insert a vertex that a worker takes at once, at most.
+pub(super) const PERMITS: u64 = 64;
 
 /// Tets of the whole triangulation that a sample of the isosurface comes to have about it, for progress and the sharing of work alone.
 pub(super) const TETS_PER_SAMPLE: u64 = 8;
@@ -161,7 +161,7 @@ impl<'a> Team<'a> {
             places: schedule.places.as_ref(),
             limits: &schedule.limits,
             report,
-            expected_tets: schedule.expected_tets + TETS_PER_SAMPLE * samples.len() as u64,
+            expected_tets: schedule.expected_tets.saturating_add(TETS_PER_SAMPLE * samples.len() as u64),
             size,
             samples,
             permits: AtomicU64::new(schedule.limits.max_vertices.map_or(u64::MAX / 2, |most| most as u64)),
@@ -229,14 +229,15 @@ impl<'a> Team<'a> {
         lock(&self.failure).take()
     }
 
-    /// Some permits to insert a vertex.
+    /// Some permits to insert a vertex: the fewer, the fewer are left, so that hardly any are in the hands of others when the last one is taken.
     ///
     /// # Errors
     /// [`Error::LimitReached`] when none is left.
     pub fn take_permits(&self) -> Result<u64> {
+        let share = |left: u64| (left / (2 * self.size as u64)).clamp(1, PERMITS).min(left);
         // Relaxed: a number of which each takes a part.
-        let left = self.permits.fetch_update(Relaxed, Relaxed, |left| Some(left.saturating_sub(PERMITS)));
-        match left.unwrap_or_else(|left| left).min(PERMITS) {
+        let left = self.permits.fetch_update(Relaxed, Relaxed, |left| Some(left - share(left)));
+        match share(left.unwrap_or_else(|left| left)) {
             0 => {
                 let most = self.limits.max_vertices.unwrap_or(usize::MAX);
                 Err(Error::LimitReached(format!("the limit of {most} vertices was reached")))

@@ -52,7 +52,8 @@ pub fn examine(rules: &Rules<'_>, order: &[TetId], monitor: &Monitor<'_>) -> Res
 impl Rules<'_> {
     /// The first rule that applies to a tet. With all tets each facet is asked once.
     fn unmet_rule(&self, t: TetId) -> Option<Rule> {
-        let demand = self.surface_demand(t, Facets::Once, &mut Lookups::default()).or_else(|| self.volume_demand(t));
+        let mut interfaces = self.interfaces(t, Facets::Once);
+        let demand = self.surface_demand(t, &mut interfaces, &mut Lookups::default()).or_else(|| self.volume_demand(t));
         demand.map(|demand| demand.rule).or_else(|| self.is_undecided(t).then_some(Rule::R4))
     }
 

@@ -33,7 +33,7 @@ impl VertexGrid {
         let cells = CellTable::new(triangulation.lower(), triangulation.upper(), cell, most_heads);
         let mut no_chains = room(cells.heads(), "cells of a vertex grid")?;
         no_chains.resize_with(cells.heads(), || AtomicU32::new(NO_VERTEX));
-        Ok(Self { kind, cells, heads: no_chains, next: Chunked::with_capacity(crate::delaunay::tet::MAX_TETS / 4)? })
+        Ok(Self { kind, cells, heads: no_chains, next: Chunked::with_capacity(crate::delaunay::tet::MAX_VERTICES)? })
     }
 
     /// Bytes held when the triangulation has ids up to `vertex_bound`; at most, for chunks without a vertex of the grid do not exist.

@@ -8,7 +8,7 @@
 //! | `placement` | spacing, direction, origin, parameters that choose what is meshed |
 //! | `inputs` | intensities, probability maps, smoothed labels |
 //! | `awkward` | images and sizes that nobody plans for |
-//! | `runs` | one run against another: determinism, refining again, cancelling, limits; and how long a demand is true |
+//! | `runs` | one run against another: determinism, cancelling, limits; how long a demand is true, and that none is left |
 
 mod awkward;
 mod inputs;
