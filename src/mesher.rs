@@ -131,7 +131,13 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     monitor.log(Level::Info, &describe(image, params));
     let go_on = || monitor.advance(1).and_then(|()| limits.check_time());
     if limits.max_memory.is_some() {
-        limits.check_memory(Oracle::bytes_needed(image, &go_on)?)?;
+        let sizing = match params.adaptive {
+            true => Sizing::bytes_needed(image, params.delta, params.spacing_floor, &go_on)?,
+            false => 0,
+        };
+        // What the certificate needs for the image alone is known as well.
+        let first = Oracle::bytes_needed(image, &go_on)? + sizing;
+        limits.check_memory(first.max(Certificate::bytes_needed(image)))?;
     }
     let surface =
         Surface { model: params.surface, border: params.border, sigma: (params.sigma > 0.0).then_some(params.sigma) };

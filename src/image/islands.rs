@@ -19,6 +19,9 @@ pub struct Island {
     pub voxels: u64,
 }
 
+/// Voxels of a component that are reached between two questions whether to go on.
+const ASK_EVERY: usize = 1 << 14;
+
 /// What is known of a voxel.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Known {
@@ -33,7 +36,7 @@ enum Known {
 
 impl LabelImage {
     /// The image in which each component of fewer than `least` voxels has become a part of the label that most voxels around it have, background included (the smaller label on a tie), and these
-    /// components. Labels of which nothing is left are gone. `go_on` is asked for each row of voxels.
+    /// components. Labels of which nothing is left are gone. `go_on` is asked for each row of voxels, and every some thousand voxels of a component.
     ///
     /// Linear in the voxels and in those of small components.
     ///
@@ -58,7 +61,7 @@ impl LabelImage {
             if self.ids()[first] == 0 || known[first] != Known::Nothing {
                 continue;
             }
-            let is_small = self.reach(first, least, &mut known, &mut reached)?;
+            let is_small = self.reach(first, least, &mut known, &mut reached, &go_on)?;
             reached.iter().for_each(|&v| known[v] = if is_small { Known::Small } else { Known::Large });
             if is_small {
                 let around = self.most_around(&reached);
@@ -77,7 +80,14 @@ impl LabelImage {
     }
 
     /// Reaches voxels of the component of `first` until there are no more, which is told, or it is not small.
-    fn reach(&self, first: usize, least: u64, known: &mut [Known], reached: &mut Vec<usize>) -> Result<bool> {
+    fn reach(
+        &self,
+        first: usize,
+        least: u64,
+        known: &mut [Known],
+        reached: &mut Vec<usize>,
+        go_on: impl Fn() -> Result<()>,
+    ) -> Result<bool> {
         reached.clear();
         reached.push(first);
         known[first] = Known::Reached;
@@ -85,6 +95,9 @@ impl LabelImage {
         while next < reached.len() {
             if reached.len() as u64 >= least {
                 return Ok(false);
+            }
+            if next % ASK_EVERY == ASK_EVERY - 1 {
+                go_on()?;
             }
             reserve(reached, 26, "voxels of a small component")?;
             let here = reached[next];

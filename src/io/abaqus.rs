@@ -37,7 +37,7 @@ pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
         }
         bytes.push(b'\n');
     })?;
-    for (label, tets) in Groups::new(&mesh.labels).iter() {
+    for (label, tets) in Groups::new(&mesh.labels).map_err(io::Error::other)?.iter() {
         writeln!(out, "*ELEMENT, TYPE=C3D4, ELSET={}", label_name(label))?;
         write_records(out, tets.len(), |i, bytes| {
             push_int(bytes, i64::from(tets[i]) + 1);
@@ -48,7 +48,7 @@ pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
             bytes.push(b'\n');
         })?;
     }
-    for (pair, facets) in Groups::new(&mesh.facet_labels).iter() {
+    for (pair, facets) in Groups::new(&mesh.facet_labels).map_err(io::Error::other)?.iter() {
         writeln!(out, "*SURFACE, TYPE=ELEMENT, NAME={}", pair_name(pair))?;
         write_records(out, facets.len(), |i, bytes| {
             let facet = facets[i] as usize;

@@ -24,6 +24,7 @@ use super::output::Output;
 use super::records::write_records;
 use super::{LabelPairs, check_count, label_name, pair_name};
 use crate::Result;
+use crate::memory::filled;
 use crate::mesh::TetMesh;
 
 /// Gmsh's types of elements.
@@ -106,7 +107,8 @@ fn write_block_2_2<const N: usize>(
 }
 
 pub(super) fn write_4_1(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
-    let (volumes, surfaces) = (Groups::new(&mesh.labels), Groups::new(&mesh.facet_labels));
+    let volumes = Groups::new(&mesh.labels).map_err(io::Error::other)?;
+    let surfaces = Groups::new(&mesh.facet_labels).map_err(io::Error::other)?;
     let (labels, pairs) = (volumes.keys(), surfaces.keys());
     let tags = label_tags(labels);
     write_head(out, "4.1", labels, &tags, pairs)?;
@@ -126,7 +128,8 @@ pub(super) fn write_4_1(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
     }
     out.write_all(b"\n$EndEntities\n$Nodes\n")?;
 
-    let nodes = Groups::new(&owners(mesh, &tags, &volumes, &surfaces));
+    let owners = owners(mesh, &tags, &volumes, &surfaces).map_err(io::Error::other)?;
+    let nodes = Groups::new(&owners).map_err(io::Error::other)?;
     write_longs(out, &[nodes.iter().len(), mesh.points.len(), 1.min(mesh.points.len()), mesh.points.len()])?;
     for ([dimension, tag], vertices) in nodes.iter() {
         // The third integer says that the nodes have no parameters on their entity.
@@ -169,9 +172,13 @@ fn write_entity(
 }
 
 /// Dimension and tag of the entity that each vertex belongs to.
-fn owners(mesh: &TetMesh, tags: &[i32], volumes: &Groups<i32>, surfaces: &Groups<[i32; 2]>) -> Vec<[i32; 2]> {
+///
+/// # Errors
+/// [`crate::Error::OutOfMemory`].
+fn owners(mesh: &TetMesh, tags: &[i32], volumes: &Groups<i32>, surfaces: &Groups<[i32; 2]>) -> Result<Vec<[i32; 2]>> {
     // A vertex of no tet has to be somewhere as well.
-    let mut owners = vec![[VOLUME, tags.first().copied().unwrap_or(1)]; mesh.points.len()];
+    let nowhere = [VOLUME, tags.first().copied().unwrap_or(1)];
+    let mut owners = filled(mesh.points.len(), nowhere, "owners of vertices", || Ok(()))?;
     for (&tag, (_, tets)) in tags.iter().zip(volumes.iter()) {
         tets.iter().flat_map(|&t| mesh.tets[t as usize]).for_each(|v| owners[v as usize] = [VOLUME, tag]);
     }
@@ -179,7 +186,7 @@ fn owners(mesh: &TetMesh, tags: &[i32], volumes: &Groups<i32>, surfaces: &Groups
         let number = i as i32 + 1;
         facets.iter().flat_map(|&f| mesh.facets[f as usize]).for_each(|v| owners[v as usize] = [SURFACE, number]);
     }
-    owners
+    Ok(owners)
 }
 
 /// Elements of one entity: dimension and tag of the entity, type, count; then of each element its tag and nodes.

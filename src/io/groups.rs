@@ -3,6 +3,9 @@
 //! Keys are in increasing order, the things of a group in their own order. A counting sort: two passes with a binary search per thing
 //! among the keys, which are few; 4 bytes per thing.
 
+use crate::Result;
+use crate::memory::zeroed;
+
 /// The different values of `items`, in increasing order.
 pub(super) fn distinct<K: Copy + Ord>(items: &[K]) -> Vec<K> {
     let mut keys = Vec::new();
@@ -33,7 +36,10 @@ pub(super) struct Groups<K> {
 
 impl<K: Copy + Ord> Groups<K> {
     /// Groups the things whose keys are `items`.
-    pub fn new(items: &[K]) -> Self {
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn new(items: &[K]) -> Result<Self> {
         let keys = distinct(items);
         let group = |item: &K| keys.partition_point(|key| key < item);
         let mut starts = vec![0; keys.len() + 1];
@@ -42,13 +48,13 @@ impl<K: Copy + Ord> Groups<K> {
             starts[g + 1] += starts[g];
         }
         let mut next = starts.clone();
-        let mut order = vec![0; items.len()];
+        let mut order: Vec<u32> = zeroed(items.len(), "elements in groups")?;
         for (i, item) in items.iter().enumerate() {
             let place = &mut next[group(item)];
             order[*place] = i as u32;
             *place += 1;
         }
-        Self { keys, starts, order }
+        Ok(Self { keys, starts, order })
     }
 
     /// The keys, in increasing order.
@@ -68,11 +74,11 @@ mod tests {
 
     #[test]
     fn groups_keep_the_order() {
-        let groups = Groups::new(&[5, -2, 5, 5, i32::MAX, -2]);
+        let groups = Groups::new(&[5, -2, 5, 5, i32::MAX, -2]).unwrap();
         assert_eq!(groups.keys(), [-2, 5, i32::MAX]);
         let all: Vec<_> = groups.iter().map(|(key, things)| (key, things.to_vec())).collect();
         assert_eq!(all, [(-2, vec![1, 5]), (5, vec![0, 2, 3]), (i32::MAX, vec![4])]);
-        assert_eq!(Groups::<i32>::new(&[]).iter().len(), 0);
+        assert_eq!(Groups::<i32>::new(&[]).unwrap().iter().len(), 0);
     }
 
     #[test]

@@ -118,7 +118,7 @@ impl MeshFormat {
 ///
 /// # Errors
 /// [`Error::InvalidArgument`] for an unknown ending; [`Error::LimitReached`] when the mesh has more vertices or tets than the
-/// format can number; [`Error::Io`]. The temporary files are gone then and no file is half written.
+/// format can number; [`Error::OutOfMemory`]; [`Error::Io`]. The temporary files are gone then and no file is half written.
 pub fn write_mesh(mesh: &TetMesh, path: &Path) -> Result<()> {
     write_mesh_watching(mesh, path, None)
 }

@@ -10,7 +10,7 @@ use super::surface::SurfaceVertices;
 use crate::mesh::TetMesh;
 
 pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
-    let vertices = SurfaceVertices::new(mesh);
+    let vertices = SurfaceVertices::new(mesh).map_err(io::Error::other)?;
     write!(out, "OFF\n{} {} 0\n", vertices.used.len(), mesh.facets.len())?;
     write_records(out, vertices.used.len(), |i, bytes| {
         let [x, y, z] = mesh.points[vertices.used[i] as usize];

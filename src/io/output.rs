@@ -54,13 +54,13 @@ impl<'a> Output<'a> {
         self.cancel.is_some_and(CancelFlag::is_cancelled)
     }
 
-    /// Lets `write` write, and names the target in its error.
+    /// Lets `write` write, and names the target in its error; errors of the library that it wraps come out as they are.
     pub fn fill(&mut self, write: impl FnOnce(&mut Self) -> io::Result<()>) -> Result<()> {
         let result = write(self);
         if self.is_cancelled() {
             return Err(Error::Cancelled);
         }
-        result.map_err(|error| Error::io(&self.target, error))
+        result.map_err(|error| error.downcast().unwrap_or_else(|error| Error::io(&self.target, error)))
     }
 
     /// Gives all files their names, after all are on the disk. If a renaming fails, the files before it have their names already; each

@@ -11,7 +11,7 @@ use super::surface::SurfaceVertices;
 use crate::mesh::TetMesh;
 
 pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
-    let vertices = SurfaceVertices::new(mesh);
+    let vertices = SurfaceVertices::new(mesh).map_err(io::Error::other)?;
     write!(
         out,
         "ply\nformat binary_little_endian 1.0\ncomment interfaces of a lapd mesh, normals point from first_label to second_label\n\

@@ -20,6 +20,7 @@ use super::matching::{Fate, Matching};
 use super::mesh_components::MeshComponents;
 use super::sheets::Sheets;
 use super::tables::Tables;
+use super::voxel_faces::VoxelFaces;
 use crate::Result;
 use crate::image::LabelImage;
 use crate::memory::zeroed;
@@ -200,7 +201,7 @@ impl Certificate {
         let tables = Tables {
             mesh,
             image,
-            matching: Matching::new(&image_components.list, &mesh_components.list, &mesh_components.overlaps),
+            matching: Matching::new(&image_components.list, &mesh_components.list, &mesh_components.overlaps)?,
             image_components: &image_components,
             mesh_components: &mesh_components,
             sheets: &sheets,
@@ -220,9 +221,14 @@ impl Certificate {
             voxel: image.frame().spacing().min_element(),
             unmet,
             labels: tables.labels(),
-            components: tables.components(),
+            components: tables.components()?,
             defects: tables.defects(),
         })
+    }
+
+    /// Bytes that [`Self::measure`] needs for the voxels of `image`, beside what the mesh and the components need.
+    pub fn bytes_needed(image: &LabelImage) -> u64 {
+        VoxelFaces::bytes(image.dims())
     }
 
     /// Volume of all labels together in the mesh.
@@ -247,8 +253,9 @@ pub fn inverted_tets(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
         monitor.advance(tets.len())?;
         let inverted = tets.iter().filter(|tet| {
             let [a, b, c, d] = tet.map(|v| coordinates(mesh.point(v)));
-            // The predicate's sign is opposite: positive when d is below the plane in which a, b, c turn left.
-            robust::orient3d(a, b, c, d) >= 0.0
+            // The predicate's sign is opposite: positive when d is below the plane in which a, b, c turn left. What is no number, for products that overflow, proves nothing.
+            let below = robust::orient3d(a, b, c, d);
+            below.is_nan() || below >= 0.0
         });
         Ok(inverted.count() as u64)
     });

@@ -42,7 +42,7 @@ use super::sets::NO_SET;
 use super::triangle_bins::{Triangle, TriangleBins};
 use super::voxel_faces::VoxelFaces;
 use crate::image::LabelImage;
-use crate::memory::room;
+use crate::memory::{filled, room};
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
 use crate::{Error, Result};
@@ -139,9 +139,9 @@ impl Distances {
             }));
         }
         let (mesh_to_image, sums) = from_mesh::mesh_to_image(&triangles, &faces, monitor)?;
-        let of_mesh = spread(sums, mesh_components.list.len());
+        let of_mesh = spread(sums, mesh_components.list.len())?;
         let (mesh_to_surface, sums) = to_surface::mesh_to_surface(&triangles, to_world, oracle, monitor)?;
-        let of_mesh_to_surface = spread(sums, mesh_components.list.len());
+        let of_mesh_to_surface = spread(sums, mesh_components.list.len())?;
         let [_, ny, nz] = faces.brick_dims();
         monitor.enter(Step::ImageToMesh, ny * nz)?;
         let reach = REACH * faces.smallest_spacing();
@@ -198,10 +198,13 @@ impl std::iter::Sum for Sum {
 }
 
 /// Sums by component, 0 for those that have none.
-fn spread(sums: Sums<Sum>, components: usize) -> Vec<Sum> {
-    let mut spread = vec![Sum::default(); components];
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+fn spread(sums: Sums<Sum>, components: usize) -> Result<Vec<Sum>> {
+    let mut spread = filled(components, Sum::default(), "components", || Ok(()))?;
     sums.into_iter().for_each(|(component, sum)| spread[component as usize] = sum);
-    spread
+    Ok(spread)
 }
 
 /// A maximum that any number of threads may raise. What it ends with depends on none of them.

@@ -7,6 +7,8 @@
 
 use super::image_components::ImageComponent;
 use super::mesh_components::{MeshComponent, Overlap, Tets};
+use crate::Result;
+use crate::memory::{filled, room};
 
 /// What the mesh made of a component of the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,11 +46,14 @@ pub struct Matching {
 
 impl Matching {
     /// Matches components by their `overlaps`.
-    pub fn new(image: &[ImageComponent], mesh: &[MeshComponent], overlaps: &[Overlap]) -> Self {
-        let mut tets = vec![Tets::default(); image.len()];
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn new(image: &[ImageComponent], mesh: &[MeshComponent], overlaps: &[Overlap]) -> Result<Self> {
+        let mut tets = default(image.len())?;
         // The component with most tets, and how many.
-        let mut of_image: Vec<Option<(u32, u64)>> = vec![None; image.len()];
-        let mut of_mesh: Vec<Option<(u32, u64)>> = vec![None; mesh.len()];
+        let mut of_image: Vec<Option<(u32, u64)>> = default(image.len())?;
+        let mut of_mesh: Vec<Option<(u32, u64)>> = default(mesh.len())?;
         let raise = |best: &mut Option<(u32, u64)>, component, count| {
             if best.is_none_or(|(_, most)| count > most) {
                 *best = Some((component, count));
@@ -73,12 +78,19 @@ impl Matching {
             Some(image) if main_of_image(image) == Some(mesh) => (Role::Main, Some(image)),
             Some(image) => (Role::Piece, Some(image)),
         };
-        Self {
-            fates: (0..image.len() as u32).map(fate).collect(),
-            roles: (0..mesh.len() as u32).map(role).collect(),
-            tets,
-        }
+        let (mut fates, mut roles) = (room(image.len(), COMPONENTS)?, room(mesh.len(), COMPONENTS)?);
+        fates.extend((0..image.len() as u32).map(fate));
+        roles.extend((0..mesh.len() as u32).map(role));
+        Ok(Self { fates, roles, tets })
     }
+}
+
+/// What tables of this module have a row for, as errors name it.
+const COMPONENTS: &str = "components";
+
+/// A table of `count` components.
+fn default<T: Clone + Default>(count: usize) -> Result<Vec<T>> {
+    filled(count, T::default(), COMPONENTS, || Ok(()))
 }
 
 #[cfg(test)]
@@ -100,7 +112,7 @@ mod tests {
             overlap(3, Some(3), 7),
             overlap(3, Some(4), 1),
         ];
-        let matching = Matching::new(&image, &mesh, &overlaps);
+        let matching = Matching::new(&image, &mesh, &overlaps).unwrap();
         assert_eq!(matching.fates, [Fate::Kept, Fate::Merged, Fate::Lost, Fate::Kept, Fate::Merged]);
         let expected = [(Role::Main, Some(0)), (Role::Piece, Some(0)), (Role::Stray, None), (Role::Main, Some(3))];
         assert_eq!(matching.roles, expected);

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use rayon::prelude::*;
 
 use crate::Result;
-use crate::memory::zeroed;
+use crate::memory::{room, zeroed};
 use crate::monitor::Monitor;
 
 /// Numbers of one piece of work.
@@ -79,8 +79,13 @@ impl DisjointSets {
         let is_root = |x: u32| self.steps[x as usize].load(Relaxed) == 0 && counts(x);
         let chunks = 0..self.steps.len().div_ceil(CHUNK);
         let range = |chunk: usize| (chunk * CHUNK) as u32..((chunk + 1) * CHUNK).min(self.steps.len()) as u32;
-        let roots: Vec<Vec<u32>> =
-            chunks.clone().into_par_iter().map(|chunk| range(chunk).filter(|&x| is_root(x)).collect()).collect();
+        let roots_in = |chunk: usize| {
+            let roots = || range(chunk).filter(|&x| is_root(x));
+            let mut list = room(roots().count(), what)?;
+            list.extend(roots());
+            Ok(list)
+        };
+        let roots: Vec<Vec<u32>> = chunks.clone().into_par_iter().map(roots_in).collect::<Result<_>>()?;
         let starts = roots.iter().scan(0, |next, roots| Some(std::mem::replace(next, *next + roots.len() as u32)));
         let firsts: Vec<u32> = starts.collect();
         let each = |pass: &(dyn Fn(usize) + Sync)| {
@@ -107,7 +112,9 @@ impl DisjointSets {
                 }
             }
         })?;
-        Ok(Numbered { numbers, roots: roots.concat() })
+        let mut all = room(roots.iter().map(Vec::len).sum(), what)?;
+        roots.iter().for_each(|roots| all.extend_from_slice(roots));
+        Ok(Numbered { numbers, roots: all })
     }
 }
 

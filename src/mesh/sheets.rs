@@ -25,7 +25,7 @@ use super::ledger::Sums;
 use super::mesh_components::MeshComponents;
 use super::umbrellas::{Touch, Umbrellas};
 use crate::Result;
-use crate::memory::zeroed;
+use crate::memory::{filled, zeroed};
 use crate::monitor::Monitor;
 
 /// Facets, or vertices, per work item.
@@ -72,7 +72,7 @@ impl Sheets {
             }
         }
         components.join(parts.touches.iter().map(|touch| &touch.parts[..]), monitor)?;
-        let mut euler = vec![0; components.list.len()];
+        let mut euler = filled(components.list.len(), 0, "components of the mesh", || Ok(()))?;
         for (component, part) in components.of_parts().iter().zip(parts.euler) {
             euler[*component as usize] += part;
         }
@@ -108,7 +108,8 @@ impl Parts {
         };
         let chunks = (0..mesh.points.len().div_ceil(CHUNK)).into_par_iter();
         let pieces: Vec<(Self, Sums<i64>)> = chunks.map(measure).collect::<Result<_>>()?;
-        let mut all = Self { euler: vec![0; parts.list.len()], ..Self::default() };
+        let euler = filled(parts.list.len(), 0, "parts of the mesh", || Ok(()))?;
+        let mut all = Self { euler, ..Self::default() };
         for (piece, euler) in pieces {
             all.open_edges += piece.open_edges;
             all.pinches.extend(piece.pinches);

@@ -11,7 +11,9 @@ use super::image_components::{ImageComponent, ImageComponents};
 use super::matching::{Fate, Matching, Role};
 use super::mesh_components::MeshComponents;
 use super::sheets::{Pinch, Sheets};
+use crate::Result;
 use crate::image::LabelImage;
+use crate::memory::{filled, room};
 
 /// All that was measured on components.
 pub(super) struct Tables<'t> {
@@ -76,10 +78,16 @@ impl Tables<'_> {
     }
 
     /// The components of the image that have at least [`LEAST_VOXELS`].
-    pub fn components(&self) -> Vec<ComponentRow> {
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn components(&self) -> Result<Vec<ComponentRow>> {
+        const WHAT: &str = "components of the image";
         // The place of each in the table.
-        let mut places = vec![None; self.image_components.list.len()];
-        let mut rows: Vec<Open<ComponentRow>> = Vec::new();
+        let mut places = filled(self.image_components.list.len(), None, WHAT, || Ok(()))?;
+        let is_listed = |component: &&ImageComponent| component.voxels >= LEAST_VOXELS;
+        let mut rows: Vec<Open<ComponentRow>> =
+            room(self.image_components.list.iter().filter(is_listed).count(), WHAT)?;
         for (c, component) in self.image_components.list.iter().enumerate() {
             if component.voxels < LEAST_VOXELS {
                 continue;
@@ -113,7 +121,7 @@ impl Tables<'_> {
             mesh_to_surface: open.mesh_to_surface.distance(),
             ..open.row
         };
-        rows.into_iter().map(complete).collect()
+        Ok(rows.into_iter().map(complete).collect())
     }
 
     /// Where the topology is at fault, by kind.

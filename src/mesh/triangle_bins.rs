@@ -130,6 +130,7 @@ impl TriangleBins {
         ends.pop();
         // With several threads the triangles of a brick come in no particular order.
         sort_parts(&mut lists, &ends, || monitor.advance(0))?;
+        monitor.advance(0)?;
         let has_id: Vec<AtomicBool> = zeroed(usize::from(u16::MAX) + 1, "labels of triangles")?;
         triangles.par_iter().flat_map_iter(|triangle| triangle.ids).for_each(|id| {
             // Most are marked already: looking first lets threads share what they only read.
@@ -137,8 +138,10 @@ impl TriangleBins {
                 has_id[usize::from(id)].store(true, Relaxed);
             }
         });
+        monitor.advance(0)?;
         let mut spheres: Vec<[f32; 4]> = zeroed(triangles.len(), "spheres of triangles")?;
         spheres.par_iter_mut().zip(&triangles).for_each(|(sphere, triangle)| *sphere = triangle.sphere());
+        monitor.advance(0)?;
         let mut bins = Self { triangles, spheres, size, dims, ends, lists, labels: Vec::new(), has_id };
         let labels = |brick| bins.list(brick).fold(0, |all, (_, t)| t.ids.iter().fold(all, |all, &id| all | bit(id)));
         bins.labels = (0..dims[0] * dims[1] * dims[2]).into_par_iter().map(labels).collect();

@@ -55,7 +55,7 @@ impl<'i> VoxelFaces<'i> {
         let brick_dims = dims.map(|n| n.div_ceil(BRICK));
         let cells = dims[0] * dims[1] * dims[2];
         let mut masks: Vec<u8> = zeroed(cells, "cells of voxel faces")?;
-        let mut bricks = vec![false; brick_dims[0] * brick_dims[1] * brick_dims[2]];
+        let mut bricks = zeroed(brick_dims[0] * brick_dims[1] * brick_dims[2], "bricks of voxel faces")?;
         let row_of = |j: usize, k: usize| -> &[u16] {
             if j < voxels[1] && k < voxels[2] {
                 let start = voxels[0] * (j + voxels[1] * k);
@@ -84,6 +84,11 @@ impl<'i> VoxelFaces<'i> {
         let spacing = image.frame().spacing();
         let half_diagonals = [0, 1, 2].map(|axis| 0.5 * spacing[(axis + 1) % 3].hypot(spacing[(axis + 2) % 3]));
         Ok(Self { image, dims, spacing, per_spacing: 1.0 / spacing, half_diagonals, masks, brick_dims, bricks })
+    }
+
+    /// Bytes for an image of `voxels` along each axis.
+    pub fn bytes(voxels: [usize; 3]) -> u64 {
+        voxels.iter().map(|&n| n as u64 + 1).product()
     }
 
     /// Cells along each axis; one more than voxels.

@@ -17,7 +17,7 @@ impl Region {
     /// The object's bounding box with one voxel more on each side.
     ///
     /// # Errors
-    /// [`Error::EmptyImage`]; whatever `check` returns.
+    /// [`Error::EmptyImage`]; [`Error::InvalidArgument`] when its voxels cannot be numbered by u32; whatever `check` returns.
     pub(super) fn new(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let [nx, ny, _] = image.dims();
         let empty = ([usize::MAX; 3], [0; 3]);
@@ -47,7 +47,14 @@ impl Region {
         if low[0] > high[0] {
             return Err(Error::EmptyImage);
         }
-        Ok(Self { first: low.map(|c| c as isize - 1), dims: [0, 1, 2].map(|a| high[a] - low[a] + 3) })
+        let dims = [0, 1, 2].map(|a| high[a] - low[a] + 3);
+        let voxels = dims.iter().try_fold(1_usize, |product, &n| product.checked_mul(n));
+        if voxels.is_none_or(|voxels| u32::try_from(voxels).is_err()) {
+            return Err(Error::InvalidArgument(format!(
+                "the object's box of {dims:?} voxels, one more on each side, is too large: at most 2^32 - 1 voxels"
+            )));
+        }
+        Ok(Self { first: low.map(|c| c as isize - 1), dims })
     }
 }
 

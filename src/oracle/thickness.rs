@@ -15,7 +15,8 @@
 //!
 //! All of this is done for all labels at once, with sets of voxels as bits, 64 in a word: a bit for each pair of neighbours that says whether they have the same label is all that is asked of labels.
 //!
-//! Cost: about a nanosecond per voxel and level; seven bits per voxel while it lasts.
+//! Cost: about a nanosecond per voxel and level. Memory while it lasts: seven bits per voxel of the region with as many voxels more on each side as the largest cube has along an axis, up to 32, in rows of
+//! whole words; beside these the ids of the region (`Rows`), 2 bytes per voxel, and 4 bytes for each thickness of each voxel that is found.
 
 use rayon::prelude::*;
 
@@ -285,7 +286,8 @@ pub struct ThinVoxels {
     pub found: Vec<(f64, Vec<u32>)>,
 }
 
-/// Finds what is thinner than `most`, in world units. `check` is called many times in each step, from several threads.
+/// Finds what is thinner than `most`, in world units; what holds cubes of 32 of the smallest sides of a voxel is not searched for, however large `most` is. `check` is called many times in each step, from several
+/// threads.
 ///
 /// # Errors
 /// [`crate::Error::EmptyImage`]; [`crate::Error::OutOfMemory`]; whatever `check` returns.
@@ -294,9 +296,7 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     let mut thin = ThinVoxels { first: region.first, dims: region.dims, found: Vec::new() };
     let spacing = image.frame().spacing();
     let unit = spacing.min_element();
-    // What is less than this many voxels thick is thinner than `most`, if it is a whole number less one at most.
-    let largest = sizes().take_while(|&count| thickness_below(count) as f64 * unit < most).last();
-    let Some(largest) = largest else { return Ok(thin) };
+    let Some(largest) = largest_cube(unit, most) else { return Ok(thin) };
     let rows = Rows::new(image, &region, check)?;
     let labels = Labels::new(&rows, largest, check)?;
     let [nx, ny, nz] = region.dims;
@@ -310,6 +310,7 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
     }
     let set = || Set::new(words, labels.equal[0].rows);
     let mut sets = [set()?, set()?, set()?, set()?];
+    debug_assert_eq!(SETS, labels.equal.len() + sets.len());
     for count in sizes().take_while(|&count| count <= largest) {
         let edge = count as f64 * unit;
         let cube = spacing.to_array().map(|side| (edge / side).round().max(1.0) as usize);
@@ -335,6 +336,27 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
         thin.found.push((thickness_below(count) as f64 * unit, voxels));
     }
     Ok(thin)
+}
+
+/// Sets that there are at a time, at most.
+const SETS: usize = 7;
+
+/// Bytes that [`thin_voxels`] needs at its peak, but for some per voxel that it finds.
+///
+/// # Errors
+/// [`crate::Error::EmptyImage`]; whatever `check` returns.
+pub fn bytes_needed(image: &LabelImage, most: f64, check: Check<'_>) -> Result<u64> {
+    let dims = Region::new(image, check)?.dims;
+    let largest = largest_cube(image.frame().spacing().min_element(), most);
+    Ok(largest.map_or(0, |largest| {
+        let [nx, ny, nz] = dims.map(|n| (n + 2 * largest) as u64);
+        Rows::bytes(dims) + SETS as u64 * nx.div_ceil(64) * ny * nz * size_of::<u64>() as u64
+    }))
+}
+
+/// The largest edge of a cube to be tried, in voxels of side `unit`: what is less than so many voxels thick is thinner than `most`, if it is a whole number less one at most.
+fn largest_cube(unit: f64, most: f64) -> Option<usize> {
+    sizes().take_while(|&count| thickness_below(count) as f64 * unit < most).last()
 }
 
 /// A way in which two voxels of a label can meet. Corner c of a cell is at (c & 1, c >> 1 & 1, c >> 2).
@@ -407,7 +429,7 @@ fn contacts(rows: &Rows, labels: &Labels, all: &[u64], pad: usize, check: Check<
     Ok(found)
 }
 
-/// Edges of the cubes, in voxels: about a third apart, all from 2 to 4.
+/// Edges of the cubes, in the smallest sides of a voxel: about a third apart, all from 2 to 4. Thicker parts than the last are not searched for.
 fn sizes() -> impl Iterator<Item = usize> {
     [2, 3, 4, 6, 8, 11, 16, 22, 32].into_iter()
 }

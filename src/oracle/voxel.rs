@@ -233,7 +233,7 @@ fn count(
         if !border.leaves(cell) {
             tally.add(border, cell, &corners())?;
         } else if voxel.is_two() {
-            tally.add_two(voxel.first_corners(), [id, id ^ block.differences[i]], UNITS);
+            tally.add_two(voxel.first_corners(), [id, id ^ block.differences[i]], UNITS)?;
         } else {
             tally.sample(cell, &corners(), UNITS)?;
         }

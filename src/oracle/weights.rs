@@ -274,19 +274,22 @@ impl<'a> Tally<'a> {
         }
         let other = ids[(!first).trailing_zeros() as usize];
         if first | indicator::corners_of(&ids, other) == 0xff {
-            self.add_two(first, [ids[0], other], UNITS >> halvings);
-            Ok(())
+            self.add_two(first, [ids[0], other], UNITS >> halvings)
         } else {
             self.sample(cell, &ids, UNITS >> halvings)
         }
     }
 
     /// Counts a cell of two labels, the first of which the `corners` have; `units` of it are inside of the walls.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
     #[inline(always)]
-    pub(super) fn add_two(&mut self, corners: u32, [id, other]: [u16; 2], units: u32) {
+    pub(super) fn add_two(&mut self, corners: u32, [id, other]: [u16; 2], units: u32) -> Result<()> {
         let (pair, corners) = if id < other { ([id, other], corners) } else { ([other, id], !corners & 0xff) };
         let shape = TABLES.of[corners as usize];
-        self.contest(pair).cells[usize::from(shape)] += u64::from(units);
+        self.contest(pair)?.cells[usize::from(shape)] += u64::from(units);
+        Ok(())
     }
 
     /// Samples a cell of more than two labels; `units` of it are inside of the walls.
@@ -352,7 +355,7 @@ impl<'a> Tally<'a> {
                 let n = set.trailing_zeros() as usize;
                 (present[n], samples.values[n][i])
             });
-            self.add_contested(a, b, units);
+            self.add_contested(a, b, units)?;
         }
         let short = |_| Error::OutOfMemory { count: lengths[1], what: "samples for the weights of labels" };
         self.many.try_reserve(lengths[1]).map_err(short)?;
@@ -365,7 +368,7 @@ impl<'a> Tally<'a> {
 
     /// Counts a sample that either of two labels may win.
     #[inline(always)]
-    fn add_contested(&mut self, a: (u16, f32), b: (u16, f32), units: u32) {
+    fn add_contested(&mut self, a: (u16, f32), b: (u16, f32), units: u32) -> Result<()> {
         let [a, b] = if a.0 < b.0 { [a, b] } else { [b, a] };
         match level_above(a.1 / (a.1 + b.1)) {
             0 => self.surplus[usize::from(b.0)] += i64::from(units),
@@ -373,26 +376,33 @@ impl<'a> Tally<'a> {
             level => {
                 // As if b won; what a wins is taken from that.
                 self.surplus[usize::from(b.0)] += i64::from(units);
-                self.contest([a.0, b.0]).samples[level] += u64::from(units);
+                self.contest([a.0, b.0])?.samples[level] += u64::from(units);
             }
         }
+        Ok(())
     }
 
     #[inline]
-    fn contest(&mut self, pair: [u16; 2]) -> &mut Contest {
+    fn contest(&mut self, pair: [u16; 2]) -> Result<&mut Contest> {
         let slot = (usize::from(pair[0]) ^ usize::from(pair[1]).wrapping_mul(37)) % SLOTS;
         if self.cache[slot].0 != pair {
-            self.cache[slot] = (pair, self.find_contest(pair));
+            self.cache[slot] = (pair, self.find_contest(pair)?);
         }
-        &mut self.contests[self.cache[slot].1]
+        Ok(&mut self.contests[self.cache[slot].1])
     }
 
     #[cold]
-    fn find_contest(&mut self, pair: [u16; 2]) -> usize {
-        *self.of_pair.entry(pair).or_insert_with(|| {
+    fn find_contest(&mut self, pair: [u16; 2]) -> Result<usize> {
+        let next = self.contests.len();
+        // An image with many labels has many pairs of them.
+        let short = |_| Error::OutOfMemory { count: next + 1, what: "pairs of labels" };
+        self.of_pair.try_reserve(1).map_err(short)?;
+        self.contests.try_reserve(1).map_err(short)?;
+        let at = *self.of_pair.entry(pair).or_insert(next);
+        if at == next {
             self.contests.push(Contest { cells: [0; SHAPES], samples: [0; LEVELS + 1] });
-            self.contests.len() - 1
-        })
+        }
+        Ok(at)
     }
 
     /// The sum of two.
@@ -403,7 +413,7 @@ impl<'a> Tally<'a> {
         let (mut all, mut part) =
             if self.contests.len() < other.contests.len() { (other, self) } else { (self, other) };
         for (&pair, &at) in &part.of_pair {
-            let (to, from) = (all.contest(pair), &part.contests[at]);
+            let (to, from) = (all.contest(pair)?, &part.contests[at]);
             to.cells.iter_mut().zip(&from.cells).for_each(|(a, b)| *a += b);
             to.samples.iter_mut().zip(&from.samples).for_each(|(a, b)| *a += b);
         }

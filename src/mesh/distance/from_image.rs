@@ -11,6 +11,7 @@ use super::super::triangle_bins::{Nearest, Triangle, TriangleBins, closest_point
 use super::super::voxel_faces::{BRICK, Face, VoxelFaces};
 use super::{CHECK_EVERY, Distance, Max, Sum, spread};
 use crate::Result;
+use crate::memory::room;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 
@@ -262,7 +263,8 @@ pub(super) fn image_to_mesh(
     let [nx, ny, nz] = faces.brick_dims();
     // What is no farther than the maximum that any thread knows need not be looked at.
     let maximum = Maxima::default();
-    let maxima: Vec<Maxima> = (0..components.list.len()).map(|_| Maxima::default()).collect();
+    let mut maxima: Vec<Maxima> = room(components.list.len(), "components of the image")?;
+    maxima.resize_with(components.list.len(), Maxima::default);
     let scratch = || (Targets::default(), Vec::new());
     let parts = (0..ny * nz).into_par_iter().map_init(scratch, |(targets, corners), row| {
         monitor.advance(1)?;
@@ -352,11 +354,11 @@ pub(super) fn image_to_mesh(
     let (of_faces, of_surface): (Vec<Sums<Sum>>, Vec<Sums<Sum>>) = sums.into_iter().map(<(_, _)>::from).unzip();
     let measured = |which: usize, sums, max: fn(&Maxima) -> &Max| {
         let whole = Sum { max: max(&maximum).get(), ..wholes.iter().map(|sums| sums[which]).sum() };
-        let mut of_components = spread(Ledger::total(sums), components.list.len());
+        let mut of_components = spread(Ledger::total(sums), components.list.len())?;
         of_components.iter_mut().zip(&maxima).for_each(|(sum, maxima)| sum.max = max(maxima).get());
-        (whole.distance(), of_components)
+        Ok((whole.distance(), of_components))
     };
-    Ok([measured(0, of_faces, |max| &max.faces), measured(1, of_surface, |max| &max.surface)])
+    Ok([measured(0, of_faces, |max| &max.faces)?, measured(1, of_surface, |max| &max.surface)?])
 }
 
 /// The largest distances so far.
