@@ -22,9 +22,9 @@ expect() {
     [ "$(wc -l <err)" -eq "$lines" ] || fail "mesh_image $*: wanted $lines lines on stderr: $(cat err)"
 }
 
-# A box of label 1 with one of label 2 in it, 12 voxels wide.
+# A box of label 1 with one of label 2 in it, 12 voxels wide. $1: lines of the header that place it.
 phantom() {
-    printf 'NRRD0004\ntype: uchar\ndimension: 3\nsizes: 12 12 12\nencoding: raw\nspacings: 1 1 1\n\n'
+    printf 'NRRD0004\ntype: uchar\ndimension: 3\nsizes: 12 12 12\nencoding: raw\n%s\n\n' "$1"
     awk 'BEGIN {
         for (z = 0; z < 12; z++) for (y = 0; y < 12; y++) for (x = 0; x < 12; x++) {
             outer = x > 0 && x < 11 && y > 0 && y < 11 && z > 0 && z < 11
@@ -33,7 +33,7 @@ phantom() {
         }
     }' | tr '012' '\000\001\002'
 }
-phantom >box.nrrd
+phantom 'spacings: 1 1 1' >box.nrrd
 
 # Bad usage: status 2, a message and a hint.
 expect 2 2
@@ -81,6 +81,12 @@ expect 2 2 box.nrrd -o a.vtu --begging nobody
 expect 2 2 box.nrrd -o a.vtu --algorithm other
 expect 2 2 box.nrrd -o a.vtu --timeline
 expect 2 2 box.nrrd -o a.vtu --topology 'many:2'
+expect 2 2 box.nrrd -o a.vtu --frame
+expect 2 2 box.nrrd -o a.vtu --frame las
+# A name that no format has costs no run, and no other output is written.
+expect 2 2 box.nrrd -o a.vtu -o a.nonsense --report a.json
+grep -q -e '-o: a.nonsense: unknown ending for a mesh, known are .vtu ' err || fail "a.nonsense: $(cat err)"
+[ ! -e a.json ] || fail "bad usage wrote a report"
 # Options of later versions are refused, not ignored.
 expect 2 2 box.nrrd -o a.vtu --optimize
 [ ! -e a.vtu ] || fail "bad usage wrote a mesh"
@@ -91,7 +97,9 @@ grep -q missing.nrrd err || fail "the message does not name the file"
 head -c 300 box.nrrd >cut.nrrd
 expect 1 1 cut.nrrd -o a.vtu --quiet
 grep -q cut.nrrd err || fail "the message does not name the file"
-expect 1 1 box.nrrd -o a.nonsense --quiet
+cp box.nrrd box.nonsense
+expect 1 1 box.nonsense -o a.vtu --quiet
+grep -q 'box.nonsense: no reader for this name ending' err || fail "box.nonsense: $(cat err)"
 expect 1 1 box.nrrd -o no/such/folder/a.vtu --quiet
 expect 1 1 box.nrrd -o a.vtu --report no/such/folder/a.json --quiet
 expect 1 1 box.nrrd -o a.vtu --timeline no/such/folder/t.json --threads 2 --quiet
@@ -116,6 +124,14 @@ expect 0 0 box.nrrd -o k.vtu --keep 2 --report k.json --quiet
 expect 0 0 box.nrrd -o v.vtu --surface voxel --report v.json --quiet
 expect 0 0 box.nrrd -o g.vtu --background --report g.json --quiet
 expect 0 0 box.nrrd --report m.json --memory --quiet
+# The frame of the world: the same box in one that the file names, turned, and where the file names none.
+phantom 'space: left-posterior-superior
+space directions: (1,0,0) (0,1,0) (0,0,1)
+space origin: (100,0,0)' >lps.nrrd
+expect 0 0 lps.nrrd --report stored.json -o stored.mesh --quiet
+expect 0 0 lps.nrrd --report turned.json -o turned.mesh --frame ras --quiet
+expect 0 1 box.nrrd --report unturned.json --frame ras --quiet
+grep -q 'warning: the file does not say what its axes mean: coordinates stay as stored, not RAS' err || fail "--frame ras: $(cat err)"
 # Several threads, which the table has two lines about.
 for contention in local global random aggressive; do
     expect 0 0 box.nrrd -o t.vtu --threads 3 --contention $contention --begging flat --quiet
@@ -143,8 +159,19 @@ def load(name):
         return json.load(file)
 
 odd, keep, background, memory, threads, lapd = (load(name + ".json") for name in "odd k g m t l".split())
+worlds = [load(name + ".json")["world"] for name in "stored turned unturned odd".split()]
+assert worlds == ["LPS", "RAS", "unknown", "unknown"], worlds
+
+def mean_x(name):
+    with open(name, encoding="utf-8") as file:
+        words = file.read().split()
+    first = words.index("Vertices") + 2
+    count = int(words[first - 1])
+    return sum(float(x) for x in words[first : first + 4 * count : 4]) / count
+
+assert abs(mean_x("stored.mesh") - 105.5) < 2 and abs(mean_x("turned.mesh") + 105.5) < 2
 assert odd["input"] == 'odd "name" \\ \t \u00e4 \ufffd.nrrd', odd["input"]
-keys = """version input delta size threads algorithm tets vertices interface_facets all_tets peak_rss_bytes oracle_bytes seconds operations
+keys = """version input world delta size threads algorithm tets vertices interface_facets all_tets peak_rss_bytes oracle_bytes seconds operations
 overhead thread_reports quality certificate labels""".split()
 assert all(key in odd for key in keys), [key for key in keys if key not in odd]
 inner = {

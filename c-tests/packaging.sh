@@ -65,12 +65,11 @@ consume_pkg_config() {
             compile="c++ -std=c++17 $optimise -Wall -Wextra -Wpedantic -Werror $source/c-tests/consumer/main.cpp"
         fi
         # Word splitting is wanted: pkg-config prints several options.
-        quietly $compile -o "$work/build/${language}_lapd" $(pkg-config --cflags --libs lapd)
+        quietly $compile -o "$work/build/${language}_lapd" $(pkg-config --cflags --libs lapd) \
+            "-Wl,-rpath,$(pkg-config --variable=libdir lapd)"
         quietly $compile -o "$work/build/${language}_lapd_static" $(pkg-config --cflags lapd) "$2/liblapd.a" \
             $(pkg-config --libs --static lapd | sed 's/-llapd//')
     done
-    LD_LIBRARY_PATH=$2
-    export LD_LIBRARY_PATH
     run_programs
 }
 
@@ -103,6 +102,17 @@ pkg_config | pkg_config_debug)
     ;;
 pkg_config_uninstalled | pkg_config_uninstalled_debug)
     consume_pkg_config "$uninstalled" "$uninstalled/lib"
+    ;;
+pkg_config_absolute)
+    # Folders may be given by absolute paths, outside of the prefix. What lapd.pc says of them is known without building.
+    quietly cmake -S "$source" -B "$work/build" -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX="$work/prefix" \
+        -DCMAKE_INSTALL_LIBDIR="$work/there/lib" -DCMAKE_INSTALL_INCLUDEDIR="$work/elsewhere/include" \
+        -DLAPD_CARGO_TARGET_DIR="$target"
+    PKG_CONFIG_PATH=$work/build/package
+    export PKG_CONFIG_PATH
+    [ "$(pkg-config --variable=libdir lapd)" = "$work/there/lib" ]
+    [ "$(pkg-config --variable=includedir lapd)" = "$work/elsewhere/include" ]
+    [ "$(pkg-config --variable=prefix lapd)" = "$work/prefix" ]
     ;;
 moved)
     # An install tree can be moved.

@@ -60,6 +60,8 @@ import readback_calculix
 from readback_readers import READERS, Seen
 
 DELTA, SIZE = 1.5, 3.0
+# LAPD_WORLD_AS_STORED
+AS_STORED = 0
 
 
 # ---- The images ----
@@ -105,7 +107,7 @@ class Library:
         return handle
 
     def mesh(self, image_path, background):
-        image = self.new("image_read", self.context, str(image_path).encode())
+        image = self.new("image_read", self.context, str(image_path).encode(), AS_STORED)
         params = self.new("params_create")
         self.call("params_set_delta", self.context, params, ctypes.c_double(DELTA))
         self.call("params_set_size", self.context, params, ctypes.c_double(SIZE))

@@ -79,6 +79,14 @@ static void image_creation(void) {
     INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, flat, NULL, origin, spacing, NULL, &out));
     CHECK(said("dims[1]"));
     INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, huge, NULL, origin, spacing, NULL, &out));
+    /* One voxel too many to be numbered; refused before a number is read or room is made. */
+    const size_t many[3] = {1 << 16, 1 << 16, 1};
+    const float intensity = 1;
+    const ptrdiff_t still[3] = {0, 0, 0};
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, many, still, origin, spacing, NULL, &out));
+    CHECK(said("at most 2^32 - 1 voxels"));
+    INVALID(lapd_image_create_gray(context, &intensity, many, still, origin, spacing, NULL, spacing, 1, NULL, &out));
+    CHECK(said("at most 2^32 - 1 voxels"));
     INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, far, origin, spacing, NULL, &out));
     INVALID(lapd_image_create(context, data + 1, LAPD_VOXEL_I32, dims, NULL, origin, spacing, NULL, &out));
     CHECK(said("aligned"));
@@ -91,11 +99,24 @@ static void image_creation(void) {
     INVALID(lapd_image_create(context, large, LAPD_VOXEL_I64, one, NULL, origin, spacing, NULL, &out));
     CHECK(out == untouched);
 
-    INVALID(lapd_image_read(NULL, "a.nrrd", &out));
-    INVALID(lapd_image_read(context, NULL, &out));
-    INVALID(lapd_image_read(context, "a.nrrd", NULL));
-    CHECK(lapd_image_read(context, "no/such/file.nrrd", &out) == LAPD_ERROR_IO);
+    INVALID(lapd_image_read(NULL, "a.nrrd", LAPD_WORLD_LPS, &out));
+    INVALID(lapd_image_read(context, NULL, LAPD_WORLD_LPS, &out));
+    INVALID(lapd_image_read(context, "a.nrrd", LAPD_WORLD_LPS, NULL));
+    CHECK(lapd_image_read(context, "no/such/file.nrrd", LAPD_WORLD_LPS, &out) == LAPD_ERROR_IO);
     CHECK(said("no/such/file.nrrd"));
+    INVALID(lapd_image_read(context, "a.png", LAPD_WORLD_LPS, &out));
+    CHECK(said("a.png: no reader for this name ending"));
+    static const char *const paths[1] = {"a.nrrd"};
+    const int32_t unknown[2] = {-1, 3};
+    for (int i = 0; i < 2; i++) {
+        const char *number = i == 0 ? "world must be a lapd_world_frame, got -1" : "got 3";
+        INVALID(lapd_image_read(context, "a.nrrd", unknown[i], &out));
+        CHECK(said(number));
+        INVALID(lapd_image_read_gray(context, "a.nrrd", unknown[i], spacing, 1, NULL, &out));
+        CHECK(said(number));
+        INVALID(lapd_image_read_probabilities(context, paths, 1, unknown[i], NULL, 0, &out));
+        CHECK(said(number));
+    }
     CHECK(out == untouched);
     lapd_image_free(NULL);
 }
@@ -113,6 +134,10 @@ static void image_getters(void) {
     INVALID(lapd_image_get_spacing(image, NULL));
     INVALID(lapd_image_get_direction(NULL, values));
     INVALID(lapd_image_get_direction(image, NULL));
+    int32_t axes = -7;
+    INVALID(lapd_image_get_world_axes(NULL, &axes));
+    INVALID(lapd_image_get_world_axes(image, NULL));
+    CHECK(axes == -7 && lapd_image_get_world_axes(image, &axes) == LAPD_OK && axes == LAPD_AXES_UNKNOWN);
     INVALID(lapd_image_get_labels(NULL, &labels, &count));
     INVALID(lapd_image_get_labels(image, NULL, &count));
     INVALID(lapd_image_get_labels(image, &labels, NULL));
@@ -301,6 +326,14 @@ static void meshing(void) {
     INVALID(lapd_mesh_write(context, mesh, "mesh.nonsense"));
     CHECK(said("mesh.nonsense"));
     CHECK(lapd_mesh_write(context, mesh, "no/such/folder/mesh.vtu") == LAPD_ERROR_IO);
+    INVALID(lapd_mesh_check_path(NULL, "mesh.vtu"));
+    INVALID(lapd_mesh_check_path(context, NULL));
+    INVALID(lapd_mesh_check_path(context, "mesh.nonsense"));
+    CHECK(said("mesh.nonsense: unknown ending for a mesh, known are .vtu "));
+    INVALID(lapd_mesh_check_path(context, ""));
+    INVALID(lapd_mesh_check_path(context, "vtu"));
+    CHECK(lapd_mesh_check_path(context, "no/such/folder/mesh.VTU") == LAPD_OK);
+    CHECK(lapd_mesh_check_path(context, "mesh.tmp.msh22") == LAPD_OK);
     INVALID(lapd_mesh_write_timeline(NULL, mesh, "timeline.json"));
     INVALID(lapd_mesh_write_timeline(context, NULL, "timeline.json"));
     INVALID(lapd_mesh_write_timeline(context, mesh, NULL));

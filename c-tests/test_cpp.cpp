@@ -2,7 +2,9 @@
 #include <lapd.hpp>
 
 #include <chrono>
+#include <cstdio>
 #include <cstring>
+#include <fstream>
 #include <iterator>
 #include <stdexcept>
 #include <string>
@@ -89,6 +91,7 @@ void values() {
     CHECK(status_of([&] { lapd::image::create_gray(context, intensities.data(), cube(), {4.5}, swapped); }) ==
           LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { lapd::image::read_gray(context, "none.nrrd", {1}); }) == LAPD_ERROR_IO);
+    CHECK(status_of([&] { lapd::image::read_gray(context, "none.nrrd", {1}, {}, LAPD_WORLD_RAS); }) == LAPD_ERROR_IO);
 
     std::vector<float> inner(intensities.size()), outer(intensities.size());
     for (std::size_t i = 0; i < inner.size(); i++) {
@@ -100,6 +103,8 @@ void values() {
     CHECK(status_of([&] { lapd::image::create_probabilities(context, maps, {1}, cube()); }) ==
           LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { lapd::image::read_probabilities(context, {"none.nrrd"}); }) == LAPD_ERROR_IO);
+    CHECK(status_of([&] { lapd::image::read_probabilities(context, {"none.nrrd"}, {}, LAPD_WORLD_LPS); }) ==
+          LAPD_ERROR_IO);
     CHECK(lapd::params().set_sigma(1.5).sigma() == 1.5);
 }
 
@@ -129,9 +134,20 @@ void images() {
     CHECK(image.dims() == grid.dims && image.origin() == grid.origin);
     CHECK(image.spacing() == grid.spacing && image.direction() == grid.direction);
     CHECK(image.voxels()[1] == expected[n - 2]);
+    CHECK(image.world_axes() == LAPD_AXES_UNKNOWN);
     const lapd::span<std::int32_t> labels = image.labels();
     CHECK(labels.size() == 2 && !labels.empty() && labels[0] == 5 && *std::next(labels.begin()) == 9);
     CHECK(image.warning_count() == 0);
+
+    // One voxel of label 7 in a frame of its own, read in the same and in another one.
+    const char *const name = "test_cpp_frame.nrrd";
+    std::ofstream(name) << "NRRD0004\ntype: uchar\ndimension: 3\nspace: left-posterior-superior\nsizes: 1 1 1\n"
+                           "space directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (10,20,30)\nencoding: text\n\n7\n";
+    const lapd::image stored = lapd::image::read(context, name);
+    CHECK(stored.world_axes() == LAPD_AXES_LPS && stored.origin()[0] == 10 && stored.labels()[0] == 7);
+    const lapd::image turned = lapd::image::read(context, name, LAPD_WORLD_RAS);
+    CHECK(turned.world_axes() == LAPD_AXES_RAS && turned.origin()[0] == -10 && turned.origin()[2] == 30);
+    std::remove(name);
     CHECK(status_of([&] { image.warning(0); }) == LAPD_ERROR_INVALID_ARGUMENT);
 }
 
@@ -239,6 +255,8 @@ void meshes() {
     CHECK(status_of([&] { mesh.thread_report(1); }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { mesh.write_timeline(moved, "timeline.json"); }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { mesh.write(moved, "mesh.nonsense"); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { lapd::mesh::check_path(moved, "mesh.nonsense"); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { lapd::mesh::check_path(moved, "no/such/folder/mesh.vtu"); }) == LAPD_OK);
 
     // A limit throws, or gives the partial mesh that was asked for.
     lapd::context other;

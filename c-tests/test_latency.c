@@ -157,7 +157,7 @@ int main(int argc, char **argv) {
     const int moments = argc > 3 ? atoi(argv[3]) : 10;
     CHECK(lapd_context_create(&context) == LAPD_OK);
     if (access(path, R_OK) == 0) {
-        CHECK(lapd_image_read(context, path, &image) == LAPD_OK);
+        CHECK(lapd_image_read(context, path, LAPD_WORLD_AS_STORED, &image) == LAPD_OK);
     } else {
         printf("SKIPPED: the atlas %s, a phantom takes its place\n", path);
         uint8_t *voxels = ball_voxels(128, 60);

@@ -98,6 +98,11 @@ static void scans(const float *depths) {
     CHECK(image == NULL);
 }
 
+/* Counts the warnings about label 7. */
+static void on_log(void *user, int32_t level, const char *message) {
+    *(int *)user += level == LAPD_LOG_WARNING && strstr(message, "label 7 ") != NULL;
+}
+
 static void probabilities(const float *depths) {
     /* Ball and surroundings side by side, and a map that wins nowhere. */
     float *pairs = malloc(2 * VOXELS * sizeof *pairs), *nothing = calloc(2 * VOXELS, sizeof *nothing);
@@ -110,9 +115,13 @@ static void probabilities(const float *depths) {
     const int32_t labels[3] = {40, 0, 7}, twice[2] = {1, 1};
     const char *warning = NULL;
     size_t count = 0;
+    int logged = 0;
     lapd_image *image = NULL;
+    CHECK(lapd_context_set_log(context, on_log, &logged) == LAPD_OK);
     CHECK(lapd_image_create_probabilities(context, maps, labels, 3, dims, strides, origin, spacing, NULL, &image) ==
           LAPD_OK);
+    CHECK(lapd_context_set_log(context, NULL, NULL) == LAPD_OK);
+    CHECK(logged == 1);
     CHECK(lapd_image_get_warning_count(image, &count) == LAPD_OK && count == 1);
     CHECK(lapd_image_get_warning(image, 0, &warning) == LAPD_OK && strstr(warning, "label 7 ") != NULL);
     expect_volume(image, 40, ball(radius));
@@ -153,7 +162,7 @@ static void files(const float *depths) {
     const int32_t label = 12;
     lapd_image *image = NULL;
     save(names[0], "dimension: 3\nsizes: 22 22 22\nspacings: 1 1 1", depths, VOXELS);
-    CHECK(lapd_image_read_gray(context, names[0], &zero, 1, &label, &image) == LAPD_OK);
+    CHECK(lapd_image_read_gray(context, names[0], LAPD_WORLD_AS_STORED, &zero, 1, &label, &image) == LAPD_OK);
     expect_volume(image, 12, ball(radius));
 
     float *maps = malloc(2 * VOXELS * sizeof *maps);
@@ -163,24 +172,89 @@ static void files(const float *depths) {
     }
     image = NULL;
     save(names[0], "dimension: 4\nsizes: 22 22 22 2\nspacings: 1 1 1 1", maps, 2 * VOXELS);
-    const int32_t both[2] = {3, 0};
-    CHECK(lapd_image_read_probabilities(context, names, 1, both, 2, &image) == LAPD_OK);
+    const int32_t both[2] = {3, 0}, twice[2] = {3, 3};
+    CHECK(lapd_image_read_probabilities(context, names, 1, LAPD_WORLD_AS_STORED, both, 2, &image) == LAPD_OK);
     lapd_image_free(image);
     image = NULL;
+    /* Wrong labels are no fault of the file's, be it one or several. */
+    CHECK(lapd_image_read_probabilities(context, names, 1, LAPD_WORLD_AS_STORED, both, 1, &image) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(said("as many probability maps as labels are needed, at least one: got 2 and 1"));
+    CHECK(lapd_image_read_probabilities(context, names, 1, LAPD_WORLD_AS_STORED, twice, 2, &image) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(said("two probability maps are given for label 3"));
     save(names[0], "dimension: 3\nsizes: 22 22 22\nspacings: 1 1 1", maps, VOXELS);
     save(names[1], "dimension: 3\nsizes: 22 22 22\nspacings: 1 1 1", maps + VOXELS, VOXELS);
-    CHECK(lapd_image_read_probabilities(context, names, 2, NULL, 0, &image) == LAPD_OK);
+    CHECK(lapd_image_read_probabilities(context, names, 2, LAPD_WORLD_AS_STORED, both, 1, &image) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(lapd_image_read_probabilities(context, names, 2, LAPD_WORLD_AS_STORED, NULL, 0, &image) == LAPD_OK);
     /* Where both have 0.9 : 1 the ball is a little larger. */
     expect_volume(image, 1, ball(radius + log(1 / 0.9)));
     image = NULL;
     save(names[1], "dimension: 3\nsizes: 11 22 22\nspacings: 1 1 1", maps, VOXELS / 2);
-    CHECK(lapd_image_read_probabilities(context, names, 2, NULL, 0, &image) == LAPD_ERROR_FORMAT);
+    CHECK(lapd_image_read_probabilities(context, names, 2, LAPD_WORLD_AS_STORED, NULL, 0, &image) == LAPD_ERROR_FORMAT);
     CHECK(said("test_values_b.nrrd: a grid of [11, 22, 22] voxels"));
-    CHECK(lapd_image_read_gray(context, "no such file.nrrd", &zero, 1, NULL, &image) == LAPD_ERROR_IO);
+    maps[2 * VOXELS - 1] = 2;
+    save(names[1], "dimension: 3\nsizes: 22 22 22\nspacings: 1 1 1", maps + VOXELS, VOXELS);
+    CHECK(lapd_image_read_probabilities(context, names, 2, LAPD_WORLD_AS_STORED, NULL, 0, &image) == LAPD_ERROR_FORMAT);
+    CHECK(said("test_values_b.nrrd: the probability of label 2 of voxel [21, 21, 21] is 2"));
+    CHECK(lapd_image_read_gray(context, "no such file.nrrd", LAPD_WORLD_AS_STORED, &zero, 1, NULL, &image) ==
+          LAPD_ERROR_IO);
+    CHECK(lapd_image_read_gray(context, "scan.tiff", LAPD_WORLD_AS_STORED, &zero, 1, NULL, &image) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(image == NULL);
     free(maps);
     remove(names[0]);
     remove(names[1]);
+}
+
+/* Checks the place of an image, which is freed: x and y of its origin and of its axes have this sign. */
+static void expect_frame(lapd_image *image, int32_t axes, double sign, size_t warnings) {
+    int32_t found = -1;
+    double at[3] = {0, 0, 0}, direction[9] = {0};
+    size_t count = SIZE_MAX;
+    CHECK(lapd_image_get_world_axes(image, &found) == LAPD_OK && found == axes);
+    CHECK(lapd_image_get_origin(image, at) == LAPD_OK);
+    CHECK(at[0] == 10 * sign && at[1] == 20 * sign && at[2] == 30);
+    CHECK(lapd_image_get_direction(image, direction) == LAPD_OK);
+    CHECK(direction[0] == sign && direction[4] == sign && direction[8] == 1);
+    CHECK(lapd_image_get_warning_count(image, &count) == LAPD_OK && count == warnings);
+    lapd_image_free(image);
+}
+
+static void frames(void) {
+    static const char *const name = "test_values_frame.nrrd";
+    static const struct {
+        const char *space;
+        int32_t world, axes;
+        double sign;
+        size_t warnings;
+    } cases[] = {{"space: left-posterior-superior", LAPD_WORLD_AS_STORED, LAPD_AXES_LPS, 1, 0},
+                 {"space: left-posterior-superior", LAPD_WORLD_LPS, LAPD_AXES_LPS, 1, 0},
+                 {"space: left-posterior-superior", LAPD_WORLD_RAS, LAPD_AXES_RAS, -1, 0},
+                 {"space: right-anterior-superior", LAPD_WORLD_AS_STORED, LAPD_AXES_RAS, 1, 0},
+                 {"space: right-anterior-superior", LAPD_WORLD_LPS, LAPD_AXES_LPS, -1, 0},
+                 {"space: left-anterior-superior", LAPD_WORLD_AS_STORED, LAPD_AXES_LAS, 1, 0},
+                 {"space dimension: 3", LAPD_WORLD_AS_STORED, LAPD_AXES_UNKNOWN, 1, 0},
+                 {"space dimension: 3", LAPD_WORLD_RAS, LAPD_AXES_UNKNOWN, 1, 1}};
+    const float values[2] = {0, 1};
+    const double half = 0.5;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char header[256];
+        snprintf(header, sizeof header,
+                 "dimension: 3\n%s\nsizes: 2 1 1\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
+                 "space origin: (10,20,30)",
+                 cases[i].space);
+        save(name, header, values, 2);
+        lapd_image *labels = NULL, *scan = NULL, *map = NULL;
+        CHECK(lapd_image_read(context, name, cases[i].world, &labels) == LAPD_OK);
+        CHECK(lapd_image_read_gray(context, name, cases[i].world, &half, 1, NULL, &scan) == LAPD_OK);
+        CHECK(lapd_image_read_probabilities(context, &name, 1, cases[i].world, NULL, 0, &map) == LAPD_OK);
+        expect_frame(labels, cases[i].axes, cases[i].sign, cases[i].warnings);
+        expect_frame(scan, cases[i].axes, cases[i].sign, cases[i].warnings);
+        expect_frame(map, cases[i].axes, cases[i].sign, cases[i].warnings);
+    }
+    remove(name);
 }
 
 static void smoothing(void) {
@@ -211,6 +285,7 @@ int main(void) {
     scans(depths);
     probabilities(depths);
     files(depths);
+    frames();
     smoothing();
     lapd_params_free(params);
     lapd_context_free(context);

@@ -34,10 +34,10 @@ static const char USAGE[] =
     "  --delta MM           distance between samples on the interfaces;\n"
     "                       default 1.5 times the geometric mean of the voxel's sides\n"
     "  --size MM            largest circumradius of tets; default 2 times delta\n"
-    "  --no-adaptive        do not sample more densely what is thinner than that\n"
-    "  --spacing-floor V    samples of thin structures come no closer than this many voxels; default 0.5\n"
-    "  --least-voxels N     leave out components of fewer voxels; default 0\n"
     "  --label-size L=MM    the same for one label (after --merge); may be given again\n"
+    "  --no-adaptive        do not sample more densely what is thinner than 4/3 delta\n"
+    "  --spacing-floor V    samples of thin structures come no closer than this many voxels; default 0.5\n"
+    "  --least-voxels N     leave out components of fewer voxels; for label images; default 0\n"
     "  --radius-edge R      largest circumradius over shortest edge; at least 2, default 2\n"
     "  --facet-angle DEG    smallest angle of interface facets; at most 30, default 30\n"
     "  --threads N          threads of the run; default 1, which makes the same mesh each time\n"
@@ -55,6 +55,8 @@ static const char USAGE[] =
     "  --probabilities      INPUT is a stack of probability maps, of labels 1, 2, ...; may be several files\n"
     "  --labels L,L,...     the labels at these isovalues, or of these maps\n"
     "  --gaussian SIGMA     smooth the labels of a coarse image; in voxels, at most 5; default 0\n"
+    "  --frame NAME         lps | ras: world axes that grow to the patient's left, posterior, superior, or right,\n"
+    "                       anterior, superior; default as the file has them\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
     "  --surface NAME       smooth | voxel; default smooth\n"
     "  --border NAME        flat | smooth: how the object is closed where the image cuts it off; default flat\n"
@@ -346,6 +348,15 @@ static set_result set_input(options *o, const char *option, const char *value) {
         o->isovalues = parse_numbers(value, &o->isovalue_count);
         return o->isovalues != NULL ? SET_OK : SET_BAD_VALUE;
     }
+    if (strcmp(option, "--frame") == 0) {
+        static const char *const frames[] = {"lps", "ras"};
+        int32_t choice;
+        if (!parse_name(value, frames, 2, &choice)) {
+            return SET_BAD_VALUE;
+        }
+        o->world = choice == 0 ? LAPD_WORLD_LPS : LAPD_WORLD_RAS;
+        return SET_OK;
+    }
     if (strcmp(option, "--labels") == 0) {
         const char *rest;
         free(o->labels);
@@ -396,32 +407,12 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
         } else if (strcmp(option, "--quiet") == 0) {
             o->quiet = true;
         } else {
-            static const char *const with_value[] = {"-o",
-                                                     "--report",
-                                                     "--timeline",
-                                                     "--topology",
-                                                     "--delta",
-                                                     "--size",
-                                                     "--keep",
-                                                     "--label-size",
-                                                     "--merge",
-                                                     "--background-label",
-                                                     "--radius-edge",
-                                                     "--facet-angle",
-                                                     "--threads",
-                                                     "--algorithm",
-                                                     "--begging",
-                                                     "--contention",
-                                                     "--max-vertices",
-                                                     "--time-limit",
-                                                     "--surface",
-                                                     "--max-memory",
-                                                     "--spacing-floor",
-                                                     "--least-voxels",
-                                                     "--isovalue",
-                                                     "--labels",
-                                                     "--gaussian",
-                                                     "--border"};
+            static const char *const with_value[] = {
+                "-o",        "--report",     "--timeline",      "--topology",         "--delta",        "--size",
+                "--keep",    "--label-size", "--merge",         "--background-label", "--radius-edge",  "--facet-angle",
+                "--threads", "--algorithm",  "--begging",       "--contention",       "--max-vertices", "--time-limit",
+                "--surface", "--max-memory", "--spacing-floor", "--least-voxels",     "--isovalue",     "--labels",
+                "--frame",   "--gaussian",   "--border"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");
@@ -431,6 +422,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             }
             const char *value = argv[++i];
             if (strcmp(option, "-o") == 0) {
+                /* A bad name costs no run. */
+                status = lapd_mesh_check_path(context, value);
                 o->outputs[o->output_count++] = value;
             } else if (strcmp(option, "--report") == 0) {
                 o->report = value;
@@ -499,12 +492,13 @@ static lapd_status set_defaults(lapd_context *context, lapd_params *params, cons
 
 static lapd_status read_input(lapd_context *context, const options *o, lapd_image **image) {
     if (o->isovalues != NULL) {
-        return lapd_image_read_gray(context, o->inputs[0], o->isovalues, o->isovalue_count, o->labels, image);
+        return lapd_image_read_gray(context, o->inputs[0], o->world, o->isovalues, o->isovalue_count, o->labels, image);
     }
     if (o->probabilities) {
-        return lapd_image_read_probabilities(context, o->inputs, o->input_count, o->labels, o->label_count, image);
+        return lapd_image_read_probabilities(context, o->inputs, o->input_count, o->world, o->labels, o->label_count,
+                                             image);
     }
-    return lapd_image_read(context, o->inputs[0], image);
+    return lapd_image_read(context, o->inputs[0], o->world, image);
 }
 
 /* Everything from the image on. Returns the exit status. */
@@ -523,6 +517,8 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
     lapd_status status = read_input(context, o, &image);
     seconds.read = now() - start;
     memory.read = resident_memory();
+    if (status == LAPD_OK)
+        status = lapd_image_get_world_axes(image, &s.world_axes);
     if (status == LAPD_OK)
         status = set_defaults(context, params, image, o);
     if (status == LAPD_OK)

@@ -35,11 +35,12 @@ int main(int argc, char **argv) {
     lapd_params *params = NULL;
     lapd_mesh *mesh = NULL;
     lapd_counts counts = {.struct_size = sizeof counts};
-    int failed = lapd_context_create(&context) || lapd_params_create(&params) ||
-                 lapd_params_set_delta(context, params, 1.5) || lapd_params_set_size(context, params, 3) ||
-                 (argc == 3 ? lapd_image_read(context, argv[1], &image) : make_ball(context, &image)) ||
-                 lapd_mesh_image(context, image, params, &mesh) || lapd_mesh_write(context, mesh, out) ||
-                 lapd_mesh_get_counts(mesh, &counts);
+    int failed =
+        lapd_context_create(&context) || lapd_params_create(&params) || lapd_params_set_delta(context, params, 1.5) ||
+        lapd_params_set_size(context, params, 3) ||
+        (argc == 3 ? lapd_image_read(context, argv[1], LAPD_WORLD_AS_STORED, &image) : make_ball(context, &image)) ||
+        lapd_mesh_image(context, image, params, &mesh) || lapd_mesh_write(context, mesh, out) ||
+        lapd_mesh_get_counts(mesh, &counts);
     if (failed)
         fprintf(stderr, "minimal: %s\n", lapd_context_last_error(context));
     else

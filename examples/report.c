@@ -13,6 +13,11 @@
 
 enum { DEFECT_KINDS = LAPD_DEFECT_DROPPED + 1 };
 
+/* The name of a value of an enum; a newer library may have more of them than this program knows. */
+static const char *name_of(const char *const *names, size_t count, int64_t value) {
+    return value >= 0 && (uint64_t)value < count ? names[value] : "unknown";
+}
+
 /* ---- The table ---- */
 
 lapd_status summarize(const lapd_mesh *mesh, summary *s) {
@@ -149,7 +154,10 @@ void print_table(const summary *s, const file_seconds *seconds) {
            c->mesh_to_surface_mean, c->mesh_to_surface_max, c->surface_to_mesh_mean, c->surface_to_mesh_max);
     uint64_t defects[DEFECT_KINDS] = {0};
     for (size_t i = 0; i < s->defect_count; i++) {
-        defects[s->defects[i].kind]++;
+        const int64_t kind = s->defects[i].kind;
+        if (kind >= 0 && kind < DEFECT_KINDS) {
+            defects[kind]++;
+        }
     }
     printf("  components lost %llu, merged %llu, torn off %llu, stray %llu, left out %llu; pinched edges %llu, "
            "vertices %llu\n",
@@ -296,10 +304,13 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
 
     fprintf(f, "{\n  \"version\": \"%s\",\n  \"input\": ", lapd_version());
     json_string(f, o->inputs[0]);
+    static const char *const axes[] = {"unknown", "LPS", "RAS", "LAS"};
+    fprintf(f, ",\n  \"world\": \"%s\"", name_of(axes, 4, s->world_axes));
     json_number(f, ",\n  ", "delta", delta);
     json_number(f, ",\n  ", "size", size);
     json_count(f, ",\n  ", "threads", threads);
-    fprintf(f, ",\n  \"algorithm\": \"%s\"", algorithm == LAPD_ALGORITHM_LAPD ? "lapd" : "podm");
+    static const char *const algorithms[] = {"podm", "lapd"};
+    fprintf(f, ",\n  \"algorithm\": \"%s\"", name_of(algorithms, 2, algorithm));
     fputs(",\n  \"limit_reached\": ", f);
     if (s->limit_reached != LAPD_OK) {
         json_string(f, lapd_status_name(s->limit_reached));
@@ -427,7 +438,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
         static const char *const fates[] = {"kept", "merged", "lost"};
         const lapd_component_row *row = &s->components[i];
         fprintf(f, "%s\n    {\"label\": %lld, \"fate\": \"%s\"", i > 0 ? "," : "", (long long)row->label,
-                fates[row->fate]);
+                name_of(fates, 3, row->fate));
         json_position(f, row->position);
         json_count(f, ", ", "image_voxels", row->image_voxels);
         json_number(f, ", ", "image_volume", row->image_volume);
@@ -452,8 +463,8 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
         static const char *const kinds[DEFECT_KINDS] = {"lost",         "merged",         "torn",   "stray",
                                                         "pinched_edge", "pinched_vertex", "dropped"};
         const lapd_defect *defect = &s->defects[i];
-        fprintf(f, "%s\n    {\"kind\": \"%s\", \"label\": %lld", i > 0 ? "," : "", kinds[defect->kind],
-                (long long)defect->label);
+        fprintf(f, "%s\n    {\"kind\": \"%s\", \"label\": %lld", i > 0 ? "," : "",
+                name_of(kinds, DEFECT_KINDS, defect->kind), (long long)defect->label);
         json_position(f, defect->position);
         json_count(f, ", ", "size", defect->size);
         fputc('}', f);

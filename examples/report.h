@@ -18,6 +18,8 @@ typedef struct {
     int32_t *labels;
     size_t label_count;
     bool probabilities;
+    /* The frame of world coordinates that is asked for, a lapd_world_frame. */
+    int32_t world;
     const char **outputs;
     size_t output_count;
     const char *report;
@@ -45,6 +47,8 @@ typedef struct {
 
 /* All that the library knows about a mesh, the arrays apart. */
 typedef struct {
+    /* What the world axes of the image, and so of the mesh, mean: a lapd_world_axes. */
+    int32_t world_axes;
     lapd_counts counts;
     lapd_timings timings;
     lapd_operations operations;
@@ -68,7 +72,7 @@ typedef struct {
 /* Prints one line on stderr. */
 void complain(const char *format, ...);
 
-/* Fills `s`, whose rows, components, defects and threads the caller frees, whatever this returns. */
+/* Fills `s` but for world_axes. The caller frees rows, components, defects and threads, whatever this returns. */
 lapd_status summarize(const lapd_mesh *mesh, summary *s);
 
 void print_table(const summary *s, const file_seconds *seconds);

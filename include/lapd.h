@@ -45,7 +45,7 @@
 /**
  * "The sum of all threads", as the number of a thread.
  */
-#define LAPD_ALL_THREADS (size_t)-1
+#define LAPD_ALL_THREADS ((size_t)-1)
 
 /**
  * Components of the image with fewer voxels have no row of their own, and are not listed when they are lost or merged.
@@ -73,7 +73,7 @@ typedef enum {
    */
   LAPD_ERROR_IO = 3,
   /**
-   * A file was read, but it holds no valid image of its format.
+   * A file was read, but it holds no valid image of its format, or uses what this version does not read.
    */
   LAPD_ERROR_FORMAT = 4,
   /**
@@ -187,6 +187,47 @@ typedef enum {
    */
   LAPD_VOXEL_I64 = 7,
 } lapd_voxel_type;
+
+/**
+ * The frame of world coordinates that an image from a file, and so its mesh, is to have. LPS and RAS differ by a half turn about z: x and y
+ * change their signs.
+ */
+typedef enum {
+  /**
+   * Coordinates as the file gives them: RAS for NIfTI, LPS for MetaImage, what `space` says for NRRD; INRIMAGE does not say.
+   */
+  LAPD_WORLD_AS_STORED = 0,
+  /**
+   * x, y, z grow towards the patient's left, posterior, superior: DICOM, ITK.
+   */
+  LAPD_WORLD_LPS = 1,
+  /**
+   * x, y, z grow towards the patient's right, anterior, superior: NIfTI, 3D Slicer.
+   */
+  LAPD_WORLD_RAS = 2,
+} lapd_world_frame;
+
+/**
+ * What the world axes of an image mean in the patient.
+ */
+typedef enum {
+  /**
+   * The image comes from memory, or from a file that does not say.
+   */
+  LAPD_AXES_UNKNOWN = 0,
+  /**
+   * Left, posterior, superior.
+   */
+  LAPD_AXES_LPS = 1,
+  /**
+   * Right, anterior, superior.
+   */
+  LAPD_AXES_RAS = 2,
+  /**
+   * Left, anterior, superior: some NRRD files, as stored.
+   */
+  LAPD_AXES_LAS = 3,
+} lapd_world_axes;
 
 /**
  * How labels between voxel centres are decided.
@@ -401,7 +442,7 @@ typedef struct {
    */
   uint64_t interface_facets;
   /**
-   * Vertices of the whole triangulation, when refinement ended.
+   * Vertices of the whole triangulation, when refinement ended, the corners of the box around it included.
    */
   uint64_t all_vertices;
   /**
@@ -946,8 +987,9 @@ lapd_status lapd_context_set_log(lapd_context *context,
 /**
  * Asks the run of this context to end, or the writing of a mesh with it; the call returns LAPD_ERROR_CANCELLED within 100 ms, as long
  * as the run holds less than some 500 MB: the system takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk
- * when a file is complete, comes on top. The request stays until lapd_context_reset_cancel: without a call under way, the next one
- * ends at once, so that no request is ever lost.
+ * when a file is complete, comes on top. The calls that obey are lapd_mesh_image, lapd_mesh_write and lapd_mesh_write_timeline; all
+ * others, those that make or read an image too, run to their end. The request stays until lapd_context_reset_cancel: without a call
+ * under way that obeys, the next one ends at once, so that no request is ever lost.
  *
  * May be called from any thread at any time in the life of the context, from its callbacks, and from a signal handler.
  *
@@ -968,7 +1010,7 @@ lapd_status lapd_context_reset_cancel(lapd_context *context);
  * changed as soon as the call returns.
  *
  * - `data` points to voxel (0, 0, 0), aligned for its type, which `voxel_type` (a lapd_voxel_type) names.
- * - `dims`: 3 values, voxels along x, y, z; at least 1 each.
+ * - `dims`: 3 values, voxels along x, y, z; at least 1 each, and at most 2^32 - 1 voxels in all.
  * - `strides`: 3 values, the distance from a voxel to the next one along x, y, z, counted in elements (not bytes); negative ones
  *   are allowed. NULL means packed, x fastest: 1, dims[0], dims[0] * dims[1].
  * - `origin`: 3 values, the world position of the centre of voxel (0, 0, 0).
@@ -982,8 +1024,8 @@ lapd_status lapd_context_reset_cancel(lapd_context *context);
  * The caller owns `*image` and frees it with lapd_image_free. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer other than `strides` and `direction` is NULL, for an unknown voxel type, a
- * dimension of 0, dimensions or strides beyond the address space, a spacing not above 0, a value that is not finite, axes that
- * are sheared, a label that does not fit int32_t, more than 65535 labels; LAPD_ERROR_OUT_OF_MEMORY.
+ * dimension of 0, more than 2^32 - 1 voxels, strides beyond the address space, a spacing not above 0, a value that is not finite, axes that
+ * are sheared, a label that does not fit int32_t, more than 65534 labels besides 0; LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_image_create(lapd_context *context,
                               const void *data,
@@ -998,17 +1040,20 @@ lapd_status lapd_image_create(lapd_context *context,
 /**
  * Reads an image file; its format is told by the end of its name: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz.
  *
- * `path` is UTF-8; on Unix any bytes that name a file are taken. What a file says ambiguously goes to the log callback, and is
- * kept with the image (lapd_image_warning).
+ * `path` is UTF-8; on Unix any bytes that name a file are taken. `world` is the frame that the image is to have, a lapd_world_frame. The
+ * coordinates of a file that does not say its own stay as stored, with a warning; lapd_image_get_world_axes tells what the axes of the
+ * image mean. What a file says ambiguously goes to the log callback, and is kept with the image (lapd_image_get_warning).
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel
+ * does not end the call.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_IO when the file cannot be read; LAPD_ERROR_FORMAT
- * when it is not a valid image, or cut off; LAPD_ERROR_UNSUPPORTED for what the format allows but this version does not read;
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `world` is unknown, or no format has this ending; LAPD_ERROR_IO when
+ * the file cannot be read; LAPD_ERROR_FORMAT when it is not a valid image, is cut off, or uses what this version does not read;
  * LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_image_read(lapd_context *context,
                             const char *path,
+                            int32_t world,
                             lapd_image **image);
 
 /**
@@ -1047,6 +1092,15 @@ lapd_status lapd_image_get_direction(const lapd_image *image,
                                      double *direction);
 
 /**
+ * What the world axes of the image mean, a lapd_world_axes: those of the frame that its file was read in. LAPD_AXES_UNKNOWN for images made from
+ * memory, and for files that do not say. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_image_get_world_axes(const lapd_image *image,
+                                      int32_t *axes);
+
+/**
  * The labels of the image other than 0, in increasing order, and how many they are.
  *
  * `*labels` belongs to the image and is valid until it is freed; with a count of 0 it must not be read. Any thread.
@@ -1066,14 +1120,14 @@ lapd_status lapd_image_copy_voxels(const lapd_image *image,
                                    size_t capacity);
 
 /**
- * The number of warnings that reading the image's file gave. Any thread.
+ * The number of warnings that came up when the image was made or read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_image_get_warning_count(const lapd_image *image, size_t *count);
 
 /**
- * Warning `index` (from 0) that reading the image's file gave: one line, UTF-8.
+ * Warning `index` (from 0) that came up when the image was made or read: one line, UTF-8.
  *
  * `*warning` belongs to the image and is valid until it is freed. Any thread.
  *
@@ -1087,7 +1141,7 @@ lapd_status lapd_image_get_warning(const lapd_image *image, size_t index, const 
  * labels at the voxel centres.
  *
  * - `data` points to the intensity of voxel (0, 0, 0). The voxels are copied (4 bytes each, and 2 for labels).
- * - `dims`, `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create; `strides` and `direction` may be NULL.
+ * - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create; `strides` and `direction` may be NULL.
  * - `isovalues`: `isovalue_count` values, 1 to 31, increasing. An isovalue that many voxels have exactly puts the surface through their centres; half a unit beside it is better.
  * - `labels`: as many labels as isovalues, or NULL for 1, 2, ... Label 0 is background here too, so that a range of intensities can be meshed alone.
  *
@@ -1116,12 +1170,12 @@ lapd_status lapd_image_create_gray(lapd_context *context,
  * - `maps`: `map_count` pointers, each to the value of voxel (0, 0, 0) in the map of one label. The maps are copied (4 bytes per voxel and map, and 2 for labels).
  * - `labels`: `map_count` labels, all different. Where 0, the background, is among them, values may be of any scale; else the background has what all others leave to 1, and
  *   values must not exceed 1. Values below 0 count as 0.
- * - `dims`, `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides maps may stand
+ * - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides maps may stand
  *   side by side, voxel by voxel.
  *
- * A label that is nowhere the most likely one has no voxel, and will have no tet: lapd_image_get_warning names it.
+ * A label that is nowhere the most likely one has no voxel, and will have no tet: a warning, for the log callback and lapd_image_get_warning, names it.
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for no maps, a label given twice, a value that is not finite, or above 1 without a map of label 0;
  * LAPD_ERROR_OUT_OF_MEMORY.
@@ -1139,14 +1193,16 @@ lapd_status lapd_image_create_probabilities(lapd_context *context,
 
 /**
  * Reads a scan, as lapd_image_read reads labels, and makes an image of it by isovalues, as lapd_image_create_gray does. Numbers of all types are read, scaled as the file
- * says, and rounded to single precision.
+ * says, and rounded to single precision. `path` and `world`, a lapd_world_frame, are as in lapd_image_read.
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel does not end the call.
  *
- * Errors: those of lapd_image_read and of lapd_image_create_gray; LAPD_ERROR_FORMAT for an intensity that is not finite.
+ * Errors: those of lapd_image_read, and those of lapd_image_create_gray for isovalues and labels; LAPD_ERROR_FORMAT for an intensity that is not finite, and for more
+ * than one value per voxel.
  */
 lapd_status lapd_image_read_gray(lapd_context *context,
                                  const char *path,
+                                 int32_t world,
                                  const double *isovalues,
                                  size_t isovalue_count,
                                  const int32_t *labels,
@@ -1156,16 +1212,19 @@ lapd_status lapd_image_read_gray(lapd_context *context,
  * Reads probability maps, as lapd_image_read reads labels, and makes an image of them, as lapd_image_create_probabilities does. There may be several files, and several
  * volumes in a file: a fourth axis (NIfTI, NRRD, MetaImage) or several values for each voxel (NRRD, MetaImage, INR). All volumes of all files count, in their order.
  *
- * - `paths`: `path_count` names of files. All must have the grid of the first.
- * - `labels`: `label_count` labels, as many as there are volumes; or NULL for 1, 2, ..., `label_count` is not read then.
+ * - `paths`: `path_count` names of files. All must have the grid of the first, in the frame that is asked for.
+ * - `world`: that frame, a lapd_world_frame, as in lapd_image_read.
+ * - `labels`: `label_count` labels, all different, as many as there are volumes; or NULL for 1, 2, ..., `label_count` is not read then.
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel does not end the call.
  *
- * Errors: those of lapd_image_read and of lapd_image_create_probabilities; LAPD_ERROR_FORMAT for files whose grids differ.
+ * Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT for no files, a label given twice, and not as many labels as volumes; LAPD_ERROR_FORMAT, naming the file, for
+ * files whose grids differ, and for a value that is not finite, or above 1 without a map of label 0.
  */
 lapd_status lapd_image_read_probabilities(lapd_context *context,
                                           const char *const *paths,
                                           size_t path_count,
+                                          int32_t world,
                                           const int32_t *labels,
                                           size_t label_count,
                                           lapd_image **image);
@@ -1282,9 +1341,12 @@ lapd_status lapd_params_get_facet_angle(const lapd_params *params, double *degre
 /**
  * Sets the surface model, a lapd_surface. No other thread may use `params` or the context meanwhile.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is unknown, or it is LAPD_SURFACE_VOXEL and labels are to be smoothed
+ * (lapd_params_set_sigma).
  */
-lapd_status lapd_params_set_surface(lapd_context *context, lapd_params *params, int32_t surface);
+lapd_status lapd_params_set_surface(lapd_context *context,
+                                    lapd_params *params,
+                                    int32_t surface);
 
 /**
  * The surface model, a lapd_surface. Any thread, unless another one changes `params`.
@@ -1441,8 +1503,9 @@ lapd_status lapd_params_set_optimize(lapd_context *context,
 lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimize);
 
 /**
- * Whether components and layers of a label that are thinner than the distance of samples (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so farther away (1,
- * the default), or not (0). The mesh then has as many more elements as it takes to keep them whole. No other thread may use `params` or the context meanwhile.
+ * Whether components and layers of a label that are thinner than 4/3 of the distance of samples (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so farther away (1,
+ * the default), or not (0). The mesh then has as many more elements as it takes to keep them whole. What holds cubes of 32 times the smallest side of a voxel is never thin.
+ * No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
@@ -1476,7 +1539,8 @@ lapd_status lapd_params_get_spacing_floor(const lapd_params *params,
 
 /**
  * Leaves out components of a label (after lapd_params_set_merge, of voxels joined with all 26 around them) of fewer voxels than this: they become a part of the label, or the background, that most
- * voxels around them have. lapd_mesh_get_defect lists them. 0, the default, and 1 leave out nothing. No other thread may use `params` or the context meanwhile.
+ * voxels around them have. lapd_mesh_get_defect lists them. 0, the default, and 1 leave out nothing. For images of labels only: lapd_mesh_image refuses images made of intensities or
+ * probabilities where this is 2 or more. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
@@ -1540,8 +1604,8 @@ lapd_status lapd_params_set_background_label(lapd_context *context,
 lapd_status lapd_params_get_background_label(const lapd_params *params, int32_t *label);
 
 /**
- * Sets the labels to mesh (after merging); all others count as background. A count of 0 means all labels, and `labels` may then be NULL. The
- * values are copied. No other thread may use `params` or the context meanwhile.
+ * Sets the labels to mesh (after merging); all others count as background. A count of 0 means all labels, and `labels` may then be NULL.
+ * lapd_mesh_image refuses a label that the image does not have. The values are copied. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
@@ -1564,7 +1628,7 @@ lapd_status lapd_params_get_keep(const lapd_params *params,
 
 /**
  * Sets the standard deviation of the Gaussian that smooths the labels of a coarse segmentation, in voxels along each axis of the image; 0 to 5, 0 (the default) for none. For images
- * of labels and smooth surfaces only. Voxel centres keep their labels, so that nothing thin or small is lost. No other thread may use `params` or the context meanwhile.
+ * of labels and smooth surfaces only: lapd_mesh_image refuses images made of intensities or probabilities. Voxel centres keep their labels, so that nothing thin or small is lost. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is out of range, or it is above 0 and the surface is LAPD_SURFACE_VOXEL.
  */
@@ -1663,8 +1727,8 @@ lapd_status lapd_params_get_topology(const lapd_params *params,
  * memory node, among those that the calling thread may use; more threads than cores share them. The caller's thread itself is
  * never bound. No other thread may use `params` or the context meanwhile.
  *
- * Where threads cannot be bound, lapd_mesh_image fails with LAPD_ERROR_UNSUPPORTED: on other systems than Linux, and where a
- * machine has more than 1024 processors.
+ * Where threads cannot be bound, lapd_mesh_image fails with LAPD_ERROR_UNSUPPORTED: on other systems than Linux, where a machine has more
+ * than 1024 processors, and where the calling thread may use none of them. The feature hwloc is not needed.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
@@ -1728,9 +1792,11 @@ lapd_status lapd_params_get_timeline(const lapd_params *params, int32_t *timelin
  *
  * No other thread may use the context meanwhile, but to cancel, nor change `params`.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a size is given for a label that the image does not have, or delta is so
- * coarse that no tet lies in the object; LAPD_ERROR_EMPTY_IMAGE when there is no label to mesh;
- * LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT, see lapd_params_set_partial;
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a label is to be merged, the background, kept, or of a size of its own that the image does
+ * not have, label 0 occurs beside another background, merging makes more than 65534 labels besides 0, sigma is above 0 or small components are to be left
+ * out (lapd_params_set_sigma, lapd_params_set_least_voxels) of an image made of intensities or probabilities, or delta is so coarse that no tet lies in the
+ * object; LAPD_ERROR_UNSUPPORTED when threads are to be bound to cores and cannot be, see lapd_params_set_bind; LAPD_ERROR_EMPTY_IMAGE when there is no label
+ * to mesh; LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT, see lapd_params_set_partial;
  * LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
  */
 lapd_status lapd_mesh_image(lapd_context *context,
@@ -1754,6 +1820,15 @@ lapd_status lapd_mesh_get_limit_reached(const lapd_mesh *mesh,
                                         int32_t *limit);
 
 /**
+ * Checks that lapd_mesh_write knows the end of this name, so that another one can be refused before a mesh is made for it. Nothing is opened: whether the
+ * file can be written is seen when it is. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending.
+ */
+lapd_status lapd_mesh_check_path(lapd_context *context,
+                                 const char *path);
+
+/**
  * Writes a mesh to a file; the format is told by the end of its name:
  * - .vtu: VTK XML; .vtk: VTK legacy, binary; cell array "label";
  * - .mesh: MEDIT; references of tets are labels, those of triangles stand for pairs of labels;
@@ -1770,7 +1845,7 @@ lapd_status lapd_mesh_get_limit_reached(const lapd_mesh *mesh,
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
  * be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number; LAPD_ERROR_CANCELLED
- * after lapd_context_cancel, which leaves an existing file as it is.
+ * after lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_mesh_write(lapd_context *context,
                             const lapd_mesh *mesh,
@@ -1789,7 +1864,7 @@ lapd_status lapd_mesh_write(lapd_context *context,
  * different files. The work is shared by threads as that of lapd_mesh_write.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no timeline was kept; LAPD_ERROR_IO when the file cannot be
- * written; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is.
+ * written; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_mesh_write_timeline(lapd_context *context,
                                      const lapd_mesh *mesh,

@@ -275,9 +275,10 @@ class image {
         return adopt(context, status, handle);
     }
 
-    static image read(context &context, const std::string &path) {
+    // Files may be read in another frame than their own; see lapd_world_frame.
+    static image read(context &context, const std::string &path, lapd_world_frame world = LAPD_WORLD_AS_STORED) {
         lapd_image *handle = nullptr;
-        lapd_status status = lapd_image_read(context.get(), path.c_str(), &handle);
+        lapd_status status = lapd_image_read(context.get(), path.c_str(), world, &handle);
         return adopt(context, status, handle);
     }
 
@@ -293,11 +294,12 @@ class image {
         return adopt(context, status, handle);
     }
     static image read_gray(context &context, const std::string &path, const std::vector<double> &isovalues,
-                           const std::vector<std::int32_t> &labels = {}) {
+                           const std::vector<std::int32_t> &labels = {},
+                           lapd_world_frame world = LAPD_WORLD_AS_STORED) {
         check_count(labels, isovalues.size(), "isovalues");
         lapd_image *handle = nullptr;
-        lapd_status status = lapd_image_read_gray(context.get(), path.c_str(), isovalues.data(), isovalues.size(),
-                                                  labels.empty() ? nullptr : labels.data(), &handle);
+        lapd_status status = lapd_image_read_gray(context.get(), path.c_str(), world, isovalues.data(),
+                                                  isovalues.size(), labels.empty() ? nullptr : labels.data(), &handle);
         return adopt(context, status, handle);
     }
 
@@ -314,13 +316,14 @@ class image {
     }
     // All volumes of all files; without labels these are 1, 2, ...
     static image read_probabilities(context &context, const std::vector<std::string> &paths,
-                                    const std::vector<std::int32_t> &labels = {}) {
+                                    const std::vector<std::int32_t> &labels = {},
+                                    lapd_world_frame world = LAPD_WORLD_AS_STORED) {
         std::vector<const char *> names;
         for (const std::string &path : paths)
             names.push_back(path.c_str());
         lapd_image *handle = nullptr;
         lapd_status status =
-            lapd_image_read_probabilities(context.get(), names.data(), names.size(),
+            lapd_image_read_probabilities(context.get(), names.data(), names.size(), world,
                                           labels.empty() ? nullptr : labels.data(), labels.size(), &handle);
         return adopt(context, status, handle);
     }
@@ -348,6 +351,11 @@ class image {
         std::array<double, 9> values{};
         detail::check(lapd_image_get_direction(get(), values.data()));
         return values;
+    }
+    lapd_world_axes world_axes() const {
+        std::int32_t axes = LAPD_AXES_UNKNOWN;
+        detail::check(lapd_image_get_world_axes(get(), &axes));
+        return static_cast<lapd_world_axes>(axes);
     }
     span<std::int32_t> labels() const {
         const std::int32_t *data = nullptr;
@@ -616,6 +624,11 @@ class mesh {
         mesh made(handle);
         context.check(handle != nullptr ? LAPD_OK : status);
         return made;
+    }
+
+    // Throws for a name that write() would not take for its ending, before there is a mesh.
+    static void check_path(context &context, const std::string &path) {
+        context.check(lapd_mesh_check_path(context.get(), path.c_str()));
     }
 
     // Takes over a handle.

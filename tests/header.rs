@@ -1,8 +1,9 @@
 //! `include/lapd.h` is generated from `src/capi` and committed; this test fails when it is stale. Its documentation says of every
-//! function what a caller must know, and `include/lapd.hpp` uses all of them.
+//! function what a caller must know and names nothing that is not there, and `include/lapd.hpp` uses all functions.
 //!
 //! To bring it up to date: `LAPD_UPDATE_HEADER=1 cargo test --test header`.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 /// In the order of the header.
@@ -49,7 +50,8 @@ fn generate(root: &Path) -> String {
     }
     let mut header = Vec::new();
     builder.generate().expect("src/capi can be parsed").write(&mut header);
-    String::from_utf8(header).expect("the header is UTF-8")
+    // cbindgen writes the cast without the parentheses that a macro needs.
+    String::from_utf8(header).expect("the header is UTF-8").replace(" (size_t)-1\n", " ((size_t)-1)\n")
 }
 
 #[test]
@@ -87,8 +89,49 @@ fn every_exported_function_and_constant_is_in_the_header() {
             let name = constant.split(':').next().expect("a type follows");
             assert!(header.contains(&format!("#define {name} ")), "{name} is not in the header");
         }
+        // It leaves out enums that no function names, too, because they are passed as int32_t.
+        for item in source.split("\npub enum ").skip(1) {
+            let name = item.split(' ').next().expect("a name follows");
+            assert!(header.contains(&format!("}} {name};")), "{name} is not in the header: cbindgen.toml must list it");
+        }
     }
     assert!(exported > 50, "only {exported} exported functions found");
+}
+
+/// The comments of a header, and the rest.
+fn comments_and_code(header: &str) -> (String, String) {
+    let (mut comments, mut code) = (String::new(), String::new());
+    let mut rest = header;
+    while let Some((before, after)) = rest.split_once("/*") {
+        let (comment, behind) = after.split_once("*/").expect("comments end");
+        code += before;
+        comments += comment;
+        rest = behind;
+    }
+    (comments, code + rest)
+}
+
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    text.split(|c: char| !c.is_ascii_alphanumeric() && c != '_').filter(|word| !word.is_empty())
+}
+
+#[test]
+fn comments_name_what_is_declared() {
+    let header = generate(Path::new(env!("CARGO_MANIFEST_DIR")));
+    let (comments, code) = comments_and_code(&header);
+    let declared: HashSet<&str> = words(&code).collect();
+    let mut named = 0;
+    for word in words(&comments).filter(|word| word.starts_with("lapd_") || word.starts_with("LAPD_")) {
+        // "lapd_params_set_..." and "lapd_params_set_*" stand for all that begin so.
+        let known = match word.ends_with('_') {
+            true => declared.iter().any(|name| name.starts_with(word)),
+            false => declared.contains(word),
+        };
+        // What lapd_status_name says of a number that is no status.
+        assert!(known || word == "LAPD_UNKNOWN_STATUS", "a comment names {word}, which the header does not declare");
+        named += 1;
+    }
+    assert!(named > 200, "only {named} names found in comments");
 }
 
 /// The functions of the header: the text before each, in one line, and its declaration.
@@ -150,7 +193,7 @@ fn lapd_hpp_uses_every_function() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let header = generate(root);
     let hpp = std::fs::read_to_string(root.join("include/lapd.hpp")).unwrap();
-    let used: std::collections::HashSet<&str> = hpp.split(|c: char| !c.is_ascii_alphanumeric() && c != '_').collect();
+    let used: HashSet<&str> = words(&hpp).collect();
     // Views make copies of arrays a matter of the standard library.
     let wanted = functions(&header)
         .into_iter()

@@ -123,7 +123,7 @@ CGAL::Image_3 load_image(const std::string& path) {
   check(lapd_context_create(&opened), nullptr);
   const std::unique_ptr<lapd_context, decltype(&lapd_context_free)> context(opened, lapd_context_free);
   lapd_image* read = nullptr;
-  check(lapd_image_read(context.get(), path.c_str(), &read), context.get());
+  check(lapd_image_read(context.get(), path.c_str(), LAPD_WORLD_AS_STORED, &read), context.get());
   const std::unique_ptr<lapd_image, decltype(&lapd_image_free)> image(read, lapd_image_free);
   std::array<std::size_t, 3> dims;
   std::array<double, 3> spacing;

@@ -99,7 +99,7 @@ lapd_image *Meshing::make_image(const std::string &name) const {
                                   spacing.data(), name == "turned" ? turn : nullptr, &image));
         return image;
     }
-    require(lapd_image_read(context_.get(), image_path(name).c_str(), &image));
+    require(lapd_image_read(context_.get(), image_path(name).c_str(), LAPD_WORLD_AS_STORED, &image));
     return image;
 }
 

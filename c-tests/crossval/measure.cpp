@@ -56,8 +56,8 @@ struct Image {
     explicit Image(const std::string &path) {
         lapd_context *context = nullptr;
         lapd_image *image = nullptr;
-        bool good =
-            lapd_context_create(&context) == LAPD_OK && lapd_image_read(context, path.c_str(), &image) == LAPD_OK;
+        bool good = lapd_context_create(&context) == LAPD_OK &&
+                    lapd_image_read(context, path.c_str(), LAPD_WORLD_AS_STORED, &image) == LAPD_OK;
         good = good && lapd_image_get_dims(image, dims.data()) == LAPD_OK &&
                lapd_image_get_origin(image, origin.data()) == LAPD_OK;
         good = good && lapd_image_get_spacing(image, spacing.data()) == LAPD_OK;

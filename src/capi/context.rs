@@ -275,8 +275,9 @@ pub unsafe extern "C" fn lapd_context_set_log(
 
 /// Asks the run of this context to end, or the writing of a mesh with it; the call returns LAPD_ERROR_CANCELLED within 100 ms, as long
 /// as the run holds less than some 500 MB: the system takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk
-/// when a file is complete, comes on top. The request stays until lapd_context_reset_cancel: without a call under way, the next one
-/// ends at once, so that no request is ever lost.
+/// when a file is complete, comes on top. The calls that obey are lapd_mesh_image, lapd_mesh_write and lapd_mesh_write_timeline; all
+/// others, those that make or read an image too, run to their end. The request stays until lapd_context_reset_cancel: without a call
+/// under way that obeys, the next one ends at once, so that no request is ever lost.
 ///
 /// May be called from any thread at any time in the life of the context, from its callbacks, and from a signal handler.
 ///

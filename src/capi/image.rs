@@ -7,15 +7,18 @@ use glam::DMat3;
 
 use super::boundary::{Failure, Out, Outcome, array, borrow, c_str, check_buffer, slice, status_of, value_or};
 use super::context::{lapd_context, lapd_log_level, with_context};
+use super::params::unknown;
 use super::status::lapd_status;
-use crate::image::readers::read_image;
+use crate::image::readers::{ReadOptions, WorldAxes, WorldFrame, read_image_with};
 use crate::image::{Frame, LabelImage, Voxels};
 
 /// A label image: a grid of integer labels, and its place in the world. Label 0 is the background. Never changes after it was
 /// made, so any number of threads may use it at once.
 pub struct lapd_image {
     pub(super) image: LabelImage,
-    pub(super) warnings: Vec<CString>,
+    /// As far as a file said.
+    world: Option<WorldAxes>,
+    warnings: Vec<CString>,
 }
 
 /// Type of the voxels in a caller's buffer.
@@ -38,6 +41,55 @@ pub enum lapd_voxel_type {
     LAPD_VOXEL_U64 = 6,
     /// int64_t; labels must fit int32_t
     LAPD_VOXEL_I64 = 7,
+}
+
+/// The frame of world coordinates that an image from a file, and so its mesh, is to have. LPS and RAS differ by a half turn about z: x and y
+/// change their signs.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_world_frame {
+    /// Coordinates as the file gives them: RAS for NIfTI, LPS for MetaImage, what `space` says for NRRD; INRIMAGE does not say.
+    LAPD_WORLD_AS_STORED = 0,
+    /// x, y, z grow towards the patient's left, posterior, superior: DICOM, ITK.
+    LAPD_WORLD_LPS = 1,
+    /// x, y, z grow towards the patient's right, anterior, superior: NIfTI, 3D Slicer.
+    LAPD_WORLD_RAS = 2,
+}
+
+/// What the world axes of an image mean in the patient.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_world_axes {
+    /// The image comes from memory, or from a file that does not say.
+    LAPD_AXES_UNKNOWN = 0,
+    /// Left, posterior, superior.
+    LAPD_AXES_LPS = 1,
+    /// Right, anterior, superior.
+    LAPD_AXES_RAS = 2,
+    /// Left, anterior, superior: some NRRD files, as stored.
+    LAPD_AXES_LAS = 3,
+}
+
+impl From<Option<WorldAxes>> for lapd_world_axes {
+    fn from(world: Option<WorldAxes>) -> Self {
+        match world {
+            None => Self::LAPD_AXES_UNKNOWN,
+            Some(WorldAxes::Lps) => Self::LAPD_AXES_LPS,
+            Some(WorldAxes::Ras) => Self::LAPD_AXES_RAS,
+            Some(WorldAxes::Las) => Self::LAPD_AXES_LAS,
+        }
+    }
+}
+
+/// How to read, by a caller's `world`.
+pub(super) fn read_options(world: i32) -> Outcome<ReadOptions> {
+    let world = match world {
+        w if w == lapd_world_frame::LAPD_WORLD_AS_STORED as i32 => WorldFrame::AsStored,
+        w if w == lapd_world_frame::LAPD_WORLD_LPS as i32 => WorldFrame::Lps,
+        w if w == lapd_world_frame::LAPD_WORLD_RAS as i32 => WorldFrame::Ras,
+        _ => return Err(unknown("world", "a lapd_world_frame", world)),
+    };
+    Ok(ReadOptions { world })
 }
 
 impl lapd_voxel_type {
@@ -71,18 +123,20 @@ fn extent(dims: [usize; 3], strides: [isize; 3]) -> Option<(usize, usize)> {
     Some((before, before.checked_add(after)?.checked_add(1)?))
 }
 
-/// As [`extent`], with a failure for what does not fit in memory; and the strides, which for NULL are those of packed voxels.
+/// As [`extent`], with a failure for more voxels than u32 can number and for what does not fit in memory; and the strides, which for NULL are those of packed voxels.
 pub(super) fn strided(dims: [usize; 3], strides: Option<[isize; 3]>) -> Outcome<(usize, usize, [isize; 3])> {
     if let Some(axis) = dims.iter().position(|&n| n == 0) {
         return Err(Failure::invalid(format!("dims[{axis}] must be at least 1, got 0")));
     }
-    let too_large = || Failure::invalid(format!("an image of {dims:?} voxels does not fit in memory"));
+    let too_large = || Failure::invalid(format!("an image of {dims:?} voxels is too large: at most 2^32 - 1 voxels"));
     let voxels = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or_else(too_large)?;
-    if voxels > isize::MAX as usize {
+    // The second of these is the smaller one where addresses have 32 bits.
+    if u32::try_from(voxels).is_err() || voxels > isize::MAX as usize {
         return Err(too_large());
     }
     let strides = strides.unwrap_or([1, dims[0] as isize, (dims[0] * dims[1]) as isize]);
-    let (before, count) = extent(dims, strides).ok_or_else(too_large)?;
+    let (before, count) = extent(dims, strides)
+        .ok_or_else(|| Failure::invalid(format!("strides {strides:?} of {dims:?} voxels do not fit in memory")))?;
     Ok((before, count, strides))
 }
 
@@ -140,7 +194,7 @@ unsafe fn copy_voxels(
 /// changed as soon as the call returns.
 ///
 /// - `data` points to voxel (0, 0, 0), aligned for its type, which `voxel_type` (a lapd_voxel_type) names.
-/// - `dims`: 3 values, voxels along x, y, z; at least 1 each.
+/// - `dims`: 3 values, voxels along x, y, z; at least 1 each, and at most 2^32 - 1 voxels in all.
 /// - `strides`: 3 values, the distance from a voxel to the next one along x, y, z, counted in elements (not bytes); negative ones
 ///   are allowed. NULL means packed, x fastest: 1, dims[0], dims[0] * dims[1].
 /// - `origin`: 3 values, the world position of the centre of voxel (0, 0, 0).
@@ -154,8 +208,8 @@ unsafe fn copy_voxels(
 /// The caller owns `*image` and frees it with lapd_image_free. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer other than `strides` and `direction` is NULL, for an unknown voxel type, a
-/// dimension of 0, dimensions or strides beyond the address space, a spacing not above 0, a value that is not finite, axes that
-/// are sheared, a label that does not fit int32_t, more than 65535 labels; LAPD_ERROR_OUT_OF_MEMORY.
+/// dimension of 0, more than 2^32 - 1 voxels, strides beyond the address space, a spacing not above 0, a value that is not finite, axes that
+/// are sheared, a label that does not fit int32_t, more than 65534 labels besides 0; LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_create(
     context: *mut lapd_context,
@@ -177,16 +231,16 @@ pub unsafe extern "C" fn lapd_image_create(
             let strides = strides_of(strides)?;
             let frame = frame_of(origin, spacing, direction)?;
             let image = copy_voxels(data, voxel_type, dims, strides, frame)?;
-            out.set(handle(image, Vec::new()));
+            out.set(handle(image, None, Vec::new()));
             Ok(())
         })
     }
 }
 
 /// What the caller owns; warnings with a zero byte, of which C has no string, are left out.
-pub(super) fn handle(image: LabelImage, warnings: Vec<String>) -> *mut lapd_image {
+pub(super) fn handle(image: LabelImage, world: Option<WorldAxes>, warnings: Vec<String>) -> *mut lapd_image {
     let warnings = warnings.into_iter().filter_map(|line| CString::new(line).ok()).collect();
-    Box::into_raw(Box::new(lapd_image { image, warnings }))
+    Box::into_raw(Box::new(lapd_image { image, world, warnings }))
 }
 
 /// Hands warnings to the log.
@@ -210,27 +264,31 @@ fn rows_to_matrix(rows: [f64; 9]) -> DMat3 {
 
 /// Reads an image file; its format is told by the end of its name: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz.
 ///
-/// `path` is UTF-8; on Unix any bytes that name a file are taken. What a file says ambiguously goes to the log callback, and is
-/// kept with the image (lapd_image_warning).
+/// `path` is UTF-8; on Unix any bytes that name a file are taken. `world` is the frame that the image is to have, a lapd_world_frame. The
+/// coordinates of a file that does not say its own stay as stored, with a warning; lapd_image_get_world_axes tells what the axes of the
+/// image mean. What a file says ambiguously goes to the log callback, and is kept with the image (lapd_image_get_warning).
 ///
-/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel
+/// does not end the call.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_IO when the file cannot be read; LAPD_ERROR_FORMAT
-/// when it is not a valid image, or cut off; LAPD_ERROR_UNSUPPORTED for what the format allows but this version does not read;
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `world` is unknown, or no format has this ending; LAPD_ERROR_IO when
+/// the file cannot be read; LAPD_ERROR_FORMAT when it is not a valid image, is cut off, or uses what this version does not read;
 /// LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_read(
     context: *mut lapd_context,
     path: *const c_char,
+    world: i32,
     image: *mut *mut lapd_image,
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         with_context(context, |context| {
             let out = Out::new(image, "image")?;
-            let read = read_image(to_path(c_str(path, "path")?)?)?;
+            let path = to_path(c_str(path, "path")?)?;
+            let read = read_image_with(path, &read_options(world)?)?;
             tell(context, &read.warnings);
-            out.set(handle(read.image, read.warnings));
+            out.set(handle(read.image, read.world, read.warnings));
             Ok(())
         })
     }
@@ -311,6 +369,20 @@ pub unsafe extern "C" fn lapd_image_get_direction(image: *const lapd_image, dire
     })
 }
 
+/// What the world axes of the image mean, a lapd_world_axes: those of the frame that its file was read in. LAPD_AXES_UNKNOWN for images made from
+/// memory, and for files that do not say. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_get_world_axes(image: *const lapd_image, axes: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(axes, "axes")?;
+        out.set(lapd_world_axes::from(borrow(image, "image")?.world) as i32);
+        Ok(())
+    })
+}
+
 /// The labels of the image other than 0, in increasing order, and how many they are.
 ///
 /// `*labels` belongs to the image and is valid until it is freed; with a count of 0 it must not be read. Any thread.
@@ -355,7 +427,7 @@ pub unsafe extern "C" fn lapd_image_copy_voxels(
     })
 }
 
-/// The number of warnings that reading the image's file gave. Any thread.
+/// The number of warnings that came up when the image was made or read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -368,7 +440,7 @@ pub unsafe extern "C" fn lapd_image_get_warning_count(image: *const lapd_image, 
     })
 }
 
-/// Warning `index` (from 0) that reading the image's file gave: one line, UTF-8.
+/// Warning `index` (from 0) that came up when the image was made or read: one line, UTF-8.
 ///
 /// `*warning` belongs to the image and is valid until it is freed. Any thread.
 ///
@@ -391,7 +463,7 @@ pub unsafe extern "C" fn lapd_image_get_warning(
 
 #[cfg(test)]
 mod tests {
-    use super::extent;
+    use super::{extent, strided};
 
     #[test]
     fn extent_of_strided_images() {
@@ -399,5 +471,17 @@ mod tests {
         assert_eq!(extent([4, 3, 2], [-1, 4, -12]), Some((15, 24)));
         assert_eq!(extent([1, 1, 1], [isize::MIN, 0, 0]), Some((0, 1)));
         assert_eq!(extent([3, 1, 1], [isize::MIN, 0, 0]), None);
+    }
+
+    #[test]
+    fn more_voxels_than_have_a_number_are_refused() {
+        assert_eq!(strided([1, 1, u32::MAX as usize], Some([0; 3])).unwrap(), (0, 1, [0; 3]));
+        let message = |dims| strided(dims, Some([0; 3])).unwrap_err().message;
+        assert_eq!(
+            message([1 << 16, 1 << 16, 1]),
+            "an image of [65536, 65536, 1] voxels is too large: at most 2^32 - 1 voxels"
+        );
+        assert!(message([usize::MAX, 2, 1]).ends_with("at most 2^32 - 1 voxels"));
+        assert!(strided([3, 1, 1], Some([isize::MIN, 0, 0])).unwrap_err().message.starts_with("strides [-"));
     }
 }

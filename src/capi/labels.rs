@@ -94,8 +94,8 @@ pub unsafe extern "C" fn lapd_params_get_background_label(params: *const lapd_pa
     unsafe { read(params, label, "label", |p| p.background_label) }
 }
 
-/// Sets the labels to mesh (after merging); all others count as background. A count of 0 means all labels, and `labels` may then be NULL. The
-/// values are copied. No other thread may use `params` or the context meanwhile.
+/// Sets the labels to mesh (after merging); all others count as background. A count of 0 means all labels, and `labels` may then be NULL.
+/// lapd_mesh_image refuses a label that the image does not have. The values are copied. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
@@ -137,7 +137,7 @@ pub unsafe extern "C" fn lapd_params_get_keep(
 }
 
 /// Sets the standard deviation of the Gaussian that smooths the labels of a coarse segmentation, in voxels along each axis of the image; 0 to 5, 0 (the default) for none. For images
-/// of labels and smooth surfaces only. Voxel centres keep their labels, so that nothing thin or small is lost. No other thread may use `params` or the context meanwhile.
+/// of labels and smooth surfaces only: lapd_mesh_image refuses images made of intensities or probabilities. Voxel centres keep their labels, so that nothing thin or small is lost. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is out of range, or it is above 0 and the surface is LAPD_SURFACE_VOXEL.
 #[unsafe(no_mangle)]

@@ -7,7 +7,7 @@ use super::context::{lapd_context, with_context};
 use super::image::to_path;
 use super::pool::{processors, with_pool};
 use super::status::lapd_status;
-use crate::io::{write_mesh_watching, write_timeline};
+use crate::io::{MeshFormat, write_mesh_watching, write_timeline};
 use crate::mesh::TetMesh;
 use crate::mesher::Meshing;
 
@@ -51,6 +51,21 @@ pub unsafe extern "C" fn lapd_mesh_get_limit_reached(mesh: *const lapd_mesh, lim
     })
 }
 
+/// Checks that lapd_mesh_write knows the end of this name, so that another one can be refused before a mesh is made for it. Nothing is opened: whether the
+/// file can be written is seen when it is. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_check_path(context: *mut lapd_context, path: *const c_char) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |_| {
+            MeshFormat::from_path(to_path(c_str(path, "path")?)?)?;
+            Ok(())
+        })
+    }
+}
+
 /// Writes a mesh to a file; the format is told by the end of its name:
 /// - .vtu: VTK XML; .vtk: VTK legacy, binary; cell array "label";
 /// - .mesh: MEDIT; references of tets are labels, those of triangles stand for pairs of labels;
@@ -67,7 +82,7 @@ pub unsafe extern "C" fn lapd_mesh_get_limit_reached(mesh: *const lapd_mesh, lim
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
 /// be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number; LAPD_ERROR_CANCELLED
-/// after lapd_context_cancel, which leaves an existing file as it is.
+/// after lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_write(
     context: *mut lapd_context,
@@ -98,7 +113,7 @@ pub unsafe extern "C" fn lapd_mesh_write(
 /// different files. The work is shared by threads as that of lapd_mesh_write.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no timeline was kept; LAPD_ERROR_IO when the file cannot be
-/// written; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is.
+/// written; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_write_timeline(
     context: *mut lapd_context,

@@ -297,7 +297,8 @@ pub unsafe extern "C" fn lapd_params_get_facet_angle(params: *const lapd_params,
 
 /// Sets the surface model, a lapd_surface. No other thread may use `params` or the context meanwhile.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is unknown, or it is LAPD_SURFACE_VOXEL and labels are to be smoothed
+/// (lapd_params_set_sigma).
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_set_surface(
     context: *mut lapd_context,

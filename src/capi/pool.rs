@@ -10,6 +10,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use super::boundary::{Failure, Outcome};
 use super::status::lapd_status;
 use crate::panics::silently;
+use crate::sync::STACK;
 
 /// Runs `f` on the caller's thread with a pool of `threads` workers (at least 1), which are gone when this returns.
 pub(super) fn with_pool<T>(threads: usize, f: impl FnOnce(&ThreadPool) -> T) -> Outcome<T> {
@@ -18,7 +19,7 @@ pub(super) fn with_pool<T>(threads: usize, f: impl FnOnce(&ThreadPool) -> T) -> 
         let pool = ThreadPoolBuilder::new()
             .num_threads(threads)
             .spawn_handler(|worker| {
-                let builder = thread::Builder::new().name(format!("lapd-{}", worker.index()));
+                let builder = thread::Builder::new().name(format!("lapd-{}", worker.index())).stack_size(STACK);
                 workers.push(builder.spawn_scoped(scope, || silently(|| worker.run()))?);
                 Ok(())
             })

@@ -20,7 +20,7 @@ pub struct lapd_counts {
     pub tissue_tets: u64,
     /// Facets between two labels.
     pub interface_facets: u64,
-    /// Vertices of the whole triangulation, when refinement ended.
+    /// Vertices of the whole triangulation, when refinement ended, the corners of the box around it included.
     pub all_vertices: u64,
     /// Tets of the whole triangulation, when refinement ended.
     pub all_tets: u64,

@@ -17,7 +17,7 @@ pub enum lapd_status {
     LAPD_ERROR_UNSUPPORTED = 2,
     /// A file could not be opened, read or written.
     LAPD_ERROR_IO = 3,
-    /// A file was read, but it holds no valid image of its format.
+    /// A file was read, but it holds no valid image of its format, or uses what this version does not read.
     LAPD_ERROR_FORMAT = 4,
     /// The image holds no label to mesh.
     LAPD_ERROR_EMPTY_IMAGE = 5,
@@ -88,7 +88,7 @@ impl lapd_status {
             LAPD_ERROR_INVALID_ARGUMENT => c"an argument is NULL, out of its range, or not a value of its enum",
             LAPD_ERROR_UNSUPPORTED => c"not supported by this version of lapd",
             LAPD_ERROR_IO => c"a file could not be opened, read or written",
-            LAPD_ERROR_FORMAT => c"the file holds no valid image of its format",
+            LAPD_ERROR_FORMAT => c"the file holds no valid image of its format, or one that this version does not read",
             LAPD_ERROR_EMPTY_IMAGE => c"the image holds no label to mesh",
             LAPD_ERROR_LIMIT_REACHED => c"the limit of vertices, or one of the library's own, was reached",
             LAPD_ERROR_CANCELLED => c"cancelled",

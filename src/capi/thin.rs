@@ -4,8 +4,9 @@ use super::context::lapd_context;
 use super::params::{change, flag, lapd_params, read};
 use super::status::lapd_status;
 
-/// Whether components and layers of a label that are thinner than the distance of samples (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so farther away (1,
-/// the default), or not (0). The mesh then has as many more elements as it takes to keep them whole. No other thread may use `params` or the context meanwhile.
+/// Whether components and layers of a label that are thinner than 4/3 of the distance of samples (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so farther away (1,
+/// the default), or not (0). The mesh then has as many more elements as it takes to keep them whole. What holds cubes of 32 times the smallest side of a voxel is never thin.
+/// No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]
@@ -63,7 +64,8 @@ pub unsafe extern "C" fn lapd_params_get_spacing_floor(
 }
 
 /// Leaves out components of a label (after lapd_params_set_merge, of voxels joined with all 26 around them) of fewer voxels than this: they become a part of the label, or the background, that most
-/// voxels around them have. lapd_mesh_get_defect lists them. 0, the default, and 1 leave out nothing. No other thread may use `params` or the context meanwhile.
+/// voxels around them have. lapd_mesh_get_defect lists them. 0, the default, and 1 leave out nothing. For images of labels only: lapd_mesh_image refuses images made of intensities or
+/// probabilities where this is 2 or more. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]

@@ -203,8 +203,8 @@ pub unsafe extern "C" fn lapd_params_get_topology(
 /// memory node, among those that the calling thread may use; more threads than cores share them. The caller's thread itself is
 /// never bound. No other thread may use `params` or the context meanwhile.
 ///
-/// Where threads cannot be bound, lapd_mesh_image fails with LAPD_ERROR_UNSUPPORTED: on other systems than Linux, and where a
-/// machine has more than 1024 processors.
+/// Where threads cannot be bound, lapd_mesh_image fails with LAPD_ERROR_UNSUPPORTED: on other systems than Linux, where a machine has more
+/// than 1024 processors, and where the calling thread may use none of them. The feature hwloc is not needed.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]

@@ -7,13 +7,12 @@ use std::path::Path;
 
 use super::boundary::{Failure, Out, Outcome, array, c_str, slice};
 use super::context::{lapd_context, with_context};
-use super::image::{frame_of, handle, lapd_image, strided, strides_of, tell, to_path};
+use super::image::{frame_of, handle, lapd_image, read_options, strided, strides_of, tell, to_path};
 use super::status::lapd_status;
-use crate::image::readers::ReadOptions;
 use crate::image::readers::values::{read_gray, read_probabilities};
 use crate::image::{GrayImage, LabelImage, ProbabilityImage};
 
-/// Copies the numbers of a strided volume, x fastest.
+/// Copies the numbers of a strided volume, x fastest. Nothing is reserved for a volume that is too large.
 ///
 /// # Safety
 /// `data` is NULL or points to voxel (0, 0, 0) of a volume with these dimensions and strides.
@@ -67,7 +66,7 @@ fn likeliest(probabilities: &ProbabilityImage, warnings: &mut Vec<String>) -> Ou
 /// labels at the voxel centres.
 ///
 /// - `data` points to the intensity of voxel (0, 0, 0). The voxels are copied (4 bytes each, and 2 for labels).
-/// - `dims`, `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create; `strides` and `direction` may be NULL.
+/// - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create; `strides` and `direction` may be NULL.
 /// - `isovalues`: `isovalue_count` values, 1 to 31, increasing. An isovalue that many voxels have exactly puts the surface through their centres; half a unit beside it is better.
 /// - `labels`: as many labels as isovalues, or NULL for 1, 2, ... Label 0 is background here too, so that a range of intensities can be meshed alone.
 ///
@@ -99,7 +98,7 @@ pub unsafe extern "C" fn lapd_image_create_gray(
             let isovalues = slice(isovalues, isovalue_count, "isovalues")?;
             let labels = optional_labels(labels, isovalue_count)?;
             let gray = GrayImage::new(dims, frame, copy_numbers(data, dims, strides, "data")?)?;
-            out.set(handle(gray.label_image(isovalues, labels)?, Vec::new()));
+            out.set(handle(gray.label_image(isovalues, labels)?, None, Vec::new()));
             Ok(())
         })
     }
@@ -112,12 +111,12 @@ pub unsafe extern "C" fn lapd_image_create_gray(
 /// - `maps`: `map_count` pointers, each to the value of voxel (0, 0, 0) in the map of one label. The maps are copied (4 bytes per voxel and map, and 2 for labels).
 /// - `labels`: `map_count` labels, all different. Where 0, the background, is among them, values may be of any scale; else the background has what all others leave to 1, and
 ///   values must not exceed 1. Values below 0 count as 0.
-/// - `dims`, `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides maps may stand
+/// - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides maps may stand
 ///   side by side, voxel by voxel.
 ///
-/// A label that is nowhere the most likely one has no voxel, and will have no tet: lapd_image_get_warning names it.
+/// A label that is nowhere the most likely one has no voxel, and will have no tet: a warning, for the log callback and lapd_image_get_warning, names it.
 ///
-/// The caller owns `*image` and frees it with lapd_image_free. Any thread.
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for no maps, a label given twice, a value that is not finite, or above 1 without a map of label 0;
 /// LAPD_ERROR_OUT_OF_MEMORY.
@@ -136,7 +135,7 @@ pub unsafe extern "C" fn lapd_image_create_probabilities(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        with_context(context, |_| {
+        with_context(context, |context| {
             let out = Out::new(image, "image")?;
             let maps = slice(maps, map_count, "maps")?;
             let labels = slice(labels, map_count, "labels")?;
@@ -148,22 +147,25 @@ pub unsafe extern "C" fn lapd_image_create_probabilities(
             let probabilities = ProbabilityImage::new(dims, frame, copied.collect::<Outcome<_>>()?, labels)?;
             let mut warnings = Vec::new();
             let image = likeliest(&probabilities, &mut warnings)?;
-            out.set(handle(image, warnings));
+            tell(context, &warnings);
+            out.set(handle(image, None, warnings));
             Ok(())
         })
     }
 }
 
 /// Reads a scan, as lapd_image_read reads labels, and makes an image of it by isovalues, as lapd_image_create_gray does. Numbers of all types are read, scaled as the file
-/// says, and rounded to single precision.
+/// says, and rounded to single precision. `path` and `world`, a lapd_world_frame, are as in lapd_image_read.
 ///
-/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel does not end the call.
 ///
-/// Errors: those of lapd_image_read and of lapd_image_create_gray; LAPD_ERROR_FORMAT for an intensity that is not finite.
+/// Errors: those of lapd_image_read, and those of lapd_image_create_gray for isovalues and labels; LAPD_ERROR_FORMAT for an intensity that is not finite, and for more
+/// than one value per voxel.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_read_gray(
     context: *mut lapd_context,
     path: *const c_char,
+    world: i32,
     isovalues: *const f64,
     isovalue_count: usize,
     labels: *const i32,
@@ -174,12 +176,13 @@ pub unsafe extern "C" fn lapd_image_read_gray(
         with_context(context, |context| {
             let out = Out::new(image, "image")?;
             let path = to_path(c_str(path, "path")?)?;
+            let options = read_options(world)?;
             let isovalues = slice(isovalues, isovalue_count, "isovalues")?;
             let labels = optional_labels(labels, isovalue_count)?;
-            let read = read_gray(path, &ReadOptions::default())?;
+            let read = read_gray(path, &options)?;
             let image = read.image.label_image(isovalues, labels)?;
             tell(context, &read.warnings);
-            out.set(handle(image, read.warnings));
+            out.set(handle(image, read.world, read.warnings));
             Ok(())
         })
     }
@@ -188,17 +191,20 @@ pub unsafe extern "C" fn lapd_image_read_gray(
 /// Reads probability maps, as lapd_image_read reads labels, and makes an image of them, as lapd_image_create_probabilities does. There may be several files, and several
 /// volumes in a file: a fourth axis (NIfTI, NRRD, MetaImage) or several values for each voxel (NRRD, MetaImage, INR). All volumes of all files count, in their order.
 ///
-/// - `paths`: `path_count` names of files. All must have the grid of the first.
-/// - `labels`: `label_count` labels, as many as there are volumes; or NULL for 1, 2, ..., `label_count` is not read then.
+/// - `paths`: `path_count` names of files. All must have the grid of the first, in the frame that is asked for.
+/// - `world`: that frame, a lapd_world_frame, as in lapd_image_read.
+/// - `labels`: `label_count` labels, all different, as many as there are volumes; or NULL for 1, 2, ..., `label_count` is not read then.
 ///
-/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel does not end the call.
 ///
-/// Errors: those of lapd_image_read and of lapd_image_create_probabilities; LAPD_ERROR_FORMAT for files whose grids differ.
+/// Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT for no files, a label given twice, and not as many labels as volumes; LAPD_ERROR_FORMAT, naming the file, for
+/// files whose grids differ, and for a value that is not finite, or above 1 without a map of label 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_read_probabilities(
     context: *mut lapd_context,
     paths: *const *const c_char,
     path_count: usize,
+    world: i32,
     labels: *const i32,
     label_count: usize,
     image: *mut *mut lapd_image,
@@ -211,11 +217,12 @@ pub unsafe extern "C" fn lapd_image_read_probabilities(
             let paths: Vec<&CStr> =
                 paths.map(|(n, &path)| c_str(path, &format!("paths[{n}]"))).collect::<Outcome<_>>()?;
             let paths: Vec<&Path> = paths.into_iter().map(to_path).collect::<Outcome<_>>()?;
+            let options = read_options(world)?;
             let labels = optional_labels(labels, label_count)?;
-            let mut read = read_probabilities(&paths, labels, &ReadOptions::default())?;
+            let mut read = read_probabilities(&paths, labels, &options)?;
             let image = likeliest(&read.image, &mut read.warnings)?;
             tell(context, &read.warnings);
-            out.set(handle(image, read.warnings));
+            out.set(handle(image, read.world, read.warnings));
             Ok(())
         })
     }

@@ -29,28 +29,29 @@ impl ProbabilityImage {
     /// [`Error::InvalidArgument`]: no maps, or not as many as labels; a label given twice; a map whose size differs; a value that is not finite, or above 1 where that is what the
     /// background is taken from.
     pub fn new(dims: [usize; 3], frame: Frame, maps: Vec<Vec<f32>>, labels: &[i32]) -> Result<Self> {
-        let invalid = |message: String| Err(Error::InvalidArgument(message));
+        Self::with_source(dims, frame, maps, labels, |_, error| error)
+    }
+
+    /// As [`Self::new`]; `of_source` makes the error of a map, given by its number, that of where it comes from.
+    pub(super) fn with_source(
+        dims: [usize; 3],
+        frame: Frame,
+        maps: Vec<Vec<f32>>,
+        labels: &[i32],
+        of_source: impl Fn(usize, Error) -> Error,
+    ) -> Result<Self> {
         if maps.is_empty() || maps.len() != labels.len() {
-            return invalid(format!(
+            return Err(Error::InvalidArgument(format!(
                 "as many probability maps as labels are needed, at least one: got {} and {}",
                 maps.len(),
                 labels.len()
-            ));
+            )));
         }
         if let Some(n) = (1..labels.len()).find(|&n| labels[..n].contains(&labels[n])) {
-            return invalid(format!("two probability maps are given for label {}", labels[n]));
+            return Err(Error::InvalidArgument(format!("two probability maps are given for label {}", labels[n])));
         }
-        for (map, label) in maps.iter().zip(labels) {
-            let what = format!("the probability of label {label}");
-            check_voxels(dims, map, &what)?;
-            if !labels.contains(&0)
-                && let Some(voxel) = map.iter().position(|&p| p > 1.0 + TOLERANCE)
-            {
-                let [at, value] = [format!("{:?}", index_of(voxel, dims)), map[voxel].to_string()];
-                return invalid(format!(
-                    "{what} of voxel {at} is {value}: without a map of label 0 probabilities must not exceed 1"
-                ));
-            }
+        for (n, (map, &label)) in maps.iter().zip(labels).enumerate() {
+            check_map(dims, map, label, labels.contains(&0)).map_err(|error| of_source(n, error))?;
         }
         Ok(Self { dims, frame, maps: Arc::new(maps), labels: labels.to_vec() })
     }
@@ -72,6 +73,20 @@ impl ProbabilityImage {
     /// The labels with a map but without a voxel in `image`, which was made of these maps.
     pub fn nowhere_likeliest(&self, image: &LabelImage) -> Vec<i32> {
         self.labels.iter().copied().filter(|&label| image.id_of(label).is_none()).collect()
+    }
+}
+
+/// Checks the map of a label: its size, and its values, which may be of any scale where the background has a map.
+fn check_map(dims: [usize; 3], map: &[f32], label: i32, any_scale: bool) -> Result<()> {
+    let what = format!("the probability of label {label}");
+    check_voxels(dims, map, &what)?;
+    match map.iter().position(|&p| p > 1.0 + TOLERANCE) {
+        Some(voxel) if !any_scale => Err(Error::InvalidArgument(format!(
+            "{what} of voxel {:?} is {}: without a map of label 0 probabilities must not exceed 1",
+            index_of(voxel, dims),
+            map[voxel]
+        ))),
+        _ => Ok(()),
     }
 }
 

@@ -102,7 +102,7 @@ pub fn read_image(path: &Path) -> Result<ReadImage> {
 /// Reads a label image. The file's name ending, in any case, chooses the format.
 ///
 /// # Errors
-/// [`Error::Unsupported`]: no reader for this ending. [`Error::Io`]: the file, or the data file that it names, cannot be opened or read.
+/// [`Error::InvalidArgument`]: no reader for this ending. [`Error::Io`]: the file, or the data file that it names, cannot be opened or read.
 /// [`Error::Format`]: it is damaged, cut off, or uses what this library does not read. [`Error::OutOfMemory`].
 pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> {
     let Opened { mut source, layout, frame, world, mut warnings } = open(path, Volumes::One, options)?;
@@ -141,7 +141,7 @@ fn open(path: &Path, volumes: Volumes, options: &ReadOptions) -> Result<Opened> 
     } else if ends(&[".inr", ".inr.gz"]) {
         inr::open(path, volumes)
     } else {
-        Err(Error::Unsupported(format!(
+        Err(Error::InvalidArgument(format!(
             "{}: no reader for this name ending; read are .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz",
             path.display()
         )))
@@ -156,9 +156,11 @@ fn open(path: &Path, volumes: Volumes, options: &ReadOptions) -> Result<Opened> 
             opened.frame = reflected(&opened.frame, stored.signs() * wanted.signs())?;
             opened.world = Some(wanted);
         }
-        None => opened
-            .warnings
-            .push(format!("the file does not say what its axes mean: coordinates stay as stored, not {wanted:?}")),
+        None => {
+            let wanted = format!("{wanted:?}").to_ascii_uppercase();
+            let warning = format!("the file does not say what its axes mean: coordinates stay as stored, not {wanted}");
+            opened.warnings.push(warning);
+        }
     }
     Ok(opened)
 }
@@ -261,12 +263,13 @@ pub(crate) mod tests {
         assert_eq!(from_las.image.frame().origin(), DVec3::new(1.0, -2.0, 3.0));
         let unknown = read("space dimension: 3", WorldFrame::Ras);
         assert_eq!((unknown.world, unknown.image.frame().origin()), (None, DVec3::new(1.0, 2.0, 3.0)));
-        assert!(unknown.warnings[0].contains("does not say"));
+        assert!(unknown.warnings[0].contains("does not say") && unknown.warnings[0].ends_with("not RAS"));
     }
 
     #[test]
     fn what_is_no_image_file_is_named() {
         assert!(read_bytes("a.png", b"x").unwrap_err().contains("no reader for this name ending"));
+        assert!(matches!(read_image(Path::new("a.png")), Err(Error::InvalidArgument(_))));
         assert_eq!(read_bytes("a.nrrd", b"").unwrap_err(), "the file is empty");
         assert!(
             read_bytes("a.mha", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n")

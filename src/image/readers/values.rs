@@ -42,7 +42,8 @@ pub fn read_gray(path: &Path, options: &ReadOptions) -> Result<Read<GrayImage>> 
 /// Reads probability maps: all volumes of all files, in their order, which have the labels `labels`, or 1, 2, ... without.
 ///
 /// # Errors
-/// Those of [`super::read_image_with`]; [`Error::InvalidArgument`] for no file, and as [`ProbabilityImage::new`]; [`Error::Format`] for a file whose grid is not that of the first.
+/// Those of [`super::read_image_with`]; [`Error::InvalidArgument`] for no file, a label given twice, and not as many labels as volumes; [`Error::Format`] for a file whose grid is
+/// not that of the first, and for values that [`ProbabilityImage::new`] refuses.
 pub fn read_probabilities(
     paths: &[&Path],
     labels: Option<&[i32]>,
@@ -52,6 +53,8 @@ pub fn read_probabilities(
         return Err(Error::InvalidArgument("no file of probability maps is given".into()));
     };
     let mut all = Stack::read(first, options)?;
+    // The file of each map.
+    let mut files = vec![*first; all.volumes.len()];
     for path in others {
         let stack = Stack::read(path, options)?;
         if stack.dims != all.dims {
@@ -68,12 +71,14 @@ pub fn read_probabilities(
                 return Err(Error::format(path, message));
             }
         }
+        files.resize(files.len() + stack.volumes.len(), *path);
         all.volumes.extend(stack.volumes);
         all.warnings.extend(stack.warnings);
     }
     let counted: Vec<i32> = (1..=all.volumes.len() as i32).collect();
-    let image = ProbabilityImage::new(all.dims, all.frame, all.volumes, labels.unwrap_or(&counted));
-    let image = image.map_err(|e| if others.is_empty() { of_file(first, e) } else { e })?;
+    let labels = labels.unwrap_or(&counted);
+    let of_map = |map: usize, error| of_file(files[map], error);
+    let image = ProbabilityImage::with_source(all.dims, all.frame, all.volumes, labels, of_map)?;
     Ok(Read { image, world: all.world, warnings: all.warnings })
 }
 
@@ -195,6 +200,25 @@ mod tests {
         };
         assert_eq!(message(&[], None), "no file of probability maps is given");
         assert_eq!(message(&[&good, &good], Some(&[1, 1])), "two probability maps are given for label 1");
+        assert_eq!(
+            message(&[&good], Some(&[4, -4])),
+            "as many probability maps as labels are needed, at least one: got 1 and 2"
+        );
+        assert_eq!(
+            message(&[&good, &good], Some(&[])),
+            "as many probability maps as labels are needed, at least one: got 2 and 0"
+        );
+        let invalid = |paths: &[&Path], labels: &[i32]| {
+            matches!(read_probabilities(paths, Some(labels), &options), Err(Error::InvalidArgument(_)))
+        };
+        assert!(invalid(&[&good], &[4, -4]) && invalid(&[&good, &good], &[5]) && invalid(&[&good, &good], &[5, 5]));
+        // What a file holds is the file's fault, whichever it is.
+        let high = text(&files, "high.nrrd", "", "0.5 2");
+        for bad in [&nan, &high] {
+            let error = read_probabilities(&[&good, bad, &good], Some(&[1, 12, 2]), &options).unwrap_err();
+            let named = error.to_string().starts_with(&format!("{}: the probability of label 12 of", bad.display()));
+            assert!(matches!(error, Error::Format { .. }) && named, "{error:?}");
+        }
         let elsewhere = text(&files, "elsewhere.nrrd", "space dimension: 3\nspace origin: (1,0,0)\n", "0.5 1");
         assert!(message(&[&good, &elsewhere], None).contains("elsewhere.nrrd: another place in the world than"));
         let larger =
