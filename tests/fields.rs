@@ -1,5 +1,7 @@
 //! The oracle of images made of intensities or probabilities, and of smoothed labels, against definitions evaluated by brute force on random images, cut by the border.
 
+use std::cell::Cell;
+
 use glam::DVec3;
 use lapd::Error;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
@@ -121,12 +123,14 @@ fn oracle_of(image: &LabelImage, sigma: Option<f64>) -> Oracle {
 
 #[test]
 fn interfaces_of_a_gray_image_are_isosurfaces() {
+    let mut compared = 0;
     for seed in 1..12 {
         let mut random = Random(seed);
         let dims = random.dims();
         let values = random.volume(dims, 2.0);
         let gray = GrayImage::new(dims, frame(), values.clone()).unwrap();
         let isovalues = [-0.8, 0.3, 0.9];
+        // Not where an interval has no voxel.
         let Ok(image) = gray.label_image(&isovalues, None) else { continue };
         let oracle = oracle_of(&image, None);
         assert!(oracle.weights().is_empty() && oracle.bytes() > 0);
@@ -141,11 +145,14 @@ fn interfaces_of_a_gray_image_are_isosurfaces() {
                 }
             }
         });
+        compared += 1;
     }
+    assert!(compared >= 8, "{compared} images of intensities");
 }
 
 #[test]
 fn interfaces_of_probabilities_are_where_the_largest_changes() {
+    let mut compared = 0;
     for seed in 1..12 {
         let mut random = Random(100 + seed);
         let dims = random.dims();
@@ -167,12 +174,17 @@ fn interfaces_of_probabilities_are_where_the_largest_changes() {
             ranked.sort_by(|x, y| y.0.total_cmp(&x.0));
             (ranked[0].1, (ranked[0].0 - ranked[1].0).min(outside))
         });
+        compared += 1;
     }
+    assert!(compared >= 6, "{compared} images of probabilities");
 }
 
-/// However much is smoothed, the voxel centres keep their labels, and a mixed cell stays one.
+/// However much is smoothed, the voxel centres keep their labels, a mixed cell stays one, and crossings fit the labels.
 #[test]
 fn smoothing_takes_no_voxel_centre() {
+    // How near to a change of label nothing is clear, in voxels along an axis: crossings are placed to half a thousandth along each, which adds up, and labels found in single precision.
+    const NEAR: f64 = 2e-3;
+    let (asked, near_ties) = (Cell::new(0_u32), Cell::new(0_u32));
     for seed in 1..8 {
         let mut random = Random(200 + seed);
         let dims = random.dims();
@@ -186,10 +198,19 @@ fn smoothing_takes_no_voxel_centre() {
                 let p = image.frame().to_world(DVec3::from(at.map(|c| c as f64)));
                 assert_eq!(oracle.label(p), id, "voxel {at:?} at sigma {sigma}");
             }
-            // No definition here: that crossings fit the labels.
-            compare(&mut random, &image, &oracle, |p| (image.labels()[usize::from(oracle.label(p))], 0.0));
+            // No definition but the oracle's own labels, of which a segment's crossing has to be the first change.
+            compare(&mut random, &image, &oracle, |p| {
+                let (id, index) = (oracle.label(p), image.frame().to_index(p));
+                let is_same = |step: DVec3| oracle.label(image.frame().to_world(index + step)) == id;
+                let is_clear = DVec3::AXES.iter().all(|&axis| is_same(axis * NEAR) && is_same(axis * -NEAR));
+                asked.set(asked.get() + 1);
+                near_ties.set(near_ties.get() + u32::from(!is_clear));
+                (image.labels()[usize::from(id)], f64::from(is_clear))
+            });
         }
     }
+    let (asked, near_ties) = (asked.get(), near_ties.get());
+    assert!(near_ties * 50 <= asked, "{near_ties} of {asked} points are near a change of label");
 }
 
 #[test]

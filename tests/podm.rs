@@ -81,8 +81,8 @@ fn several_threads_mesh_as_well_as_one() {
             together.overhead()
         );
         assert_alike(subject.name, &alone, &together, 0.02, 0.25);
-        let dihedral = |outcome: &Outcome| outcome.quality.mean_radius_edge;
-        assert!((dihedral(&alone) / dihedral(&together) - 1.0).abs() < 0.02);
+        let ratio = |outcome: &Outcome| outcome.quality.mean_radius_edge;
+        assert!((ratio(&alone) / ratio(&together) - 1.0).abs() < 0.02);
         assert_eq!(together.refinement.threads.len(), threads);
     }
 }

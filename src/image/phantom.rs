@@ -8,7 +8,9 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
+use super::builder::voxel_count;
 use super::{Frame, LabelImage, Voxels};
+use crate::memory::zeroed;
 use crate::{Error, Result};
 
 /// A ball, label 1. Volume: [`ball_volume`].
@@ -91,11 +93,28 @@ pub fn thin_sheet(dims: [usize; 3], spacing: [f64; 3], width: f64, thickness: f6
 /// A tube two voxels wide along a helix about the z axis, label 1: `turns` turns of the given radius, with the pitch that fills the grid but for a margin of eight voxels. Voxels are cubes of edge 1.
 ///
 /// # Errors
-/// As [`sampled`].
+/// As [`sampled`]; [`Error::InvalidArgument`] for a grid without room within its margins, a radius with which the tube would leave the grid, turns that are none or less than a voxel apart;
+/// [`Error::OutOfMemory`].
 pub fn helical_tube(dims: [usize; 3], radius: f64, turns: f64) -> Result<LabelImage> {
-    let half = 0.5 * (dims[2] as f64 - 16.0);
-    let steps = (turns * 2.0 * PI * radius * 16.0) as usize;
-    let mut voxels = vec![0_u8; dims.iter().product()];
+    let invalid = |message: String| Err(Error::InvalidArgument(message));
+    let count = voxel_count(dims)?;
+    let height = dims[2] as f64 - 16.0;
+    if height <= 0.0 {
+        return invalid(format!("a helical tube needs more than 16 voxels along z, got {}", dims[2]));
+    }
+    let widest = 0.5 * dims[0].min(dims[1]) as f64 - 1.0;
+    if !(0.0..=widest).contains(&radius) {
+        return invalid(format!(
+            "the radius of a helical tube must lie in 0 to {widest} in {dims:?} voxels, got {radius}"
+        ));
+    }
+    if turns.is_nan() || turns <= 0.0 || turns > height {
+        return invalid(format!("the turns of a helical tube must be above 0 and at most {height}, got {turns}"));
+    }
+    let half = 0.5 * height;
+    // 16 for each voxel of the way, so that none is missed; along z where that is longer.
+    let steps = (turns * 2.0 * PI * radius * 16.0).max(16.0 * height) as usize;
+    let mut voxels: Vec<u8> = zeroed(count, "voxels of a phantom")?;
     for step in 0..=steps {
         let part = step as f64 / steps as f64;
         let angle = 2.0 * PI * turns * part;
@@ -112,9 +131,13 @@ pub fn helical_tube(dims: [usize; 3], radius: f64, turns: f64) -> Result<LabelIm
 /// Cubes of `cell` voxels along each axis, `count` of them along each, in a margin of four voxels of background. Cube (a, b, c) has the label `label([a, b, c])`. Voxels are cubes of edge 1.
 ///
 /// # Errors
-/// As [`sampled`].
+/// As [`sampled`]; [`Error::InvalidArgument`] for cubes of 0 voxels.
 pub fn cubes(count: usize, cell: usize, label: impl Fn([usize; 3]) -> i32) -> Result<LabelImage> {
-    let size = count * cell + 8;
+    if cell == 0 {
+        return Err(Error::InvalidArgument(format!("cubes must have a voxel along each axis at least, got {cell}")));
+    }
+    // Too many are more voxels than an image can have.
+    let size = count.saturating_mul(cell).saturating_add(8);
     let half = 0.5 * (size as f64 - 1.0);
     sampled([size; 3], [1.0; 3], |p| {
         let at = (p + half).round().to_array().map(|c| (c as usize).checked_sub(4).map(|c| c / cell));
@@ -207,5 +230,35 @@ mod tests {
         assert!(ball([0, 4, 4], [1.0; 3], 1.0).is_err());
         assert!(ball([4; 3], [0.0; 3], 1.0).is_err());
         assert!(nested_shells([4; 3], [1.0; 3], &[2.0, 1.0]).is_err());
+        assert!(cubes(usize::MAX, 2, |_| 1).is_err());
+        assert!(helical_tube([64, 0, 64], 20.0, 4.0).is_err());
+        let message = |image: Result<LabelImage>| image.unwrap_err().to_string();
+        assert_eq!(message(cubes(2, 0, |_| 1)), "cubes must have a voxel along each axis at least, got 0");
+        assert_eq!(
+            message(helical_tube([64, 64, 16], 20.0, 4.0)),
+            "a helical tube needs more than 16 voxels along z, got 16"
+        );
+        for radius in [-0.5, 31.5, f64::NAN] {
+            assert_eq!(
+                message(helical_tube([64, 80, 64], radius, 4.0)),
+                format!("the radius of a helical tube must lie in 0 to 31 in [64, 80, 64] voxels, got {radius}")
+            );
+        }
+        for turns in [0.0, -1.0, 48.5, f64::NAN] {
+            assert_eq!(
+                message(helical_tube([64; 3], 20.0, turns)),
+                format!("the turns of a helical tube must be above 0 and at most 48, got {turns}")
+            );
+        }
+    }
+
+    /// At the limits of what is allowed no index is out of range, and the tube goes through all layers but the margins'.
+    #[test]
+    fn tubes_fit_their_grid() {
+        for (dims, radius, turns) in [([64, 80, 64], 31.0, 4.0), ([5, 4, 17], 1.0, 1.0), ([9, 9, 40], 0.0, 24.0)] {
+            let image = helical_tube(dims, radius, turns).unwrap();
+            let mut layers = image.ids().chunks(dims[0] * dims[1]).map(|layer| layer.iter().any(|&id| id != 0));
+            assert!((0..dims[2]).all(|k| layers.next() == Some((7..=dims[2] - 8).contains(&k))), "{dims:?}");
+        }
     }
 }

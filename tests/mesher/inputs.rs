@@ -108,12 +108,16 @@ fn a_scan_ends_at_the_border_of_the_image() {
         // Without the rims, which are not followed.
         normal.z.abs() > 0.9 && corners.iter().all(|p| p.x.hypot(p.y) < 4.0)
     });
+    let mut facets = [0; 2];
     for corners in walls {
         for p in corners {
             let off = ends.iter().map(|end| (p.z - end).abs()).fold(f64::INFINITY, f64::min);
             assert!(off < 2e-3, "a wall's vertex at {p}");
         }
+        facets[usize::from(corners[0].z > 0.0)] += 1;
     }
+    // No circumradius is above the size, 1: all within 2 of the axis lies in facets that are looked at, of an area of at most 1.3.
+    assert!(facets.iter().all(|&count| count >= 10), "{facets:?} facets of the two walls");
 }
 
 fn two_balls(spacing: [f64; 3]) -> ProbabilityImage {
