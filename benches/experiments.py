@@ -89,7 +89,7 @@ def weak(options):
 
 
 def nodes(options):
-    bystanders, rows = Bystanders(), []
+    bystanders, all_series, rows = Bystanders(), [], []
     for name, image in find_images(options.images).items():
         say(f"{name}, {options.tets / 1e6:g} M tets: looking for the bounds")
         delta, _ = tune_ours(name, options.tets, lambda delta: measure(name, image, delta, 1))
@@ -98,6 +98,7 @@ def nodes(options):
             topology = f"numa:{count} core:{options.threads_per_node} pu:1"
             say(f"  {topology}")
             podm, lapd = run_in_turn(name, image, {threads: delta}, options.runs, ("--topology", topology))
+            all_series += [podm, lapd]
             (podm_share, _), (lapd_share, _) = accesses(podm.counted), accesses(lapd.counted)
             ratios = [refine_time(a) / refine_time(b) for a, b in zip(lapd.runs, podm.runs)]
             rows.append([
@@ -106,10 +107,12 @@ def nodes(options):
                 str(threads),
                 f"{podm_share:.2f}",
                 f"{lapd_share:.2f}",
-                f"{lapd_share / podm_share:.2f}",
+                # On one node nothing is remote.
+                f"{lapd_share / podm_share:.2f}" if podm_share else "-",
                 spread([refine_time(run) for run in podm.runs], 2),
                 spread(ratios, 2),
             ])
+        keep("nodes.json", all_series)
     head = ["image", "nodes", "threads", "PODM: remote accesses, %", "LAPD: remote accesses, %", "LAPD / PODM", "PODM: refine, s", "refine, LAPD / PODM"]
     parts = [
         machine(bystanders, []),

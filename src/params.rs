@@ -71,7 +71,8 @@ pub const MAX_THREADS: usize = 255;
 pub struct MeshParams {
     /// Sample spacing on the interfaces; > 0.
     pub delta: f64,
-    /// Where a component or layer of a label is thinner than 2 delta, sample it more densely than delta, and its surroundings too, ever less so farther away.
+    /// Where a component or layer of a label is thinner than 4/3 delta, sample it more densely than delta, and its surroundings too, ever less so farther away. What holds cubes of 32 times the smallest side
+    /// of a voxel is not looked at: it counts as thick whatever delta is.
     pub adaptive: bool,
     /// No spacing of samples is less than this times the smallest side of a voxel, but delta itself may be; > 0.
     pub spacing_floor: f64,

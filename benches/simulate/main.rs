@@ -4,7 +4,7 @@
 //!         [--set NAME=VALUE,...] [--level NODES:NANOSECONDS,...] [--delta D] [--real]
 //!
 //! `--tets` is for each worker: delta is searched, by real refinements, until their number is within 3 % of P times N, unless `--delta` gives it. `--set` changes costs by name, `hop` and `cached` among them; `--level` gives the routers of groups of nodes.
-//! Nodes are 1 hop apart, in another socket 2. `--real` measures a real refinement with P threads as well. Every line but for that, and for `wall_s`, is the same in every run.
+//! Nodes are 1 hop apart, in another socket 2. `--real` measures a real refinement with P threads as well, which the image is sampled by, too. Every line but for that, and for `wall_s`, is the same in every run.
 
 use std::path::Path;
 use std::time::Instant;
@@ -258,10 +258,12 @@ fn run(options: &Options, subject: &Subject, delta: f64, workers: usize, platfor
         ..Schedule::solo()
     };
     let real = if options.real {
+        // Else the image would be sampled by as many threads as there are cores.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(workers).build()?;
         let mut seconds = 0.0;
         let timed = |rules: &Rules<'_>| {
             let clock = Instant::now();
-            let refinement = refine(rules, &schedule, &Monitor::silent())?;
+            let refinement = pool.install(|| refine(rules, &schedule, &Monitor::silent()))?;
             seconds = clock.elapsed().as_secs_f64();
             Ok(refinement)
         };
