@@ -75,22 +75,16 @@ fn refine_under<S: Access, T: Access>(
     // Samples are the smaller part: until they are there, reports say that nothing is done.
     let go_on = || monitor.advance(0).and_then(|()| schedule.limits.check_time());
     let growth = if lapd::divides(schedule) { Growth::Fourfold } else { Growth::Eightfold };
-    let mut samples = match sample_isosurface(rules.oracle, &rules.sizing, growth, go_on) {
+    let samples = sample_isosurface(rules.oracle, &rules.sizing, growth, go_on);
+    let Dealt { samples, regions, stretches } = match samples.and_then(|samples| deal(rules, schedule, samples, go_on))
+    {
         Err(limit) if limit.is_limit() => {
             label_all(rules, monitor)?;
             return Ok(Refinement::none(limit));
         }
-        samples => samples?,
+        dealt => dealt?,
     };
     let total = samples.points.len();
-    let first = first_for(schedule.threads, &samples.rounds, total);
-    let ramp = deal_to_some(&samples, first, schedule.threads);
-    let regions = Regions::new(rules, &samples.points, schedule)?;
-    let dealt = match &regions {
-        Some(regions) => regions.deal(&mut samples, first, go_on)?,
-        None => deal_alike(&samples, first, schedule.threads),
-    };
-    let stretches: Vec<Stretches> = ramp.into_iter().chain(dealt).collect();
     let report_progress = |part, tets| monitor.advance_to(part, tets);
     let team = Team::new(rules, samples.points, regions, schedule, &report_progress);
     // From here on: what a worker touches first lies in its core's memory. The samples were made by all threads.
@@ -138,6 +132,29 @@ impl Refinement {
     fn none(limit: Error) -> Self {
         Self { counters: Counters::default(), work: Work::default(), threads: Vec::new(), ended_by: Some(limit) }
     }
+}
+
+/// Samples, and who inserts which of them.
+struct Dealt {
+    samples: Samples,
+    regions: Option<Regions>,
+    /// Of the rounds that are for several workers.
+    stretches: Vec<Stretches>,
+}
+
+/// Deals samples to the workers.
+///
+/// # Errors
+/// [`Error::OutOfMemory`]; those of `go_on`.
+fn deal(rules: &Rules<'_>, schedule: &Schedule, mut samples: Samples, go_on: impl Fn() -> Result<()>) -> Result<Dealt> {
+    let first = first_for(schedule.threads, &samples.rounds, samples.points.len());
+    let mut stretches = deal_to_some(&samples, first, schedule.threads);
+    let regions = Regions::new(rules, &samples.points, schedule)?;
+    stretches.extend(match &regions {
+        Some(regions) => regions.deal(&mut samples, first, go_on)?,
+        None => deal_alike(&samples, first, schedule.threads),
+    });
+    Ok(Dealt { samples, regions, stretches })
 }
 
 /// Finds the labels of all tets: those that were made before the samples were complete have none. Some at a time: memory may be what a run has ended by.
