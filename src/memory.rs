@@ -55,6 +55,20 @@ pub fn filled<T: Clone>(count: usize, value: T, what: &'static str, go_on: impl 
     Ok(values)
 }
 
+/// Cuts `values` into consecutive parts of so many values each, together as many as there are, or fewer; counted as `what`.
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+pub fn parts<'v, T>(
+    mut values: &'v mut [T],
+    lengths: impl ExactSizeIterator<Item = usize>,
+    what: &'static str,
+) -> Result<Vec<&'v mut [T]>> {
+    let mut parts = room(lengths.len(), what)?;
+    parts.extend(lengths.map(|length| values.split_off_mut(..length).expect("parts are within the values")));
+    Ok(parts)
+}
+
 /// Asks the processor to fetch what is looked at soon. Does nothing where there is nothing.
 #[inline(always)]
 pub fn prefetch<T>(element: *const T) {

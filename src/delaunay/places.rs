@@ -16,7 +16,7 @@ use super::tet::{TetId, VertexId};
 use super::triangulation::Triangulation;
 use crate::Result;
 use crate::geometry::morton;
-use crate::memory::{room, zeroed};
+use crate::memory::{parts, room, zeroed};
 
 /// Consecutive numbers of one piece of work, which has counters of its own: some hundred microseconds, between two questions whether to go on.
 const STRETCH: usize = 1 << 15;
@@ -107,12 +107,8 @@ impl Triangulation {
             Ok(())
         })?;
         let mut start = 0;
-        let mut rest = sorted.as_mut_slice();
-        let blocks = ends.iter().map(|&end| {
-            let length = (end - std::mem::replace(&mut start, end)) as usize;
-            rest.split_off_mut(..length).expect("the ends are within the list")
-        });
-        blocks.collect::<Vec<_>>().into_par_iter().try_for_each(|numbers| {
+        let lengths = ends.iter().map(|&end| (end - std::mem::replace(&mut start, end)) as usize);
+        parts(&mut sorted, lengths, "blocks of tets")?.into_par_iter().try_for_each(|numbers| {
             go_on()?;
             sort_block(numbers, |number| (cells[number as usize] - 1) as usize % (1 << low), 1 << low)
         })?;

@@ -28,7 +28,7 @@ use crate::Result;
 use crate::delaunay::check::{AHEAD, AHEAD_AROUND};
 use crate::delaunay::tet::{FACET, Facet, NO_TAG, is_tet};
 use crate::delaunay::{TetId, Triangulation};
-use crate::memory::{prefetch, reserve, zeroed};
+use crate::memory::{parts, prefetch, reserve, zeroed};
 use crate::monitor::Monitor;
 
 /// Tets, or vertices, of one piece of work: some hundred microseconds, between two looks at the cancel flag. No longer pieces, so that threads end together.
@@ -133,7 +133,7 @@ impl<'o> Kept<'o> {
         let tet_index: Vec<AtomicU32> = zeroed(self.ids.len(), "slots of tets")?;
         mesh.labels = zeroed(end_of(&self.ranges), "tets of the mesh")?;
         let pieces =
-            split(&mut mesh.labels, &self.ranges).into_par_iter().zip(&self.ranges).enumerate().with_max_len(1);
+            split(&mut mesh.labels, &self.ranges)?.into_par_iter().zip(&self.ranges).enumerate().with_max_len(1);
         pieces.try_for_each(|(range, (own, indices))| {
             monitor.check_cancelled()?;
             for (((t, id, _), label), index) in self.of_range(range).zip(own).zip(indices.clone()) {
@@ -214,7 +214,7 @@ fn copy_tets(
         }
         Ok(listed)
     };
-    let pieces = split(&mut mesh.tets, &kept.ranges).into_par_iter().zip(split(&mut mesh.neighbors, &kept.ranges));
+    let pieces = split(&mut mesh.tets, &kept.ranges)?.into_par_iter().zip(split(&mut mesh.neighbors, &kept.ranges)?);
     pieces.enumerate().with_max_len(1).map(copy).collect()
 }
 
@@ -226,10 +226,10 @@ fn copy_facets(mesh: &mut TetMesh, listed: &[Vec<Facet>], monitor: &Monitor<'_>)
     mesh.facet_labels = zeroed(count, "interface facets of the mesh")?;
     mesh.facet_tets = zeroed(count, "interface facets of the mesh")?;
     let (tets, neighbors, labels) = (&mesh.tets, &mesh.neighbors, &mesh.labels);
-    let pieces = split(&mut mesh.facets, &ranges)
+    let pieces = split(&mut mesh.facets, &ranges)?
         .into_par_iter()
-        .zip(split(&mut mesh.facet_labels, &ranges))
-        .zip(split(&mut mesh.facet_tets, &ranges))
+        .zip(split(&mut mesh.facet_labels, &ranges)?)
+        .zip(split(&mut mesh.facet_tets, &ranges)?)
         .zip(listed)
         .with_max_len(1);
     pieces.try_for_each(|(((facets, facet_labels), facet_tets), listed)| {
@@ -266,8 +266,8 @@ fn end_of(ranges: &[Range<usize>]) -> usize {
 }
 
 /// Splits `values` at consecutive ranges that cover them.
-fn split<'v, T>(mut values: &'v mut [T], ranges: &[Range<usize>]) -> Vec<&'v mut [T]> {
-    ranges.iter().map(|range| values.split_off_mut(..range.len()).expect("the ranges cover the values")).collect()
+fn split<'v, T>(values: &'v mut [T], ranges: &[Range<usize>]) -> Result<Vec<&'v mut [T]>> {
+    parts(values, ranges.iter().map(Range::len), "ranges of tets")
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::voxel_faces::{BRICK, VoxelFaces};
-use crate::memory::zeroed;
+use crate::memory::{parts, zeroed};
 use crate::monitor::Monitor;
 use crate::{Error, Result};
 
@@ -245,17 +245,13 @@ impl TriangleBins {
 ///
 /// # Errors
 /// Those of `go_on`, which is asked every some thousand numbers.
-fn sort_parts(mut list: &mut [u32], ends: &[u32], go_on: impl Fn() -> Result<()> + Sync) -> Result<()> {
-    let mut pieces = Vec::new();
-    let mut start = 0;
-    for ends in ends.chunks(BRICKS) {
-        let end = ends[ends.len() - 1];
-        pieces.extend(list.split_off_mut(..(end - start) as usize).map(|piece| (start, ends, piece)));
-        start = end;
-    }
-    pieces.into_par_iter().try_for_each(|(first, ends, piece)| {
+fn sort_parts(list: &mut [u32], ends: &[u32], go_on: impl Fn() -> Result<()> + Sync) -> Result<()> {
+    let first_of = |piece: usize| (piece * BRICKS).checked_sub(1).map_or(0, |before| ends[before]);
+    let lengths = ends.chunks(BRICKS).enumerate().map(|(n, ends)| (ends[ends.len() - 1] - first_of(n)) as usize);
+    let pieces = parts(list, lengths, "pieces of the lists of bricks")?;
+    pieces.into_par_iter().zip(ends.par_chunks(BRICKS)).enumerate().try_for_each(|(n, (piece, ends))| {
         go_on()?;
-        let mut start = 0;
+        let (first, mut start) = (first_of(n), 0);
         for end in ends.iter().map(|end| (end - first) as usize) {
             piece[start..end].sort_unstable();
             start = end;

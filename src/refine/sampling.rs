@@ -31,7 +31,7 @@ use super::junctions::sample_junctions;
 use super::recent::Recent;
 use super::sizing::Sizing;
 use crate::geometry::morton;
-use crate::memory::{filled, reserve, room};
+use crate::memory::{self, filled, reserve, room};
 use crate::oracle::{CrossedEdge, Oracle, Tiles};
 use crate::{Error, Result};
 
@@ -322,14 +322,8 @@ fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth, go_on: impl Fn() -> R
         (round | u64::from(place)) << AT_BITS | at as u64
     };
     let mut keys = filled(total, 0, "places in the order of insertion", &go_on)?;
-    let mut rest = keys.as_mut_slice();
-    let mut jobs = Vec::with_capacity(parts.len());
-    for (part, &start) in parts.iter().zip(&starts) {
-        let (own, others) = rest.split_at_mut(part.len());
-        jobs.push((part, start, own));
-        rest = others;
-    }
-    jobs.into_par_iter().for_each(|(part, start, keys)| {
+    let keys_of = memory::parts(&mut keys, parts.iter().map(Vec::len), "samples of tiles")?;
+    keys_of.into_par_iter().zip(&parts).zip(&starts).for_each(|((keys, part), &start)| {
         for ((key, &p), at) in keys.iter_mut().zip(part).zip(start..) {
             *key = key_of(at, p);
         }
