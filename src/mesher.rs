@@ -19,6 +19,7 @@ use crate::mesh::certificate::{Certificate, Defect, DefectKind};
 use crate::mesh::extract::{BYTES_PER_SLOT, extract};
 use crate::mesh::quality::Quality;
 use crate::monitor::{Level, Monitor, Step};
+use crate::oracle::region::{Region, Rows};
 use crate::oracle::{Oracle, Surface};
 use crate::parallel::machine::Machine;
 use crate::params::MeshParams;
@@ -95,7 +96,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let limits = limits(params, clock);
     let [nx, ny, nz] = image.dims();
     // The most that the oracle asks whether to go on: per plane, per layer in five passes, where a table is filled in, in each step of the weights.
-    monitor.enter(Step::Oracle, 2 * nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)?;
+    monitor.enter(Step::Oracle, nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)?;
     let merged;
     let image = if params.merge.is_empty() && params.background_label == 0 {
         image
@@ -130,26 +131,29 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let mut lap = || std::mem::replace(&mut clock, Instant::now()).elapsed().as_secs_f64();
     monitor.log(Level::Info, &describe(image, params));
     let go_on = || monitor.advance(1).and_then(|()| limits.check_time());
+    let region = Region::new(image, &go_on)?;
     if limits.max_memory.is_some() {
         let sizing = match params.adaptive {
-            true => Sizing::bytes_needed(image, params.delta, params.spacing_floor, &go_on)?,
+            true => Sizing::bytes_needed(image, &region, params.delta, params.spacing_floor),
             false => 0,
         };
         // What the certificate needs for the image alone is known as well.
-        let first = Oracle::bytes_needed(image, &go_on)? + sizing;
+        let first = Oracle::bytes_needed(image, &region) + sizing;
         limits.check_memory(first.max(Certificate::bytes_needed(image)))?;
     }
     let surface =
         Surface { model: params.surface, border: params.border, sigma: (params.sigma > 0.0).then_some(params.sigma) };
+    let rows = Rows::new(image, region, &go_on)?;
     // Side by side: where the threads have nothing to do for the one they work on the other.
     let (oracle, sizing) = rayon::join(
-        || Oracle::new(image, surface, &go_on),
+        || Oracle::of_rows(image, &rows, surface, &go_on),
         || match params.adaptive {
-            true => Sizing::new(image, params.delta, params.spacing_floor, &go_on),
+            true => Sizing::new(image, &rows, params.delta, params.spacing_floor, &go_on),
             false => Ok(Sizing::uniform(params.delta)),
         },
     );
     let (oracle, sizing) = (oracle?, sizing?);
+    drop(rows);
     seconds.distance = lap();
     monitor.log(Level::Info, &format!("image prepared in {:.2} s", seconds.distance));
 

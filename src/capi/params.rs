@@ -460,7 +460,7 @@ pub unsafe extern "C" fn lapd_params_get_time_limit(params: *const lapd_params, 
 /// Sets a limit of memory in bytes, 0 for none. A run that needs more ends with LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where
 /// lapd_params_set_partial allows it.
 ///
-/// Counted are the tables of the run that grow with the image or the mesh: those made of the image's labels, of the
+/// Counted are the tables of the run that grow with the image or the mesh: those made of the image's labels, also to find what is thin, of the
 /// triangulation and the work that waits, and in advance those of the mesh to come, so that the limit holds to the end of the run.
 /// Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
 /// refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the context

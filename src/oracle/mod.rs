@@ -34,7 +34,7 @@ mod field;
 mod indicator;
 mod junctions;
 mod mixtures;
-mod region;
+pub mod region;
 mod smoothing;
 pub mod thickness;
 mod ties;
@@ -133,13 +133,25 @@ impl Oracle {
         surface: impl Into<Surface>,
         check: &(dyn Fn() -> Result<()> + Sync),
     ) -> Result<Self> {
-        let region = Region::new(image, check)?;
-        let Region { first, dims } = region;
-        let rows = Rows::new(image, &region, check)?;
+        let rows = Rows::new(image, Region::new(image, check)?, check)?;
+        Self::of_rows(image, &rows, surface.into(), check)
+    }
+
+    /// As [`Self::new`], by a caller who has the rows of the image's region.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    pub fn of_rows(
+        image: &LabelImage,
+        rows: &Rows,
+        surface: Surface,
+        check: &(dyn Fn() -> Result<()> + Sync),
+    ) -> Result<Self> {
+        let &Region { first, dims } = rows.region();
         let frame = image.frame();
         let spacing = frame.spacing();
-        let mut mixed = Cells::mixed(&rows, check)?;
-        let Surface { model, border, sigma } = surface.into();
+        let mut mixed = Cells::mixed(rows, check)?;
+        let Surface { model, border, sigma } = surface;
         let walls = match (border, model) {
             (ImageBorder::Smooth, SurfaceModel::Smooth) => Border::none(dims),
             _ => Border::new(first, dims, image.dims()),
@@ -147,19 +159,19 @@ impl Oracle {
         let has_field = image.field().is_some() || sigma.is_some();
         let (border, voxels, weights, field) = match model {
             SurfaceModel::Smooth if has_field => {
-                let (voxels, _) = voxel::records(&rows, &mixed, Pairs::Unmarked, check)?;
-                let field = Field::new(image, sigma, &region, &voxels, check)?;
+                let (voxels, _) = voxel::records(rows, &mixed, Pairs::Unmarked, check)?;
+                let field = Field::new(image, sigma, rows.region(), &voxels, check)?;
                 (walls, voxels, Vec::new(), field)
             }
             SurfaceModel::Smooth => {
                 let border = walls;
                 let sampling = Sampling::new(rows.rough_counts(image.labels().len()).into_iter());
-                let (voxels, tally) = voxel::records(&rows, &mixed, Pairs::Counted(&sampling, &border), check)?;
+                let (voxels, tally) = voxel::records(rows, &mixed, Pairs::Counted(&sampling, &border), check)?;
                 let weights = tally.map_or(Ok(Vec::new()), |tally| tally.weights(&|| check()))?;
                 (border, voxels, weights, None)
             }
             SurfaceModel::Voxel => {
-                let (voxels, _) = voxel::records(&rows, &mixed, Pairs::Marked, check)?;
+                let (voxels, _) = voxel::records(rows, &mixed, Pairs::Marked, check)?;
                 (Border::none(dims), voxels, Vec::new(), None)
             }
         };
@@ -272,17 +284,13 @@ impl Oracle {
         self.spacing
     }
 
-    /// Bytes that [`Oracle::new`] needs at its peak for `image`, but for some per contested sample of the labels' weights (see `weights`) or per share of a voxel near
+    /// Bytes that [`Oracle::of_rows`] needs at its peak, with the rows, for `image` and its region, but for some per contested sample of the labels' weights (see `weights`) or per share of a voxel near
     /// interfaces (see `mixtures`), whose number is not known in advance.
-    ///
-    /// # Errors
-    /// [`crate::Error::EmptyImage`]; whatever `check` returns.
-    pub fn bytes_needed(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<u64> {
-        let dims = Region::new(image, check)?.dims;
+    pub fn bytes_needed(image: &LabelImage, &Region { dims, .. }: &Region) -> u64 {
         let values = if image.field().is_some() { size_of::<f32>() } else { 0 };
         let voxels = Bricks::new(dims).len() as u64 * (size_of::<Voxel>() + values) as u64;
         // While the voxels are filled in there are three sets of cells.
-        Ok(Rows::bytes(dims) + voxels + 3 * Cells::bytes(dims))
+        Rows::bytes(dims) + voxels + 3 * Cells::bytes(dims)
     }
 
     /// Bytes of memory held.

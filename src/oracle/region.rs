@@ -6,11 +6,11 @@ use crate::{Error, Result, image::LabelImage, memory::zeroed};
 
 /// Where a region lies in its image.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Region {
+pub struct Region {
     /// The image coordinates of its first voxel; may be -1.
-    pub(super) first: [isize; 3],
+    pub first: [isize; 3],
     /// Voxels along each axis; at least three.
-    pub(super) dims: [usize; 3],
+    pub dims: [usize; 3],
 }
 
 impl Region {
@@ -18,7 +18,7 @@ impl Region {
     ///
     /// # Errors
     /// [`Error::EmptyImage`]; [`Error::InvalidArgument`] when its voxels cannot be numbered by u32; whatever `check` returns.
-    pub(super) fn new(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
+    pub fn new(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let [nx, ny, _] = image.dims();
         let empty = ([usize::MAX; 3], [0; 3]);
         let join = |a: ([usize; 3], [usize; 3]), b: ([usize; 3], [usize; 3])| {
@@ -59,16 +59,18 @@ impl Region {
 }
 
 /// The dense ids of a region in rows along x, each padded with background to whole words of 64 voxels and one more. Its outermost voxels are background.
-pub(super) struct Rows {
-    dims: [usize; 3],
+pub struct Rows {
+    region: Region,
     stride: usize,
     ids: Vec<u16>,
 }
 
 impl Rows {
+    /// Those of a region of `image`.
+    ///
     /// # Errors
     /// [`Error::OutOfMemory`]; whatever `check` returns.
-    pub(super) fn new(image: &LabelImage, region: &Region, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
+    pub fn new(image: &LabelImage, region: Region, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let [nx, ny, _] = image.dims();
         let dims = region.dims;
         let stride = Self::stride(dims);
@@ -85,7 +87,7 @@ impl Rows {
             }
             Ok(())
         })?;
-        Ok(Self { dims, stride, ids })
+        Ok(Self { region, stride, ids })
     }
 
     fn stride(dims: [usize; 3]) -> usize {
@@ -98,14 +100,18 @@ impl Rows {
         (size_of::<u16>() * Self::stride(dims)) as u64 * dims[1] as u64 * dims[2] as u64
     }
 
+    pub(super) fn region(&self) -> &Region {
+        &self.region
+    }
+
     pub(super) fn dims(&self) -> [usize; 3] {
-        self.dims
+        self.region.dims
     }
 
     /// Row (j, k) with its padding.
     #[inline]
     pub(super) fn row(&self, j: usize, k: usize) -> &[u16] {
-        &self.ids[(j * self.dims[2] + k) * self.stride..][..self.stride]
+        &self.ids[(j * self.region.dims[2] + k) * self.stride..][..self.stride]
     }
 
     /// The rows that bound row (j, k) of cells: corner c of cell i is `rows[c >> 1][i + (c & 1)]`.
@@ -118,8 +124,9 @@ impl Rows {
     pub(super) fn rough_counts(&self, labels: usize) -> Vec<u64> {
         const STEP: usize = 4;
         let mut counts = vec![0; labels];
-        for j in (0..self.dims[1]).step_by(STEP) {
-            for k in (0..self.dims[2]).step_by(STEP) {
+        let [_, ny, nz] = self.dims();
+        for j in (0..ny).step_by(STEP) {
+            for k in (0..nz).step_by(STEP) {
                 self.row(j, k)
                     .iter()
                     .step_by(STEP)

@@ -16,13 +16,13 @@
 //! All of this is done for all labels at once, with sets of voxels as bits, 64 in a word: a bit for each pair of neighbours that says whether they have the same label is all that is asked of labels.
 //!
 //! Cost: about a nanosecond per voxel and level. Memory while it lasts: seven bits per voxel of the region with as many voxels more on each side as the largest cube has along an axis, up to 32, in rows of
-//! whole words; beside these the ids of the region (`Rows`), 2 bytes per voxel, and 4 bytes for each thickness of each voxel that is found.
+//! whole words; beside these a byte per voxel of the region, where anything is thin.
 
 use rayon::prelude::*;
 
 use super::cells::{gathered, ones};
 use super::region::{Region, Rows};
-use crate::memory::{filled, reserve, room, zeroed};
+use crate::memory::{filled, reserve, zeroed};
 use crate::{Result, image::LabelImage};
 
 /// Called for each few thousand words of a set and each step: whether to go on.
@@ -278,35 +278,51 @@ fn either(block: &mut [u64], other: &[u64]) {
 
 /// What is thin in an image.
 pub struct ThinVoxels {
-    /// Where the region that holds all of it begins, in voxels of the image; may be -1.
-    pub first: [isize; 3],
-    /// Voxels of the region along each axis.
-    pub dims: [usize; 3],
-    /// Thicknesses, in world units, and the voxels that count and are of that thickness, by their numbers in the region: x fastest, then z, then y. Of several thicknesses of a voxel the least is its own.
-    pub found: Vec<(f64, Vec<u32>)>,
+    /// The region that holds all of it.
+    pub region: Region,
+    /// The thicknesses that were found, in world units, increasing.
+    pub thicknesses: Vec<f64>,
+    /// For each voxel of the region, x fastest, then z, then y, which thickness it has, the least of several; [`NOT_THIN`] for those that do not count. Empty where there is none.
+    pub of_voxels: Vec<u8>,
+}
+
+/// No number of a thickness.
+pub const NOT_THIN: u8 = u8::MAX;
+
+impl ThinVoxels {
+    /// The number of a thickness, which is no smaller than those before it, and a table to note it in.
+    fn number(&mut self, thickness: f64) -> Result<u8> {
+        if self.of_voxels.is_empty() {
+            self.of_voxels = filled(self.region.dims.iter().product(), NOT_THIN, "voxels of the region", || Ok(()))?;
+        }
+        if self.thicknesses.last() != Some(&thickness) {
+            self.thicknesses.push(thickness);
+        }
+        Ok((self.thicknesses.len() - 1) as u8)
+    }
 }
 
 /// Finds what is thinner than `most`, in world units; what holds cubes of 32 of the smallest sides of a voxel is not searched for, however large `most` is. `check` is called many times in each step, from several
 /// threads.
 ///
 /// # Errors
-/// [`crate::Error::EmptyImage`]; [`crate::Error::OutOfMemory`]; whatever `check` returns.
-pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<ThinVoxels> {
-    let region = Region::new(image, check)?;
-    let mut thin = ThinVoxels { first: region.first, dims: region.dims, found: Vec::new() };
+/// [`crate::Error::OutOfMemory`]; whatever `check` returns.
+pub fn thin_voxels(image: &LabelImage, rows: &Rows, most: f64, check: Check<'_>) -> Result<ThinVoxels> {
+    let region = *rows.region();
+    let mut thin = ThinVoxels { region, thicknesses: Vec::new(), of_voxels: Vec::new() };
     let spacing = image.frame().spacing();
     let unit = spacing.min_element();
     let Some(largest) = largest_cube(unit, most) else { return Ok(thin) };
-    let rows = Rows::new(image, &region, check)?;
-    let labels = Labels::new(&rows, largest, check)?;
-    let [nx, ny, nz] = region.dims;
+    let labels = Labels::new(rows, largest, check)?;
+    let [nx, _, nz] = region.dims;
     let padded = nx + 2 * largest;
     let words = padded.div_ceil(64);
     let of_row = |w: usize| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 };
     let all: Vec<u64> = (0..labels.equal[0].block()).map(|n| of_row(n % words)).collect();
-    let contacts = contacts(&rows, &labels, &all, largest, check)?;
+    let contacts = contacts(rows, &labels, &all, largest, check)?;
     if !contacts.is_empty() {
-        thin.found.push((unit, contacts));
+        let number = thin.number(unit)?;
+        contacts.into_iter().for_each(|v| thin.of_voxels[v as usize] = number);
     }
     let set = || Set::new(words, labels.equal[0].rows);
     let mut sets = [set()?, set()?, set()?, set()?];
@@ -318,22 +334,16 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
             continue;
         }
         let [set, ..] = &sets;
-        let layers = (0..ny).into_par_iter().map(|j| {
-            let mut numbers = Vec::new();
-            for k in 0..nz {
+        let number = thin.number(thickness_below(count) as f64 * unit)?;
+        thin.of_voxels.par_chunks_mut(nx * nz).enumerate().for_each(|(j, layer)| {
+            for (k, voxels) in layer.chunks_mut(nx).enumerate() {
                 for (w, &word) in set.row(j + largest, k + largest).iter().enumerate() {
-                    reserve(&mut numbers, word.count_ones() as usize, "thin voxels")?;
                     // What surrounds the region counts for nothing.
                     let inside = ones(word).map(|bit| (64 * w + bit).wrapping_sub(largest)).filter(|&i| i < nx);
-                    numbers.extend(inside.map(|i| ((j * nz + k) * nx + i) as u32));
+                    inside.for_each(|i| voxels[i] = voxels[i].min(number));
                 }
             }
-            Ok(numbers)
         });
-        let layers: Vec<Vec<u32>> = layers.collect::<Result<_>>()?;
-        let mut voxels = room(layers.iter().map(Vec::len).sum(), "thin voxels")?;
-        layers.iter().for_each(|layer| voxels.extend_from_slice(layer));
-        thin.found.push((thickness_below(count) as f64 * unit, voxels));
     }
     Ok(thin)
 }
@@ -341,17 +351,13 @@ pub fn thin_voxels(image: &LabelImage, most: f64, check: Check<'_>) -> Result<Th
 /// Sets that there are at a time, at most.
 const SETS: usize = 7;
 
-/// Bytes that [`thin_voxels`] needs at its peak, but for some per voxel that it finds.
-///
-/// # Errors
-/// [`crate::Error::EmptyImage`]; whatever `check` returns.
-pub fn bytes_needed(image: &LabelImage, most: f64, check: Check<'_>) -> Result<u64> {
-    let dims = Region::new(image, check)?.dims;
-    let largest = largest_cube(image.frame().spacing().min_element(), most);
-    Ok(largest.map_or(0, |largest| {
-        let [nx, ny, nz] = dims.map(|n| (n + 2 * largest) as u64);
-        Rows::bytes(dims) + SETS as u64 * nx.div_ceil(64) * ny * nz * size_of::<u64>() as u64
-    }))
+/// Bytes that [`thin_voxels`] needs at its peak beside the rows, but for some per contact of voxels.
+pub fn bytes_needed(image: &LabelImage, region: &Region, most: f64) -> u64 {
+    largest_cube(image.frame().spacing().min_element(), most).map_or(0, |largest| {
+        let [nx, ny, nz] = region.dims.map(|n| (n + 2 * largest) as u64);
+        let sets = SETS as u64 * nx.div_ceil(64) * ny * nz * size_of::<u64>() as u64;
+        sets + region.dims.iter().map(|&n| n as u64).product::<u64>()
+    })
 }
 
 /// The largest edge of a cube to be tried, in voxels of side `unit`: what is less than so many voxels thick is thinner than `most`, if it is a whole number less one at most.
@@ -456,21 +462,20 @@ mod tests {
             let at = p.to_array();
             label([0, 1, 2].map(|a| (at[a] / spacing[a] + half[a]).round() as usize))
         });
-        let ThinVoxels { first, dims: [nx, _, nz], found } = thin_voxels(&image.unwrap(), most, &|| Ok(())).unwrap();
-        let place = |v: u32| {
-            let v = v as usize;
+        let image = image.unwrap();
+        let rows = Rows::new(&image, Region::new(&image, &|| Ok(())).unwrap(), &|| Ok(())).unwrap();
+        let thin = thin_voxels(&image, &rows, most, &|| Ok(())).unwrap();
+        let Region { first, dims: [nx, _, nz] } = thin.region;
+        let place = |v: usize| {
             let at = [v % nx, v / nx / nz, v / nx % nz];
             [0, 1, 2].map(|a| (at[a] as isize + first[a]) as usize)
         };
-        found
-            .into_iter()
-            .map(|(thickness, voxels)| {
-                let mut voxels: Vec<_> = voxels.into_iter().map(place).collect();
-                voxels.sort_unstable();
-                voxels.dedup();
-                (thickness, voxels)
-            })
-            .collect()
+        let voxels_of = |number: usize| {
+            let voxels = thin.of_voxels.iter().enumerate().filter(|&(_, &of)| usize::from(of) == number);
+            voxels.map(|(v, _)| place(v)).collect()
+        };
+        let found = thin.thicknesses.iter().enumerate();
+        found.map(|(number, &thickness)| (thickness, voxels_of(number))).collect()
     }
 
     #[test]

@@ -261,7 +261,7 @@ mod tests {
         let image = LabelImage::from_ids([68, 12, 11], frame, ids, vec![0, 5, 6]).unwrap();
         let check: &(dyn Fn() -> Result<()> + Sync) = &|| Ok(());
         let region = Region::new(&image, check).unwrap();
-        let rows = Rows::new(&image, &region, check).unwrap();
+        let rows = Rows::new(&image, region, check).unwrap();
         let cells = Cells::mixed(&rows, check).unwrap();
         let (voxels, _) = records(&rows, &cells, Pairs::Marked, check).unwrap();
         let dims = rows.dims();

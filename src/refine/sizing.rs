@@ -12,9 +12,10 @@ use rayon::prelude::*;
 
 use crate::Result;
 use crate::image::LabelImage;
-use crate::memory::{filled, zeroed};
+use crate::memory::zeroed;
 use crate::oracle::bricks::Bricks;
-use crate::oracle::thickness::{self, ThinVoxels, thin_voxels};
+use crate::oracle::region::{Region, Rows};
+use crate::oracle::thickness::{self, NOT_THIN, ThinVoxels, thin_voxels};
 use crate::oracle::{ByCell, rounded};
 
 /// Samples of a thin structure are this part of its thickness apart.
@@ -53,27 +54,34 @@ impl Sizing {
         Self { greatest: delta, least: delta, step: 0.0, field: None }
     }
 
-    /// Delta, and less where the image is thin, down to `floor` times the smallest side of a voxel. `check` is called many times in each step, from several threads.
+    /// Delta, and less where the image, the rows of whose region are given, is thin, down to `floor` times the smallest side of a voxel. `check` is called many times in each step, from several threads.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
-    pub fn new(image: &LabelImage, delta: f64, floor: f64, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
+    pub fn new(
+        image: &LabelImage,
+        rows: &Rows,
+        delta: f64,
+        floor: f64,
+        check: &(dyn Fn() -> Result<()> + Sync),
+    ) -> Result<Self> {
         let spacing = image.frame().spacing();
         let least = floor * spacing.min_element();
         if delta <= least {
             return Ok(Self::uniform(delta));
         }
-        let thin = thin_voxels(image, delta / PER_THICKNESS, check)?;
-        if thin.found.is_empty() {
+        let thin = thin_voxels(image, rows, delta / PER_THICKNESS, check)?;
+        let ThinVoxels { region: Region { first, dims }, thicknesses, of_voxels: mut levels } = thin;
+        if levels.is_empty() {
             return Ok(Self::uniform(delta));
         }
-        let ThinVoxels { first, dims, found } = thin;
         let step = (delta - least) / f64::from(LEVELS);
-        let mut levels = filled(dims.into_iter().product(), LEVELS, "voxels of the sizing field", check)?;
-        for (thickness, voxels) in found {
-            let level = ((PER_THICKNESS * thickness - least) / step).clamp(0.0, f64::from(LEVELS)) as u8;
-            voxels.into_iter().for_each(|v| levels[v as usize] = levels[v as usize].min(level));
+        // What is not thin has the greatest.
+        let mut level_of = [LEVELS; NOT_THIN as usize + 1];
+        for (level, thickness) in level_of.iter_mut().zip(thicknesses) {
+            *level = ((PER_THICKNESS * thickness - least) / step).clamp(0.0, f64::from(LEVELS)) as u8;
         }
+        levels.par_iter_mut().for_each(|level| *level = level_of[usize::from(*level)]);
         let [nx, ny, nz] = dims;
         let layer = nx * nz;
         // The side of a thin voxel is as much the next one's.
@@ -92,19 +100,14 @@ impl Sizing {
         Ok(Self { greatest: delta, least, step, field: Some(field) })
     }
 
-    /// Bytes that [`Self::new`] needs at its peak, but for some per thin voxel.
-    ///
-    /// # Errors
-    /// [`crate::Error::EmptyImage`]; whatever `check` returns.
-    pub fn bytes_needed(
-        image: &LabelImage,
-        delta: f64,
-        floor: f64,
-        check: &(dyn Fn() -> Result<()> + Sync),
-    ) -> Result<u64> {
-        let is_uniform = delta <= floor * image.frame().spacing().min_element();
-        // The table, twice while it is put into bricks, comes when what finds thin voxels has gone; it is smaller.
-        if is_uniform { Ok(0) } else { thickness::bytes_needed(image, delta / PER_THICKNESS, check) }
+    /// Bytes that [`Self::new`] needs at its peak, beside the rows, but for some per thin voxel.
+    pub fn bytes_needed(image: &LabelImage, region: &Region, delta: f64, floor: f64) -> u64 {
+        if delta <= floor * image.frame().spacing().min_element() {
+            return 0;
+        }
+        // The table, twice while it is put into bricks, comes when what finds thin voxels has gone.
+        let table = 2 * Bricks::new(region.dims).len() as u64;
+        table.max(thickness::bytes_needed(image, region, delta / PER_THICKNESS))
     }
 
     /// The distance of samples at `p`.
