@@ -17,7 +17,8 @@
  *   versions understand each other. What the library does not know yet reads 0.
  * - Images and meshes never change and may be used by any number of threads at once. Parameters may be read by many threads as
  *   long as none changes them. A context belongs to one thread at a time, but for lapd_context_cancel.
- * - The library prints nothing, reads no environment, installs no signal handler, and never ends the process.
+ * - The library prints nothing, reads no environment, installs no signal handler, and does not end the process: memory
+ *   that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, but for some hundred bytes at a time, where Rust's standard library aborts.
  */
 
 #ifndef LAPD_H
@@ -1429,7 +1430,7 @@ lapd_status lapd_params_get_time_limit(const lapd_params *params,
  * Sets a limit of memory in bytes, 0 for none. A run that needs more ends with LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where
  * lapd_params_set_partial allows it.
  *
- * Counted are the tables of the run that grow with the image or the mesh: those made of the image's labels, of the
+ * Counted are the tables of the run that grow with the image or the mesh: those made of the image's labels, also to find what is thin, of the
  * triangulation and the work that waits, and in advance those of the mesh to come, so that the limit holds to the end of the run.
  * Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
  * refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the context
