@@ -18,7 +18,8 @@
  * - Images and meshes never change and may be used by any number of threads at once. Parameters may be read by many threads as
  *   long as none changes them. A context belongs to one thread at a time, but for lapd_context_cancel.
  * - The library prints nothing, reads no environment, installs no signal handler, and does not end the process: memory
- *   that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, but for some hundred bytes at a time, where Rust's standard library aborts.
+ *   that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, but for small tables and within the pool of threads, where Rust's standard
+ *   library aborts.
  */
 
 #ifndef LAPD_H
@@ -1431,7 +1432,7 @@ lapd_status lapd_params_get_time_limit(const lapd_params *params,
  * lapd_params_set_partial allows it.
  *
  * Counted are the tables of the run that grow with the image or the mesh: those made of the image's labels, also to find what is thin, of the
- * triangulation and the work that waits, and in advance those of the mesh to come, so that the limit holds to the end of the run.
+ * triangulation and the work that waits, and in advance those of the mesh to come and what its certificate asks of the image, so that the limit holds to the end of the run.
  * Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
  * refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the context
  * meanwhile.
@@ -1795,8 +1796,8 @@ lapd_status lapd_params_get_timeline(const lapd_params *params, int32_t *timelin
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a label is to be merged, the background, kept, or of a size of its own that the image does
  * not have, label 0 occurs beside another background, merging makes more than 65534 labels besides 0, sigma is above 0 or small components are to be left
- * out (lapd_params_set_sigma, lapd_params_set_least_voxels) of an image made of intensities or probabilities, or delta is so coarse that no tet lies in the
- * object; LAPD_ERROR_UNSUPPORTED when threads are to be bound to cores and cannot be, see lapd_params_set_bind; LAPD_ERROR_EMPTY_IMAGE when there is no label
+ * out (lapd_params_set_sigma, lapd_params_set_least_voxels) of an image made of intensities or probabilities, the box of the object, a voxel more on each side, has more than
+ * 2^32 - 1 voxels, or delta is so coarse that no tet lies in the object; LAPD_ERROR_UNSUPPORTED when threads are to be bound to cores and cannot be, see lapd_params_set_bind; LAPD_ERROR_EMPTY_IMAGE when there is no label
  * to mesh; LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT, see lapd_params_set_partial;
  * LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
  */

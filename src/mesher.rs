@@ -93,7 +93,7 @@ pub struct RunReport {
 pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>) -> Result<Meshing> {
     let mut clock = Instant::now();
     params.validate()?;
-    let limits = limits(params, clock);
+    let mut limits = limits(params, clock);
     let [nx, ny, nz] = image.dims();
     // The most that the oracle asks whether to go on: per plane, per layer in five passes, where a table is filled in, in each step of the weights.
     monitor.enter(Step::Oracle, nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)?;
@@ -130,6 +130,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let mut seconds = Seconds::default();
     let mut lap = || std::mem::replace(&mut clock, Instant::now()).elapsed().as_secs_f64();
     monitor.log(Level::Info, &describe(image, params));
+    limits.bytes_after = Certificate::bytes_needed(image);
     let go_on = || monitor.advance(1).and_then(|()| limits.check_time());
     let region = Region::new(image, &go_on)?;
     if limits.max_memory.is_some() {
@@ -137,9 +138,8 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
             true => Sizing::bytes_needed(image, &region, params.delta, params.spacing_floor),
             false => 0,
         };
-        // What the certificate needs for the image alone is known as well.
         let first = Oracle::bytes_needed(image, &region) + sizing;
-        limits.check_memory(first.max(Certificate::bytes_needed(image)))?;
+        limits.check_memory(first.max(limits.bytes_after))?;
     }
     let surface =
         Surface { model: params.surface, border: params.border, sigma: (params.sigma > 0.0).then_some(params.sigma) };
@@ -258,7 +258,7 @@ fn limits(params: &MeshParams, start: Instant) -> Limits {
         Some((end, seconds))
     });
     let (max_vertices, max_memory) = (params.max_vertices, params.max_memory);
-    Limits { max_vertices, deadline, max_memory, bytes_per_slot: BYTES_PER_SLOT }
+    Limits { max_vertices, deadline, max_memory, bytes_per_slot: BYTES_PER_SLOT, bytes_after: 0 }
 }
 
 /// A line about what is meshed.

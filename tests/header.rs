@@ -31,7 +31,8 @@ const HEAD: &str = "\
  * - Images and meshes never change and may be used by any number of threads at once. Parameters may be read by many threads as
  *   long as none changes them. A context belongs to one thread at a time, but for lapd_context_cancel.
  * - The library prints nothing, reads no environment, installs no signal handler, and does not end the process: memory
- *   that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, but for some hundred bytes at a time, where Rust's standard library aborts.
+ *   that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, but for small tables and within the pool of threads, where Rust's standard
+ *   library aborts.
  */";
 
 fn generate(root: &Path) -> String {

@@ -19,6 +19,7 @@ use super::sets::{DisjointSets, NO_SET, Numbered};
 use super::{NONE, TetMesh};
 use crate::Result;
 use crate::image::LabelImage;
+use crate::memory::room;
 use crate::monitor::Monitor;
 
 /// Tets of one piece of work, between two looks at the cancel flag; fixed, so that sums do not depend on the number of threads.
@@ -73,6 +74,9 @@ pub(super) struct MeshComponents {
     pub overlaps: Vec<Overlap>,
 }
 
+/// What lists of this module have, as errors name it.
+const WHAT: &str = "components of the mesh";
+
 impl MeshComponents {
     /// Finds the parts of all labels but 0, and where in `image` they lie; each is a component of its own until [`join`](Self::join) is called.
     ///
@@ -122,11 +126,13 @@ impl MeshComponents {
 
         let component =
             |&first: &u32| MeshComponent { label: mesh.labels[first as usize], first, tets: Tets::default() };
-        let mut list: Vec<MeshComponent> = parts.roots.iter().map(component).collect();
+        let (mut list, mut of_parts) = (room(parts.roots.len(), WHAT)?, room(parts.roots.len(), WHAT)?);
+        list.extend(parts.roots.iter().map(component));
+        of_parts.extend(0..list.len() as u32);
         for overlap in &overlaps {
             list[overlap.mesh as usize].tets += overlap.tets;
         }
-        Ok(Self { of_parts: (0..list.len() as u32).collect(), parts, list, overlaps })
+        Ok(Self { of_parts, parts, list, overlaps })
     }
 
     /// Joins the parts of each of `groups`.
@@ -134,14 +140,13 @@ impl MeshComponents {
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
     pub fn join<'g>(&mut self, groups: impl Iterator<Item = &'g [u32]>, monitor: &Monitor<'_>) -> Result<()> {
-        const WHAT: &str = "components of the mesh";
         let sets = DisjointSets::new(self.list.len(), WHAT)?;
         for group in groups {
             group.windows(2).for_each(|pair| _ = sets.join(pair[0], pair[1]));
         }
         let joined = sets.numbered(|_| true, WHAT, monitor)?;
         self.of_parts.iter_mut().for_each(|component| *component = joined.of(*component));
-        let mut list: Vec<MeshComponent> = Vec::with_capacity(joined.roots.len());
+        let mut list: Vec<MeshComponent> = room(joined.roots.len(), WHAT)?;
         for (part, component) in (0..).zip(self.list.drain(..)) {
             match list.get_mut(joined.of(part) as usize) {
                 Some(joined) => joined.tets += component.tets,

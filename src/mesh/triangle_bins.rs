@@ -14,7 +14,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::voxel_faces::{BRICK, VoxelFaces};
-use crate::memory::{parts, zeroed};
+use crate::memory::{parts, room, zeroed};
 use crate::monitor::Monitor;
 use crate::{Error, Result};
 
@@ -144,7 +144,10 @@ impl TriangleBins {
         monitor.advance(0)?;
         let mut bins = Self { triangles, spheres, size, dims, ends, lists, labels: Vec::new(), has_id };
         let labels = |brick| bins.list(brick).fold(0, |all, (_, t)| t.ids.iter().fold(all, |all, &id| all | bit(id)));
-        bins.labels = (0..dims[0] * dims[1] * dims[2]).into_par_iter().map(labels).collect();
+        let bricks = dims[0] * dims[1] * dims[2];
+        let mut of_bricks = room(bricks, "labels of bricks")?;
+        (0..bricks).into_par_iter().map(labels).collect_into_vec(&mut of_bricks);
+        bins.labels = of_bricks;
         Ok(bins)
     }
 

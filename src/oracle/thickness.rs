@@ -291,9 +291,9 @@ pub const NOT_THIN: u8 = u8::MAX;
 
 impl ThinVoxels {
     /// The number of a thickness, which is no smaller than those before it, and a table to note it in.
-    fn number(&mut self, thickness: f64) -> Result<u8> {
+    fn number(&mut self, thickness: f64, check: Check<'_>) -> Result<u8> {
         if self.of_voxels.is_empty() {
-            self.of_voxels = filled(self.region.dims.iter().product(), NOT_THIN, "voxels of the region", || Ok(()))?;
+            self.of_voxels = filled(self.region.dims.iter().product(), NOT_THIN, "voxels of the region", check)?;
         }
         if self.thicknesses.last() != Some(&thickness) {
             self.thicknesses.push(thickness);
@@ -321,7 +321,7 @@ pub fn thin_voxels(image: &LabelImage, rows: &Rows, most: f64, check: Check<'_>)
     let all: Vec<u64> = (0..labels.equal[0].block()).map(|n| of_row(n % words)).collect();
     let contacts = contacts(rows, &labels, &all, largest, check)?;
     if !contacts.is_empty() {
-        let number = thin.number(unit)?;
+        let number = thin.number(unit, check)?;
         contacts.into_iter().for_each(|v| thin.of_voxels[v as usize] = number);
     }
     let set = || Set::new(words, labels.equal[0].rows);
@@ -334,7 +334,7 @@ pub fn thin_voxels(image: &LabelImage, rows: &Rows, most: f64, check: Check<'_>)
             continue;
         }
         let [set, ..] = &sets;
-        let number = thin.number(thickness_below(count) as f64 * unit)?;
+        let number = thin.number(thickness_below(count) as f64 * unit, check)?;
         thin.of_voxels.par_chunks_mut(nx * nz).enumerate().for_each(|(j, layer)| {
             for (k, voxels) in layer.chunks_mut(nx).enumerate() {
                 for (w, &word) in set.row(j + largest, k + largest).iter().enumerate() {

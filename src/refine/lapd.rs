@@ -158,11 +158,11 @@ pub(super) struct Outbox(Vec<Gift>);
 const PARCEL: usize = 32;
 
 impl Outbox {
-    /// Adds what a tet demands: a poor tet asks for its circumcenter, whenever it is asked; a point of dO was searched for. Returns whether there is enough for `host`.
+    /// Adds what a tet demands: a poor tet asks for its circumcenter, whenever it is asked; a point of dO was searched for, and goes with the `interfaces` behind it. Returns whether there is enough for `host`.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
-    pub fn put(&mut self, host: usize, stamp: TetStamp, demand: &Demand) -> Result<bool> {
+    pub fn put(&mut self, host: usize, stamp: TetStamp, demand: &Demand, interfaces: u32) -> Result<bool> {
         if self.0.len() <= host {
             self.0.resize_with(host + 1, Gift::default);
         }
@@ -172,7 +172,7 @@ impl Outbox {
             parcel.poor.push(stamp);
         } else {
             reserve(&mut parcel.demands, 1, "demands of other regions")?;
-            parcel.demands.push((stamp, *demand));
+            parcel.demands.push((stamp, *demand, interfaces));
         }
         Ok(parcel.poor.len() + parcel.demands.len() >= PARCEL)
     }

@@ -44,8 +44,8 @@ pub struct Gift {
     pub waiting: Vec<TetStamp>,
     /// Poor.
     pub poor: Vec<TetStamp>,
-    /// Tets, and what they demanded when they were looked at.
-    pub demands: Vec<(TetStamp, Demand)>,
+    /// Tets, what they demanded when they were looked at, and which of their facets had not been asked yet, as bits.
+    pub demands: Vec<(TetStamp, Demand, u32)>,
 }
 
 /// The list.

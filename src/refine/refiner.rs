@@ -308,15 +308,21 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         self.work.looks += 1;
         self.worker.access.look(self.triangulation, stamp.tet);
         self.rules.mark_elsewhere(stamp.tet);
-        let mut interfaces = self.rules.interfaces(stamp.tet, Facets::Second(self.worker.mark()));
+        let interfaces = self.rules.interfaces(stamp.tet, Facets::Second(self.worker.mark()));
+        self.look_at(stamp, interfaces)
+    }
+
+    /// Does what the surface demands of a tet at these of its facets, or notes what its volume does.
+    #[inline]
+    fn look_at(&mut self, stamp: TetStamp, mut interfaces: u32) -> Result<()> {
         while let Some(demand) = self.ask_surface(stamp.tet, &mut interfaces) {
             // What is dropped keeps nothing else from being asked.
-            if self.hand_over(stamp, &demand)? || self.settle(stamp, &demand)? != Fate::Dropped {
+            if self.hand_over(stamp, &demand, interfaces)? || self.settle(stamp, &demand)? != Fate::Dropped {
                 return Ok(());
             }
         }
         if let Some(demand) = self.rules.volume_demand(stamp.tet)
-            && !self.hand_over(stamp, &demand)?
+            && !self.hand_over(stamp, &demand, 0)?
         {
             self.pel.push_poor(stamp);
         }
@@ -343,15 +349,15 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         Ok(fate)
     }
 
-    /// Leaves to another node what is to be inserted in its region; `false`: it lies in a region of this node.
+    /// Leaves to another node what is to be inserted in its region, with the facets that are still to be asked if it cannot be; `false`: it lies in a region of this node.
     #[inline]
-    fn hand_over(&mut self, stamp: TetStamp, demand: &Demand) -> Result<bool> {
+    fn hand_over(&mut self, stamp: TetStamp, demand: &Demand, interfaces: u32) -> Result<bool> {
         if !A::SHARED {
             return Ok(false);
         }
         match self.team.regions.as_ref().and_then(|regions| regions.elsewhere(self.me, demand.point)) {
             Some(host) => {
-                if self.outbox.put(host, stamp, demand)? {
+                if self.outbox.put(host, stamp, demand, interfaces)? {
                     self.send(host);
                 }
                 Ok(true)
@@ -530,10 +536,9 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         self.pel.accept(&mut gift)?;
         // Each demand is a step.
         self.pel.make_room(ROOM)?;
-        for (stamp, demand) in gift.demands {
+        for (stamp, demand, interfaces) in gift.demands {
             if self.triangulation.is_current(stamp) && self.settle(stamp, &demand)? == Fate::Dropped {
-                // Its volume may ask for something.
-                self.pel.push_poor(stamp);
+                self.look_at(stamp, interfaces)?;
             }
         }
         Ok(())

@@ -81,6 +81,8 @@ pub struct Limits {
     pub max_memory: Option<u64>,
     /// Bytes that are needed after the refinement for each slot of a tet.
     pub bytes_per_slot: u64,
+    /// Bytes that are needed in the end, when the triangulation has gone, beside the oracle and what `bytes_per_slot` counts.
+    pub bytes_after: u64,
 }
 
 impl Limits {
@@ -200,7 +202,8 @@ impl<'a> Team<'a> {
         (self.report)(part, tets)?;
         let later = u64::from(self.rules.triangulation.tet_bound()) * self.limits.bytes_per_slot;
         let samples = size_of_val(self.samples.as_slice()) as u64;
-        self.limits.check_memory(self.rules.bytes() + samples + bytes + later)?;
+        let in_the_end = self.rules.oracle.bytes() as u64 + self.limits.bytes_after;
+        self.limits.check_memory((self.rules.bytes() + samples + bytes).max(in_the_end) + later)?;
         self.limits.check_time()
     }
 

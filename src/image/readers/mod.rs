@@ -51,6 +51,15 @@ pub enum WorldAxes {
 }
 
 impl WorldAxes {
+    /// As users write it.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Lps => "LPS",
+            Self::Ras => "RAS",
+            Self::Las => "LAS",
+        }
+    }
+
     /// Signs of the axes relative to LPS.
     fn signs(self) -> DVec3 {
         match self {
@@ -157,8 +166,8 @@ fn open(path: &Path, volumes: Volumes, options: &ReadOptions) -> Result<Opened> 
             opened.world = Some(wanted);
         }
         None => {
-            let wanted = format!("{wanted:?}").to_ascii_uppercase();
-            let warning = format!("the file does not say what its axes mean: coordinates stay as stored, not {wanted}");
+            let warning =
+                format!("the file does not say what its axes mean: coordinates stay as stored, not {}", wanted.name());
             opened.warnings.push(warning);
         }
     }

@@ -71,6 +71,18 @@ pub fn read_probabilities(
                 return Err(Error::format(path, message));
             }
         }
+        if let (Some(of_first), Some(world)) = (all.world, stack.world)
+            && of_first != world
+        {
+            let message = format!(
+                "its axes are {}, those of {} are {}: ask for one frame",
+                world.name(),
+                first.display(),
+                of_first.name()
+            );
+            return Err(Error::format(path, message));
+        }
+        all.world = all.world.or(stack.world);
         files.resize(files.len() + stack.volumes.len(), *path);
         all.volumes.extend(stack.volumes);
         all.warnings.extend(stack.warnings);
@@ -221,6 +233,12 @@ mod tests {
         }
         let elsewhere = text(&files, "elsewhere.nrrd", "space dimension: 3\nspace origin: (1,0,0)\n", "0.5 1");
         assert!(message(&[&good, &elsewhere], None).contains("elsewhere.nrrd: another place in the world than"));
+        let tilted =
+            |name: &str, space: &str| text(&files, name, &format!("space: {space}\nspace origin: (0,0,0)\n"), "0.5 1");
+        let (lps, ras) = (tilted("lps.nrrd", "LPS"), tilted("ras.nrrd", "RAS"));
+        assert!(message(&[&lps, &ras], None).ends_with("lps.nrrd are LPS: ask for one frame"));
+        let known = read_probabilities(&[&good, &ras], None, &options).unwrap();
+        assert_eq!(known.world, Some(WorldAxes::Ras));
         let larger =
             files.write("larger.nrrd", b"NRRD0004\ntype: double\ndimension: 3\nsizes: 3 1 1\nencoding: text\n\n0 0 0");
         assert!(message(&[&good, &larger], None).contains("larger.nrrd: a grid of [3, 1, 1] voxels, but"));
