@@ -93,7 +93,7 @@ pub struct RunReport {
 pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>) -> Result<Meshing> {
     let mut clock = Instant::now();
     params.validate()?;
-    let mut limits = limits(params, clock);
+    let limits = limits(params, image, clock);
     let [nx, ny, nz] = image.dims();
     // The most that the oracle asks whether to go on: per plane, per layer in five passes, where a table is filled in, in each step of the weights.
     monitor.enter(Step::Oracle, nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)?;
@@ -130,7 +130,6 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let mut seconds = Seconds::default();
     let mut lap = || std::mem::replace(&mut clock, Instant::now()).elapsed().as_secs_f64();
     monitor.log(Level::Info, &describe(image, params));
-    limits.bytes_after = Certificate::bytes_needed(image);
     let go_on = || monitor.advance(1).and_then(|()| limits.check_time());
     let region = Region::new(image, &go_on)?;
     if limits.max_memory.is_some() {
@@ -250,15 +249,16 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     Ok(Meshing { mesh, report, ended_by })
 }
 
-/// The limits of `params`; `start` is when the run began.
-fn limits(params: &MeshParams, start: Instant) -> Limits {
+/// The limits of `params` for a run on `image`, or on one of other labels; `start` is when it began.
+fn limits(params: &MeshParams, image: &LabelImage, start: Instant) -> Limits {
     // A deadline that the clock cannot hold never comes.
     let deadline = params.time_limit.and_then(|seconds| {
         let end = start.checked_add(Duration::try_from_secs_f64(seconds).ok()?)?;
         Some((end, seconds))
     });
     let (max_vertices, max_memory) = (params.max_vertices, params.max_memory);
-    Limits { max_vertices, deadline, max_memory, bytes_per_slot: BYTES_PER_SLOT, bytes_after: 0 }
+    let bytes_after = Certificate::bytes_needed(image);
+    Limits { max_vertices, deadline, max_memory, bytes_per_slot: BYTES_PER_SLOT, bytes_after }
 }
 
 /// A line about what is meshed.

@@ -10,7 +10,8 @@ use super::context::{lapd_context, lapd_log_level, with_context};
 use super::params::unknown;
 use super::status::lapd_status;
 use crate::image::readers::{ReadOptions, WorldAxes, WorldFrame, read_image_with};
-use crate::image::{Frame, LabelImage, Voxels};
+use crate::image::volume::packed_strides;
+use crate::image::{Frame, LabelImage, Voxels, numbered_voxels};
 
 /// A label image: a grid of integer labels, and its place in the world. Label 0 is the background. Never changes after it was
 /// made, so any number of threads may use it at once.
@@ -129,12 +130,9 @@ pub(super) fn strided(dims: [usize; 3], strides: Option<[isize; 3]>) -> Outcome<
         return Err(Failure::invalid(format!("dims[{axis}] must be at least 1, got 0")));
     }
     let too_large = || Failure::invalid(format!("an image of {dims:?} voxels is too large: at most 2^32 - 1 voxels"));
-    let voxels = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).ok_or_else(too_large)?;
-    // The second of these is the smaller one where addresses have 32 bits.
-    if u32::try_from(voxels).is_err() || voxels > isize::MAX as usize {
-        return Err(too_large());
-    }
-    let strides = strides.unwrap_or([1, dims[0] as isize, (dims[0] * dims[1]) as isize]);
+    // Where addresses have 32 bits the latter is the smaller one.
+    numbered_voxels(dims).filter(|&voxels| voxels <= isize::MAX as usize).ok_or_else(too_large)?;
+    let strides = strides.unwrap_or_else(|| packed_strides(dims));
     let (before, count) = extent(dims, strides)
         .ok_or_else(|| Failure::invalid(format!("strides {strides:?} of {dims:?} voxels do not fit in memory")))?;
     Ok((before, count, strides))

@@ -14,7 +14,13 @@ use crate::{Error, Result};
 const TABLE_FIRST: i32 = i16::MIN as i32;
 const TABLE_LEN: usize = 3 << 15;
 
-/// The number of voxels of a grid.
+/// The number of voxels of a grid; `None` where u32 cannot number them.
+pub(crate) fn numbered_voxels(dims: [usize; 3]) -> Option<usize> {
+    let count = dims.iter().try_fold(1_usize, |product, &n| product.checked_mul(n))?;
+    u32::try_from(count).is_ok().then_some(count)
+}
+
+/// As [`numbered_voxels`], with an error.
 ///
 /// # Errors
 /// [`Error::InvalidArgument`] when an axis is empty or the voxels cannot be numbered by u32.
@@ -22,15 +28,12 @@ pub(super) fn voxel_count(dims: [usize; 3]) -> Result<usize> {
     if let Some(axis) = dims.iter().position(|&n| n == 0) {
         return Err(Error::InvalidArgument(format!("image axis {axis} has 0 voxels")));
     }
-    dims.iter()
-        .try_fold(1_usize, |product, &n| product.checked_mul(n))
-        .filter(|&count| u32::try_from(count).is_ok())
-        .ok_or_else(|| {
-            Error::InvalidArgument(format!(
-                "an image of {} x {} x {} voxels is too large: at most 2^32 - 1 voxels",
-                dims[0], dims[1], dims[2]
-            ))
-        })
+    numbered_voxels(dims).ok_or_else(|| {
+        Error::InvalidArgument(format!(
+            "an image of {} x {} x {} voxels is too large: at most 2^32 - 1 voxels",
+            dims[0], dims[1], dims[2]
+        ))
+    })
 }
 
 /// Collects the labels of an image, x fastest.

@@ -23,6 +23,7 @@ pub mod readers;
 mod relabel;
 pub mod volume;
 
+pub(crate) use builder::numbered_voxels;
 pub(crate) use field::{Field, Maps};
 pub use frame::Frame;
 pub use gray::GrayImage;

@@ -213,7 +213,7 @@ impl LabelImage {
 }
 
 /// Strides of voxels that lie packed, x fastest.
-fn packed_strides(dims: [usize; 3]) -> [isize; 3] {
+pub(crate) fn packed_strides(dims: [usize; 3]) -> [isize; 3] {
     [1, dims[0] as isize, (dims[0] * dims[1]) as isize]
 }
 

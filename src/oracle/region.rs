@@ -2,7 +2,9 @@
 
 use rayon::prelude::*;
 
-use crate::{Error, Result, image::LabelImage, memory::zeroed};
+use crate::image::{LabelImage, numbered_voxels};
+use crate::memory::zeroed;
+use crate::{Error, Result};
 
 /// Where a region lies in its image.
 #[derive(Clone, Copy, Debug)]
@@ -48,8 +50,7 @@ impl Region {
             return Err(Error::EmptyImage);
         }
         let dims = [0, 1, 2].map(|a| high[a] - low[a] + 3);
-        let voxels = dims.iter().try_fold(1_usize, |product, &n| product.checked_mul(n));
-        if voxels.is_none_or(|voxels| u32::try_from(voxels).is_err()) {
+        if numbered_voxels(dims).is_none() {
             return Err(Error::InvalidArgument(format!(
                 "the object's box of {dims:?} voxels, one more on each side, is too large: at most 2^32 - 1 voxels"
             )));

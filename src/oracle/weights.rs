@@ -26,6 +26,7 @@ use std::sync::LazyLock;
 use rayon::prelude::*;
 
 use super::{border::Border, indicator};
+use crate::memory::reserve;
 use crate::{Error, Result};
 
 /// Weights lie in [1/LIMIT, LIMIT].
@@ -395,9 +396,9 @@ impl<'a> Tally<'a> {
     fn find_contest(&mut self, pair: [u16; 2]) -> Result<usize> {
         let next = self.contests.len();
         // An image with many labels has many pairs of them.
-        let short = |_| Error::OutOfMemory { count: next + 1, what: "pairs of labels" };
-        self.of_pair.try_reserve(1).map_err(short)?;
-        self.contests.try_reserve(1).map_err(short)?;
+        const WHAT: &str = "pairs of labels";
+        self.of_pair.try_reserve(1).map_err(|_| Error::OutOfMemory { count: next + 1, what: WHAT })?;
+        reserve(&mut self.contests, 1, WHAT)?;
         let at = *self.of_pair.entry(pair).or_insert(next);
         if at == next {
             self.contests.push(Contest { cells: [0; SHAPES], samples: [0; LEVELS + 1] });

@@ -100,7 +100,7 @@ impl Sizing {
         Ok(Self { greatest: delta, least, step, field: Some(field) })
     }
 
-    /// Bytes that [`Self::new`] needs at its peak, beside the rows, but for some per thin voxel.
+    /// Bytes that [`Self::new`] needs at its peak, beside the rows, but for some per contact of voxels.
     pub fn bytes_needed(image: &LabelImage, region: &Region, delta: f64, floor: f64) -> u64 {
         if delta <= floor * image.frame().spacing().min_element() {
             return 0;
