@@ -50,20 +50,19 @@ impl<A: Access> Worker<A> {
         if triangulation.tet(t).vertices() == vertices { Dig::Done } else { Dig::Stale }
     }
 
-    /// Whether `p` is in conflict with tet `t`: the cached sphere first, then the exact predicate. `None` when `p` is a vertex of `t`.
+    /// Whether `p` is in conflict with a tet: the cached sphere first, then the exact predicate. `None` when `p` is a vertex of it.
     #[inline(always)]
-    fn conflict(&mut self, triangulation: &Triangulation, t: TetId, p: DVec3) -> Option<bool> {
+    fn conflict(&mut self, triangulation: &Triangulation, tet: &TetRecord, p: DVec3) -> Option<bool> {
         self.counters.in_sphere_tests += 1;
-        self.access.visit_tet(t);
-        let answer = triangulation.tet(t).sphere().contains(p);
-        if answer.is_some() { answer } else { self.exact_conflict(triangulation, t, p) }
+        let answer = tet.sphere().contains(p);
+        if answer.is_some() { answer } else { self.exact_conflict(triangulation, tet, p) }
     }
 
     #[cold]
-    fn exact_conflict(&mut self, triangulation: &Triangulation, t: TetId, p: DVec3) -> Option<bool> {
+    fn exact_conflict(&mut self, triangulation: &Triangulation, tet: &TetRecord, p: DVec3) -> Option<bool> {
         self.counters.exact_predicates += 1;
         self.access.spend(Effort::Exact(1));
-        let corners = triangulation.corners(triangulation.tet(t).vertices());
+        let corners = triangulation.corners(tet.vertices());
         (!corners.contains(&p)).then(|| in_sphere_perturbed(corners, p))
     }
 
@@ -86,7 +85,8 @@ impl<A: Access> Worker<A> {
             return Dig::Stale;
         }
         debug_assert!(triangulation.holds(p));
-        match self.conflict(triangulation, start, p) {
+        self.access.visit_tet(start);
+        match self.conflict(triangulation, triangulation.tet(start), p) {
             None => return Dig::Duplicate,
             Some(false) => return Dig::NotInConflict,
             Some(true) => {}
@@ -101,8 +101,9 @@ impl<A: Access> Worker<A> {
     /// Digs from a first tet of the cavity, breadth first: between its mark and its turn a tet's neighbours come into the cache.
     fn spread(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3) -> Dig {
         // Through no facet did one come to the first tet. Facet 0 stands for it, and is looked through here.
-        self.take_in(triangulation, Facet::new(start, 0));
-        let mut end = self.look_through(triangulation, triangulation.tet(start), 0, p);
+        let first = triangulation.tet(start);
+        self.take_in(triangulation, Facet::new(start, 0), first);
+        let mut end = self.look_through(triangulation, first, 0, p);
         let mut next = 0;
         while let (Dig::Done, Some(&entry)) = (end, self.cavity.get(next)) {
             next += 1;
@@ -122,19 +123,22 @@ impl<A: Access> Worker<A> {
     fn look_through(&mut self, triangulation: &Triangulation, record: &TetRecord, index: usize, p: DVec3) -> Dig {
         let outside = record.neighbor(index);
         if !outside.is_none() {
-            if triangulation.tet(outside.tet()).is_in_cavity() {
+            // Looked up once: the compiler may not assume that a second time would give the same.
+            let other = triangulation.tet(outside.tet());
+            if other.is_in_cavity() {
                 return Dig::Done;
             }
-            match self.conflict(triangulation, outside.tet(), p) {
+            self.access.visit_tet(outside.tet());
+            match self.conflict(triangulation, other, p) {
                 None => return Dig::Duplicate,
                 Some(true) => {
                     // It shares its other vertices with a tet that is owned.
-                    let opposite = triangulation.tet(outside.tet()).vertex(outside.index());
+                    let opposite = other.vertex(outside.index());
                     self.access.visit_vertex(opposite);
                     if !self.access.try_own(triangulation, opposite) {
                         return Dig::Blocked;
                     }
-                    self.take_in(triangulation, outside);
+                    self.take_in(triangulation, outside, other);
                     return Dig::Done;
                 }
                 Some(false) => {}
@@ -145,13 +149,13 @@ impl<A: Access> Worker<A> {
         Dig::Done
     }
 
-    /// Takes a tet into the cavity, found through facet `entry` of it.
+    /// Takes `tet` into the cavity, found through facet `entry` of it.
     #[inline(always)]
-    fn take_in(&mut self, triangulation: &Triangulation, entry: Facet) {
-        triangulation.tet(entry.tet()).set_in_cavity(true);
+    fn take_in(&mut self, triangulation: &Triangulation, entry: Facet, tet: &TetRecord) {
+        tet.set_in_cavity(true);
         // The neighbours are tested when the tet's turn comes, the rest is needed when the star is filled.
-        triangulation.prefetch_neighbors(entry.tet());
-        triangulation.prefetch_rest(entry);
+        triangulation.prefetch_neighbors(tet);
+        triangulation.prefetch_rest(tet, entry.index());
         self.cavity.push(entry);
     }
 

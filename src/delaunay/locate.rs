@@ -25,8 +25,8 @@ impl Triangulation {
         let mut entry = 3;
         let mut tries = 1..=4;
         'walk: loop {
-            self.prefetch_neighbors(t);
             let record = self.tet(t);
+            self.prefetch_neighbors(record);
             let vertices = record.vertices();
             if is_free(vertices) {
                 // Another worker has just freed the slot: the caller finds that out, and begins elsewhere.

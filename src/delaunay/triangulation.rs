@@ -145,11 +145,10 @@ impl Triangulation {
 
     /// Fetches the neighbours of a tet into the cache: whoever looks at them next need not wait.
     #[inline]
-    pub fn prefetch_neighbors(&self, t: TetId) {
-        let record = self.tet(t);
+    pub fn prefetch_neighbors(&self, tet: &TetRecord) {
         for i in 0..4 {
             // A facet on the box names a tet far beyond all that exist.
-            self.tets.prefetch(record.neighbor(i).tet());
+            self.tets.prefetch(tet.neighbor(i).tet());
         }
     }
 
@@ -170,15 +169,15 @@ impl Triangulation {
     /// Fetches the vertices and the neighbours of a tet, whose record should be in the cache.
     #[inline(always)]
     pub fn prefetch_around(&self, t: TetId) {
-        self.prefetch_neighbors(t);
         let record = self.tet(t);
+        self.prefetch_neighbors(record);
         (0..4).for_each(|i| self.vertices.prefetch(record.vertex(i)));
     }
 
-    /// Fetches what an operation that destroys a tet needs of it besides its record: the vertex opposite to the facet through which the tet was found. The other three are those of the tet before it.
+    /// Fetches what an operation that destroys a tet needs of it besides its record: the vertex opposite to facet `entry`, through which the tet was found. The other three are those of the tet before it.
     #[inline]
-    pub(super) fn prefetch_rest(&self, entry: Facet) {
-        self.vertices.prefetch(self.tet(entry.tet()).vertex(entry.index()));
+    pub(super) fn prefetch_rest(&self, tet: &TetRecord, entry: usize) {
+        self.vertices.prefetch(tet.vertex(entry));
     }
 
     /// The record of a vertex.

@@ -158,6 +158,8 @@ impl Contention {
     pub fn after_success(&self, me: usize, streak: &mut Streak, waiters: &Waiters) {
         streak.conflicts = 0;
         match self.policy {
+            // Relaxed: who comes too late to be seen is seen after the next operations, or when this worker has none left.
+            Policy::Local if self.workers[me].following.load(Relaxed) == 0 => {}
             Policy::Local => self.wake_followers(me, waiters),
             Policy::Global => self.wake_first(waiters),
             Policy::Random | Policy::Aggressive => {}
@@ -165,12 +167,9 @@ impl Contention {
     }
 
     /// Wakes all: what they needed has been given back. One at a time they would wait for operations elsewhere, and those who wait for them as well.
+    #[cold]
     fn wake_followers(&self, me: usize, waiters: &Waiters) {
         let own = &self.workers[me];
-        // Relaxed: who comes too late to be seen is seen after the next operations, or when this worker has none left.
-        if own.following.load(Relaxed) == 0 {
-            return;
-        }
         let list = {
             let mut followers = lock(&own.followers);
             own.following.store(0, Relaxed);

@@ -239,7 +239,7 @@ impl<'a> Rules<'a> {
     #[inline]
     pub fn interfaces(&self, t: TetId, facets: Facets) -> u32 {
         let record = self.triangulation.tet(t);
-        self.triangulation.prefetch_neighbors(t);
+        self.triangulation.prefetch_neighbors(record);
         if !record.sphere().is_certain() {
             return 0;
         }
