@@ -30,6 +30,10 @@ use crate::{Error, Result};
 /// Steps between two looks at the cancel flag and the limits.
 pub(super) const LOOK_EVERY: u64 = 1024;
 
+/// Steps between two looks at what other workers want or have sent. Most steps are a look at a tet, some hundred instructions, of which asking each time would be a tenth.
+const ASK_EVERY: u64 = 8;
+const _: () = assert!(LOOK_EVERY.is_multiple_of(ASK_EVERY));
+
 /// Entries that the list has room for at each look: more than the steps until the next one push, unless cavities are monstrous.
 const ROOM: usize = 64 * LOOK_EVERY as usize;
 
@@ -257,17 +261,19 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         let divided = A::SHARED && self.team.regions.is_some();
         let mut steps = 0_u64;
         loop {
-            if steps.is_multiple_of(LOOK_EVERY) {
-                self.look_around()?;
+            if steps.is_multiple_of(ASK_EVERY) {
+                if steps.is_multiple_of(LOOK_EVERY) {
+                    self.look_around()?;
+                }
+                if A::SHARED && beggars.any() {
+                    self.give()?;
+                }
+                if divided && let Some(sent) = self.team.begging.open_inbox(self.me) {
+                    self.accept(sent)?;
+                }
             }
             steps += 1;
             self.worker.access.pause();
-            if A::SHARED && beggars.any() {
-                self.give()?;
-            }
-            if divided && let Some(sent) = self.team.begging.open_inbox(self.me) {
-                self.accept(sent)?;
-            }
             match self.pel.pop() {
                 Some(Task::Remove(v)) => self.remove(v)?,
                 Some(Task::Look(stamp)) if self.triangulation.is_current(stamp) => self.look(stamp)?,
