@@ -119,11 +119,11 @@ impl Access for Solo {
     }
 }
 
-/// One of many workers on one triangulation: vertices are owned by the words of their groups.
+/// One of many workers on one triangulation.
 #[derive(Debug)]
 pub struct TryLock {
     me: OwnerId,
-    /// Words of groups of vertices.
+    /// Words of vertices.
     owned: Vec<u32>,
     met: OwnerId,
     #[cfg(feature = "force-conflicts")]

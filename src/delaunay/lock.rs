@@ -18,7 +18,7 @@ pub enum Claim {
     Refused(OwnerId),
 }
 
-/// Who owns a group of vertices. All bytes zero: nobody.
+/// Who owns a vertex. All bytes zero: nobody.
 #[derive(Debug, Default)]
 pub struct Owner(AtomicU16);
 

@@ -1,8 +1,8 @@
 //! Who owns which vertices: the locks of speculative refinement.
 //!
 //! # The protocol
-//! **What is locked.** Vertices, [`GROUP`] with neighbouring ids by one word; what is said of a vertex here is true of its group. Ids are given out in sequence, and vertices that one worker inserts one after the other lie
-//! close together, so that most of an operation's vertices share few words. An operation owns every vertex of every tet that it rewrites before it writes anything (invariant 4 of the module), and gives all back when it has
+//! **What is locked.** Vertices, each by a word of its own, apart from the records: an operation asks for a vertex, and for most of them more than once, before it needs anything else of it, and 32 words are in a cache line.
+//! An operation owns every vertex of every tet that it rewrites before it writes anything (invariant 4 of the module), and gives all back when it has
 //! ended, completed or not. A tet can be rewritten only by a worker that owns its four vertices. Two tets that share a facet share three vertices, so from a tet that
 //! one owns one can go to its neighbours safely: they stay as they are although one does not own their fourth vertex.
 //!
@@ -28,20 +28,17 @@ use super::VertexId;
 use super::lock::Owner;
 use crate::memory::zeroed_box;
 
-/// log2 of [`GROUP`].
-const GROUP_LOG: u32 = 3;
-/// Vertices with neighbouring ids that one word locks.
-pub const GROUP: u32 = 1 << GROUP_LOG;
-/// Words. Vertices whose ids are so many groups apart share one: 8 million.
-const WORDS: usize = 1 << 20;
+/// Words. Vertices whose ids are so many apart share one, and what is said of a vertex is true of both. So meshes beyond 4 million vertices have conflicts between operations far from each other: with 17 vertices
+/// each, 64 workers have one in some 500 operations.
+const WORDS: usize = 1 << 22;
 
 /// The number of a vertex's word.
 #[inline(always)]
 pub fn word(v: VertexId) -> u32 {
-    (v >> GROUP_LOG) % WORDS as u32
+    v % WORDS as u32
 }
 
-/// The words of a triangulation's vertices: 2 MiB, of which what is never used is never touched.
+/// The words of a triangulation's vertices: 8 MiB, of which what is never used is never touched.
 pub struct Owners(Box<[Owner; WORDS]>);
 
 impl Owners {

@@ -27,7 +27,7 @@ pub const BOX_VERTICES: u32 = 8;
 pub struct Triangulation {
     tets: Chunked<TetRecord>,
     vertices: Chunked<VertexRecord>,
-    /// The locks of vertices, apart from the records: digging asks for them before it needs anything else of a vertex.
+    /// The locks of vertices.
     owners: Owners,
     homes: Homes,
     tet_chunks: AtomicU32,
@@ -186,7 +186,7 @@ impl Triangulation {
         self.vertices.get(v)
     }
 
-    /// A word that locks vertices.
+    /// The word that locks a vertex, by its number.
     #[inline(always)]
     pub(super) fn owner(&self, word: u32) -> &Owner {
         self.owners.get(word)
@@ -248,10 +248,11 @@ impl Triangulation {
         self.tet_chunks.load(Acquire) * CHUNK as u32
     }
 
-    /// Bytes of all chunks.
+    /// Bytes of all chunks, and of the locks of their vertices.
     pub fn bytes(&self) -> u64 {
+        let of_vertices = Chunked::<VertexRecord>::CHUNK_BYTES + CHUNK * size_of::<Owner>();
         u64::from(self.tet_chunks.load(Relaxed)) * Chunked::<TetRecord>::CHUNK_BYTES as u64
-            + u64::from(self.vertex_chunks.load(Relaxed)) * Chunked::<VertexRecord>::CHUNK_BYTES as u64
+            + u64::from(self.vertex_chunks.load(Relaxed)) * of_vertices as u64
     }
 
     /// Ids below this may be vertices.
