@@ -321,14 +321,15 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     /// Does what the surface demands of a tet at these of its facets, or notes what its volume does. Most looks find nothing: for these a call would be 36 instructions more.
     #[inline(always)]
     fn look_at(&mut self, stamp: TetStamp, mut interfaces: u32) -> Result<()> {
-        while let Some(demand) = self.ask_surface(stamp.tet, &mut interfaces) {
+        // Demands stay where they were made: one is a hundred bytes and more, and a copy of what was just written waits for that.
+        while let Some(demand) = &self.ask_surface(stamp.tet, &mut interfaces) {
             // What is dropped keeps nothing else from being asked.
-            if self.hand_over(stamp, &demand, interfaces)? || self.settle(stamp, &demand)? != Fate::Dropped {
+            if self.hand_over(stamp, demand, interfaces)? || self.settle(stamp, demand)? != Fate::Dropped {
                 return Ok(());
             }
         }
-        if let Some(demand) = self.rules.volume_demand(stamp.tet)
-            && !self.hand_over(stamp, &demand, 0)?
+        if let Some(demand) = &self.rules.volume_demand(stamp.tet)
+            && !self.hand_over(stamp, demand, 0)?
         {
             self.pel.push_poor(stamp);
         }
@@ -385,8 +386,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     }
 
     fn serve(&mut self, stamp: TetStamp) -> Result<()> {
-        if let Some(demand) = self.rules.volume_demand(stamp.tet)
-            && self.carry_out(stamp, &demand)? == Fate::GivenUp
+        if let Some(demand) = &self.rules.volume_demand(stamp.tet)
+            && self.carry_out(stamp, demand)? == Fate::GivenUp
         {
             self.pel.push_poor(stamp);
         }
