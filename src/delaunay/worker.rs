@@ -152,9 +152,11 @@ impl<A: Access> Worker<A> {
         self.mark
     }
 
-    /// The slots of tets that this worker claimed, other workers' tets in them or not.
-    pub fn claimed(&self) -> &[Range<TetId>] {
-        &self.claimed
+    /// The slots of tets that this worker claimed, other workers' tets in them or not, but for those that nobody has used yet: to read these would map pages that the first tet in them then makes the system map
+    /// anew, which halts all other threads.
+    pub fn used_slots(&self) -> impl Iterator<Item = Range<TetId>> {
+        let fresh = &self.fresh_tets;
+        self.claimed.iter().map(|slots| if slots.end == fresh.end { slots.start..fresh.start } else { slots.clone() })
     }
 
     /// The tets that the last completed operation made.

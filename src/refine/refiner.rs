@@ -215,8 +215,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         let regions = self.team.regions.as_ref();
         // Slots of the box are nobody's claim.
         let of_box = (self.me == 0).then(|| self.triangulation.box_slots());
-        let claimed: Vec<Range<TetId>> = self.worker.claimed().iter().cloned().chain(of_box).collect();
-        for slots in claimed {
+        let used: Vec<Range<TetId>> = self.worker.used_slots().chain(of_box).collect();
+        for slots in used {
             self.look_around()?;
             self.pel.make_room(slots.len())?;
             for first in slots.clone().step_by(COLLECTED) {
