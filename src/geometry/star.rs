@@ -22,6 +22,8 @@ pub struct StarSpheres {
     blocks: Vec<Block>,
 }
 
+/// Aligned, so that no vector of a row lies in two cache lines: an allocator may put one worker's block so and another's otherwise.
+#[repr(align(64))]
 struct Block {
     corners: Corners,
     spheres: Spheres,
@@ -84,8 +86,15 @@ fn compute(corners: &Corners, spheres: &mut Spheres, count: usize, origin: &Orig
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn compute_avx2(corners: &Corners, spheres: &mut Spheres, count: usize, origin: &Origin) {
-    compute_block(corners, spheres, count, origin);
+    // There are more values than registers, and the compiler aligns a frame for vectors only if something in it that cannot be left out asks for that.
+    let aligned = std::hint::black_box(LineAligned(*origin));
+    compute_block(corners, spheres, count, &aligned.0);
 }
+
+/// At the begin of a cache line, so that no vector in it, or beside it in a frame, lies in two.
+#[cfg(target_arch = "x86_64")]
+#[repr(align(64))]
+struct LineAligned<T>(T);
 
 /// Not inlined: only the arguments of a function are known not to overlap.
 #[inline(never)]
