@@ -2,12 +2,10 @@
 //!
 //! A tile is a range of layers of bricks along y and one along z, whole along x. Its *colour* is which of its two numbers are odd, so no two of one colour are beside each other: whoever works on the tiles in the order
 //! of their colours, each after those beside it of a lower one, has the same result whatever the number of threads. What is found in the rows of two tiles that are not beside each other is apart by the distance that was asked for.
-//!
-//! Where all tiles are worked on several times, a tile's next pass waits for those beside it alone: no thread waits for the last tile of a pass.
 
 use std::ops::Range;
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicUsize, Ordering::*};
+use std::sync::atomic::{AtomicUsize, Ordering::AcqRel};
 
 use glam::DVec3;
 use rayon::Scope;
@@ -83,18 +81,18 @@ impl Tiles {
         around(y, ny).flat_map(move |y| around(z, nz).map(move |z| y * nz + z)).filter(move |&other| other != tile)
     }
 
-    /// Visits each tile in so many passes, on all threads of the current rayon pool: in each as soon as those beside it of lower colours have been visited in that pass, and those of higher ones in the pass before,
-    /// and before any of these is visited again. So no two beside each other are visited at the same time, and what a visit finds there depends neither on the number of threads nor on whether others are passes ahead.
+    /// Visits each tile, on all threads of the current rayon pool: as soon as those beside it of lower colours have been visited, and before any of those of higher ones. So no two beside each other are visited at
+    /// the same time, and what a visit finds there does not depend on the number of threads.
     ///
     /// # Errors
-    /// The first of `visit`, which is told pass and tile; nothing is begun after it.
-    pub fn in_colors(&self, passes: usize, visit: impl Fn(usize, usize) -> Result<()> + Sync) -> Result<()> {
+    /// The first of `visit`; nothing is begun after it.
+    pub fn in_colors(&self, visit: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
         let missing = (0..self.count()).map(|tile| AtomicUsize::new(self.before(tile).count())).collect();
-        let coloring = Coloring { tiles: self, passes, visit, missing, failure: OnceLock::new() };
+        let coloring = Coloring { tiles: self, visit, missing, failure: OnceLock::new() };
         rayon::scope(|scope| {
             let coloring = &coloring;
-            for tile in (0..self.count()).filter(|&tile| passes > 0 && self.before(tile).next().is_none()) {
-                scope.spawn(move |scope| coloring.visit(0, tile, scope));
+            for tile in (0..self.count()).filter(|&tile| self.before(tile).next().is_none()) {
+                scope.spawn(move |scope| coloring.visit(tile, scope));
             }
         });
         coloring.failure.into_inner().map_or(Ok(()), Err)
@@ -120,39 +118,28 @@ impl Tiles {
 /// A way through all tiles.
 struct Coloring<'a, V> {
     tiles: &'a Tiles,
-    passes: usize,
     visit: V,
-    /// How many visits each tile's next one still waits for.
+    /// How many of those before each tile have not been visited yet.
     missing: Vec<AtomicUsize>,
     failure: OnceLock<Error>,
 }
 
-impl<V: Fn(usize, usize) -> Result<()> + Sync> Coloring<'_, V> {
+impl<V: Fn(usize) -> Result<()> + Sync> Coloring<'_, V> {
     /// Visits a tile, and has those visited that waited for it alone.
-    fn visit<'s>(&'s self, pass: usize, tile: usize, scope: &Scope<'s>) {
+    fn visit<'s>(&'s self, tile: usize, scope: &Scope<'s>) {
         if self.failure.get().is_some() {
             return;
         }
-        if let Err(error) = (self.visit)(pass, tile) {
+        if let Err(error) = (self.visit)(tile) {
             // The first is told.
             let _ = self.failure.set(error);
             return;
         }
-        // The tile's next visit waits for this one and for one of each tile beside it. Relaxed: these come after this one, in the order of what is counted down from here on.
-        self.missing[tile].store(self.tiles.beside(tile).count() + 1, Relaxed);
-        for other in self.tiles.beside(tile) {
-            // Those of lower colours have been visited in this pass.
-            let next = pass + usize::from(self.tiles.color(other) < self.tiles.color(tile));
-            self.come_nearer(next, other, scope);
-        }
-        self.come_nearer(pass + 1, tile, scope);
-    }
-
-    /// One of those that the next visit of a tile, in `pass`, waits for has been.
-    fn come_nearer<'s>(&'s self, pass: usize, tile: usize, scope: &Scope<'s>) {
-        // AcqRel: the visit that all others come before sees what they have done.
-        if pass < self.passes && self.missing[tile].fetch_sub(1, AcqRel) == 1 {
-            scope.spawn(move |scope| self.visit(pass, tile, scope));
+        for after in self.tiles.beside(tile).filter(|&other| self.tiles.color(other) > self.tiles.color(tile)) {
+            // AcqRel: the visit that comes last sees what the others have done.
+            if self.missing[after].fetch_sub(1, AcqRel) == 1 {
+                scope.spawn(move |scope| self.visit(after, scope));
+            }
         }
     }
 }
@@ -160,6 +147,7 @@ impl<V: Fn(usize, usize) -> Result<()> + Sync> Coloring<'_, V> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::Ordering::Acquire;
 
     /// So many tiles along y and z.
     fn tiles(counts: [usize; 2]) -> Tiles {
@@ -176,21 +164,20 @@ mod tests {
     }
 
     #[test]
-    fn each_visit_comes_after_those_beside_it_that_it_waits_for() {
-        const PASSES: usize = 5;
+    fn each_is_visited_once_after_those_beside_it_of_lower_colors() {
         for counts in [[0, 0], [1, 1], [2, 1], [3, 4], [8, 8]] {
             let tiles = tiles(counts);
             let visits: Vec<AtomicUsize> = (0..tiles.count()).map(|_| AtomicUsize::new(0)).collect();
-            let visited = tiles.in_colors(PASSES, |pass, tile| {
+            let visited = tiles.in_colors(|tile| {
                 for other in tiles.beside(tile) {
                     let is_lower = tiles.color(other) < tiles.color(tile);
-                    assert_eq!(visits[other].load(Acquire), pass + usize::from(is_lower));
+                    assert_eq!(visits[other].load(Acquire), usize::from(is_lower));
                 }
-                assert_eq!(visits[tile].fetch_add(1, AcqRel), pass);
+                visits[tile].fetch_add(1, AcqRel);
                 Ok(())
             });
             visited.unwrap();
-            assert!(visits.into_iter().all(|count| count.into_inner() == PASSES));
+            assert!(visits.into_iter().all(|count| count.into_inner() == 1));
             for tile in 0..tiles.count() {
                 assert!(tiles.beside(tile).all(|other| tiles.color(other) != tiles.color(tile)));
                 assert!(tiles.beside(tile).all(|other| tiles.beside(other).any(|back| back == tile)));
@@ -202,12 +189,12 @@ mod tests {
     fn nothing_is_begun_that_waits_for_an_error() {
         let tiles = tiles([8, 8]);
         let begun = AtomicUsize::new(0);
-        let visited = tiles.in_colors(2, |_, tile| {
+        let visited = tiles.in_colors(|tile| {
             begun.fetch_add(1, AcqRel);
             if tiles.color(tile) == 1 { Err(Error::Cancelled) } else { Ok(()) }
         });
         assert!(matches!(visited, Err(Error::Cancelled)));
-        // A quarter is of the last colour, and none of it has all that it waits for; nor has any tile in the second pass.
+        // A quarter is of the last colour, and none of it has all that it waits for.
         assert!(begun.into_inner() <= 48);
     }
 }

@@ -14,19 +14,16 @@
 //!
 //! Where samples are sparser than that, because sampling does not adapt, they are thinned out like others.
 //!
-//! Each tile of the image thins out what it has, in passes, one colour after the other: see `sampling`. So the samples do not depend on the number of threads.
-
-use std::sync::{Mutex, PoisonError};
+//! Each tile of the image thins out what it has, one colour after the other: see `sampling`. So the samples do not depend on the number of threads.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::sampling::Net;
+use super::sampling::Nets;
 use super::sizing::Sizing;
 use crate::Result;
 use crate::memory::{reserve, room};
 use crate::oracle::{EdgeGrid, FeaturePoint, JunctionKind, Oracle, Tiles};
-use crate::sync::lock;
 
 /// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
 const SPACING: f64 = 0.6;
@@ -35,14 +32,14 @@ const CONTACT_SPACING: f64 = 0.5;
 /// Distance of the planes on which candidates lie, in spacings.
 const FINENESS: f64 = 0.4;
 
-/// The points of the junctions of a tile, in the order in which they are offered, and those of its corner voxels.
+/// The points of the junctions of a tile, and those of its corner voxels.
 #[derive(Default)]
 struct Candidates {
     contacts: Vec<DVec3>,
     around: Vec<DVec3>,
+    narrow: Vec<DVec3>,
     corners: Vec<DVec3>,
     lines: Vec<DVec3>,
-    narrow: Vec<DVec3>,
     corner_voxels: Vec<DVec3>,
 }
 
@@ -53,73 +50,49 @@ fn keep(points: &mut Vec<DVec3>, p: DVec3) -> Result<()> {
     Ok(())
 }
 
-/// The points of the junctions of an image, by tile. Each tile's are forgotten when they have been offered.
-pub(super) struct Junctions {
-    /// Nobody ever waits for one of the locks: a tile is visited by one thread at a time.
-    tiles: Vec<Mutex<Candidates>>,
-}
-
-impl Junctions {
-    /// In how many passes they are offered, for each after all that came before it.
-    pub const PASSES: usize = 5;
-
-    /// Finds them in each tile, on all threads of the current rayon pool.
-    ///
-    /// # Errors
-    /// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked once per row of bricks of voxels.
-    pub fn find(
-        oracle: &Oracle,
-        sizing: &Sizing,
-        grid: &EdgeGrid<'_>,
-        tiles: &Tiles,
-        go_on: &(impl Fn() -> Result<()> + Sync),
-    ) -> Result<Self> {
-        let planes = oracle.junction_planes(&sizing.by_cell().map(|spacing| FINENESS * SPACING * spacing));
-        let of_tile = |(tile, found): (usize, &mut Mutex<Candidates>)| {
-            let found = found.get_mut().unwrap_or_else(PoisonError::into_inner);
-            for row in tiles.rows(tile) {
-                go_on()?;
-                planes.visit_row(row, |kind, p| match kind {
-                    JunctionKind::Corner => keep(&mut found.corners, p),
-                    JunctionKind::Line => keep(&mut found.lines, p),
-                })?;
-                grid.visit_features(row, |kind, p| match kind {
-                    FeaturePoint::Contact => keep(&mut found.contacts, p),
-                    FeaturePoint::Around => keep(&mut found.around, p),
-                    FeaturePoint::Narrow => keep(&mut found.narrow, p),
-                    FeaturePoint::Corner => keep(&mut found.corner_voxels, p),
-                })?;
-            }
-            Ok(())
-        };
-        let mut found = room(tiles.count(), "points of junctions")?;
-        found.resize_with(tiles.count(), Mutex::default);
-        // One at a time: those at the rim of the image have next to nothing.
-        found.par_iter_mut().enumerate().with_max_len(1).try_for_each(of_tile)?;
-        Ok(Self { tiles: found })
-    }
-
-    /// Offers the points of a tile that are for pass `pass` to its net.
-    ///
-    /// # Errors
-    /// [`crate::Error::OutOfMemory`].
-    pub fn offer(&self, pass: usize, tile: usize, sizing: &Sizing, net: &mut Net) -> Result<()> {
-        let (part, points) = {
-            let mut found = lock(&self.tiles[tile]);
-            let (part, points) = match pass {
-                0 => (CONTACT_SPACING, &mut found.contacts),
-                1 => (CONTACT_SPACING, &mut found.around),
-                2 => (SPACING, &mut found.corners),
-                3 => (SPACING, &mut found.lines),
-                _ => (CONTACT_SPACING, &mut found.narrow),
-            };
-            (part, std::mem::take(points))
-        };
-        points.iter().try_for_each(|&p| net.offer(p, part * sizing.at(p), || p))
-    }
-
-    /// The crossings of a tile that are to be sampled before others: where dO crosses the edges from corner voxels. To be taken once.
-    pub fn take_corner_voxels(&self, tile: usize) -> Vec<DVec3> {
-        std::mem::take(&mut lock(&self.tiles[tile]).corner_voxels)
-    }
+/// Samples the junctions in each tile. Returns, for each, the crossings that are to be sampled before others: where dO crosses the edges from corner voxels.
+///
+/// # Errors
+/// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked once per row of bricks of voxels.
+pub(super) fn sample_junctions(
+    oracle: &Oracle,
+    sizing: &Sizing,
+    grid: &EdgeGrid<'_>,
+    tiles: &Tiles,
+    nets: &Nets<'_>,
+    go_on: &(impl Fn() -> Result<()> + Sync),
+) -> Result<Vec<Vec<DVec3>>> {
+    let planes = oracle.junction_planes(&sizing.by_cell().map(|spacing| FINENESS * SPACING * spacing));
+    let of_tile = |(tile, found): (usize, &mut Candidates)| {
+        for row in tiles.rows(tile) {
+            go_on()?;
+            planes.visit_row(row, |kind, p| match kind {
+                JunctionKind::Corner => keep(&mut found.corners, p),
+                JunctionKind::Line => keep(&mut found.lines, p),
+            })?;
+            grid.visit_features(row, |kind, p| match kind {
+                FeaturePoint::Contact => keep(&mut found.contacts, p),
+                FeaturePoint::Around => keep(&mut found.around, p),
+                FeaturePoint::Narrow => keep(&mut found.narrow, p),
+                FeaturePoint::Corner => keep(&mut found.corner_voxels, p),
+            })?;
+        }
+        Ok(())
+    };
+    let mut found = room(tiles.count(), "points of junctions")?;
+    found.resize_with(tiles.count(), Candidates::default);
+    // One at a time: those at the rim of the image have next to nothing.
+    found.par_iter_mut().enumerate().with_max_len(1).try_for_each(of_tile)?;
+    let thin = |part: f64, points: fn(&Candidates) -> &[DVec3]| {
+        if found.iter().all(|of_tile| points(of_tile).is_empty()) {
+            return Ok(());
+        }
+        nets.offer(|tile, net| points(&found[tile]).iter().try_for_each(|&p| net.offer(p, part * sizing.at(p), || p)))
+    };
+    thin(CONTACT_SPACING, |found| &found.contacts)?;
+    thin(CONTACT_SPACING, |found| &found.around)?;
+    thin(SPACING, |found| &found.corners)?;
+    thin(SPACING, |found| &found.lines)?;
+    thin(CONTACT_SPACING, |found| &found.narrow)?;
+    Ok(found.into_iter().map(|found| found.corner_voxels).collect())
 }

@@ -27,7 +27,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cell_table::{CellTable, MAX_HEADS};
-use super::junctions::Junctions;
+use super::junctions::sample_junctions;
 use super::recent::Recent;
 use super::sizing::Sizing;
 use crate::geometry::morton;
@@ -85,12 +85,9 @@ pub fn sample_isosurface(
     let grid = oracle.edge_grid(&sizing.by_cell());
     let tiles = grid.tiles(2.0 * delta);
     let nets = Nets::new(delta, &tiles)?;
-    let junctions = Junctions::find(oracle, sizing, &grid, &tiles, &go_on)?;
-    nets.offer(Junctions::PASSES + 1, |pass, tile, net| {
-        if pass < Junctions::PASSES {
-            return junctions.offer(pass, tile, sizing, net);
-        }
-        junctions.take_corner_voxels(tile).iter().try_for_each(|&p| net.offer(p, sizing.at(p), || p))?;
+    let corner_voxels = sample_junctions(oracle, sizing, &grid, &tiles, &nets, &go_on)?;
+    nets.offer(|tile, net| {
+        corner_voxels[tile].iter().try_for_each(|&p| net.offer(p, sizing.at(p), || p))?;
         for row in tiles.rows(tile) {
             go_on()?;
             grid.visit_row(row, |edge| net.offer(edge.point, edge.spacing, || moved(oracle, &edge)))?;
@@ -101,7 +98,7 @@ pub fn sample_isosurface(
 }
 
 /// The nets of all tiles of an image.
-struct Nets<'a> {
+pub(super) struct Nets<'a> {
     tiles: &'a Tiles,
     /// Nobody ever waits for one of the locks: while a tile is visited those beside it are not.
     nets: Vec<RwLock<Net>>,
@@ -119,18 +116,17 @@ impl<'a> Nets<'a> {
         Ok(Self { tiles, nets })
     }
 
-    /// Has `points`, which is told pass and tile, offer those of each tile to its net in so many passes. The net knows by then what those beside it have taken: of the points of this pass, if they come before it,
-    /// and of all that were offered in passes before.
+    /// Has `points` offer those of each tile to its net, which knows by then what those beside it have taken: of these points, if they come before it, and of all that were offered earlier.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; those of `points`.
-    fn offer(&self, passes: usize, points: impl Fn(usize, usize, &mut Net) -> Result<()> + Sync) -> Result<()> {
-        self.tiles.in_colors(passes, |pass, tile| {
+    pub fn offer(&self, points: impl Fn(usize, &mut Net) -> Result<()> + Sync) -> Result<()> {
+        self.tiles.in_colors(|tile| {
             let mut net = self.nets[tile].write().unwrap_or_else(PoisonError::into_inner);
             for (n, beside) in self.tiles.beside(tile).enumerate() {
                 net.learn(n, &self.nets[beside].read().unwrap_or_else(PoisonError::into_inner))?;
             }
-            points(pass, tile, &mut net)
+            points(tile, &mut net)
         })
     }
 
