@@ -70,9 +70,9 @@ expect 2 2 box.nrrd -o a.vtu --max-memory -1
 expect 2 2 box.nrrd -o a.vtu --max-memory 1Q
 expect 2 2 box.nrrd -o a.vtu --max-memory 1MB
 expect 2 2 box.nrrd -o a.vtu --max-memory 99999999999G
-for threads in 0 256; do
+for threads in 0 255; do
     expect 2 2 box.nrrd -o a.vtu --threads $threads
-    grep -q -e "--threads: threads must lie in 1 to 255, got $threads\$" err || fail "--threads $threads: $(cat err)"
+    grep -q -e "--threads: threads must lie in 1 to 254, got $threads\$" err || fail "--threads $threads: $(cat err)"
 done
 expect 2 2 box.nrrd -o a.vtu --threads -1
 expect 2 2 box.nrrd -o a.vtu --threads 2x

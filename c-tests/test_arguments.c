@@ -224,9 +224,9 @@ static void other_parameters(void) {
     CHECK(lapd_params_get_threads(params, &count) == LAPD_OK && count == 1);
     CHECK(lapd_params_set_threads(context, params, LAPD_MAX_THREADS) == LAPD_OK);
     INVALID(lapd_params_set_threads(context, params, 0));
-    CHECK(said("threads must lie in 1 to 255, got 0"));
+    CHECK(said("threads must lie in 1 to 254, got 0"));
     INVALID(lapd_params_set_threads(context, params, LAPD_MAX_THREADS + 1));
-    CHECK(said("threads must lie in 1 to 255, got 256"));
+    CHECK(said("threads must lie in 1 to 254, got 255"));
     INVALID(lapd_params_set_threads(context, params, SIZE_MAX));
     INVALID(lapd_params_get_threads(NULL, &count));
     INVALID(lapd_params_get_threads(params, NULL));

@@ -37,7 +37,7 @@
 /**
  * Most threads of a run.
  */
-#define LAPD_MAX_THREADS 255
+#define LAPD_MAX_THREADS 254
 
 /**
  * "No tet", among the neighbours of a tet and beside a facet.

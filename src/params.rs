@@ -26,7 +26,7 @@ pub enum ImageBorder {
     Smooth,
 }
 
-/// What a thread does when another one owns a vertex that it needs: the contention manager. All give up the operation first, with nothing changed.
+/// What a thread does when another one owns a tet that it needs: the contention manager. All give up the operation first, with nothing changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Contention {
     /// It waits until the thread that it met has made some progress, unless that one waits itself.
@@ -64,7 +64,7 @@ pub enum Algorithm {
 pub const MAX_SIGMA: f64 = 5.0;
 
 /// Most threads of a run.
-pub const MAX_THREADS: usize = 255;
+pub const MAX_THREADS: usize = 254;
 
 /// Parameters of one run.
 #[derive(Clone, Debug, PartialEq)]

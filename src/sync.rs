@@ -1,7 +1,11 @@
 //! The primitives of coordination between workers, from the standard library; a model checker puts its own in their place (`verification/loom`). In a build with the
 //! feature `simulation`, virtual workers wait and wake in virtual time (`simulation::virtual_time`).
 
-pub use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, AtomicUsize, Ordering};
+#[cfg(not(feature = "simulation"))]
+pub use std::sync::atomic::AtomicU8;
+#[cfg(feature = "simulation")]
+pub use std::sync::atomic::AtomicU16;
+pub use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 pub use std::sync::{Mutex, MutexGuard};
 use std::thread::{self, Thread};
 use std::time::Duration;

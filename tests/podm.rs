@@ -1,7 +1,7 @@
 //! Parallel refinement under stress: many threads on few processors, every contention manager, both begging schemes, on small phantoms; what several threads make against what one
 //! makes; and every way in which a run can end early.
 //!
-//! After each run the validator goes over the triangulation, no vertex may be owned and no tet marked, no rule unmet, and the certificate of the mesh must be clean.
+//! After each run the validator goes over the triangulation, no tet may be owned, no rule unmet, and the certificate of the mesh must be clean.
 //!
 //! With the feature `force-conflicts` the same tests run while locks are refused at random at every step of an operation. `LAPD_STRESS_RUNS` is the number of
 //! runs of the stress test, for builds that are slow (`verification/run.sh`).

@@ -10,7 +10,7 @@ use crate::parallel::machine::Machine;
 use crate::params::{Begging, Contention};
 
 /// Most threads of a run.
-pub const LAPD_MAX_THREADS: usize = 255;
+pub const LAPD_MAX_THREADS: usize = 254;
 
 const _: () = assert!(LAPD_MAX_THREADS == crate::params::MAX_THREADS);
 

@@ -1,13 +1,12 @@
-//! Who may touch a vertex: the policy under which a worker operates, a type parameter of the kernel.
+//! Who may touch a tet: the policy under which a worker operates, a type parameter of the kernel.
 //!
-//! An operation asks to own every vertex of every tet that it will rewrite, before it writes anything (invariant 4). A refusal ends the operation
+//! An operation asks to own every tet that it will destroy, and looks whose the tets around are, before it writes anything (invariant 4). A refusal ends the operation
 //! with *blocked* and nothing changed. Nobody waits while owning. The protocol is told in `ownership`.
 
 use super::counted::Visits;
 #[cfg(feature = "force-conflicts")]
 use super::forced_conflicts::ForcedConflicts;
-use super::lock::{Claim, OwnerId};
-use super::ownership::word;
+use super::ownership::{Holder, MAX_OWNERS, NOBODY, Owner, OwnerId};
 use super::triangulation::Triangulation;
 use super::{TetId, VertexId};
 #[cfg(feature = "simulation")]
@@ -30,7 +29,7 @@ pub enum Effort {
     Labels(u64),
     /// Crossings looked up.
     Crossings(u64),
-    /// A vertex is asked for.
+    /// A tet is asked for.
     Claim,
 }
 
@@ -42,11 +41,18 @@ pub trait Access {
     /// Whether it wants to be told of visits: what would be done only to tell it is left out otherwise.
     const HEARS: bool = true;
 
-    /// Asks for `vertex` until [`Access::release_all`]; `false` when another worker owns it. Asking twice is fine.
-    fn try_own(&mut self, triangulation: &Triangulation, vertex: VertexId) -> bool;
+    /// Asks for the tet with this `owner`: [`Holder::Nobody`]: it is the worker's now.
+    fn try_own(&mut self, owner: &Owner) -> Holder;
 
-    /// Gives back every vertex.
-    fn release_all(&mut self, triangulation: &Triangulation);
+    /// Looks whose the tet with this `owner` is, across a facet of one that is owned.
+    fn look_across(&mut self, owner: &Owner) -> Holder;
+
+    /// Whose a tet is that the worker writes.
+    fn owner_of_new(&self) -> OwnerId;
+
+    /// Told that the worker is about to give back all that it owns.
+    #[inline(always)]
+    fn end_operation(&mut self) {}
 
     /// Told of work, when it has been done; for those that keep account.
     #[inline(always)]
@@ -78,7 +84,10 @@ pub trait Access {
     }
 }
 
-/// Nobody else is there: one thread refines, locks compile to nothing.
+/// The name of one who works alone.
+const LONE: OwnerId = 1;
+
+/// Nobody else is there: one thread refines, and that a tet is owned means that it is in the cavity.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Solo;
 
@@ -87,12 +96,21 @@ impl Access for Solo {
     const HEARS: bool = cfg!(feature = "simulation");
 
     #[inline(always)]
-    fn try_own(&mut self, _: &Triangulation, _: VertexId) -> bool {
-        true
+    fn try_own(&mut self, owner: &Owner) -> Holder {
+        debug_assert!(owner.is(NOBODY));
+        owner.set(LONE);
+        Holder::Nobody
     }
 
     #[inline(always)]
-    fn release_all(&mut self, _: &Triangulation) {}
+    fn look_across(&mut self, owner: &Owner) -> Holder {
+        if owner.is(NOBODY) { Holder::Nobody } else { Holder::Own }
+    }
+
+    #[inline(always)]
+    fn owner_of_new(&self) -> OwnerId {
+        NOBODY
+    }
 
     #[cfg(feature = "simulation")]
     fn spend(&mut self, effort: Effort) {
@@ -123,8 +141,6 @@ impl Access for Solo {
 #[derive(Debug)]
 pub struct TryLock {
     me: OwnerId,
-    /// Words of vertices.
-    owned: Vec<u32>,
     met: OwnerId,
     #[cfg(feature = "force-conflicts")]
     forced: ForcedConflicts,
@@ -133,14 +149,23 @@ pub struct TryLock {
 impl TryLock {
     /// Worker `number`, from 0; no two of a triangulation have the same.
     pub fn new(number: usize) -> Self {
-        let me = OwnerId::try_from(number + 1).expect("fewer workers than owner words can name");
+        assert!(number < MAX_OWNERS, "no more workers than can be named");
+        let me = (number + 1) as OwnerId;
         Self {
             me,
-            owned: Vec::new(),
             met: me,
             #[cfg(feature = "force-conflicts")]
             forced: ForcedConflicts::new(me),
         }
+    }
+
+    /// Remembers whom it met.
+    #[inline(always)]
+    fn meet(&mut self, holder: Holder) -> Holder {
+        if let Holder::Other(other) = holder {
+            self.met = other;
+        }
+        holder
     }
 
     #[cfg(feature = "simulation")]
@@ -153,37 +178,40 @@ impl Access for TryLock {
     const SHARED: bool = true;
     const HEARS: bool = cfg!(feature = "simulation");
 
-    #[inline]
-    fn try_own(&mut self, triangulation: &Triangulation, vertex: VertexId) -> bool {
+    #[inline(always)]
+    fn try_own(&mut self, owner: &Owner) -> Holder {
         #[cfg(feature = "force-conflicts")]
-        if let Some(other) = self.forced.refuses() {
-            self.met = other;
-            return false;
+        if let Some(holder) = self.forced.refuses() {
+            return self.meet(holder);
         }
         #[cfg(feature = "simulation")]
         {
             hooks::spend(Effort::Claim);
             hooks::pause();
         }
-        let word = word(vertex);
-        match triangulation.owner(word).claim(self.me) {
-            Claim::Taken => self.owned.push(word),
-            Claim::Held => {}
-            Claim::Refused(other) => {
-                self.met = other;
-                return false;
-            }
-        }
-        true
+        let holder = owner.claim(self.me);
+        self.meet(holder)
     }
 
-    #[inline]
-    fn release_all(&mut self, triangulation: &Triangulation) {
+    #[inline(always)]
+    fn look_across(&mut self, owner: &Owner) -> Holder {
+        #[cfg(feature = "force-conflicts")]
+        if let Some(holder) = self.forced.refuses() {
+            return self.meet(holder);
+        }
+        let holder = owner.look(self.me);
+        self.meet(holder)
+    }
+
+    #[inline(always)]
+    fn owner_of_new(&self) -> OwnerId {
+        self.me
+    }
+
+    #[inline(always)]
+    fn end_operation(&mut self) {
         #[cfg(feature = "simulation")]
         hooks::pause();
-        for word in self.owned.drain(..) {
-            triangulation.owner(word).release();
-        }
         #[cfg(feature = "force-conflicts")]
         self.forced.next_operation();
     }

@@ -4,7 +4,8 @@
 use glam::DVec3;
 
 use super::access::{Access, Effort};
-use super::tet::{FACET, Facet, TetId, TetRecord, VertexId, is_free};
+use super::ownership::Holder;
+use super::tet::{FACET, Facet, TetId, TetRecord, VertexId};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
 use crate::geometry::predicates::in_sphere_perturbed;
@@ -21,11 +22,11 @@ pub struct CavityFacet {
 /// What came of digging.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dig {
-    /// `cavity` and `boundary` of the worker are filled, all their vertices owned.
+    /// `cavity` and `boundary` of the worker are filled, the tets of the cavity owned, and those beside it nobody's.
     Done,
-    /// Another worker owns a vertex of the cavity.
+    /// Another worker owns a tet of the cavity, or one beside it.
     Blocked,
-    /// The tet to start from is no longer what the caller took it for.
+    /// The tet to start from is no longer what the caller took it for, or another one changed meanwhile.
     Stale,
     /// The tet to start from is not in conflict with the point.
     NotInConflict,
@@ -34,22 +35,6 @@ pub enum Dig {
 }
 
 impl<A: Access> Worker<A> {
-    /// Comes to own a tet of which nothing is owned yet; see `ownership`, the way in.
-    fn own_first(&mut self, triangulation: &Triangulation, t: TetId) -> Dig {
-        if !(A::SHARED || A::HEARS) {
-            return Dig::Done;
-        }
-        let vertices = triangulation.tet(t).vertices();
-        if is_free(vertices) {
-            return Dig::Stale;
-        }
-        vertices.into_iter().for_each(|v| self.access.visit_vertex(v));
-        if !vertices.iter().all(|&v| self.access.try_own(triangulation, v)) {
-            return Dig::Blocked;
-        }
-        if triangulation.tet(t).vertices() == vertices { Dig::Done } else { Dig::Stale }
-    }
-
     /// Whether `p` is in conflict with a tet: the cached sphere first, then the exact predicate. `None` when `p` is a vertex of it.
     #[inline(always)]
     fn conflict(&mut self, triangulation: &Triangulation, tet: &TetRecord, p: DVec3) -> Option<bool> {
@@ -66,8 +51,8 @@ impl<A: Access> Worker<A> {
         (!corners.contains(&p)).then(|| in_sphere_perturbed(corners, p))
     }
 
-    /// Finds the cavity of `p`, starting from a tet in conflict with it. Marks stay until the tets die or [`Self::undig`]. With others at work, `holds` is asked, when
-    /// the first tet is owned, whether what the caller knows of it is still true.
+    /// Finds the cavity of `p`, starting from a tet in conflict with it. Its tets are owned then, and are not if it ends otherwise. With others at work, `holds` is asked, when
+    /// the first tet is owned and its neighbours cannot change either, whether what the caller knows of them is still true.
     pub(super) fn dig(
         &mut self,
         triangulation: &Triangulation,
@@ -75,35 +60,73 @@ impl<A: Access> Worker<A> {
         p: DVec3,
         holds: impl FnOnce() -> bool,
     ) -> Dig {
+        debug_assert!(triangulation.holds(p));
         self.cavity.clear();
         self.boundary.clear();
-        match self.own_first(triangulation, start) {
-            Dig::Done => {}
-            end => return end,
+        let mut end = self.come_in(triangulation, start, p, holds);
+        if end == Dig::Done {
+            end = self.spread(triangulation, start, p);
         }
-        if A::SHARED && !holds() {
-            return Dig::Stale;
-        }
-        debug_assert!(triangulation.holds(p));
-        self.access.visit_tet(start);
-        match self.conflict(triangulation, triangulation.tet(start), p) {
-            None => return Dig::Duplicate,
-            Some(false) => return Dig::NotInConflict,
-            Some(true) => {}
-        }
-        let end = self.spread(triangulation, start, p);
         if end != Dig::Done {
-            self.undig(triangulation);
+            self.roll_back(triangulation);
         }
         end
     }
 
+    /// Comes to own the first tet; see `ownership`, the way in.
+    fn come_in(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3, holds: impl FnOnce() -> bool) -> Dig {
+        let first = triangulation.tet(start);
+        let holder = self.access.try_own(first.owner());
+        if holder != Holder::Nobody {
+            return given_up(holder);
+        }
+        // Through no facet did one come to it. Facet 0 stands for it.
+        self.take_in(triangulation, Facet::new(start, 0), first);
+        if A::HEARS {
+            first.vertices().into_iter().for_each(|v| self.access.visit_vertex(v));
+        }
+        if A::SHARED {
+            for index in 0..4 {
+                let outside = first.neighbor(index);
+                if outside.is_none() {
+                    continue;
+                }
+                let holder = self.look_across(first, index, outside, triangulation.tet(outside.tet()));
+                if holder != Holder::Nobody {
+                    return given_up(holder);
+                }
+            }
+            if !holds() {
+                return Dig::Stale;
+            }
+        }
+        self.access.visit_tet(start);
+        match self.conflict(triangulation, first, p) {
+            None => Dig::Duplicate,
+            Some(false) => Dig::NotInConflict,
+            Some(true) => Dig::Done,
+        }
+    }
+
+    /// Whose the tet `other` across facet `index` of an owned one is, to which the link `outside` leads. If it is nobody's, neither the tet nor the link changes as long as the first is owned.
+    #[inline(always)]
+    pub(super) fn look_across(
+        &mut self,
+        record: &TetRecord,
+        index: usize,
+        outside: Facet,
+        other: &TetRecord,
+    ) -> Holder {
+        let holder = self.access.look_across(other.owner());
+        // What was looked at might be another tet's slot by now.
+        let changed = A::SHARED && holder == Holder::Nobody && record.neighbor(index) != outside;
+        if changed { Holder::Changed } else { holder }
+    }
+
     /// Digs from a first tet of the cavity, breadth first: between its mark and its turn a tet's neighbours come into the cache.
     fn spread(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3) -> Dig {
-        // Through no facet did one come to the first tet. Facet 0 stands for it, and is looked through here.
-        let first = triangulation.tet(start);
-        self.take_in(triangulation, Facet::new(start, 0), first);
-        let mut end = self.look_through(triangulation, first, 0, p);
+        // Facet 0 of the first tet is looked through here.
+        let mut end = self.look_through(triangulation, triangulation.tet(start), 0, p);
         let mut next = 0;
         while let (Dig::Done, Some(&entry)) = (end, self.cavity.get(next)) {
             next += 1;
@@ -125,18 +148,22 @@ impl<A: Access> Worker<A> {
         if !outside.is_none() {
             // Looked up once: the compiler may not assume that a second time would give the same.
             let other = triangulation.tet(outside.tet());
-            if other.is_in_cavity() {
-                return Dig::Done;
+            match self.look_across(record, index, outside, other) {
+                Holder::Nobody => {}
+                Holder::Own => return Dig::Done,
+                holder => return given_up(holder),
             }
             self.access.visit_tet(outside.tet());
             match self.conflict(triangulation, other, p) {
                 None => return Dig::Duplicate,
                 Some(true) => {
-                    // It shares its other vertices with a tet that is owned.
-                    let opposite = other.vertex(outside.index());
-                    self.access.visit_vertex(opposite);
-                    if !self.access.try_own(triangulation, opposite) {
-                        return Dig::Blocked;
+                    if A::HEARS {
+                        // It shares its other vertices with the tet before it.
+                        self.access.visit_vertex(other.vertex(outside.index()));
+                    }
+                    let holder = self.access.try_own(other.owner());
+                    if holder != Holder::Nobody {
+                        return given_up(holder);
                     }
                     self.take_in(triangulation, outside, other);
                     return Dig::Done;
@@ -149,22 +176,18 @@ impl<A: Access> Worker<A> {
         Dig::Done
     }
 
-    /// Takes `tet` into the cavity, found through facet `entry` of it.
+    /// Takes `tet`, which is owned, into the cavity; it was found through facet `entry` of it.
     #[inline(always)]
     fn take_in(&mut self, triangulation: &Triangulation, entry: Facet, tet: &TetRecord) {
-        tet.set_in_cavity(true);
         // The neighbours are tested when the tet's turn comes, the rest is needed when the star is filled.
         triangulation.prefetch_neighbors(tet);
         triangulation.prefetch_rest(tet, entry.index());
         self.cavity.push(entry);
     }
+}
 
-    /// Takes the marks of an unfinished dig back.
-    pub(super) fn undig(&mut self, triangulation: &Triangulation) {
-        for entry in &self.cavity {
-            triangulation.tet(entry.tet()).set_in_cavity(false);
-        }
-        self.cavity.clear();
-        self.boundary.clear();
-    }
+/// How a dig ends that was refused a tet.
+#[cold]
+fn given_up(holder: Holder) -> Dig {
+    if matches!(holder, Holder::Other(_)) { Dig::Blocked } else { Dig::Stale }
 }

@@ -6,6 +6,7 @@
 
 use super::access::{Access, Effort};
 use super::homes::{Homes, MAX_NODES};
+use super::ownership::{Holder, Owner, OwnerId};
 use super::triangulation::Triangulation;
 use super::{TetId, VertexId};
 
@@ -49,13 +50,23 @@ impl<A: Access> Access for Counted<'_, A> {
     const SHARED: bool = A::SHARED;
 
     #[inline(always)]
-    fn try_own(&mut self, triangulation: &Triangulation, vertex: VertexId) -> bool {
-        self.policy.try_own(triangulation, vertex)
+    fn try_own(&mut self, owner: &Owner) -> Holder {
+        self.policy.try_own(owner)
     }
 
     #[inline(always)]
-    fn release_all(&mut self, triangulation: &Triangulation) {
-        self.policy.release_all(triangulation);
+    fn look_across(&mut self, owner: &Owner) -> Holder {
+        self.policy.look_across(owner)
+    }
+
+    #[inline(always)]
+    fn owner_of_new(&self) -> OwnerId {
+        self.policy.owner_of_new()
+    }
+
+    #[inline(always)]
+    fn end_operation(&mut self) {
+        self.policy.end_operation();
     }
 
     fn met(&self) -> Option<usize> {

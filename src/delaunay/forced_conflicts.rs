@@ -1,20 +1,21 @@
-//! Conflicts by force: in a build with the feature `force-conflicts` every lock step of an operation is refused now and then, as if another worker owned the vertex.
+//! Conflicts by force: in a build with the feature `force-conflicts` every lock step of an operation is refused now and then, as if another worker owned the tet or, one in four,
+//! as if the tet had changed.
 //!
-//! Real conflicts are rare, and those at the last of forty vertices rarer. Here every third operation is refused at a vertex drawn at random, the first to the 48th that it asks
-//! for: at the way in, in the middle of a cavity, at the last vertex of a star. An operation that asks for fewer completes. So any refusal that leaves
-//! a mark, a lock or a half-written tet behind shows in the tests that refine with this feature (`tests/podm.rs`). It is for these alone.
+//! Real conflicts are rare, and those at the last of eighty steps rarer. Here every third operation is refused at a step drawn at random, the first to the 80th at which it asks
+//! for a tet or looks whose one is: at the way in, in the middle of a cavity, at the last tet of a star. An operation of fewer steps completes. So any refusal that leaves
+//! an owned tet or a half-written one behind shows in the tests that refine with this feature (`tests/podm.rs`). It is for these alone.
 
-use super::lock::OwnerId;
+use super::ownership::{Holder, OwnerId};
 
-/// Most vertices of an operation that may be refused.
-const MOST: u64 = 48;
+/// Most steps of an operation that may be refused.
+const MOST: u64 = 80;
 
 /// Which refusals a worker meets, by a pseudo-random sequence of its own.
 #[derive(Debug)]
 pub(super) struct ForcedConflicts {
     me: OwnerId,
     random: u64,
-    /// Vertices that this operation may still ask for, before it is refused one; 0: it is not refused any more.
+    /// Steps that this operation may still make, this one included, until it is refused; 0: it is not refused any more.
     left: u64,
 }
 
@@ -34,12 +35,17 @@ impl ForcedConflicts {
         self.random >> 8
     }
 
-    /// Whether the vertex that is asked for is refused, and in whose name: any of the workers before this one, which exist; for the first it is the second.
-    pub fn refuses(&mut self) -> Option<OwnerId> {
+    /// Whether this step is refused, and in whose name: any of the workers before this one, which exist; for the first it is the second.
+    pub fn refuses(&mut self) -> Option<Holder> {
         self.left = self.left.checked_sub(1)?;
-        (self.left == 0).then(|| match u64::from(self.me) {
-            1 => 2,
-            me => (1 + self.draw() % (me - 1)) as OwnerId,
+        if self.left > 0 {
+            return None;
+        }
+        let draw = self.draw();
+        Some(match u64::from(self.me) {
+            _ if draw.is_multiple_of(4) => Holder::Changed,
+            1 => Holder::Other(2),
+            me => Holder::Other((1 + draw / 4 % (me - 1)) as OwnerId),
         })
     }
 
@@ -58,13 +64,18 @@ mod tests {
     fn every_step_is_refused_and_most_operations_are_not() {
         let mut forced = ForcedConflicts::new(3);
         let mut refused = [0; MOST as usize];
+        let mut changed = 0;
         for _ in 0..100_000 {
-            if let Some((step, other)) = (0..MOST as usize).find_map(|step| Some((step, forced.refuses()?))) {
+            if let Some((step, holder)) = (0..MOST as usize).find_map(|step| Some((step, forced.refuses()?))) {
                 refused[step] += 1;
-                assert!((1..3).contains(&other));
+                match holder {
+                    Holder::Changed => changed += 1,
+                    other => assert!(matches!(other, Holder::Other(1 | 2))),
+                }
             }
             forced.next_operation();
         }
+        assert!((7_000..9_500).contains(&changed), "{changed}");
         assert!(refused.iter().all(|&count| count > 300), "{refused:?}");
         assert!(refused.iter().sum::<i32>() < 40_000, "{refused:?}");
     }

@@ -19,7 +19,7 @@ use crate::memory::{filled, reserve};
 pub enum Insertion {
     /// The vertex is in; its star is what [`Worker::created`] lists.
     Done(VertexId),
-    /// Another worker owned a vertex of the cavity; nothing changed.
+    /// Another worker owned a tet of the cavity, or one beside it; nothing changed.
     Blocked,
     /// Another worker changed what the caller relied on; nothing changed.
     Stale,
@@ -44,7 +44,7 @@ impl<A: Access> Worker<A> {
         self.insert_if(triangulation, start, p, kind, || true, |_, _| Ok(()))
     }
 
-    /// As [`Self::insert`], with others at work. `holds` is asked, once `start` is owned, whether what the caller found out about it and its neighbours
+    /// As [`Self::insert`], with others at work. `holds` is asked, once `start` is owned and its neighbours cannot change either, whether what the caller found out about them
     /// is still true; `note` is told the vertex and its tets while nobody else can have come to them.
     ///
     /// # Errors
@@ -59,32 +59,33 @@ impl<A: Access> Worker<A> {
         note: impl FnOnce(VertexId, &[TetId]) -> Result<()>,
     ) -> Result<Insertion> {
         self.access.spend(Effort::Operation);
-        let outcome = match self.dig(triangulation, start, p, holds) {
-            Dig::Done => {
-                self.fill_star(triangulation, p, kind).and_then(|v| note(v, &self.created).map(|()| Insertion::Done(v)))
-            }
+        match self.dig(triangulation, start, p, holds) {
+            Dig::Done => {}
             Dig::Blocked => {
                 self.counters.rollbacks += 1;
-                Ok(Insertion::Blocked)
+                return Ok(Insertion::Blocked);
             }
-            Dig::Stale => Ok(Insertion::Stale),
-            Dig::NotInConflict => Ok(Insertion::NotInConflict),
-            Dig::Duplicate => Ok(Insertion::Duplicate),
-        };
-        self.access.release_all(triangulation);
-        outcome
-    }
-
-    fn fill_star(&mut self, triangulation: &Triangulation, p: DVec3, kind: VertexKind) -> Result<VertexId> {
+            Dig::Stale => return Ok(Insertion::Stale),
+            Dig::NotInConflict => return Ok(Insertion::NotInConflict),
+            Dig::Duplicate => return Ok(Insertion::Duplicate),
+        }
         let count = self.boundary.len();
         if let Err(error) = self.star.reserve(count).and_then(|()| self.reserve(triangulation, count)) {
-            self.undig(triangulation);
+            self.roll_back(triangulation);
             return Err(error);
         }
+        let v = self.fill_star(triangulation, p, kind);
+        let noted = note(v, &self.created);
+        self.end_operation(triangulation);
+        noted.map(|()| Insertion::Done(v))
+    }
+
+    /// Puts `p` in, for whose star there is room, in place of the cavity.
+    fn fill_star(&mut self, triangulation: &Triangulation, p: DVec3, kind: VertexKind) -> VertexId {
         let apex = self.take_vertex(triangulation, p, kind);
         // What is still needed of the dead tets stands in the boundary records, so that their slots serve the new ones.
         self.counters.cavity_tets += self.cavity.len() as u64;
-        self.exchange_slots(triangulation, count);
+        self.exchange_slots(triangulation, self.boundary.len());
         triangulation.vertex(apex).set_star(self.created[0]);
         self.access.visit_vertex(apex);
         self.created.iter().for_each(|&t| self.access.visit_tet(t));
@@ -92,7 +93,7 @@ impl<A: Access> Worker<A> {
         self.star.fill(triangulation, &self.boundary, &self.created, (apex, p), self.mark, access);
         self.access.spend(Effort::Fill(self.created.len()));
         self.counters.insertions += 1;
-        Ok(apex)
+        apex
     }
 }
 
@@ -110,14 +111,17 @@ fn vertices_of(facets: usize) -> usize {
 /// The boundary of a cavity is a closed surface without handles: F facets have F / 2 + 2 vertices, and every directed edge is in one of them, its opposite in the
 /// neighbour. Vertices are numbered as they are met, and each new facet is noted in a table under its three directed edges; a second pass finds its neighbours there.
 /// Number l of a vertex counts when it is below the number of vertices met and `locals[l]` is the vertex. So neither numbers nor table are ever
-/// cleared: every entry that is read was written in the same operation.
+/// cleared: every entry that is read was written in the same operation, if each vertex has one number.
+///
+/// A vertex's number stands in its record, on a line that is read and written anyway. Another worker may operate beside the same vertex, and write a number of its own there. What counts is right all the same; but the vertex
+/// gets a second number, and then there are more numbers than the facets have vertices. So this is seen, and the facets are joined without numbers.
 pub struct StarScratch {
     locals: [VertexId; MOST_LOCALS + 1],
     /// The new facet over directed edge (a, b) of the boundary, at a << shift | b.
     sides: Vec<Facet>,
     /// The numbers of each boundary facet's vertices.
     numbers: Vec<[u8; 3]>,
-    /// The new facet over each edge, its smaller vertex in the upper half: for stars too large for numbers.
+    /// The new facet over each edge, its smaller vertex in the upper half: where numbers will not do.
     edges: Vec<(u64, Facet)>,
     spheres: StarSpheres,
 }
@@ -142,15 +146,13 @@ impl StarScratch {
         }
         self.numbers.clear();
         reserve(&mut self.numbers, count, "facets of a cavity")?;
-        if vertices_of(count) > MOST_LOCALS {
-            self.edges.clear();
-            reserve(&mut self.edges, 3 * count, "edges of a cavity")?;
-        }
+        self.edges.clear();
+        reserve(&mut self.edges, 3 * count, "edges of a cavity")?;
         self.spheres.reserve(count)
     }
 
     /// Writes the tets between the boundary's facets and vertex `apex` at `p` into `slots`, one for each facet: (facet, apex). There is [room](Self::reserve) for them. `access` is told of the
-    /// boundary's vertices, of each once unless numbers run out.
+    /// boundary's vertices, of each once unless it gets more than one number.
     #[inline(never)]
     fn fill(
         &mut self,
@@ -167,7 +169,8 @@ impl StarScratch {
         // Of one length that the table has, so that no index needs a test.
         let sides: &mut [Facet; TABLE] = self.sides.as_mut_slice().try_into().expect("made of that length");
         let at = |a: u8, b: u8| (usize::from(a) << shift | usize::from(b)) % TABLE;
-        let mut met = 0_u8;
+        // Numbers given; and the last one's, which may run out.
+        let (mut given, mut met) = (0, 0_u8);
         for (i, (facet, &t)) in boundary.iter().zip(slots).enumerate() {
             let [a, b, c] = [0, 1, 2].map(|k: usize| {
                 let v = facet.vertices[k];
@@ -182,6 +185,7 @@ impl StarScratch {
                 }
                 let local = if known { local } else { met };
                 met = met.wrapping_add(u8::from(!known));
+                given += usize::from(!known);
                 self.locals[usize::from(local)] = v;
                 record.set_local(local);
                 local
@@ -192,12 +196,12 @@ impl StarScratch {
             sides[at(c, a)] = Facet::new(t, 1);
             sides[at(a, b)] = Facet::new(t, 2);
         }
-        debug_assert!(!numbered || usize::from(met) == vertices);
+        debug_assert!(!numbered || given >= vertices);
         self.spheres.compute(boundary.len(), p);
         for (i, ((facet, &t), &[a, b, c])) in boundary.iter().zip(slots).zip(&self.numbers).enumerate() {
             let record = triangulation.tet(t);
             let [v0, v1, v2] = facet.vertices;
-            record.fill([v0, v1, v2, apex], &self.spheres.get(i), mark);
+            record.fill([v0, v1, v2, apex], &self.spheres.get(i), mark, access.owner_of_new());
             record.set_neighbor(0, sides[at(c, b)]);
             record.set_neighbor(1, sides[at(a, c)]);
             record.set_neighbor(2, sides[at(b, a)]);
@@ -206,8 +210,8 @@ impl StarScratch {
                 triangulation.tet(facet.outside.tet()).set_neighbor(facet.outside.index(), Facet::new(t, 3));
             }
         }
-        if !numbered {
-            // Numbers ran out and were given twice: what the table said is wrong.
+        if given != vertices || !numbered {
+            // A vertex has two numbers, or numbers ran out and were given twice: what the table said is wrong.
             self.join_by_sorting(triangulation, boundary, slots);
         }
     }

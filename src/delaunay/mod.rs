@@ -4,9 +4,8 @@
 //! |---|---|
 //! | [`chunked`] | memory in chunks that never move |
 //! | [`tet`] | records of tets and vertices, ids, the facet notation |
-//! | [`ownership`] | who owns which vertices, and the protocol: why there is no deadlock, and which memory order |
-//! | [`lock`] | the word of one lock |
-//! | [`access`] | who may touch a vertex: the locking policy, a type parameter |
+//! | [`ownership`] | who owns which tets, and the protocol: why there is no deadlock, and which memory order |
+//! | [`access`] | who may touch a tet: the locking policy, a type parameter |
 //! | [`counted`] | a policy that counts the visits of tets and vertices by memory node |
 //! | [`homes`] | the memory node of each chunk; slots on their way home |
 //! | [`triangulation`] | the shared structure and the virtual box |
@@ -24,8 +23,8 @@
 //!    its vertex set.
 //! 2. Adjacency is mutual; a facet without a neighbour lies on the box.
 //! 3. Every vertex that is not removed names one tet of its star.
-//! 4. An operation writes only to vertices that its worker owns, to tets all of whose vertices it owns, and to the adjacency slots that face these tets. A tet
-//!    shares three vertices with each neighbour, so nobody else can change the neighbour meanwhile.
+//! 4. An operation writes only to tets that its worker owns, to the adjacency slots that face these tets, and of the vertices around only which tet is of their star and a number of the moment. An owned tet keeps
+//!    all others from changing the tets across its facets (`ownership`).
 //! 5. An operation either completes or changes nothing.
 //!
 //! All shared words are atomics: a race is a logic error that the ownership protocol excludes, never undefined behaviour.
@@ -40,7 +39,6 @@ mod forced_conflicts;
 pub mod homes;
 pub mod insert;
 pub mod locate;
-pub mod lock;
 pub mod ownership;
 pub mod places;
 pub mod remove;

@@ -14,6 +14,7 @@
 use glam::DVec3;
 
 use super::access::{Access, Effort};
+use super::ownership::Holder;
 use super::tet::{FACET, Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
@@ -25,7 +26,7 @@ use crate::{Error, Result};
 pub enum Removal {
     /// The vertex is out; the tets that fill its place are what [`Worker::created`] lists.
     Done,
-    /// Another worker owned a vertex of the star; nothing changed.
+    /// Another worker owned a tet of the star, or one beside it; nothing changed.
     Blocked,
     /// The vertex was removed before.
     Stale,
@@ -59,7 +60,6 @@ pub struct LinkScratch {
     open: Vec<OpenFacet>,
     tets: Vec<NewTet>,
     close_calls: Vec<usize>,
-    slots: Vec<TetId>,
 }
 
 /// The same for a facet's vertices in any order, and another for any other facet: indices into a link are far below 2^21, as ids of tets are below 2^32.
@@ -215,26 +215,25 @@ impl<A: Access> Worker<A> {
         note: impl FnOnce(&[TetId]),
     ) -> Result<Removal> {
         self.access.spend(Effort::Operation);
-        let outcome = self.try_remove(triangulation, v);
-        if let Ok(Removal::Done) = outcome {
-            note(&self.created);
-        }
-        self.access.release_all(triangulation);
-        outcome
-    }
-
-    fn try_remove(&mut self, triangulation: &Triangulation, v: VertexId) -> Result<Removal> {
-        self.access.visit_vertex(v);
-        if !self.access.try_own(triangulation, v) {
-            self.counters.rollbacks += 1;
-            return Ok(Removal::Blocked);
-        }
-        if triangulation.vertex(v).kind() == VertexKind::Removed {
-            return Ok(Removal::Stale);
-        }
-        if !self.gather_star(triangulation, v) {
-            self.counters.rollbacks += 1;
-            return Ok(Removal::Blocked);
+        loop {
+            self.access.visit_vertex(v);
+            if triangulation.vertex(v).kind() == VertexKind::Removed {
+                return Ok(Removal::Stale);
+            }
+            match self.gather_star(triangulation, v) {
+                Holder::Nobody => break,
+                Holder::Other(_) => {
+                    self.roll_back(triangulation);
+                    self.counters.rollbacks += 1;
+                    return Ok(Removal::Blocked);
+                }
+                // Others have rewritten the star, or what is around it: the vertex names another tet, or has been removed.
+                Holder::Changed => self.roll_back(triangulation),
+                Holder::Own => {
+                    self.roll_back(triangulation);
+                    return Err(Error::Internal("a tet of a vertex's star is its own link".into()));
+                }
+            }
         }
         let mut link = std::mem::take(&mut self.link);
         let exact = self.counters.exact_predicates;
@@ -243,82 +242,103 @@ impl<A: Access> Worker<A> {
         self.access.spend(Effort::Exact(self.counters.exact_predicates - exact));
         self.access.spend(Effort::Pairs(2 * link.tets.len() * link.positions.len()));
         self.access.spend(Effort::Fill(link.tets.len()));
-        if filled.is_ok() {
-            self.sew(triangulation, &mut link);
-            triangulation.vertex(v).set_removed();
-            self.counters.removals += 1;
+        match filled {
+            Ok(()) => {
+                self.sew(triangulation, &link);
+                triangulation.vertex(v).set_removed();
+                self.counters.removals += 1;
+                note(&self.created);
+                self.end_operation(triangulation);
+            }
+            Err(_) => self.roll_back(triangulation),
         }
         self.link = link;
         filled.map(|()| Removal::Done)
     }
 
-    /// Collects the star of `v` into `cavity` and its link into the scratch; `false` when a vertex could not be owned.
-    fn gather_star(&mut self, triangulation: &Triangulation, v: VertexId) -> bool {
+    /// Collects the star of `v` into `cavity`, owning its tets, and its link into the scratch. [`Holder::Nobody`]: all are owned, and the tets around are nobody's. Otherwise the star is not
+    /// complete, and what is owned of it is in `cavity`.
+    fn gather_star(&mut self, triangulation: &Triangulation, v: VertexId) -> Holder {
         self.cavity.clear();
         let mut link = std::mem::take(&mut self.link);
         link.vertices.clear();
         link.positions.clear();
         link.open.clear();
-        self.cavity.push(Facet::new(triangulation.vertex(v).star(), 0));
+        let holder = self.gather(triangulation, v, &mut link);
+        link.vertices.iter().for_each(|&w| self.access.visit_vertex(w));
+        self.link = link;
+        holder
+    }
+
+    fn gather(&mut self, triangulation: &Triangulation, v: VertexId, link: &mut LinkScratch) -> Holder {
+        let start = triangulation.vertex(v).star();
+        let holder = self.access.try_own(triangulation.owner(start));
+        if holder != Holder::Nobody {
+            return holder;
+        }
+        self.cavity.push(Facet::new(start, 0));
+        if A::SHARED && !triangulation.tet(start).vertices().contains(&v) {
+            return Holder::Changed;
+        }
         let mut next = 0;
-        let mut owned = true;
-        'star: while let Some(entry) = self.cavity.get(next) {
+        while let Some(entry) = self.cavity.get(next) {
             next += 1;
             self.access.visit_tet(entry.tet());
             let record = triangulation.tet(entry.tet());
             let vertices = record.vertices();
-            if !vertices.iter().all(|&w| self.access.try_own(triangulation, w)) {
-                owned = false;
-                break 'star;
-            }
             for index in 0..4 {
                 let neighbor = record.neighbor(index);
-                if vertices[index] == v {
+                let is_of_link = vertices[index] == v;
+                // Facets of the link may lie on the box, those between tets of the star do not.
+                if !neighbor.is_none() {
+                    let other = triangulation.tet(neighbor.tet());
+                    match self.look_across(record, index, neighbor, other) {
+                        Holder::Nobody => {}
+                        Holder::Own if !is_of_link => continue,
+                        holder => return holder,
+                    }
+                    if !is_of_link {
+                        let holder = self.access.try_own(other.owner());
+                        if holder != Holder::Nobody {
+                            return holder;
+                        }
+                        self.cavity.push(neighbor);
+                    }
+                }
+                if is_of_link {
                     let facet = FACET[index].map(|k| link.index_of(triangulation, vertices[k]));
                     link.open.push(OpenFacet { vertices: facet, key: key(facet), behind: Side::Outside(neighbor) });
-                } else if !neighbor.is_none() && !self.cavity.iter().any(|entry| entry.tet() == neighbor.tet()) {
-                    self.cavity.push(neighbor);
                 }
             }
         }
-        link.vertices.iter().for_each(|&w| self.access.visit_vertex(w));
-        self.link = link;
-        owned
+        Holder::Nobody
     }
 
-    fn sew(&mut self, triangulation: &Triangulation, link: &mut LinkScratch) {
-        let mut star = std::mem::take(&mut self.cavity);
-        for entry in &star {
-            self.give_tet(triangulation, entry.tet());
-        }
-        star.clear();
-        self.cavity = star;
-        link.slots.clear();
-        for _ in 0..link.tets.len() {
-            link.slots.push(self.take_tet());
-        }
-        for (&t, new) in link.slots.iter().zip(&link.tets) {
+    /// Writes the tets that fill the hole, for which there is room.
+    fn sew(&mut self, triangulation: &Triangulation, link: &LinkScratch) {
+        self.exchange_slots(triangulation, link.tets.len());
+        let slots = &self.created;
+        for (&t, new) in slots.iter().zip(&link.tets) {
             let vertices = new.vertices.map(|i| link.vertices[i]);
             self.access.visit_tet(t);
-            triangulation.fill_tet(t, vertices, self.mark);
+            triangulation.fill_tet(t, vertices, self.mark, self.access.owner_of_new());
             for (index, side) in new.sides.iter().enumerate() {
                 let neighbor = match *side {
-                    Side::Outside(outside) => {
-                        if !outside.is_none() {
-                            self.access.visit_tet(outside.tet());
-                            triangulation.tet(outside.tet()).set_neighbor(outside.index(), Facet::new(t, index));
-                        }
-                        outside
-                    }
-                    Side::New { tet, index } => Facet::new(link.slots[tet], index),
+                    Side::Outside(outside) => outside,
+                    Side::New { tet, index } => Facet::new(slots[tet], index),
                 };
                 triangulation.tet(t).set_neighbor(index, neighbor);
+                // The link back comes last: who comes by it finds this one.
+                if let Side::Outside(outside) = *side
+                    && !outside.is_none()
+                {
+                    self.access.visit_tet(outside.tet());
+                    triangulation.tet(outside.tet()).set_neighbor(outside.index(), Facet::new(t, index));
+                }
             }
             for v in vertices {
                 triangulation.vertex(v).set_star(t);
             }
         }
-        self.created.clear();
-        self.created.extend_from_slice(&link.slots);
     }
 }

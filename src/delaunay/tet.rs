@@ -11,7 +11,7 @@
 //!          \ | /          is a positive tet: the facet's normal points inwards
 //!            1
 //! ```
-//! One tet is one 64-byte cache line: vertices, neighbours, circumcenter, squared radius with its slack, and words for the layer above.
+//! One tet is one 64-byte cache line: vertices, neighbours, circumcenter, squared radius with its slack, words for the layer above, and whose it is.
 
 use std::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, AtomicU64, Ordering::*};
 
@@ -19,6 +19,7 @@ use bytemuck::Zeroable;
 use glam::DVec3;
 
 use super::chunked::CHUNK;
+use super::ownership::{Owner, OwnerId};
 use crate::geometry::sphere::Circumsphere;
 
 /// Index of a vertex. Ids are never used twice in one triangulation.
@@ -88,31 +89,38 @@ pub struct TetRecord {
     vertices: [AtomicU32; 4],
     neighbors: [AtomicU32; 4],
     center: [AtomicU64; 3],
-    /// The squared radius above which a point is outside, as f32.
-    outside: AtomicU32,
-    /// Two words of the layer above, apart from the flags because the mark is written without owning the tet.
+    /// Both bounds of the sphere, see [`pack_bounds`].
+    bounds: AtomicU32,
+    /// Two words of the layer above, apart from the owner because the mark is written without owning the tet.
     tag: AtomicU16,
     mark: AtomicU8,
-    /// Bit 0: the tet is in the cavity that its owner digs. From bit 1: the slack of the in-sphere test, see [`slack_exponent`].
-    flags: AtomicU8,
+    owner: Owner,
 }
 
 /// What the word of the layer above is in a new tet.
 pub const NO_TAG: u16 = u16::MAX;
-const IN_CAVITY: u8 = 1;
-const SLACK_SHIFT: u32 = 1;
 
-/// The inside bound of a sphere is kept as an exponent e: outside * (1 - 2^-e), rounded down; e = 0 is certain of nothing.
+/// The lowest bits of the packed outside bound, in which the slack stands.
+const SLACK: u32 = 15;
+
+/// The bounds of a sphere in one word. It is an f32, the outside bound, made larger by less than 4 millionths: rounded up to what the last four bits leave. These, c, tell the inside bound: outside * (1 - 2^-2c), rounded down; c = 0 is
+/// certain of nothing.
 #[inline(always)]
-fn slack_exponent(sphere: &Circumsphere) -> u32 {
-    let slack = 1.0 - sphere.inside / sphere.outside;
+fn pack_bounds(sphere: &Circumsphere) -> u32 {
+    let rounded = (sphere.outside.to_bits() + SLACK) & !SLACK;
+    // Of the largest bound that it may become.
+    let slack = 1.0 - sphere.inside / f32::from_bits(rounded | SLACK);
     // A power of two at least as large as the slack: the exponent above that of the slack. NaN and slack >= 1/2 give 0.
-    if slack < 0.5 { 126 - (slack.max(f32::MIN_POSITIVE).to_bits() >> 23) } else { 0 }
+    let exponent = if slack < 0.5 { 126 - (slack.max(f32::MIN_POSITIVE).to_bits() >> 23) } else { 0 };
+    rounded | (exponent / 2).min(SLACK)
 }
 
+/// The inside and the outside bound.
 #[inline(always)]
-fn inside_bound(outside: f32, exponent: u32) -> f32 {
-    outside - outside * f32::from_bits((127 - exponent) << 23)
+fn unpack_bounds(bounds: u32) -> (f32, f32) {
+    let outside = f32::from_bits(bounds);
+    let part = f32::from_bits((127 << 23) - ((bounds & SLACK) << 24));
+    (outside - outside * part, outside)
 }
 
 impl TetRecord {
@@ -130,9 +138,9 @@ impl TetRecord {
         self.vertices[i].load(Acquire)
     }
 
-    /// Makes this the record of a new tet with tag [`NO_TAG`] and the given mark; its neighbours follow by [`Self::set_neighbor`].
+    /// Makes this the record of a new tet with tag [`NO_TAG`], the given mark and owner; its neighbours follow by [`Self::set_neighbor`].
     #[inline(always)]
-    pub(super) fn fill(&self, vertices: [VertexId; 4], sphere: &Circumsphere, mark: u8) {
+    pub(super) fn fill(&self, vertices: [VertexId; 4], sphere: &Circumsphere, mark: u8, owner: OwnerId) {
         for (slot, v) in self.vertices.iter().zip(vertices) {
             // Release: who reads the id finds the chunk of the vertex.
             slot.store(v, Release);
@@ -140,10 +148,10 @@ impl TetRecord {
         for (slot, x) in self.center.iter().zip(sphere.center.to_array()) {
             slot.store(x.to_bits(), Relaxed);
         }
-        self.outside.store(sphere.outside.to_bits(), Relaxed);
+        self.bounds.store(pack_bounds(sphere), Relaxed);
         self.tag.store(NO_TAG, Relaxed);
         self.mark.store(mark, Relaxed);
-        self.flags.store((slack_exponent(sphere) << SLACK_SHIFT) as u8, Relaxed);
+        self.owner.set(owner);
     }
 
     /// Marks the slot free.
@@ -168,12 +176,9 @@ impl TetRecord {
     /// The circumsphere.
     #[inline(always)]
     pub fn sphere(&self) -> Circumsphere {
-        let outside = f32::from_bits(self.outside.load(Relaxed));
-        Circumsphere {
-            center: DVec3::from_array([0, 1, 2].map(|i: usize| f64::from_bits(self.center[i].load(Relaxed)))),
-            inside: inside_bound(outside, u32::from(self.flags.load(Relaxed) >> SLACK_SHIFT)),
-            outside,
-        }
+        let (inside, outside) = unpack_bounds(self.bounds.load(Relaxed));
+        let center = DVec3::from_array([0, 1, 2].map(|i: usize| f64::from_bits(self.center[i].load(Relaxed))));
+        Circumsphere { center, inside, outside }
     }
 
     /// The first word of the layer above; [`NO_TAG`] in a new tet.
@@ -200,15 +205,10 @@ impl TetRecord {
         self.mark.store(mark, Relaxed);
     }
 
+    /// Whose it is.
     #[inline(always)]
-    pub(super) fn is_in_cavity(&self) -> bool {
-        self.flags.load(Relaxed) & IN_CAVITY != 0
-    }
-
-    #[inline(always)]
-    pub(super) fn set_in_cavity(&self, is: bool) {
-        let flags = self.flags.load(Relaxed);
-        self.flags.store(if is { flags | IN_CAVITY } else { flags & !IN_CAVITY }, Relaxed);
+    pub(super) fn owner(&self) -> &Owner {
+        &self.owner
     }
 }
 
@@ -246,7 +246,7 @@ pub struct VertexRecord {
     /// A tet of the star.
     star: AtomicU32,
     kind: AtomicU8,
-    /// The vertex's number within the operation of its owner, see `insert`; means nothing between operations.
+    /// A number that the vertex has within an operation, see `insert`; means nothing between operations, and others may write theirs meanwhile.
     local: AtomicU8,
     /// A word of the layer above.
     tag: AtomicU8,
@@ -329,28 +329,29 @@ mod tests {
 
     #[test]
     fn records_have_the_size_of_their_lines() {
-        assert_eq!(size_of::<TetRecord>(), 64);
+        assert_eq!(size_of::<TetRecord>(), if cfg!(feature = "simulation") { 128 } else { 64 });
         assert_eq!(size_of::<VertexRecord>(), 32);
     }
 
     proptest! {
-        // The packed slack never claims more than the sphere did, and not much less.
+        // The packed bounds never claim more than the sphere did, and not much less.
         #[test]
-        fn the_packed_bound_is_below_the_inside_bound(outside in 1e-6..1e6_f32, slack in 1e-7..1.5_f32) {
+        fn packed_bounds_contain_the_bounds(outside in 1e-6..1e6_f32, slack in 1e-7..1.5_f32) {
             let sphere = Circumsphere { center: DVec3::ZERO, inside: outside * (1.0 - slack), outside };
-            let packed = inside_bound(outside, slack_exponent(&sphere));
+            let (inside_packed, outside_packed) = unpack_bounds(pack_bounds(&sphere));
+            prop_assert!(outside <= outside_packed && outside_packed <= outside * (1.0 + 4e-6));
             // One unit of f32, which the widening of the bounds covers.
-            prop_assert!(packed <= sphere.inside.max(0.0) * (1.0 + f32::EPSILON));
-            prop_assert!(slack >= 0.4 || packed >= outside * (1.0 - 2.1 * slack.max(1.2e-7)));
+            prop_assert!(inside_packed <= sphere.inside.max(0.0) * (1.0 + f32::EPSILON));
+            prop_assert!(slack >= 0.12 || inside_packed >= outside * (1.0 - 4.1 * slack.max(4e-6)));
         }
     }
 
     #[test]
     fn an_uncertain_sphere_stays_uncertain() {
         let sphere = Circumsphere { center: DVec3::ZERO, inside: -1.0, outside: f32::INFINITY };
-        let exponent = slack_exponent(&sphere);
-        assert_eq!(exponent, 0);
         // Infinite minus infinite: a NaN, below which nothing is.
-        assert!(inside_bound(f32::INFINITY, exponent).is_nan());
+        let (inside, outside) = unpack_bounds(pack_bounds(&sphere));
+        assert!(inside.is_nan() && outside == f32::INFINITY);
+        assert!(!Circumsphere { inside, outside, ..sphere }.is_certain());
     }
 }

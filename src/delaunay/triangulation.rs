@@ -10,10 +10,10 @@ use glam::DVec3;
 
 use super::chunked::{CHUNK, Chunked};
 use super::homes::{Homes, NodeId};
-use super::lock::Owner;
-use super::ownership::Owners;
+use super::ownership::{FREE, NOBODY, Owner, OwnerId};
 use super::tet::{
-    FACET, Facet, MAX_TETS, MAX_VERTICES, TetId, TetRecord, TetStamp, VertexId, VertexKind, VertexRecord, is_tet,
+    FACET, Facet, MAX_TETS, MAX_VERTICES, TetId, TetRecord, TetStamp, VertexId, VertexKind, VertexRecord, is_free,
+    is_tet,
 };
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
@@ -27,8 +27,6 @@ pub const BOX_VERTICES: u32 = 8;
 pub struct Triangulation {
     tets: Chunked<TetRecord>,
     vertices: Chunked<VertexRecord>,
-    /// The locks of vertices.
-    owners: Owners,
     homes: Homes,
     tet_chunks: AtomicU32,
     vertex_chunks: AtomicU32,
@@ -50,7 +48,6 @@ impl Triangulation {
         let triangulation = Self {
             tets: Chunked::with_capacity(MAX_TETS)?,
             vertices: Chunked::with_capacity(MAX_VERTICES)?,
-            owners: Owners::new()?,
             homes: Homes::new()?,
             tet_chunks: AtomicU32::new(0),
             vertex_chunks: AtomicU32::new(0),
@@ -99,7 +96,7 @@ impl Triangulation {
             }
         }
         for (t, &vertices) in tets.iter().enumerate() {
-            self.fill_tet(t as u32, vertices, 0);
+            self.fill_tet(t as u32, vertices, 0, NOBODY);
             for v in vertices {
                 self.vertex(v).set_star(t as u32);
             }
@@ -186,10 +183,10 @@ impl Triangulation {
         self.vertices.get(v)
     }
 
-    /// The word that locks a vertex, by its number.
+    /// Whose the tet in a slot is.
     #[inline(always)]
-    pub(super) fn owner(&self, word: u32) -> &Owner {
-        self.owners.get(word)
+    pub(super) fn owner(&self, t: TetId) -> &Owner {
+        self.tet(t).owner()
     }
 
     /// Where chunks are at home.
@@ -232,10 +229,13 @@ impl Triangulation {
         is_tet(self.tet(t).vertices())
     }
 
-    /// Words of vertices that a worker owns, and living tets marked as in a cavity: 0 when no operation is under way. Not to be used while others operate.
+    /// Tets and slots that a worker owns, and free slots that do not say so: 0 when no operation is under way. Not to be used while others operate.
     pub fn left_over(&self) -> usize {
-        let owned = self.owners.count_owned();
-        owned + self.living_tets().filter(|&t| self.tet(t).is_in_cavity()).count()
+        let is_left_over = |t: &TetId| {
+            let record = self.tet(*t);
+            !record.owner().is(if is_free(record.vertices()) { FREE } else { NOBODY })
+        };
+        (0..self.tet_bound()).filter(is_left_over).count()
     }
 
     /// The slots among which the tets of the box were made.
@@ -248,11 +248,10 @@ impl Triangulation {
         self.tet_chunks.load(Acquire) * CHUNK as u32
     }
 
-    /// Bytes of all chunks, and of the locks of their vertices.
+    /// Bytes of all chunks.
     pub fn bytes(&self) -> u64 {
-        let of_vertices = Chunked::<VertexRecord>::CHUNK_BYTES + CHUNK * size_of::<Owner>();
         u64::from(self.tet_chunks.load(Relaxed)) * Chunked::<TetRecord>::CHUNK_BYTES as u64
-            + u64::from(self.vertex_chunks.load(Relaxed)) * of_vertices as u64
+            + u64::from(self.vertex_chunks.load(Relaxed)) * Chunked::<VertexRecord>::CHUNK_BYTES as u64
     }
 
     /// Ids below this may be vertices.
@@ -269,9 +268,9 @@ impl Triangulation {
 
     /// Writes a new tet into a free slot, with its circumsphere; neighbours follow.
     #[inline]
-    pub(super) fn fill_tet(&self, t: TetId, vertices: [VertexId; 4], mark: u8) {
+    pub(super) fn fill_tet(&self, t: TetId, vertices: [VertexId; 4], mark: u8, owner: OwnerId) {
         let [a, b, c, d] = self.corners(vertices);
-        self.tet(t).fill(vertices, &Circumsphere::of_tet(a, b, c, d), mark);
+        self.tet(t).fill(vertices, &Circumsphere::of_tet(a, b, c, d), mark, owner);
     }
 
     /// A range of fresh tet slots for one worker, at home on its node.

@@ -21,7 +21,7 @@ pub struct Counters {
     pub insertions: u64,
     /// Vertices removed.
     pub removals: u64,
-    /// Operations given up because another worker owned a vertex.
+    /// Operations given up because another worker owned a tet.
     pub rollbacks: u64,
     /// In-sphere tests of insertions: a tet of a cavity or around it against the point.
     pub in_sphere_tests: u64,
@@ -68,6 +68,8 @@ pub struct Worker<A> {
     pub(super) boundary: Vec<CavityFacet>,
     pub(super) star: StarScratch,
     pub(super) created: Vec<TetId>,
+    /// Slots that the operation frees when it ends.
+    freed: Vec<TetId>,
     pub(super) link: LinkScratch,
 }
 
@@ -102,6 +104,7 @@ impl<A: Access> Worker<A> {
             boundary: Vec::new(),
             star: StarScratch::default(),
             created: Vec::new(),
+            freed: Vec::new(),
             link: LinkScratch::default(),
         }
     }
@@ -127,6 +130,7 @@ impl<A: Access> Worker<A> {
             boundary,
             star,
             created,
+            freed,
             link,
         } = self;
         Worker {
@@ -143,6 +147,7 @@ impl<A: Access> Worker<A> {
             boundary,
             star,
             created,
+            freed,
             link,
         }
     }
@@ -185,22 +190,27 @@ impl<A: Access> Worker<A> {
         if self.fresh_vertices.is_empty() {
             self.fresh_vertices = triangulation.claim_vertices(self.node)?;
         }
+        reserve(&mut self.freed, self.cavity.len(), "slots that an operation frees")?;
         reserve(&mut self.created, count, "tets of an operation")
     }
 
     #[inline]
-    pub(super) fn take_tet(&mut self) -> TetId {
-        self.counters.created += 1;
-        match self.free.pop() {
+    fn take_tet(&mut self, triangulation: &Triangulation) -> TetId {
+        let t = match self.free.pop() {
             Some(t) => t,
             None => self.fresh_tets.next().expect("reserve() was asked for enough slots"),
-        }
+        };
+        // Before any link leads to it.
+        triangulation.owner(t).set(self.access.owner_of_new());
+        t
     }
 
+    /// Frees a slot to which no link leads any more.
     #[inline]
-    pub(super) fn give_tet(&mut self, triangulation: &Triangulation, t: TetId) {
-        triangulation.tet(t).clear();
-        self.counters.destroyed += 1;
+    fn give_tet(&mut self, triangulation: &Triangulation, t: TetId) {
+        let record = triangulation.tet(t);
+        record.clear();
+        record.owner().free_slot();
         if self.foreign.is_some() && triangulation.homes().of_tet(t) != self.node {
             self.send_home(triangulation, t);
         } else {
@@ -224,31 +234,50 @@ impl<A: Access> Worker<A> {
         }
     }
 
-    /// Exchanges the tets of the cavity for `count` new ones, listed in `created`: the slots stay, without a way through the free list.
+    /// Exchanges the tets of the cavity for `count` new ones, listed in `created`: the slots stay, without a way through the free list. Those that are too many, or other nodes', are freed by [`Self::end_operation`].
     pub(super) fn exchange_slots(&mut self, triangulation: &Triangulation, count: usize) {
-        let mut cavity = std::mem::take(&mut self.cavity);
         self.created.clear();
+        self.counters.destroyed += self.cavity.len() as u64;
+        self.counters.created += count as u64;
         if self.foreign.is_some() {
-            cavity.retain(|entry| {
+            self.cavity.retain(|entry| {
                 let own = triangulation.homes().of_tet(entry.tet()) == self.node;
                 if !own {
-                    self.give_tet(triangulation, entry.tet());
+                    self.freed.push(entry.tet());
                 }
                 own
             });
         }
-        let spare = cavity.len().saturating_sub(count);
+        let spare = self.cavity.len().saturating_sub(count);
         // The last found first: their lines are the hottest.
-        self.created.extend(cavity.drain(spare..).rev().map(Facet::tet));
-        self.counters.created += self.created.len() as u64;
-        self.counters.destroyed += self.created.len() as u64;
-        for entry in cavity.drain(..) {
-            self.give_tet(triangulation, entry.tet());
-        }
-        self.cavity = cavity;
+        self.created.extend(self.cavity.drain(spare..).rev().map(Facet::tet));
+        self.freed.extend(self.cavity.drain(..).map(Facet::tet));
         while self.created.len() < count {
-            let t = self.take_tet();
+            let t = self.take_tet(triangulation);
             self.created.push(t);
+        }
+    }
+
+    /// Gives back what a completed operation made, when all of it is written, and frees the slots that it has no use for.
+    pub(super) fn end_operation(&mut self, triangulation: &Triangulation) {
+        self.access.end_operation();
+        if A::SHARED {
+            for &t in &self.created {
+                triangulation.owner(t).release();
+            }
+        }
+        let mut freed = std::mem::take(&mut self.freed);
+        for t in freed.drain(..) {
+            self.give_tet(triangulation, t);
+        }
+        self.freed = freed;
+    }
+
+    /// Gives back what an operation owns that is given up.
+    pub(super) fn roll_back(&mut self, triangulation: &Triangulation) {
+        self.access.end_operation();
+        for entry in self.cavity.drain(..) {
+            triangulation.owner(entry.tet()).release();
         }
     }
 

@@ -8,7 +8,7 @@
 //! - *Global*. The same with one list; the last worker that runs never waits (counted under the list's lock).
 //! - *Random*. Two workers that meet again and again sleep for times that differ sooner or later. Certain only in probability.
 //! - *Aggressive*. None: workers go on with another element, which makes meeting again unlikely, not impossible. After some conflicts in sequence they offer their
-//!   processor: with more workers than processors the one that they met may have lost its own while it owns vertices, and would get it back only when their time is up.
+//!   processor: with more workers than processors the one that they met may have lost its own while it owns tets, and would get it back only when their time is up.
 //!
 //! The first two are the published Local-CM and Global-CM.
 

@@ -5,7 +5,7 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`contention`] | what a worker does when another one owned a vertex that it needed; why there is no livelock |
+//! | [`contention`] | what a worker does when another one owned a tet that it needed; why there is no livelock |
 //! | [`begging`] | who gets work from whom; how the end is noticed |
 //! | [`stretches`] | a list that all work off, each from its own place |
 //! | [`machine`], [`bisection`] | cores, memory nodes, and the hops between them; groups of nodes halved |
@@ -13,7 +13,7 @@
 //! | [`waiters`] | waiting, waking, and ending all waits |
 //! | [`clock`] | time stamps that cost next to nothing |
 //!
-//! All of it is modelled with the loom model checker, together with the lock of vertices: `verification/loom`.
+//! All of it is modelled with the loom model checker, together with the locks of tets: `verification/loom`.
 
 pub mod begging;
 pub mod bisection;

@@ -35,9 +35,9 @@ pub struct Span {
 /// Time lost, and how often for what.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Overhead {
-    /// Operations given up because another thread owned a vertex: insertions for each of R1 to R5, removals for R6.
+    /// Operations given up because another thread owned a tet: insertions for each of R1 to R5, removals for R6.
     pub rollbacks: [u64; 6],
-    /// Operations given up because the tet, its neighbour or the vertex had changed when they were owned at last.
+    /// Operations given up because the tet or its neighbour had changed when it was owned at last, or one changed that was come to.
     pub stale: u64,
     /// Seconds spent in operations that were given up.
     pub rollback_seconds: f64,

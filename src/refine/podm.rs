@@ -1,4 +1,4 @@
-//! PODM: parallel optimistic Delaunay meshing, the paper's sections 1 to 3. All workers refine one triangulation, each from its own poor element list; vertices are locked by trial
+//! PODM: parallel optimistic Delaunay meshing, the paper's sections 1 to 3. All workers refine one triangulation, each from its own poor element list; tets are locked by trial
 //! (`delaunay/ownership`), an operation that meets another worker's lock is given up (`parallel/contention`), and who has no work begs for some (`parallel/begging`).
 //!
 //! 1. The image is sampled (`sampling`), on all threads.
@@ -18,6 +18,7 @@ use super::refiner::{Refiner, Work};
 use super::rules::Rules;
 use super::sampling::{Growth, Samples, sample_isosurface};
 use super::team::{Schedule, Team};
+use crate::delaunay::ownership::MAX_OWNERS;
 use crate::delaunay::worker::Counters;
 use crate::delaunay::{Access, Counted, Solo, TetId, TryLock};
 use crate::memory::room;
@@ -25,11 +26,13 @@ use crate::monitor::Monitor;
 use crate::panics;
 use crate::parallel::clock::{Clock, ticks};
 use crate::parallel::stretches::Stretches;
+use crate::params::MAX_THREADS;
 use crate::sync::run_together;
 use crate::{Error, Result};
 
 /// Least samples that all workers insert at once, for each of them: with fewer in the triangulation cavities meet too often.
 const SAMPLES_PER_WORKER: usize = 100;
+const _: () = assert!(MAX_THREADS <= MAX_OWNERS);
 /// Tets whose labels are found at a time when a limit has ended a run.
 const LABELLED: usize = 1 << 14;
 
@@ -246,7 +249,7 @@ fn do_part(
         worker.receive()?;
         worker.run()
     });
-    // A worker that panicked has lost count, and may own vertices for ever: all others are stopped.
+    // A worker that panicked has lost count, and may own tets for ever: all others are stopped.
     let done = done.unwrap_or_else(|panic| Err(Error::Internal(panic)));
     if let Err(error) = done {
         team.stop(error);

@@ -407,7 +407,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             || rules.is_demanded(stamp.tet, demand),
             |v, tets| {
                 rules.find_labels(tets);
-                // While its vertices are owned: an isovertex that is inserted near it later finds it in the grid.
+                // While its tets are owned: an isovertex that is inserted near it later finds it in the grid.
                 rules.note_vertex(v, demand.point, demand.kind)
             },
         )?;

@@ -340,8 +340,7 @@ impl<'a> Rules<'a> {
         point.filter(|&y| self.triangulation.holds(y)).unwrap_or(x)
     }
 
-    /// Whether a demand of tet `t` is true. To be asked when `demand.start` is owned: then the tet, which is this or a neighbour, cannot change, nor can its neighbour
-    /// across the facet in question, which shares three vertices with it.
+    /// Whether a demand of tet `t` is true. To be asked when `demand.start`, which is the tet or its neighbour across the facet in question, is owned and was looked across: then neither of the two can change.
     pub fn is_demanded(&self, t: TetId, demand: &Demand) -> bool {
         let record = self.triangulation.tet(t);
         demand.seen.is(record)
@@ -430,11 +429,17 @@ impl<'a> Rules<'a> {
         if corners.iter().any(|p| is_close(p) || self.oracle.is_on_wall(*p)) {
             return None;
         }
-        let mut neighbors = (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none());
-        let facet =
-            neighbors.find(|facet| self.triangulation.tet(facet.tet()).sphere().contains(centroid) == Some(true))?;
-        let across = Some((facet, Seen::of(self.triangulation.tet(facet.tet()))));
-        Some(Demand { rule: Rule::R4, point: centroid, kind: VertexKind::Free, start: facet.tet(), seen, across })
+        let neighbors = (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none());
+        let mut seen_across = neighbors.map(|facet| (facet, Seen::of(self.triangulation.tet(facet.tet()))));
+        let across @ (facet, _) = seen_across.find(|(_, seen)| seen.sphere.contains(centroid) == Some(true))?;
+        Some(Demand {
+            rule: Rule::R4,
+            point: centroid,
+            kind: VertexKind::Free,
+            start: facet.tet(),
+            seen,
+            across: Some(across),
+        })
     }
 
     #[inline]

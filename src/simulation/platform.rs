@@ -40,7 +40,7 @@ pub struct Costs {
     pub label: f64,
     /// A lookup of a segment's first crossing.
     pub crossing: f64,
-    /// Asking for the lock of a vertex that nobody holds. One worker alone has no locks.
+    /// Asking for the lock of a tet that nobody holds. One worker alone has no locks.
     pub claim: f64,
     /// A record that another core of the same node has written: from its cache.
     pub sharing: f64,

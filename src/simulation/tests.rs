@@ -55,7 +55,7 @@ impl Subject {
         let order = triangulation.tets_by_place(|| Ok(())).unwrap();
         let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
         assert!(check.is_sound(), "{what}: {check:?}");
-        assert_eq!(triangulation.left_over(), 0, "{what}: vertices owned or tets marked");
+        assert_eq!(triangulation.left_over(), 0, "{what}: tets owned or free slots that do not say so");
         assert_eq!(unmet, [0; 6], "{what}: unmet rules");
         let mesh = extract(&triangulation, &order, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
         let certificate =

@@ -127,7 +127,7 @@ pub fn outcome(subject: &Subject, schedule: &Schedule, complete: bool) -> Outcom
     let order = triangulation.tets_by_place(|| Ok(())).unwrap();
     let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
     assert!(check.is_sound(), "{what}: {check:?}");
-    assert_eq!(triangulation.left_over(), 0, "{what}: vertices owned or tets marked");
+    assert_eq!(triangulation.left_over(), 0, "{what}: tets owned or free slots that do not say so");
     let counters = refinement.counters;
     assert_eq!(counters.insertions - counters.removals, check.vertices - 8, "{what}: vertices are lost");
     assert_eq!(refinement.ended_by.is_none(), complete, "{what}: {:?}", refinement.ended_by);

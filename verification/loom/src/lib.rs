@@ -7,8 +7,8 @@ pub mod error;
 pub mod params;
 pub mod sync;
 
-#[path = "../../../src/delaunay/lock.rs"]
-pub mod lock;
+#[path = "../../../src/delaunay/ownership.rs"]
+pub mod ownership;
 #[path = "../../../src/parallel/mod.rs"]
 pub mod parallel;
 

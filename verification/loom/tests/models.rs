@@ -1,4 +1,4 @@
-//! Models of what workers do with each other: locks of vertices and rollback, contention, begging and the end, stopping, stretches. Loom runs each in every order of steps
+//! Models of what workers do with each other: locks of tets and rollback, contention, begging and the end, stopping, stretches. Loom runs each in every order of steps
 //! with a bounded number of preemptions, and with every value that a load may see under the memory order that was asked for.
 //!
 //! # That they can fail
@@ -6,8 +6,9 @@
 //!
 //! | change | model |
 //! |---|---|
-//! | `Owner::release` relaxed; `Owner::claim` relaxed; `claim` by a load and a store | `owners_exclude_each_other` |
-//! | the vertices not read again when they are owned | `who_owns_the_vertices_of_a_tet_owns_the_tet`, `a_slot_that_was_freed_is_not_taken_for_a_tet` |
+//! | `Owner::release` relaxed; `Owner::look` relaxed, or an acquire alone; the look left out; the link not read again; the slot's new owner written after the link to it | `neighbors_exclude_each_other`, and two more |
+//! | a free slot nobody's; `claim` by a load and a store | `an_old_note_of_a_slot_does_no_harm` |
+//! | `Owner::free_slot` relaxed; a refused `Owner::claim` relaxed | `a_vertex_leads_from_a_free_slot_elsewhere` |
 //! | `stop` relaxed | `who_waits_is_stopped_*` |
 //! | Local: the look and the raising of the flag not under the locks of both; `open` not asked; followers not woken by `leave` | `local_*` |
 //! | Global: the last one waits too; `leave` wakes nobody | `global_*` |
@@ -15,7 +16,7 @@
 //! | `Stretches`: the longest stretch read twice | `stretches_*` |
 //!
 //! # What they cannot see
-//! Three workers with few steps each, not sixteen with millions; at most so many preemptions; sequential consistency only by fences, a little stronger than it is; wakes that are
+//! Three workers with few steps each, not sixteen with millions; at most so many preemptions; sequential consistency only by fences, which hide that of the exchange, and what a link may be that was read before it; wakes that are
 //! forgotten, and how long anything takes; the policies Random and Aggressive, which wait for nobody. Records of tets are a stand-in with the same order of accesses: `delaunay` itself is too
 //! large. The meeting of a team is one counter in `refine/team.rs`, whose wait is that of `Waiters`.
 
@@ -24,7 +25,7 @@ use loom::sync::Arc;
 use loom::sync::atomic::{AtomicU32, AtomicUsize, Ordering::*};
 use loom::thread;
 
-use lapd_loom::lock::{Claim, Owner, OwnerId};
+use lapd_loom::ownership::{FREE, Holder, NOBODY, Owner, OwnerId};
 use lapd_loom::parallel::begging::Begging;
 use lapd_loom::parallel::contention::{Contention, Streak};
 use lapd_loom::parallel::stretches::Stretches;
@@ -56,27 +57,7 @@ fn check<S: Send + Sync + 'static>(
     });
 }
 
-// ---- Locks of vertices ----
-
-/// Claims vertices one after the other until one is refused; the claims that are to be given back, and whether there was no refusal.
-fn claim<'a>(owners: impl IntoIterator<Item = &'a Owner>, me: usize) -> (Vec<&'a Owner>, bool) {
-    let mut taken = Vec::new();
-    for owner in owners {
-        match owner.claim(me as OwnerId + 1) {
-            Claim::Taken => taken.push(owner),
-            Claim::Held => {}
-            Claim::Refused(other) => {
-                assert_ne!(usize::from(other), me + 1);
-                return (taken, false);
-            }
-        }
-    }
-    (taken, true)
-}
-
-fn release(taken: Vec<&Owner>) {
-    taken.into_iter().for_each(Owner::release);
-}
+// ---- Locks of tets ----
 
 /// What is written under ownership: a race on it is what the models look for.
 #[derive(Default)]
@@ -97,137 +78,221 @@ impl Guarded {
     }
 }
 
-fn owners_exclude(size: usize) {
-    struct Shared {
-        owners: [Owner; 2],
-        operations: Guarded,
-        completed: AtomicU32,
+/// The record of a piece of a ring, in place of a tet: side 0 leads to the piece before it, side 1 to the one behind it. Links and owners are accessed in the order in which the kernel accesses those of tets.
+#[derive(Default)]
+struct Piece {
+    links: [AtomicU32; 2],
+    owner: Owner,
+    /// In place of the sphere.
+    content: Guarded,
+}
+
+const SLOTS: usize = 6;
+
+/// A ring of pieces, which operations divide and join.
+struct Ring {
+    pieces: [Piece; SLOTS],
+    /// A piece, in place of the star of a vertex that all have.
+    hint: AtomicU32,
+}
+
+/// The content of a slot that was never used.
+const FRESH: u32 = 2;
+
+/// Side `side` of a piece, in place of a facet.
+fn side_of(slot: usize, side: usize) -> u32 {
+    (slot * 2 + side) as u32
+}
+
+impl Ring {
+    /// Of so many pieces, in the first slots; the others were never used. The hint leads to slot 1.
+    fn new(size: usize) -> Self {
+        let ring = Self { pieces: Default::default(), hint: AtomicU32::new(1) };
+        for (slot, piece) in ring.pieces.iter().enumerate() {
+            piece.content.set(if slot < size { 1 } else { FRESH });
+        }
+        (0..size).for_each(|slot| ring.join([slot, (slot + 1) % size]));
+        ring
     }
-    check(
-        size,
-        || Shared { owners: Default::default(), operations: Guarded::default(), completed: AtomicU32::new(0) },
-        |me, shared| {
-            let [a, b] = &shared.owners;
-            // In opposite orders, and one vertex twice.
-            let (taken, complete) = claim(if me % 2 == 0 { [a, b, a] } else { [b, a, b] }, me);
-            if complete {
-                shared.operations.set(shared.operations.get() + 1);
-                shared.completed.fetch_add(1, Relaxed);
+
+    /// Makes two pieces neighbours.
+    fn join(&self, [before, behind]: [usize; 2]) {
+        self.pieces[before].links[1].store(side_of(behind, 0), Release);
+        self.pieces[behind].links[0].store(side_of(before, 1), Release);
+    }
+
+    /// The owned piece `slot` is looked across; the piece there, if nobody owns it.
+    fn look_across(&self, slot: usize, side: usize, me: OwnerId) -> Option<usize> {
+        let link = self.pieces[slot].links[side].load(Acquire);
+        let other = link as usize / 2;
+        if self.pieces[other].owner.look(me) != Holder::Nobody || self.pieces[slot].links[side].load(Acquire) != link {
+            return None;
+        }
+        assert_ne!(self.pieces[other].content.get(), 0);
+        Some(other)
+    }
+
+    fn claim(&self, slot: usize, me: OwnerId) -> bool {
+        self.pieces[slot].owner.claim(me) == Holder::Nobody
+    }
+
+    fn release(&self, slot: usize) {
+        self.pieces[slot].owner.release();
+    }
+
+    /// Divides the piece in `slot`, which may not be one any more, into one there and one in the free slot `spare`; whether it did.
+    fn divide(&self, slot: usize, spare: usize, me: OwnerId) -> bool {
+        if !self.claim(slot, me) {
+            return false;
+        }
+        let around = (self.look_across(slot, 0, me), self.look_across(slot, 1, me));
+        let (Some(before), Some(behind)) = around else {
+            self.release(slot);
+            return false;
+        };
+        assert_ne!(self.pieces[slot].content.get(), 0);
+        self.pieces[slot].content.set(0);
+        self.pieces[spare].owner.set(me);
+        self.pieces[spare].content.set(0);
+        self.join([before, spare]);
+        self.join([spare, slot]);
+        self.join([slot, behind]);
+        self.hint.store(slot as u32, Release);
+        self.pieces[slot].content.set(1);
+        self.pieces[spare].content.set(1);
+        self.release(slot);
+        self.release(spare);
+        true
+    }
+
+    /// Joins the piece in `slot` with the one behind it, whose slot is free then, and returned.
+    fn unite(&self, slot: usize, me: OwnerId) -> Option<usize> {
+        if !self.claim(slot, me) {
+            return None;
+        }
+        let around = (self.look_across(slot, 0, me), self.look_across(slot, 1, me));
+        let (Some(before), Some(gone)) = around else {
+            self.release(slot);
+            return None;
+        };
+        if !self.claim(gone, me) {
+            self.release(slot);
+            return None;
+        }
+        let Some(behind) = self.look_across(gone, 1, me) else {
+            self.release(slot);
+            self.release(gone);
+            return None;
+        };
+        self.pieces[gone].content.set(0);
+        self.pieces[slot].content.set(0);
+        self.join([before, slot]);
+        self.join([slot, behind]);
+        self.hint.store(slot as u32, Release);
+        self.pieces[slot].content.set(1);
+        self.release(slot);
+        self.pieces[gone].owner.free_slot();
+        Some(gone)
+    }
+
+    /// Every piece is nobody's and its neighbours' neighbour; every other slot is free.
+    fn check(&self) {
+        let mut size = 0;
+        for (slot, piece) in self.pieces.iter().enumerate() {
+            if piece.owner.is(FREE) || piece.content.get() == FRESH {
+                continue;
             }
-            release(taken);
+            assert!(piece.owner.is(NOBODY));
+            assert_eq!(piece.content.get(), 1);
+            size += 1;
+            for (side, link) in piece.links.iter().enumerate() {
+                let link = link.load(Relaxed);
+                let back = self.pieces[link as usize / 2].links[link as usize % 2].load(Relaxed);
+                assert_eq!((back, link % 2), (side_of(slot, side), 1 - side as u32));
+            }
+        }
+        let start = self.hint.load(Relaxed) as usize;
+        let mut at = start;
+        for left in (0..size).rev() {
+            assert!(self.pieces[at].owner.is(NOBODY));
+            at = self.pieces[at].links[1].load(Relaxed) as usize / 2;
+            assert_eq!(at == start, left == 0);
+        }
+    }
+}
+
+fn name(me: usize) -> OwnerId {
+    me as OwnerId + 1
+}
+
+#[test]
+fn neighbors_exclude_each_other() {
+    for size in [2, 3] {
+        check(
+            size,
+            || Ring::new(3),
+            // Each divides a piece; all pieces are neighbours.
+            |me, ring| {
+                ring.divide(me, 3 + me, name(me));
+            },
+            Ring::check,
+        );
+    }
+}
+#[test]
+fn a_slot_that_was_used_again_is_not_taken_for_a_neighbor() {
+    check(
+        2,
+        || Ring::new(4),
+        |me, ring| {
+            let me = name(me);
+            if me > 1 {
+                // Before this one lies slot 1, then slot 0; slot 1 comes to lie behind it.
+                ring.divide(2, 4, me);
+            } else if let Some(free) = ring.unite(0, me) {
+                ring.divide(3, free, me);
+            }
         },
-        |shared| {
-            assert_eq!(shared.operations.get(), shared.completed.load(Relaxed));
-            assert!(shared.owners.iter().all(|owner| !owner.is_owned()));
-        },
+        Ring::check,
     );
 }
 
 #[test]
-fn owners_exclude_each_other() {
-    owners_exclude(2);
-    owners_exclude(3);
-}
-
-const NONE: u32 = u32::MAX;
-
-/// A triangle in place of a tet: its neighbours share two of its three vertices, and of a new one all but the last are owned. Its order of accesses is that of `TetRecord`.
-struct Record {
-    vertices: [AtomicU32; 3],
-    content: Guarded,
-}
-
-struct Mesh {
-    owners: [Owner; 8],
-    record: Record,
-}
-
-impl Mesh {
-    fn new() -> Self {
-        let mesh = Self {
-            owners: Default::default(),
-            record: Record { vertices: std::array::from_fn(|_| AtomicU32::new(0)), content: Guarded::default() },
-        };
-        mesh.fill([0, 1, 2]);
-        mesh
-    }
-
-    fn vertices(&self) -> [u32; 3] {
-        [0, 1, 2].map(|i: usize| self.record.vertices[i].load(Acquire))
-    }
-
-    fn fill(&self, vertices: [u32; 3]) {
-        for (slot, v) in self.record.vertices.iter().zip(vertices) {
-            slot.store(v, Release);
-        }
-        self.record.content.set(vertices.iter().sum());
-    }
-
-    fn claim(&self, vertices: &[u32], me: usize) -> (Vec<&Owner>, bool) {
-        claim(vertices.iter().map(|&v| &self.owners[v as usize]), me)
-    }
-
-    /// The way in: what the kernel does with a tet that it knows from a note.
-    fn come_in(&self, me: usize) {
-        let vertices = self.vertices();
-        if vertices[0] == NONE {
-            return;
-        }
-        let (taken, complete) = self.claim(&vertices, me);
-        if complete && self.vertices() == vertices {
-            assert_eq!(self.record.content.get(), vertices.iter().sum());
-            self.record.content.set(vertices.iter().sum());
-        }
-        release(taken);
-    }
-}
-
-#[test]
-fn who_owns_the_vertices_of_a_tet_owns_the_tet() {
-    for size in [2, 3] {
-        check(
-            size,
-            Mesh::new,
-            |me, mesh| {
-                if me > 0 {
-                    return mesh.come_in(me);
-                }
-                let (taken, complete) = mesh.claim(&[0, 1, 2, 3], me);
-                if complete {
-                    // 4 is new.
-                    mesh.fill([1, 3, 4]);
-                }
-                release(taken);
-            },
-            |mesh| assert!(mesh.owners.iter().all(|owner| !owner.is_owned())),
-        );
-    }
-}
-
-#[test]
-fn a_slot_that_was_freed_is_not_taken_for_a_tet() {
+fn an_old_note_of_a_slot_does_no_harm() {
     check(
         2,
-        Mesh::new,
-        |me, mesh| {
-            if me > 0 {
-                return mesh.come_in(me);
-            }
-            let (taken, complete) = mesh.claim(&[0, 1, 2], me);
-            if complete {
-                mesh.record.vertices[0].store(NONE, Relaxed);
-            }
-            release(taken);
-            if complete {
-                // The slot is this worker's now. It is used again elsewhere; 7 is new.
-                let (taken, complete) = mesh.claim(&[5, 6], me);
-                if complete {
-                    mesh.fill([5, 6, 7]);
-                }
-                release(taken);
+        || Ring::new(4),
+        |me, ring| {
+            let me = name(me);
+            if me > 1 {
+                ring.divide(1, 4, me);
+            } else if let Some(free) = ring.unite(0, me) {
+                ring.divide(3, free, me);
             }
         },
-        |mesh| assert!(mesh.owners.iter().all(|owner| !owner.is_owned())),
+        Ring::check,
+    );
+}
+
+#[test]
+fn a_vertex_leads_from_a_free_slot_elsewhere() {
+    check(
+        2,
+        || Ring::new(4),
+        |me, ring| {
+            let me = name(me);
+            if me == 1 {
+                ring.unite(0, me);
+                return;
+            }
+            let star = ring.hint.load(Acquire);
+            match ring.pieces[star as usize].owner.claim(me) {
+                Holder::Nobody => ring.release(star as usize),
+                Holder::Changed => assert_ne!(ring.hint.load(Acquire), star),
+                Holder::Own | Holder::Other(_) => {}
+            }
+        },
+        Ring::check,
     );
 }
 
