@@ -288,6 +288,11 @@ impl Triangulation {
         Ok(slots)
     }
 
+    /// Gets memory for slots of one chunk that are about to be used for the first time.
+    pub(super) fn populate(&self, slots: Range<TetId>) {
+        self.tets.populate(slots);
+    }
+
     /// A range of fresh vertex ids for one worker, at home on its node.
     pub(super) fn claim_vertices(&self, node: NodeId) -> Result<Range<u32>> {
         let _growing = self.growing();

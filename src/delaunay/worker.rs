@@ -46,6 +46,10 @@ pub fn mark_of(number: usize) -> u8 {
 /// Slots of one other node that a worker frees before it sends them home.
 const PARCEL: usize = 64;
 
+/// Slots whose pages a worker asks for at once: 64 KiB, so that hardly any memory is held before it is used.
+const POPULATED: u32 = 1024;
+const _: () = assert!((CHUNK as u32).is_multiple_of(POPULATED));
+
 /// A worker. Slots that it frees it uses again at once, last in first out: a cavity's new tets land on the lines that are hot.
 pub struct Worker<A> {
     /// The policy, which knows whom the worker met.
@@ -198,10 +202,19 @@ impl<A: Access> Worker<A> {
     fn take_tet(&mut self, triangulation: &Triangulation) -> TetId {
         let t = match self.free.pop() {
             Some(t) => t,
-            None => self.fresh_tets.next().expect("reserve() was asked for enough slots"),
+            None => self.take_fresh(triangulation),
         };
         // Before any link leads to it.
         triangulation.owner(t).set(self.access.owner_of_new());
+        t
+    }
+
+    #[inline]
+    fn take_fresh(&mut self, triangulation: &Triangulation) -> TetId {
+        let t = self.fresh_tets.next().expect("reserve() was asked for enough slots");
+        if t.is_multiple_of(POPULATED) {
+            triangulation.populate(t..t + POPULATED);
+        }
         t
     }
 
