@@ -184,12 +184,18 @@ impl Many {
     }
 }
 
-/// Samples of a cell, side by side.
+/// Samples of a cell, side by side. Those of cells before it stay where this one has none: to clear them would take as long as a few samples.
 struct Samples {
     /// The indicators of its labels.
     values: [[f32; MOST as usize]; 8],
     /// The labels that some weights let win, one bit each; at least one.
     rivals: [u32; MOST as usize],
+}
+
+impl Default for Samples {
+    fn default() -> Self {
+        Self { values: [[0.0; MOST as usize]; 8], rivals: [0; MOST as usize] }
+    }
 }
 
 impl Samples {
@@ -247,6 +253,8 @@ pub(super) struct Tally<'a> {
     many: Vec<Many>,
     /// Those of tallies that were merged into this one.
     merged: Vec<Vec<Many>>,
+    /// Of the cell that was sampled last.
+    samples: Box<Samples>,
 }
 
 impl<'a> Tally<'a> {
@@ -260,6 +268,7 @@ impl<'a> Tally<'a> {
             surplus: vec![0; sampling.0.len()],
             many: Vec::new(),
             merged: Vec::new(),
+            samples: Box::default(),
         }
     }
 
@@ -315,7 +324,6 @@ impl<'a> Tally<'a> {
         let present = &present[..labels];
         let held: [[f32; 8]; 8] =
             std::array::from_fn(|n| ids.map(|id| if n < labels && id == present[n] { 1.0 } else { 0.0 }));
-        let mut samples = Samples { values: [[0.0; MOST as usize]; 8], rivals: [0; MOST as usize] };
         for start in (0..count as usize).step_by(LANES) {
             let at = [0, 1, 2].map(|a| {
                 std::array::from_fn(|lane| {
@@ -323,9 +331,9 @@ impl<'a> Tally<'a> {
                     if t < 1.0 { t } else { t - 1.0 }
                 })
             });
-            samples.take(start, labels, &held, at);
+            self.samples.take(start, labels, &held, at);
         }
-        self.add_samples(present, &samples, count as usize, units)
+        self.add_samples(present, count as usize, units)
     }
 
     /// Counts the first `count` samples of a cell whose labels are `present`.
@@ -333,12 +341,12 @@ impl<'a> Tally<'a> {
     /// # Errors
     /// [`Error::OutOfMemory`].
     #[inline(always)]
-    fn add_samples(&mut self, present: &[u16], samples: &Samples, count: usize, units: u32) -> Result<()> {
+    fn add_samples(&mut self, present: &[u16], count: usize, units: u32) -> Result<()> {
         // Sorted by the number of rivals first, without a branch on it, which is as good as random: what one label wins is counted, the others are listed.
         let mut won = [0_u32; 8];
         let mut lists = [[0_u8; MOST as usize]; 2];
         let mut lengths = [0; 2];
-        for (i, &rivals) in samples.rivals[..count].iter().enumerate() {
+        for (i, &rivals) in self.samples.rivals[..count].iter().enumerate() {
             let rest = rivals & (rivals - 1);
             let (is_contested, is_many) = (rest != 0, rest & rest.wrapping_sub(1) != 0);
             won[rivals.trailing_zeros() as usize % 8] += u32::from(!is_contested);
@@ -351,18 +359,18 @@ impl<'a> Tally<'a> {
             self.surplus[usize::from(id)] += i64::from(won * units);
         }
         for i in lists[0][..lengths[0]].iter().map(|&i| usize::from(i)) {
-            let rivals = samples.rivals[i];
+            let rivals = self.samples.rivals[i];
             let [a, b] = [rivals, rivals & (rivals - 1)].map(|set| {
                 let n = set.trailing_zeros() as usize;
-                (present[n], samples.values[n][i])
+                (present[n], self.samples.values[n][i])
             });
             self.add_contested(a, b, units)?;
         }
         let short = |_| Error::OutOfMemory { count: lengths[1], what: "samples for the weights of labels" };
         self.many.try_reserve(lengths[1]).map_err(short)?;
         for i in lists[1][..lengths[1]].iter().map(|&i| usize::from(i)) {
-            let rivals = (0..present.len()).filter(|&n| samples.rivals[i] >> n & 1 == 1);
-            self.many.push(Many::new(rivals.map(|n| (samples.values[n][i], present[n])), units));
+            let rivals = (0..present.len()).filter(|&n| self.samples.rivals[i] >> n & 1 == 1);
+            self.many.push(Many::new(rivals.map(|n| (self.samples.values[n][i], present[n])), units));
         }
         Ok(())
     }
