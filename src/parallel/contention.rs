@@ -8,7 +8,7 @@
 //! - *Global*. The same with one list; the last worker that runs never waits (counted under the list's lock).
 //! - *Random*. Two workers that meet again and again sleep for times that differ sooner or later. Certain only in probability.
 //! - *Aggressive*. None: workers go on with another element, which makes meeting again unlikely, not impossible. After some conflicts in sequence they offer their
-//!   processor: with more workers than processors the one that they met may have lost its own while it owns tets, and would get it back only when their time is up.
+//!   processor: with more workers than processors the one that they met may have lost its own while it owns tets, and would get it back only when their time is up. They offer it a random number of times, more the longer the sequence: two that own neighbouring tets refuse each other, and if they went on in step would do so again.
 //!
 //! The first two are the published Local-CM and Global-CM.
 
@@ -24,6 +24,9 @@ const PATIENCE: u32 = 3;
 const SLEEP_LOG: u32 = 4;
 /// Longest sleep at all, as such a power.
 const MOST_SLEEP_LOG: u32 = 10;
+
+/// Most offers of its processor after a conflict, under the policy Aggressive.
+const MOST_OFFERS: u32 = 64;
 
 /// What a worker remembers of its own conflicts.
 #[derive(Debug)]
@@ -108,7 +111,8 @@ impl Contention {
             }
             Policy::Aggressive => {
                 if streak.conflicts >= PATIENCE {
-                    crate::sync::yield_now();
+                    let most = u64::from(streak.conflicts.min(MOST_OFFERS));
+                    (0..=streak.next_random() % most).for_each(|_| crate::sync::yield_now());
                 }
                 false
             }
