@@ -119,7 +119,7 @@ impl Circumsphere {
         self.outside.is_finite()
     }
 
-    /// The squared circumradius: the outside bound, above the exact one by its error (below 1e-6 of it unless the tet is nearly flat);
+    /// The squared circumradius: the outside bound, above the exact one by its error (below 1e-6 of it unless the tet is nearly flat; as a tet's record keeps it, up to 4e-6 more);
     /// infinite when the tet is too flat.
     pub fn squared_radius(&self) -> f64 {
         f64::from(self.outside)

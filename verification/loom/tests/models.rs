@@ -239,16 +239,15 @@ fn neighbors_exclude_each_other() {
         );
     }
 }
-#[test]
-fn a_slot_that_was_used_again_is_not_taken_for_a_neighbor() {
+/// One worker frees slot 1 and uses it again elsewhere; the other one divides the piece in `slot`.
+fn beside_a_slot_that_is_used_again(slot: usize) {
     check(
         2,
         || Ring::new(4),
-        |me, ring| {
+        move |me, ring| {
             let me = name(me);
             if me > 1 {
-                // Before this one lies slot 1, then slot 0; slot 1 comes to lie behind it.
-                ring.divide(2, 4, me);
+                ring.divide(slot, 4, me);
             } else if let Some(free) = ring.unite(0, me) {
                 ring.divide(3, free, me);
             }
@@ -258,20 +257,14 @@ fn a_slot_that_was_used_again_is_not_taken_for_a_neighbor() {
 }
 
 #[test]
+fn a_slot_that_was_used_again_is_not_taken_for_a_neighbor() {
+    // Before this piece lies slot 1, then slot 0; slot 1 comes to lie behind it.
+    beside_a_slot_that_is_used_again(2);
+}
+
+#[test]
 fn an_old_note_of_a_slot_does_no_harm() {
-    check(
-        2,
-        || Ring::new(4),
-        |me, ring| {
-            let me = name(me);
-            if me > 1 {
-                ring.divide(1, 4, me);
-            } else if let Some(free) = ring.unite(0, me) {
-                ring.divide(3, free, me);
-            }
-        },
-        Ring::check,
-    );
+    beside_a_slot_that_is_used_again(1);
 }
 
 #[test]
