@@ -40,7 +40,8 @@ step() {
     else
         failed=$((failed + 1))
         printf 'FAILED  %-14s %4d s: %s\n' "$name" $(($(date +%s) - start)) "$*"
-        tail -n 60 "$logs/$name.log" | sed 's/^/    /'
+        # Of tests that failed, what they said; the end alone may be of later ones that passed.
+        { grep -h -A 12 ' panicked at ' "$logs/$name.log" | head -n 60; tail -n 60 "$logs/$name.log"; } | sed 's/^/    /'
         return 1
     fi
 }
@@ -83,6 +84,18 @@ if [ -n "$missing" ]; then
     }
     step apt install_packages
 fi
+
+# Every dependency of every feature, so that nothing asks the registry later: the test of licences reads them all, also those
+# that nothing here compiles. A registry that does not answer is asked twice more.
+fetch() {
+    host=$(rustc -vV | sed -n 's/^host: //p')
+    for pause in 10 60; do
+        cargo fetch --locked --target "$host" && return
+        sleep $pause
+    done
+    cargo fetch --locked --target "$host"
+}
+step fetch fetch
 
 # ---- Form ----
 
