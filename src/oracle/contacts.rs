@@ -37,6 +37,49 @@ const BESIDE: [u32; 8] = {
     beside
 };
 
+/// Of each set of corners those that are joined with its first one across faces of their voxels.
+const JOINED: [u8; 256] = {
+    let mut joined = [0; 256];
+    let mut own: usize = 0;
+    while own < 256 {
+        let mut piece = own as u32 & (own as u32).wrapping_neg();
+        // No path along edges of the cell has more than seven.
+        let mut step = 0;
+        while step < 7 {
+            let mut c = 0;
+            while c < 8 {
+                if piece >> c & 1 == 1 {
+                    piece |= BESIDE[c] & own as u32;
+                }
+                c += 1;
+            }
+            step += 1;
+        }
+        joined[own] = piece as u8;
+        own += 1;
+    }
+    joined
+};
+
+/// Of each set of corners whether a cell of two labels, one of which has these, has no contacts, whatever the labels: both are joined across faces, and do not alternate.
+pub(super) const IS_PLAIN: [bool; 256] = {
+    let mut is_plain = [false; 256];
+    let mut own = 0;
+    while own < 256 {
+        let mut is_joined = JOINED[own] as usize == own && JOINED[255 - own] as usize == 255 - own;
+        let mut n = 0;
+        while n < 6 {
+            let [a, b, c, d] = FACES.as_flattened()[n];
+            let [a, b, c, d] = [own >> a & 1, own >> b & 1, own >> c & 1, own >> d & 1];
+            is_joined &= !(a == b && c == d && a != c);
+            n += 1;
+        }
+        is_plain[own] = is_joined;
+        own += 1;
+    }
+    is_plain
+};
+
 /// Which contacts a cell has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Contacts {
@@ -73,21 +116,14 @@ impl Contacts {
 
 /// Whether contacts on faces do not join the corners `own` of one label as a tree.
 fn needs_center(ids: &Corners, own: u32) -> bool {
-    // What is joined across faces: at most four sets.
-    let (mut pieces, mut count, mut rest) = ([0_u32; 4], 0, own);
-    while rest != 0 {
-        let mut piece = rest & rest.wrapping_neg();
-        loop {
-            let grown = (0..8).filter(|c| piece >> c & 1 == 1).fold(piece, |all, c| all | BESIDE[c] & own);
-            if grown == piece {
-                break;
-            }
-            piece = grown;
-        }
-        (pieces[count], count, rest) = (piece, count + 1, rest & !piece);
-    }
-    if count < 2 {
+    let joined = |own: u32| u32::from(JOINED[own as usize]);
+    if joined(own) == own {
         return false;
+    }
+    // What is joined across faces: at most four sets.
+    let (mut pieces, mut count, mut rest) = ([0; 4], 0, own);
+    while rest != 0 {
+        (pieces[count], count, rest) = (joined(rest), count + 1, rest & !joined(rest));
     }
     // The set of sets that each belongs to, by the number of one.
     let mut joined = [0, 1, 2, 3];

@@ -14,7 +14,7 @@ use super::{
     border::Border,
     bricks::Bricks,
     cells::{Cells, ones},
-    contacts::Contacts,
+    contacts::{Contacts, IS_PLAIN},
     indicator::Corners,
     region::Rows,
     weights::{Sampling, Tally, UNITS},
@@ -125,6 +125,10 @@ impl Block {
     fn add_contacts(&mut self, mixed: u64, around: [&[u16]; 4]) {
         let around = around.map(|row| &row[..65]);
         for i in ones(mixed) {
+            let is_two = self.cells[i] & Voxel::TWO != 0;
+            if is_two && IS_PLAIN[usize::from(self.cells[i] >> 8)] {
+                continue;
+            }
             let corners: Corners = std::array::from_fn(|c| around[c >> 1][i + (c & 1)]);
             let bits = match Contacts::of(&corners) {
                 Contacts::None => continue,
