@@ -89,6 +89,17 @@ impl Border {
         at.cmpge(self.first).all() && at.cmplt(self.last).all()
     }
 
+    /// [`Self::leaves`] of 64 cells along x from `cell` on, a bit for each.
+    #[inline]
+    pub(super) fn leaves_of_row(&self, [i, j, k]: [usize; 3]) -> u64 {
+        let [first, last] = [self.first.x as usize, self.last.x as usize];
+        if !self.leaves([first, j, k]) {
+            return 0;
+        }
+        let before = |end: usize| u64::MAX.checked_shr(64 - end.saturating_sub(i).min(64) as u32).unwrap_or(0);
+        before(last) & !before(first)
+    }
+
     /// The corners' labels of a cell as the model has them inside of the walls: of the cell's part there all points are projected onto its faces away from the walls. How many walls halve the cell.
     #[inline]
     pub(super) fn extend_corners(&self, cell: [usize; 3], ids: &Corners) -> (Corners, u32) {
@@ -105,5 +116,26 @@ impl Border {
             halvings += 1;
         }
         (ids, halvings)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_of_a_row_are_those_told_one_by_one() {
+        for (dims, first) in
+            [([150, 5, 4], [-1, -1, 0]), ([64, 4, 4], [0; 3]), ([66, 3, 4], [-1; 3]), ([3, 3, 3], [-1; 3])]
+        {
+            let image = [0, 1, 2].map(|a| dims[a] - [2, 0, 1][a]);
+            let border = Border::new(first, dims, image);
+            for i in [0, 64, 128] {
+                for (j, k) in (0..dims[1]).flat_map(|j| (0..dims[2]).map(move |k| (j, k))) {
+                    let one_by_one = (0..64).fold(0, |bits, n| bits | u64::from(border.leaves([i + n, j, k])) << n);
+                    assert_eq!(border.leaves_of_row([i, j, k]), one_by_one, "{dims:?} {first:?}: {i} {j} {k}");
+                }
+            }
+        }
     }
 }

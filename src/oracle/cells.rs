@@ -47,24 +47,9 @@ impl Cells {
         Self { words: 0, rows: [0; 2], bits: Vec::new() }
     }
 
-    /// Leaves those cells that `keep` tells.
-    ///
-    /// # Errors
-    /// Whatever `check` returns.
-    pub(super) fn retain(
-        &mut self,
-        keep: impl Fn([usize; 3]) -> bool + Sync,
-        check: &(dyn Fn() -> Result<()> + Sync),
-    ) -> Result<()> {
-        let Self { words, rows: [_, nz], .. } = *self;
-        self.bits.par_chunks_mut(words * nz).enumerate().try_for_each(|(j, layer)| {
-            check()?;
-            for (at, word) in layer.iter_mut().enumerate() {
-                let (k, i) = (at / words, 64 * (at % words));
-                *word = ones(*word).filter(|&bit| keep([i + bit, j, k])).fold(0, |word, bit| word | 1 << bit);
-            }
-            Ok(())
-        })
+    /// The words of all rows of each `count` layers of cells, one after the other.
+    pub(super) fn layers_mut(&mut self, count: usize) -> impl IndexedParallelIterator<Item = &mut [u64]> {
+        self.bits.par_chunks_mut(self.words * self.rows[1] * count)
     }
 
     /// A bit for each of `count` cells from `first` on, at most 64: whether it is in the set.

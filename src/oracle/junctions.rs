@@ -9,7 +9,7 @@
 //!
 //! In the voxel model lines run from the centres of cells, where eight voxels meet, to the centres of faces of cells around which three or more labels are; of the centres themselves only those on walls are given.
 //!
-//! Which cells there are to be looked at is kept as a set of bits: [`is_junction_cell`].
+//! Which cells there are to be looked at is kept as a set of bits: `Block::junctions` in `voxel`.
 //!
 //! Not junctions: lines in which the boundary of a label touches itself between two labels. Nor are those of images of intensities or probabilities looked for, whose indicators are others.
 //!
@@ -18,11 +18,9 @@
 use glam::DVec3;
 
 use super::cells::ones;
-use super::contacts::Contacts;
 use super::edges::parts_of;
 use super::indicator::Corners;
 use super::ties::{Cube, Square};
-use super::voxel::Voxel;
 use super::weights::hash;
 use super::{ByCell, Oracle};
 use crate::Result;
@@ -340,11 +338,6 @@ impl JunctionPlanes<'_> {
         }
         Ok(())
     }
-}
-
-/// Whether a mixed cell can have points of junctions. Two labels meet in no line, but where a wall cuts their interface. Around contacts of the smooth model lines run along the edges of voxels, and are sampled with these.
-pub(super) fn is_junction_cell(record: Voxel, at_wall: bool, model: SurfaceModel) -> bool {
-    at_wall || !record.is_two() && (model == SurfaceModel::Voxel || record.contacts() == Contacts::None)
 }
 
 /// A vector with coordinates between -1 and 1 that looks random and depends on `p` alone.

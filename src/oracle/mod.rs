@@ -51,11 +51,10 @@ use cells::Cells;
 use contacts::Contacts;
 pub use edges::{CrossedEdge, EdgeGrid, FeaturePoint};
 use field::Field;
-use junctions::is_junction_cell;
 pub use junctions::{JunctionKind, JunctionPlanes};
 use region::{Region, Rows};
 pub use tiles::Tiles;
-use voxel::{Pairs, Voxel};
+use voxel::{Pairs, Records, Voxel};
 use weights::Sampling;
 
 use crate::Result;
@@ -150,38 +149,27 @@ impl Oracle {
         let &Region { first, dims } = rows.region();
         let frame = image.frame();
         let spacing = frame.spacing();
-        let mut mixed = Cells::mixed(rows, check)?;
+        let mixed = Cells::mixed(rows, check)?;
         let Surface { model, border, sigma } = surface;
         let walls = match (border, model) {
             (ImageBorder::Smooth, SurfaceModel::Smooth) => Border::none(dims),
             _ => Border::new(first, dims, image.dims()),
         };
         let has_field = image.field().is_some() || sigma.is_some();
-        let (border, voxels, weights, field) = match model {
+        let records = |pairs| voxel::records(rows, mixed, &walls, pairs, check);
+        let (border, Records { voxels, junctions, .. }, weights, field) = match model {
             SurfaceModel::Smooth if has_field => {
-                let (voxels, _) = voxel::records(rows, &mixed, Pairs::Unmarked, check)?;
-                let field = Field::new(image, sigma, rows.region(), &voxels, check)?;
-                (walls, voxels, Vec::new(), field)
+                let records = records(Pairs::Unmarked)?;
+                let field = Field::new(image, sigma, rows.region(), &records.voxels, check)?;
+                (walls, records, Vec::new(), field)
             }
             SurfaceModel::Smooth => {
-                let border = walls;
                 let sampling = Sampling::new(rows.rough_counts(image.labels().len()).into_iter());
-                let (voxels, tally) = voxel::records(rows, &mixed, Pairs::Counted(&sampling, &border), check)?;
-                let weights = tally.map_or(Ok(Vec::new()), |tally| tally.weights(&|| check()))?;
-                (border, voxels, weights, None)
+                let mut records = records(Pairs::Counted(&sampling))?;
+                let weights = records.tally.take().map_or(Ok(Vec::new()), |tally| tally.weights(&|| check()))?;
+                (walls, Records { tally: None, ..records }, weights, None)
             }
-            SurfaceModel::Voxel => {
-                let (voxels, _) = voxel::records(rows, &mixed, Pairs::Marked, check)?;
-                (Border::none(dims), voxels, Vec::new(), None)
-            }
-        };
-        let bricks = Bricks::new(dims);
-        let junction_cells = if field.is_some() {
-            Cells::none()
-        } else {
-            let record = |[i, j, k]: [usize; 3]| voxels[bricks.index(i, j, k)];
-            mixed.retain(|cell| is_junction_cell(record(cell), !walls.leaves(cell), model), check)?;
-            mixed
+            SurfaceModel::Voxel => (Border::none(dims), records(Pairs::Marked)?, Vec::new(), None),
         };
         let to_world = frame.direction() * DMat3::from_diagonal(spacing);
         Ok(Self {
@@ -194,9 +182,9 @@ impl Oracle {
             last: DVec3::from(dims.map(|n| (n - 1) as f64)),
             border,
             walls,
-            bricks,
+            bricks: Bricks::new(dims),
             voxels,
-            junction_cells,
+            junction_cells: junctions,
             field,
             greatest: weights.iter().copied().fold(1.0, f32::max),
             weights,

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::{
     border::Border,
     bricks::Bricks,
-    cells::{Cells, ones},
+    cells::{Cells, gathered, ones},
     contacts::{Contacts, IS_PLAIN},
     indicator::Corners,
     region::Rows,
@@ -138,6 +138,13 @@ impl Block {
             self.cells[i] = self.cells[i] & !Voxel::TWO | bits;
         }
     }
+
+    /// Which mixed cells can have points of junctions, a bit for each cell, where no wall cuts: two labels meet in no line. Around contacts of the smooth model lines
+    /// run along the edges of voxels, and are sampled with these; in the voxel model not.
+    fn junctions(&self, is_voxel_model: bool) -> u64 {
+        let without = if is_voxel_model { Voxel::TWO } else { Voxel::TWO | Voxel::CONTACT };
+        gathered(&self.cells.map(|cell| u8::from(cell & without == 0)))
+    }
 }
 
 /// What becomes of cells of two labels.
@@ -145,53 +152,67 @@ impl Block {
 pub(super) enum Pairs<'a> {
     /// Their records do not say so: what they look like is not told by labels alone.
     Unmarked,
-    /// Their records say so, and which have contacts.
+    /// Their records say so, and which have contacts: the voxel model.
     Marked,
-    /// And they are counted, with all mixed cells, for the weights of labels.
-    Counted(&'a Sampling, &'a Border),
+    /// And they are counted, with all mixed cells, for the weights of labels: the smooth model.
+    Counted(&'a Sampling),
 }
 
-/// The records of a region, in the bricked layout, and what is counted in its mixed cells for the weights of labels, if that is wanted.
+/// What is known of the voxels of a region and of its cells.
+pub(super) struct Records<'a> {
+    /// In the bricked layout.
+    pub(super) voxels: Vec<Voxel>,
+    /// The mixed cells that can have points of junctions; none where pairs are not marked.
+    pub(super) junctions: Cells,
+    /// What was counted, if that was wanted.
+    pub(super) tally: Option<Tally<'a>>,
+}
+
+/// The records of a region whose `mixed` cells are known.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
 pub(super) fn records<'a>(
     rows: &Rows,
-    mixed: &Cells,
+    mut mixed: Cells,
+    walls: &Border,
     pairs: Pairs<'a>,
     check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<(Vec<Voxel>, Option<Tally<'a>>)> {
+) -> Result<Records<'a>> {
     let beside = mixed.dilated(check)?;
     let near = beside.dilated(check)?;
     let bricks = Bricks::new(rows.dims());
     let [nx, ny, nz] = bricks.dims();
     let mut voxels: Vec<Voxel> = zeroed(bricks.len(), "voxels of the label volume")?;
     let none = || match pairs {
-        Pairs::Counted(sampling, _) => Some(Tally::new(sampling)),
+        Pairs::Counted(sampling) => Some(Tally::new(sampling)),
         _ => None,
     };
     // Layers differ in what they cost, so each is a piece of work of its own; tallies are as many as threads at work.
     let idle = Mutex::new(Vec::new());
-    let layers = voxels.par_chunks_mut(bricks.layer()).enumerate().with_max_len(1);
-    layers.try_for_each(|(layer, out)| {
+    let layers = voxels.par_chunks_mut(bricks.layer()).zip(mixed.layers_mut(Bricks::EDGE)).enumerate().with_max_len(1);
+    layers.try_for_each(|(layer, (out, mixed))| {
         let mut tally = lock(&idle).pop().unwrap_or_else(none);
+        let mut mixed_rows = mixed.chunks_mut(beside.row(0, 0).len());
         for j in (layer * Bricks::EDGE..ny).take(Bricks::EDGE) {
             check()?;
-            for k in 0..nz {
+            for (k, mixed) in mixed_rows.by_ref().take(nz).enumerate() {
                 let at = bricks.y(j) + bricks.z(k) - layer * bricks.layer();
                 let row = rows.row(j, k);
-                let sets = [mixed, &beside, &near].map(|set| set.row(j, k));
-                for w in 0..sets[0].len() {
-                    let words = sets.map(|set| set[w]);
-                    let mut block = Block::of_rings(words);
-                    if words[0] != 0 {
+                let [beside, near] = [&beside, &near].map(|set| set.row(j, k));
+                for (w, mixed) in mixed.iter_mut().enumerate() {
+                    let mut block = Block::of_rings([*mixed, beside[w], near[w]]);
+                    if *mixed != 0 {
                         let around = rows.around(j, k).map(|row| &row[64 * w..]);
                         block.add_mixed(around, !matches!(pairs, Pairs::Unmarked));
-                        if let (Some(tally), Pairs::Counted(_, border)) = (&mut tally, pairs) {
-                            count(tally, border, [64 * w, j, k], words[0], &block, around)?;
+                        let first = [64 * w, j, k];
+                        let leaves = walls.leaves_of_row(first);
+                        if let Some(tally) = &mut tally {
+                            count(tally, walls, leaves, first, *mixed, &block, around)?;
                         }
                         if !matches!(pairs, Pairs::Unmarked) {
-                            block.add_contacts(words[0], around);
+                            block.add_contacts(*mixed, around);
+                            *mixed &= !leaves | block.junctions(matches!(pairs, Pairs::Marked));
                         }
                     }
                     for (n, (ids, cells)) in row[64 * w..nx.min(64 * (w + 1))]
@@ -212,17 +233,19 @@ pub(super) fn records<'a>(
     })?;
     let tallies = idle.into_inner().unwrap_or_else(PoisonError::into_inner);
     let tally = tallies.into_par_iter().flatten().map(Ok).try_reduce_with(|a, b: Tally<'_>| a.merge(b)).transpose()?;
-    Ok((voxels, tally))
+    let junctions = if matches!(pairs, Pairs::Unmarked) { Cells::none() } else { mixed };
+    Ok(Records { voxels, junctions, tally })
 }
 
-/// Counts the `mixed` ones of 64 cells from `first` on for the weights of labels.
+/// Counts the `mixed` ones of 64 cells from `first` on for the weights of labels; `leaves` tells those that the walls leave.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`].
 #[inline]
 fn count(
     tally: &mut Tally<'_>,
-    border: &Border,
+    walls: &Border,
+    leaves: u64,
     first: [usize; 3],
     mixed: u64,
     block: &Block,
@@ -234,8 +257,8 @@ fn count(
         let id = around[0][i];
         let voxel = Voxel::new(id, block.cells[i]);
         let corners = || -> Corners { std::array::from_fn(|c| around[c >> 1][i + (c & 1)]) };
-        if !border.leaves(cell) {
-            tally.add(border, cell, &corners())?;
+        if leaves >> i & 1 == 0 {
+            tally.add(walls, cell, &corners())?;
         } else if voxel.is_two() {
             tally.add_two(voxel.first_corners(), [id, id ^ block.differences[i]], UNITS)?;
         } else {
@@ -267,7 +290,7 @@ mod tests {
         let region = Region::new(&image, check).unwrap();
         let rows = Rows::new(&image, region, check).unwrap();
         let cells = Cells::mixed(&rows, check).unwrap();
-        let (voxels, _) = records(&rows, &cells, Pairs::Marked, check).unwrap();
+        let voxels = records(&rows, cells, &Border::none(rows.dims()), Pairs::Marked, check).unwrap().voxels;
         let dims = rows.dims();
         let bricks = Bricks::new(dims);
         let id = |at: [usize; 3]| rows.row(at[1], at[2])[at[0]];
