@@ -20,7 +20,7 @@
 //!
 //! Only integers are summed by several threads: the weights do not depend on their number.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::sync::LazyLock;
 
 use rayon::prelude::*;
@@ -115,13 +115,11 @@ impl Shapes {
                 count += 1;
             }
         }
-        let ids = sets.map(|set| std::array::from_fn(|c| (set >> c & 1) as u16));
-        let mut held = [[0u32; LEVELS + 2]; SHAPES];
+        let mut held = [[0_u32; LEVELS + 2]; SHAPES];
         for n in 0..SHAPE_POINTS {
             let parts = indicator::parts(mirrored(n));
-            for (held, ids) in held.iter_mut().zip(&ids) {
-                held[level_above(indicator::indicator(ids, &parts, 1))] += 1;
-            }
+            let levels = sets.map(|set| level_above(indicator::sum_of(set as u32, &parts)));
+            held.iter_mut().zip(levels).for_each(|(held, level)| held[level] += 1);
         }
         for ((curve, held), set) in shapes.curves.iter_mut().zip(&held).zip(sets) {
             // A point is held at all levels up to its own.
@@ -137,8 +135,9 @@ impl Shapes {
 
 /// The first tabulated level above a value; 0 below all, LEVELS + 1 above all.
 fn level_above(value: f32) -> usize {
-    let at = (value - LOWEST) * (LEVELS as f32 / (HIGHEST - LOWEST));
-    if at < 0.0 { 0 } else { (at as usize + 1).min(LEVELS + 1) }
+    let above = (value - LOWEST) * (LEVELS as f32 / (HIGHEST - LOWEST)) + 1.0;
+    // By way of a signed number, which vectorises.
+    above.clamp(0.0, (LEVELS + 1) as f32) as i32 as usize
 }
 
 /// Point n of the sequence.
@@ -148,13 +147,24 @@ fn point(n: usize) -> [f32; 3] {
     STRIDE.map(|s| (n as f64 * s + 0.5).fract() as f32)
 }
 
-/// What two labels have between them, as numbers of units; the first label is the smaller id.
+/// What was counted of two labels, in units; the first is the smaller id.
 #[derive(Clone)]
 struct Contest {
     /// Cells of these two labels, by the shape of the first one's corners.
     cells: [u64; SHAPES],
     /// Samples by the first level at which the second label wins; never 0.
     samples: [u64; LEVELS + 1],
+    /// Samples in which these two lead without weights, and a third label takes part.
+    with_more: u64,
+}
+
+/// What two labels have between them, as their weights decide it.
+struct Pair {
+    labels: [u16; 2],
+    /// What goes from the second one to the first at each level.
+    surplus: Curve,
+    /// Units that change hands between the last level and the first, and those in which these two lead and a third label takes part.
+    contested: f64,
 }
 
 /// A sample that more labels may win; values that are not needed are 0.
@@ -370,7 +380,10 @@ impl<'a> Tally<'a> {
         self.many.try_reserve(lengths[1]).map_err(short)?;
         for i in lists[1][..lengths[1]].iter().map(|&i| usize::from(i)) {
             let rivals = (0..present.len()).filter(|&n| self.samples.rivals[i] >> n & 1 == 1);
-            self.many.push(Many::new(rivals.map(|n| (self.samples.values[n][i], present[n])), units));
+            let many = Many::new(rivals.map(|n| (self.samples.values[n][i], present[n])), units);
+            let [a, b, ..] = many.labels;
+            self.contest([a.min(b), a.max(b)])?.with_more += u64::from(units);
+            self.many.push(many);
         }
         Ok(())
     }
@@ -409,7 +422,7 @@ impl<'a> Tally<'a> {
         reserve(&mut self.contests, 1, WHAT)?;
         let at = *self.of_pair.entry(pair).or_insert(next);
         if at == next {
-            self.contests.push(Contest { cells: [0; SHAPES], samples: [0; LEVELS + 1] });
+            self.contests.push(Contest { cells: [0; SHAPES], samples: [0; LEVELS + 1], with_more: 0 });
         }
         Ok(at)
     }
@@ -425,6 +438,7 @@ impl<'a> Tally<'a> {
             let (to, from) = (all.contest(pair)?, &part.contests[at]);
             to.cells.iter_mut().zip(&from.cells).for_each(|(a, b)| *a += b);
             to.samples.iter_mut().zip(&from.samples).for_each(|(a, b)| *a += b);
+            to.with_more += from.with_more;
         }
         all.surplus.iter_mut().zip(&part.surplus).for_each(|(a, b)| *a += b);
         let count = 1 + part.merged.len();
@@ -446,14 +460,15 @@ impl<'a> Tally<'a> {
     /// # Errors
     /// Whatever `check` returns.
     pub(super) fn weights(self, check: &dyn Fn() -> Result<()>) -> Result<Vec<f32>> {
+        let mut met: Vec<_> = self.of_pair.iter().map(|(&pair, &at)| (pair, &self.contests[at])).collect();
         // In the order of labels, so that sums of floats do not depend on the order in which pairs were met.
-        let curves: BTreeMap<[u16; 2], Curve> =
-            self.of_pair.iter().map(|(&pair, &at)| (pair, self.contests[at].surplus())).collect();
-        let exchange = exchange(&curves, self.many(), self.surplus.len());
+        met.sort_unstable_by_key(|&(pair, _)| pair);
+        let pairs: Vec<Pair> = met.into_par_iter().map(|(labels, contest)| contest.pair(labels)).collect();
+        let exchange = exchange(&pairs, self.surplus.len());
         let missing = |logs: &[f64]| -> Result<Missing> {
             check()?;
             let weights: Vec<f32> = logs.iter().map(|log| log.exp() as f32).collect();
-            let by_label = self.missing(&curves, &weights);
+            let by_label = self.missing(&pairs, &weights);
             // The background has no target: its volume is that of the box less the others.
             Ok(Missing { all: by_label[1..].iter().map(|m| m.abs()).sum(), by_label })
         };
@@ -476,7 +491,7 @@ impl<'a> Tally<'a> {
     }
 
     /// What each label lacks under the given weights, in units; negative for too much.
-    fn missing(&self, curves: &BTreeMap<[u16; 2], Curve>, weights: &[f32]) -> Vec<f64> {
+    fn missing(&self, pairs: &[Pair], weights: &[f32]) -> Vec<f64> {
         let none = || vec![0; weights.len()];
         let won = |mut units: Vec<i64>, m: &Many| {
             units[usize::from(m.winner(weights))] += i64::from(m.units);
@@ -489,7 +504,7 @@ impl<'a> Tally<'a> {
         let samples = self.many().fold(none, won);
         let units = samples.chain([self.surplus.clone()]).reduce(none, sum);
         let mut missing: Vec<f64> = units.iter().map(|&u| -u as f64).collect();
-        for (&[a, b], curve) in curves {
+        for &Pair { labels: [a, b], surplus: ref curve, .. } in pairs {
             let (wa, wb) = (weights[usize::from(a)], weights[usize::from(b)]);
             let level = wb / (wa + wb);
             let at = f64::from((level - LOWEST) / (HIGHEST - LOWEST)) * LEVELS as f64;
@@ -503,6 +518,12 @@ impl<'a> Tally<'a> {
 }
 
 impl Contest {
+    fn pair(&self, labels: [u16; 2]) -> Pair {
+        let surplus = self.surplus();
+        let contested = surplus[0] - surplus[LEVELS] + self.with_more as f64;
+        Pair { labels, surplus, contested }
+    }
+
     /// What goes from the second label to the first at each level: in their cells beyond the first one's corners' eighths, and in the samples.
     fn surplus(&self) -> Curve {
         let mut curve = [0.0; LEVELS + 1];
@@ -547,32 +568,12 @@ pub(super) fn hash([i, j, k]: [usize; 3]) -> u64 {
 }
 
 /// For each label its rivals and the units that go over to it from each, per unit of the logarithm of their ratio.
-fn exchange<'m>(
-    curves: &BTreeMap<[u16; 2], Curve>,
-    many: impl ParallelIterator<Item = &'m Many>,
-    labels: usize,
-) -> Vec<Vec<(u16, f64)>> {
-    let mut units: BTreeMap<[u16; 2], f64> =
-        curves.iter().map(|(&pair, curve)| (pair, curve[0] - curve[LEVELS])).collect();
-    // Sums of integers: in any order the same.
-    let count = |mut units: HashMap<[u16; 2], u64>, m: &Many| {
-        let [a, b, ..] = m.labels;
-        *units.entry([a.min(b), a.max(b)]).or_default() += u64::from(m.units);
-        units
-    };
-    let counts: Vec<_> = many.fold(HashMap::new, count).collect();
-    let mut contested = HashMap::<[u16; 2], u64>::new();
-    for (pair, n) in counts.into_iter().flatten() {
-        *contested.entry(pair).or_default() += n;
-    }
-    for (pair, n) in contested {
-        *units.entry(pair).or_default() += n as f64;
-    }
+fn exchange(pairs: &[Pair], labels: usize) -> Vec<Vec<(u16, f64)>> {
     let mut exchange = vec![Vec::new(); labels];
     // Levels are those of ratios from 1/RATIO to RATIO.
     let width = 2.0 * f64::from(RATIO).ln();
-    for ([a, b], n) in units {
-        let rate = n / width;
+    for &Pair { labels: [a, b], contested, .. } in pairs {
+        let rate = contested / width;
         exchange[usize::from(a)].push((b, rate));
         exchange[usize::from(b)].push((a, rate));
     }
@@ -640,8 +641,8 @@ mod tests {
             }
         }
         let missing = |tally: &Tally, weights: &[f32]| {
-            let curves = tally.of_pair.iter().map(|(&pair, &at)| (pair, tally.contests[at].surplus())).collect();
-            tally.missing(&curves, weights)
+            let pairs: Vec<Pair> = tally.of_pair.iter().map(|(&pair, &at)| tally.contests[at].pair(pair)).collect();
+            tally.missing(&pairs, weights)
         };
         for ratio in [0.5, 0.7, 1.0, 1.3, 2.0] {
             let (a, b) = (missing(&by_shape, &[1.0, 1.0, ratio, 1.0]), missing(&by_samples, &[1.0, 1.0, ratio, 1.0]));
