@@ -350,6 +350,19 @@ mod tests {
         assert!(with.iter().all(|&count| count > 100), "{with:?}");
     }
 
+    #[test]
+    fn plain_sets_of_corners_have_no_contacts() {
+        for (own, is_plain) in IS_PLAIN.into_iter().enumerate().take(255).skip(1) {
+            let has_contacts = [[0, 1], [1, 0], [1, 2]].map(|labels| {
+                let ids = std::array::from_fn(|c| labels[own >> c & 1]);
+                Contacts::of(&ids) != Contacts::None
+            });
+            // Of two labels that are not the background all contacts are told.
+            assert_eq!(is_plain, !has_contacts[2], "corners {own:b}");
+            assert!(!(is_plain && has_contacts.contains(&true)), "corners {own:b}");
+        }
+    }
+
     proptest! {
         #[test]
         fn overtaken_is_the_first_change_on_dense_samples(

@@ -290,8 +290,13 @@ mod tests {
         let region = Region::new(&image, check).unwrap();
         let rows = Rows::new(&image, region, check).unwrap();
         let cells = Cells::mixed(&rows, check).unwrap();
-        let voxels = records(&rows, cells, &Border::none(rows.dims()), Pairs::Marked, check).unwrap().voxels;
         let dims = rows.dims();
+        // A wall at the first voxels along x alone.
+        let walls = Border::new([-1, 0, 0], dims, [usize::MAX / 4; 3]);
+        let sampling = Sampling::new([1; 3].into_iter());
+        let of = |pairs| records(&rows, cells.clone(), &walls, pairs, check).unwrap();
+        let Records { voxels, junctions, .. } = of(Pairs::Marked);
+        let smooth = of(Pairs::Counted(&sampling)).junctions;
         let bricks = Bricks::new(dims);
         let id = |at: [usize; 3]| rows.row(at[1], at[2])[at[0]];
         let corners =
@@ -320,6 +325,10 @@ mod tests {
                 labels.sort_unstable();
                 labels.dedup();
                 assert_eq!(voxel.is_two(), labels.len() == 2, "{cell:?}");
+                let (many, at_wall) = (labels.len() > 2, cell[0] == 0);
+                assert_eq!(junctions.bits(cell, 1) == 1, many || at_wall, "{cell:?}");
+                let is_sampled = many && Contacts::of(&ids) == Contacts::None;
+                assert_eq!(smooth.bits(cell, 1) == 1, is_sampled || at_wall, "{cell:?}");
             }
         }
     }
