@@ -66,15 +66,19 @@ pub(super) const IS_PLAIN: [bool; 256] = {
     let mut is_plain = [false; 256];
     let mut own = 0;
     while own < 256 {
-        let mut is_joined = JOINED[own] as usize == own && JOINED[255 - own] as usize == 255 - own;
+        let mut ids = [0; 8];
+        let mut c = 0;
+        while c < 8 {
+            ids[c] = (own >> c & 1) as u16;
+            c += 1;
+        }
+        let mut is_plain_so_far = JOINED[own] as usize == own && JOINED[255 - own] as usize == 255 - own;
         let mut n = 0;
         while n < 6 {
-            let [a, b, c, d] = FACES.as_flattened()[n];
-            let [a, b, c, d] = [own >> a & 1, own >> b & 1, own >> c & 1, own >> d & 1];
-            is_joined &= !(a == b && c == d && a != c);
+            is_plain_so_far &= !alternates(&ids, FACES.as_flattened()[n]);
             n += 1;
         }
-        is_plain[own] = is_joined;
+        is_plain[own] = is_plain_so_far;
         own += 1;
     }
     is_plain
@@ -93,7 +97,7 @@ pub(super) enum Contacts {
 
 /// Whether two labels alternate around a face.
 #[inline(always)]
-pub(super) fn alternates(ids: &Corners, [a, b, c, d]: [usize; 4]) -> bool {
+pub(super) const fn alternates(ids: &Corners, [a, b, c, d]: [usize; 4]) -> bool {
     ids[a] == ids[b] && ids[c] == ids[d] && ids[a] != ids[c]
 }
 
@@ -116,14 +120,15 @@ impl Contacts {
 
 /// Whether contacts on faces do not join the corners `own` of one label as a tree.
 fn needs_center(ids: &Corners, own: u32) -> bool {
-    let joined = |own: u32| u32::from(JOINED[own as usize]);
-    if joined(own) == own {
+    let first_piece = |own: u32| u32::from(JOINED[own as usize]);
+    if first_piece(own) == own {
         return false;
     }
     // What is joined across faces: at most four sets.
     let (mut pieces, mut count, mut rest) = ([0; 4], 0, own);
     while rest != 0 {
-        (pieces[count], count, rest) = (joined(rest), count + 1, rest & !joined(rest));
+        let piece = first_piece(rest);
+        (pieces[count], count, rest) = (piece, count + 1, rest & !piece);
     }
     // The set of sets that each belongs to, by the number of one.
     let mut joined = [0, 1, 2, 3];

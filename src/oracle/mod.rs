@@ -156,18 +156,19 @@ impl Oracle {
             _ => Border::new(first, dims, image.dims()),
         };
         let has_field = image.field().is_some() || sigma.is_some();
+        let sampling;
         let records = |pairs| voxel::records(rows, mixed, &walls, pairs, check);
-        let (border, Records { voxels, junctions, .. }, weights, field) = match model {
+        let (border, Records { voxels, junction_cells, .. }, weights, field) = match model {
             SurfaceModel::Smooth if has_field => {
                 let records = records(Pairs::Unmarked)?;
                 let field = Field::new(image, sigma, rows.region(), &records.voxels, check)?;
                 (walls, records, Vec::new(), field)
             }
             SurfaceModel::Smooth => {
-                let sampling = Sampling::new(rows.rough_counts(image.labels().len()).into_iter());
+                sampling = Sampling::new(rows.rough_counts(image.labels().len()).into_iter());
                 let mut records = records(Pairs::Counted(&sampling))?;
                 let weights = records.tally.take().map_or(Ok(Vec::new()), |tally| tally.weights(&|| check()))?;
-                (walls, Records { tally: None, ..records }, weights, None)
+                (walls, records, weights, None)
             }
             SurfaceModel::Voxel => (Border::none(dims), records(Pairs::Marked)?, Vec::new(), None),
         };
@@ -184,7 +185,7 @@ impl Oracle {
             walls,
             bricks: Bricks::new(dims),
             voxels,
-            junction_cells: junctions,
+            junction_cells,
             field,
             greatest: weights.iter().copied().fold(1.0, f32::max),
             weights,

@@ -163,7 +163,7 @@ pub(super) struct Records<'a> {
     /// In the bricked layout.
     pub(super) voxels: Vec<Voxel>,
     /// The mixed cells that can have points of junctions; none where pairs are not marked.
-    pub(super) junctions: Cells,
+    pub(super) junction_cells: Cells,
     /// What was counted, if that was wanted.
     pub(super) tally: Option<Tally<'a>>,
 }
@@ -212,6 +212,7 @@ pub(super) fn records<'a>(
                         }
                         if !matches!(pairs, Pairs::Unmarked) {
                             block.add_contacts(*mixed, around);
+                            // Nobody asks for these mixed cells any more: the set becomes that of junction cells.
                             *mixed &= !leaves | block.junctions(matches!(pairs, Pairs::Marked));
                         }
                     }
@@ -233,8 +234,8 @@ pub(super) fn records<'a>(
     })?;
     let tallies = idle.into_inner().unwrap_or_else(PoisonError::into_inner);
     let tally = tallies.into_par_iter().flatten().map(Ok).try_reduce_with(|a, b: Tally<'_>| a.merge(b)).transpose()?;
-    let junctions = if matches!(pairs, Pairs::Unmarked) { Cells::none() } else { mixed };
-    Ok(Records { voxels, junctions, tally })
+    let junction_cells = if matches!(pairs, Pairs::Unmarked) { Cells::none() } else { mixed };
+    Ok(Records { voxels, junction_cells, tally })
 }
 
 /// Counts the `mixed` ones of 64 cells from `first` on for the weights of labels; `leaves` tells those that the walls leave.
@@ -295,8 +296,8 @@ mod tests {
         let walls = Border::new([-1, 0, 0], dims, [usize::MAX / 4; 3]);
         let sampling = Sampling::new([1; 3].into_iter());
         let of = |pairs| records(&rows, cells.clone(), &walls, pairs, check).unwrap();
-        let Records { voxels, junctions, .. } = of(Pairs::Marked);
-        let smooth = of(Pairs::Counted(&sampling)).junctions;
+        let Records { voxels, junction_cells, .. } = of(Pairs::Marked);
+        let smooth = of(Pairs::Counted(&sampling)).junction_cells;
         let bricks = Bricks::new(dims);
         let id = |at: [usize; 3]| rows.row(at[1], at[2])[at[0]];
         let corners =
@@ -326,7 +327,7 @@ mod tests {
                 labels.dedup();
                 assert_eq!(voxel.is_two(), labels.len() == 2, "{cell:?}");
                 let (many, at_wall) = (labels.len() > 2, cell[0] == 0);
-                assert_eq!(junctions.bits(cell, 1) == 1, many || at_wall, "{cell:?}");
+                assert_eq!(junction_cells.bits(cell, 1) == 1, many || at_wall, "{cell:?}");
                 let is_sampled = many && Contacts::of(&ids) == Contacts::None;
                 assert_eq!(smooth.bits(cell, 1) == 1, is_sampled || at_wall, "{cell:?}");
             }
