@@ -1,4 +1,4 @@
-//! Shape measures that the refinement rules ask for.
+//! Triangles and edges: the measures that the refinement rules ask for, and the point of a triangle closest to another.
 
 use glam::DVec3;
 
@@ -32,9 +32,72 @@ pub fn triangle_circumcircle(a: DVec3, b: DVec3, c: DVec3) -> Option<(DVec3, f64
     Some((a + x, x.length_squared()))
 }
 
+/// The point of triangle (a, b, c) closest to `p`, by the Voronoi region of the feature that holds it
+/// (C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5).
+pub fn closest_point(&[a, b, c]: &[DVec3; 3], p: DVec3) -> DVec3 {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return a;
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return b;
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return c;
+    }
+    let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
+    let area = va + vb + vc;
+    // Also false for a degenerate triangle, which has no interior and whose regions above overlap.
+    if va > 0.0 && vb > 0.0 && vc > 0.0 && area > 0.0 {
+        return a + (ab * vb + ac * vc) / area;
+    }
+    let candidates = [closest_on_segment(a, b, p), closest_on_segment(b, c, p), closest_on_segment(c, a, p)];
+    candidates.into_iter().min_by(|q, r| p.distance_squared(*q).total_cmp(&p.distance_squared(*r))).unwrap_or(a)
+}
+
+fn closest_on_segment(a: DVec3, b: DVec3, p: DVec3) -> DVec3 {
+    let ab = b - a;
+    let length_squared = ab.length_squared();
+    if length_squared == 0.0 {
+        return a;
+    }
+    a + ab * ((p - a).dot(ab) / length_squared).clamp(0.0, 1.0)
+}
+
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    fn point() -> impl Strategy<Value = DVec3> {
+        [-4..=4i32, -4..=4, -4..=4].prop_map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()) * 0.5)
+    }
+
+    proptest! {
+        /// The closest point is on the triangle and no point of a fine sampling is closer. Small integer coordinates meet every
+        /// degenerate case: coinciding vertices, vertices on a line, query points on the triangle.
+        #[test]
+        fn closest_point_against_samples(t in [point(), point(), point()], p in point()) {
+            let q = closest_point(&t, p);
+            prop_assert!(q.is_finite());
+            let n = 60;
+            let mut sampled = f64::INFINITY;
+            for i in 0..=n {
+                for j in 0..=n - i {
+                    let (u, v) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
+                    sampled = sampled.min(p.distance(t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v));
+                }
+            }
+            prop_assert!(p.distance(q) <= sampled + 1e-12);
+            prop_assert!(p.distance(q) >= sampled - 0.25);
+        }
+    }
 
     #[test]
     fn an_equilateral_triangle_has_60_degrees() {

@@ -7,10 +7,11 @@ use rayon::prelude::*;
 
 use super::super::image_components::ImageComponents;
 use super::super::ledger::{Ledger, Sums};
-use super::super::triangle_bins::{Nearest, Triangle, TriangleBins, closest_point};
+use super::super::triangle_bins::{Nearest, Triangle, TriangleBins};
 use super::super::voxel_faces::{BRICK, Face, VoxelFaces};
 use super::{CHECK_EVERY, Distance, Max, Sum, spread};
 use crate::Result;
+use crate::geometry::shape::closest_point;
 use crate::memory::room;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;

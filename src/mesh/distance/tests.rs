@@ -1,9 +1,9 @@
 //! Distances whose values are known, or found by brute force.
 
 use super::super::testing;
-use super::super::triangle_bins::closest_point;
 use super::from_mesh::Parts;
 use super::*;
+use crate::geometry::shape::closest_point;
 use crate::image::Frame;
 use crate::params::SurfaceModel;
 
