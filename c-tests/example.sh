@@ -87,8 +87,10 @@ expect 2 2 box.nrrd -o a.vtu --frame las
 expect 2 2 box.nrrd -o a.vtu -o a.nonsense --report a.json
 grep -q -e '-o: a.nonsense: unknown ending for a mesh, known are .vtu ' err || fail "a.nonsense: $(cat err)"
 [ ! -e a.json ] || fail "bad usage wrote a report"
-# Options of later versions are refused, not ignored.
-expect 2 2 box.nrrd -o a.vtu --optimize
+expect 2 2 box.nrrd -o a.vtu --improve much
+expect 2 2 box.nrrd -o a.vtu --target-dihedral nan
+expect 2 2 box.nrrd -o a.vtu --target-dihedral 40
+grep -q 'target dihedral angle must lie above 0 and not above 30 degrees, got 40' err || fail "40 degrees: $(cat err)"
 [ ! -e a.vtu ] || fail "bad usage wrote a mesh"
 
 # Failures: status 1, one line that names the file.
@@ -117,7 +119,7 @@ grep -q 'certificate' out || fail "no certificate"
 ! grep -q '^[0-9]* threads' out || fail "the table speaks of threads where there is one"
 [ -s a.vtu ] || fail "a.vtu was not written"
 expect 0 0 box.nrrd -o b.vtu -o b.mesh -o b.stl --delta 1 --size 2 --label-size 2=1 --radius-edge 2.5 --facet-angle 25 \
-    --threads 1 --algorithm podm --contention local --begging levels --no-optimize --surface smooth --max-vertices 1000000 --quiet
+    --threads 1 --algorithm podm --contention local --begging levels --improve interior --target-dihedral 12 --surface smooth --max-vertices 1000000 --quiet
 [ -s b.vtu ] && [ -s b.mesh ] && [ -s b.stl ] || fail "not all outputs were written"
 [ ! -s out ] || fail "--quiet printed: $(cat out)"
 expect 0 0 box.nrrd -o k.vtu --keep 2 --report k.json --quiet
@@ -175,12 +177,14 @@ keys = """version input world delta size threads algorithm tets vertices interfa
 overhead thread_reports quality certificate labels""".split()
 assert all(key in odd for key in keys), [key for key in keys if key not in odd]
 inner = {
-    "seconds": "read distance refine optimize extract write total",
+    "seconds": "read distance refine extract improve certify write total",
     "operations": """insertions removals rollbacks exact_predicates in_sphere_tests tets_created cavity_tets looks label_lookups
 crossing_lookups by_rule insertions_per_vertex removals_per_vertex mean_cavity exact_share looks_per_tet lookups_per_tet""",
     "overhead": """rollback_s contention_s idle_s rollbacks_by_rule stale waits begs gifts remote_s remote_accesses
 local_accesses access_hops""",
-    "quality": "min_dihedral max_dihedral max_radius_edge min_facet_angle dihedral_histogram",
+    "quality": """min_dihedral max_dihedral max_radius_edge min_facet_angle dihedral_histogram scaled_jacobian edge_ratio
+radius_ratio""",
+    "improvement": "target_dihedral tolerance below_before left edge_removals max_interface_move non_delaunay_facets left_tets",
     "certificate": "non_delaunay_facets inverted_tets hausdorff_mesh_to_image hausdorff_image_to_mesh unmet",
 }
 for key, names in inner.items():
@@ -192,8 +196,8 @@ assert [row["label"] for row in odd["labels"]] == [1, 2]
 assert odd["tets"] == sum(row["tets"] for row in odd["labels"]) > 0
 assert odd["peak_rss_bytes"] > 1 << 20
 assert odd["oracle_bytes"] >= 4 * 10**3 and "memory_bytes" not in odd
-peaks = [memory["memory_bytes"][name] for name in "peak_distance peak_refine peak_extract".split()]
-assert 1 << 20 < peaks[0] <= peaks[1] <= peaks[2] <= memory["peak_rss_bytes"], memory
+peaks = [memory["memory_bytes"][name] for name in "peak_distance peak_refine peak_extract peak_improve".split()]
+assert 1 << 20 < peaks[0] <= peaks[1] <= peaks[2] <= peaks[3] <= memory["peak_rss_bytes"], memory
 assert memory["memory_bytes"]["read"] > 1 << 20, memory
 assert [row["label"] for row in keep["labels"]] == [2], keep["labels"]
 assert background["all_tets"] >= background["tets"] > 0

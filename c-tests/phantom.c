@@ -181,7 +181,9 @@ static void check_report(const lapd_mesh *mesh, const arrays *a) {
     CHECK(lapd_mesh_get_counts(mesh, &counts) == LAPD_OK);
     CHECK(counts.vertices == a->point_count && counts.tets == a->tet_count);
     CHECK(counts.interface_facets == a->facet_count);
-    CHECK(counts.all_tets >= counts.tets && counts.all_vertices >= counts.vertices);
+    lapd_improvement improvement = {.struct_size = sizeof improvement};
+    CHECK(lapd_mesh_get_improvement(mesh, &improvement) == LAPD_OK);
+    CHECK(counts.all_tets >= counts.tets && counts.all_vertices + improvement.splits >= counts.vertices);
     CHECK(counts.oracle_bytes > 0);
 
     size_t rows = 0, row_tets = 0;

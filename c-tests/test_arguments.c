@@ -164,7 +164,8 @@ static void double_parameters(void) {
                  {lapd_params_set_size, lapd_params_get_size, 1.5, -1},
                  {lapd_params_set_radius_edge, lapd_params_get_radius_edge, 2.5, 1.9},
                  {lapd_params_set_spacing_floor, lapd_params_get_spacing_floor, 0.25, 0},
-                 {lapd_params_set_facet_angle, lapd_params_get_facet_angle, 25, 31}};
+                 {lapd_params_set_facet_angle, lapd_params_get_facet_angle, 25, 31},
+                 {lapd_params_set_target_dihedral, lapd_params_get_target_dihedral, 20, 40}};
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
         double value = 0;
         INVALID(table[i].set(NULL, params, table[i].good));
@@ -195,7 +196,7 @@ static void choice_parameters(void) {
                  {lapd_params_set_begging, lapd_params_get_begging, 2, 2},
                  {lapd_params_set_bind, lapd_params_get_bind, 2, 2},
                  {lapd_params_set_timeline, lapd_params_get_timeline, 2, 2},
-                 {lapd_params_set_optimize, lapd_params_get_optimize, 2, 1}};
+                 {lapd_params_set_improve, lapd_params_get_improve, 3, 3}};
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
         int32_t value = -7;
         INVALID(table[i].set(NULL, params, 0));
@@ -431,6 +432,17 @@ static void mesh_getters(void) {
     INVALID(lapd_mesh_get_component_row(mesh, 0, &component));
     CHECK(lapd_mesh_get_defect_count(mesh, &defects) == LAPD_OK && defects == 0);
     INVALID(lapd_mesh_get_defect(mesh, 0, &defect));
+
+    CHECK_STRUCT(improvement, 120);
+    size_t left_count = 1;
+    lapd_improvement improvement = {.struct_size = sizeof improvement};
+    lapd_left left = {.struct_size = sizeof left};
+    CHECK(lapd_mesh_get_improvement(mesh, &improvement) == LAPD_OK);
+    CHECK(improvement.target_dihedral == 15 && improvement.below_before > 0 && improvement.edge_removals > 0);
+    INVALID(lapd_mesh_get_left_count(mesh, NULL));
+    CHECK(lapd_mesh_get_left_count(mesh, &left_count) == LAPD_OK && left_count == improvement.left);
+    INVALID(lapd_mesh_get_left(mesh, left_count, &left));
+    INVALID(lapd_mesh_get_left(NULL, 0, &left));
 
     size_t threads = 0;
     lapd_operations operations = {.struct_size = sizeof operations};

@@ -190,7 +190,10 @@ void parameters() {
     params.set_delta(0.5).set_size(1.5).set_radius_edge(2.5).set_facet_angle(25).set_surface(LAPD_SURFACE_VOXEL);
     params.set_border(LAPD_BORDER_SMOOTH);
     params.set_keep({5, -9}).set_background(true).set_threads(2).set_max_vertices(100000);
-    params.set_algorithm(LAPD_ALGORITHM_LAPD).set_contention(LAPD_CONTENTION_RANDOM).set_optimize(false);
+    params.set_algorithm(LAPD_ALGORITHM_LAPD)
+        .set_contention(LAPD_CONTENTION_RANDOM)
+        .set_improve(LAPD_IMPROVE_INTERIOR)
+        .set_target_dihedral(12);
     params.set_begging(LAPD_BEGGING_FLAT).set_topology("").set_bind(true).set_count_accesses(true).set_timeline(true);
     params.set_time_limit(2.5).set_max_memory(std::uint64_t{1} << 40).set_partial(true);
     params.set_adaptive(false).set_spacing_floor(0.25).set_least_voxels(27);
@@ -200,7 +203,8 @@ void parameters() {
     CHECK(params.border() == LAPD_BORDER_SMOOTH);
     CHECK(params.surface() == LAPD_SURFACE_VOXEL && params.background() && params.threads() == 2);
     CHECK(params.max_vertices() == 100000 && params.algorithm() == LAPD_ALGORITHM_LAPD);
-    CHECK(params.contention() == LAPD_CONTENTION_RANDOM && !params.optimize());
+    CHECK(params.contention() == LAPD_CONTENTION_RANDOM && params.improve() == LAPD_IMPROVE_INTERIOR &&
+          params.target_dihedral() == 12);
     CHECK(params.begging() == LAPD_BEGGING_FLAT && params.timeline());
     CHECK(params.topology().empty() && params.bind() && params.count_accesses());
     CHECK(params.time_limit() == 2.5 && params.max_memory() == std::uint64_t{1} << 40 && params.partial());
@@ -248,7 +252,7 @@ void meshes() {
     }
     CHECK(volume > 100 && volume < 216);
     CHECK(status_of([&] { mesh.label_row(2); }) == LAPD_ERROR_INVALID_ARGUMENT);
-    CHECK(mesh.certificate().inverted_tets == 0 && mesh.quality().max_radius_edge <= 2.000001);
+    CHECK(mesh.certificate().inverted_tets == 0 && mesh.quality().min_dihedral >= 10);
     CHECK(mesh.timings().refine >= 0 && mesh.operations().insertions > 0);
     CHECK(mesh.thread_count() == 1 && mesh.thread_report(0).insertions == mesh.operations().insertions);
     CHECK(mesh.thread_report(LAPD_ALL_THREADS).removals == mesh.operations().removals);

@@ -17,9 +17,9 @@
 #include "check.h"
 #include "phantom.h"
 
-enum { PHASES = 4, TRIES = 3 };
+enum { PHASES = 5, TRIES = 3 };
 static const double PROMISE = 0.1;
-static const char *const names[PHASES] = {"distance", "refine", "extract", "certify"};
+static const char *const names[PHASES] = {"distance", "refine", "extract", "improve", "certify"};
 
 static lapd_context *context;
 static lapd_image *image;

@@ -22,6 +22,7 @@
 
 enum { EXIT_FAILED = 1, EXIT_USAGE = 2 };
 
+/* In two parts: compilers need not take longer strings. */
 static const char USAGE[] =
     "usage: mesh_image INPUT -o OUT [-o OUT2 ...] [options]\n"
     "\n"
@@ -50,7 +51,9 @@ static const char USAGE[] =
     "  --count-accesses     report how much of the memory that threads visit is that of other memory nodes\n"
     "  --merge L,L,...=T    give these labels the label T first; may be given again\n"
     "  --background-label L the label (after --merge) that is background; default 0\n"
-    "  --keep L,L,...       mesh these labels (after --merge) only\n"
+    "  --keep L,L,...       mesh these labels (after --merge) only\n";
+
+static const char MORE_USAGE[] =
     "  --isovalue V,V,...   INPUT is a scan; its labels, 1, 2, ..., begin at these intensities\n"
     "  --probabilities      INPUT is a stack of probability maps, of labels 1, 2, ...; may be several files\n"
     "  --labels L,L,...     the labels at these isovalues, or of these maps\n"
@@ -60,12 +63,15 @@ static const char USAGE[] =
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
     "  --surface NAME       smooth | voxel; default smooth\n"
     "  --border NAME        flat | smooth: how the object is closed where the image cuts it off; default flat\n"
-    "  --optimize           not in this version\n"
-    "  --no-optimize        the default\n"
+    "  --improve NAME       none | interior | full: what may be changed to remove slivers: nothing, the inside of\n"
+    "                       labels, or interfaces too; default full\n"
+    "  --target-dihedral D  smallest dihedral angle of tets, in degrees; the largest is 180 less this; at most 30,\n"
+    "                       default 15\n"
     "  --max-vertices N     give up when the mesh needs more\n"
     "  --time-limit S       give up when the refinement has not ended after this many seconds\n"
     "  --max-memory BYTES   give up when the run needs more; K, M, G stand for 2^10, 2^20, 2^30\n"
     "  --partial            when such a limit is reached, write the mesh of what there is\n"
+    "  --measures           .vtu files get measures of the tets: dihedral angles, scaled Jacobian, ratios\n"
     "  --report FILE.json   write a report\n"
     "  --memory             with the peak of memory until the end of each phase in it\n"
     "  --timeline FILE.json write what each thread did when, for chrome://tracing or ui.perfetto.dev\n"
@@ -119,7 +125,8 @@ typedef struct {
 } progress_line;
 
 static int32_t show_progress(void *user, const lapd_progress *progress) {
-    static const char *const phases[] = {"preparing the image", "refinement", "extraction", "certificate"};
+    static const char *const phases[] = {"preparing the image", "refinement", "extraction", "improvement",
+                                         "certificate"};
     progress_line *line = user;
     /* The first report of a phase comes before anything is done in it, and the run waits for the answer. */
     for (; line->phase < progress->phase && line->phase < LAPD_PHASE_CERTIFY; line->phase++) {
@@ -245,6 +252,7 @@ static set_result from_status(lapd_status status) {
 static set_result set_parameter(lapd_context *context, lapd_params *params, const char *option, const char *value) {
     static const char *const surfaces[] = {"smooth", "voxel"};
     static const char *const borders[] = {"flat", "smooth"};
+    static const char *const improves[] = {"none", "interior", "full"};
     static const char *const algorithms[] = {"podm", "lapd"};
     static const char *const contentions[] = {"local", "global", "random", "aggressive"};
     static const char *const beggings[] = {"levels", "flat"};
@@ -257,6 +265,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
                    {"--facet-angle", lapd_params_set_facet_angle},
                    {"--spacing-floor", lapd_params_set_spacing_floor},
                    {"--gaussian", lapd_params_set_sigma},
+                   {"--target-dihedral", lapd_params_set_target_dihedral},
                    {"--time-limit", lapd_params_set_time_limit}};
     static const struct {
         const char *option;
@@ -269,6 +278,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
         size_t count;
     } choices[] = {{"--surface", lapd_params_set_surface, surfaces, 2},
                    {"--border", lapd_params_set_border, borders, 2},
+                   {"--improve", lapd_params_set_improve, improves, 3},
                    {"--algorithm", lapd_params_set_algorithm, algorithms, 2},
                    {"--contention", lapd_params_set_contention, contentions, 4},
                    {"--begging", lapd_params_set_begging, beggings, 2}};
@@ -396,23 +406,44 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             status = lapd_params_set_adaptive(context, params, 0);
         } else if (strcmp(option, "--bind") == 0) {
             status = lapd_params_set_bind(context, params, 1);
-        } else if (strcmp(option, "--optimize") == 0) {
-            status = lapd_params_set_optimize(context, params, 1);
-        } else if (strcmp(option, "--no-optimize") == 0) {
-            status = lapd_params_set_optimize(context, params, 0);
         } else if (strcmp(option, "--probabilities") == 0) {
             o->probabilities = true;
+        } else if (strcmp(option, "--measures") == 0) {
+            o->measures = true;
         } else if (strcmp(option, "--memory") == 0) {
             o->memory = true;
         } else if (strcmp(option, "--quiet") == 0) {
             o->quiet = true;
         } else {
-            static const char *const with_value[] = {
-                "-o",        "--report",     "--timeline",      "--topology",         "--delta",        "--size",
-                "--keep",    "--label-size", "--merge",         "--background-label", "--radius-edge",  "--facet-angle",
-                "--threads", "--algorithm",  "--begging",       "--contention",       "--max-vertices", "--time-limit",
-                "--surface", "--max-memory", "--spacing-floor", "--least-voxels",     "--isovalue",     "--labels",
-                "--frame",   "--gaussian",   "--border"};
+            static const char *const with_value[] = {"-o",
+                                                     "--report",
+                                                     "--timeline",
+                                                     "--topology",
+                                                     "--delta",
+                                                     "--size",
+                                                     "--keep",
+                                                     "--label-size",
+                                                     "--merge",
+                                                     "--background-label",
+                                                     "--radius-edge",
+                                                     "--facet-angle",
+                                                     "--threads",
+                                                     "--algorithm",
+                                                     "--begging",
+                                                     "--contention",
+                                                     "--max-vertices",
+                                                     "--time-limit",
+                                                     "--surface",
+                                                     "--max-memory",
+                                                     "--spacing-floor",
+                                                     "--least-voxels",
+                                                     "--isovalue",
+                                                     "--labels",
+                                                     "--frame",
+                                                     "--gaussian",
+                                                     "--border",
+                                                     "--improve",
+                                                     "--target-dihedral"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");
@@ -533,7 +564,12 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
 
     const double write_start = now();
     for (size_t i = 0; i < o->output_count; i++) {
-        if (lapd_mesh_write(context, mesh, o->outputs[i]) != LAPD_OK) {
+        const char *path = o->outputs[i];
+        const size_t length = strlen(path);
+        const bool is_vtu = length >= 4 && strcmp(path + length - 4, ".vtu") == 0;
+        status = o->measures && is_vtu ? lapd_mesh_write_with_measures(context, mesh, path)
+                                       : lapd_mesh_write(context, mesh, path);
+        if (status != LAPD_OK) {
             complain("%s", lapd_context_last_error(context));
             goto done;
         }
@@ -563,6 +599,7 @@ done:
     free(s.rows);
     free(s.components);
     free(s.defects);
+    free(s.left);
     free(s.threads);
     lapd_mesh_free(mesh);
     return exit_status;
@@ -572,6 +609,7 @@ int main(int argc, char **argv) {
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) {
             fputs(USAGE, stdout);
+            fputs(MORE_USAGE, stdout);
             return EXIT_SUCCESS;
         }
         if (strcmp(argv[i], "--version") == 0) {

@@ -11,7 +11,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
-enum { DEFECT_KINDS = LAPD_DEFECT_DROPPED + 1 };
+enum { DEFECT_KINDS = LAPD_DEFECT_DROPPED + 1, LEFT_CAUSES = LAPD_LEFT_INSIDE + 1 };
 
 /* The name of a value of an enum; a newer library may have more of them than this program knows. */
 static const char *name_of(const char *const *names, size_t count, int64_t value) {
@@ -26,6 +26,7 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
     s->operations.struct_size = sizeof s->operations;
     s->quality.struct_size = sizeof s->quality;
     s->certificate.struct_size = sizeof s->certificate;
+    s->improvement.struct_size = sizeof s->improvement;
     s->all_threads.struct_size = sizeof s->all_threads;
     lapd_status status = lapd_mesh_get_counts(mesh, &s->counts);
     if (status == LAPD_OK)
@@ -36,6 +37,10 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
         status = lapd_mesh_get_quality(mesh, &s->quality);
     if (status == LAPD_OK)
         status = lapd_mesh_get_certificate(mesh, &s->certificate);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_improvement(mesh, &s->improvement);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_left_count(mesh, &s->left_count);
     if (status == LAPD_OK)
         status = lapd_mesh_get_limit_reached(mesh, &s->limit_reached);
     if (status == LAPD_OK)
@@ -54,8 +59,9 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
     s->rows = calloc(s->row_count + 1, sizeof *s->rows);
     s->components = calloc(s->component_count + 1, sizeof *s->components);
     s->defects = calloc(s->defect_count + 1, sizeof *s->defects);
+    s->left = calloc(s->left_count + 1, sizeof *s->left);
     s->threads = calloc(s->thread_count + 1, sizeof *s->threads);
-    if (s->rows == NULL || s->components == NULL || s->defects == NULL || s->threads == NULL) {
+    if (s->rows == NULL || s->components == NULL || s->defects == NULL || s->left == NULL || s->threads == NULL) {
         return LAPD_ERROR_OUT_OF_MEMORY;
     }
     for (size_t i = 0; i < s->row_count && status == LAPD_OK; i++) {
@@ -69,6 +75,10 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
     for (size_t i = 0; i < s->defect_count && status == LAPD_OK; i++) {
         s->defects[i].struct_size = sizeof s->defects[i];
         status = lapd_mesh_get_defect(mesh, i, &s->defects[i]);
+    }
+    for (size_t i = 0; i < s->left_count && status == LAPD_OK; i++) {
+        s->left[i].struct_size = sizeof s->left[i];
+        status = lapd_mesh_get_left(mesh, i, &s->left[i]);
     }
     for (size_t i = 0; i < s->thread_count && status == LAPD_OK; i++) {
         s->threads[i].struct_size = sizeof s->threads[i];
@@ -109,11 +119,13 @@ void print_table(const summary *s, const file_seconds *seconds) {
            image_volume > 0 ? 100 * (mesh_volume / image_volume - 1) : 0);
     printf("dihedral angles      %12.2f to %.2f degrees\n", q->min_dihedral, q->max_dihedral);
     printf("largest radius-edge  %12.3f\n", q->max_radius_edge);
+    printf("scaled Jacobians     %12.3f to %.3f, edge ratio up to %.2f, radius ratio up to %.2f\n",
+           q->min_scaled_jacobian, q->max_scaled_jacobian, q->max_edge_ratio, q->max_radius_ratio);
     printf("smallest facet angle %12.2f degrees\n", q->min_facet_angle);
-    printf("seconds              %12.2f  (read %.2f, distance %.2f, refine %.2f, extract %.2f, certify %.2f, write "
-           "%.2f)\n",
+    printf("seconds              %12.2f  (read %.2f, distance %.2f, refine %.2f, extract %.2f, improve %.2f, "
+           "certify %.2f, write %.2f)\n",
            seconds->total, seconds->read, s->timings.distance, s->timings.refine, s->timings.extract,
-           s->timings.certify, seconds->write);
+           s->timings.improve, s->timings.certify, seconds->write);
 
     uint64_t largest = 1, all = 0;
     for (int i = 0; i < 18; i++) {
@@ -143,6 +155,21 @@ void print_table(const summary *s, const file_seconds *seconds) {
         }
     }
     free(worst);
+
+    const lapd_improvement *im = &s->improvement;
+    if (im->target_dihedral > 0) {
+        printf("\nimprovement to dihedral angles of %g to %g degrees\n", im->target_dihedral,
+               180 - im->target_dihedral);
+        printf("  tets below %llu, left %llu\n", (unsigned long long)im->below_before, (unsigned long long)im->left);
+        printf(
+            "  edges removed %llu, flipped on interfaces %llu, split %llu; vertices moved inside %llu, on interfaces "
+            "%llu, on junctions %llu\n",
+            (unsigned long long)im->edge_removals, (unsigned long long)im->interface_flips,
+            (unsigned long long)im->splits, (unsigned long long)im->moves_inside,
+            (unsigned long long)im->moves_on_interfaces, (unsigned long long)im->moves_on_junctions);
+        printf("  interface vertices moved off by %.3f at most (%.3f allowed); facets no longer Delaunay %llu\n",
+               im->max_interface_move, im->tolerance, (unsigned long long)im->non_delaunay_facets);
+    }
 
     printf("\ncertificate\n");
     printf("  non-Delaunay facets %llu, inverted tets %llu, orphan vertices %llu, open edges %llu\n",
@@ -259,6 +286,18 @@ static void json_rules(FILE *file, const char *before, const char *name, const u
     fputc('}', file);
 }
 
+/* Least, largest and histogram of a measure of tets. */
+static void json_spread(FILE *file, const char *name, double least, double largest, const uint64_t histogram[20]) {
+    fprintf(file, ", \"%s\": {", name);
+    json_number(file, "", "least", least);
+    json_number(file, ", ", "largest", largest);
+    fputs(", \"histogram\": [", file);
+    for (int i = 0; i < 20; i++) {
+        fprintf(file, "%s%llu", i > 0 ? ", " : "", (unsigned long long)histogram[i]);
+    }
+    fputs("]}", file);
+}
+
 /* With what one thread, or all of them together, lost time. */
 static void json_overhead(FILE *file, const lapd_thread_report *thread) {
     json_number(file, "", "rollback_s", thread->rollback_seconds);
@@ -329,6 +368,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
         json_count(f, ", ", "peak_distance", memory->peak[LAPD_PHASE_DISTANCE]);
         json_count(f, ", ", "peak_refine", memory->peak[LAPD_PHASE_REFINE]);
         json_count(f, ", ", "peak_extract", memory->peak[LAPD_PHASE_EXTRACT]);
+        json_count(f, ", ", "peak_improve", memory->peak[LAPD_PHASE_IMPROVE]);
         fputc('}', f);
     }
 
@@ -336,9 +376,8 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_number(f, "", "read", seconds->read);
     json_number(f, ", ", "distance", s->timings.distance);
     json_number(f, ", ", "refine", s->timings.refine);
-    /* This version does not optimise: the field is there for those who compare. */
-    json_number(f, ", ", "optimize", 0);
     json_number(f, ", ", "extract", s->timings.extract);
+    json_number(f, ", ", "improve", s->timings.improve);
     json_number(f, ", ", "certify", s->timings.certify);
     json_number(f, ", ", "write", seconds->write);
     json_number(f, ", ", "total", seconds->total);
@@ -389,6 +428,41 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
         fprintf(f, "%s%llu", i > 0 ? ", " : "", (unsigned long long)s->quality.dihedral_histogram[i]);
     }
 
+    fputc(']', f);
+    json_spread(f, "scaled_jacobian", s->quality.min_scaled_jacobian, s->quality.max_scaled_jacobian,
+                s->quality.scaled_jacobian_histogram);
+    json_spread(f, "edge_ratio", s->quality.min_edge_ratio, s->quality.max_edge_ratio, s->quality.edge_ratio_histogram);
+    json_spread(f, "radius_ratio", s->quality.min_radius_ratio, s->quality.max_radius_ratio,
+                s->quality.radius_ratio_histogram);
+
+    const lapd_improvement *im = &s->improvement;
+    fputs("},\n  \"improvement\": {", f);
+    json_number(f, "", "target_dihedral", im->target_dihedral);
+    json_number(f, ", ", "tolerance", im->tolerance);
+    json_count(f, ", ", "below_before", im->below_before);
+    json_count(f, ", ", "left", im->left);
+    json_count(f, ", ", "edge_removals", im->edge_removals);
+    json_count(f, ", ", "interface_flips", im->interface_flips);
+    json_count(f, ", ", "moves_inside", im->moves_inside);
+    json_count(f, ", ", "moves_on_interfaces", im->moves_on_interfaces);
+    json_count(f, ", ", "moves_on_junctions", im->moves_on_junctions);
+    json_count(f, ", ", "splits", im->splits);
+    json_number(f, ", ", "max_flip", im->max_flip);
+    json_number(f, ", ", "max_interface_move", im->max_interface_move);
+    json_number(f, ", ", "max_move", im->max_move);
+    json_count(f, ", ", "non_delaunay_facets", im->non_delaunay_facets);
+    fputs(", \"left_tets\": [", f);
+    for (size_t i = 0; i < s->left_count; i++) {
+        static const char *const causes[LEFT_CAUSES] = {"contact", "wall", "junction", "interface", "inside"};
+        const lapd_left *left = &s->left[i];
+        fprintf(f, "%s\n    {\"tet\": %llu, \"label\": %lld, \"cause\": \"%s\"", i > 0 ? "," : "",
+                (unsigned long long)left->tet, (long long)left->label, name_of(causes, LEFT_CAUSES, left->cause));
+        json_position(f, left->position);
+        json_number(f, ", ", "min_dihedral", left->min_dihedral);
+        json_number(f, ", ", "max_dihedral", left->max_dihedral);
+        fputc('}', f);
+    }
+
     const lapd_certificate *c = &s->certificate;
     fputs("]},\n  \"certificate\": {", f);
     json_count(f, "", "non_delaunay_facets", c->non_delaunay_facets);
@@ -430,6 +504,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
         json_number(f, ", ", "hausdorff_surface_to_mesh", row->surface_to_mesh_max);
         json_number(f, ", ", "mean_mesh_to_surface", row->mesh_to_surface_mean);
         json_number(f, ", ", "mean_surface_to_mesh", row->surface_to_mesh_mean);
+        json_number(f, ", ", "volume_change", row->volume_change);
         fputc('}', f);
     }
 

@@ -26,6 +26,7 @@ typedef struct {
     const char *timeline;
     bool has_delta;
     bool has_size;
+    bool measures;
     bool memory;
     bool quiet;
 } options;
@@ -54,6 +55,7 @@ typedef struct {
     lapd_operations operations;
     lapd_quality quality;
     lapd_certificate certificate;
+    lapd_improvement improvement;
     /* The limit that cut the refinement short, a lapd_status, or LAPD_OK. */
     int32_t limit_reached;
     lapd_label_row *rows;
@@ -63,6 +65,9 @@ typedef struct {
     size_t component_count;
     lapd_defect *defects;
     size_t defect_count;
+    /* The tets that are left below the target of improvement. */
+    lapd_left *left;
+    size_t left_count;
     /* What each thread did, and the sum. */
     lapd_thread_report *threads;
     size_t thread_count;
@@ -72,7 +77,8 @@ typedef struct {
 /* Prints one line on stderr. */
 void complain(const char *format, ...);
 
-/* Fills `s` but for world_axes. The caller frees rows, components, defects and threads, whatever this returns. */
+/* Fills `s` but for world_axes. The caller frees rows, components, defects, left and threads, whatever this
+ * returns. */
 lapd_status summarize(const lapd_mesh *mesh, summary *s);
 
 void print_table(const summary *s, const file_seconds *seconds);

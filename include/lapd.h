@@ -129,13 +129,17 @@ typedef enum {
    */
   LAPD_PHASE_REFINE = 1,
   /**
-   * The finished mesh is collected.
+   * The mesh is collected, and the triangulation checked.
    */
   LAPD_PHASE_EXTRACT = 2,
   /**
+   * Slivers are removed.
+   */
+  LAPD_PHASE_IMPROVE = 3,
+  /**
    * Quality and certificate are measured.
    */
-  LAPD_PHASE_CERTIFY = 3,
+  LAPD_PHASE_CERTIFY = 4,
 } lapd_phase;
 
 /**
@@ -363,6 +367,81 @@ typedef enum {
 } lapd_defect_kind;
 
 /**
+ * What may be changed to remove slivers from the refined mesh.
+ */
+typedef enum {
+  /**
+   * Nothing: the mesh is Delaunay, as refinement leaves it, and has slivers.
+   */
+  LAPD_IMPROVE_NONE = 0,
+  /**
+   * What lies inside of the labels. Their interfaces stay bit for bit as refinement leaves them.
+   */
+  LAPD_IMPROVE_INTERIOR = 1,
+  /**
+   * Interfaces, too: edges on them are flipped, and vertices move along what they belong to. The default.
+   */
+  LAPD_IMPROVE_FULL = 2,
+} lapd_improve;
+
+/**
+ * Why a tet is left: the first of these that one of its vertices belongs to.
+ */
+typedef enum {
+  /**
+   * Voxels of a label that touch in an edge or a corner, within a voxel.
+   */
+  LAPD_LEFT_CONTACT = 0,
+  /**
+   * A wall, where the image cuts the object off.
+   */
+  LAPD_LEFT_WALL = 1,
+  /**
+   * A line or corner where three labels or more meet.
+   */
+  LAPD_LEFT_JUNCTION = 2,
+  /**
+   * An interface between two labels.
+   */
+  LAPD_LEFT_INTERFACE = 3,
+  /**
+   * None of these: all vertices are inside of the label.
+   */
+  LAPD_LEFT_INSIDE = 4,
+} lapd_left_cause;
+
+/**
+ * A measure that each tet has a value of. But for the last, they are those of Verdict and VTK.
+ */
+typedef enum {
+  /**
+   * The smallest dihedral angle, degrees.
+   */
+  LAPD_MEASURE_MIN_DIHEDRAL = 0,
+  /**
+   * The largest dihedral angle, degrees.
+   */
+  LAPD_MEASURE_MAX_DIHEDRAL = 1,
+  /**
+   * The Jacobian over the largest product of the three edges of a vertex, times the root of 2: 1 for a regular tet, 0 for a
+   * flat one.
+   */
+  LAPD_MEASURE_SCALED_JACOBIAN = 2,
+  /**
+   * The longest edge over the shortest one: 1 for a regular tet.
+   */
+  LAPD_MEASURE_EDGE_RATIO = 3,
+  /**
+   * The circumradius over three times the inradius: 1 for a regular tet.
+   */
+  LAPD_MEASURE_RADIUS_RATIO = 4,
+  /**
+   * The circumradius over the shortest edge, which Delaunay refinement bounds: 0.61 for a regular tet.
+   */
+  LAPD_MEASURE_RADIUS_EDGE = 5,
+} lapd_tet_measure;
+
+/**
  * What a call reports to. Holds the message of the last call that failed, the callbacks for progress and log lines, and the
  * cancel flag.
  *
@@ -481,6 +560,10 @@ typedef struct {
    * Measuring quality and certificate.
    */
   double certify;
+  /**
+   * Removing slivers.
+   */
+  double improve;
 } lapd_timings;
 
 /**
@@ -566,6 +649,42 @@ typedef struct {
    * Dihedral angles, six for each tet, in bins of 10 degrees.
    */
   uint64_t dihedral_histogram[18];
+  /**
+   * Least scaled Jacobian: 1 for a regular tet, 0 for a flat one. This and the measures below are those of Verdict and VTK.
+   */
+  double min_scaled_jacobian;
+  /**
+   * Largest scaled Jacobian.
+   */
+  double max_scaled_jacobian;
+  /**
+   * Scaled Jacobians in bins of 1/20 from 0 on.
+   */
+  uint64_t scaled_jacobian_histogram[20];
+  /**
+   * Least ratio of longest to shortest edge; 1 for a regular tet.
+   */
+  double min_edge_ratio;
+  /**
+   * Largest ratio of longest to shortest edge.
+   */
+  double max_edge_ratio;
+  /**
+   * Edge ratios in bins of 1/4 from 1 on; the last one has all beyond, too.
+   */
+  uint64_t edge_ratio_histogram[20];
+  /**
+   * Least ratio of circumradius to three inradii; 1 for a regular tet.
+   */
+  double min_radius_ratio;
+  /**
+   * Largest ratio of circumradius to three inradii; infinite with a flat tet.
+   */
+  double max_radius_ratio;
+  /**
+   * Radius ratios in bins of 1/4 from 1 on; the last one has all beyond, too.
+   */
+  uint64_t radius_ratio_histogram[20];
 } lapd_quality;
 
 /**
@@ -577,7 +696,8 @@ typedef struct {
    */
   uint64_t struct_size;
   /**
-   * Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic; 0 in a Delaunay mesh.
+   * Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic, as refinement left the mesh: 0, as that
+   * is Delaunay. lapd_improvement tells of the mesh without slivers.
    */
   uint64_t non_delaunay_facets;
   /**
@@ -798,6 +918,10 @@ typedef struct {
    * Largest distance from the smooth interfaces around it to its boundary in the mesh; infinite when it has no tet.
    */
   double surface_to_mesh_max;
+  /**
+   * By how much its volume grew when slivers were removed.
+   */
+  double volume_change;
 } lapd_label_row;
 
 /**
@@ -910,6 +1034,107 @@ typedef struct {
    */
   uint64_t size;
 } lapd_defect;
+
+/**
+ * What the removal of slivers did. Set struct_size to sizeof(lapd_improvement) before the call. All is 0 with
+ * LAPD_IMPROVE_NONE.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_improvement), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * The dihedral angle that was asked for, degrees.
+   */
+  double target_dihedral;
+  /**
+   * How far interfaces might be moved.
+   */
+  double tolerance;
+  /**
+   * Tets with a label other than 0 below the target before.
+   */
+  uint64_t below_before;
+  /**
+   * Those that are left below it: lapd_mesh_get_left.
+   */
+  uint64_t left;
+  /**
+   * Edges removed inside of labels.
+   */
+  uint64_t edge_removals;
+  /**
+   * Edges flipped on interfaces.
+   */
+  uint64_t interface_flips;
+  /**
+   * Moves of vertices inside of labels.
+   */
+  uint64_t moves_inside;
+  /**
+   * Moves of vertices on interfaces between two labels and in walls.
+   */
+  uint64_t moves_on_interfaces;
+  /**
+   * Moves of vertices where three labels or more meet, or an interface meets a wall.
+   */
+  uint64_t moves_on_junctions;
+  /**
+   * Edges split inside of labels: vertices that were added.
+   */
+  uint64_t splits;
+  /**
+   * The largest distance between an interface edge that was flipped and the one in its place.
+   */
+  double max_flip;
+  /**
+   * The largest distance of a vertex on an interface from where refinement put the interface.
+   */
+  double max_interface_move;
+  /**
+   * The largest distance of any vertex from where refinement put it.
+   */
+  double max_move;
+  /**
+   * Facets between tets with labels other than 0 that are not Delaunay any more.
+   */
+  uint64_t non_delaunay_facets;
+} lapd_improvement;
+
+/**
+ * A tet that is left below the target. Set struct_size to sizeof(lapd_left) before the call.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_left), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * Its index among the tets of the mesh.
+   */
+  uint64_t tet;
+  /**
+   * Its label.
+   */
+  int64_t label;
+  /**
+   * What was in the way, a lapd_left_cause.
+   */
+  int64_t cause;
+  /**
+   * Its centroid, in world units.
+   */
+  double position[3];
+  /**
+   * Its smallest dihedral angle, degrees.
+   */
+  double min_dihedral;
+  /**
+   * Its largest dihedral angle, degrees.
+   */
+  double max_dihedral;
+} lapd_left;
 
 #ifdef __cplusplus
 extern "C" {
@@ -1232,8 +1457,8 @@ lapd_status lapd_image_read_probabilities(lapd_context *context,
                                           lapd_image **image);
 
 /**
- * Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, smooth surfaces, flat walls at the border
- * of the image, all labels, no background, 1 thread, no limits.
+ * Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, slivers removed to a dihedral angle of
+ * 15 degrees, smooth surfaces, flat walls at the border of the image, all labels, no background, 1 thread, no limits.
  *
  * The caller owns `*params` and frees it with lapd_params_free. Any thread.
  *
@@ -1488,21 +1713,37 @@ lapd_status lapd_params_set_algorithm(lapd_context *context,
 lapd_status lapd_params_get_algorithm(const lapd_params *params, int32_t *algorithm);
 
 /**
- * Whether to optimise the mesh after refinement (1) or not (0). This version does not. No other thread may use `params` or the
- * context meanwhile.
+ * Sets what may be changed to remove slivers, a lapd_improve. Topology, labels and the angles of interface facets
+ * (lapd_params_set_facet_angle) are kept in any case. No other thread may use `params` or the context meanwhile.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither; LAPD_ERROR_UNSUPPORTED for 1.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is no lapd_improve.
  */
-lapd_status lapd_params_set_optimize(lapd_context *context,
-                                     lapd_params *params,
-                                     int32_t optimize);
+lapd_status lapd_params_set_improve(lapd_context *context, lapd_params *params, int32_t improve);
 
 /**
- * Whether the mesh is optimised after refinement, 1 or 0. Any thread, unless another one changes `params`.
+ * What may be changed to remove slivers, a lapd_improve. Any thread, unless another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_optimize(const lapd_params *params, int32_t *optimize);
+lapd_status lapd_params_get_improve(const lapd_params *params, int32_t *improve);
+
+/**
+ * Sets the dihedral angle that tets are to have at least, in degrees; none is to be above 180 less this, either. Above 0 and at
+ * most 30. With the default, 15, interfaces move by at most 0.1 of the smallest side of a voxel; with 20 and more, by 0.2. What
+ * can't be reached is listed: lapd_mesh_get_left. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_target_dihedral(lapd_context *context,
+                                            lapd_params *params,
+                                            double degrees);
+
+/**
+ * The dihedral angle that tets are to have at least, in degrees. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_target_dihedral(const lapd_params *params, double *degrees);
 
 /**
  * Whether components and layers of a label that are thinner than 4/3 of the distance of samples (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so farther away (1,
@@ -1854,6 +2095,14 @@ lapd_status lapd_mesh_write(lapd_context *context,
                             const char *path);
 
 /**
+ * As lapd_mesh_write, for a .vtu file, which gets a cell array (Float32) for each lapd_tet_measure beside the labels:
+ * min_dihedral, max_dihedral, scaled_jacobian, edge_ratio, radius_ratio, radius_edge.
+ *
+ * Any thread, as lapd_mesh_write. Errors: those of lapd_mesh_write; LAPD_ERROR_INVALID_ARGUMENT for another ending.
+ */
+lapd_status lapd_mesh_write_with_measures(lapd_context *context, const lapd_mesh *mesh, const char *path);
+
+/**
  * Writes what each thread of the refinement did when, for a mesh whose parameters asked for it (lapd_params_set_timeline): JSON in
  * Chrome's trace format, which chrome://tracing and ui.perfetto.dev show as one row for each thread.
  *
@@ -1991,6 +2240,14 @@ lapd_status lapd_mesh_copy_facet_labels(const lapd_mesh *mesh, int32_t *buffer, 
 lapd_status lapd_mesh_copy_facet_tets(const lapd_mesh *mesh, uint32_t *buffer, size_t capacity);
 
 /**
+ * Writes a measure of every tet, a lapd_tet_measure, into a buffer of `capacity` values, one for each tet. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or `measure` is no lapd_tet_measure;
+ * LAPD_ERROR_BUFFER_TOO_SMALL.
+ */
+lapd_status lapd_mesh_copy_measure(const lapd_mesh *mesh, int32_t measure, double *buffer, size_t capacity);
+
+/**
  * How large the mesh is. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
@@ -2093,6 +2350,30 @@ lapd_status lapd_mesh_get_defect_count(const lapd_mesh *mesh, size_t *count);
 lapd_status lapd_mesh_get_defect(const lapd_mesh *mesh,
                                  size_t index,
                                  lapd_defect *defect);
+
+/**
+ * What the removal of slivers did. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ */
+lapd_status lapd_mesh_get_improvement(const lapd_mesh *mesh, lapd_improvement *improvement);
+
+/**
+ * The number of tets that lapd_mesh_get_left has. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_left_count(const lapd_mesh *mesh, size_t *count);
+
+/**
+ * Tet `index` (from 0) of those that are left below the target. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
+ * known version.
+ */
+lapd_status lapd_mesh_get_left(const lapd_mesh *mesh,
+                               size_t index,
+                               lapd_left *left);
 
 #ifdef __cplusplus
 }  // extern "C"

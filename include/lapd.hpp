@@ -498,8 +498,11 @@ class params {
     params &set_timeline(bool timeline) {
         return set(lapd_params_set_timeline, timeline);
     }
-    params &set_optimize(bool optimize) {
-        return set(lapd_params_set_optimize, optimize);
+    params &set_improve(lapd_improve improve) {
+        return set(lapd_params_set_improve, improve);
+    }
+    params &set_target_dihedral(double degrees) {
+        return set(lapd_params_set_target_dihedral, degrees);
     }
 
     double delta() const {
@@ -590,8 +593,11 @@ class params {
     bool timeline() const {
         return value<std::int32_t>(lapd_params_get_timeline) != 0;
     }
-    bool optimize() const {
-        return value<std::int32_t>(lapd_params_get_optimize) != 0;
+    lapd_improve improve() const {
+        return static_cast<lapd_improve>(value<std::int32_t>(lapd_params_get_improve));
+    }
+    double target_dihedral() const {
+        return value<double>(lapd_params_get_target_dihedral);
     }
 
     lapd_params *get() const noexcept {
@@ -637,6 +643,16 @@ class mesh {
 
     void write(context &context, const std::string &path) const {
         context.check(lapd_mesh_write(context.get(), get(), path.c_str()));
+    }
+    /** A .vtu file with measures of the tets beside the labels. */
+    void write_with_measures(context &context, const std::string &path) const {
+        context.check(lapd_mesh_write_with_measures(context.get(), get(), path.c_str()));
+    }
+    /** A measure of every tet. */
+    std::vector<double> measure(lapd_tet_measure measure) const {
+        std::vector<double> values(tets().size());
+        detail::check(lapd_mesh_copy_measure(get(), measure, values.data(), values.size()));
+        return values;
     }
     void write_timeline(context &context, const std::string &path) const {
         context.check(lapd_mesh_write_timeline(context.get(), get(), path.c_str()));
@@ -717,6 +733,20 @@ class mesh {
         place.struct_size = sizeof place;
         detail::check(lapd_mesh_get_defect(get(), index, &place));
         return place;
+    }
+    lapd_improvement improvement() const {
+        return filled<lapd_improvement>(lapd_mesh_get_improvement);
+    }
+    std::size_t left_count() const {
+        std::size_t count = 0;
+        detail::check(lapd_mesh_get_left_count(get(), &count));
+        return count;
+    }
+    lapd_left left(std::size_t index) const {
+        lapd_left tet{};
+        tet.struct_size = sizeof tet;
+        detail::check(lapd_mesh_get_left(get(), index, &tet));
+        return tet;
     }
     std::size_t thread_count() const {
         std::size_t count = 0;

@@ -13,6 +13,7 @@
 //! | [`delaunay`] | the Delaunay triangulation; knows no image |
 //! | [`refine`] | the rules R1 to R6 and the loop that applies them |
 //! | [`mesh`], [`io`] | the finished mesh: extraction, measures, certificate, files |
+//! | [`improve`] | slivers removed from the finished mesh |
 //! | [`mesher`] | the pipeline |
 //! | [`capi`] | the C interface |
 //! | `simulation` | with the feature of that name: many workers in virtual time, on machines that are not at hand |
@@ -24,6 +25,7 @@ pub mod delaunay;
 pub mod error;
 pub mod geometry;
 pub mod image;
+pub mod improve;
 pub mod io;
 mod memory;
 pub mod mesh;

@@ -13,16 +13,17 @@ use crate::delaunay::Triangulation;
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
 use crate::image::islands::Island;
+use crate::improve::{Improvement, Settings, improve};
 use crate::memory::reserve;
 use crate::mesh::TetMesh;
 use crate::mesh::certificate::{Certificate, Defect, DefectKind};
-use crate::mesh::extract::{BYTES_PER_SLOT, extract};
+use crate::mesh::extract::{BYTES_PER_SLOT, Background, Extracted, extract};
 use crate::mesh::quality::Quality;
 use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::region::{Region, Rows};
 use crate::oracle::{Oracle, Surface};
 use crate::parallel::machine::Machine;
-use crate::params::MeshParams;
+use crate::params::{Improve, MeshParams};
 use crate::refine::activity::ThreadReport;
 use crate::refine::podm::Refinement;
 use crate::refine::refiner::Work;
@@ -56,6 +57,8 @@ pub struct Seconds {
     pub refine: f64,
     /// Collecting the mesh.
     pub extract: f64,
+    /// Removing slivers.
+    pub improve: f64,
     /// Quality and certificate.
     pub certify: f64,
 }
@@ -77,6 +80,8 @@ pub struct RunReport {
     pub work: Work,
     /// The same for each thread that refined, and what it lost.
     pub threads: Vec<ThreadReport>,
+    /// What the removal of slivers did.
+    pub improvement: Improvement,
     /// Tets and facets to which rules R1 to R6 still apply, but cannot be carried out.
     pub unmet: [u64; 6],
     /// Shape of tets and interface facets.
@@ -94,6 +99,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     let mut clock = Instant::now();
     params.validate()?;
     let limits = limits(params, image, clock);
+    let deadline = limits.clone();
     let [nx, ny, nz] = image.dims();
     // The most that the oracle asks whether to go on: per plane, per layer in five passes, where a table is filled in, in each step of the weights.
     monitor.enter(Step::Oracle, nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)?;
@@ -189,9 +195,18 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     log_refinement(monitor, &counters, seconds.refine);
 
     monitor.enter(Step::Extract, triangulation.tet_bound() as usize)?;
-    let order = triangulation.tets_by_place(|| monitor.check_cancelled())?;
-    let mesh = extract(&triangulation, &order, |t| rules.label(t), image.labels(), params.background, monitor)?;
-    if !mesh.labels.iter().any(|&label| label != 0) {
+    let mut order = triangulation.tets_by_place(|| monitor.check_cancelled())?;
+    // Improvement needs the background around the object. What refinement did not finish is left as it is.
+    let improves = params.improve != Improve::None && ended_by.is_none();
+    let background = match (params.background, improves) {
+        (true, _) => Background::Kept,
+        (false, true) => Background::Last,
+        (false, false) => Background::Dropped,
+    };
+    let label = |t| rules.label(t);
+    let extracted = extract(&triangulation, &mut order, label, image.labels(), background, monitor)?;
+    let Extracted { mut mesh, points_kept } = extracted;
+    if !mesh.labels.par_iter().any(|&label| label != 0) {
         return Err(ended_by.unwrap_or_else(|| {
             Error::InvalidArgument(format!(
                 "delta {} is too coarse for the object: no tet has its circumcenter inside",
@@ -203,10 +218,9 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     monitor.log(
         Level::Info,
         &format!(
-            "mesh of {} tets, {} vertices, {} interface facets collected in {:.2} s",
+            "mesh of {} tets, {} vertices collected in {:.2} s",
             mesh.tets.len(),
             mesh.points.len(),
-            mesh.facets.len(),
             seconds.extract
         ),
     );
@@ -215,8 +229,41 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     monitor.note_tets(check.tets);
     drop(order);
     let oracle_bytes = oracle.bytes() as u64;
-    drop(rules);
+    let sizing = rules.into_sizing();
     drop(triangulation);
+    seconds.certify = lap();
+    let mut ended_by = ended_by;
+    let mut improvement = Improvement::default();
+    if improves {
+        let settings = Settings {
+            oracle: &oracle,
+            labels: image.labels(),
+            sizing: &sizing,
+            improve: params.improve,
+            target: params.target_dihedral,
+            radius_edge: params.radius_edge,
+            facet_angle: params.facet_angle,
+            check_time: &|| deadline.check_time(),
+        };
+        let points_before = mesh.points.len();
+        let (done, ended) = improve(&mut mesh, &settings, monitor)?;
+        improvement = done;
+        match ended {
+            Some(limit) if limit.is_limit() && params.partial => ended_by = ended_by.or(Some(limit)),
+            Some(error) => return Err(error),
+            None => {}
+        }
+        let left: Vec<u32> = improvement.left.iter().map(|left| left.tet).collect();
+        let places = mesh.finish(params.background, points_kept, points_before, &left)?;
+        improvement.left.iter_mut().zip(places).for_each(|(left, place)| left.tet = place);
+    }
+    drop(sizing);
+    seconds.improve = lap();
+    mesh.collect_facets(monitor)?;
+    seconds.extract += lap();
+    if improves {
+        log_improvement(monitor, &improvement, seconds.improve);
+    }
     let quality = Quality::measure(&mesh, monitor)?;
     let mut certificate = Certificate::measure(&mesh, image, &oracle, check.non_delaunay_facets, unmet, monitor)?;
     reserve(&mut certificate.defects, dropped.len(), "defects")?;
@@ -226,7 +273,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         position,
         size: voxels,
     }));
-    seconds.certify = lap();
+    seconds.certify += lap();
     monitor.log(Level::Info, &format!("certificate measured in {:.2} s", seconds.certify));
     if let Some(limit) = &ended_by {
         monitor.log(Level::Warning, &format!("the mesh is partial: {limit}"));
@@ -242,6 +289,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         operations: counters,
         work,
         threads,
+        improvement,
         unmet,
         quality,
         certificate,
@@ -282,6 +330,15 @@ fn log_refinement(monitor: &Monitor<'_>, counters: &Counters, seconds: f64) {
     let rate = tets as f64 / seconds.max(1e-9);
     let line = format!(
         "refinement done in {seconds:.2} s: {tets} tets, {insertions} insertions, {removals} removals, {rate:.0} tets per second"
+    );
+    monitor.log(Level::Info, &line);
+}
+
+fn log_improvement(monitor: &Monitor<'_>, improvement: &Improvement, seconds: f64) {
+    let Improvement { below_before, left, counts, .. } = improvement;
+    let (operations, left) = (counts.operations(), left.len());
+    let line = format!(
+        "slivers removed in {seconds:.2} s: {below_before} tets below the target, {operations} operations, {left} left"
     );
     monitor.log(Level::Info, &line);
 }

@@ -21,10 +21,12 @@ pub enum Phase {
     Distance = 0,
     /// Delaunay refinement.
     Refine = 1,
-    /// The finished mesh is collected.
+    /// The mesh is collected, and the triangulation checked.
     Extract = 2,
+    /// Slivers are removed.
+    Improve = 3,
     /// Quality and certificate are measured.
-    Certify = 3,
+    Certify = 4,
 }
 
 /// The steps of a run, in their order.
@@ -41,6 +43,8 @@ pub enum Step {
     Unmet,
     /// The triangulation is checked.
     Validate,
+    /// Slivers are removed.
+    Improve,
     /// Shapes are measured.
     Quality,
     /// Orientations, orphans, components and their boundaries.
@@ -54,12 +58,13 @@ pub enum Step {
 }
 
 /// Phase of each step, and the part of a run's time at which it starts: as on the abdomen at delta 1.25, one thread.
-const STEPS: [(Phase, f64); 10] = [
+const STEPS: [(Phase, f64); 11] = [
     (Phase::Distance, 0.0),
     (Phase::Refine, 0.02),
     (Phase::Extract, 0.35),
-    (Phase::Certify, 0.39),
-    (Phase::Certify, 0.47),
+    (Phase::Extract, 0.39),
+    (Phase::Extract, 0.47),
+    (Phase::Improve, 0.52),
     (Phase::Certify, 0.55),
     (Phase::Certify, 0.59),
     (Phase::Certify, 0.71),

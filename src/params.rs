@@ -60,6 +60,21 @@ pub enum Algorithm {
     Lapd,
 }
 
+/// What may be changed to remove slivers from the refined mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Improve {
+    /// Nothing: the mesh is as refinement leaves it, Delaunay and with slivers.
+    None,
+    /// What lies inside of the labels; their interfaces stay bit for bit.
+    Interior,
+    /// Interfaces, too: facets are flipped, and vertices move along what they belong to.
+    #[default]
+    Full,
+}
+
+/// Largest value of [`MeshParams::target_dihedral`], in degrees.
+pub const MAX_TARGET_DIHEDRAL: f64 = 30.0;
+
 /// Largest standard deviation of [`MeshParams::sigma`].
 pub const MAX_SIGMA: f64 = 5.0;
 
@@ -87,6 +102,10 @@ pub struct MeshParams {
     pub radius_edge: f64,
     /// Lower bound on the planar angles of interface facets, in degrees; 0 to 30 (above, refinement need not end).
     pub facet_angle: f64,
+    /// What may be changed to remove slivers.
+    pub improve: Improve,
+    /// Tets with a dihedral angle below this, or above 180 less this, are improved; in degrees, above 0 and at most [`MAX_TARGET_DIHEDRAL`].
+    pub target_dihedral: f64,
     /// The surface model.
     pub surface: SurfaceModel,
     /// Smooth the labels of a coarse segmentation first: the standard deviation of a Gaussian, in voxels along each axis of the image; 0 to [`MAX_SIGMA`], 0 for
@@ -141,6 +160,8 @@ impl Default for MeshParams {
             label_sizes: Vec::new(),
             radius_edge: 2.0,
             facet_angle: 30.0,
+            improve: Improve::Full,
+            target_dihedral: 15.0,
             surface: SurfaceModel::Smooth,
             sigma: 0.0,
             border: ImageBorder::Flat,
@@ -193,6 +214,12 @@ impl MeshParams {
             return Err(Error::InvalidArgument(format!(
                 "facet angle must lie in 0 to 30 degrees, got {}",
                 self.facet_angle
+            )));
+        }
+        if !(self.target_dihedral > 0.0 && self.target_dihedral <= MAX_TARGET_DIHEDRAL) {
+            return Err(Error::InvalidArgument(format!(
+                "target dihedral angle must lie above 0 and not above {MAX_TARGET_DIHEDRAL} degrees, got {}",
+                self.target_dihedral
             )));
         }
         if !(0.0..=MAX_SIGMA).contains(&self.sigma) {

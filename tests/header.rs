@@ -7,8 +7,21 @@ use std::collections::HashSet;
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 12] =
-    ["status", "context", "image", "values", "params", "thin", "labels", "threads", "run", "mesh", "report", "tables"];
+const SOURCES: [&str; 13] = [
+    "status",
+    "context",
+    "image",
+    "values",
+    "params",
+    "thin",
+    "labels",
+    "threads",
+    "run",
+    "mesh",
+    "report",
+    "tables",
+    "improvement",
+];
 
 const HEAD: &str = "\
 /*

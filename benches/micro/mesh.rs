@@ -5,7 +5,7 @@ use criterion::{Criterion, Throughput};
 use glam::DVec3;
 use lapd::Result;
 use lapd::delaunay::{Solo, TetId, Triangulation, VertexKind, Worker};
-use lapd::mesh::extract::extract;
+use lapd::mesh::extract::{Background, extract};
 use lapd::monitor::Monitor;
 
 use crate::Random;
@@ -23,13 +23,16 @@ pub fn run(criterion: &mut Criterion) -> Result<()> {
         ids[t as usize] = radii.iter().filter(|&&shell| radius < shell).count() as u16;
         tets += 1;
     }
-    let order = triangulation.tets_by_place(|| Ok(()))?;
+    let mut order = triangulation.tets_by_place(|| Ok(()))?;
     let mut group = criterion.benchmark_group("mesh");
     group.throughput(Throughput::Elements(tets));
     group.bench_function("extract", |bencher| {
         let label_id = |t: TetId| ids[t as usize];
         let labels = [0, 1, 2, 3];
-        bencher.iter_with_large_drop(|| extract(&triangulation, &order, label_id, &labels, false, &Monitor::silent()));
+        bencher.iter_with_large_drop(|| {
+            let monitor = Monitor::silent();
+            extract(&triangulation, &mut order, label_id, &labels, Background::Dropped, &monitor)
+        });
     });
     group.finish();
     Ok(())

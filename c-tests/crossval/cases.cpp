@@ -103,7 +103,7 @@ lapd_image *Meshing::make_image(const std::string &name) const {
     return image;
 }
 
-Meshing::Meshing(const std::string &name, double delta, double size) {
+Meshing::Meshing(const std::string &name, double delta, double size, bool improved) {
     lapd_context *context = nullptr;
     if (lapd_context_create(&context) != LAPD_OK) {
         throw std::runtime_error("no context");
@@ -116,6 +116,7 @@ Meshing::Meshing(const std::string &name, double delta, double size) {
     require(lapd_params_set_delta(context, made, delta));
     require(lapd_params_set_size(context, made, size));
     require(lapd_params_set_background(context, made, 1));
+    require(lapd_params_set_improve(context, made, improved ? LAPD_IMPROVE_FULL : LAPD_IMPROVE_NONE));
     // One spacing: what is thin in an atlas would make millions of tets whatever delta is, and take minutes of the
     // others' time.
     require(lapd_params_set_adaptive(context, made, 0));
@@ -136,7 +137,8 @@ Meshing::Meshing(const std::string &name, double delta, double size) {
     lapd_counts reported{};
     reported.struct_size = sizeof reported;
     require(lapd_mesh_get_counts(mesh, &reported));
-    check(reported.all_vertices == point_count_ && reported.all_tets == tet_count_, "the whole triangulation is kept");
+    check(improved || (reported.all_vertices == point_count_ && reported.all_tets == tet_count_),
+          "the whole triangulation is kept");
     std::printf("%s, delta %g, size %g: %zu vertices, %zu tets (%llu of them tissue), %zu interface facets\n",
                 name.c_str(), delta, size, point_count_, tet_count_,
                 static_cast<unsigned long long>(reported.tissue_tets), facet_count_);

@@ -37,8 +37,9 @@ std::string image_path(const std::string &name);
 // An image, and its whole triangulation as lapd meshes it with background kept. The arrays live as long as this.
 class Meshing {
   public:
-    // `name` is a phantom ("ball", "three", "turned", "cube") or what image_path takes. Prints one line about the mesh.
-    Meshing(const std::string &name, double delta, double size);
+    // `name` is a phantom ("ball", "three", "turned", "cube") or what image_path takes. As refinement leaves it, or
+    // `improved`. Prints one line about the mesh.
+    Meshing(const std::string &name, double delta, double size, bool improved = false);
 
     std::size_t vertices() const {
         return point_count_;

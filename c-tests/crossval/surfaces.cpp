@@ -1,10 +1,13 @@
-// surfaces NAME DELTA SIZE [EDGE]: the interfaces are closed, and our MEDIT file gives CGAL the mesh that we have.
+// surfaces NAME DELTA SIZE [EDGE | improved]: the interfaces are closed, and our MEDIT file gives CGAL the mesh that we
+// have.
 //
 // - Around every label its facets, turned outwards, form a cycle: each edge is used as often in one direction as
 //   in the other, so an even number of times. The volume inside, by the divergence theorem, is that of the
 //   label's tets.
 // - CGAL builds a Mesh_complex_3_in_triangulation_3 from our MEDIT file: its triangulation is valid, cells of
 //   every subdomain and facets of every pair of labels are as many as ours, and no edge is the border of a surface.
+// - With "improved", slivers are removed first, and the dihedral angles, measured by CGAL, are those that were asked
+//   for, but for the tets that are listed.
 // - With EDGE, CGAL's tetrahedral_isotropic_remeshing takes the mesh to this edge length, and every label keeps
 //   its volume.
 
@@ -19,10 +22,13 @@
 
 #include <unistd.h>
 
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <map>
+#include <set>
 #include <tuple>
 #include <vector>
 
@@ -199,14 +205,56 @@ void check_remeshing(const Meshing &mesh, double edge) {
     std::printf("CGAL's tetrahedral remeshing to edges of %g: valid, every label there, volumes within 5 %%\n", edge);
 }
 
+// The dihedral angles of tissue by CGAL.
+void check_angles(const Meshing &mesh) {
+    lapd_improvement reported{};
+    reported.struct_size = sizeof reported;
+    check(lapd_mesh_get_improvement(mesh.mesh(), &reported) == LAPD_OK, "improvement");
+    std::set<std::size_t> listed;
+    for (std::size_t i = 0; i < reported.left; ++i) {
+        lapd_left left{};
+        left.struct_size = sizeof left;
+        check(lapd_mesh_get_left(mesh.mesh(), i, &left) == LAPD_OK, "left");
+        listed.insert(static_cast<std::size_t>(left.tet));
+    }
+    const auto point = [&](std::uint32_t v) {
+        return Kernel::Point_3(mesh.point(v)[0], mesh.point(v)[1], mesh.point(v)[2]);
+    };
+    const double target = reported.target_dihedral;
+    double least = 180, largest = 0;
+    std::size_t beyond = 0;
+    for (std::size_t t = 0; t < mesh.tets(); ++t) {
+        if (mesh.label(t) == 0 || listed.count(t) > 0) {
+            continue;
+        }
+        const Tet tet = mesh.tet(t);
+        static constexpr int EDGES[6][4] = {{0, 1, 2, 3}, {0, 2, 1, 3}, {0, 3, 1, 2},
+                                            {1, 2, 0, 3}, {1, 3, 0, 2}, {2, 3, 0, 1}};
+        for (const auto &e : EDGES) {
+            const double angle = std::abs(CGAL::to_double(CGAL::approximate_dihedral_angle(
+                point(tet[e[0]]), point(tet[e[1]]), point(tet[e[2]]), point(tet[e[3]]))));
+            least = std::min(least, angle);
+            largest = std::max(largest, angle);
+            beyond += angle < target - 1e-4 || angle > 180 - target + 1e-4;
+        }
+    }
+    std::printf("dihedral angles by CGAL: %.4f to %.4f degrees, %zu tets listed as left\n", least, largest,
+                listed.size());
+    check(beyond == 0, std::to_string(beyond) + " angles beyond the target");
+    check(listed.size() <= 10, std::to_string(listed.size()) + " tets are left");
+}
+
 void checks(int argc, char **argv) {
     if (argc != 4 && argc != 5) {
-        throw std::runtime_error("usage: surfaces NAME DELTA SIZE [EDGE]");
+        throw std::runtime_error("usage: surfaces NAME DELTA SIZE [EDGE | improved]");
     }
-    const Meshing mesh(argv[1], std::atof(argv[2]), std::atof(argv[3]));
+    const bool improved = argc == 5 && std::string(argv[4]) == "improved";
+    const Meshing mesh(argv[1], std::atof(argv[2]), std::atof(argv[3]), improved);
     check_closed(mesh);
     check_complex(mesh);
-    if (argc == 5) {
+    if (improved) {
+        check_angles(mesh);
+    } else if (argc == 5) {
         check_remeshing(mesh, std::atof(argv[4]));
     }
 }

@@ -28,10 +28,12 @@ pub enum lapd_phase {
     LAPD_PHASE_DISTANCE = 0,
     /// Delaunay refinement.
     LAPD_PHASE_REFINE = 1,
-    /// The finished mesh is collected.
+    /// The mesh is collected, and the triangulation checked.
     LAPD_PHASE_EXTRACT = 2,
+    /// Slivers are removed.
+    LAPD_PHASE_IMPROVE = 3,
     /// Quality and certificate are measured.
-    LAPD_PHASE_CERTIFY = 3,
+    LAPD_PHASE_CERTIFY = 4,
 }
 
 impl From<Phase> for lapd_phase {
@@ -40,6 +42,7 @@ impl From<Phase> for lapd_phase {
             Phase::Distance => Self::LAPD_PHASE_DISTANCE,
             Phase::Refine => Self::LAPD_PHASE_REFINE,
             Phase::Extract => Self::LAPD_PHASE_EXTRACT,
+            Phase::Improve => Self::LAPD_PHASE_IMPROVE,
             Phase::Certify => Self::LAPD_PHASE_CERTIFY,
         }
     }

@@ -5,10 +5,12 @@ use std::ffi::c_char;
 use super::boundary::{Out, borrow, c_str, catch, check_buffer, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::image::to_path;
+use super::params::unknown;
 use super::pool::{processors, with_pool};
 use super::status::lapd_status;
-use crate::io::{MeshFormat, write_mesh_watching, write_timeline};
+use crate::io::{MeshFormat, WriteOptions, write_mesh_watching, write_timeline};
 use crate::mesh::TetMesh;
+use crate::mesh::quality::TetMeasure;
 use crate::mesher::Meshing;
 
 /// A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was made, so any number of threads may
@@ -95,7 +97,30 @@ pub unsafe extern "C" fn lapd_mesh_write(
             let mesh = &borrow(mesh, "mesh")?.meshing.mesh;
             let path = to_path(c_str(path, "path")?)?;
             let cancel = &context.cancel;
-            let write = || Ok(write_mesh_watching(mesh, path, Some(cancel))?);
+            let write = || Ok(write_mesh_watching(mesh, path, WriteOptions::default(), Some(cancel))?);
+            with_pool(processors(), |pool| pool.install(|| catch(write)))?
+        })
+    }
+}
+
+/// As lapd_mesh_write, for a .vtu file, which gets a cell array (Float32) for each lapd_tet_measure beside the labels:
+/// min_dihedral, max_dihedral, scaled_jacobian, edge_ratio, radius_ratio, radius_edge.
+///
+/// Any thread, as lapd_mesh_write. Errors: those of lapd_mesh_write; LAPD_ERROR_INVALID_ARGUMENT for another ending.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_write_with_measures(
+    context: *mut lapd_context,
+    mesh: *const lapd_mesh,
+    path: *const c_char,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |context| {
+            let mesh = &borrow(mesh, "mesh")?.meshing.mesh;
+            let path = to_path(c_str(path, "path")?)?;
+            let cancel = &context.cancel;
+            let options = WriteOptions { measures: true };
+            let write = || Ok(write_mesh_watching(mesh, path, options, Some(cancel))?);
             with_pool(processors(), |pool| pool.install(|| catch(write)))?
         })
     }
@@ -368,4 +393,54 @@ pub unsafe extern "C" fn lapd_mesh_copy_facet_tets(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { copy(mesh, buffer, capacity, |m| &m.facet_tets) }
+}
+
+/// A measure that each tet has a value of. But for the last, they are those of Verdict and VTK.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_tet_measure {
+    /// The smallest dihedral angle, degrees.
+    LAPD_MEASURE_MIN_DIHEDRAL = 0,
+    /// The largest dihedral angle, degrees.
+    LAPD_MEASURE_MAX_DIHEDRAL = 1,
+    /// The Jacobian over the largest product of the three edges of a vertex, times the root of 2: 1 for a regular tet, 0 for a
+    /// flat one.
+    LAPD_MEASURE_SCALED_JACOBIAN = 2,
+    /// The longest edge over the shortest one: 1 for a regular tet.
+    LAPD_MEASURE_EDGE_RATIO = 3,
+    /// The circumradius over three times the inradius: 1 for a regular tet.
+    LAPD_MEASURE_RADIUS_RATIO = 4,
+    /// The circumradius over the shortest edge, which Delaunay refinement bounds: 0.61 for a regular tet.
+    LAPD_MEASURE_RADIUS_EDGE = 5,
+}
+
+/// Writes a measure of every tet, a lapd_tet_measure, into a buffer of `capacity` values, one for each tet. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or `measure` is no lapd_tet_measure;
+/// LAPD_ERROR_BUFFER_TOO_SMALL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_copy_measure(
+    mesh: *const lapd_mesh,
+    measure: i32,
+    buffer: *mut f64,
+    capacity: usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let mesh = &borrow(mesh, "mesh")?.meshing.mesh;
+        let measure = match measure {
+            m if m == lapd_tet_measure::LAPD_MEASURE_MIN_DIHEDRAL as i32 => TetMeasure::MinDihedral,
+            m if m == lapd_tet_measure::LAPD_MEASURE_MAX_DIHEDRAL as i32 => TetMeasure::MaxDihedral,
+            m if m == lapd_tet_measure::LAPD_MEASURE_SCALED_JACOBIAN as i32 => TetMeasure::ScaledJacobian,
+            m if m == lapd_tet_measure::LAPD_MEASURE_EDGE_RATIO as i32 => TetMeasure::EdgeRatio,
+            m if m == lapd_tet_measure::LAPD_MEASURE_RADIUS_RATIO as i32 => TetMeasure::RadiusRatio,
+            m if m == lapd_tet_measure::LAPD_MEASURE_RADIUS_EDGE as i32 => TetMeasure::RadiusEdge,
+            _ => return Err(unknown("measure", "a lapd_tet_measure", measure)),
+        };
+        check_buffer(buffer, capacity, mesh.tets.len())?;
+        for (t, tet) in mesh.tets.iter().enumerate() {
+            buffer.add(t).write(measure.of(&tet.map(|v| mesh.point(v))));
+        }
+        Ok(())
+    })
 }

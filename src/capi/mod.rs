@@ -21,6 +21,7 @@
 mod boundary;
 pub mod context;
 pub mod image;
+pub mod improvement;
 pub mod labels;
 pub mod mesh;
 pub mod params;

@@ -7,7 +7,7 @@ use std::ffi::CString;
 use super::boundary::{Failure, Out, Outcome, borrow, borrow_mut, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::status::lapd_status;
-use crate::params::{Algorithm, ImageBorder, MeshParams, SurfaceModel};
+use crate::params::{Algorithm, ImageBorder, Improve, MeshParams, SurfaceModel};
 
 /// Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a run takes a copy.
 pub struct lapd_params {
@@ -47,12 +47,20 @@ pub enum lapd_algorithm {
     LAPD_ALGORITHM_LAPD = 1,
 }
 
-pub(super) fn unknown(argument: &str, type_name: &str, number: i32) -> Failure {
-    Failure::invalid(format!("{argument} must be {type_name}, got {number}"))
+/// What may be changed to remove slivers from the refined mesh.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_improve {
+    /// Nothing: the mesh is Delaunay, as refinement leaves it, and has slivers.
+    LAPD_IMPROVE_NONE = 0,
+    /// What lies inside of the labels. Their interfaces stay bit for bit as refinement leaves them.
+    LAPD_IMPROVE_INTERIOR = 1,
+    /// Interfaces, too: edges on them are flipped, and vertices move along what they belong to. The default.
+    LAPD_IMPROVE_FULL = 2,
 }
 
-fn unsupported(message: &str) -> Failure {
-    Failure::new(lapd_status::LAPD_ERROR_UNSUPPORTED, message)
+pub(super) fn unknown(argument: &str, type_name: &str, number: i32) -> Failure {
+    Failure::invalid(format!("{argument} must be {type_name}, got {number}"))
 }
 
 /// `on` or `off` of a C flag.
@@ -104,8 +112,8 @@ pub(super) unsafe fn read<T>(
     })
 }
 
-/// Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, smooth surfaces, flat walls at the border
-/// of the image, all labels, no background, 1 thread, no limits.
+/// Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, slivers removed to a dihedral angle of
+/// 15 degrees, smooth surfaces, flat walls at the border of the image, all labels, no background, 1 thread, no limits.
 ///
 /// The caller owns `*params` and frees it with lapd_params_free. Any thread.
 ///
@@ -557,30 +565,70 @@ pub unsafe extern "C" fn lapd_params_get_algorithm(params: *const lapd_params, a
     }
 }
 
-/// Whether to optimise the mesh after refinement (1) or not (0). This version does not. No other thread may use `params` or the
-/// context meanwhile.
+/// Sets what may be changed to remove slivers, a lapd_improve. Topology, labels and the angles of interface facets
+/// (lapd_params_set_facet_angle) are kept in any case. No other thread may use `params` or the context meanwhile.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither; LAPD_ERROR_UNSUPPORTED for 1.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is no lapd_improve.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_set_optimize(
+pub unsafe extern "C" fn lapd_params_set_improve(
     context: *mut lapd_context,
     params: *mut lapd_params,
-    optimize: i32,
+    improve: i32,
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        change(context, params, |_| match flag(optimize, "optimize")? {
-            false => Ok(()),
-            true => Err(unsupported("optimize: this version does not optimise meshes")),
+        change(context, params, |p| {
+            p.improve = match improve {
+                i if i == lapd_improve::LAPD_IMPROVE_NONE as i32 => Improve::None,
+                i if i == lapd_improve::LAPD_IMPROVE_INTERIOR as i32 => Improve::Interior,
+                i if i == lapd_improve::LAPD_IMPROVE_FULL as i32 => Improve::Full,
+                _ => return Err(unknown("improve", "a lapd_improve", improve)),
+            };
+            Ok(())
         })
     }
 }
 
-/// Whether the mesh is optimised after refinement, 1 or 0. Any thread, unless another one changes `params`.
+/// What may be changed to remove slivers, a lapd_improve. Any thread, unless another one changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_optimize(params: *const lapd_params, optimize: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_improve(params: *const lapd_params, improve: *mut i32) -> lapd_status {
     // SAFETY: see the module's head.
-    unsafe { read(params, optimize, "optimize", |_| 0) }
+    unsafe {
+        read(params, improve, "improve", |p| match p.improve {
+            Improve::None => lapd_improve::LAPD_IMPROVE_NONE as i32,
+            Improve::Interior => lapd_improve::LAPD_IMPROVE_INTERIOR as i32,
+            Improve::Full => lapd_improve::LAPD_IMPROVE_FULL as i32,
+        })
+    }
+}
+
+/// Sets the dihedral angle that tets are to have at least, in degrees; none is to be above 180 less this, either. Above 0 and at
+/// most 30. With the default, 15, interfaces move by at most 0.1 of the smallest side of a voxel; with 20 and more, by 0.2. What
+/// can't be reached is listed: lapd_mesh_get_left. No other thread may use `params` or the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_target_dihedral(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    degrees: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.target_dihedral = degrees;
+            Ok(())
+        })
+    }
+}
+
+/// The dihedral angle that tets are to have at least, in degrees. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_target_dihedral(params: *const lapd_params, degrees: *mut f64) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, degrees, "degrees", |p| p.target_dihedral) }
 }

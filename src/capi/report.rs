@@ -42,6 +42,8 @@ pub struct lapd_timings {
     pub extract: f64,
     /// Measuring quality and certificate.
     pub certify: f64,
+    /// Removing slivers.
+    pub improve: f64,
 }
 
 /// What refinement did, all threads together. Set struct_size to sizeof(lapd_operations) before the call.
@@ -91,6 +93,24 @@ pub struct lapd_quality {
     pub min_facet_angle: f64,
     /// Dihedral angles, six for each tet, in bins of 10 degrees.
     pub dihedral_histogram: [u64; 18],
+    /// Least scaled Jacobian: 1 for a regular tet, 0 for a flat one. This and the measures below are those of Verdict and VTK.
+    pub min_scaled_jacobian: f64,
+    /// Largest scaled Jacobian.
+    pub max_scaled_jacobian: f64,
+    /// Scaled Jacobians in bins of 1/20 from 0 on.
+    pub scaled_jacobian_histogram: [u64; 20],
+    /// Least ratio of longest to shortest edge; 1 for a regular tet.
+    pub min_edge_ratio: f64,
+    /// Largest ratio of longest to shortest edge.
+    pub max_edge_ratio: f64,
+    /// Edge ratios in bins of 1/4 from 1 on; the last one has all beyond, too.
+    pub edge_ratio_histogram: [u64; 20],
+    /// Least ratio of circumradius to three inradii; 1 for a regular tet.
+    pub min_radius_ratio: f64,
+    /// Largest ratio of circumradius to three inradii; infinite with a flat tet.
+    pub max_radius_ratio: f64,
+    /// Radius ratios in bins of 1/4 from 1 on; the last one has all beyond, too.
+    pub radius_ratio_histogram: [u64; 20],
 }
 
 /// What was checked on the finished mesh. Set struct_size to sizeof(lapd_certificate) before the call. Lengths are in world units.
@@ -99,7 +119,8 @@ pub struct lapd_quality {
 pub struct lapd_certificate {
     /// sizeof(lapd_certificate), set by the caller.
     pub struct_size: u64,
-    /// Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic; 0 in a Delaunay mesh.
+    /// Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic, as refinement left the mesh: 0, as that
+    /// is Delaunay. lapd_improvement tells of the mesh without slivers.
     pub non_delaunay_facets: u64,
     /// Tets without positive volume, by exact arithmetic.
     pub inverted_tets: u64,
@@ -250,6 +271,7 @@ pub unsafe extern "C" fn lapd_mesh_get_timings(mesh: *const lapd_mesh, timings: 
                 refine: seconds.refine,
                 extract: seconds.extract,
                 certify: seconds.certify,
+                improve: seconds.improve,
             }
         })
     }
@@ -301,6 +323,15 @@ pub unsafe extern "C" fn lapd_mesh_get_quality(mesh: *const lapd_mesh, quality: 
                 max_radius_edge: quality.max_radius_edge,
                 min_facet_angle: quality.min_facet_angle,
                 dihedral_histogram: quality.dihedral_histogram,
+                min_scaled_jacobian: quality.scaled_jacobian.least,
+                max_scaled_jacobian: quality.scaled_jacobian.largest,
+                scaled_jacobian_histogram: quality.scaled_jacobian.histogram,
+                min_edge_ratio: quality.edge_ratio.least,
+                max_edge_ratio: quality.edge_ratio.largest,
+                edge_ratio_histogram: quality.edge_ratio.histogram,
+                min_radius_ratio: quality.radius_ratio.least,
+                max_radius_ratio: quality.radius_ratio.largest,
+                radius_ratio_histogram: quality.radius_ratio.histogram,
             }
         })
     }

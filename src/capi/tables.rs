@@ -57,6 +57,8 @@ pub struct lapd_label_row {
     pub surface_to_mesh_mean: f64,
     /// Largest distance from the smooth interfaces around it to its boundary in the mesh; infinite when it has no tet.
     pub surface_to_mesh_max: f64,
+    /// By how much its volume grew when slivers were removed.
+    pub volume_change: f64,
 }
 
 /// Components of the image with fewer voxels have no row of their own, and are not listed when they are lost or merged.
@@ -216,6 +218,7 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let found = row_of(&certificate_of(mesh)?.labels, index, "label row")?;
+        let improvement = &borrow(mesh, "mesh")?.meshing.report.improvement;
         let value = lapd_label_row {
             struct_size: own_size::<lapd_label_row>(),
             label: found.label.into(),
@@ -240,6 +243,7 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
             mesh_to_surface_max: found.mesh_to_surface.max,
             surface_to_mesh_mean: found.surface_to_mesh.mean,
             surface_to_mesh_max: found.surface_to_mesh.max,
+            volume_change: improvement.counts.volume_of(found.label),
         };
         fill_struct(row, value, "row")
     })

@@ -114,48 +114,64 @@ impl MeshFormat {
     }
 }
 
+/// What a file is to hold beside the mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WriteOptions {
+    /// In `.vtu`: the measures of the tets, a cell array for each of
+    /// [`TetMeasure::ALL`](crate::mesh::quality::TetMeasure::ALL). Other formats have no place for them.
+    pub measures: bool,
+}
+
 /// Writes `mesh` to `path` in the format of its ending; see the module's table. An existing file is replaced.
 ///
 /// # Errors
 /// [`Error::InvalidArgument`] for an unknown ending; [`Error::LimitReached`] when the mesh has more vertices or tets than the
 /// format can number; [`Error::OutOfMemory`]; [`Error::Io`]. The temporary files are gone then and no file is half written.
 pub fn write_mesh(mesh: &TetMesh, path: &Path) -> Result<()> {
-    write_mesh_watching(mesh, path, None)
+    write_mesh_watching(mesh, path, WriteOptions::default(), None)
 }
 
-/// As [`write_mesh`], until a flag is raised. Only the wait for the disk at the end is not cut short.
+/// As [`write_mesh`], with options, until a flag is raised. Only the wait for the disk at the end is not cut short.
 ///
 /// # Errors
 /// Those of [`write_mesh`]; [`Error::Cancelled`].
-pub fn write_mesh_watching(mesh: &TetMesh, path: &Path, cancel: Option<&CancelFlag>) -> Result<()> {
-    let single = |write: fn(&TetMesh, &mut Output) -> std::io::Result<()>| {
+pub fn write_mesh_watching(
+    mesh: &TetMesh,
+    path: &Path,
+    options: WriteOptions,
+    cancel: Option<&CancelFlag>,
+) -> Result<()> {
+    if options.measures && MeshFormat::from_path(path)? != MeshFormat::Vtu {
+        return Err(Error::InvalidArgument(format!("{}: only .vtu files can hold measures of tets", path.display())));
+    }
+    let single = |write: &dyn Fn(&TetMesh, &mut Output) -> std::io::Result<()>| {
         let mut output = Output::create(path)?.watching(cancel);
         output.fill(|out| write(mesh, out))?;
         Output::commit(vec![output])
     };
     match MeshFormat::from_path(path)? {
-        MeshFormat::Vtu => single(vtu::write),
+        MeshFormat::Vtu => single(&|mesh, out| vtu::write(mesh, options.measures, out)),
         MeshFormat::Vtk => {
             vtk::check_limits(mesh, path)?;
-            single(vtk::write)
+            single(&vtk::write)
         }
-        MeshFormat::Medit => single(medit::write),
+        MeshFormat::Medit => single(&medit::write),
         MeshFormat::TetGen => tetgen::write(mesh, path, cancel),
-        MeshFormat::Msh41 => single(gmsh::write_4_1),
+        MeshFormat::Msh41 => single(&gmsh::write_4_1),
         MeshFormat::Msh22 => {
             gmsh::check_limits_2_2(mesh, path)?;
-            single(gmsh::write_2_2)
+            single(&gmsh::write_2_2)
         }
         MeshFormat::Abaqus => {
             abaqus::check_limits(mesh, path)?;
-            single(abaqus::write)
+            single(&abaqus::write)
         }
-        MeshFormat::Stl => single(stl::write),
+        MeshFormat::Stl => single(&stl::write),
         MeshFormat::Ply => {
             check_count(path, "PLY", "vertices", mesh.points.len(), i32::MAX as usize)?;
-            single(ply::write)
+            single(&ply::write)
         }
-        MeshFormat::Off => single(off::write),
+        MeshFormat::Off => single(&off::write),
     }
 }
 

@@ -1,5 +1,7 @@
 //! VTK XML unstructured grid: data appended raw, compressed in blocks by zlib, 64-bit block headers (The VTK User's Guide, "XML file formats").
 //!
+//! Where asked for, cell arrays (Float32) tell measures of the tets.
+//!
 //! The cell array `label` (Int32) stands first: readers that take one integer array for the material take the first. An array is
 //! stored as the number of blocks, the size of a block, the size of the last one if that is smaller (else 0), the compressed size of each
 //! block, then the blocks. Offsets in the XML and sizes in the headers are known only when the blocks are written; room is left for them
@@ -15,6 +17,7 @@ use super::output::Output;
 use super::records::write_batches;
 use super::vtk::TETRA;
 use crate::mesh::TetMesh;
+use crate::mesh::quality::TetMeasure;
 
 /// Uncompressed bytes of a block; a multiple of the size of every kind of value.
 const BLOCK: usize = 1 << 18;
@@ -27,7 +30,7 @@ type PushValues<'a> = dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a;
 
 /// An array of the file: its XML attributes, its length, and the bytes of its values.
 struct Array<'a> {
-    attributes: &'static str,
+    attributes: String,
     values: usize,
     value_size: usize,
     push: Box<PushValues<'a>>,
@@ -35,14 +38,14 @@ struct Array<'a> {
 
 impl<'a> Array<'a> {
     fn new<const N: usize>(
-        attributes: &'static str,
+        attributes: impl Into<String>,
         values: usize,
         value: impl Fn(usize) -> [u8; N] + Sync + 'a,
     ) -> Self {
         let push = move |range: Range<usize>, bytes: &mut Vec<u8>| {
             range.for_each(|i| bytes.extend_from_slice(&value(i)));
         };
-        Self { attributes, values, value_size: N, push: Box::new(push) }
+        Self { attributes: attributes.into(), values, value_size: N, push: Box::new(push) }
     }
 
     /// Writes headers and blocks; the file ends behind them afterwards.
@@ -74,9 +77,10 @@ impl<'a> Array<'a> {
     }
 }
 
-pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+/// Writes the file; where `measures` is true, with an array for each of [`TetMeasure::ALL`].
+pub(super) fn write(mesh: &TetMesh, measures: bool, out: &mut Output) -> io::Result<()> {
     let (points, tets) = (mesh.points.len(), mesh.tets.len());
-    let arrays = [
+    let mut arrays = vec![
         Array::new(r#"type="Int32" Name="label""#, tets, |t| mesh.labels[t].to_le_bytes()),
         Array::new(r#"type="Float64" Name="Points" NumberOfComponents="3""#, 3 * points, |i| {
             mesh.points[i / 3][i % 3].to_le_bytes()
@@ -87,7 +91,17 @@ pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
         Array::new(r#"type="Int64" Name="offsets""#, tets, |t| (4 * (t as i64 + 1)).to_le_bytes()),
         Array::new(r#"type="UInt8" Name="types""#, tets, |_| [TETRA]),
     ];
-    let [label, position, connectivity, offsets, types] = &arrays;
+    const WITHOUT_MEASURES: usize = 5;
+    if measures {
+        for (measure, name) in TetMeasure::ALL {
+            let value = move |t: usize| measure.of(&mesh.tets[t].map(|v| mesh.point(v))) as f32;
+            arrays.push(Array::new(format!(r#"type="Float32" Name="{name}""#), tets, move |t| value(t).to_le_bytes()));
+        }
+    }
+    let [label, position, connectivity, offsets, types] = &arrays[..WITHOUT_MEASURES] else { unreachable!() };
+    let of_cells: Vec<&Array<'_>> = std::iter::once(label).chain(&arrays[WITHOUT_MEASURES..]).collect();
+    // In the order of the data.
+    let order: Vec<&Array<'_>> = of_cells.iter().copied().chain([position, connectivity, offsets, types]).collect();
     out.write_all(
         b"<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" \
           compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n",
@@ -96,7 +110,7 @@ pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
     // Where the offset of each array will stand.
     let mut places = Vec::new();
     let groups: [(&str, &str, &[&Array<'_>]); 3] = [
-        (r#"CellData Scalars="label""#, "CellData", &[label]),
+        (r#"CellData Scalars="label""#, "CellData", &of_cells),
         ("Points", "Points", &[position]),
         ("Cells", "Cells", &[connectivity, offsets, types]),
     ];
@@ -112,7 +126,7 @@ pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
     out.write_all(b"</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_")?;
     let data_at = out.stream_position()?;
     let mut positions = Vec::new();
-    for array in &arrays {
+    for array in order {
         positions.push(out.stream_position()? - data_at);
         array.write(out)?;
     }

@@ -7,14 +7,15 @@
 //! 1. *Keep*: a sweep over the slots notes the label ids of the tets that are kept, and the vertices in use.
 //! 2. *Vertices*: those in use are numbered and copied.
 //! 3. *Number*: the tets get their indices and labels.
-//! 4. *Tets*: a sweep in the order of places writes vertices and neighbours in their new indices, and lists the interface facets.
-//! 5. *Facets*: those that were listed are written.
+//! 4. *Tets*: a sweep in the order of places writes vertices and neighbours in their new indices.
+//!
+//! The interface facets are listed last, when the mesh no longer changes: [`facets`](super::facets).
 //!
 //! Work goes by ranges of tets or vertices. A pass counts by range what the next one writes, so that each range knows where it starts: the mesh does not
 //! depend on the number of threads, and every array gets its memory at once, touched first by the thread that fills it.
 //!
-//! Cost: two reads of every record, and for each kept tet eight lookups in two tables: four bytes a slot, four a vertex. Beside the mesh it holds these tables and two bytes a slot, which go before the facets come,
-//! and four to eight bytes an interface facet.
+//! Cost: two reads of every record, and for each kept tet eight lookups in two tables: four bytes a slot, four a vertex.
+//! Beside the mesh it holds these tables and two bytes a slot.
 //!
 //! Thread safety: runs in the current rayon pool; nobody may operate on the triangulation meanwhile.
 
@@ -23,10 +24,10 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use super::{NONE, TetMesh};
+use super::TetMesh;
 use crate::Result;
 use crate::delaunay::check::{AHEAD, AHEAD_AROUND};
-use crate::delaunay::tet::{FACET, Facet, NO_TAG, is_tet};
+use crate::delaunay::tet::{NO_TAG, is_tet};
 use crate::delaunay::{TetId, Triangulation};
 use crate::memory::{parts, prefetch, reserve, zeroed};
 use crate::monitor::Monitor;
@@ -38,28 +39,47 @@ const RANGE: usize = 1 << 13;
 /// one), 18 for the interface facets (fewer than one for two tets), 4 for the order.
 pub const BYTES_PER_SLOT: u64 = 64;
 
-/// Collects the mesh, in the `order` of [`Triangulation::tets_by_place`]. `label_id` is the dense id of a tet's label, asked once for each tet; `labels` has the label of each id. Id 0 is the background,
-/// whose tets are left out unless `background`.
+/// What becomes of tets of the background.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Background {
+    /// They are left out.
+    Dropped,
+    /// They are kept, where their places are.
+    Kept,
+    /// They are kept behind the tets of the object, and the vertices that they alone have behind the others, so that they
+    /// can be dropped later: [`TetMesh::finish`].
+    Last,
+}
+
+/// A mesh without its interface facets.
+pub struct Extracted {
+    /// The mesh.
+    pub mesh: TetMesh,
+    /// How many of its vertices, the first, belong to the object or were to be kept anyway.
+    pub points_kept: usize,
+}
+
+/// Collects the mesh, in the `order` of [`Triangulation::tets_by_place`], which has the object first afterwards where the
+/// background comes last. `label_id` is the dense id of a tet's label, asked
+/// once for each tet; `labels` has the label of each id. Id 0 is the background.
 ///
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
 pub fn extract(
     triangulation: &Triangulation,
-    order: &[TetId],
+    order: &mut Vec<TetId>,
     label_id: impl Fn(TetId) -> u16 + Sync,
     labels: &[i32],
-    background: bool,
+    background: Background,
     monitor: &Monitor<'_>,
-) -> Result<TetMesh> {
+) -> Result<Extracted> {
     let (kept, in_use) = Kept::new(triangulation, order, label_id, background, monitor)?;
-    let (vertex_index, points) = copy_vertices(triangulation, &in_use, monitor)?;
+    let Vertices { index, points, points_kept } = copy_vertices(triangulation, &in_use, monitor)?;
     drop(in_use);
     let mut mesh = TetMesh { points, ..TetMesh::default() };
     let tet_index = kept.number(labels, &mut mesh, monitor)?;
-    let listed = copy_tets(&kept, &tet_index, &vertex_index, &mut mesh, monitor)?;
-    drop((vertex_index, tet_index, kept));
-    copy_facets(&mut mesh, &listed, monitor)?;
-    Ok(mesh)
+    copy_tets(&kept, &tet_index, &index, &mut mesh, monitor)?;
+    Ok(Extracted { mesh, points_kept })
 }
 
 /// What becomes of the tets.
@@ -76,16 +96,15 @@ struct Kept<'o> {
 const NOT_KEPT: u16 = NO_TAG;
 
 impl<'o> Kept<'o> {
-    /// The keep pass. Returns besides which vertices are in use, a bit for each.
+    /// The keep pass. Returns besides which vertices are in use.
     fn new(
         triangulation: &'o Triangulation,
-        order: &'o [TetId],
+        order: &'o mut Vec<TetId>,
         label_id: impl Fn(TetId) -> u16 + Sync,
-        background: bool,
+        background: Background,
         monitor: &Monitor<'_>,
-    ) -> Result<(Self, Vec<AtomicU32>)> {
-        let words = triangulation.vertex_bound().div_ceil(u32::BITS) as usize;
-        let in_use: Vec<AtomicU32> = zeroed(words, "vertices of the mesh")?;
+    ) -> Result<(Self, InUse)> {
+        let in_use = InUse::new(triangulation.vertex_bound(), background)?;
         let mut ids = zeroed(triangulation.tet_bound() as usize, "slots of tets")?;
         ids.par_chunks_mut(RANGE).enumerate().with_max_len(1).try_for_each(|(range, ids)| {
             monitor.advance(ids.len() / 2)?;
@@ -97,20 +116,19 @@ impl<'o> Kept<'o> {
                     continue;
                 }
                 let label = label_id(t);
-                if label == 0 && !background {
+                if label == 0 && background == Background::Dropped {
                     continue;
                 }
                 *id = label;
-                for v in vertices {
-                    let (word, bit): (&AtomicU32, u32) = (&in_use[(v / u32::BITS) as usize], 1 << (v % u32::BITS));
-                    // Most are in use already: looking first spares the locked operation.
-                    if word.load(Relaxed) & bit == 0 {
-                        word.fetch_or(bit, Relaxed);
-                    }
-                }
+                let is_last = label == 0 && background == Background::Last;
+                vertices.into_iter().for_each(|v| in_use.note(v, is_last));
             }
             Ok(())
         })?;
+        if background == Background::Last {
+            object_first(order, &ids, monitor)?;
+        }
+        let order: &[TetId] = order;
         let kept = |tets: &[TetId]| {
             monitor.check_cancelled()?;
             Ok(tets.iter().filter(|&&t| ids[t as usize] != NOT_KEPT).count())
@@ -146,14 +164,85 @@ impl<'o> Kept<'o> {
     }
 }
 
-/// The vertex pass: the new index of each vertex, and the positions in their order.
-fn copy_vertices(
-    triangulation: &Triangulation,
-    in_use: &[AtomicU32],
-    monitor: &Monitor<'_>,
-) -> Result<(Vec<AtomicU32>, Vec<[f64; 3]>)> {
-    let is_in_use = |v: u32| in_use[(v / u32::BITS) as usize].load(Relaxed) >> (v % u32::BITS) & 1 == 1;
-    let order = triangulation.vertices_by_place(is_in_use, || monitor.check_cancelled())?;
+/// Puts the tets of the object first; otherwise they stay in the same order.
+fn object_first(order: &mut Vec<TetId>, ids: &[u16], monitor: &Monitor<'_>) -> Result<()> {
+    let mut last: Vec<TetId> = Vec::new();
+    let mut first = 0;
+    for from in (0..order.len()).step_by(RANGE) {
+        monitor.check_cancelled()?;
+        reserve(&mut last, RANGE, "tets of the background")?;
+        for at in from..(from + RANGE).min(order.len()) {
+            let t = order[at];
+            if ids[t as usize] == 0 {
+                last.push(t);
+            } else {
+                order[first] = t;
+                first += 1;
+            }
+        }
+    }
+    order.truncate(first);
+    // There is room: all came from here.
+    order.append(&mut last);
+    Ok(())
+}
+
+/// Which vertices tets have that are kept: a bit for each.
+struct InUse {
+    /// Those of all tets, or only of those of the object where `last` has the others.
+    first: Vec<AtomicU32>,
+    /// Those of the background that comes last; empty where there is none.
+    last: Vec<AtomicU32>,
+}
+
+impl InUse {
+    fn new(bound: u32, background: Background) -> Result<Self> {
+        let words = bound.div_ceil(u32::BITS) as usize;
+        let last = if background == Background::Last { words } else { 0 };
+        Ok(Self { first: zeroed(words, "vertices of the mesh")?, last: zeroed(last, "vertices of the mesh")? })
+    }
+
+    fn note(&self, v: u32, is_last: bool) {
+        let bits = if is_last { &self.last } else { &self.first };
+        let (word, bit): (&AtomicU32, u32) = (&bits[(v / u32::BITS) as usize], 1 << (v % u32::BITS));
+        // Most are in use already: looking first spares the locked operation.
+        if word.load(Relaxed) & bit == 0 {
+            word.fetch_or(bit, Relaxed);
+        }
+    }
+
+    fn is_first(&self, v: u32) -> bool {
+        has_bit(&self.first, v)
+    }
+
+    fn is_last(&self, v: u32) -> bool {
+        !self.last.is_empty() && has_bit(&self.last, v) && !self.is_first(v)
+    }
+}
+
+fn has_bit(bits: &[AtomicU32], v: u32) -> bool {
+    bits[(v / u32::BITS) as usize].load(Relaxed) >> (v % u32::BITS) & 1 == 1
+}
+
+/// The vertices of the mesh.
+struct Vertices {
+    /// The index of each vertex of the triangulation.
+    index: Vec<AtomicU32>,
+    /// The positions in this order.
+    points: Vec<[f64; 3]>,
+    /// How many come before those of the background that comes last.
+    points_kept: usize,
+}
+
+/// The vertex pass.
+fn copy_vertices(triangulation: &Triangulation, in_use: &InUse, monitor: &Monitor<'_>) -> Result<Vertices> {
+    let mut order = triangulation.vertices_by_place(|v| in_use.is_first(v), || monitor.check_cancelled())?;
+    let points_kept = order.len();
+    if !in_use.last.is_empty() {
+        let last = triangulation.vertices_by_place(|v| in_use.is_last(v), || monitor.check_cancelled())?;
+        reserve(&mut order, last.len(), "vertices of the mesh")?;
+        order.extend(last);
+    }
     let index: Vec<AtomicU32> = zeroed(triangulation.vertex_bound() as usize, "vertices of the mesh")?;
     let mut points: Vec<[f64; 3]> = zeroed(order.len(), "vertices of the mesh")?;
     order.par_chunks(RANGE).zip(points.par_chunks_mut(RANGE)).enumerate().with_max_len(1).try_for_each(
@@ -166,29 +255,26 @@ fn copy_vertices(
             Ok(())
         },
     )?;
-    Ok((index, points))
+    Ok(Vertices { index, points, points_kept })
 }
 
 /// What the tet pass fills in: four vertices, or four neighbours, of each tet of a range.
 type Fours<'a> = &'a mut [[u32; 4]];
 
-/// The tet pass: fills in vertices and neighbours. Returns the interface facets of each range of tets.
+/// The tet pass: fills in vertices and neighbours.
 fn copy_tets(
     kept: &Kept<'_>,
     tet_index: &[AtomicU32],
     vertex_index: &[AtomicU32],
     mesh: &mut TetMesh,
     monitor: &Monitor<'_>,
-) -> Result<Vec<Vec<Facet>>> {
+) -> Result<()> {
     let count = end_of(&kept.ranges);
     mesh.tets = zeroed(count, "tets of the mesh")?;
     mesh.neighbors = zeroed(count, "tets of the mesh")?;
-    let labels = &mesh.labels;
     let copy = |(range, (tets, neighbors)): (usize, (Fours<'_>, Fours<'_>))| {
         monitor.advance(RANGE / 2)?;
-        let mut listed = Vec::new();
-        let filled = tets.iter_mut().zip(neighbors).zip(kept.ranges[range].clone());
-        for ((t, _, [far, near]), ((vertices, neighbors), index)) in kept.of_range(range).zip(filled) {
+        for ((t, _, [far, near]), (vertices, neighbors)) in kept.of_range(range).zip(tets.iter_mut().zip(neighbors)) {
             kept.triangulation.prefetch(far);
             let record = kept.triangulation.tet(near);
             for i in 0..4 {
@@ -201,53 +287,11 @@ fn copy_tets(
             let index_of =
                 |slot: TetId| tet_index.get(slot as usize).map_or(0, |index| index.load(Relaxed)).wrapping_sub(1);
             *neighbors = [0, 1, 2, 3].map(|i| index_of(record.neighbor(i).tet()));
-            for (i, &other) in neighbors.iter().enumerate() {
-                // Each interface facet once. What is not kept has label 0, and so has what lies outside of the box: in a finished refinement nothing else
-                // lies along it, but a partial mesh may reach it.
-                let (label, is_listed) =
-                    if other == NONE { (0, true) } else { (labels[other as usize], other < index as u32) };
-                if is_listed && labels[index] != label {
-                    reserve(&mut listed, 1, "interface facets of the mesh")?;
-                    listed.push(Facet::new(index as u32, i));
-                }
-            }
-        }
-        Ok(listed)
-    };
-    let pieces = split(&mut mesh.tets, &kept.ranges)?.into_par_iter().zip(split(&mut mesh.neighbors, &kept.ranges)?);
-    pieces.enumerate().with_max_len(1).map(copy).collect()
-}
-
-/// The facet pass: the interface facets, from the side with the larger label to that with the smaller one.
-fn copy_facets(mesh: &mut TetMesh, listed: &[Vec<Facet>], monitor: &Monitor<'_>) -> Result<()> {
-    let ranges = consecutive(listed.iter().map(Vec::len).collect());
-    let count = end_of(&ranges);
-    mesh.facets = zeroed(count, "interface facets of the mesh")?;
-    mesh.facet_labels = zeroed(count, "interface facets of the mesh")?;
-    mesh.facet_tets = zeroed(count, "interface facets of the mesh")?;
-    let (tets, neighbors, labels) = (&mesh.tets, &mesh.neighbors, &mesh.labels);
-    let pieces = split(&mut mesh.facets, &ranges)?
-        .into_par_iter()
-        .zip(split(&mut mesh.facet_labels, &ranges)?)
-        .zip(split(&mut mesh.facet_tets, &ranges)?)
-        .zip(listed)
-        .with_max_len(1);
-    pieces.try_for_each(|(((facets, facet_labels), facet_tets), listed)| {
-        monitor.advance(0)?;
-        for (k, facet) in listed.iter().enumerate() {
-            let (t, i) = (facet.tet(), facet.index());
-            let other = neighbors[t as usize][i];
-            let (here, there) = (labels[t as usize], if other == NONE { 0 } else { labels[other as usize] });
-            let [a, b, c] = FACET[i].map(|j| tets[t as usize][j]);
-            // FACET's normals point into the tet.
-            (facets[k], facet_labels[k], facet_tets[k]) = if here > there {
-                ([a, c, b], [here, there], [t, other])
-            } else {
-                ([a, b, c], [there, here], [other, t])
-            };
         }
         Ok(())
-    })
+    };
+    let pieces = split(&mut mesh.tets, &kept.ranges)?.into_par_iter().zip(split(&mut mesh.neighbors, &kept.ranges)?);
+    pieces.enumerate().with_max_len(1).try_for_each(copy)
 }
 
 /// Ranges of these lengths, one after the other from 0.
@@ -272,6 +316,7 @@ fn split<'v, T>(values: &'v mut [T], ranges: &[Range<usize>]) -> Result<Vec<&'v 
 
 #[cfg(test)]
 mod tests {
+    use super::super::NONE;
     use super::*;
     use crate::delaunay::{Insertion, Removal, Solo, VertexKind, Worker};
     use glam::DVec3;
@@ -301,7 +346,8 @@ mod tests {
         triangulation
     }
 
-    fn check(labels: &[i32], background: bool) {
+    fn check(labels: &[i32], kept: Background) {
+        let background = kept != Background::Dropped;
         let triangulation = triangulation();
         let label_id = |t| {
             let center = triangulation.tet(t).sphere().center;
@@ -310,12 +356,22 @@ mod tests {
         let order = triangulation.tets_by_place(|| Ok(())).unwrap();
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| extract(&triangulation, &order, label_id, labels, background, &Monitor::silent()).unwrap())
+            pool.install(|| {
+                let monitor = Monitor::silent();
+                let mut order = order.clone();
+                let mut mesh = extract(&triangulation, &mut order, label_id, labels, kept, &monitor).unwrap().mesh;
+                mesh.collect_facets(&monitor).unwrap();
+                mesh
+            })
         };
         let mesh = on(1);
         assert_eq!(mesh, on(3));
 
-        let kept: Vec<TetId> = order.iter().copied().filter(|&t| background || label_id(t) != 0).collect();
+        let mut kept_tets: Vec<TetId> = order.iter().copied().filter(|&t| background || label_id(t) != 0).collect();
+        if kept == Background::Last {
+            kept_tets.sort_by_key(|&t| label_id(t) == 0);
+        }
+        let kept = kept_tets;
         let index: HashMap<TetId, u32> = kept.iter().zip(0..).map(|(&t, i)| (t, i)).collect();
         assert_eq!(mesh.tets.len(), kept.len());
         let mut facets = 0;
@@ -346,13 +402,15 @@ mod tests {
 
     #[test]
     fn every_kept_tet_and_interface_facet_is_there() {
-        check(&[0, 3, 7], false);
-        check(&[0, 3, 7], true);
+        check(&[0, 3, 7], Background::Dropped);
+        check(&[0, 3, 7], Background::Kept);
+        check(&[0, 3, 7], Background::Last);
     }
 
     #[test]
     fn negative_labels_lie_below_the_background() {
-        check(&[0, -3, 7], false);
-        check(&[0, -3, 7], true);
+        check(&[0, -3, 7], Background::Dropped);
+        check(&[0, -3, 7], Background::Kept);
+        check(&[0, -3, 7], Background::Last);
     }
 }

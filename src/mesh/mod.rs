@@ -3,6 +3,7 @@
 pub mod certificate;
 pub mod distance;
 pub mod extract;
+mod facets;
 mod grid_corners;
 mod image_components;
 mod ledger;

@@ -71,9 +71,86 @@ impl TetShape {
         sum.length() / (2.0 * self.six_volumes.abs())
     }
 
+    /// Of the two ratios and the Jacobian that solvers look at; see [`TetMeasures`].
+    #[inline]
+    fn measures(&self) -> TetMeasures {
+        let [ab, ac, ad, bc, bd, cd] = self.squares;
+        // The longest product of the three edges of a vertex.
+        let product = (ab * ac * ad).max(ab * bc * bd).max(ac * bc * cd).max(ad * bd * cd);
+        let (least, most) = self.squares.into_iter().fold((f64::INFINITY, 0.0_f64), |(l, m), s| (l.min(s), m.max(s)));
+        let scaled = std::f64::consts::SQRT_2 * self.six_volumes / product.sqrt();
+        // The inradius is three volumes over the area of all facets, whose normals are twice their area long.
+        let areas: f64 = self.normals.iter().map(|normal| normal.length()).sum();
+        let radius_ratio = self.circumradius() * areas / (3.0 * self.six_volumes.abs());
+        TetMeasures {
+            scaled_jacobian: if product > 0.0 { scaled } else { 0.0 },
+            edge_ratio: if least > 0.0 { (most / least).sqrt() } else { f64::INFINITY },
+            radius_ratio: if radius_ratio.is_nan() { f64::INFINITY } else { radius_ratio },
+        }
+    }
+
     #[inline]
     fn shortest_edge(&self) -> f64 {
         self.squares.into_iter().fold(f64::INFINITY, f64::min).sqrt()
+    }
+}
+
+/// What solvers look at, as Verdict defines it (C. J. Stimpson et al., "The Verdict Geometric Quality Library", 2007), and so
+/// VTK, CUBIT and ParaView.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TetMeasures {
+    /// The Jacobian over the largest product of the three edges of a vertex, times the root of 2: 1 for a regular tet, 0 for a
+    /// flat one, negative for an inverted one.
+    pub scaled_jacobian: f64,
+    /// The longest edge over the shortest one: 1 for a regular tet.
+    pub edge_ratio: f64,
+    /// The circumradius over three times the inradius: 1 for a regular tet, infinite for a flat one.
+    pub radius_ratio: f64,
+}
+
+/// The measures of a tet that solvers look at.
+pub fn tet_measures(p: &[DVec3; 4]) -> TetMeasures {
+    TetShape::new(p).measures()
+}
+
+/// A measure that each tet has a value of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TetMeasure {
+    /// The smallest dihedral angle, in degrees.
+    MinDihedral,
+    /// The largest dihedral angle, in degrees.
+    MaxDihedral,
+    /// See [`TetMeasures`].
+    ScaledJacobian,
+    /// See [`TetMeasures`].
+    EdgeRatio,
+    /// See [`TetMeasures`].
+    RadiusRatio,
+    /// Circumradius over shortest edge.
+    RadiusEdge,
+}
+
+impl TetMeasure {
+    /// All of them, with their names in files.
+    pub const ALL: [(Self, &'static str); 6] = [
+        (Self::MinDihedral, "min_dihedral"),
+        (Self::MaxDihedral, "max_dihedral"),
+        (Self::ScaledJacobian, "scaled_jacobian"),
+        (Self::EdgeRatio, "edge_ratio"),
+        (Self::RadiusRatio, "radius_ratio"),
+        (Self::RadiusEdge, "radius_edge"),
+    ];
+
+    /// The value of a tet.
+    pub fn of(self, p: &[DVec3; 4]) -> f64 {
+        match self {
+            Self::MinDihedral => dihedral_angles(p).into_iter().fold(180.0, f64::min),
+            Self::MaxDihedral => dihedral_angles(p).into_iter().fold(0.0, f64::max),
+            Self::ScaledJacobian => tet_measures(p).scaled_jacobian,
+            Self::EdgeRatio => tet_measures(p).edge_ratio,
+            Self::RadiusRatio => tet_measures(p).radius_ratio,
+            Self::RadiusEdge => radius_edge_ratio(p),
+        }
     }
 }
 
@@ -180,6 +257,12 @@ pub struct Quality {
     pub max_dihedral: f64,
     /// Six dihedral angles per tet, in bins of 10 degrees; an angle of exactly 180 is in the last bin.
     pub dihedral_histogram: [u64; 18],
+    /// Scaled Jacobians ([`TetMeasures`]), in bins of 1/20 from 0 on.
+    pub scaled_jacobian: Spread,
+    /// Edge ratios, in bins of 1/4 from 1 on.
+    pub edge_ratio: Spread,
+    /// Radius ratios, in bins of 1/4 from 1 on.
+    pub radius_ratio: Spread,
     /// Largest circumradius over shortest edge.
     pub max_radius_edge: f64,
     /// Mean of circumradius over shortest edge.
@@ -198,6 +281,49 @@ pub struct Quality {
     pub min_facet_angle: f64,
     /// Largest planar angle of an interface facet.
     pub max_facet_angle: f64,
+}
+
+/// Bins of a [`Spread`].
+pub const BINS: usize = 20;
+/// The first bin of each spread, and how many bins there are to 1.
+const OF_JACOBIANS: (f64, f64) = (0.0, 20.0);
+const OF_RATIOS: (f64, f64) = (1.0, 4.0);
+
+/// How the values of a measure are spread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// The least.
+    pub least: f64,
+    /// The largest.
+    pub largest: f64,
+    /// How many tets have values in each bin; what lies beyond the first or the last is in that.
+    pub histogram: [u64; BINS],
+}
+
+impl Default for Spread {
+    /// That of nothing.
+    fn default() -> Self {
+        Self { least: 0.0, largest: 0.0, histogram: [0; BINS] }
+    }
+}
+
+impl Spread {
+    const NEUTRAL: Self = Self { least: f64::INFINITY, largest: f64::NEG_INFINITY, histogram: [0; BINS] };
+
+    #[inline]
+    fn add(&mut self, value: f64, (first, per_one): (f64, f64)) {
+        self.least = self.least.min(value);
+        self.largest = self.largest.max(value);
+        // The cast cuts off what lies outside, infinity too.
+        let bin = ((value - first) * per_one) as usize;
+        self.histogram[bin.min(BINS - 1)] += 1;
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.least = self.least.min(other.least);
+        self.largest = self.largest.max(other.largest);
+        self.histogram.iter_mut().zip(other.histogram).for_each(|(bin, more)| *bin += more);
+    }
 }
 
 impl Quality {
@@ -234,6 +360,7 @@ impl Quality {
             quality.tets = all.tets;
             [quality.min_dihedral, quality.max_dihedral] = all.dihedrals.map(Cotangent::angle);
             quality.dihedral_histogram = all.histogram();
+            [quality.scaled_jacobian, quality.edge_ratio, quality.radius_ratio] = all.spreads;
             quality.max_radius_edge = all.max_radius_edge;
             quality.mean_radius_edge = all.sum_radius_edge / all.tets as f64;
             quality.max_circumradius = all.max_circumradius;
@@ -267,6 +394,8 @@ struct TetSummary {
     dihedrals: AngleRange,
     /// How many dihedral angles are at least as large as the end of each bin.
     beyond: [u64; 17],
+    /// Of scaled Jacobians, edge ratios and radius ratios.
+    spreads: [Spread; 3],
     max_radius_edge: f64,
     sum_radius_edge: f64,
     max_circumradius: f64,
@@ -282,6 +411,7 @@ impl Default for TetSummary {
             tets: 0,
             dihedrals: NO_ANGLES,
             beyond: [0; 17],
+            spreads: [Spread::NEUTRAL; 3],
             max_radius_edge: 0.0,
             sum_radius_edge: 0.0,
             max_circumradius: 0.0,
@@ -305,6 +435,10 @@ impl TetSummary {
                 *beyond += u64::from(angle.0 <= end.0);
             }
         }
+        let TetMeasures { scaled_jacobian, edge_ratio, radius_ratio } = shape.measures();
+        self.spreads[0].add(scaled_jacobian, OF_JACOBIANS);
+        self.spreads[1].add(edge_ratio, OF_RATIOS);
+        self.spreads[2].add(radius_ratio, OF_RATIOS);
         let radius = shape.circumradius();
         let edge = shape.shortest_edge();
         let ratio = if radius.is_infinite() { radius } else { radius / edge };
@@ -324,6 +458,7 @@ impl TetSummary {
         for (beyond, more) in self.beyond.iter_mut().zip(other.beyond) {
             *beyond += more;
         }
+        self.spreads.iter_mut().zip(&other.spreads).for_each(|(spread, other)| spread.merge(other));
         self.max_radius_edge = self.max_radius_edge.max(other.max_radius_edge);
         self.sum_radius_edge += other.sum_radius_edge;
         self.max_circumradius = self.max_circumradius.max(other.max_circumradius);
@@ -372,6 +507,8 @@ mod tests {
         close(tet_volume(&p).abs(), 8.0 / 3.0);
         dihedral_angles(&p).into_iter().for_each(|a| close(a, (1.0_f64 / 3.0).acos().to_degrees()));
         close(tet_circumradius(&p), 3.0_f64.sqrt());
+        let TetMeasures { scaled_jacobian, edge_ratio, radius_ratio } = tet_measures(&p);
+        [scaled_jacobian.abs(), edge_ratio, radius_ratio].into_iter().for_each(|measure| close(measure, 1.0));
         close(shortest_edge(&p), 8.0_f64.sqrt());
         close(radius_edge_ratio(&p), 6.0_f64.sqrt() / 4.0);
     }
@@ -386,6 +523,15 @@ mod tests {
             close(angle, expected);
         }
         close(tet_circumradius(&p), 3.0_f64.sqrt() / 2.0);
+        // The inradius is that of x + y + z = 1: 1 over 3 + the root of 3.
+        let TetMeasures { scaled_jacobian, edge_ratio, radius_ratio } = tet_measures(&p);
+        close(scaled_jacobian, 2.0_f64.sqrt() / 2.0);
+        close(edge_ratio, 2.0_f64.sqrt());
+        close(radius_ratio, 3.0_f64.sqrt() / 2.0 * (3.0 + 3.0_f64.sqrt()) / 3.0);
+        let flat = tet_measures(&[p[0], p[1], p[2], DVec3::new(1.0, 1.0, 0.0)]);
+        assert_eq!((flat.scaled_jacobian, flat.radius_ratio), (0.0, f64::INFINITY));
+        let point = tet_measures(&[p[0]; 4]);
+        assert_eq!((point.scaled_jacobian, point.edge_ratio, point.radius_ratio), (0.0, f64::INFINITY, f64::INFINITY));
     }
 
     proptest! {

@@ -55,6 +55,25 @@ enum Cuts<'a> {
     Through(DVec3),
 }
 
+/// The walls that a point is on: for each axis of the image the coordinate of the wall across it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Walls([Option<f64>; 3]);
+
+impl Walls {
+    /// No walls.
+    pub const NONE: Self = Self([None; 3]);
+
+    /// How many.
+    pub fn count(&self) -> usize {
+        self.0.iter().flatten().count()
+    }
+
+    /// The walls that two points are both on.
+    pub fn common(&self, other: &Self) -> Self {
+        Self([0, 1, 2].map(|a| self.0[a].filter(|_| self.0[a] == other.0[a])))
+    }
+}
+
 /// A tie of three labels in a cell: their bits, and where it is in the cell.
 type Tie = (u32, DVec3);
 
@@ -117,6 +136,28 @@ impl Oracle {
     /// Whether a point is on a wall, but for rounding.
     pub fn is_on_wall(&self, p: DVec3) -> bool {
         self.walls.around(self.walls.onto_face(self.region_point(p))).next().is_some()
+    }
+
+    /// The walls that a point is on, but for rounding.
+    pub fn walls_at(&self, p: DVec3) -> Walls {
+        let x = self.walls.onto_face(self.region_point(p));
+        let mut walls = Walls::NONE;
+        for a in self.walls.around(x) {
+            walls.0[a] = Some(x[a]);
+        }
+        walls
+    }
+
+    /// The point of these walls nearest to `p`; `p` itself where there is none.
+    pub fn onto_walls(&self, p: DVec3, walls: Walls) -> DVec3 {
+        if walls.count() == 0 {
+            return p;
+        }
+        let mut x = self.region_point(p);
+        for a in 0..3 {
+            x[a] = walls.0[a].unwrap_or(x[a]);
+        }
+        self.world_point(x)
     }
 
     /// A point of the same wall no farther than `most` from `p`, if that lies on one wall and not on the edge of two. Points on walls that meet at a right angle mirror each other, in fours on a circle; where it is moved to

@@ -51,7 +51,7 @@ use cells::Cells;
 use contacts::Contacts;
 pub use edges::{CrossedEdge, EdgeGrid, FeaturePoint};
 use field::Field;
-pub use junctions::{JunctionKind, JunctionPlanes};
+pub use junctions::{JunctionKind, JunctionPlanes, Walls};
 use region::{Region, Rows};
 pub use tiles::Tiles;
 use voxel::{Pairs, Records, Voxel};

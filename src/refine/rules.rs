@@ -180,6 +180,11 @@ impl<'a> Rules<'a> {
         }
     }
 
+    /// The sizing field, which outlives the triangulation.
+    pub fn into_sizing(self) -> Sizing {
+        self.sizing
+    }
+
     /// Bytes of the oracle, the triangulation and the grids.
     pub fn bytes(&self) -> u64 {
         let vertices = self.triangulation.vertex_bound();

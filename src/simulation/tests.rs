@@ -12,7 +12,7 @@ use crate::image::LabelImage;
 use crate::image::phantom::{nested_shells, torus};
 use crate::image::readers::read_image;
 use crate::mesh::certificate::Certificate;
-use crate::mesh::extract::extract;
+use crate::mesh::extract::{Background, extract};
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::parallel::machine::Machine;
@@ -52,12 +52,15 @@ impl Subject {
         let triangulation = Triangulation::new(lower - margin, upper + margin).unwrap();
         let rules = Rules::new(&triangulation, oracle, params, image.labels()).unwrap();
         let done = work(&rules).unwrap_or_else(|error| panic!("{what}: {error}"));
-        let order = triangulation.tets_by_place(|| Ok(())).unwrap();
+        let mut order = triangulation.tets_by_place(|| Ok(())).unwrap();
         let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
         assert!(check.is_sound(), "{what}: {check:?}");
         assert_eq!(triangulation.left_over(), 0, "{what}: tets owned or free slots that do not say so");
         assert_eq!(unmet, [0; 6], "{what}: unmet rules");
-        let mesh = extract(&triangulation, &order, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
+        let label = |t| rules.label(t);
+        let mut mesh =
+            extract(&triangulation, &mut order, label, image.labels(), Background::Dropped, &monitor).unwrap().mesh;
+        mesh.collect_facets(&monitor).unwrap();
         let certificate =
             Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor).unwrap();
         let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];

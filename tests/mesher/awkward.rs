@@ -182,6 +182,6 @@ fn size_below_delta() {
     each_model(&image, &sizes, 0.0, |meshing, _| {
         let volume = volumes(&meshing.mesh)[&1];
         assert!((volume / ball_volume(6.0) - 1.0).abs() < 0.08, "volume {volume}");
-        assert!(meshing.report.quality.max_circumradius <= 0.7 * (1.0 + super::ROUNDING));
+        assert!(meshing.report.quality.max_circumradius <= 0.7 * super::IMPROVED);
     });
 }

@@ -9,7 +9,7 @@ use lapd::delaunay::Triangulation;
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
 use lapd::mesh::certificate::Certificate;
-use lapd::mesh::extract::extract;
+use lapd::mesh::extract::{Background, extract};
 use lapd::mesh::quality::Quality;
 use lapd::mesher::{Meshing, mesh_image};
 use lapd::monitor::{CancelFlag, Monitor, Progress};
@@ -124,7 +124,7 @@ pub fn outcome(subject: &Subject, schedule: &Schedule, complete: bool) -> Outcom
     let clock = Instant::now();
     let refinement = refine(&rules, schedule, &monitor).unwrap_or_else(|e| panic!("{what}: {e}"));
     let seconds = clock.elapsed().as_secs_f64();
-    let order = triangulation.tets_by_place(|| Ok(())).unwrap();
+    let mut order = triangulation.tets_by_place(|| Ok(())).unwrap();
     let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
     assert!(check.is_sound(), "{what}: {check:?}");
     assert_eq!(triangulation.left_over(), 0, "{what}: tets owned or free slots that do not say so");
@@ -132,7 +132,10 @@ pub fn outcome(subject: &Subject, schedule: &Schedule, complete: bool) -> Outcom
     assert_eq!(counters.insertions - counters.removals, check.vertices - 8, "{what}: vertices are lost");
     assert_eq!(refinement.ended_by.is_none(), complete, "{what}: {:?}", refinement.ended_by);
     assert!(!complete || unmet == [0; 6], "{what}: unmet {unmet:?}");
-    let mesh = extract(&triangulation, &order, |t| rules.label(t), image.labels(), false, &monitor).unwrap();
+    let label = |t| rules.label(t);
+    let mut mesh =
+        extract(&triangulation, &mut order, label, image.labels(), Background::Dropped, &monitor).unwrap().mesh;
+    mesh.collect_facets(&monitor).unwrap();
     let certificate = Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor).unwrap();
     let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
     assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");

@@ -1,0 +1,259 @@
+//! Mesh improvement: slivers go, the interfaces stay.
+//!
+//! Delaunay refinement bounds the ratio of circumradius to shortest edge, which flat tets (slivers) can satisfy. Solvers
+//! need dihedral angles that are neither small nor near 180 degrees. So the finished mesh is changed where it is worse than
+//! the target, and nowhere else. It is no longer Delaunay there.
+//!
+//! These operations are tried in this order, worst tet first:
+//! 1. Edge removal, inside of a label and on interfaces (`removal`, `ring`).
+//! 2. Smoothing of the vertices, each along what it belongs to (`smoothing`, `star`).
+//! 3. Splits of edges inside of labels (`split`).
+//!
+//! An operation is carried out only if the least measure of the tets that it changes rises (`measure`), and if every new
+//! tet is positive by its exact sign. So nothing is ever inverted, and the work ends. Labels, their topology and the places
+//! of interfaces are kept; each operation's file says how.
+//!
+//! The tets of the background around the object take part: they must stay positive, so that no two parts of the object ever
+//! meet. They are dropped at the end.
+//!
+//! The mesh is divided into blocks that are improved side by side (`blocks`). **The result is the same on any number of
+//! threads**, given the same refined mesh.
+//!
+//! Sources: L. A. Freitag and C. Ollivier-Gooch, "Tetrahedral mesh improvement using swapping and smoothing", 1997; B. M.
+//! Klingner and J. R. Shewchuk, "Aggressive tetrahedral mesh improvement", 2007. docs/improvement.md has the measurements.
+//!
+//! | file | what |
+//! |---|---|
+//! | [`measure`] | how good a tet is |
+//! | `blocks` | which part of the mesh may be changed by whom |
+//! | `shared` | the mesh's arrays for several threads |
+//! | `rounds` | which block begins with what, round by round |
+//! | `worker` | the queue of a block |
+//! | `ring`, `removal` | edge removal |
+//! | `star`, `smoothing` | moves of vertices |
+//! | `split` | new vertices on edges |
+//! | `interfaces` | what is asked about the image |
+//! | [`report`] | what was done |
+
+mod blocks;
+mod interfaces;
+pub mod measure;
+mod removal;
+pub mod report;
+mod ring;
+mod rounds;
+mod shared;
+mod smoothing;
+mod split;
+mod star;
+mod worker;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::geometry::predicates::in_sphere;
+use crate::geometry::sphere::Circumsphere;
+use crate::memory::{reserve, zeroed};
+use crate::mesh::quality::dihedral_angles;
+use crate::mesh::{NONE, TetMesh};
+use crate::monitor::{Monitor, Step};
+use crate::oracle::Oracle;
+use crate::params::Improve;
+use crate::refine::sizing::Sizing;
+use crate::{Error, Result};
+
+use interfaces::Interfaces;
+use measure::Measure;
+pub use report::{Cause, Counts, Improvement, Left};
+use rounds::Run;
+use shared::Shared;
+use star::Star;
+
+/// Tets per piece of work.
+const CHUNK: usize = 1 << 12;
+/// How far interfaces may be moved, in parts of the smallest side of a voxel: for targets up to that many degrees, and for
+/// the largest ones.
+const TOLERANCE: f64 = 0.1;
+const TOLERANCE_UP_TO: f64 = 15.0;
+const MAX_TOLERANCE: f64 = 0.2;
+const TOLERANCE_PER_DEGREE: f64 = 0.02;
+
+/// What a mesh is improved with.
+pub struct Settings<'a> {
+    /// Where the interfaces are.
+    pub oracle: &'a Oracle,
+    /// The label of each id of the oracle.
+    pub labels: &'a [i32],
+    /// How far apart refinement sampled the interfaces.
+    pub sizing: &'a Sizing,
+    /// What may be changed.
+    pub improve: Improve,
+    /// Dihedral angles below this, or above 180 less this, are to go; in degrees.
+    pub target: f64,
+    /// The ratio of circumradius to shortest edge that refinement was asked for.
+    pub radius_edge: f64,
+    /// The least angle of interface facets that refinement was asked for, in degrees.
+    pub facet_angle: f64,
+    /// Whether there is time left.
+    pub check_time: &'a (dyn Fn() -> Result<()> + Sync),
+}
+
+/// Improves `mesh`, which has the tets of the background around the object, too. Slots of tets that are gone are left empty:
+/// their first vertex is [`NONE`]. Returns besides what ended the work early; the mesh is valid then as well, improved as far
+/// as it came.
+///
+/// # Errors
+/// [`OutOfMemory`](Error::OutOfMemory), with the mesh valid.
+pub fn improve(
+    mesh: &mut TetMesh,
+    settings: &Settings<'_>,
+    monitor: &Monitor<'_>,
+) -> Result<(Improvement, Option<Error>)> {
+    let measure = Measure::new(settings.target, settings.radius_edge);
+    let interfaces = Interfaces {
+        oracle: settings.oracle,
+        labels: settings.labels,
+        sizing: settings.sizing,
+        tolerance: tolerance(settings.target) * settings.oracle.spacing().min_element(),
+        facet_cosine_squared: settings.facet_angle.to_radians().cos().powi(2),
+        change: settings.improve == Improve::Full,
+    };
+    let mut improvement =
+        Improvement { target: settings.target, tolerance: interfaces.tolerance, ..Improvement::default() };
+    let queue = match below(mesh, measure, interfaces.change, monitor) {
+        Err(cancelled @ Error::Cancelled) => return Ok((improvement, Some(cancelled))),
+        queue => queue?,
+    };
+    improvement.below_before = queue.iter().filter(|&&t| mesh.labels[t as usize] != 0).count() as u64;
+    if let Err(cancelled) = monitor.enter(Step::Improve, queue.len()) {
+        return Ok((improvement, Some(cancelled)));
+    }
+    let look_around = |done| monitor.advance(done).and_then(|()| (settings.check_time)());
+    let mut run = Run::new(mesh, &interfaces, measure, queue, &look_around)?;
+    let ended = run.run()?;
+    let Run { refined, changed, queue, mut left, counts, rounds, .. } = run;
+    if let Some(cancelled @ Error::Cancelled) = ended {
+        return Ok((improvement, Some(cancelled)));
+    }
+    left.extend(queue);
+    left.sort_unstable();
+    left.dedup();
+    left.retain(|&t| is_below(mesh, t, measure));
+    improvement.counts = counts;
+    improvement.rounds = rounds;
+    improvement.left = describe(mesh, &left, settings.target, &interfaces)?;
+    improvement.max_move = max_move(mesh, &refined);
+    improvement.non_delaunay_facets = non_delaunay_facets(mesh, &changed);
+    Ok((improvement, ended))
+}
+
+/// How far interfaces may be moved for a target in degrees, in parts of the smallest side of a voxel.
+pub fn tolerance(target: f64) -> f64 {
+    (TOLERANCE + TOLERANCE_PER_DEGREE * (target - TOLERANCE_UP_TO)).clamp(TOLERANCE, MAX_TOLERANCE)
+}
+
+/// Whether a slot has a tet of the object below the target.
+fn is_below(mesh: &TetMesh, t: u32, measure: Measure) -> bool {
+    let tet = mesh.tets[t as usize];
+    tet[0] != NONE && mesh.labels[t as usize] != 0 && !measure.exceeds(&tet.map(|v| mesh.point(v)), measure.target)
+}
+
+/// Whether a slot has a tet of the background below the target that closes the angle between two facets of the object.
+fn is_flat_background(mesh: &TetMesh, t: u32, measure: Measure) -> bool {
+    let t = t as usize;
+    let is_object = |&n: &u32| n != NONE && mesh.labels[n as usize] != 0;
+    mesh.labels[t] == 0
+        && mesh.neighbors[t].iter().filter(|&n| is_object(n)).count() >= 2
+        && !measure.exceeds(&mesh.tets[t].map(|v| mesh.point(v)), measure.target)
+}
+
+/// The tets to be improved, in order.
+fn below(mesh: &TetMesh, measure: Measure, background: bool, monitor: &Monitor<'_>) -> Result<Vec<u32>> {
+    let is_wanted = |t: u32| is_below(mesh, t, measure) || background && is_flat_background(mesh, t, measure);
+    let count = mesh.tets.len();
+    let chunks = (0..count.div_ceil(CHUNK)).into_par_iter().map(|chunk| {
+        monitor.check_cancelled()?;
+        let tets = (chunk * CHUNK) as u32..((chunk + 1) * CHUNK).min(count) as u32;
+        let mut found = Vec::new();
+        for t in tets.filter(|&t| is_wanted(t)) {
+            reserve(&mut found, 1, "tets to be improved")?;
+            found.push(t);
+        }
+        Ok(found)
+    });
+    let chunks: Vec<Vec<u32>> = chunks.collect::<Result<_>>()?;
+    let mut all = Vec::new();
+    reserve(&mut all, chunks.iter().map(Vec::len).sum(), "tets to be improved")?;
+    chunks.into_iter().for_each(|found| all.extend(found));
+    Ok(all)
+}
+
+/// What is to be told of those of the tets `left` that have angles beyond the target.
+fn describe(mesh: &mut TetMesh, left: &[u32], target: f64, interfaces: &Interfaces<'_>) -> Result<Vec<Left>> {
+    let mut described = Vec::new();
+    reserve(&mut described, left.len(), "tets that are left")?;
+    let mut changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
+    let shared = Shared::new(mesh, &mut changed);
+    let mut star = Star::default();
+    for &tet in left {
+        let vertices = shared.tet(tet);
+        let corners = shared.corners(vertices);
+        let angles = dihedral_angles(&corners);
+        let angles = [angles.into_iter().fold(180.0, f64::min), angles.into_iter().fold(0.0, f64::max)];
+        if angles[0] >= target && angles[1] <= 180.0 - target {
+            continue;
+        }
+        let causes = vertices.map(|v| {
+            let p = shared.point(v);
+            star.collect(&shared, tet, v, |_| true);
+            match () {
+                () if star.facets.is_empty() => Cause::Inside,
+                () if interfaces.oracle.is_near_contact(p) => Cause::Contact,
+                () if interfaces.oracle.is_on_wall(p) => Cause::Wall,
+                () if star.two_labels().is_none() => Cause::Junction,
+                () => Cause::Interface,
+            }
+        });
+        described.push(Left {
+            tet,
+            position: (corners.iter().sum::<DVec3>() / 4.0).to_array(),
+            angles,
+            cause: causes.into_iter().min().unwrap_or(Cause::Inside),
+        });
+    }
+    Ok(described)
+}
+
+/// The largest distance of a vertex from where refinement put it.
+fn max_move(mesh: &TetMesh, refined: &[[f64; 3]]) -> f64 {
+    let squares = mesh.points.par_iter().zip(refined).map(|(p, q)| {
+        let [x, y, z] = [0, 1, 2].map(|a| p[a] - q[a]);
+        x * x + y * y + z * z
+    });
+    squares.reduce(|| 0.0, f64::max).sqrt()
+}
+
+/// Facets between tets of the object that are not locally Delaunay. Only changed tets have such.
+fn non_delaunay_facets(mesh: &TetMesh, changed: &[u8]) -> u64 {
+    let is_kept = |t: u32| t != NONE && mesh.tets[t as usize][0] != NONE && mesh.labels[t as usize] != 0;
+    let count = |t: u32| {
+        if changed[t as usize] == 0 || !is_kept(t) {
+            return 0;
+        }
+        let tet = mesh.tets[t as usize];
+        let [a, b, c, d] = tet.map(|v| mesh.point(v));
+        let sphere = Circumsphere::of_tet(a, b, c, d);
+        let is_inside = |p: DVec3| sphere.contains(p).unwrap_or_else(|| in_sphere(a, b, c, d, p) > 0.0);
+        let facets = (0..4).filter(|&i| {
+            let other = mesh.neighbors[t as usize][i];
+            // Each facet once.
+            if !is_kept(other) || changed[other as usize] == 1 && other < t {
+                return false;
+            }
+            let beyond = mesh.tets[other as usize].into_iter().find(|v| !tet.contains(v));
+            beyond.is_some_and(|v| is_inside(mesh.point(v)))
+        });
+        facets.count() as u64
+    };
+    (0..mesh.tets.len() as u32).into_par_iter().with_min_len(CHUNK).map(count).sum()
+}

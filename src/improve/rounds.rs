@@ -1,0 +1,215 @@
+//! The rounds of a run: which block begins with which tets, and what is tried again.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::blocks::{Blocks, owner};
+use super::interfaces::Interfaces;
+use super::measure::Measure;
+use super::report::Counts;
+use super::shared::Shared;
+use super::worker::{Round, Worker};
+use crate::memory::{reserve, zeroed};
+use crate::mesh::{NONE, TetMesh};
+use crate::{Error, Result};
+
+/// Most rounds with one measure.
+const MAX_ROUNDS: u32 = 30;
+/// Rounds in sequence in which nothing helped: enough that each tet was inside of a block in one of them.
+const MAX_IDLE: u32 = 4;
+/// So few tets are improved in one block that holds all: there are no borders then, at which some would have to wait.
+const ALONE: usize = 500;
+/// Slots of new tets that a block gets, and those that it gets for each tet to be improved.
+const SLOTS: u32 = 16;
+const SLOTS_PER_TET: f64 = 1.0;
+/// The same for new vertices.
+const VERTICES: u32 = 4;
+const VERTICES_PER_TET: f64 = 0.1;
+
+/// A run of rounds.
+pub(super) struct Run<'m, 'a> {
+    pub mesh: &'m mut TetMesh,
+    pub interfaces: &'a Interfaces<'a>,
+    pub measure: Measure,
+    /// Told how many tets were dealt with; an error ends the run.
+    pub look_around: &'a (dyn Fn(usize) -> Result<()> + Sync),
+    /// Where refinement put each vertex.
+    pub refined: Vec<[f64; 3]>,
+    /// 1 for each tet that is not the one that refinement made.
+    pub changed: Vec<u8>,
+    /// Tets to be improved.
+    pub queue: Vec<u32>,
+    /// Tets that nothing helped.
+    pub left: Vec<u32>,
+    pub counts: Counts,
+    pub rounds: u32,
+}
+
+impl<'m, 'a> Run<'m, 'a> {
+    /// # Errors
+    /// [`OutOfMemory`](Error::OutOfMemory).
+    pub fn new(
+        mesh: &'m mut TetMesh,
+        interfaces: &'a Interfaces<'a>,
+        measure: Measure,
+        queue: Vec<u32>,
+        look_around: &'a (dyn Fn(usize) -> Result<()> + Sync),
+    ) -> Result<Self> {
+        let mut refined = Vec::new();
+        reserve(&mut refined, mesh.points.len(), "vertices of the mesh")?;
+        refined.extend_from_slice(&mesh.points);
+        let changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
+        let (left, counts, rounds) = (Vec::new(), Counts::default(), 0);
+        Ok(Self { mesh, interfaces, measure, look_around, refined, changed, queue, left, counts, rounds })
+    }
+
+    /// Works until nothing helps any more. Returns what ended the work early.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`](Error::OutOfMemory), with the mesh valid.
+    pub fn run(&mut self) -> Result<Option<Error>> {
+        let blocks = Blocks::new(&self.mesh.points, self.mesh.tets.len());
+        let ended = self.run_until_idle(&blocks)?;
+        if ended.is_some() {
+            return Ok(ended);
+        }
+        // What is left may get long and thin tets around it.
+        self.measure = self.measure.last();
+        std::mem::swap(&mut self.queue, &mut self.left);
+        self.queue.append(&mut self.left);
+        self.run_until_idle(&blocks)
+    }
+
+    /// Works until some rounds in sequence did nothing.
+    fn run_until_idle(&mut self, blocks: &Blocks) -> Result<Option<Error>> {
+        let (mut seen, mut idle) = (self.counts.operations(), 0);
+        let first = self.rounds;
+        while self.rounds < first + MAX_ROUNDS && idle < MAX_IDLE {
+            if self.queue.is_empty() && seen < self.counts.operations() {
+                // What nothing helped may be helped by now.
+                seen = self.counts.operations();
+                std::mem::swap(&mut self.queue, &mut self.left);
+            }
+            if self.queue.is_empty() {
+                break;
+            }
+            let before = self.counts.operations();
+            let ended = self.round(blocks)?;
+            if ended.is_some() {
+                return Ok(ended);
+            }
+            idle = if self.counts.operations() == before { idle + 1 } else { 0 };
+        }
+        Ok(None)
+    }
+
+    /// Improves what is in the queue, block by block. Afterwards the queue has what is to be tried again.
+    fn round(&mut self, blocks: &Blocks) -> Result<Option<Error>> {
+        let mut of_vertices = if self.queue.len() <= ALONE {
+            zeroed(self.mesh.points.len(), "blocks of vertices")?
+        } else {
+            blocks.of_vertices(self.mesh, self.rounds)?
+        };
+        self.rounds += 1;
+        let mut jobs = self.jobs(&of_vertices)?;
+        let (mut slots, mut vertices) = (self.mesh.tets.len() as u32, self.mesh.points.len() as u32);
+        for job in &mut jobs {
+            let count = job.tets.len() as f64;
+            job.slots = slots..slots + SLOTS + (SLOTS_PER_TET * count) as u32;
+            job.vertices = vertices..vertices + VERTICES + (VERTICES_PER_TET * count) as u32;
+            (slots, vertices) = (job.slots.end, job.vertices.end);
+            reserve(&mut of_vertices, job.vertices.len(), "blocks of vertices")?;
+            of_vertices.resize(vertices as usize, job.block);
+        }
+        self.make_room(slots as usize, vertices as usize)?;
+        let round = Round {
+            shared: Shared::new(self.mesh, &mut self.changed),
+            blocks: &of_vertices,
+            refined: &self.refined,
+            interfaces: self.interfaces,
+            measure: self.measure,
+            look_around: self.look_around,
+        };
+        let work = |job: Job| {
+            let mut worker = Worker::new(&round, job.block, job.slots, job.vertices);
+            let done = worker.run(&job.tets);
+            Done { counts: worker.counts, deferred: worker.deferred, left: worker.left, ended: done.err() }
+        };
+        let done: Vec<Done> = jobs.into_par_iter().with_max_len(1).map(work).collect();
+        let mut ended = None;
+        for done in done {
+            self.counts.add(&done.counts);
+            reserve(&mut self.queue, done.deferred.len(), "tets to be improved")?;
+            self.queue.extend(done.deferred);
+            reserve(&mut self.left, done.left.len(), "tets to be improved")?;
+            self.left.extend(done.left);
+            ended = ended.or(done.ended);
+        }
+        Ok(ended)
+    }
+
+    /// What each block has to do, in an order that depends on the mesh alone; keeps in the queue what no block owns.
+    fn jobs(&mut self, of_vertices: &[u32]) -> Result<Vec<Job>> {
+        let mut owned: Vec<(u32, u32)> = Vec::new();
+        reserve(&mut owned, self.queue.len(), "tets to be improved")?;
+        let tets = &self.mesh.tets;
+        self.queue.retain(|&t| {
+            let tet = tets[t as usize];
+            if tet[0] == NONE {
+                return false;
+            }
+            let owner = owner(tet.map(|v| of_vertices[v as usize]));
+            owned.extend(owner.map(|block| (block, t)));
+            owner.is_none()
+        });
+        owned.par_sort_unstable();
+        owned.dedup();
+        let job = |job: &[(u32, u32)]| Job {
+            block: job[0].0,
+            tets: job.iter().map(|&(_, t)| t).collect(),
+            slots: 0..0,
+            vertices: 0..0,
+        };
+        Ok(owned.chunk_by(|a, b| a.0 == b.0).map(job).collect())
+    }
+
+    /// Appends empty slots of tets, and vertices that nobody has: they are nowhere.
+    fn make_room(&mut self, slots: usize, vertices: usize) -> Result<()> {
+        let Self { mesh, changed, .. } = self;
+        let more = slots - mesh.tets.len();
+        reserve(&mut mesh.tets, more, "tets of the mesh")?;
+        reserve(&mut mesh.neighbors, more, "tets of the mesh")?;
+        reserve(&mut mesh.labels, more, "tets of the mesh")?;
+        reserve(changed, more, "tets of the mesh")?;
+        let points = vertices - mesh.points.len();
+        reserve(&mut mesh.points, points, "vertices of the mesh")?;
+        mesh.tets.resize(slots, [NONE; 4]);
+        mesh.neighbors.resize(slots, [NONE; 4]);
+        mesh.labels.resize(slots, 0);
+        changed.resize(slots, 0);
+        mesh.points.resize(vertices, [f64::NAN; 3]);
+        Ok(())
+    }
+}
+
+/// What a block does in a round.
+struct Job {
+    block: u32,
+    /// The tets that it begins with.
+    tets: Vec<u32>,
+    /// Empty slots that it may fill.
+    slots: Range<u32>,
+    /// Numbers of vertices that it may use.
+    vertices: Range<u32>,
+}
+
+/// What came of it.
+struct Done {
+    counts: Counts,
+    /// Tets to be tried again in another block.
+    deferred: Vec<u32>,
+    /// Tets that nothing helped.
+    left: Vec<u32>,
+    ended: Option<Error>,
+}

@@ -1,0 +1,162 @@
+//! The arrays of a mesh as several threads see them while they improve it.
+//!
+//! Every element is an atomic, read and written with relaxed order. So no access can be a data race, and none needs
+//! `unsafe`. Relaxed order is enough: which thread may touch which element is settled before the threads start (see
+//! [`blocks`](super::blocks)), and they are joined before anybody reads what another one wrote.
+
+use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, Ordering::Relaxed};
+
+use glam::DVec3;
+
+use crate::mesh::{NONE, TetMesh};
+
+/// A type that is the atomic form of another one.
+///
+/// # Safety
+/// `Self` must have the size, the alignment and the valid bits of `Plain`, and allow changes through a shared
+/// reference.
+unsafe trait Atomic {
+    /// The plain form.
+    type Plain;
+}
+
+// SAFETY: the standard library promises the same size, alignment and bit validity for each of these pairs.
+unsafe impl Atomic for AtomicU8 {
+    type Plain = u8;
+}
+// SAFETY: as above.
+unsafe impl Atomic for AtomicU32 {
+    type Plain = u32;
+}
+// SAFETY: as above.
+unsafe impl Atomic for AtomicI32 {
+    type Plain = i32;
+}
+
+/// Lets many threads use values that one thread owns.
+fn atomic<A: Atomic>(values: &mut [A::Plain]) -> &[A] {
+    const { assert!(size_of::<A>() == size_of::<A::Plain>() && align_of::<A>() == align_of::<A::Plain>()) };
+    // SAFETY: the layouts agree by the trait's contract. The exclusive borrow lasts as long as the result, so nobody
+    // reads or writes the values by plain accesses meanwhile.
+    unsafe { std::slice::from_raw_parts(std::ptr::from_mut(values).cast::<A>(), values.len()) }
+}
+
+/// The arrays of a mesh, for all threads.
+pub(super) struct Shared<'m> {
+    points: &'m [[AtomicU64; 3]],
+    tets: &'m [[AtomicU32; 4]],
+    neighbors: &'m [[AtomicU32; 4]],
+    labels: &'m [AtomicI32],
+    /// 1 where a tet is not the one that refinement made.
+    changed: &'m [AtomicU8],
+}
+
+impl<'m> Shared<'m> {
+    /// Shares the arrays of `mesh`, and which tets have `changed`.
+    pub fn new(mesh: &'m mut TetMesh, changed: &'m mut [u8]) -> Self {
+        Self {
+            points: bits_of(mesh.points.as_flattened_mut()).as_chunks().0,
+            tets: atomic::<AtomicU32>(mesh.tets.as_flattened_mut()).as_chunks().0,
+            neighbors: atomic::<AtomicU32>(mesh.neighbors.as_flattened_mut()).as_chunks().0,
+            labels: atomic(&mut mesh.labels),
+            changed: atomic(changed),
+        }
+    }
+
+    #[inline(always)]
+    pub fn point(&self, v: u32) -> DVec3 {
+        DVec3::from_array(self.points[v as usize].each_ref().map(|x| f64::from_bits(x.load(Relaxed))))
+    }
+
+    pub fn set_point(&self, v: u32, p: DVec3) {
+        for (to, x) in self.points[v as usize].iter().zip(p.to_array()) {
+            to.store(x.to_bits(), Relaxed);
+        }
+    }
+
+    /// The vertices of a tet; the first is [`NONE`] in a slot without a tet.
+    #[inline(always)]
+    pub fn tet(&self, t: u32) -> [u32; 4] {
+        self.tets[t as usize].each_ref().map(|v| v.load(Relaxed))
+    }
+
+    #[inline(always)]
+    pub fn corners(&self, vertices: [u32; 4]) -> [DVec3; 4] {
+        vertices.map(|v| self.point(v))
+    }
+
+    #[inline(always)]
+    pub fn label(&self, t: u32) -> i32 {
+        self.labels[t as usize].load(Relaxed)
+    }
+
+    /// The tet across facet `i` of tet `t`, or [`NONE`].
+    #[inline(always)]
+    pub fn neighbor(&self, t: u32, i: usize) -> u32 {
+        self.neighbors[t as usize][i].load(Relaxed)
+    }
+
+    pub fn set_neighbor(&self, t: u32, i: usize, neighbor: u32) {
+        self.neighbors[t as usize][i].store(neighbor, Relaxed);
+    }
+
+    /// Which facet of `t` lies between it and `neighbor`.
+    pub fn facet_to(&self, t: u32, neighbor: u32) -> Option<usize> {
+        (0..4).find(|&i| self.neighbor(t, i) == neighbor)
+    }
+
+    /// Puts a tet into a slot; its neighbours are to be set next.
+    pub fn put(&self, t: u32, vertices: [u32; 4], label: i32) {
+        for (to, v) in self.tets[t as usize].iter().zip(vertices) {
+            to.store(v, Relaxed);
+        }
+        self.labels[t as usize].store(label, Relaxed);
+        self.note_changed(t);
+    }
+
+    /// Empties a slot.
+    pub fn free(&self, t: u32) {
+        self.tets[t as usize][0].store(NONE, Relaxed);
+    }
+
+    /// Notes that a tet is not the one that refinement made.
+    pub fn note_changed(&self, t: u32) {
+        self.changed[t as usize].store(1, Relaxed);
+    }
+}
+
+/// Coordinates as their bits, for all threads.
+fn bits_of(coordinates: &mut [f64]) -> &[AtomicU64] {
+    // SAFETY: f64 and u64 have the same size and alignment, and every bit pattern is valid for both. AtomicU64 has the
+    // layout of u64. The exclusive borrow lasts as long as the result.
+    unsafe { std::slice::from_raw_parts(std::ptr::from_mut(coordinates).cast::<AtomicU64>(), coordinates.len()) }
+}
+
+const _: () = assert!(align_of::<AtomicU64>() == align_of::<f64>());
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_shared_is_the_mesh() {
+        let mut mesh = TetMesh {
+            points: vec![[0.5, -1.0, 2.0]; 4],
+            tets: vec![[0, 1, 2, 3]],
+            labels: vec![-7],
+            neighbors: vec![[NONE, 4, 5, 6]],
+            ..TetMesh::default()
+        };
+        let mut changed = vec![0];
+        let shared = Shared::new(&mut mesh, &mut changed);
+        assert_eq!(shared.point(3), DVec3::new(0.5, -1.0, 2.0));
+        assert_eq!((shared.tet(0), shared.label(0)), ([0, 1, 2, 3], -7));
+        assert_eq!((shared.neighbor(0, 0), shared.facet_to(0, 6)), (NONE, Some(3)));
+        shared.set_point(1, DVec3::splat(3.25));
+        shared.set_neighbor(0, 2, 9);
+        shared.put(0, [3, 2, 1, 0], 8);
+        assert_eq!((mesh.points[1], mesh.points[2]), ([3.25; 3], [0.5, -1.0, 2.0]));
+        assert_eq!((mesh.tets[0], mesh.labels[0], mesh.neighbors[0]), ([3, 2, 1, 0], 8, [NONE, 4, 9, 6]));
+        assert_eq!(changed, [1]);
+    }
+}

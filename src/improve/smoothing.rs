@@ -1,0 +1,478 @@
+//! Smoothing: a vertex is moved so that the worst tet around it gets better.
+//!
+//! The least measure of the tets around a vertex is a function of where the vertex is, with kinks where another tet becomes
+//! the worst. It rises fastest along the shortest vector in the convex hull of the gradients of the worst tets (L. A.
+//! Freitag, M. Jones, P. Plassmann, "An efficient parallel algorithm for mesh smoothing", 1995). Along this direction the
+//! step is halved until the least measure rises.
+//!
+//! A vertex keeps to what it belongs to:
+//!
+//! | vertex | where it may go |
+//! |---|---|
+//! | inside of a label | anywhere |
+//! | on an interface of two labels | along it: each step ends where the image has the change of label |
+//! | on a line, where three labels meet or an interface meets a wall | along it: each step ends on the line |
+//! | at any other junction, or where the image's lines are not known | anywhere near |
+//! | in a wall, on an edge of the image | in this wall, along this edge |
+//! | at a contact of voxels | nowhere; those around it by half of the tolerance |
+//!
+//! All but vertices inside stay within the tolerance of where refinement put the interface.
+
+use glam::DVec3;
+
+use super::measure::{Measure, is_positive};
+use super::report::Counts;
+use super::star::{Collected, Star};
+use super::worker::{GAIN, Outcome, Worker};
+use crate::geometry::shape::closest_point;
+use crate::oracle::Walls;
+
+/// Steps of one vertex at a time.
+const MAX_STEPS: usize = 6;
+/// The same for a new vertex, which starts farther away from where it belongs.
+const MAX_STEPS_INSIDE: usize = 20;
+/// Around a tet that nothing helped measures are to be raised to this many times the target.
+const RELAXED: f64 = 2.0;
+/// Halvings of a step.
+const MAX_HALVINGS: usize = 6;
+/// Tets whose measure is below the least by this factor, or a little more, shape the direction.
+const ACTIVE: f64 = 1.5;
+/// Most of them.
+const MAX_ACTIVE: usize = 12;
+/// The step by which gradients are taken, in parts of the length of an edge.
+const DIFFERENCE: f64 = 1e-6;
+/// The first step on an interface is this part of the tolerance at least.
+const SHORTEST_STEP: f64 = 0.1;
+/// A vertex inside moves by no more than this part of its shortest edge in a step.
+const MAX_STEP: f64 = 0.5;
+/// An interface facet shapes the direction, too, if the squared sine of its least angle is below the bound by this factor.
+const TIGHT: f64 = 1.03;
+/// Along interfaces and lines vertices may go this many tolerances, if they stay as near as the tolerance to where refinement
+/// put the interface.
+const FARTHEST: f64 = 4.0;
+/// The step by which the tangents of an interface are found, in tolerances.
+const PROBE: f64 = 0.5;
+/// What would leave the tolerance ends at this part of it, so that its way back to the interface does not leave it.
+const TO_BORDER: f64 = 0.97;
+/// How far points around contacts may go, in parts of the tolerance.
+const AROUND_CONTACTS: f64 = 0.5;
+
+/// Where a vertex may go.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Home {
+    Inside,
+    /// On the interface of two labels, whose normal leads from the first to the second; as far off it as refinement put it.
+    Interface {
+        labels: [i32; 2],
+        normal: DVec3,
+        off: DVec3,
+    },
+    /// In the walls of the image.
+    Walls,
+    /// On a line, which the image knows, in this direction.
+    Line(DVec3),
+    /// Within the tolerance.
+    Near,
+    Fixed,
+}
+
+/// The other vertices of interface facets whose angles must not get smaller.
+struct Tight {
+    count: usize,
+    others: [[DVec3; 2]; MAX_ACTIVE],
+}
+
+impl Worker<'_, '_> {
+    /// Moves the vertices of a tet until it reaches the target, or nothing helps.
+    pub fn smooth(&mut self, t: u32) -> Outcome {
+        let mut star = std::mem::take(&mut self.star);
+        let mut outcome = Outcome::Failed;
+        for v in self.round.shared.tet(t) {
+            match self.smooth_vertex(&mut star, t, v) {
+                Outcome::Done => {
+                    outcome = Outcome::Done;
+                    if self.is_good(t) {
+                        break;
+                    }
+                }
+                Outcome::Foreign if outcome == Outcome::Failed => outcome = Outcome::Foreign,
+                _ => {}
+            }
+        }
+        self.star = star;
+        outcome
+    }
+
+    /// Moves the vertices of the tets that keep those of tet `t` from moving: the ones around it that are hardly above the
+    /// target, to well above it.
+    pub fn relax(&mut self, t: u32) -> Outcome {
+        let mut star = std::mem::take(&mut self.star);
+        let mut tight: Vec<u32> = Vec::new();
+        for v in self.round.shared.tet(t) {
+            if star.collect(&self.round.shared, t, v, |tet| self.owns(tet)) == Collected::Star {
+                let bound = RELAXED * self.round.measure.target;
+                tight.extend(
+                    star.tets.iter().filter(|&&at| self.round.shared.label(at) != 0 && self.measure_of(at) < bound),
+                );
+            }
+        }
+        tight.sort_unstable();
+        tight.dedup();
+        let mut outcome = Outcome::Failed;
+        self.aim = RELAXED * self.round.measure.target;
+        for at in tight {
+            for v in self.round.shared.tet(at) {
+                if self.smooth_vertex(&mut star, at, v) == Outcome::Done {
+                    outcome = Outcome::Done;
+                }
+            }
+        }
+        self.aim = self.round.measure.target;
+        self.star = star;
+        outcome
+    }
+
+    fn smooth_vertex(&mut self, star: &mut Star, t: u32, v: u32) -> Outcome {
+        match star.collect(&self.round.shared, t, v, |tet| self.owns(tet)) {
+            Collected::Star => {}
+            Collected::Foreign => return Outcome::Foreign,
+            Collected::Open => return Outcome::Failed,
+        }
+        let start = self.point(v);
+        let before = least_at(star, self.round.measure, start);
+        // The worst tet may not be one of this vertex's.
+        if before >= self.aim {
+            return Outcome::Failed;
+        }
+        let walls = self.round.interfaces.oracle.walls_at(start);
+        let homes = self.homes(star, start, &walls);
+        for home in homes {
+            let (mut at, mut least) = (start, before);
+            for _ in 0..MAX_STEPS {
+                match self.step(star, home, &walls, at, least) {
+                    Some(better) => (at, least) = better,
+                    None => break,
+                }
+                if least >= self.aim {
+                    break;
+                }
+            }
+            if least > self.to_exceed(before) && is_valid(star, at) {
+                self.commit(star, home, at);
+                return Outcome::Done;
+            }
+        }
+        Outcome::Failed
+    }
+
+    /// Where a vertex inside of a label makes the least measure of its star exceed `above`, from `start` on.
+    pub fn best_inside(&self, star: &Star, start: DVec3, above: f64) -> Option<DVec3> {
+        let (mut at, mut least) = (start, least_at(star, self.round.measure, start));
+        for _ in 0..MAX_STEPS_INSIDE {
+            match self.step(star, Home::Inside, &Walls::NONE, at, least) {
+                Some(better) => (at, least) = better,
+                None => break,
+            }
+            if least >= self.round.measure.target {
+                break;
+            }
+        }
+        (least > above && is_valid(star, at)).then_some(at)
+    }
+
+    /// Where the vertex of a star may go: first along what it belongs to, then, for junctions, anywhere near.
+    fn homes(&self, star: &Star, at: DVec3, walls: &Walls) -> [Home; 2] {
+        let interfaces = self.round.interfaces;
+        if star.facets.is_empty() {
+            return if walls.count() == 0 { [Home::Inside, Home::Fixed] } else { [Home::Fixed; 2] };
+        }
+        if !interfaces.change || walls.count() == 3 {
+            return [Home::Fixed; 2];
+        }
+        let two_labels = star.two_labels();
+        let (ends, lines) = star.line_edges();
+        let is_surface = two_labels.is_some() && lines == 0 && star.is_one_fan();
+        if interfaces.oracle.is_near_contact(at) {
+            // A contact is where the boundary of a label touches itself.
+            let is_contact = two_labels.is_some() && !is_surface;
+            return [if is_contact { Home::Fixed } else { Home::Near }, Home::Fixed];
+        }
+        if walls.count() > 0 {
+            let is_in_walls = |v: u32| walls.common(&interfaces.oracle.walls_at(self.point(v))) == *walls;
+            let all_in_walls = star.facets.iter().flat_map(|facet| facet.others).all(is_in_walls);
+            return match () {
+                () if all_in_walls && is_surface => [Home::Walls, Home::Fixed],
+                () => [self.line_of(&ends, lines), Home::Near],
+            };
+        }
+        match two_labels {
+            Some([inner, outer]) if is_surface => {
+                let normal = star.facets.iter().map(|facet| {
+                    let [p, q] = facet.others.map(|v| self.point(v) - at);
+                    p.cross(q)
+                });
+                [self.on_interface(star, at, normal.sum::<DVec3>().normalize_or_zero(), [inner, outer]), Home::Fixed]
+            }
+            _ => [self.line_of(&ends, lines), Home::Near],
+        }
+    }
+
+    /// The home of a vertex on the interface of two labels; `normal` is that of the facets around it.
+    fn on_interface(&self, star: &Star, at: DVec3, normal: DVec3, labels: [i32; 2]) -> Home {
+        let interfaces = self.round.interfaces;
+        let project = |p: DVec3| interfaces.project(p, normal, interfaces.tolerance, labels);
+        let refined = DVec3::from_array(self.round.refined[star.vertex as usize]);
+        let [Some(own), Some(here)] = [project(refined), project(at)] else { return Home::Fixed };
+        // The interface's own tangents: it may be inclined against the facets.
+        let step = PROBE * interfaces.tolerance;
+        let (side, other) = normal.any_orthonormal_pair();
+        let tangents = [side, other].map(|way| project(here + way * step).map(|p| p - here));
+        let [Some(u), Some(v)] = tangents else { return Home::Fixed };
+        let own_normal = u.cross(v).normalize_or_zero();
+        let own_normal = if own_normal.dot(normal) < 0.0 { -own_normal } else { own_normal };
+        Home::Interface { labels, normal: own_normal, off: refined - own }
+    }
+
+    fn line_of(&self, ends: &[u32; 3], lines: usize) -> Home {
+        if lines != 2 {
+            return Home::Fixed;
+        }
+        let way = self.point(ends[1]) - self.point(ends[0]);
+        Home::Line(way.normalize_or_zero())
+    }
+
+    /// One step uphill from `at`, where the least measure is `least`: where to, and what it is there.
+    fn step(&self, star: &Star, home: Home, walls: &Walls, at: DVec3, least: f64) -> Option<(DVec3, f64)> {
+        let facets = self.tight_facets(star, home, at);
+        let (way, rate) = ascent(star, self.round.measure, at, least, &facets, |gradient| match home {
+            Home::Interface { normal, .. } => gradient - normal * normal.dot(gradient),
+            Home::Line(way) => way * way.dot(gradient),
+            Home::Fixed => DVec3::ZERO,
+            Home::Inside | Home::Near | Home::Walls => gradient,
+        })?;
+        let most = match home {
+            Home::Inside => MAX_STEP * star.shortest_edge(at),
+            Home::Interface { .. } | Home::Line(_) => FARTHEST * self.round.interfaces.tolerance,
+            _ => self.round.interfaces.tolerance,
+        };
+        // To where the worst tet would reach a little more than the target, if it went on so. Places on interfaces are found
+        // to less than a hundredth of the tolerance, so a step is longer than that.
+        let shortest = SHORTEST_STEP * self.round.interfaces.tolerance;
+        let mut length = (1.2 * (self.aim - least) / rate).max(shortest).min(most);
+        for _ in 0..MAX_HALVINGS {
+            if let Some(p) = self.settle(star, home, walls, at + way * length) {
+                let enough = (least + 0.1 * GAIN).min(self.aim.next_down());
+                if exceeds_at(star, self.round.measure, p, enough) && is_valid(star, p) {
+                    return Some((p, least_at(star, self.round.measure, p)));
+                }
+            }
+            length *= 0.5;
+        }
+        None
+    }
+
+    /// Where a vertex ends that is to go to `p`; `None`: it may not.
+    fn settle(&self, star: &Star, home: Home, walls: &Walls, p: DVec3) -> Option<DVec3> {
+        if home == Home::Inside {
+            return Some(p);
+        }
+        let interfaces = self.round.interfaces;
+        let mut most = interfaces.tolerance;
+        let refined = DVec3::from_array(self.round.refined[star.vertex as usize]);
+        // What would leave the tolerance goes along its border.
+        let within = |p: DVec3, most: f64| refined + (p - refined).clamp_length_max(TO_BORDER * most);
+        let p = match home {
+            Home::Inside | Home::Fixed => return None,
+            Home::Interface { labels, normal, off } => {
+                most = FARTHEST * interfaces.tolerance;
+                interfaces.project(within(p, most) - off, normal, interfaces.tolerance, labels)? + off
+            }
+            Home::Line(_) => {
+                most = FARTHEST * interfaces.tolerance;
+                interfaces.oracle.nearest_junction(within(p, most), interfaces.tolerance)?
+            }
+            Home::Walls | Home::Near => {
+                if interfaces.oracle.is_near_contact(refined) {
+                    most *= AROUND_CONTACTS;
+                }
+                within(p, most)
+            }
+        };
+        let p = interfaces.oracle.onto_walls(p, *walls);
+        let is_near = p.distance_squared(refined) <= most * most;
+        let is_kept = || self.keeps_facets(star, p) && self.distance_from_refined(star, p) <= interfaces.tolerance;
+        (is_near && is_kept()).then_some(p)
+    }
+
+    /// How far a place of the vertex is from where refinement put the interface around it.
+    fn distance_from_refined(&self, star: &Star, at: DVec3) -> f64 {
+        let refined = |v: u32| DVec3::from_array(self.round.refined[v as usize]);
+        let own = refined(star.vertex);
+        let squares = star.facets.iter().map(|facet| {
+            let [p, q] = facet.others.map(refined);
+            closest_point(&[own, p, q], at).distance_squared(at)
+        });
+        squares.fold(at.distance_squared(own), f64::min).sqrt()
+    }
+
+    /// The other vertices of the interface facets whose angles are hardly larger than what was asked for.
+    fn tight_facets(&self, star: &Star, home: Home, at: DVec3) -> Tight {
+        let mut tight = Tight { count: 0, others: [[DVec3::ZERO; 2]; MAX_ACTIVE] };
+        if home == Home::Inside {
+            return tight;
+        }
+        let bound = TIGHT * (1.0 - self.round.interfaces.facet_cosine_squared);
+        for facet in &star.facets {
+            let others = facet.others.map(|v| self.point(v));
+            if tight.count < MAX_ACTIVE && facet_measure(at, &others) < bound {
+                tight.others[tight.count] = others;
+                tight.count += 1;
+            }
+        }
+        tight
+    }
+
+    /// Whether the interface facets around a vertex that is moved keep the angles that were asked for.
+    fn keeps_facets(&self, star: &Star, at: DVec3) -> bool {
+        star.facets.iter().all(|facet| {
+            let [p, q] = facet.others.map(|v| self.point(v));
+            self.round.interfaces.is_well_shaped([at, p, q])
+        })
+    }
+
+    fn commit(&mut self, star: &Star, home: Home, at: DVec3) {
+        let from = self.point(star.vertex);
+        for (&label, &[x, y, z]) in star.labels.iter().zip(&star.points) {
+            if !star.facets.is_empty() {
+                // What the tet gains.
+                let volume = (from - at).dot((y - x).cross(z - x)) / 6.0;
+                self.counts.add_volume(label, volume);
+            }
+        }
+        if !star.facets.is_empty() {
+            let moved = self.distance_from_refined(star, at);
+            self.counts.max_interface_move = self.counts.max_interface_move.max(moved);
+        }
+        self.round.shared.set_point(star.vertex, at);
+        let Counts { moves_inside, moves_on_interfaces, moves_on_junctions, .. } = &mut self.counts;
+        *match home {
+            Home::Inside => moves_inside,
+            Home::Interface { .. } | Home::Walls => moves_on_interfaces,
+            Home::Line(_) | Home::Near | Home::Fixed => moves_on_junctions,
+        } += 1;
+        for &t in &star.tets {
+            self.round.shared.note_changed(t);
+            self.enqueue(t);
+        }
+    }
+}
+
+impl Star {
+    /// The length of the shortest edge from its vertex, if this is at `at`.
+    fn shortest_edge(&self, at: DVec3) -> f64 {
+        let squares = self.points.iter().flatten().map(|p| p.distance_squared(at));
+        squares.fold(f64::INFINITY, f64::min).sqrt()
+    }
+}
+
+/// Whether all tets that count measure more than `bound` with the vertex at `p`.
+fn exceeds_at(star: &Star, measure: Measure, p: DVec3, bound: f64) -> bool {
+    let mut tets = star.labels.iter().zip(&star.points);
+    tets.all(|(&label, &[x, y, z])| label == 0 || measure.exceeds(&[p, x, y, z], bound))
+}
+
+/// The least measure of the tets that count, with the vertex at `p`.
+fn least_at(star: &Star, measure: Measure, p: DVec3) -> f64 {
+    let counting = star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0);
+    counting.map(|(_, &[x, y, z])| measure.of(&[p, x, y, z])).fold(f64::INFINITY, f64::min)
+}
+
+/// Whether all tets are positive with the vertex at `p`.
+fn is_valid(star: &Star, p: DVec3) -> bool {
+    star.points.iter().all(|&[x, y, z]| is_positive(&[p, x, y, z]))
+}
+
+/// The direction in which the least measure rises fastest, and how fast; `None` where it rises in none in which the angles
+/// of the `tight` facets do not fall.
+fn ascent(
+    star: &Star,
+    measure: Measure,
+    at: DVec3,
+    least: f64,
+    tight: &Tight,
+    allowed: impl Fn(DVec3) -> DVec3,
+) -> Option<(DVec3, f64)> {
+    let bound = ACTIVE * least + GAIN;
+    let mut active: [(f64, [DVec3; 3]); MAX_ACTIVE] = [(f64::INFINITY, [DVec3::ZERO; 3]); MAX_ACTIVE];
+    let mut count = 0;
+    for (_, &others @ [x, y, z]) in star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0) {
+        let value = measure.of(&[at, x, y, z]);
+        if value > bound {
+            continue;
+        }
+        // Keeps the worst, in order.
+        let mut to = count.min(MAX_ACTIVE - 1);
+        if count == MAX_ACTIVE && active[to].0 <= value {
+            continue;
+        }
+        while to > 0 && active[to - 1].0 > value {
+            active[to] = active[to - 1];
+            to -= 1;
+        }
+        active[to] = (value, others);
+        count = (count + 1).min(MAX_ACTIVE);
+    }
+    let mut gradients = [DVec3::ZERO; 2 * MAX_ACTIVE];
+    for (gradient, &(value, others)) in gradients.iter_mut().zip(&active[..count]) {
+        *gradient = allowed(gradient_of(at, others[0], value, |p| measure.of(&[p, others[0], others[1], others[2]])));
+    }
+    let steepest = gradients[..count].iter().map(|g| g.length()).fold(0.0, f64::max);
+    // Only the directions of these matter.
+    for others in &tight.others[..tight.count] {
+        gradients[count] = allowed(gradient_of(at, others[0], facet_measure(at, others), |p| facet_measure(p, others)))
+            .normalize_or_zero()
+            * steepest;
+        count += 1;
+    }
+    let way = nearest_to_zero(&gradients[..count]);
+    let length = way.length();
+    // Also where nothing is a number.
+    if length.is_nan() || length <= 1e-3 * steepest {
+        return None;
+    }
+    let way = way / length;
+    // The worst tet rises by at least this.
+    let rate = way.dot(gradients[0]);
+    (rate > 0.0).then_some((way, rate))
+}
+
+/// The gradient of a function that has `value` at a place, by differences; `other` is some point as far away as what the
+/// function depends on.
+fn gradient_of(at: DVec3, other: DVec3, value: f64, of: impl Fn(DVec3) -> f64) -> DVec3 {
+    let step = DIFFERENCE * (other - at).length();
+    DVec3::from([DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (of(at + axis * step) - value) / step))
+}
+
+/// The squared sine of the least angle of a triangle.
+fn facet_measure(a: DVec3, &[b, c]: &[DVec3; 2]) -> f64 {
+    let (u, v, w) = ((b - a).length_squared(), (c - a).length_squared(), (c - b).length_squared());
+    // Opposite to the shortest edge, between the two others.
+    (b - a).cross(c - a).length_squared() * u.min(v).min(w) / (u * v * w)
+}
+
+/// The point of the convex hull of some vectors that is nearest to zero, nearly (E. G. Gilbert, "An iterative procedure for
+/// computing the minimum of a quadratic form on a convex set", 1966).
+fn nearest_to_zero(vectors: &[DVec3]) -> DVec3 {
+    let Some(&first) = vectors.first() else { return DVec3::ZERO };
+    let mut nearest = first;
+    for _ in 0..24 {
+        let Some(&far) = vectors.iter().min_by(|a, b| a.dot(nearest).total_cmp(&b.dot(nearest))) else { break };
+        let way = far - nearest;
+        let gain = -nearest.dot(way);
+        if gain <= 1e-6 * nearest.length_squared() {
+            break;
+        }
+        nearest += way * (gain / way.length_squared()).min(1.0);
+    }
+    nearest
+}

@@ -1,0 +1,253 @@
+//! What works in one block: a queue of the tets that are to be improved, the worst first.
+//!
+//! Each tet below the target is reconnected if that helps (`removal`). What can't be helped so waits until nothing is left
+//! to reconnect; then its vertices are moved (`smoothing`), at last an edge is split (`split`). After each change the tets
+//! that changed are looked at again if they are below the target. Every change raises the least measure of the tets that
+//! it changes by [`GAIN`] at least, so the work ends.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::blocks::owner;
+use super::interfaces::Interfaces;
+use super::measure::Measure;
+use super::report::Counts;
+use super::shared::Shared;
+use super::star::Star;
+use crate::Result;
+use crate::mesh::NONE;
+
+/// An operation must raise the least measure by this much.
+pub(super) const GAIN: f64 = 1e-4;
+/// Steps between two looks around.
+const LOOK_EVERY: usize = 32;
+
+/// What all blocks of a round share.
+pub(super) struct Round<'a> {
+    pub shared: Shared<'a>,
+    /// The block of each vertex.
+    pub blocks: &'a [u32],
+    /// Where refinement put each vertex.
+    pub refined: &'a [[f64; 3]],
+    pub interfaces: &'a Interfaces<'a>,
+    /// How tets are measured, and what is to be reached.
+    pub measure: Measure,
+    /// Told how many tets were dealt with; an error ends the work.
+    pub look_around: &'a (dyn Fn(usize) -> Result<()> + Sync),
+}
+
+/// What became of an attempt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Outcome {
+    /// The mesh was changed.
+    Done,
+    /// Nothing helps.
+    Failed,
+    /// Something might help, but needs a tet that the block does not own, or more room.
+    Foreign,
+}
+
+/// A tet in a queue: worst first, ties by slot. The vertices tell whether it is still there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Entry {
+    measure: Reverse<u64>,
+    tet: Reverse<u32>,
+    vertices: [u32; 4],
+}
+
+/// The worker of a block.
+pub(super) struct Worker<'r, 'a> {
+    pub round: &'r Round<'a>,
+    pub me: u32,
+    /// To be reconnected.
+    queue: BinaryHeap<Entry>,
+    /// To be moved or split.
+    late: BinaryHeap<Entry>,
+    /// Slots of tets that are free.
+    free: Vec<u32>,
+    /// Slots at the end that nobody has used yet.
+    fresh: Range<u32>,
+    /// Numbers of vertices that nobody has used yet.
+    fresh_vertices: Range<u32>,
+    /// Tets to be tried again in a round of other blocks.
+    pub deferred: Vec<u32>,
+    /// Tets that nothing helped.
+    pub left: Vec<u32>,
+    pub counts: Counts,
+    /// The measure at which a vertex need not be moved any farther: the target, or more while the surroundings of a tet that
+    /// nothing helped are relaxed.
+    pub aim: f64,
+    /// The star at hand.
+    pub star: Star,
+}
+
+impl<'r, 'a> Worker<'r, 'a> {
+    /// The worker of block `me`, which may fill the slots `fresh` and use the numbers `fresh_vertices`.
+    pub fn new(round: &'r Round<'a>, me: u32, fresh: Range<u32>, fresh_vertices: Range<u32>) -> Self {
+        let (queue, late) = (BinaryHeap::new(), BinaryHeap::new());
+        let (free, deferred, left) = (Vec::new(), Vec::new(), Vec::new());
+        let (counts, star) = (Counts::default(), Star::default());
+        Self {
+            round,
+            me,
+            queue,
+            late,
+            free,
+            fresh,
+            fresh_vertices,
+            deferred,
+            left,
+            counts,
+            aim: round.measure.target,
+            star,
+        }
+    }
+
+    /// Improves `tets`, which the block owns. What changes is in order when this ends early, too.
+    ///
+    /// # Errors
+    /// Those of the round's `look_around`.
+    pub fn run(&mut self, tets: &[u32]) -> Result<()> {
+        tets.iter().for_each(|&t| self.enqueue(t));
+        let mut steps = 0;
+        loop {
+            steps += 1;
+            if steps == LOOK_EVERY {
+                (self.round.look_around)(steps)?;
+                steps = 0;
+            }
+            if let Some(entry) = self.queue.pop() {
+                self.reconnect_or_defer(entry);
+            } else if let Some(entry) = self.late.pop() {
+                self.move_or_give_up(entry);
+                // Some of these take milliseconds.
+                (self.round.look_around)(0)?;
+            } else {
+                return (self.round.look_around)(steps);
+            }
+        }
+    }
+
+    fn reconnect_or_defer(&mut self, entry: Entry) {
+        let t = entry.tet.0;
+        if !self.is_below_target(&entry) {
+            return;
+        }
+        // What is done for the background depends on what labels lose.
+        if self.round.shared.label(t) == 0 || self.reconnect(t) != Outcome::Done {
+            self.late.push(entry);
+        } else {
+            self.enqueue_again(&entry);
+        }
+    }
+
+    fn move_or_give_up(&mut self, entry: Entry) {
+        let t = entry.tet.0;
+        if !self.is_below_target(&entry) {
+            return;
+        }
+        if self.round.shared.label(t) == 0 {
+            self.reconnect(t);
+            return;
+        }
+        let mut outcome = Outcome::Failed;
+        // Reconnecting may help by now.
+        let attempts = [Self::reconnect, Self::smooth, Self::split, Self::make_way, Self::relax];
+        for attempt in attempts {
+            match attempt(self, t) {
+                Outcome::Done => return self.enqueue_again(&entry),
+                Outcome::Foreign => outcome = Outcome::Foreign,
+                Outcome::Failed => {}
+            }
+        }
+        match outcome {
+            Outcome::Foreign => self.deferred.push(t),
+            _ => self.left.push(t),
+        }
+    }
+
+    /// Looks at a tet again that a change did not touch or not help enough.
+    fn enqueue_again(&mut self, entry: &Entry) {
+        if self.round.shared.tet(entry.tet.0) == entry.vertices {
+            self.enqueue(entry.tet.0);
+        }
+    }
+
+    fn is_below_target(&self, entry: &Entry) -> bool {
+        let t = entry.tet.0;
+        self.round.shared.tet(t) == entry.vertices && !self.is_good(t)
+    }
+
+    /// Whether a tet is at the target or above.
+    #[inline]
+    pub fn is_good(&self, t: u32) -> bool {
+        let Round { shared, measure, .. } = self.round;
+        measure.exceeds(&shared.corners(shared.tet(t)), measure.target)
+    }
+
+    /// The measure of a tet.
+    #[inline]
+    pub fn measure_of(&self, t: u32) -> f64 {
+        self.round.measure.of(&self.round.shared.corners(self.round.shared.tet(t)))
+    }
+
+    /// Puts a tet into the queue if it is below the target.
+    pub fn enqueue(&mut self, t: u32) {
+        let shared = &self.round.shared;
+        let vertices = shared.tet(t);
+        if vertices[0] == NONE {
+            return;
+        }
+        let corners = shared.corners(vertices);
+        if !self.round.measure.exceeds(&corners, self.round.measure.target) {
+            let measure = self.round.measure.of(&corners);
+            // Measures are not negative, so their bits are in their order.
+            self.queue.push(Entry { measure: Reverse(measure.to_bits()), tet: Reverse(t), vertices });
+        }
+    }
+
+    /// What the least measure of the tets that an operation changes must exceed, if it was `old`. To reach the target is
+    /// enough.
+    #[inline]
+    pub fn to_exceed(&self, old: f64) -> f64 {
+        (old + GAIN).min(self.aim.next_down())
+    }
+
+    /// Whether the block owns a tet with these vertices.
+    #[inline]
+    pub fn owns(&self, vertices: [u32; 4]) -> bool {
+        owner(vertices.map(|v| self.round.blocks[v as usize])) == Some(self.me)
+    }
+
+    /// Where a vertex is.
+    #[inline]
+    pub fn point(&self, v: u32) -> DVec3 {
+        self.round.shared.point(v)
+    }
+
+    /// How many more tets there is room for.
+    pub fn room(&self) -> usize {
+        self.free.len() + self.fresh.len()
+    }
+
+    /// An empty slot; there must be room.
+    pub fn take_slot(&mut self) -> Option<u32> {
+        self.free.pop().or_else(|| self.fresh.next())
+    }
+
+    /// A new vertex.
+    pub fn take_vertex(&mut self, at: DVec3) -> Option<u32> {
+        let v = self.fresh_vertices.next()?;
+        self.round.shared.set_point(v, at);
+        Some(v)
+    }
+
+    /// Empties a slot.
+    pub fn give_slot(&mut self, t: u32) {
+        self.round.shared.free(t);
+        self.free.push(t);
+    }
+}

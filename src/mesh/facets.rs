@@ -1,0 +1,143 @@
+//! The interface facets of a mesh, from its tets, labels and neighbours; and the end of a mesh that was improved.
+//!
+//! Facets come in the order of the tets that list them, each from the side of its larger label. Work goes by ranges of
+//! tets, so the result does not depend on the number of threads.
+
+use rayon::prelude::*;
+
+use super::{NONE, TetMesh};
+use crate::Result;
+use crate::delaunay::tet::{FACET, Facet};
+use crate::memory::{parts, reserve, zeroed};
+use crate::monitor::Monitor;
+
+/// Tets of one piece of work.
+const RANGE: usize = 1 << 13;
+
+impl TetMesh {
+    /// Fills in `facets`, `facet_labels` and `facet_tets`. What lies across a facet without a neighbour is background.
+    ///
+    /// # Errors
+    /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
+    pub fn collect_facets(&mut self, monitor: &Monitor<'_>) -> Result<()> {
+        let (tets, neighbors, labels) = (&self.tets, &self.neighbors, &self.labels);
+        let list = |range: usize| {
+            monitor.check_cancelled()?;
+            let mut listed = Vec::new();
+            for t in range * RANGE..((range + 1) * RANGE).min(tets.len()) {
+                for (i, &other) in neighbors[t].iter().enumerate() {
+                    // Each facet once.
+                    let (label, is_listed) =
+                        if other == NONE { (0, true) } else { (labels[other as usize], (other as usize) < t) };
+                    if is_listed && labels[t] != label {
+                        reserve(&mut listed, 1, "interface facets of the mesh")?;
+                        listed.push(Facet::new(t as u32, i));
+                    }
+                }
+            }
+            Ok(listed)
+        };
+        let ranges = (0..tets.len().div_ceil(RANGE)).into_par_iter().with_max_len(1);
+        let listed: Vec<Vec<Facet>> = ranges.map(list).collect::<Result<_>>()?;
+        let count = listed.iter().map(Vec::len).sum();
+        self.facets = zeroed(count, "interface facets of the mesh")?;
+        self.facet_labels = zeroed(count, "interface facets of the mesh")?;
+        self.facet_tets = zeroed(count, "interface facets of the mesh")?;
+        let lengths = || listed.iter().map(Vec::len);
+        let pieces = parts(&mut self.facets, lengths(), "ranges of facets")?
+            .into_par_iter()
+            .zip(parts(&mut self.facet_labels, lengths(), "ranges of facets")?)
+            .zip(parts(&mut self.facet_tets, lengths(), "ranges of facets")?)
+            .zip(&listed)
+            .with_max_len(1);
+        pieces.try_for_each(|(((facets, facet_labels), facet_tets), listed)| {
+            monitor.check_cancelled()?;
+            for (k, facet) in listed.iter().enumerate() {
+                let (t, i) = (facet.tet(), facet.index());
+                let other = neighbors[t as usize][i];
+                let (here, there) = (labels[t as usize], if other == NONE { 0 } else { labels[other as usize] });
+                let [a, b, c] = FACET[i].map(|j| tets[t as usize][j]);
+                // FACET's normals point into the tet.
+                (facets[k], facet_labels[k], facet_tets[k]) = if here > there {
+                    ([a, c, b], [here, there], [t, other])
+                } else {
+                    ([a, b, c], [there, here], [other, t])
+                };
+            }
+            Ok(())
+        })
+    }
+
+    /// Closes the gaps that improvement left, and drops the background unless it is to be `kept`: of the vertices those
+    /// between number `points_kept` and `points_before`, the count before improvement. Returns where each of `tets` is now.
+    ///
+    /// The last tets go where there are gaps, so that all others keep their places.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`](crate::Error::OutOfMemory), with the mesh unchanged.
+    pub(crate) fn finish(
+        &mut self,
+        kept: bool,
+        points_kept: usize,
+        points_before: usize,
+        tets: &[u32],
+    ) -> Result<Vec<u32>> {
+        let is_kept = |t: usize| self.tets[t][0] != NONE && (kept || self.labels[t] != 0);
+        let chunks = (0..self.tets.len().div_ceil(RANGE)).into_par_iter().with_max_len(1);
+        let of_chunk = |chunk: usize| chunk * RANGE..((chunk + 1) * RANGE).min(self.tets.len());
+        let count: usize = chunks.clone().map(|chunk| of_chunk(chunk).filter(|&t| is_kept(t)).count()).sum();
+        // As many gaps before `count` as tets behind it.
+        let gaps: Vec<u32> = chunks
+            .clone()
+            .flat_map_iter(|chunk| of_chunk(chunk).filter(|&t| t < count && !is_kept(t)).map(|t| t as u32))
+            .collect();
+        let moved: Vec<u32> = chunks
+            .flat_map_iter(|chunk| of_chunk(chunk).filter(|&t| t >= count && is_kept(t)).map(|t| t as u32))
+            .collect();
+        debug_assert_eq!(gaps.len(), moved.len());
+        let behind = self.tets.len() - count;
+        // Where each tet behind `count` goes.
+        let mut to: Vec<u32> = zeroed(behind, "tets of the mesh")?;
+        to.iter_mut().for_each(|to| *to = NONE);
+        for (&from, &gap) in moved.iter().zip(&gaps) {
+            to[from as usize - count] = gap;
+        }
+        let place = |t: u32| if (t as usize) < count { t } else { to[t as usize - count] };
+        let mut places = Vec::new();
+        reserve(&mut places, tets.len(), "tets of the mesh")?;
+        places.extend(tets.iter().map(|&t| place(t)));
+        // No tet names an empty slot, so what is not kept is background.
+        let labels = &self.labels;
+        let is_dropped = |t: u32| t == NONE || !kept && labels[t as usize] == 0;
+        self.neighbors.par_chunks_mut(RANGE).for_each(|neighbors| {
+            for t in neighbors.iter_mut().flatten() {
+                *t = if is_dropped(*t) { NONE } else { place(*t) };
+            }
+        });
+        for (&from, &gap) in moved.iter().zip(&gaps) {
+            self.tets[gap as usize] = self.tets[from as usize];
+            self.neighbors[gap as usize] = self.neighbors[from as usize];
+            self.labels[gap as usize] = self.labels[from as usize];
+        }
+        self.tets.truncate(count);
+        self.labels.truncate(count);
+        self.neighbors.truncate(count);
+        // Of what comes after the vertices that were there before some are nowhere, and nobody's.
+        let (mut next, mut numbers) = (points_kept as u32, Vec::new());
+        reserve(&mut numbers, self.points.len() - points_before, "vertices of the mesh")?;
+        for v in points_before..self.points.len() {
+            numbers.push(next);
+            if !self.points[v][0].is_nan() {
+                self.points[next as usize] = self.points[v];
+                next += 1;
+            }
+        }
+        self.points.truncate(next as usize);
+        self.tets.par_chunks_mut(RANGE).for_each(|tets| {
+            for v in tets.iter_mut().flatten().filter(|v| **v as usize >= points_before) {
+                *v = numbers[*v as usize - points_before];
+            }
+        });
+        Ok(places)
+    }
+}
