@@ -12,48 +12,21 @@ cannot be loaded, a line says what was SKIPPED. Exit status 1 if anything differ
 import ctypes
 import importlib
 import json
-import os
 import shutil
 import subprocess
 import sys
-import venv
 from pathlib import Path
 
 
-def skip(what):
-    print("SKIPPED: " + " ".join(what.split()))
+# Nothing is to be written beside the sources.
+sys.dont_write_bytecode = True
 
-
-def enter_environment(folder):
-    """Goes on in the environment, after making it if need be."""
-    if folder.exists() and os.path.samefile(sys.prefix, folder):
-        return
-    wanted = Path(__file__).with_name("requirements.txt")
-    stamp = folder / "installed.txt"
-    python = folder / "bin/python"
-    if not stamp.exists() or stamp.read_text() != wanted.read_text():
-        try:
-            venv.create(folder, clear=True, with_pip=True)
-        except (OSError, subprocess.CalledProcessError) as error:
-            skip(f"reading meshes back, no virtual environment can be made: {error}")
-            sys.exit(0)
-        pip = [python, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-deps", "--retries", "1"]
-        run = subprocess.run([*pip, "-r", wanted], check=False, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        if run.returncode != 0:
-            print(run.stdout)
-            skip(f"reading meshes back, pip could not install {wanted.name}: {run.stdout.strip().splitlines()[-1]}")
-            sys.exit(0)
-        stamp.write_text(wanted.read_text())
-    os.execv(python, [python, *sys.argv])
-
+from environment import enter_environment, skip
 
 if len(sys.argv) != 5:
     sys.exit(__doc__)
 mesh_image, library_path, work = (Path(argument).absolute() for argument in sys.argv[1:4])
-enter_environment(Path(sys.argv[4]).absolute())
-
-# Nothing is to be written beside the sources.
-sys.dont_write_bytecode = True
+enter_environment(Path(sys.argv[4]).absolute(), "reading meshes back")
 
 import numpy as np
 import readback_calculix
