@@ -30,6 +30,7 @@ enter_environment(Path(sys.argv[4]).absolute(), "reading meshes back")
 
 import numpy as np
 import readback_calculix
+import readback_second_order
 from readback_readers import READERS, Seen
 
 DELTA, SIZE = 1.5, 3.0
@@ -79,12 +80,14 @@ class Library:
         self.call(name, *arguments, ctypes.byref(handle))
         return handle
 
-    def mesh(self, image_path, background):
+    def mesh(self, image_path, background, order=1):
         image = self.new("image_read", self.context, str(image_path).encode(), AS_STORED)
         params = self.new("params_create")
         self.call("params_set_delta", self.context, params, ctypes.c_double(DELTA))
         self.call("params_set_size", self.context, params, ctypes.c_double(SIZE))
         self.call("params_set_background", self.context, params, ctypes.c_int32(background))
+        self.call("params_set_order", self.context, params, ctypes.c_int32(order))
+        self.call("params_set_curved", self.context, params, ctypes.c_int32(order == 2))
         return self.new("mesh_image", self.context, image, params)
 
     def array(self, mesh, name, kind, width):
@@ -105,6 +108,15 @@ class Library:
         self.lapd.lapd_mesh_free(mesh)
         seen.volumes = signed_volumes(seen)
         return seen
+
+    def second_order_reference(self, image_path):
+        mesh = self.mesh(image_path, False, order=2)
+        corners = {"tet": self.array(mesh, "tets", ctypes.c_uint32, 4), "facet": self.array(mesh, "facets", ctypes.c_uint32, 3)}
+        middles = {"tet": self.array(mesh, "tet_mid_nodes", ctypes.c_uint32, 6), "facet": self.array(mesh, "facet_mid_nodes", ctypes.c_uint32, 3)}
+        tets, facets = (np.hstack([corners[kind], middles[kind]]).astype(np.int64) for kind in ("tet", "facet"))
+        points, labels = self.array(mesh, "points", ctypes.c_double, 3), self.array(mesh, "labels", ctypes.c_int32, 1)
+        self.lapd.lapd_mesh_free(mesh)
+        return readback_second_order.Nodes(points, tets, labels, facets)
 
 
 def signed_volumes(mesh):
@@ -276,6 +288,17 @@ def usable_programs():
     return usable
 
 
+def attempt(program, path, comparison):
+    """1 if the comparison finds a difference."""
+    try:
+        comparison(path)
+        print(f"  ok      {path.suffix:6} {program}")
+        return 0
+    except Exception as error:  # Whatever a reader raises, the next one has its turn.
+        print(f"  FAILED  {path.suffix:6} {program}: {type(error).__name__} {error}")
+        return 1
+
+
 def run_case(name, labels, background, library, usable):
     folder = work / name
     folder.mkdir(parents=True, exist_ok=True)
@@ -292,21 +315,32 @@ def run_case(name, labels, background, library, usable):
     check_stl_normals(folder / "mesh.stl", reference)
     print(f"{name}: labels {sorted(set(reference.labels.tolist()))}, {len(reference.tets)} tets, {len(reference.facets)} facets")
     failed = 0
-
-    def attempt(program, ending, comparison):
-        nonlocal failed
-        try:
-            comparison(folder / f"mesh{ending}")
-            print(f"  ok      {ending:6} {program}")
-        except Exception as error:  # Whatever a reader raises, the next one has its turn.
-            failed += 1
-            print(f"  FAILED  {ending:6} {program}: {type(error).__name__} {error}")
-
     for program, ending, read in READERS:
         if program in usable:
-            attempt(program, ending, lambda path, read=read: compare(read(path), reference, path.suffix, report))
+            failed += attempt(program, folder / f"mesh{ending}", lambda path, read=read: compare(read(path), reference, path.suffix, report))
     if "ccx" in usable:
-        attempt("ccx", ".inp", lambda path: readback_calculix.check(path, reference))
+        failed += attempt("ccx", folder / "mesh.inp", lambda path: readback_calculix.check(path, reference))
+    return failed
+
+
+def run_second_order(library, usable):
+    folder = work / "second_order"
+    folder.mkdir(parents=True, exist_ok=True)
+    image = folder / "image.nrrd"
+    write_nrrd(image, phantom([1, 2, 3, 7]))
+    endings = sorted({ending for _, ending, _ in readback_second_order.READERS})
+    outputs = [argument for ending in endings for argument in ("-o", folder / f"mesh{ending}")]
+    options = ["--delta", str(DELTA), "--size", str(SIZE), "--order", "2", "--curved", "--report", folder / "report.json", "--quiet"]
+    subprocess.run([mesh_image, image, *outputs, *options], check=True)
+    reference = library.second_order_reference(image)
+    report = json.loads((folder / "report.json").read_text())["second_order"]
+    print(f"second order: {len(reference.tets)} tets, {report['curved']} of {report['nodes']} nodes curved")
+    failed = 0
+    for program, ending, read in readback_second_order.READERS:
+        if program in usable:
+            failed += attempt(program, folder / f"mesh{ending}", lambda path, read=read: readback_second_order.compare(read(path), reference, path.suffix))
+    if "ccx" in usable:
+        failed += attempt("ccx", folder / "mesh.inp", lambda path: readback_second_order.calculix(path, report["volume"]))
     return failed
 
 
@@ -319,5 +353,5 @@ CASES = [
 
 usable_now = usable_programs()
 lapd = Library(library_path)
-failures = sum(run_case(*case, lapd, usable_now) for case in CASES)
+failures = sum(run_case(*case, lapd, usable_now) for case in CASES) + run_second_order(lapd, usable_now)
 sys.exit(1 if failures else 0)

@@ -196,6 +196,7 @@ static void choice_parameters(void) {
                  {lapd_params_set_begging, lapd_params_get_begging, 2, 2},
                  {lapd_params_set_bind, lapd_params_get_bind, 2, 2},
                  {lapd_params_set_timeline, lapd_params_get_timeline, 2, 2},
+                 {lapd_params_set_curved, lapd_params_get_curved, 2, 2},
                  {lapd_params_set_improve, lapd_params_get_improve, 3, 3}};
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
         int32_t value = -7;
@@ -214,6 +215,20 @@ static void choice_parameters(void) {
         INVALID(table[i].set(context, params, INT32_MIN));
         CHECK(table[i].get(params, &value) == LAPD_OK && value == 0);
     }
+}
+
+static void order(void) {
+    int32_t value = 0;
+    CHECK(lapd_params_get_order(params, &value) == LAPD_OK && value == 1);
+    INVALID(lapd_params_set_order(context, params, 3));
+    CHECK(said("order must be 1 or 2, got 3"));
+    INVALID(lapd_params_set_order(context, params, 0));
+    INVALID(lapd_params_set_order(context, params, -2));
+    CHECK(said("order must be 1 or 2, got -2"));
+    CHECK(lapd_params_get_order(params, &value) == LAPD_OK && value == 1);
+    CHECK(lapd_params_set_order(context, params, 2) == LAPD_OK);
+    CHECK(lapd_params_get_order(params, &value) == LAPD_OK && value == 2);
+    CHECK(lapd_params_set_order(context, params, 1) == LAPD_OK);
 }
 
 static void other_parameters(void) {
@@ -434,6 +449,7 @@ static void mesh_getters(void) {
     INVALID(lapd_mesh_get_defect(mesh, 0, &defect));
 
     CHECK_STRUCT(improvement, 120);
+    CHECK_STRUCT(second_order, 64);
     size_t left_count = 1;
     lapd_improvement improvement = {.struct_size = sizeof improvement};
     lapd_left left = {.struct_size = sizeof left};
@@ -480,6 +496,7 @@ int main(void) {
     image_getters();
     double_parameters();
     choice_parameters();
+    order();
     other_parameters();
     meshing();
     mesh_getters();

@@ -67,6 +67,8 @@ static const char MORE_USAGE[] =
     "                       labels, or interfaces too; default full\n"
     "  --target-dihedral D  smallest dihedral angle of tets, in degrees; the largest is 180 less this; at most 30,\n"
     "                       default 15\n"
+    "  --order N            1 | 2: order 2 has a node in the middle of each edge, too; default 1\n"
+    "  --curved             with order 2: the nodes on interfaces go where the image has them\n"
     "  --max-vertices N     give up when the mesh needs more\n"
     "  --time-limit S       give up when the refinement has not ended after this many seconds\n"
     "  --max-memory BYTES   give up when the run needs more; K, M, G stand for 2^10, 2^20, 2^30\n"
@@ -320,6 +322,13 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
         }
         return from_status(lapd_params_set_label_size(context, params, label, size));
     }
+    if (strcmp(option, "--order") == 0) {
+        double order;
+        if (!parse_number(value, &order) || order != floor(order) || fabs(order) > INT32_MAX) {
+            return SET_BAD_VALUE;
+        }
+        return from_status(lapd_params_set_order(context, params, (int32_t)order));
+    }
     if (strcmp(option, "--least-voxels") == 0) {
         size_t least;
         return parse_count(value, &least) ? from_status(lapd_params_set_least_voxels(context, params, least))
@@ -406,6 +415,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             status = lapd_params_set_adaptive(context, params, 0);
         } else if (strcmp(option, "--bind") == 0) {
             status = lapd_params_set_bind(context, params, 1);
+        } else if (strcmp(option, "--curved") == 0) {
+            status = lapd_params_set_curved(context, params, 1);
         } else if (strcmp(option, "--probabilities") == 0) {
             o->probabilities = true;
         } else if (strcmp(option, "--measures") == 0) {
@@ -443,7 +454,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                                                      "--gaussian",
                                                      "--border",
                                                      "--improve",
-                                                     "--target-dihedral"};
+                                                     "--target-dihedral",
+                                                     "--order"};
             int32_t known;
             if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
                 return usage_error("unknown option %s%s", option, "");
@@ -493,6 +505,20 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
     }
     if (o->labels != NULL && !o->probabilities && o->isovalue_count != o->label_count) {
         return usage_error("--labels needs as many values%s%s", " as --isovalue", "");
+    }
+    int32_t order = 1, curved = 0;
+    lapd_params_get_order(params, &order);
+    lapd_params_get_curved(params, &curved);
+    if (curved && order != 2) {
+        return usage_error("--curved needs --order 2%s%s", "", "");
+    }
+    for (size_t i = 0; order == 2 && i < o->output_count; i++) {
+        static const char *const endings[] = {".node", ".ele", ".face"};
+        const char *dot = strrchr(o->outputs[i], '.');
+        int32_t found;
+        if (dot != NULL && parse_name(dot, endings, 3, &found)) {
+            return usage_error("%s: TetGen's files are written for --order 1 only%s", o->outputs[i], "");
+        }
     }
     if (o->output_count == 0 && o->report == NULL) {
         return usage_error("no output (-o) and no --report%s%s", "", "");

@@ -27,6 +27,7 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
     s->quality.struct_size = sizeof s->quality;
     s->certificate.struct_size = sizeof s->certificate;
     s->improvement.struct_size = sizeof s->improvement;
+    s->second_order.struct_size = sizeof s->second_order;
     s->all_threads.struct_size = sizeof s->all_threads;
     lapd_status status = lapd_mesh_get_counts(mesh, &s->counts);
     if (status == LAPD_OK)
@@ -39,6 +40,8 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
         status = lapd_mesh_get_certificate(mesh, &s->certificate);
     if (status == LAPD_OK)
         status = lapd_mesh_get_improvement(mesh, &s->improvement);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_second_order(mesh, &s->second_order);
     if (status == LAPD_OK)
         status = lapd_mesh_get_left_count(mesh, &s->left_count);
     if (status == LAPD_OK)
@@ -169,6 +172,18 @@ void print_table(const summary *s, const file_seconds *seconds) {
             (unsigned long long)im->moves_on_interfaces, (unsigned long long)im->moves_on_junctions);
         printf("  interface vertices moved off by %.3f at most (%.3f allowed); facets no longer Delaunay %llu\n",
                im->max_interface_move, im->tolerance, (unsigned long long)im->non_delaunay_facets);
+    }
+
+    const lapd_second_order *so = &s->second_order;
+    if (so->nodes > 0) {
+        printf("\nsecond order\n");
+        printf("  nodes on edges %llu, on interfaces moved %llu, of these not all the way %llu, not at all %llu\n",
+               (unsigned long long)so->nodes, (unsigned long long)so->curved, (unsigned long long)so->shortened,
+               (unsigned long long)so->straight);
+        if (so->curved > 0) {
+            printf("  moved by %.3f at most; least Jacobian %.3f of the straight one's; volume %.6g\n", so->max_move,
+                   so->least_jacobian, so->volume);
+        }
     }
 
     printf("\ncertificate\n");
@@ -463,8 +478,18 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
         fputc('}', f);
     }
 
+    const lapd_second_order *so = &s->second_order;
+    fputs("]},\n  \"second_order\": {", f);
+    json_count(f, "", "nodes", so->nodes);
+    json_count(f, ", ", "curved", so->curved);
+    json_count(f, ", ", "shortened", so->shortened);
+    json_count(f, ", ", "straight", so->straight);
+    json_number(f, ", ", "max_move", so->max_move);
+    json_number(f, ", ", "least_jacobian", so->least_jacobian);
+    json_number(f, ", ", "volume", so->volume);
+
     const lapd_certificate *c = &s->certificate;
-    fputs("]},\n  \"certificate\": {", f);
+    fputs("},\n  \"certificate\": {", f);
     json_count(f, "", "non_delaunay_facets", c->non_delaunay_facets);
     json_count(f, ", ", "inverted_tets", c->inverted_tets);
     json_count(f, ", ", "orphan_vertices", c->orphan_vertices);

@@ -56,6 +56,7 @@ typedef struct {
     lapd_quality quality;
     lapd_certificate certificate;
     lapd_improvement improvement;
+    lapd_second_order second_order;
     /* The limit that cut the refinement short, a lapd_status, or LAPD_OK. */
     int32_t limit_reached;
     lapd_label_row *rows;

@@ -1136,6 +1136,46 @@ typedef struct {
   double max_dihedral;
 } lapd_left;
 
+/**
+ * The nodes in the middles of edges, and where curving put them. Set struct_size to sizeof(lapd_second_order) before the call.
+ * All is 0 for a mesh of order 1, and all but `nodes` without lapd_params_set_curved.
+ */
+typedef struct {
+  /**
+   * sizeof(lapd_second_order), set by the caller.
+   */
+  uint64_t struct_size;
+  /**
+   * The nodes in the middles of edges: points behind the vertices.
+   */
+  uint64_t nodes;
+  /**
+   * Those on interfaces that were moved from the middle of their edge.
+   */
+  uint64_t curved;
+  /**
+   * Those among the moved ones that do not go all the way, so that tets stay valid.
+   */
+  uint64_t shortened;
+  /**
+   * Those on interfaces that stay, so that tets stay valid.
+   */
+  uint64_t straight;
+  /**
+   * The largest distance of a node from the middle of its edge.
+   */
+  double max_move;
+  /**
+   * The least determinant of the Jacobian in a tet with a moved node, in parts of the determinant of the straight tet: a bound
+   * from below, by Bezier coefficients.
+   */
+  double least_jacobian;
+  /**
+   * The volume of all tets, curved as they are.
+   */
+  double volume;
+} lapd_second_order;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -1746,6 +1786,41 @@ lapd_status lapd_params_set_target_dihedral(lapd_context *context,
 lapd_status lapd_params_get_target_dihedral(const lapd_params *params, double *degrees);
 
 /**
+ * Sets the order of tets: 1, the default, for four nodes each, or 2 for ten, one more in the middle of each edge. See
+ * lapd_mesh_get_tet_mid_nodes. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+ */
+lapd_status lapd_params_set_order(lapd_context *context, lapd_params *params, int32_t order);
+
+/**
+ * The order of tets, 1 or 2. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_order(const lapd_params *params, int32_t *order);
+
+/**
+ * Sets whether (1) or not (0, the default) the nodes in the middle of edges of interface facets go from there to where the image
+ * has the interface, as far as tets stay valid: the determinant of the Jacobian is positive in all of each tet. Needs order 2
+ * when the mesh is made. See lapd_mesh_get_second_order. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+ */
+lapd_status lapd_params_set_curved(lapd_context *context,
+                                   lapd_params *params,
+                                   int32_t curved);
+
+/**
+ * Whether nodes in the middle of edges of interface facets go to the image's interface. Any thread, unless another one changes
+ * `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_curved(const lapd_params *params,
+                                   int32_t *curved);
+
+/**
  * Whether components and layers of a label that are thinner than 4/3 of the distance of samples (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so farther away (1,
  * the default), or not (0). The mesh then has as many more elements as it takes to keep them whole. What holds cubes of 32 times the smallest side of a voxel is never thin.
  * No other thread may use `params` or the context meanwhile.
@@ -2082,12 +2157,15 @@ lapd_status lapd_mesh_check_path(lapd_context *context,
  * - .inp: Abaqus; an element set for each label, an element-based surface for each pair, names as above;
  * - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label and second_label.
  *
+ * Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and TrianglesP2, Gmsh's types 11
+ * and 9, C3D10. TetGen's files can't hold them; surfaces hold their flat facets.
+ *
  * `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
  * same mesh at once, to different files. The work is shared by as many threads as the calling one may use processors; they are
  * joined at return.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
- * be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number; LAPD_ERROR_CANCELLED
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the format has no tets of the
+ * mesh's order; LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number; LAPD_ERROR_CANCELLED
  * after lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_mesh_write(lapd_context *context,
@@ -2122,13 +2200,16 @@ lapd_status lapd_mesh_write_timeline(lapd_context *context,
                                      const char *path);
 
 /**
- * The positions of the vertices in world units: `*points` is [count][3].
+ * The positions of the vertices in world units: `*points` is [count][3]. In a mesh of order 2 the nodes in the middles of edges
+ * come behind them.
  *
  * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_mesh_get_points(const lapd_mesh *mesh, const double **points, size_t *count);
+lapd_status lapd_mesh_get_points(const lapd_mesh *mesh,
+                                 const double **points,
+                                 size_t *count);
 
 /**
  * The vertices of the tets, as row numbers of the points: `*tets` is [count][4].
@@ -2191,7 +2272,34 @@ lapd_status lapd_mesh_get_facet_tets(const lapd_mesh *mesh,
                                      size_t *count);
 
 /**
- * Copies the points into a buffer of `capacity` values, 3 for each vertex. Any thread.
+ * The nodes in the middles of the edges of the tets, as row numbers of the points: `*nodes` is [count][6]; of a tet (a, b, c, d)
+ * they are those of its edges ab, bc, ca, ad, bd, cd, as in VTK. The count is 0 for a mesh of order 1 (see
+ * lapd_params_set_order).
+ *
+ * Of the points those of the vertices come first, as many as lapd_counts.vertices tells; then these nodes.
+ *
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_tet_mid_nodes(const lapd_mesh *mesh,
+                                        const uint32_t **nodes,
+                                        size_t *count);
+
+/**
+ * The nodes in the middles of the edges of the interface facets: `*nodes` is [count][3]; of a facet (a, b, c) they are those of
+ * its edges ab, bc, ca. Otherwise as lapd_mesh_get_tet_mid_nodes.
+ *
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_facet_mid_nodes(const lapd_mesh *mesh,
+                                          const uint32_t **nodes,
+                                          size_t *count);
+
+/**
+ * Copies the points into a buffer of `capacity` values, 3 for each vertex and node. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
  */
@@ -2374,6 +2482,13 @@ lapd_status lapd_mesh_get_left_count(const lapd_mesh *mesh, size_t *count);
 lapd_status lapd_mesh_get_left(const lapd_mesh *mesh,
                                size_t index,
                                lapd_left *left);
+
+/**
+ * The nodes in the middles of edges, and where curving put them. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ */
+lapd_status lapd_mesh_get_second_order(const lapd_mesh *mesh, lapd_second_order *second_order);
 
 #ifdef __cplusplus
 }  // extern "C"

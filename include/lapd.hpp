@@ -505,6 +505,13 @@ class params {
         return set(lapd_params_set_target_dihedral, degrees);
     }
 
+    params &set_order(std::int32_t order) {
+        return set(lapd_params_set_order, order);
+    }
+    params &set_curved(bool curved) {
+        return set(lapd_params_set_curved, curved);
+    }
+
     double delta() const {
         return value<double>(lapd_params_get_delta);
     }
@@ -599,6 +606,12 @@ class params {
     double target_dihedral() const {
         return value<double>(lapd_params_get_target_dihedral);
     }
+    std::int32_t order() const {
+        return value<std::int32_t>(lapd_params_get_order);
+    }
+    bool curved() const {
+        return value<std::int32_t>(lapd_params_get_curved) != 0;
+    }
 
     lapd_params *get() const noexcept {
         return handle_.get();
@@ -679,6 +692,13 @@ class mesh {
     rows<std::uint32_t, 2> facet_tets() const {
         return array<rows<std::uint32_t, 2>>(lapd_mesh_get_facet_tets);
     }
+    /** The nodes on the edges of tets and facets; no rows in a mesh of order 1. */
+    rows<std::uint32_t, 6> tet_mid_nodes() const {
+        return array<rows<std::uint32_t, 6>>(lapd_mesh_get_tet_mid_nodes);
+    }
+    rows<std::uint32_t, 3> facet_mid_nodes() const {
+        return array<rows<std::uint32_t, 3>>(lapd_mesh_get_facet_mid_nodes);
+    }
 
     /** LAPD_OK for a complete mesh, or the status of the limit that ended the refinement of a partial one. */
     lapd_status limit_reached() const {
@@ -733,6 +753,9 @@ class mesh {
         place.struct_size = sizeof place;
         detail::check(lapd_mesh_get_defect(get(), index, &place));
         return place;
+    }
+    lapd_second_order second_order() const {
+        return filled<lapd_second_order>(lapd_mesh_get_second_order);
     }
     lapd_improvement improvement() const {
         return filled<lapd_improvement>(lapd_mesh_get_improvement);

@@ -14,6 +14,7 @@
 //! | [`refine`] | the rules R1 to R6 and the loop that applies them |
 //! | [`mesh`], [`io`] | the finished mesh: extraction, measures, certificate, files |
 //! | [`improve`] | slivers removed from the finished mesh |
+//! | [`second_order`] | nodes in the middles of edges, put on the interfaces |
 //! | [`mesher`] | the pipeline |
 //! | [`capi`] | the C interface |
 //! | `simulation` | with the feature of that name: many workers in virtual time, on machines that are not at hand |
@@ -36,6 +37,7 @@ mod panics;
 pub mod parallel;
 pub mod params;
 pub mod refine;
+pub mod second_order;
 #[cfg(feature = "simulation")]
 pub mod simulation;
 mod sync;

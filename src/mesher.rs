@@ -31,6 +31,7 @@ use crate::refine::rules::{Rules, TETS_PER_SIZE};
 use crate::refine::sizing::Sizing;
 use crate::refine::team::{Limits, Schedule};
 use crate::refine::{examine, refine};
+use crate::second_order::{self, SecondOrder, add_mid_nodes, curve};
 use crate::system::binding::Places;
 use crate::{Error, Result};
 
@@ -82,6 +83,8 @@ pub struct RunReport {
     pub threads: Vec<ThreadReport>,
     /// What the removal of slivers did.
     pub improvement: Improvement,
+    /// The nodes of second order.
+    pub second_order: SecondOrder,
     /// Tets and facets to which rules R1 to R6 still apply, but cannot be carried out.
     pub unmet: [u64; 6],
     /// Shape of tets and interface facets.
@@ -98,6 +101,9 @@ pub struct RunReport {
 pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>) -> Result<Meshing> {
     let mut clock = Instant::now();
     params.validate()?;
+    if params.curved && params.order != 2 {
+        return Err(Error::InvalidArgument(format!("curved tets need order 2, got {}", params.order)));
+    }
     let limits = limits(params, image, clock);
     let deadline = limits.clone();
     let [nx, ny, nz] = image.dims();
@@ -274,6 +280,14 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         size: voxels,
     }));
     seconds.certify += lap();
+    let mut second_order = SecondOrder::default();
+    if params.order == 2 {
+        second_order = add_mid_nodes(&mut mesh, monitor)?;
+        if params.curved {
+            second_order.curving = curve(&mut mesh, &oracle, image.labels(), monitor)?;
+        }
+        seconds.extract += lap();
+    }
     monitor.log(Level::Info, &format!("certificate measured in {:.2} s", seconds.certify));
     if let Some(limit) = &ended_by {
         monitor.log(Level::Warning, &format!("the mesh is partial: {limit}"));
@@ -290,6 +304,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         work,
         threads,
         improvement,
+        second_order,
         unmet,
         quality,
         certificate,
@@ -306,7 +321,8 @@ fn limits(params: &MeshParams, image: &LabelImage, start: Instant) -> Limits {
     });
     let (max_vertices, max_memory) = (params.max_vertices, params.max_memory);
     let bytes_after = Certificate::bytes_needed(image);
-    Limits { max_vertices, deadline, max_memory, bytes_per_slot: BYTES_PER_SLOT, bytes_after }
+    let of_nodes = if params.order == 2 { second_order::BYTES_PER_TET } else { 0 };
+    Limits { max_vertices, deadline, max_memory, bytes_per_slot: BYTES_PER_SLOT + of_nodes, bytes_after }
 }
 
 /// A line about what is meshed.

@@ -106,6 +106,10 @@ pub struct MeshParams {
     pub improve: Improve,
     /// Tets with a dihedral angle below this, or above 180 less this, are improved; in degrees, above 0 and at most [`MAX_TARGET_DIHEDRAL`].
     pub target_dihedral: f64,
+    /// The order of tets: 1 for four nodes each, 2 for ten, one more in the middle of each edge.
+    pub order: u32,
+    /// Put the nodes in the middle of the edges of interface facets on the interfaces of the image, as far as tets stay valid. Needs order 2.
+    pub curved: bool,
     /// The surface model.
     pub surface: SurfaceModel,
     /// Smooth the labels of a coarse segmentation first: the standard deviation of a Gaussian, in voxels along each axis of the image; 0 to [`MAX_SIGMA`], 0 for
@@ -162,6 +166,8 @@ impl Default for MeshParams {
             facet_angle: 30.0,
             improve: Improve::Full,
             target_dihedral: 15.0,
+            order: 1,
+            curved: false,
             surface: SurfaceModel::Smooth,
             sigma: 0.0,
             border: ImageBorder::Flat,
@@ -221,6 +227,9 @@ impl MeshParams {
                 "target dihedral angle must lie above 0 and not above {MAX_TARGET_DIHEDRAL} degrees, got {}",
                 self.target_dihedral
             )));
+        }
+        if !(1..=2).contains(&self.order) {
+            return Err(Error::InvalidArgument(format!("order must be 1 or 2, got {}", self.order)));
         }
         if !(0.0..=MAX_SIGMA).contains(&self.sigma) {
             return Err(Error::InvalidArgument(format!(

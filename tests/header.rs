@@ -7,7 +7,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 13] = [
+const SOURCES: [&str; 14] = [
     "status",
     "context",
     "image",
@@ -21,6 +21,7 @@ const SOURCES: [&str; 13] = [
     "report",
     "tables",
     "improvement",
+    "second_order",
 ];
 
 const HEAD: &str = "\

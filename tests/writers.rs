@@ -25,6 +25,7 @@ fn mesh() -> TetMesh {
         facets: vec![[0, 2, 1], [1, 2, 3], [0, 1, 3], [0, 3, 2], [2, 4, 1], [0, 1, 4], [0, 4, 2]],
         facet_labels: vec![[7, -2], [7, 0], [7, 0], [7, 0], [0, -2], [0, -2], [0, -2]],
         facet_tets: vec![[0, 1], [0, NONE], [0, NONE], [0, 2], [NONE, 1], [NONE, 1], [NONE, 1]],
+        mid_nodes: None,
     }
 }
 

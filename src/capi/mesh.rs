@@ -78,12 +78,15 @@ pub unsafe extern "C" fn lapd_mesh_check_path(context: *mut lapd_context, path: 
 /// - .inp: Abaqus; an element set for each label, an element-based surface for each pair, names as above;
 /// - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label and second_label.
 ///
+/// Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and TrianglesP2, Gmsh's types 11
+/// and 9, C3D10. TetGen's files can't hold them; surfaces hold their flat facets.
+///
 /// `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
 /// same mesh at once, to different files. The work is shared by as many threads as the calling one may use processors; they are
 /// joined at return.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending; LAPD_ERROR_IO when the file cannot
-/// be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number; LAPD_ERROR_CANCELLED
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the format has no tets of the
+/// mesh's order; LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number; LAPD_ERROR_CANCELLED
 /// after lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_write(
@@ -201,7 +204,8 @@ fn tet_labels(mesh: &TetMesh) -> &[[i32; 1]] {
     mesh.labels.as_chunks().0
 }
 
-/// The positions of the vertices in world units: `*points` is [count][3].
+/// The positions of the vertices in world units: `*points` is [count][3]. In a mesh of order 2 the nodes in the middles of edges
+/// come behind them.
 ///
 /// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
 ///
@@ -308,7 +312,42 @@ pub unsafe extern "C" fn lapd_mesh_get_facet_tets(
     unsafe { lend(mesh, tets, count, |m| &m.facet_tets) }
 }
 
-/// Copies the points into a buffer of `capacity` values, 3 for each vertex. Any thread.
+/// The nodes in the middles of the edges of the tets, as row numbers of the points: `*nodes` is [count][6]; of a tet (a, b, c, d)
+/// they are those of its edges ab, bc, ca, ad, bd, cd, as in VTK. The count is 0 for a mesh of order 1 (see
+/// lapd_params_set_order).
+///
+/// Of the points those of the vertices come first, as many as lapd_counts.vertices tells; then these nodes.
+///
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_tet_mid_nodes(
+    mesh: *const lapd_mesh,
+    nodes: *mut *const u32,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { lend(mesh, nodes, count, |m| m.mid_nodes.as_ref().map_or(&[], |nodes| &nodes.tets)) }
+}
+
+/// The nodes in the middles of the edges of the interface facets: `*nodes` is [count][3]; of a facet (a, b, c) they are those of
+/// its edges ab, bc, ca. Otherwise as lapd_mesh_get_tet_mid_nodes.
+///
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_facet_mid_nodes(
+    mesh: *const lapd_mesh,
+    nodes: *mut *const u32,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { lend(mesh, nodes, count, |m| m.mid_nodes.as_ref().map_or(&[], |nodes| &nodes.facets)) }
+}
+
+/// Copies the points into a buffer of `capacity` values, 3 for each vertex and node. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
 #[unsafe(no_mangle)]

@@ -28,6 +28,7 @@ pub mod params;
 mod pool;
 pub mod report;
 pub mod run;
+pub mod second_order;
 pub mod status;
 pub mod tables;
 pub mod thin;

@@ -632,3 +632,62 @@ pub unsafe extern "C" fn lapd_params_get_target_dihedral(params: *const lapd_par
     // SAFETY: see the module's head.
     unsafe { read(params, degrees, "degrees", |p| p.target_dihedral) }
 }
+
+/// Sets the order of tets: 1, the default, for four nodes each, or 2 for ten, one more in the middle of each edge. See
+/// lapd_mesh_get_tet_mid_nodes. No other thread may use `params` or the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_order(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    order: i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.order =
+                u32::try_from(order).map_err(|_| Failure::invalid(format!("order must be 1 or 2, got {order}")))?;
+            Ok(())
+        })
+    }
+}
+
+/// The order of tets, 1 or 2. Any thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_order(params: *const lapd_params, order: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, order, "order", |p| p.order as i32) }
+}
+
+/// Sets whether (1) or not (0, the default) the nodes in the middle of edges of interface facets go from there to where the image
+/// has the interface, as far as tets stay valid: the determinant of the Jacobian is positive in all of each tet. Needs order 2
+/// when the mesh is made. See lapd_mesh_get_second_order. No other thread may use `params` or the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_curved(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    curved: i32,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.curved = flag(curved, "curved")?;
+            Ok(())
+        })
+    }
+}
+
+/// Whether nodes in the middle of edges of interface facets go to the image's interface. Any thread, unless another one changes
+/// `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_curved(params: *const lapd_params, curved: *mut i32) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, curved, "curved", |p| i32::from(p.curved)) }
+}

@@ -245,7 +245,7 @@ pub unsafe extern "C" fn lapd_mesh_get_counts(mesh: *const lapd_mesh, counts: *m
     unsafe {
         fill(mesh, counts, "counts", |meshing| lapd_counts {
             struct_size: own_size::<lapd_counts>(),
-            vertices: meshing.mesh.points.len() as u64,
+            vertices: meshing.mesh.vertex_count() as u64,
             tets: meshing.mesh.tets.len() as u64,
             tissue_tets: meshing.mesh.labels.iter().filter(|&&label| label != 0).count() as u64,
             interface_facets: meshing.mesh.facets.len() as u64,

@@ -43,14 +43,8 @@ impl Interfaces<'_> {
 
     /// The point of the interface near `p`, along `normal`, that has the first label below and the second one above, both at
     /// a distance of `reach`.
-    pub fn project(&self, p: DVec3, normal: DVec3, reach: f64, [below, above]: [i32; 2]) -> Option<DVec3> {
-        let off = reach * normal;
-        let from = self.oracle.label(p - off);
-        if self.labels[usize::from(from)] != below {
-            return None;
-        }
-        let crossing = self.oracle.first_crossing_from(from, p - off, p + off)?;
-        (self.labels[usize::from(crossing.to)] == above && self.label(p + off) == above).then_some(crossing.point)
+    pub fn project(&self, p: DVec3, normal: DVec3, reach: f64, pair: [i32; 2]) -> Option<DVec3> {
+        self.oracle.project(p, normal, reach, pair, self.labels)
     }
 
     /// Whether `to` is no farther from the interface than `from`, measured along the line through both.

@@ -1,6 +1,7 @@
 //! Abaqus input file, read by CalculiX and others too (Dassault Systemes, "Abaqus Keywords Guide": *NODE, *ELEMENT, *SURFACE).
 //!
-//! The tets of each label are an element set, `label_7`, of elements C3D4. Each pair of labels is an element-based surface,
+//! The tets of each label are an element set, `label_7`, of elements C3D4, or C3D10 in a mesh of second order, whose nodes on edges come
+//! in the mesh's own order. Each pair of labels is an element-based surface,
 //! `interface_7_3`, of faces of tets of the first label, so that its normals point to the second one; where the first label is background that was
 //! not kept (which takes a negative second one), of faces of tets of the second. The number of a node is its index + 1, that of an
 //! element the tet's index + 1.
@@ -23,7 +24,7 @@ const WIDTH: usize = 20;
 
 /// Numbers of nodes and of elements have at most 9 digits.
 pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
-    check_count(path, "an Abaqus file", "vertices", mesh.points.len(), 999_999_999)?;
+    check_count(path, "an Abaqus file", "nodes", mesh.points.len(), 999_999_999)?;
     check_count(path, "an Abaqus file", "tets", mesh.tets.len(), 999_999_999)
 }
 
@@ -37,11 +38,12 @@ pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
         }
         bytes.push(b'\n');
     })?;
+    let (nodes, kind) = (mesh.nodes_per_tet(), if mesh.mid_nodes.is_some() { "C3D10" } else { "C3D4" });
     for (label, tets) in Groups::new(&mesh.labels).map_err(io::Error::other)?.iter() {
-        writeln!(out, "*ELEMENT, TYPE=C3D4, ELSET={}", label_name(label))?;
+        writeln!(out, "*ELEMENT, TYPE={kind}, ELSET={}", label_name(label))?;
         write_records(out, tets.len(), |i, bytes| {
             push_int(bytes, i64::from(tets[i]) + 1);
-            for &v in &mesh.tets[tets[i] as usize] {
+            for &v in &mesh.tet_nodes(tets[i] as usize)[..nodes] {
                 bytes.extend_from_slice(b", ");
                 push_int(bytes, i64::from(v) + 1);
             }

@@ -12,6 +12,9 @@
 //! bound them, a surface with normals into the volume negative. A node on interfaces belongs to the surface of the smallest
 //! number among them (Gmsh would make curves where three labels meet; we have none), any other to its volume.
 //!
+//! In a mesh of second order elements have types 11 and 9. Of the nodes on the edges of a tet (a, b, c, d) Gmsh has that of cd
+//! before that of bd; those of facets come in the mesh's own order.
+//!
 //! Memory: beside the mesh, 4 bytes per tet and facet and 12 bytes per vertex for the order of version 4.1.
 
 use std::io::{self, Write};
@@ -27,9 +30,43 @@ use crate::Result;
 use crate::memory::filled;
 use crate::mesh::TetMesh;
 
-/// Gmsh's types of elements.
-const TRIANGLE: i32 = 2;
-const TETRAHEDRON: i32 = 4;
+/// Gmsh's types of elements, of order 1 and 2.
+const TRIANGLE: [i32; 2] = [2, 9];
+const TETRAHEDRON: [i32; 2] = [4, 11];
+
+/// What the blocks of elements need to know: their types, how many nodes they have, and which.
+struct Elements<'m> {
+    mesh: &'m TetMesh,
+    order: usize,
+}
+
+impl<'m> Elements<'m> {
+    fn new(mesh: &'m TetMesh) -> Self {
+        Self { mesh, order: if mesh.mid_nodes.is_some() { 2 } else { 1 } }
+    }
+
+    fn kind_of_tets(&self) -> i32 {
+        TETRAHEDRON[self.order - 1]
+    }
+
+    fn kind_of_facets(&self) -> i32 {
+        TRIANGLE[self.order - 1]
+    }
+
+    /// Calls `push` for the nodes of a tet. Gmsh has the last two edges the other way round.
+    fn nodes_of_tet(&self, t: usize, push: &mut dyn FnMut(u32)) {
+        let [a, b, c, d, ab, bc, ca, ad, bd, cd] = self.mesh.tet_nodes(t);
+        [a, b, c, d, ab, bc, ca, ad, cd, bd][..self.mesh.nodes_per_tet()].iter().for_each(|&node| push(node));
+    }
+
+    /// Calls `push` for the nodes of a facet.
+    fn nodes_of_facet(&self, f: usize, push: &mut dyn FnMut(u32)) {
+        self.mesh.facet_nodes(f)[..self.mesh.nodes_per_facet()].iter().for_each(|&node| push(node));
+    }
+}
+
+/// Calls its second argument for the nodes of an element.
+type Nodes<'a> = dyn Fn(usize, &mut dyn FnMut(u32)) + Sync + 'a;
 
 /// Dimensions of entities.
 const SURFACE: i32 = 2;
@@ -81,28 +118,33 @@ pub(super) fn write_2_2(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
         push_point(bytes, &mesh.points[v]);
     })?;
     write!(out, "\n$EndNodes\n$Elements\n{}\n", mesh.tets.len() + mesh.facets.len())?;
-    write_block_2_2(out, TETRAHEDRON, 0, &mesh.tets, |t| tags[labels.partition_point(|&l| l < mesh.labels[t])])?;
-    let facets_from = mesh.tets.len();
-    write_block_2_2(out, TRIANGLE, facets_from, &mesh.facets, |f| pairs.number(&mesh.facet_labels[f]) as i32)?;
+    let elements = Elements::new(mesh);
+    let tag_of_tet = |t: usize| tags[labels.partition_point(|&l| l < mesh.labels[t])];
+    let tets = |t: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_tet(t, push);
+    write_block_2_2(out, elements.kind_of_tets(), 0, mesh.tets.len(), &tets, tag_of_tet)?;
+    let tag_of_facet = |f: usize| pairs.number(&mesh.facet_labels[f]) as i32;
+    let facets = |f: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_facet(f, push);
+    write_block_2_2(out, elements.kind_of_facets(), mesh.tets.len(), mesh.facets.len(), &facets, tag_of_facet)?;
     out.write_all(b"\n$EndElements\n")
 }
 
 /// Elements of one type: type, count, number of tags; then of each its number, physical and elementary tag, and nodes.
-fn write_block_2_2<const N: usize>(
+fn write_block_2_2(
     out: &mut Output,
     kind: i32,
     first: usize,
-    elements: &[[u32; N]],
+    count: usize,
+    nodes: &Nodes<'_>,
     tag: impl Fn(usize) -> i32 + Sync,
 ) -> io::Result<()> {
-    if elements.is_empty() {
+    if count == 0 {
         return Ok(());
     }
-    write_ints(out, &[kind, elements.len() as i32, 2])?;
-    write_records(out, elements.len(), |i, bytes| {
+    write_ints(out, &[kind, count as i32, 2])?;
+    write_records(out, count, |i, bytes| {
         let tag = tag(i);
         push_ints(bytes, [(first + i) as i32 + 1, tag, tag]);
-        push_ints(bytes, elements[i].map(|v| v as i32 + 1));
+        nodes(i, &mut |v| push_ints(bytes, [v as i32 + 1]));
     })
 }
 
@@ -116,7 +158,8 @@ pub(super) fn write_4_1(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
     out.write_all(b"$Entities\n")?;
     write_longs(out, &[0, 0, surfaces.iter().len(), volumes.iter().len()])?;
     for (number, (_, facets)) in (1..).zip(surfaces.iter()) {
-        write_entity(out, mesh, number, facets.iter().flat_map(|&f| mesh.facets[f as usize]), &[])?;
+        let nodes = |&f: &u32| mesh.facet_nodes(f as usize).into_iter().take(mesh.nodes_per_facet());
+        write_entity(out, mesh, number, facets.iter().flat_map(nodes), &[])?;
     }
     for (&tag, (label, tets)) in tags.iter().zip(volumes.iter()) {
         let boundary: Vec<i32> = (1..)
@@ -124,7 +167,8 @@ pub(super) fn write_4_1(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
             .filter(|(_, pair)| pair.contains(&label))
             .map(|(number, pair)| if pair[0] == label { number } else { -number })
             .collect();
-        write_entity(out, mesh, tag, tets.iter().flat_map(|&t| mesh.tets[t as usize]), &boundary)?;
+        let nodes = |&t: &u32| mesh.tet_nodes(t as usize).into_iter().take(mesh.nodes_per_tet());
+        write_entity(out, mesh, tag, tets.iter().flat_map(nodes), &boundary)?;
     }
     out.write_all(b"\n$EndEntities\n$Nodes\n")?;
 
@@ -142,11 +186,14 @@ pub(super) fn write_4_1(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
 
     let count = mesh.tets.len() + mesh.facets.len();
     write_longs(out, &[surfaces.iter().len() + volumes.iter().len(), count, 1.min(count), count])?;
+    let elements = Elements::new(mesh);
+    let nodes = |f: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_facet(f, push);
     for (number, (_, members)) in (1..).zip(surfaces.iter()) {
-        write_block_4_1(out, [SURFACE, number, TRIANGLE], mesh.tets.len(), &mesh.facets, members)?;
+        write_block_4_1(out, [SURFACE, number, elements.kind_of_facets()], mesh.tets.len(), &nodes, members)?;
     }
+    let nodes = |t: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_tet(t, push);
     for (&tag, (_, members)) in tags.iter().zip(volumes.iter()) {
-        write_block_4_1(out, [VOLUME, tag, TETRAHEDRON], 0, &mesh.tets, members)?;
+        write_block_4_1(out, [VOLUME, tag, elements.kind_of_tets()], 0, &nodes, members)?;
     }
     out.write_all(b"\n$EndElements\n")
 }
@@ -180,21 +227,23 @@ fn owners(mesh: &TetMesh, tags: &[i32], volumes: &Groups<i32>, surfaces: &Groups
     let nowhere = [VOLUME, tags.first().copied().unwrap_or(1)];
     let mut owners = filled(mesh.points.len(), nowhere, "owners of vertices", || Ok(()))?;
     for (&tag, (_, tets)) in tags.iter().zip(volumes.iter()) {
-        tets.iter().flat_map(|&t| mesh.tets[t as usize]).for_each(|v| owners[v as usize] = [VOLUME, tag]);
+        let nodes = |&t: &u32| mesh.tet_nodes(t as usize).into_iter().take(mesh.nodes_per_tet());
+        tets.iter().flat_map(nodes).for_each(|v| owners[v as usize] = [VOLUME, tag]);
     }
     for (i, (_, facets)) in surfaces.iter().enumerate().rev() {
         let number = i as i32 + 1;
-        facets.iter().flat_map(|&f| mesh.facets[f as usize]).for_each(|v| owners[v as usize] = [SURFACE, number]);
+        let nodes = |&f: &u32| mesh.facet_nodes(f as usize).into_iter().take(mesh.nodes_per_facet());
+        facets.iter().flat_map(nodes).for_each(|v| owners[v as usize] = [SURFACE, number]);
     }
     Ok(owners)
 }
 
 /// Elements of one entity: dimension and tag of the entity, type, count; then of each element its tag and nodes.
-fn write_block_4_1<const N: usize>(
+fn write_block_4_1(
     out: &mut Output,
     kind: [i32; 3],
     first: usize,
-    elements: &[[u32; N]],
+    nodes: &Nodes<'_>,
     members: &[u32],
 ) -> io::Result<()> {
     write_ints(out, &kind)?;
@@ -202,7 +251,7 @@ fn write_block_4_1<const N: usize>(
     write_records(out, members.len(), |i, bytes| {
         let element = members[i] as usize;
         push_long(bytes, (first + element) as u64 + 1);
-        elements[element].iter().for_each(|&v| push_long(bytes, u64::from(v) + 1));
+        nodes(element, &mut |v| push_long(bytes, u64::from(v) + 1));
     })
 }
 

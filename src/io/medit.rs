@@ -2,6 +2,9 @@
 //!
 //! The reference of a tet is its label, that of a triangle the number of its pair of labels, that of every vertex 0. Comment lines before
 //! the triangles say which labels a number stands for. Indices start at 1.
+//!
+//! In a mesh of second order they are `TetrahedraP2` and `TrianglesP2`, with the nodes on edges in the mesh's own order
+//! (libMeshb's default). Orders of nodes are not declared: readers other than libMeshb's do not know these sections.
 
 use std::io::{self, Write};
 
@@ -20,19 +23,21 @@ pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
         }
         bytes.extend_from_slice(b"0\n");
     })?;
-    write!(out, "Tetrahedra\n{}\n", mesh.tets.len())?;
+    let suffix = if mesh.mid_nodes.is_some() { "P2" } else { "" };
+    write!(out, "Tetrahedra{suffix}\n{}\n", mesh.tets.len())?;
+    let (of_tet, of_facet) = (mesh.nodes_per_tet(), mesh.nodes_per_facet());
     write_records(out, mesh.tets.len(), |t, bytes| {
-        push_line(bytes, &mesh.tets[t], i64::from(mesh.labels[t]));
+        push_line(bytes, &mesh.tet_nodes(t)[..of_tet], i64::from(mesh.labels[t]));
     })?;
     let pairs = LabelPairs::new(mesh);
-    write!(out, "{}Triangles\n{}\n", pairs.comments(), mesh.facets.len())?;
+    write!(out, "{}Triangles{suffix}\n{}\n", pairs.comments(), mesh.facets.len())?;
     write_records(out, mesh.facets.len(), |f, bytes| {
-        push_line(bytes, &mesh.facets[f], pairs.number(&mesh.facet_labels[f]) as i64);
+        push_line(bytes, &mesh.facet_nodes(f)[..of_facet], pairs.number(&mesh.facet_labels[f]) as i64);
     })?;
     out.write_all(b"End\n")
 }
 
-/// Appends a line of vertices, counted from 1, and a reference.
+/// Appends a line of nodes, counted from 1, and a reference.
 fn push_line(bytes: &mut Vec<u8>, vertices: &[u32], reference: i64) {
     for &v in vertices {
         push_int(bytes, i64::from(v) + 1);

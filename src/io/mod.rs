@@ -18,6 +18,10 @@
 //! Labels may be any 32-bit integers. Only Gmsh's tags must be positive: there the tag of a positive label is the label, labels of 0 and below
 //! get the numbers after the largest label, 0 first, then -1 and so on, and the names of the physical groups tell which label it is.
 //!
+//! Meshes of second order go to `.vtu`, `.vtk`, `.mesh`, `.msh`, `.msh2`, `.inp`, with all nodes of tets and facets; the nodes on edges come in the order of
+//! [`MidNodes`](crate::mesh::MidNodes) but in Gmsh's files, where the last two of a tet change places. STL, PLY and OFF hold the
+//! flat facets between vertices. TetGen's files are refused.
+//!
 //! The order of the vertices of tets is that of [`TetMesh`] in every format, normals of facets point from the first to the
 //! second label. Coordinates are the mesh's; binary formats hold them as they are (STL in single precision), ascii ones in the shortest form
 //! that reads back to the same number (Abaqus in at most 20 characters). STL, PLY and OFF leave out what is no vertex of a facet.

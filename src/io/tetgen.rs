@@ -9,12 +9,18 @@ use std::path::Path;
 use super::LabelPairs;
 use super::output::Output;
 use super::records::{push_float, push_int, push_ints, write_records};
-use crate::Result;
 use crate::mesh::TetMesh;
 use crate::monitor::CancelFlag;
+use crate::{Error, Result};
 
 /// Writes the three files that `path`, with any of their endings, stands for.
 pub(super) fn write(mesh: &TetMesh, path: &Path, cancel: Option<&CancelFlag>) -> Result<()> {
+    if mesh.mid_nodes.is_some() {
+        return Err(Error::InvalidArgument(format!(
+            "{}: TetGen's files are written for tets of order 1 only; .vtu .vtk .msh .inp .mesh have order 2",
+            path.display()
+        )));
+    }
     let create = |ending: &str| Ok(Output::create(&path.with_extension(ending))?.watching(cancel));
     let (mut node, mut ele, mut face) = (create("node")?, create("ele")?, create("face")?);
     node.fill(|out| {

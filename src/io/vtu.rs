@@ -15,7 +15,7 @@ use flate2::{Compression, write::ZlibEncoder};
 
 use super::output::Output;
 use super::records::write_batches;
-use super::vtk::TETRA;
+use super::vtk::cell_type;
 use crate::mesh::TetMesh;
 use crate::mesh::quality::TetMeasure;
 
@@ -80,16 +80,17 @@ impl<'a> Array<'a> {
 /// Writes the file; where `measures` is true, with an array for each of [`TetMeasure::ALL`].
 pub(super) fn write(mesh: &TetMesh, measures: bool, out: &mut Output) -> io::Result<()> {
     let (points, tets) = (mesh.points.len(), mesh.tets.len());
+    let (nodes, kind) = (mesh.nodes_per_tet(), cell_type(mesh));
     let mut arrays = vec![
         Array::new(r#"type="Int32" Name="label""#, tets, |t| mesh.labels[t].to_le_bytes()),
         Array::new(r#"type="Float64" Name="Points" NumberOfComponents="3""#, 3 * points, |i| {
             mesh.points[i / 3][i % 3].to_le_bytes()
         }),
-        Array::new(r#"type="Int64" Name="connectivity""#, 4 * tets, |i| {
-            i64::from(mesh.tets[i / 4][i % 4]).to_le_bytes()
+        Array::new(r#"type="Int64" Name="connectivity""#, nodes * tets, |i| {
+            i64::from(mesh.tet_nodes(i / nodes)[i % nodes]).to_le_bytes()
         }),
-        Array::new(r#"type="Int64" Name="offsets""#, tets, |t| (4 * (t as i64 + 1)).to_le_bytes()),
-        Array::new(r#"type="UInt8" Name="types""#, tets, |_| [TETRA]),
+        Array::new(r#"type="Int64" Name="offsets""#, tets, |t| (nodes * (t + 1)).to_le_bytes()),
+        Array::new(r#"type="UInt8" Name="types""#, tets, |_| [kind]),
     ];
     const WITHOUT_MEASURES: usize = 5;
     if measures {

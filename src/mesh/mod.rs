@@ -36,7 +36,7 @@ pub const NONE: u32 = u32::MAX;
 /// `facet_labels[f][1]`, and the first label is the larger one (so that facets on the outside point outwards, towards label 0, unless labels are negative).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TetMesh {
-    /// Vertex positions.
+    /// Vertex positions; behind them those of the nodes in the middles of edges, if there are any.
     pub points: Vec<[f64; 3]>,
     /// Vertex indices of each tet.
     pub tets: Vec<[u32; 4]>,
@@ -50,9 +50,53 @@ pub struct TetMesh {
     pub facet_labels: Vec<[i32; 2]>,
     /// The tets on the two sides of each interface facet; [`NONE`] where that side is background that was not kept.
     pub facet_tets: Vec<[u32; 2]>,
+    /// The nodes in the middles of edges, of a mesh of second order.
+    pub mid_nodes: Option<MidNodes>,
+}
+
+/// The nodes in the middles of the edges of tets of second order; see [`second_order`](crate::second_order).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MidNodes {
+    /// The number of vertices: these nodes are the points behind them.
+    pub vertices: usize,
+    /// The nodes of each tet (a, b, c, d), on its edges ab, bc, ca, ad, bd, cd.
+    pub tets: Vec<[u32; 6]>,
+    /// The nodes of each interface facet (a, b, c), on its edges ab, bc, ca.
+    pub facets: Vec<[u32; 3]>,
 }
 
 impl TetMesh {
+    /// The number of vertices, corners of tets.
+    pub fn vertex_count(&self) -> usize {
+        self.mid_nodes.as_ref().map_or(self.points.len(), |nodes| nodes.vertices)
+    }
+
+    /// How many nodes a tet has: 4, or 10 in a mesh of second order.
+    pub fn nodes_per_tet(&self) -> usize {
+        if self.mid_nodes.is_some() { 10 } else { 4 }
+    }
+
+    /// How many nodes a facet has: 3, or 6 in a mesh of second order.
+    pub fn nodes_per_facet(&self) -> usize {
+        if self.mid_nodes.is_some() { 6 } else { 3 }
+    }
+
+    /// The nodes of a tet, vertices first; of the array as many count as [`Self::nodes_per_tet`].
+    #[inline]
+    pub fn tet_nodes(&self, t: usize) -> [u32; 10] {
+        let of_edges = self.mid_nodes.as_ref().map_or([NONE; 6], |nodes| nodes.tets[t]);
+        let ([a, b, c, d], [ab, bc, ca, ad, bd, cd]) = (self.tets[t], of_edges);
+        [a, b, c, d, ab, bc, ca, ad, bd, cd]
+    }
+
+    /// The nodes of a facet, vertices first; of the array as many count as [`Self::nodes_per_facet`].
+    #[inline]
+    pub fn facet_nodes(&self, f: usize) -> [u32; 6] {
+        let of_edges = self.mid_nodes.as_ref().map_or([NONE; 3], |nodes| nodes.facets[f]);
+        let ([a, b, c], [ab, bc, ca]) = (self.facets[f], of_edges);
+        [a, b, c, ab, bc, ca]
+    }
+
     /// Position of vertex `v`.
     #[inline]
     pub fn point(&self, v: u32) -> DVec3 {

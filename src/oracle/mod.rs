@@ -246,6 +246,26 @@ impl Oracle {
         Some(Crossing { point: self.world_point(point), from, to })
     }
 
+    /// The point of an interface near `p`, along `normal`, if the image has the first label of `pair` below it and the second
+    /// one above, both at a distance of `reach`. `labels` has the label of each id.
+    pub fn project(
+        &self,
+        p: DVec3,
+        normal: DVec3,
+        reach: f64,
+        [below, above]: [i32; 2],
+        labels: &[i32],
+    ) -> Option<DVec3> {
+        let off = reach * normal;
+        let from = self.label(p - off);
+        if labels[usize::from(from)] != below {
+            return None;
+        }
+        let crossing = self.first_crossing_from(from, p - off, p + off)?;
+        let [past, at_end] = [crossing.to, self.label(p + off)].map(|id| labels[usize::from(id)]);
+        (past == above && at_end == above).then_some(crossing.point)
+    }
+
     /// Corners of an axis-aligned world box that holds dO and everything that is not background.
     pub fn bounds(&self) -> [DVec3; 2] {
         self.box_of(DVec3::ZERO, self.last)

@@ -1,0 +1,109 @@
+"""Meshes of second order, read back by programs that are not ours, as readback.py does with others.
+
+All nodes of tets and facets are compared with the arrays of the library. Gmsh bounds the determinants of Jacobians itself: the claim
+that curved tets are valid is checked by it, and the order of the nodes by the claim.
+"""
+
+import re
+import subprocess
+
+import numpy as np
+
+from readback_readers import gmsh_open
+
+
+class Nodes:
+    """Points, tets of ten nodes with labels, facets of six with pairs of labels."""
+
+    def __init__(self, points, tets, labels=None, facets=None, pairs=None):
+        self.points, self.tets, self.labels, self.facets, self.pairs = points, tets, labels, facets, pairs
+
+
+def vtk_volume(path):
+    import vtk
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    reader = vtk.vtkXMLUnstructuredGridReader() if path.suffix == ".vtu" else vtk.vtkUnstructuredGridReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    grid = reader.GetOutput()
+    assert set(vtk_to_numpy(grid.GetCellTypes())) == {vtk.VTK_QUADRATIC_TETRA}
+    cells = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 10)
+    points = vtk_to_numpy(grid.GetPoints().GetData())
+    # VTK tells which nodes an edge has: its ends, and one that is near their middle.
+    for t in range(0, len(cells), 97):
+        tet = grid.GetCell(t)
+        for edge in (tet.GetEdge(i).GetPointIds() for i in range(6)):
+            a, b, node = (points[edge.GetId(i)] for i in range(3))
+            assert np.linalg.norm(node - (a + b) / 2) <= 0.25 * np.linalg.norm(b - a), f"order of nodes in tet {t}"
+    return Nodes(points, cells, vtk_to_numpy(grid.GetCellData().GetArray("label")))
+
+
+def meshio_volume(path):
+    import meshio
+
+    mesh = meshio.read(path)
+    assert {block.type for block in mesh.cells} == {"tetra10"}
+    tets = np.concatenate([block.data for block in mesh.cells])
+    return Nodes(mesh.points, tets if path.suffix != ".inp" else tets[np.lexsort(tets.T)])
+
+
+def gmsh_elements(dimension):
+    """Elements of all entities in the order of their numbers. Gmsh has the nodes of the last two edges the other way round."""
+    import gmsh
+
+    kinds, numbers, nodes = gmsh.model.mesh.getElements(dimension, -1)
+    assert list(kinds) == [{2: 9, 3: 11}[dimension]], kinds
+    nodes = nodes[0].astype(np.int64).reshape(len(numbers[0]), -1)[np.argsort(numbers[0])] - 1
+    return np.sort(numbers[0]), nodes if dimension == 2 else nodes[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]
+
+
+def gmsh_volume(path):
+    """Both versions of MSH, and MEDIT. Gmsh must find all tets valid."""
+    import gmsh
+
+    points = gmsh_open(path)
+    numbers, tets = gmsh_elements(3)
+    least = gmsh.model.mesh.getElementQualities(numbers, "minDetJac")
+    assert (least > 0).all(), f"{(least <= 0).sum()} tets are not valid"
+    return Nodes(points, tets, facets=gmsh_elements(2)[1])
+
+
+READERS = [
+    ("vtk", ".vtu", vtk_volume),
+    ("vtk", ".vtk", vtk_volume),
+    ("meshio", ".vtu", meshio_volume),
+    ("meshio", ".vtk", meshio_volume),
+    ("meshio", ".inp", meshio_volume),
+    ("gmsh", ".msh", gmsh_volume),
+    ("gmsh", ".msh2", gmsh_volume),
+    ("gmsh", ".mesh", gmsh_volume),
+]
+
+
+def compare(seen, reference, ending):
+    assert np.allclose(seen.points, reference.points, rtol=1e-11, atol=0), "points differ"
+    wanted = reference.tets if ending != ".inp" else reference.tets[np.lexsort(reference.tets.T)]
+    assert np.array_equal(seen.tets, wanted), "tets differ"
+    if seen.labels is not None:
+        assert np.array_equal(seen.labels, reference.labels)
+    if seen.facets is not None:
+        assert np.array_equal(seen.facets, reference.facets), "facets differ"
+
+
+def calculix(path, volume):
+    """CalculiX's volume of all tets, which it integrates by a rule of four points, is ours but for the error of that rule."""
+    labels = sorted(set(re.findall(r"ELSET=label_(\S+)", path.read_text())))
+    lines = [f"*INCLUDE, INPUT={path.name}", "*MATERIAL, NAME=ELASTIC", "*ELASTIC", "1000., 0.3"]
+    lines += [f"*SOLID SECTION, ELSET=label_{label}, MATERIAL=ELASTIC" for label in labels]
+    lines += ["*BOUNDARY", "1, 1, 3", "2, 1, 3", "3, 1, 3", "*STEP", "*STATIC", "*CLOAD", "4, 1, 1."]
+    for label in labels:
+        lines += [f"*EL PRINT, ELSET=label_{label}, TOTALS=ONLY", "EVOL"]
+    path.with_name("job.inp").write_text("\n".join([*lines, "*END STEP", ""]))
+    run = subprocess.run(["ccx", "job"], check=False, cwd=path.parent, stdout=subprocess.PIPE, text=True)
+    complaints = re.findall(r".*(?:ERROR|WARNING|nonpositive).*", run.stdout)
+    assert run.returncode == 0 and not complaints, complaints or run.stdout
+    found = re.findall(r"total volume for set LABEL_\S+ and time.*\s+(-?\d\.\d+E[+-]\d+)", path.with_name("job.dat").read_text())
+    assert len(found) == len(labels)
+    total = sum(float(value) for value in found)
+    assert abs(total / volume - 1) < 1e-3, (total, volume)
