@@ -58,6 +58,8 @@ static const char MORE_USAGE[] =
     "  --probabilities      INPUT is a stack of probability maps, of labels 1, 2, ...; may be several files\n"
     "  --labels L,L,...     the labels at these isovalues, or of these maps\n"
     "  --gaussian SIGMA     smooth the labels of a coarse image; in voxels, at most 5; default 0\n"
+    "  --round              take voxels that are no whole numbers for the nearest labels; those within 0.001 of one\n"
+    "                       always are\n"
     "  --frame NAME         lps | ras: world axes that grow to the patient's left, posterior, superior, or right,\n"
     "                       anterior, superior; default as the file has them\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
@@ -417,6 +419,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             status = lapd_params_set_bind(context, params, 1);
         } else if (strcmp(option, "--curved") == 0) {
             status = lapd_params_set_curved(context, params, 1);
+        } else if (strcmp(option, "--round") == 0) {
+            o->label_values = LAPD_LABELS_ROUNDED;
         } else if (strcmp(option, "--probabilities") == 0) {
             o->probabilities = true;
         } else if (strcmp(option, "--measures") == 0) {
@@ -555,7 +559,7 @@ static lapd_status read_input(lapd_context *context, const options *o, lapd_imag
         return lapd_image_read_probabilities(context, o->inputs, o->input_count, o->world, o->labels, o->label_count,
                                              image);
     }
-    return lapd_image_read(context, o->inputs[0], o->world, image);
+    return lapd_image_read_labels(context, o->inputs[0], o->world, o->label_values, image);
 }
 
 /* Everything from the image on. Returns the exit status. */

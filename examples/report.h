@@ -20,6 +20,7 @@ typedef struct {
     bool probabilities;
     /* The frame of world coordinates that is asked for, a lapd_world_frame. */
     int32_t world;
+    int32_t label_values;
     const char **outputs;
     size_t output_count;
     const char *report;

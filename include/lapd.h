@@ -214,6 +214,21 @@ typedef enum {
 } lapd_world_frame;
 
 /**
+ * What becomes of voxels of a label image that are no whole numbers. Those within 1e-3 of one are always rounded, with a
+ * warning.
+ */
+typedef enum {
+  /**
+   * They are refused: the file may be no label image.
+   */
+  LAPD_LABELS_WHOLE = 0,
+  /**
+   * They are rounded, with a warning.
+   */
+  LAPD_LABELS_ROUNDED = 1,
+} lapd_label_values;
+
+/**
  * What the world axes of an image mean in the patient.
  */
 typedef enum {
@@ -1324,6 +1339,20 @@ lapd_status lapd_image_read(lapd_context *context,
                             lapd_image **image);
 
 /**
+ * As lapd_image_read, with a choice of what becomes of voxels that are no whole numbers: `values`, a lapd_label_values.
+ *
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel
+ * does not end the call.
+ *
+ * Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown.
+ */
+lapd_status lapd_image_read_labels(lapd_context *context,
+                                   const char *path,
+                                   int32_t world,
+                                   int32_t values,
+                                   lapd_image **image);
+
+/**
  * Frees an image. NULL is allowed and does nothing. Any thread; no call may be using it. Meshes made from it live on.
  */
 void lapd_image_free(lapd_image *image);
@@ -1436,7 +1465,8 @@ lapd_status lapd_image_create_gray(lapd_context *context,
  *
  * - `maps`: `map_count` pointers, each to the value of voxel (0, 0, 0) in the map of one label. The maps are copied (4 bytes per voxel and map, and 2 for labels).
  * - `labels`: `map_count` labels, all different. Where 0, the background, is among them, values may be of any scale; else the background has what all others leave to 1, and
- *   values must not exceed 1. Values below 0 count as 0.
+ *   values must not exceed 1 nor be below -0.5. Values below 0 count as 0, with a
+ *   warning below -0.001.
  * - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides maps may stand
  *   side by side, voxel by voxel.
  *
@@ -1444,7 +1474,7 @@ lapd_status lapd_image_create_gray(lapd_context *context,
  *
  * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for no maps, a label given twice, a value that is not finite, or above 1 without a map of label 0;
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for no maps, a label given twice, a value that is not finite, or above 1 or below -0.5 without a map of label 0;
  * LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_image_create_probabilities(lapd_context *context,
@@ -2159,6 +2189,10 @@ lapd_status lapd_mesh_check_path(lapd_context *context,
  *
  * Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and TrianglesP2, Gmsh's types 11
  * and 9, C3D10. TetGen's files can't hold them; surfaces hold their flat facets.
+ *
+ * Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as SPACE=LPS, RAS or LAS: in the
+ * head of .vtk and .stl and in a comment of .ply, where 3D Slicer looks for it, in comments of .mesh, .node, .ele, .face, .msh,
+ * .msh2, .inp, and in .vtu as the field array SPACE of character codes. .off has no place for it.
  *
  * `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
  * same mesh at once, to different files. The work is shared by as many threads as the calling one may use processors; they are

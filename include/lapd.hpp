@@ -281,6 +281,13 @@ class image {
         lapd_status status = lapd_image_read(context.get(), path.c_str(), world, &handle);
         return adopt(context, status, handle);
     }
+    // The same, with a choice of what becomes of voxels that are no whole numbers.
+    static image read_labels(context &context, const std::string &path, lapd_world_frame world,
+                             lapd_label_values values) {
+        lapd_image *handle = nullptr;
+        lapd_status status = lapd_image_read_labels(context.get(), path.c_str(), world, values, &handle);
+        return adopt(context, status, handle);
+    }
 
     // Scans, cut into labels at isovalues; without labels these are 1, 2, ...
     static image create_gray(context &context, const float *voxels, const grid &grid,

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use lapd::image::LabelImage;
-use lapd::image::readers::{ReadImage, WorldAxes, read_image};
+use lapd::image::readers::{ReadImage, ReadOptions, WorldAxes, read_image, read_image_with};
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
@@ -25,6 +25,149 @@ fn images(test: &str) -> Option<PathBuf> {
 
 fn read(path: &Path) -> ReadImage {
     read_image(path).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Small files that show faults, each of a kind.
+#[test]
+fn cases_are_read_as_expected() {
+    let Some(folder) = images("cases_are_read_as_expected").map(|folder| folder.join("cases")) else { return };
+    let rounded =
+        |name: &str| read_image_with(&folder.join(name), &ReadOptions { round: true, ..ReadOptions::default() });
+    let nearly = read(&folder.join("near_int_slope.nii.gz"));
+    assert!(nearly.warnings.iter().any(|warning| warning.contains("were rounded; the first, voxel (")));
+    let refused = read_image(&folder.join("near_int_petprep.nii.gz")).unwrap_err().to_string();
+    assert!(refused.contains("7000.97") && refused.contains("--round"), "{refused}");
+    assert!(rounded("near_int_petprep.nii.gz").unwrap().image.labels().contains(&7001));
+    let refused = read_image(&folder.join("half_labels.nii.gz")).unwrap_err().to_string();
+    assert!(refused.contains("42.5: labels must be whole numbers; --round"), "{refused}");
+    let halves = rounded("half_labels.nii.gz").unwrap();
+    assert_eq!(halves.image.labels(), [0, 43, 85]);
+    assert!(read(&folder.join("gzip_zero_tail.nii.gz")).warnings.is_empty());
+    let sheared = read(&folder.join("shear_sform.nii.gz"));
+    assert!(sheared.warnings.iter().any(|warning| warning.starts_with("the qform is taken, for sform")));
+    let by_ends = read(&folder.join("axis_mins.nrrd"));
+    assert_eq!(by_ends.image.frame().spacing(), DVec3::new(2.0, 1.5, 1.0));
+    assert_eq!(by_ends.image.frame().origin(), DVec3::new(-20.0, 5.0, 3.0));
+    assert!(by_ends.warnings.is_empty(), "{:?}", by_ends.warnings);
+}
+
+/// A volume of 3 x 4 x 5 numbers as text, which all have the same label but one.
+fn text_volume(numbers: &[f64]) -> String {
+    let numbers: Vec<String> = numbers.iter().map(|x| format!("{x:?}")).collect();
+    format!("NRRD0004\ntype: double\ndimension: 3\nsizes: 3 4 5\nencoding: text\n\n{}\n", numbers.join(" "))
+}
+
+/// Numbers within 1e-3 of whole ones become these, with one warning that counts them; others on request only.
+#[test]
+fn numbers_that_are_not_quite_whole_are_rounded() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.nrrd");
+    let numbers = prop::collection::vec((-9..9_i32, -0.0011..0.0011_f64, prop::bool::weighted(0.3)), 60);
+    TestRunner::default()
+        .run(&numbers, |numbers| {
+            let off = |&(_, off, is_off): &(i32, f64, bool)| if is_off { off } else { 0.0 };
+            let values: Vec<f64> = numbers.iter().map(|n| f64::from(n.0) + off(n)).collect();
+            std::fs::write(&path, text_volume(&values)).unwrap();
+            let is_far = |x: &f64| (x - x.round()).abs() > 1e-3;
+            let labels = |read: &ReadImage| {
+                read.image.ids().iter().map(|&id| read.image.labels()[usize::from(id)]).collect::<Vec<_>>()
+            };
+            let wanted: Vec<i32> = values.iter().map(|x| x.round() as i32).collect();
+            let count = values.iter().filter(|&&x| x != x.round()).count();
+            let check = |read: ReadImage| {
+                assert_eq!(labels(&read), wanted);
+                let told = read.warnings.iter().filter(|warning| warning.contains("were rounded")).count();
+                assert_eq!(told, usize::from(count > 0));
+                assert!(
+                    count == 0 || read.warnings.iter().any(|warning| warning.starts_with(&format!("{count} voxels")))
+                );
+            };
+            match read_image(&path) {
+                Ok(read) if !values.iter().any(is_far) => check(read),
+                Err(error) if values.iter().any(is_far) => assert!(error.to_string().contains("--round")),
+                other => panic!("{other:?}"),
+            }
+            check(read_image_with(&path, &ReadOptions { round: true, ..ReadOptions::default() }).unwrap());
+            Ok(())
+        })
+        .unwrap();
+}
+
+/// What is no number, or no label, stays refused whatever is asked for.
+#[test]
+fn rounding_takes_no_number_that_is_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.nrrd");
+    for (value, why) in [
+        (f64::NAN, "must be numbers"),
+        (f64::INFINITY, "must be numbers"),
+        (2_147_483_648.0, "must fit a 32-bit"),
+        (-2_147_483_648.7, "must fit a 32-bit"),
+        (1e300, "must fit a 32-bit"),
+    ] {
+        let mut values = [1.0; 60];
+        values[7] = value;
+        std::fs::write(&path, text_volume(&values)).unwrap();
+        let error = read_image_with(&path, &ReadOptions { round: true, ..ReadOptions::default() }).unwrap_err();
+        assert!(error.to_string().contains(why), "{error}");
+    }
+}
+
+/// Zeros after the members of a gzip file are ignored, as gzip does; anything else there is damage.
+#[test]
+fn zeros_after_a_gzip_member_are_ignored() {
+    let plain = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 3 4\nspacings: 1 1 1\nencoding: gzip\n\n".as_bytes();
+    let gzip = |bytes: &[u8]| {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        std::io::Write::write_all(&mut encoder, bytes).unwrap();
+        encoder.finish().unwrap()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.nrrd");
+    let members = [gzip(&[1; 10]), gzip(&[2; 14])].concat();
+    for zeros in [0, 1, 2, 511, 65_536, 200_000] {
+        std::fs::write(&path, [plain, &members, &vec![0; zeros]].concat()).unwrap();
+        let found = read(&path);
+        assert_eq!((found.image.labels(), found.warnings.len()), (&[0, 1, 2][..], 0), "{zeros}");
+        // Zeros between members, too.
+        std::fs::write(&path, [plain, &gzip(&[1; 10]), &vec![0; zeros], &gzip(&[2; 14])].concat()).unwrap();
+        assert_eq!(read(&path).image.labels(), [0, 1, 2]);
+        std::fs::write(&path, [plain, &members, &vec![0; zeros], b"no gzip member"].concat()).unwrap();
+        assert!(read_image(&path).unwrap_err().to_string().contains("damaged"), "{zeros}");
+    }
+}
+
+/// `axis mins` and `axis maxs` tell the place of voxels where nothing else does.
+#[test]
+fn the_ends_of_axes_tell_their_spacing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.nrrd");
+    let numbers = ((1..9_u32, 1..9_u32, 1..9_u32), prop::array::uniform3(-50.0..50.0_f64));
+    TestRunner::default()
+        .run(&(numbers, prop::array::uniform3(0.1..5.0_f64), prop::bool::ANY), |(((x, y, z), from), spacing, node)| {
+            let sizes = [x, y, z].map(|n| n + u32::from(node));
+            let ends = [0, 1, 2].map(|a| from[a] + spacing[a] * f64::from(sizes[a] - u32::from(node)));
+            let list = |values: [f64; 3]| format!("{} {} {}", values[0], values[1], values[2]);
+            let center = if node { "node" } else { "cell" };
+            let header = format!(
+                "NRRD0004\ntype: uint8\ndimension: 3\nsizes: {} {} {}\nencoding: raw\naxis mins: {}\naxis maxs: {}\n\
+                 centers: {center} {center} {center}\n\n",
+                sizes[0],
+                sizes[1],
+                sizes[2],
+                list(from),
+                list(ends)
+            );
+            let count = sizes.iter().product::<u32>() as usize;
+            std::fs::write(&path, [header.as_bytes(), &vec![1; count]].concat()).unwrap();
+            let found = read(&path);
+            let first = DVec3::from(from) + if node { DVec3::ZERO } else { DVec3::from(spacing) * 0.5 };
+            prop_assert!((found.image.frame().spacing() - DVec3::from(spacing)).abs().max_element() < 1e-9);
+            prop_assert!((found.image.frame().origin() - first).abs().max_element() < 1e-9);
+            prop_assert!(found.warnings.is_empty());
+            Ok(())
+        })
+        .unwrap();
 }
 
 /// Labels without 0.

@@ -18,7 +18,7 @@ use crate::image::{Frame, LabelImage, Voxels, numbered_voxels};
 pub struct lapd_image {
     pub(super) image: LabelImage,
     /// As far as a file said.
-    world: Option<WorldAxes>,
+    pub(super) world: Option<WorldAxes>,
     warnings: Vec<CString>,
 }
 
@@ -57,6 +57,17 @@ pub enum lapd_world_frame {
     LAPD_WORLD_RAS = 2,
 }
 
+/// What becomes of voxels of a label image that are no whole numbers. Those within 1e-3 of one are always rounded, with a
+/// warning.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_label_values {
+    /// They are refused: the file may be no label image.
+    LAPD_LABELS_WHOLE = 0,
+    /// They are rounded, with a warning.
+    LAPD_LABELS_ROUNDED = 1,
+}
+
 /// What the world axes of an image mean in the patient.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,7 +101,7 @@ pub(super) fn read_options(world: i32) -> Outcome<ReadOptions> {
         w if w == lapd_world_frame::LAPD_WORLD_RAS as i32 => WorldFrame::Ras,
         _ => return Err(unknown("world", "a lapd_world_frame", world)),
     };
-    Ok(ReadOptions { world })
+    Ok(ReadOptions { world, round: false })
 }
 
 impl lapd_voxel_type {
@@ -279,12 +290,35 @@ pub unsafe extern "C" fn lapd_image_read(
     world: i32,
     image: *mut *mut lapd_image,
 ) -> lapd_status {
+    // SAFETY: passed on to the caller.
+    unsafe { lapd_image_read_labels(context, path, world, lapd_label_values::LAPD_LABELS_WHOLE as i32, image) }
+}
+
+/// As lapd_image_read, with a choice of what becomes of voxels that are no whole numbers: `values`, a lapd_label_values.
+///
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel
+/// does not end the call.
+///
+/// Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_read_labels(
+    context: *mut lapd_context,
+    path: *const c_char,
+    world: i32,
+    values: i32,
+    image: *mut *mut lapd_image,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         with_context(context, |context| {
             let out = Out::new(image, "image")?;
             let path = to_path(c_str(path, "path")?)?;
-            let read = read_image_with(path, &read_options(world)?)?;
+            let round = match values {
+                v if v == lapd_label_values::LAPD_LABELS_WHOLE as i32 => false,
+                v if v == lapd_label_values::LAPD_LABELS_ROUNDED as i32 => true,
+                _ => return Err(unknown("values", "a lapd_label_values", values)),
+            };
+            let read = read_image_with(path, &ReadOptions { round, ..read_options(world)? })?;
             tell(context, &read.warnings);
             out.set(handle(read.image, read.world, read.warnings));
             Ok(())

@@ -49,9 +49,10 @@ unsafe fn optional_labels<'a>(labels: *const i32, count: usize) -> Outcome<Optio
     if labels.is_null() { Ok(None) } else { unsafe { slice(labels, count, "labels") }.map(Some) }
 }
 
-/// The most likely labels, and a warning for maps that win nowhere.
+/// The most likely labels, and warnings for values below 0 and for maps that win nowhere.
 fn likeliest(probabilities: &ProbabilityImage, warnings: &mut Vec<String>) -> Outcome<LabelImage> {
     let image = probabilities.label_image()?;
+    warnings.extend(probabilities.below_zero());
     warnings.extend(
         probabilities
             .nowhere_likeliest(&image)
@@ -110,7 +111,8 @@ pub unsafe extern "C" fn lapd_image_create_gray(
 ///
 /// - `maps`: `map_count` pointers, each to the value of voxel (0, 0, 0) in the map of one label. The maps are copied (4 bytes per voxel and map, and 2 for labels).
 /// - `labels`: `map_count` labels, all different. Where 0, the background, is among them, values may be of any scale; else the background has what all others leave to 1, and
-///   values must not exceed 1. Values below 0 count as 0.
+///   values must not exceed 1 nor be below -0.5. Values below 0 count as 0, with a
+///   warning below -0.001.
 /// - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides maps may stand
 ///   side by side, voxel by voxel.
 ///
@@ -118,7 +120,7 @@ pub unsafe extern "C" fn lapd_image_create_gray(
 ///
 /// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for no maps, a label given twice, a value that is not finite, or above 1 without a map of label 0;
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for no maps, a label given twice, a value that is not finite, or above 1 or below -0.5 without a map of label 0;
 /// LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_create_probabilities(

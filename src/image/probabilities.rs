@@ -9,8 +9,11 @@ use super::gray::{check_voxels, index_of};
 use super::{Frame, LabelImage};
 use crate::{Error, Result};
 
-/// How far a probability may be above 1, for the rounding of files.
+/// How far a probability may be above 1, or below 0 without a word, for the rounding of files.
 const TOLERANCE: f32 = 1e-3;
+
+/// What is below this is no probability: resampling by splines overshoots by less.
+const LEAST: f32 = -0.5;
 
 /// Probability maps of several labels on one grid. 4 bytes per voxel and map, which the label image made of them shares.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,11 +26,11 @@ pub struct ProbabilityImage {
 
 impl ProbabilityImage {
     /// `maps[n]`, x fastest, is that of `labels[n]`. Where label 0, the background, is among them, only the ratio of values counts, and they may be of any scale; else the background
-    /// has what all maps leave to 1. Values below 0 count as 0.
+    /// has what all maps leave to 1. Values below 0 count as 0: [`Self::below_zero`] tells of them.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`]: no maps, or not as many as labels; a label given twice; a map whose size differs; a value that is not finite, or above 1 where that is what the
-    /// background is taken from.
+    /// [`Error::InvalidArgument`]: no maps, or not as many as labels; a label given twice; a map whose size differs; a value that is not finite, or above 1 or below -0.5 where the
+    /// background is taken from what the maps leave to 1.
     pub fn new(dims: [usize; 3], frame: Frame, maps: Vec<Vec<f32>>, labels: &[i32]) -> Result<Self> {
         Self::with_source(dims, frame, maps, labels, |_, error| error)
     }
@@ -70,6 +73,20 @@ impl ProbabilityImage {
         Field::Probabilities(Maps::new(self.maps.clone(), labels)).label_image(self.dims, self.frame)
     }
 
+    /// A line for each label that tells how many of its values are below 0, and so count as 0, and which is the first.
+    pub fn below_zero(&self) -> Vec<String> {
+        let line = |(map, label): (&Vec<f32>, &i32)| {
+            let is_below = |&p: &f32| p < -TOLERANCE;
+            let first = map.iter().position(is_below)?;
+            let (count, place) = (map.iter().copied().filter(is_below).count(), index_of(first, self.dims));
+            let value = map[first];
+            Some(format!(
+                "{count} values of the probability of label {label} are below 0 and count as 0; the first, of voxel {place:?}, is {value}"
+            ))
+        };
+        self.maps.iter().zip(&self.labels).filter_map(line).collect()
+    }
+
     /// The labels with a map but without a voxel in `image`, which was made of these maps.
     pub fn nowhere_likeliest(&self, image: &LabelImage) -> Vec<i32> {
         self.labels.iter().copied().filter(|&label| image.id_of(label).is_none()).collect()
@@ -86,7 +103,14 @@ fn check_map(dims: [usize; 3], map: &[f32], label: i32, any_scale: bool) -> Resu
             index_of(voxel, dims),
             map[voxel]
         ))),
-        _ => Ok(()),
+        _ => match map.iter().position(|&p| p < LEAST) {
+            Some(voxel) if !any_scale => Err(Error::InvalidArgument(format!(
+                "{what} of voxel {:?} is {}: probabilities lie between 0 and 1, this may be a level set",
+                index_of(voxel, dims),
+                map[voxel]
+            ))),
+            _ => Ok(()),
+        },
     }
 }
 
@@ -102,6 +126,21 @@ mod tests {
 
     fn labels_of(image: &LabelImage) -> Vec<i32> {
         image.ids().iter().map(|&id| image.labels()[usize::from(id)]).collect()
+    }
+
+    #[test]
+    fn values_below_0_are_told_or_refused() {
+        let told = |maps: &[&[f32]], labels: &[i32]| probabilities(maps, labels).map(|found| found.below_zero());
+        let maps: [&[f32]; 2] = [&[0.3, 1.0, -0.0005], &[-0.1, 0.1, -0.5]];
+        let line =
+            "2 values of the probability of label 4 are below 0 and count as 0; the first, of voxel [0, 0, 0], is -0.1";
+        assert_eq!(told(&maps, &[7, 4]).unwrap(), [line]);
+        let level_set: [&[f32]; 1] = [&[0.3, -7.0, 0.0]];
+        let refused = told(&level_set, &[3]).unwrap_err().to_string();
+        assert!(refused.contains("voxel [1, 0, 0] is -7: probabilities lie between 0 and 1"), "{refused}");
+        // Of any scale, where the background has a map.
+        let scores: [&[f32]; 2] = [&[0.3, -7.0, 0.0], &[1.0, 9.0, 5.0]];
+        assert_eq!(told(&scores, &[3, 0]).unwrap().len(), 1);
     }
 
     #[test]

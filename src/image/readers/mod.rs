@@ -15,7 +15,8 @@
 //! (deflate reaches 1032 to 1) is refused before anything is allocated, and voxels are read as a stream, so that only the dense ids, 2
 //! bytes per voxel, are ever held.
 //!
-//! Labels are integers, or numbers with whole values. [`values`] reads scans and probability maps, of any numbers, from the same formats.
+//! Labels are integers, or numbers with whole values; what is within 1e-3 of one is rounded with a warning, the rest where
+//! [`ReadOptions::round`] asks for it. [`values`] reads scans and probability maps, of any numbers, from the same formats.
 //!
 //! The layers: `source` gives bytes (and decompresses), `fields` parses header values, `voxels` turns bytes into labels or real numbers; the file of
 //! each format knows its header only.
@@ -52,7 +53,7 @@ pub enum WorldAxes {
 
 impl WorldAxes {
     /// As users write it.
-    fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Self::Lps => "LPS",
             Self::Ras => "RAS",
@@ -87,6 +88,8 @@ pub enum WorldFrame {
 pub struct ReadOptions {
     /// The frame wanted. A file that does not say its own is kept as stored, with a warning.
     pub world: WorldFrame,
+    /// Whether numbers that are no whole ones are rounded to labels. Those within 1e-3 of one always are, with a warning.
+    pub round: bool,
 }
 
 /// An image from a file.
@@ -115,7 +118,7 @@ pub fn read_image(path: &Path) -> Result<ReadImage> {
 /// [`Error::Format`]: it is damaged, cut off, or uses what this library does not read. [`Error::OutOfMemory`].
 pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> {
     let Opened { mut source, layout, frame, world, mut warnings } = open(path, Volumes::One, options)?;
-    let image = read_labels(&mut source, &layout, frame, &mut warnings)?;
+    let image = read_labels(&mut source, &layout, frame, options.round, &mut warnings)?;
     Ok(ReadImage { image, world, warnings })
 }
 
@@ -259,7 +262,7 @@ pub(crate) mod tests {
     fn the_world_frame_is_selectable_where_it_is_known() {
         let files = Files::new();
         let read = |space: &str, world| {
-            read_image_with(&files.write("a.NRRD", &tilted(space)), &ReadOptions { world }).unwrap()
+            read_image_with(&files.write("a.NRRD", &tilted(space)), &ReadOptions { world, round: false }).unwrap()
         };
         let lps = read("space: LPS", WorldFrame::AsStored);
         assert_eq!(lps.world, Some(WorldAxes::Lps));

@@ -1,11 +1,12 @@
 //! NIfTI-1 and NIfTI-2 in one file (`.nii`, `.nii.gz`), either byte order. Source: the headers nifti1.h and nifti2.h of the NIfTI
 //! Data Format Working Group.
 //!
-//! The place comes from the sform if its code is above 0, else from the qform, else from pixdim with a warning. World axes are RAS.
+//! The place comes from the sform if its code is above 0, else from the qform, else from pixdim with a warning. An sform that is
+//! sheared, or singular, is passed over for the qform, with a warning, as ITK does. World axes are RAS.
 
 use std::path::Path;
 
-use glam::{DMat3, DQuat};
+use glam::{DMat3, DQuat, DVec3};
 
 use super::source::Source;
 use super::voxels::{Coding, Layout, Scalar};
@@ -97,6 +98,9 @@ impl Raw<'_> {
         f64::from_le_bytes(self.take(at))
     }
 }
+
+/// How far apart, in voxels, sform and qform may place the image without a word: both are rounded.
+const FORMS_APART: f64 = 0.01;
 
 impl Header {
     fn read(source: &mut Source) -> Result<Self> {
@@ -265,7 +269,28 @@ impl Header {
                 warnings.push(format!("pixdim[{}] is {}; spacings are taken from the sform", axis + 1, spacing[axis]));
             }
             let steps = [0, 1, 2].map(|axis| self.sform.map(|row| row[axis]));
-            return Ok((frame_from_steps(path, "sform", self.sform.map(|row| row[3]), steps)?, Some(WorldAxes::Ras)));
+            let by_sform = frame_from_steps(path, "sform", self.sform.map(|row| row[3]), steps);
+            let by_qform = if self.qform_code > 0 { self.by_qform(path, spacing).ok() } else { None };
+            let frame = match (by_sform, by_qform) {
+                (Ok(by_sform), Some(by_qform)) => {
+                    let apart = self.apart(&by_sform, &by_qform);
+                    if apart > FORMS_APART {
+                        warnings.push(format!(
+                            "sform and qform place the image differently, by up to {apart:.3} voxels; the sform is taken"
+                        ));
+                    }
+                    by_sform
+                }
+                (Err(error), Some(by_qform)) => {
+                    let path = format!("{}: ", path.display());
+                    let error = error.to_string();
+                    let why = error.strip_prefix(&path).unwrap_or(&error);
+                    warnings.push(format!("the qform is taken, for {why}"));
+                    by_qform
+                }
+                (by_sform, None) => by_sform?,
+            };
+            return Ok((frame, Some(WorldAxes::Ras)));
         }
         if let Some(axis) = spacing.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
             return Err(Error::format(
@@ -274,12 +299,23 @@ impl Header {
             ));
         }
         if self.qform_code > 0 {
-            let direction = self.qform_direction().to_cols_array_2d();
-            return Ok((frame_from_parts(path, "qform", self.offset, spacing, direction)?, Some(WorldAxes::Ras)));
+            return Ok((self.by_qform(path, spacing)?, Some(WorldAxes::Ras)));
         }
         warnings.push("sform and qform codes are both 0, so the header gives no place; spacings are taken, axes along the world's, origin 0".into());
         let frame = frame_from_parts(path, "pixdim", [0.0; 3], spacing, DMat3::IDENTITY.to_cols_array_2d())?;
         Ok((frame, None))
+    }
+
+    fn by_qform(&self, path: &Path, spacing: [f64; 3]) -> Result<Frame> {
+        let direction = self.qform_direction().to_cols_array_2d();
+        frame_from_parts(path, "qform", self.offset, spacing, direction)
+    }
+
+    /// How far apart two frames place a corner of the image at most, in voxels of the first.
+    fn apart(&self, first: &Frame, second: &Frame) -> f64 {
+        let last = [1, 2, 3].map(|axis| (self.dim[axis] - 1).max(0) as f64);
+        let corners = (0..8).map(|c| DVec3::from([0, 1, 2].map(|a| if c >> a & 1 == 1 { last[a] } else { 0.0 })));
+        corners.map(|x| (first.to_index(second.to_world(x)) - x).length()).fold(0.0, f64::max)
     }
 
     /// The rotation of a unit quaternion of which b, c, d are stored, with the third axis turned around when pixdim[0] is below 0.
@@ -296,8 +332,6 @@ impl Header {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::super::ReadImage;
     use super::super::tests::{gzip, labels, read_bytes};
     use super::*;
@@ -408,6 +442,31 @@ mod tests {
     }
 
     #[test]
+    fn the_qform_stands_in_for_a_sheared_sform() {
+        for version in [1, 2] {
+            let mut made = Made::new(version, false);
+            // The same place by both; then elsewhere by the qform.
+            made.codes(1, 2).real(268, 376, &[10.0, 20.0, 30.0]);
+            let both = read_made(&made).unwrap();
+            assert_eq!(both.warnings, Vec::<String>::new());
+            made.real(268, 376, &[10.0, 20.0, 31.0]);
+            let apart = read_made(&made).unwrap();
+            assert_eq!(apart.image.frame().origin(), DVec3::new(10.0, 20.0, 30.0));
+            assert!(
+                apart.warnings[0].starts_with("sform and qform place the image differently, by up to 0.250 voxels")
+            );
+            // Sheared, singular, or no numbers: the qform, if there is one.
+            for bad in [[3.0, 3.0], [0.0, 0.0], [f64::NAN, 0.0]] {
+                made.real(280, 400, &bad);
+                let read = read_made(made.codes(1, 2)).unwrap();
+                assert_eq!(read.image.frame().to_world(DVec3::ONE), DVec3::new(12.0, 23.0, 35.0));
+                assert!(read.warnings[0].starts_with("the qform is taken, for sform"), "{:?}", read.warnings);
+                assert!(read_made(made.codes(0, 2)).unwrap_err().starts_with("sform"));
+            }
+        }
+    }
+
+    #[test]
     fn the_place_comes_from_sform_then_qform_then_pixdim() {
         for version in [1, 2] {
             let mut made = Made::new(version, false);
@@ -438,7 +497,10 @@ mod tests {
         made.real(112, 176, &[f64::NAN, 5.0]);
         assert_eq!(labels(&read_made(&made).unwrap().image), VALUES.map(i32::from));
         made.real(112, 176, &[0.5, 0.0]);
-        assert_eq!(read_made(&made).unwrap_err(), "voxel (1, 0, 0) is 0.5: labels must be whole numbers");
+        assert_eq!(
+            read_made(&made).unwrap_err(),
+            "voxel (1, 0, 0) is 0.5: labels must be whole numbers; --round (LAPD_LABELS_ROUNDED) takes the nearest ones"
+        );
         made.real(112, 176, &[1e9, 0.0]);
         assert!(read_made(&made).unwrap_err().contains("must fit"));
         // A tenth in single precision.

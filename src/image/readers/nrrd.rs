@@ -213,6 +213,10 @@ fn frame_of(path: &Path, fields: &Fields, axes: &[Axis; 3], warnings: &mut Vec<S
     if let [Some(x), Some(y), Some(z)] = axes.each_ref().map(|axis| axis.step) {
         return frame_from_steps(path, "space directions", origin, [x, y, z]);
     }
+    if let Some((origin, spacing)) = place_by_ends(fields, axes)? {
+        let directions = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        return frame_from_parts(path, "axis mins and axis maxs", origin, spacing, directions);
+    }
     if fields.get("axis mins").is_some() {
         warnings.push("'axis mins' is ignored: the first voxel is taken to lie at the space origin or at 0".into());
     }
@@ -221,6 +225,28 @@ fn frame_of(path: &Path, fields: &Fields, axes: &[Axis; 3], warnings: &mut Vec<S
         warnings.push("the header gives no spacing for every axis; 1 is taken where it is missing".into());
     }
     frame_from_parts(path, "spacings", origin, spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+}
+
+/// Origin and spacings by `axis mins` and `axis maxs`, where these alone tell the place of the volume. They are the outer
+/// faces of the first and the last voxel, or with `centers: node` their centres (Teem, "Definition of NRRD File Format").
+fn place_by_ends(fields: &Fields, axes: &[Axis; 3]) -> Result<Option<([f64; 3], [f64; 3])>> {
+    let is_told = fields.get("spacings").is_some() || fields.get("space origin").is_some();
+    let (mins, maxs) = (fields.numbers::<f64>("axis mins", None)?, fields.numbers::<f64>("axis maxs", None)?);
+    let (Some(mins), Some(maxs)) = (mins, maxs) else { return Ok(None) };
+    if is_told || mins.len() != 3 || maxs.len() != 3 {
+        return Ok(None);
+    }
+    let centers = fields.get("centers").or_else(|| fields.get("centerings")).unwrap_or_default().to_ascii_lowercase();
+    let centers: Vec<&str> = centers.split_whitespace().collect();
+    let (mut origin, mut spacing) = ([0.0; 3], [0.0; 3]);
+    for a in 0..3 {
+        let is_node = centers.get(a) == Some(&"node");
+        let intervals = if is_node { axes[a].size.saturating_sub(1) } else { axes[a].size };
+        spacing[a] = (maxs[a] - mins[a]) / intervals as f64;
+        origin[a] = if is_node { mins[a] } else { mins[a] + 0.5 * spacing[a] };
+    }
+    // One node has no spacing, and values that run the other way would turn the axis around.
+    Ok(spacing.iter().all(|&s| s.is_finite() && s > 0.0).then_some((origin, spacing)))
 }
 
 fn scalar_of(fields: &Fields) -> Result<Scalar> {

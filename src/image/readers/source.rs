@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Cursor, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
+use flate2::bufread::{GzDecoder, ZlibDecoder};
 
 use crate::{Error, Result};
 
@@ -13,6 +13,46 @@ const DEFLATE_RATIO: u64 = 1032;
 
 /// What is read past the voxels of a compressed stream to reach its checksum, at most.
 const MAX_EXCESS: u64 = 16 << 20;
+
+/// The members of a gzip file, one after the other. Zeros behind the last one, which tapes and disks leave, are ignored, as
+/// gzip does.
+struct Members {
+    /// `None` at the end.
+    member: Option<GzDecoder<Box<dyn BufRead>>>,
+}
+
+impl Members {
+    fn new(stream: Box<dyn BufRead>) -> Self {
+        Self { member: Some(GzDecoder::new(stream)) }
+    }
+}
+
+impl Read for Members {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        while let Some(member) = &mut self.member {
+            let count = member.read(buffer)?;
+            if count > 0 || buffer.is_empty() {
+                return Ok(count);
+            }
+            let Some(ended) = self.member.take() else { break };
+            let mut stream = ended.into_inner();
+            loop {
+                let ahead = stream.fill_buf()?;
+                if ahead.is_empty() {
+                    return Ok(0);
+                }
+                let zeros = ahead.iter().take_while(|&&byte| byte == 0).count();
+                let is_all = zeros == ahead.len();
+                stream.consume(zeros);
+                if !is_all {
+                    break;
+                }
+            }
+            self.member = Some(GzDecoder::new(stream));
+        }
+        Ok(0)
+    }
+}
 
 /// A stream of bytes that knows its place.
 pub(super) struct Source {
@@ -69,9 +109,9 @@ impl Source {
         }
     }
 
-    /// The rest, decompressed as gzip (several members as one).
+    /// The rest, decompressed as gzip: several members as one, zeros after the last one ignored.
     pub(super) fn gunzip(self) -> Self {
-        self.decompressed(|stream| Box::new(BufReader::with_capacity(1 << 16, MultiGzDecoder::new(stream))))
+        self.decompressed(|stream| Box::new(BufReader::with_capacity(1 << 16, Members::new(stream))))
     }
 
     /// The rest, decompressed as zlib.

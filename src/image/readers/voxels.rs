@@ -14,6 +14,10 @@ const CHUNK: usize = 1 << 16;
 /// Voxels per byte of the file for which room is made before they are seen; segmentations compress about so well.
 const TRUSTED_RATIO: u64 = 64;
 
+/// How far a number may be from a whole one to be taken for this label anyway, with a warning. Programs that resample or
+/// rescale labels leave such.
+const NEARLY_WHOLE: f64 = 1e-3;
+
 /// Values per voxel at most; as many as there are labels.
 const MAX_VOLUMES: usize = u16::MAX as usize;
 
@@ -117,20 +121,56 @@ impl Layout {
     }
 }
 
-/// A volume of labels, read to the end of the file.
+/// Numbers that were not whole, and what may be done about them.
+#[derive(Default)]
+struct Rounding {
+    /// How far from a whole number they may be.
+    most: f64,
+    /// How many there were.
+    count: u64,
+    /// The first: voxel and value.
+    first: Option<(usize, f64)>,
+}
+
+impl Rounding {
+    /// The label for a number, with a note if it is not whole; `exact` is how far from a whole one it may be without.
+    fn label(&mut self, value: f64, exact: f64, voxel: usize) -> Option<i32> {
+        let whole = value.round();
+        let off = (value - whole).abs();
+        if off.is_nan() || off > exact.max(self.most) {
+            return None;
+        }
+        if off > exact {
+            self.count += 1;
+            self.first.get_or_insert((voxel, value));
+        }
+        // The conversion saturates, so a number out of range does not come back equal.
+        let label = whole as i32;
+        (f64::from(label) == whole).then_some(label)
+    }
+}
+
+/// A volume of labels, read to the end of the file. Numbers that are not whole are rounded where they are nearly so, or
+/// where `round` asks for it.
 pub(super) fn read_labels(
     source: &mut Source,
     layout: &Layout,
     frame: Frame,
+    round: bool,
     warnings: &mut Vec<String>,
 ) -> Result<LabelImage> {
     let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
-    read_numbers(source, layout, warnings, |source, labels: &[i32]| {
+    let mut rounding = Rounding { most: if round { 0.5 } else { NEARLY_WHOLE }, ..Rounding::default() };
+    read_numbers(source, layout, warnings, &mut rounding, |source, labels: &[i32]| {
         builder.push(labels).map_err(|e| match e {
             Error::InvalidArgument(message) => source.error(message),
             other => other,
         })
     })?;
+    if let Some((voxel, value)) = rounding.first {
+        let (place, count) = (place_of(layout, voxel), rounding.count);
+        warnings.push(format!("{count} voxels are no whole numbers and were rounded; the first, {place}, is {value}"));
+    }
     builder.finish(frame)
 }
 
@@ -138,7 +178,7 @@ pub(super) fn read_labels(
 pub(super) fn read_values(source: &mut Source, layout: &Layout, warnings: &mut Vec<String>) -> Result<Vec<Vec<f32>>> {
     const WHAT: &str = "values of an image";
     let mut values: Vec<f32> = room(trusted(source, layout)?.min(layout.numbers()), WHAT)?;
-    read_numbers(source, layout, warnings, |_, more: &[f32]| {
+    read_numbers(source, layout, warnings, &mut Rounding::default(), |_, more: &[f32]| {
         reserve(&mut values, more.len(), WHAT)?;
         values.extend_from_slice(more);
         Ok(())
@@ -183,11 +223,12 @@ fn read_numbers<V: Value>(
     source: &mut Source,
     layout: &Layout,
     warnings: &mut Vec<String>,
+    rounding: &mut Rounding,
     push: impl FnMut(&Source, &[V]) -> Result<()>,
 ) -> Result<()> {
     match layout.coding {
-        Coding::Text => read_text(source, layout, push)?,
-        _ => read_binary(source, layout, push)?,
+        Coding::Text => read_text(source, layout, rounding, push)?,
+        _ => read_binary(source, layout, rounding, push)?,
     }
     let excess = source.drain()?;
     if excess > 0 && layout.coding != Coding::Text {
@@ -198,18 +239,26 @@ fn read_numbers<V: Value>(
     Ok(())
 }
 
+/// A voxel's indices.
+fn place_of(layout: &Layout, voxel: usize) -> String {
+    let [nx, ny, _] = layout.dims;
+    format!("voxel ({}, {}, {})", voxel % nx, voxel / nx % ny, voxel / (nx * ny))
+}
+
 /// Why a voxel is no label.
 fn bad_voxel(source: &Source, layout: &Layout, voxel: usize, value: f64) -> Error {
-    let [nx, ny, _] = layout.dims;
-    let (i, j, k) = (voxel % nx, voxel / nx % ny, voxel / (nx * ny));
-    let why =
-        if value.fract() == 0.0 { "labels must fit a 32-bit signed integer" } else { "labels must be whole numbers" };
-    source.error(format!("voxel ({i}, {j}, {k}) is {value}: {why}"))
+    let why = match () {
+        () if !value.is_finite() => "labels must be numbers",
+        () if f64::from(value.round() as i32) != value.round() => "labels must fit a 32-bit signed integer",
+        () => "labels must be whole numbers; --round (LAPD_LABELS_ROUNDED) takes the nearest ones",
+    };
+    source.error(format!("{} is {value}: {why}", place_of(layout, voxel)))
 }
 
 fn read_binary<V: Value>(
     source: &mut Source,
     layout: &Layout,
+    rounding: &mut Rounding,
     mut push: impl FnMut(&Source, &[V]) -> Result<()>,
 ) -> Result<()> {
     let (total, size) = (layout.numbers(), layout.scalar.size());
@@ -225,8 +274,8 @@ fn read_binary<V: Value>(
             return Err(source
                 .error(format!("the voxel data is cut off: {} bytes are needed, {held} are there", layout.bytes())));
         }
-        if let Err((at, value)) = decode(bytes, layout, values) {
-            return Err(bad_voxel(source, layout, done + at, value));
+        if let Err((voxel, value)) = decode(bytes, layout, values, done, rounding) {
+            return Err(bad_voxel(source, layout, voxel, value));
         }
         push(source, values)?;
         done += count;
@@ -236,14 +285,14 @@ fn read_binary<V: Value>(
 
 /// A stored number.
 trait Sample: Copy {
-    /// The number as a label, if it is one.
-    fn label(self) -> Option<i32>;
+    /// The number as a label, if it is one or nearly so; `voxel` is whose it is.
+    fn label(self, voxel: usize, rounding: &mut Rounding) -> Option<i32>;
     fn real(self) -> f64;
 }
 
 macro_rules! integer_samples {
     ($($t:ty)*) => { $(impl Sample for $t {
-        fn label(self) -> Option<i32> {
+        fn label(self, _: usize, _: &mut Rounding) -> Option<i32> {
             i32::try_from(self).ok()
         }
         fn real(self) -> f64 {
@@ -254,10 +303,8 @@ macro_rules! integer_samples {
 integer_samples!(u8 i8 u16 i16 u32 i32 u64 i64);
 
 impl Sample for f64 {
-    fn label(self) -> Option<i32> {
-        // The conversion saturates, so a number out of range does not come back equal.
-        let label = self as i32;
-        (f64::from(label) == self).then_some(label)
+    fn label(self, voxel: usize, rounding: &mut Rounding) -> Option<i32> {
+        rounding.label(self, 0.0, voxel)
     }
     fn real(self) -> f64 {
         self
@@ -265,8 +312,8 @@ impl Sample for f64 {
 }
 
 impl Sample for f32 {
-    fn label(self) -> Option<i32> {
-        f64::from(self).label()
+    fn label(self, voxel: usize, rounding: &mut Rounding) -> Option<i32> {
+        rounding.label(f64::from(self), 0.0, voxel)
     }
     fn real(self) -> f64 {
         f64::from(self)
@@ -275,49 +322,55 @@ impl Sample for f32 {
 
 /// What stored numbers are read as.
 trait Value: Copy + Default {
-    /// The number as it is, if it can be read so.
-    fn plain(stored: impl Sample) -> Option<Self>;
+    /// The number of a voxel as it is, if it can be read so.
+    fn plain(stored: impl Sample, voxel: usize, rounding: &mut Rounding) -> Option<Self>;
     /// slope * stored + intercept, if it can be read so.
-    fn scaled(stored: f64, scale: (f64, f64)) -> Option<Self>;
+    fn scaled(stored: f64, scale: (f64, f64), voxel: usize, rounding: &mut Rounding) -> Option<Self>;
 }
 
 /// Labels.
 impl Value for i32 {
     #[inline]
-    fn plain(stored: impl Sample) -> Option<Self> {
-        stored.label()
+    fn plain(stored: impl Sample, voxel: usize, rounding: &mut Rounding) -> Option<Self> {
+        stored.label(voxel, rounding)
     }
 
     #[inline]
-    fn scaled(stored: f64, (slope, intercept): (f64, f64)) -> Option<Self> {
+    fn scaled(stored: f64, (slope, intercept): (f64, f64), voxel: usize, rounding: &mut Rounding) -> Option<Self> {
         let (product, value) = (slope * stored, slope * stored + intercept);
         // Headers store the slope in single precision: a product is exact to 2^-24 of itself only.
-        let tolerance = 1e-7 * product.abs().max(intercept.abs()).max(value.abs());
-        let whole = value.round();
-        if (value - whole).abs() <= tolerance { whole.label() } else { None }
+        let exact = 1e-7 * product.abs().max(intercept.abs()).max(value.abs());
+        rounding.label(value, exact, voxel)
     }
 }
 
 /// Intensities and probabilities, rounded to single precision.
 impl Value for f32 {
     #[inline]
-    fn plain(stored: impl Sample) -> Option<Self> {
+    fn plain(stored: impl Sample, _: usize, _: &mut Rounding) -> Option<Self> {
         Some(stored.real() as f32)
     }
 
     #[inline]
-    fn scaled(stored: f64, (slope, intercept): (f64, f64)) -> Option<Self> {
+    fn scaled(stored: f64, (slope, intercept): (f64, f64), _: usize, _: &mut Rounding) -> Option<Self> {
         Some((slope * stored + intercept) as f32)
     }
 }
 
-/// Decodes as many numbers as `values` has. The error is the first that cannot be read so: its place and value.
-fn decode<V: Value>(bytes: &[u8], layout: &Layout, values: &mut [V]) -> std::result::Result<(), (usize, f64)> {
+/// Decodes as many numbers as `values` has, from voxel `first` on. The error is the first that cannot be read so: its voxel
+/// and value.
+fn decode<V: Value>(
+    bytes: &[u8],
+    layout: &Layout,
+    values: &mut [V],
+    first: usize,
+    rounding: &mut Rounding,
+) -> std::result::Result<(), (usize, f64)> {
     macro_rules! each {
         ($t:ty) => {
             match layout.coding {
-                Coding::BigEndian => decode_as(bytes, <$t>::from_be_bytes, layout.scale, values),
-                _ => decode_as(bytes, <$t>::from_le_bytes, layout.scale, values),
+                Coding::BigEndian => decode_as(bytes, <$t>::from_be_bytes, layout.scale, values, first, rounding),
+                _ => decode_as(bytes, <$t>::from_le_bytes, layout.scale, values, first, rounding),
             }
         };
     }
@@ -340,17 +393,20 @@ fn decode_as<T: Sample, V: Value, const N: usize>(
     sample: impl Fn([u8; N]) -> T,
     scale: Option<(f64, f64)>,
     values: &mut [V],
+    first: usize,
+    rounding: &mut Rounding,
 ) -> std::result::Result<(), (usize, f64)> {
     let stored = bytes.as_chunks::<N>().0.iter().map(|raw| sample(*raw));
     match scale {
         None => {
-            for (at, (slot, stored)) in values.iter_mut().zip(stored).enumerate() {
-                *slot = V::plain(stored).ok_or((at, stored.real()))?;
+            for ((slot, stored), voxel) in values.iter_mut().zip(stored).zip(first..) {
+                *slot = V::plain(stored, voxel, rounding).ok_or((voxel, stored.real()))?;
             }
         }
         Some((slope, intercept)) => {
-            for (at, (slot, stored)) in values.iter_mut().zip(stored.map(T::real)).enumerate() {
-                *slot = V::scaled(stored, (slope, intercept)).ok_or((at, slope * stored + intercept))?;
+            for ((slot, stored), voxel) in values.iter_mut().zip(stored.map(T::real)).zip(first..) {
+                let value = slope * stored + intercept;
+                *slot = V::scaled(stored, (slope, intercept), voxel, rounding).ok_or((voxel, value))?;
             }
         }
     }
@@ -360,6 +416,7 @@ fn decode_as<T: Sample, V: Value, const N: usize>(
 fn read_text<V: Value>(
     source: &mut Source,
     layout: &Layout,
+    rounding: &mut Rounding,
     mut push: impl FnMut(&Source, &[V]) -> Result<()>,
 ) -> Result<()> {
     let total = layout.numbers();
@@ -385,7 +442,7 @@ fn read_text<V: Value>(
             if done + values.len() == total {
                 return Err(source.error(format!("there are more than the {total} numbers that the header describes")));
             }
-            values.push(value_of_word(source, layout, done + values.len(), &word)?);
+            values.push(value_of_word(source, layout, done + values.len(), &word, rounding)?);
             word.clear();
         }
         push(source, &values)?;
@@ -401,8 +458,14 @@ fn read_text<V: Value>(
     Ok(())
 }
 
-fn value_of_word<V: Value>(source: &Source, layout: &Layout, voxel: usize, word: &[u8]) -> Result<V> {
+fn value_of_word<V: Value>(
+    source: &Source,
+    layout: &Layout,
+    voxel: usize,
+    word: &[u8],
+    rounding: &mut Rounding,
+) -> Result<V> {
     let text = String::from_utf8_lossy(word);
     let value: f64 = text.parse().map_err(|_| source.error(format!("'{}' is not a number", excerpt(&text))))?;
-    V::plain(value).ok_or_else(|| bad_voxel(source, layout, voxel, value))
+    V::plain(value, voxel, rounding).ok_or_else(|| bad_voxel(source, layout, voxel, value))
 }
