@@ -56,7 +56,8 @@ def phantom(labels):
 
 def write_nrrd(path, image):
     sizes = " ".join(str(n) for n in reversed(image.shape))
-    header = f"NRRD0004\ntype: int\ndimension: 3\nsizes: {sizes}\nendian: little\nencoding: raw\nspacings: 0.9 1 1.1\n\n"
+    place = "space: left-posterior-superior\nspace directions: (0.9,0,0) (0,1,0) (0,0,1.1)\nspace origin: (0,0,0)\n"
+    header = f"NRRD0004\ntype: int\ndimension: 3\n{place}sizes: {sizes}\nendian: little\nencoding: raw\n\n"
     path.write_bytes(header.encode() + image.tobytes())
 
 
@@ -235,6 +236,26 @@ def check_stl_normals(path, reference):
     assert np.allclose(normals, cross / np.linalg.norm(cross, axis=1)[:, None], atol=1e-6)
 
 
+def check_space(folder, usable):
+    """Every format that has a place for it says what the world axes mean, where 3D Slicer looks, or in a comment."""
+    wanted = {
+        ".stl": lambda data: data[:80],
+        ".ply": lambda data: data.split(b"end_header")[0],
+        ".vtk": lambda data: data.splitlines()[1],
+        **dict.fromkeys([".mesh", ".node", ".inp", ".msh", ".msh2"], lambda data: data),
+    }
+    for ending, part in wanted.items():
+        assert b"SPACE=LPS" in part((folder / f"mesh{ending}").read_bytes()), ending
+    if "vtk" in usable:
+        import vtk
+
+        reader = vtk.vtkXMLUnstructuredGridReader()
+        reader.SetFileName(str(folder / "mesh.vtu"))
+        reader.Update()
+        codes = reader.GetOutput().GetFieldData().GetArray("SPACE")
+        assert bytes(int(codes.GetTuple1(i)) for i in range(3)) == b"LPS"
+
+
 def compare(seen, reference, ending, report):
     if seen.tets is None:
         compare_surface(seen, reference, ending)
@@ -313,6 +334,7 @@ def run_case(name, labels, background, library, usable):
     report = json.loads((folder / "report.json").read_text())
     comparison_finds_faults(reference, report)
     check_stl_normals(folder / "mesh.stl", reference)
+    check_space(folder, usable)
     print(f"{name}: labels {sorted(set(reference.labels.tolist()))}, {len(reference.tets)} tets, {len(reference.facets)} facets")
     failed = 0
     for program, ending, read in READERS:

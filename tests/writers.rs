@@ -4,7 +4,8 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use lapd::io::{write_mesh, write_timeline};
+use lapd::image::readers::WorldAxes;
+use lapd::io::{WriteOptions, write_mesh, write_mesh_watching, write_timeline};
 use lapd::mesh::{NONE, TetMesh};
 use lapd::refine::activity::{Doing, Span, ThreadReport};
 
@@ -122,6 +123,28 @@ fn vtu_holds_the_arrays() {
         assert_eq!(array("offsets"), (1..=n as i64).flat_map(|i| (4 * i).to_le_bytes()).collect::<Vec<_>>());
         assert_eq!(array("types"), vec![10; n]);
         assert!(file.ends_with(b"\n</AppendedData>\n</VTKFile>\n"));
+    }
+}
+
+/// What the world axes mean is said where it is known, in all formats but OFF, which has no place for it.
+#[test]
+fn files_tell_their_world_axes() {
+    let folder = tempfile::tempdir().unwrap();
+    for (world, text) in [(WorldAxes::Lps, "SPACE=LPS"), (WorldAxes::Ras, "SPACE=RAS"), (WorldAxes::Las, "SPACE=LAS")] {
+        let options = WriteOptions { world: Some(world), ..WriteOptions::default() };
+        for ending in ["vtk", "mesh", "node", "ele", "face", "msh", "msh2", "inp", "stl", "ply"] {
+            let path = folder.path().join(format!("a.{ending}"));
+            write_mesh_watching(&mesh(), &path, options, None).unwrap();
+            let file = std::fs::read(&path).unwrap();
+            let count = file.windows(text.len()).filter(|window| window == &text.as_bytes()).count();
+            assert_eq!(count, 1, "{ending}");
+        }
+        assert_eq!(std::fs::read(folder.path().join("a.stl")).unwrap().len(), 84 + 50 * mesh().facets.len());
+        let path = folder.path().join("a.vtu");
+        write_mesh_watching(&mesh(), &path, options, None).unwrap();
+        let codes: Vec<String> = text.bytes().skip(6).map(|byte| byte.to_string()).collect();
+        let field = format!("Name=\"SPACE\" NumberOfTuples=\"3\" format=\"ascii\">{}</DataArray>", codes.join(" "));
+        assert!(String::from_utf8_lossy(&std::fs::read(&path).unwrap()).contains(&field));
     }
 }
 

@@ -8,6 +8,7 @@ use super::image::to_path;
 use super::params::unknown;
 use super::pool::{processors, with_pool};
 use super::status::lapd_status;
+use crate::image::readers::WorldAxes;
 use crate::io::{MeshFormat, WriteOptions, write_mesh_watching, write_timeline};
 use crate::mesh::TetMesh;
 use crate::mesh::quality::TetMeasure;
@@ -19,6 +20,8 @@ use crate::mesher::Meshing;
 /// Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the one opposite to its vertex i.
 pub struct lapd_mesh {
     pub(super) meshing: Meshing,
+    /// What the world axes of its image mean.
+    pub(super) world: Option<WorldAxes>,
 }
 
 /// "No tet", among the neighbours of a tet and beside a facet.
@@ -81,6 +84,10 @@ pub unsafe extern "C" fn lapd_mesh_check_path(context: *mut lapd_context, path: 
 /// Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and TrianglesP2, Gmsh's types 11
 /// and 9, C3D10. TetGen's files can't hold them; surfaces hold their flat facets.
 ///
+/// Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as SPACE=LPS, RAS or LAS: in the
+/// head of .vtk and .stl and in a comment of .ply, where 3D Slicer looks for it, in comments of .mesh, .node, .ele, .face, .msh,
+/// .msh2, .inp, and in .vtu as the field array SPACE of character codes. .off has no place for it.
+///
 /// `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
 /// same mesh at once, to different files. The work is shared by as many threads as the calling one may use processors; they are
 /// joined at return.
@@ -97,10 +104,11 @@ pub unsafe extern "C" fn lapd_mesh_write(
     // SAFETY: see the module's head.
     unsafe {
         with_context(context, |context| {
-            let mesh = &borrow(mesh, "mesh")?.meshing.mesh;
+            let lapd_mesh { meshing, world } = borrow(mesh, "mesh")?;
             let path = to_path(c_str(path, "path")?)?;
             let cancel = &context.cancel;
-            let write = || Ok(write_mesh_watching(mesh, path, WriteOptions::default(), Some(cancel))?);
+            let options = WriteOptions { measures: false, world: *world };
+            let write = || Ok(write_mesh_watching(&meshing.mesh, path, options, Some(cancel))?);
             with_pool(processors(), |pool| pool.install(|| catch(write)))?
         })
     }
@@ -119,11 +127,11 @@ pub unsafe extern "C" fn lapd_mesh_write_with_measures(
     // SAFETY: see the module's head.
     unsafe {
         with_context(context, |context| {
-            let mesh = &borrow(mesh, "mesh")?.meshing.mesh;
+            let lapd_mesh { meshing, world } = borrow(mesh, "mesh")?;
             let path = to_path(c_str(path, "path")?)?;
             let cancel = &context.cancel;
-            let options = WriteOptions { measures: true };
-            let write = || Ok(write_mesh_watching(mesh, path, options, Some(cancel))?);
+            let options = WriteOptions { measures: true, world: *world };
+            let write = || Ok(write_mesh_watching(&meshing.mesh, path, options, Some(cancel))?);
             with_pool(processors(), |pool| pool.install(|| catch(write)))?
         })
     }

@@ -49,14 +49,14 @@ pub unsafe extern "C" fn lapd_mesh_image(
     unsafe {
         with_context(context, |context| {
             let out = Out::new(mesh, "mesh")?;
-            let image = &borrow(image, "image")?.image;
+            let lapd_image { image, world, .. } = borrow(image, "image")?;
             let params = borrow(params, "params")?.params.clone();
             let _run = context.start_run()?;
             let callbacks = context.callbacks();
             let meshing = run(image, &params, &context.cancel, &callbacks)?;
             // The one call that hands something out beside an error: the caller has asked for it.
             let ended_by = meshing.ended_by.as_ref().map(Failure::from);
-            out.set(Box::into_raw(Box::new(lapd_mesh { meshing })));
+            out.set(Box::into_raw(Box::new(lapd_mesh { meshing, world: *world })));
             ended_by.map_or(Ok(()), Err)
         })
     }

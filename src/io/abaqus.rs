@@ -15,7 +15,7 @@ use std::path::Path;
 use super::groups::Groups;
 use super::output::Output;
 use super::records::{push_float, push_int, write_records};
-use super::{check_count, label_name, pair_name};
+use super::{WriteOptions, check_count, label_name, pair_name};
 use crate::Result;
 use crate::mesh::{NONE, TetMesh};
 
@@ -28,8 +28,8 @@ pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
     check_count(path, "an Abaqus file", "tets", mesh.tets.len(), 999_999_999)
 }
 
-pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
-    out.write_all(b"*HEADING\nlapd mesh\n*NODE\n")?;
+pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
+    write!(out, "*HEADING\nlapd mesh\n{}*NODE\n", options.space("** ", "\n"))?;
     write_records(out, mesh.points.len(), |v, bytes| {
         push_int(bytes, v as i64 + 1);
         for &x in &mesh.points[v] {

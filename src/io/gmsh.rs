@@ -25,7 +25,7 @@ use glam::DVec3;
 use super::groups::{Groups, distinct};
 use super::output::Output;
 use super::records::write_records;
-use super::{LabelPairs, check_count, label_name, pair_name};
+use super::{LabelPairs, WriteOptions, check_count, label_name, pair_name};
 use crate::Result;
 use crate::memory::filled;
 use crate::mesh::TetMesh;
@@ -86,11 +86,19 @@ fn label_tags(labels: &[i32]) -> Vec<i32> {
 }
 
 /// The sections before entities and nodes.
-fn write_head(out: &mut Output, version: &str, labels: &[i32], tags: &[i32], pairs: &[[i32; 2]]) -> io::Result<()> {
+fn write_head(
+    out: &mut Output,
+    options: &WriteOptions,
+    version: &str,
+    labels: &[i32],
+    tags: &[i32],
+    pairs: &[[i32; 2]],
+) -> io::Result<()> {
     // The binary integer 1 tells the order of bytes.
     write!(out, "$MeshFormat\n{version} 1 8\n")?;
     out.write_all(&1i32.to_le_bytes())?;
-    write!(out, "\n$EndMeshFormat\n$PhysicalNames\n{}\n", labels.len() + pairs.len())?;
+    let space = options.space("$Comments\n", "\n$EndComments\n");
+    write!(out, "\n$EndMeshFormat\n{space}$PhysicalNames\n{}\n", labels.len() + pairs.len())?;
     for (number, &pair) in (1..).zip(pairs) {
         writeln!(out, "{SURFACE} {number} \"{}\"", pair_name(pair))?;
     }
@@ -108,10 +116,10 @@ pub(super) fn check_limits_2_2(mesh: &TetMesh, path: &Path) -> Result<()> {
     check_count(path, format, "tets and facets", mesh.tets.len() + mesh.facets.len(), most)
 }
 
-pub(super) fn write_2_2(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+pub(super) fn write_2_2(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
     let (labels, pairs) = (distinct(&mesh.labels), LabelPairs::new(mesh));
     let tags = label_tags(&labels);
-    write_head(out, "2.2", &labels, &tags, &pairs.0)?;
+    write_head(out, options, "2.2", &labels, &tags, &pairs.0)?;
     write!(out, "$Nodes\n{}\n", mesh.points.len())?;
     write_records(out, mesh.points.len(), |v, bytes| {
         bytes.extend_from_slice(&(v as i32 + 1).to_le_bytes());
@@ -148,12 +156,12 @@ fn write_block_2_2(
     })
 }
 
-pub(super) fn write_4_1(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+pub(super) fn write_4_1(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
     let volumes = Groups::new(&mesh.labels).map_err(io::Error::other)?;
     let surfaces = Groups::new(&mesh.facet_labels).map_err(io::Error::other)?;
     let (labels, pairs) = (volumes.keys(), surfaces.keys());
     let tags = label_tags(labels);
-    write_head(out, "4.1", labels, &tags, pairs)?;
+    write_head(out, options, "4.1", labels, &tags, pairs)?;
 
     out.write_all(b"$Entities\n")?;
     write_longs(out, &[0, 0, surfaces.iter().len(), volumes.iter().len()])?;

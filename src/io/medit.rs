@@ -8,12 +8,12 @@
 
 use std::io::{self, Write};
 
-use super::LabelPairs;
 use super::output::Output;
 use super::records::{push_float, push_int, write_records};
+use super::{LabelPairs, WriteOptions};
 use crate::mesh::TetMesh;
 
-pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
     // Version 2 is double precision. Some readers take these two lines by position, so nothing may stand between them.
     write!(out, "MeshVersionFormatted 2\nDimension 3\nVertices\n{}\n", mesh.points.len())?;
     write_records(out, mesh.points.len(), |v, bytes| {
@@ -30,6 +30,7 @@ pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
         push_line(bytes, &mesh.tet_nodes(t)[..of_tet], i64::from(mesh.labels[t]));
     })?;
     let pairs = LabelPairs::new(mesh);
+    out.write_all(options.space("# ", "\n").as_bytes())?;
     write!(out, "{}Triangles{suffix}\n{}\n", pairs.comments(), mesh.facets.len())?;
     write_records(out, mesh.facets.len(), |f, bytes| {
         push_line(bytes, &mesh.facet_nodes(f)[..of_facet], pairs.number(&mesh.facet_labels[f]) as i64);

@@ -49,6 +49,7 @@ mod vtu;
 
 use std::path::Path;
 
+use crate::image::readers::WorldAxes;
 use crate::mesh::TetMesh;
 use crate::monitor::CancelFlag;
 use crate::{Error, Result};
@@ -124,6 +125,17 @@ pub struct WriteOptions {
     /// In `.vtu`: the measures of the tets, a cell array for each of
     /// [`TetMeasure::ALL`](crate::mesh::quality::TetMeasure::ALL). Other formats have no place for them.
     pub measures: bool,
+    /// What the world axes mean, where that is known. It is told as `SPACE=LPS`: in the head of `.vtk` and `.stl` and in a
+    /// comment of `.ply`, where 3D Slicer looks for it; in a comment of `.mesh`, `.node`, `.ele`, `.face` and `.inp`; in a
+    /// section of comments of `.msh` and `.msh2`; and in `.vtu` as the field array `SPACE` of its characters' codes.
+    pub world: Option<WorldAxes>,
+}
+
+impl WriteOptions {
+    /// `SPACE=LPS`, with something before and behind it; nothing where the axes are not known.
+    fn space(&self, before: &str, behind: &str) -> String {
+        self.world.map_or_else(String::new, |world| format!("{before}SPACE={}{behind}", world.name()))
+    }
 }
 
 /// Writes `mesh` to `path` in the format of its ending; see the module's table. An existing file is replaced.
@@ -148,19 +160,19 @@ pub fn write_mesh_watching(
     if options.measures && MeshFormat::from_path(path)? != MeshFormat::Vtu {
         return Err(Error::InvalidArgument(format!("{}: only .vtu files can hold measures of tets", path.display())));
     }
-    let single = |write: &dyn Fn(&TetMesh, &mut Output) -> std::io::Result<()>| {
+    let single = |write: &dyn Fn(&TetMesh, &WriteOptions, &mut Output) -> std::io::Result<()>| {
         let mut output = Output::create(path)?.watching(cancel);
-        output.fill(|out| write(mesh, out))?;
+        output.fill(|out| write(mesh, &options, out))?;
         Output::commit(vec![output])
     };
     match MeshFormat::from_path(path)? {
-        MeshFormat::Vtu => single(&|mesh, out| vtu::write(mesh, options.measures, out)),
+        MeshFormat::Vtu => single(&vtu::write),
         MeshFormat::Vtk => {
             vtk::check_limits(mesh, path)?;
             single(&vtk::write)
         }
         MeshFormat::Medit => single(&medit::write),
-        MeshFormat::TetGen => tetgen::write(mesh, path, cancel),
+        MeshFormat::TetGen => tetgen::write(mesh, &options, path, cancel),
         MeshFormat::Msh41 => single(&gmsh::write_4_1),
         MeshFormat::Msh22 => {
             gmsh::check_limits_2_2(mesh, path)?;

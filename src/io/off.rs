@@ -4,12 +4,13 @@
 
 use std::io::{self, Write};
 
+use super::WriteOptions;
 use super::output::Output;
 use super::records::{push_float, push_ints, write_records};
 use super::surface::SurfaceVertices;
 use crate::mesh::TetMesh;
 
-pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+pub(super) fn write(mesh: &TetMesh, _: &WriteOptions, out: &mut Output) -> io::Result<()> {
     let vertices = SurfaceVertices::new(mesh).map_err(io::Error::other)?;
     write!(out, "OFF\n{} {} 0\n", vertices.used.len(), mesh.facets.len())?;
     write_records(out, vertices.used.len(), |i, bytes| {

@@ -5,18 +5,20 @@
 
 use std::io::{self, Write};
 
+use super::WriteOptions;
 use super::output::Output;
 use super::records::write_records;
 use super::surface::SurfaceVertices;
 use crate::mesh::TetMesh;
 
-pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
     let vertices = SurfaceVertices::new(mesh).map_err(io::Error::other)?;
     write!(
         out,
-        "ply\nformat binary_little_endian 1.0\ncomment interfaces of a lapd mesh, normals point from first_label to second_label\n\
+        "ply\nformat binary_little_endian 1.0\ncomment interfaces of a lapd mesh, normals point from first_label to second_label\n{}\
          element vertex {}\nproperty double x\nproperty double y\nproperty double z\n\
          element face {}\nproperty list uchar int vertex_indices\nproperty int first_label\nproperty int second_label\nend_header\n",
+        options.space("comment ", "\n"),
         vertices.used.len(),
         mesh.facets.len()
     )?;

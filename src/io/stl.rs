@@ -5,15 +5,16 @@
 
 use std::io::{self, Write};
 
+use super::WriteOptions;
 use super::output::Output;
 use super::records::write_records;
 use crate::mesh::TetMesh;
 
-pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
     let mut header = [b' '; 80];
     // It must not begin with "solid", which marks ascii.
-    let text = b"binary STL: interfaces of a lapd mesh";
-    header[..text.len()].copy_from_slice(text);
+    let text = format!("binary STL: interfaces of a lapd mesh{}", options.space("; ", ""));
+    header[..text.len()].copy_from_slice(text.as_bytes());
     out.write_all(&header)?;
     out.write_all(&(mesh.facets.len() as u32).to_le_bytes())?;
     write_records(out, mesh.facets.len(), |f, bytes| {

@@ -6,15 +6,15 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::LabelPairs;
 use super::output::Output;
 use super::records::{push_float, push_int, push_ints, write_records};
+use super::{LabelPairs, WriteOptions};
 use crate::mesh::TetMesh;
 use crate::monitor::CancelFlag;
 use crate::{Error, Result};
 
 /// Writes the three files that `path`, with any of their endings, stands for.
-pub(super) fn write(mesh: &TetMesh, path: &Path, cancel: Option<&CancelFlag>) -> Result<()> {
+pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, path: &Path, cancel: Option<&CancelFlag>) -> Result<()> {
     if mesh.mid_nodes.is_some() {
         return Err(Error::InvalidArgument(format!(
             "{}: TetGen's files are written for tets of order 1 only; .vtu .vtk .msh .inp .mesh have order 2",
@@ -23,6 +23,7 @@ pub(super) fn write(mesh: &TetMesh, path: &Path, cancel: Option<&CancelFlag>) ->
     }
     let create = |ending: &str| Ok(Output::create(&path.with_extension(ending))?.watching(cancel));
     let (mut node, mut ele, mut face) = (create("node")?, create("ele")?, create("face")?);
+    let space = options.space("# ", "\n");
     node.fill(|out| {
         writeln!(out, "{} 3 0 0", mesh.points.len())?;
         write_records(out, mesh.points.len(), |v, bytes| {
@@ -32,11 +33,13 @@ pub(super) fn write(mesh: &TetMesh, path: &Path, cancel: Option<&CancelFlag>) ->
                 push_float(bytes, x);
             }
             bytes.push(b'\n');
-        })
+        })?;
+        out.write_all(space.as_bytes())
     })?;
     ele.fill(|out| {
         writeln!(out, "{} 4 1", mesh.tets.len())?;
-        write_records(out, mesh.tets.len(), |t, bytes| push_line(bytes, t, &mesh.tets[t], i64::from(mesh.labels[t])))
+        write_records(out, mesh.tets.len(), |t, bytes| push_line(bytes, t, &mesh.tets[t], i64::from(mesh.labels[t])))?;
+        out.write_all(space.as_bytes())
     })?;
     let pairs = LabelPairs::new(mesh);
     face.fill(|out| {
@@ -44,7 +47,8 @@ pub(super) fn write(mesh: &TetMesh, path: &Path, cancel: Option<&CancelFlag>) ->
         write_records(out, mesh.facets.len(), |f, bytes| {
             push_line(bytes, f, &mesh.facets[f], pairs.number(&mesh.facet_labels[f]) as i64);
         })?;
-        out.write_all(pairs.comments().as_bytes())
+        out.write_all(pairs.comments().as_bytes())?;
+        out.write_all(space.as_bytes())
     })?;
     Output::commit(vec![node, ele, face])
 }

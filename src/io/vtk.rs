@@ -6,6 +6,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+use super::WriteOptions;
 use super::output::Output;
 use super::records::write_records;
 use crate::mesh::TetMesh;
@@ -35,9 +36,11 @@ pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
     Ok(())
 }
 
-pub(super) fn write(mesh: &TetMesh, out: &mut Output) -> io::Result<()> {
+pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
     let (points, tets) = (mesh.points.len(), mesh.tets.len());
-    write!(out, "# vtk DataFile Version 4.2\nlapd mesh\nBINARY\nDATASET UNSTRUCTURED_GRID\nPOINTS {points} double\n")?;
+    let space = options.space(" ", "");
+    write!(out, "# vtk DataFile Version 4.2\nlapd mesh{space}\nBINARY\nDATASET UNSTRUCTURED_GRID\n")?;
+    writeln!(out, "POINTS {points} double")?;
     write_records(out, points, |v, bytes| {
         mesh.points[v].iter().for_each(|x| bytes.extend_from_slice(&x.to_be_bytes()));
     })?;

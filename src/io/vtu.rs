@@ -13,6 +13,7 @@ use std::ops::Range;
 
 use flate2::{Compression, write::ZlibEncoder};
 
+use super::WriteOptions;
 use super::output::Output;
 use super::records::write_batches;
 use super::vtk::cell_type;
@@ -77,8 +78,8 @@ impl<'a> Array<'a> {
     }
 }
 
-/// Writes the file; where `measures` is true, with an array for each of [`TetMeasure::ALL`].
-pub(super) fn write(mesh: &TetMesh, measures: bool, out: &mut Output) -> io::Result<()> {
+/// Writes the file; where measures are asked for, with an array for each of [`TetMeasure::ALL`].
+pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
     let (points, tets) = (mesh.points.len(), mesh.tets.len());
     let (nodes, kind) = (mesh.nodes_per_tet(), cell_type(mesh));
     let mut arrays = vec![
@@ -93,7 +94,7 @@ pub(super) fn write(mesh: &TetMesh, measures: bool, out: &mut Output) -> io::Res
         Array::new(r#"type="UInt8" Name="types""#, tets, |_| [kind]),
     ];
     const WITHOUT_MEASURES: usize = 5;
-    if measures {
+    if options.measures {
         for (measure, name) in TetMeasure::ALL {
             let value = move |t: usize| measure.of(&mesh.tets[t].map(|v| mesh.point(v))) as f32;
             arrays.push(Array::new(format!(r#"type="Float32" Name="{name}""#), tets, move |t| value(t).to_le_bytes()));
@@ -107,6 +108,12 @@ pub(super) fn write(mesh: &TetMesh, measures: bool, out: &mut Output) -> io::Res
         b"<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" \
           compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n",
     )?;
+    if let Some(world) = options.world {
+        // As numbers: some readers of VTU refuse the whole file for an array of strings.
+        let codes = world.name().bytes().map(|byte| byte.to_string()).collect::<Vec<_>>().join(" ");
+        write!(out, "<FieldData>\n<DataArray type=\"UInt8\" Name=\"SPACE\" NumberOfTuples=\"3\" format=\"ascii\">")?;
+        writeln!(out, "{codes}</DataArray>\n</FieldData>")?;
+    }
     writeln!(out, r#"<Piece NumberOfPoints="{points}" NumberOfCells="{tets}">"#)?;
     // Where the offset of each array will stand.
     let mut places = Vec::new();
