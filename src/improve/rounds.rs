@@ -9,6 +9,7 @@ use super::interfaces::Interfaces;
 use super::measure::Measure;
 use super::report::Counts;
 use super::shared::Shared;
+use super::smoothing::{FARTHEST, FARTHEST_LAST};
 use super::worker::{Round, Worker};
 use crate::memory::{reserve, zeroed};
 use crate::mesh::{NONE, TetMesh};
@@ -27,11 +28,20 @@ const SLOTS_PER_TET: f64 = 1.0;
 const VERTICES: u32 = 4;
 const VERTICES_PER_TET: f64 = 0.1;
 
+/// The number of no block.
+const NOBODY: u32 = u32::MAX - 1;
+/// What stands for a tet that is gone: behind all others.
+const GONE: (u32, u32) = (u32::MAX, 0);
+/// Tets per piece of work.
+const CHUNK: usize = 1 << 10;
+
 /// A run of rounds.
 pub(super) struct Run<'m, 'a> {
     pub mesh: &'m mut TetMesh,
     pub interfaces: &'a Interfaces<'a>,
     pub measure: Measure,
+    /// How far vertices may go along interfaces and lines, in tolerances.
+    farthest: f64,
     /// Told how many tets were dealt with; an error ends the run.
     pub look_around: &'a (dyn Fn(usize) -> Result<()> + Sync),
     /// Where refinement put each vertex.
@@ -61,7 +71,8 @@ impl<'m, 'a> Run<'m, 'a> {
         refined.extend_from_slice(&mesh.points);
         let changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
         let (left, counts, rounds) = (Vec::new(), Counts::default(), 0);
-        Ok(Self { mesh, interfaces, measure, look_around, refined, changed, queue, left, counts, rounds })
+        let farthest = FARTHEST;
+        Ok(Self { mesh, interfaces, measure, farthest, look_around, refined, changed, queue, left, counts, rounds })
     }
 
     /// Works until nothing helps any more. Returns what ended the work early.
@@ -74,7 +85,8 @@ impl<'m, 'a> Run<'m, 'a> {
         if ended.is_some() {
             return Ok(ended);
         }
-        // What is left may get long and thin tets around it.
+        // What is left may get long and thin tets around it, and move farther.
+        self.farthest = FARTHEST_LAST;
         self.measure = self.measure.last();
         std::mem::swap(&mut self.queue, &mut self.left);
         self.queue.append(&mut self.left);
@@ -129,6 +141,7 @@ impl<'m, 'a> Run<'m, 'a> {
             refined: &self.refined,
             interfaces: self.interfaces,
             measure: self.measure,
+            farthest: self.farthest,
             look_around: self.look_around,
         };
         let work = |job: Job| {
@@ -151,20 +164,24 @@ impl<'m, 'a> Run<'m, 'a> {
 
     /// What each block has to do, in an order that depends on the mesh alone; keeps in the queue what no block owns.
     fn jobs(&mut self, of_vertices: &[u32]) -> Result<Vec<Job>> {
-        let mut owned: Vec<(u32, u32)> = Vec::new();
-        reserve(&mut owned, self.queue.len(), "tets to be improved")?;
+        let mut owned: Vec<(u32, u32)> = zeroed(self.queue.len(), "tets to be improved")?;
         let tets = &self.mesh.tets;
-        self.queue.retain(|&t| {
+        owned.par_iter_mut().zip(&self.queue).with_min_len(CHUNK).for_each(|(owned, &t)| {
             let tet = tets[t as usize];
-            if tet[0] == NONE {
-                return false;
-            }
-            let owner = owner(tet.map(|v| of_vertices[v as usize]));
-            owned.extend(owner.map(|block| (block, t)));
-            owner.is_none()
+            let owner = (tet[0] != NONE).then(|| owner(tet.map(|v| of_vertices[v as usize])));
+            *owned = match owner {
+                None => GONE,
+                Some(owner) => (owner.unwrap_or(NOBODY), t),
+            };
         });
         owned.par_sort_unstable();
         owned.dedup();
+        // Those that no block owns, and those that are gone, are the last ones now.
+        let gone = owned.partition_point(|&owned| owned < GONE);
+        owned.truncate(gone);
+        self.queue.clear();
+        let foreign = owned.partition_point(|&(block, _)| block < NOBODY);
+        self.queue.extend(owned.drain(foreign..).map(|(_, t)| t));
         let job = |job: &[(u32, u32)]| Job {
             block: job[0].0,
             tets: job.iter().map(|&(_, t)| t).collect(),

@@ -49,7 +49,9 @@ const MAX_STEP: f64 = 0.5;
 const TIGHT: f64 = 1.03;
 /// Along interfaces and lines vertices may go this many tolerances, if they stay as near as the tolerance to where refinement
 /// put the interface.
-const FARTHEST: f64 = 4.0;
+pub(super) const FARTHEST: f64 = 2.0;
+/// The same around tets that nothing else helps.
+pub(super) const FARTHEST_LAST: f64 = 4.0;
 /// The step by which the tangents of an interface are found, in tolerances.
 const PROBE: f64 = 0.5;
 /// What would leave the tolerance ends at this part of it, so that its way back to the interface does not leave it.
@@ -252,7 +254,7 @@ impl Worker<'_, '_> {
         })?;
         let most = match home {
             Home::Inside => MAX_STEP * star.shortest_edge(at),
-            Home::Interface { .. } | Home::Line(_) => FARTHEST * self.round.interfaces.tolerance,
+            Home::Interface { .. } | Home::Line(_) => self.round.farthest * self.round.interfaces.tolerance,
             _ => self.round.interfaces.tolerance,
         };
         // To where the worst tet would reach a little more than the target, if it went on so. Places on interfaces are found
@@ -284,11 +286,11 @@ impl Worker<'_, '_> {
         let p = match home {
             Home::Inside | Home::Fixed => return None,
             Home::Interface { labels, normal, off } => {
-                most = FARTHEST * interfaces.tolerance;
+                most = self.round.farthest * interfaces.tolerance;
                 interfaces.project(within(p, most) - off, normal, interfaces.tolerance, labels)? + off
             }
             Home::Line(_) => {
-                most = FARTHEST * interfaces.tolerance;
+                most = self.round.farthest * interfaces.tolerance;
                 interfaces.oracle.nearest_junction(within(p, most), interfaces.tolerance)?
             }
             Home::Walls | Home::Near => {

@@ -35,6 +35,8 @@ pub(super) struct Round<'a> {
     pub interfaces: &'a Interfaces<'a>,
     /// How tets are measured, and what is to be reached.
     pub measure: Measure,
+    /// How far vertices may go along interfaces and lines, in tolerances.
+    pub farthest: f64,
     /// Told how many tets were dealt with; an error ends the work.
     pub look_around: &'a (dyn Fn(usize) -> Result<()> + Sync),
 }
