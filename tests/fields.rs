@@ -6,7 +6,7 @@ use glam::DVec3;
 use lapd::Error;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
 use lapd::oracle::{ByCell, Oracle, Surface};
-use lapd::params::SurfaceModel;
+use lapd::params::{ImageBorder, SurfaceModel};
 
 struct Random(u64);
 
@@ -224,4 +224,54 @@ fn smoothing_is_for_label_images() {
     // The voxel model takes the labels alone.
     let oracle = Oracle::new(&image, SurfaceModel::Voxel, &|| Ok(())).unwrap();
     assert_eq!(oracle.label(image.frame().to_world(DVec3::new(0.0, 1.4, 0.0))), 1);
+}
+
+/// With a smooth border what lies beyond the image is background, and what has a voxel at the border ends half a voxel beyond its
+/// centre: as a segmentation does whose labels weigh the same.
+#[test]
+fn a_smooth_border_is_half_a_voxel_beyond_the_centres() {
+    let smooth = |image: &LabelImage, sigma| {
+        Oracle::new(image, Surface { sigma, border: ImageBorder::Smooth, ..Surface::default() }, &|| Ok(())).unwrap()
+    };
+    let check = |image: &LabelImage, oracle: &Oracle, what: &str| {
+        let dims = image.dims();
+        let mut ends = 0;
+        for (n, &id) in image.ids().iter().enumerate() {
+            let at = [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
+            for (axis, &along) in DVec3::AXES.iter().enumerate() {
+                for (is_end, way) in [(at[axis] == 0, -along), (at[axis] == dims[axis] - 1, along)] {
+                    if !is_end {
+                        continue;
+                    }
+                    let center = DVec3::from(at.map(|c| c as f64));
+                    let label = |far: f64| oracle.label(image.frame().to_world(center + far * way));
+                    assert_eq!(label(0.0), id, "{what}: voxel {at:?}");
+                    assert_eq!(label(0.49) == 0, id == 0, "{what}: voxel {at:?} along {way}");
+                    assert_eq!((label(0.51), label(0.99), label(1.5)), (0, 0, 0), "{what}: voxel {at:?} along {way}");
+                    ends += u32::from(id != 0);
+                }
+            }
+        }
+        ends
+    };
+    let mut ends = [0; 3];
+    for seed in 1..200 {
+        let mut random = Random(300 + seed);
+        let dims = random.dims();
+        let values = random.volume(dims, 2.0);
+        let gray = GrayImage::new(dims, frame(), values).unwrap();
+        if let Ok(image) = gray.label_image(&[-0.8, 0.3, 0.9], None) {
+            ends[0] += check(&image, &smooth(&image, None), "intensities");
+        }
+        let maps: Vec<Vec<f32>> =
+            (0..3).map(|_| random.volume(dims, 0.15).iter().map(|x| (x + 0.17).clamp(0.0, 0.33)).collect()).collect();
+        let image = ProbabilityImage::new(dims, frame(), maps, &[5, -3, 9]).unwrap().label_image().unwrap();
+        if !image.is_all_background() {
+            ends[1] += check(&image, &smooth(&image, None), "probabilities");
+        }
+        let ids: Vec<u16> = random.volume(dims, 1.0).iter().map(|x| ((x + 1.0) * 1.6) as u16).collect();
+        let image = LabelImage::from_ids(dims, frame(), ids, vec![0, 4, 7, 8, 9]).unwrap();
+        ends[2] += check(&image, &smooth(&image, Some(1.0)), "smoothed labels");
+    }
+    assert!(ends.iter().all(|&n| n > 1000), "{ends:?}");
 }

@@ -11,6 +11,9 @@
 //! the point, too. (Two intervals of intensity may have the same label, with another one between: where intensity leaps over that one from each voxel to the next, the cell counts as uniform.)
 //!
 //! The values ask for one surface, so there are no weights of labels.
+//!
+//! **Beyond the image**, where a smooth border is asked for, there is one layer of background. At its centres the background has what the nearest voxel's label is ahead of it by, and
+//! all other labels have 0. So what is largest in a voxel at the border changes hands with the background halfway, as it does in a segmentation.
 
 use rayon::prelude::*;
 
@@ -33,7 +36,7 @@ pub(super) enum Field {
 }
 
 /// Most labels that may win in one cell.
-const MOST_RIVALS: usize = if MAX_ISOVALUES + 1 > 8 * MOST_SHARES { MAX_ISOVALUES + 1 } else { 8 * MOST_SHARES };
+const MOST_RIVALS: usize = if MAX_ISOVALUES + 2 > 8 * MOST_SHARES { MAX_ISOVALUES + 2 } else { 8 * MOST_SHARES };
 
 impl Field {
     /// The field of an image that has one, or of a segmentation whose labels are smoothed over `sigma` voxels; `None` for other segmentations. `voxels` are the region's records.
@@ -109,10 +112,13 @@ impl Field {
     }
 }
 
+/// The mark of a voxel beyond the image.
+const BEYOND: f32 = f32::NAN;
+
 /// A gray image's region.
 #[derive(Clone, Debug)]
 pub(super) struct Intensities {
-    /// In the bricked layout.
+    /// In the bricked layout; [`BEYOND`] beyond the image.
     voxels: Vec<f32>,
     /// Those between different labels, each lowered to the next smaller number: x is above that where it reaches the isovalue.
     isovalues: Vec<f32>,
@@ -137,9 +143,11 @@ impl Intensities {
             check()?;
             for (n, slot) in out.iter_mut().enumerate() {
                 let at = bricks.voxel(layer * bricks.layer() + n);
-                // Voxels beyond the image are never asked for, see `border`.
-                let inside = |a: usize, n: usize| (at[a] as isize + region.first[a]).clamp(0, n as isize - 1) as usize;
-                *slot = voxels[inside(0, nx) + nx * (inside(1, ny) + ny * inside(2, nz))];
+                let place = |a: usize, n: usize| region.place(at, a, n);
+                *slot = match (place(0, nx), place(1, ny), place(2, nz)) {
+                    (Some(x), Some(y), Some(z)) => voxels[x + nx * (y + ny * z)],
+                    _ => BEYOND,
+                };
             }
             Ok(())
         })?;
@@ -159,12 +167,42 @@ impl Intensities {
 
     /// The intervals of a cell's corners and all between, as rivals.
     fn add_rivals(&self, corners: [f32; 8], rivals: &mut Rivals) {
+        if corners.iter().any(|x| x.is_nan()) {
+            return self.add_rivals_at_border(corners, rivals);
+        }
         let (least, most) = corners.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &x| (a.min(x), b.max(x)));
         let first = self.isovalues.partition_point(|&v| v < least);
         let mut values = [0.0; 8];
         rivals.push(self.ids[first], values);
         for n in (first..self.isovalues.len()).take_while(|&n| self.isovalues[n] < most) {
             values = std::array::from_fn(|c| values[c] + (corners[c] - self.isovalues[n]));
+            rivals.push(self.ids[n + 1], values);
+        }
+    }
+}
+
+impl Intensities {
+    /// As [`Self::add_rivals`], in a cell that has corners beyond the image.
+    #[cold]
+    fn add_rivals_at_border(&self, corners: [f32; 8], rivals: &mut Rivals) {
+        let inside = |c: &usize| !corners[*c].is_nan();
+        // The nearest corner in the image: the one that differs along the fewest axes.
+        let nearest = |c: usize| (0..8).filter(inside).min_by_key(|n| (n ^ c).count_ones());
+        let lead = |x: f32| self.isovalues.iter().map(|&v| (x - v).max(0.0)).sum::<f32>();
+        let beyond = std::array::from_fn(|c| match nearest(c) {
+            Some(n) if n != c => lead(corners[n]),
+            _ => 0.0,
+        });
+        rivals.push(0, beyond);
+        let mut values = [0.0; 8];
+        // Nowhere is the background's own interval ahead of the row above.
+        if self.ids[0] != 0 {
+            rivals.push(self.ids[0], values);
+        }
+        let most = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        for n in (0..self.isovalues.len()).take_while(|&n| self.isovalues[n] < most) {
+            let more = |c: usize| if inside(&c) { corners[c] - self.isovalues[n] } else { 0.0 };
+            values = std::array::from_fn(|c| values[c] + more(c));
             rivals.push(self.ids[n + 1], values);
         }
     }

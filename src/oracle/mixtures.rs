@@ -124,7 +124,7 @@ fn shares_of_layer(
 ) -> Result<Vec<Share>> {
     /// Voxels with shares between two questions whether to go on.
     const AT_ONCE: usize = 1 << 10;
-    let [nx, ny, nz] = image.dims();
+    let [nx, ny, _] = image.dims();
     let (mut values, mut of_voxel) = (Vec::new(), Vec::new());
     let (mut all, mut done) = (Vec::new(), 0);
     for (n, count) in counts.iter_mut().enumerate() {
@@ -132,15 +132,23 @@ fn shares_of_layer(
         if !is_corner_of_mixed(bricks, voxels, voxel) {
             continue;
         }
-        // Voxels beyond the image are background, and are never asked for, see `border`.
-        let place = |a: usize, n: usize| usize::try_from(voxel[a] as isize + region.first[a]).ok().filter(|&c| c < n);
-        let (Some(x), Some(y), Some(z)) = (place(0, nx), place(1, ny), place(2, nz)) else { continue };
-        let own = voxels[first + n].id();
+        let [x, y, z] = [0, 1, 2].map(|a| region.nearest(voxel, a, image.dims()[a]));
+        let is_beyond = (0..3).any(|a| region.place(voxel, a, image.dims()[a]).is_none());
+        let at = [x, y, z].map(|c| c as isize);
+        let in_region = [0, 1, 2].map(|a| (at[a] - region.first[a]) as usize);
+        let own = voxels[bricks.index(in_region[0], in_region[1], in_region[2])].id();
         source.shares(x + nx * (y + ny * z), own, &mut values, &mut of_voxel);
         // The own label is first on a tie, too.
         of_voxel
             .sort_unstable_by(|a, b| b.value.total_cmp(&a.value).then((a.id != own, a.id).cmp(&(b.id != own, b.id))));
         let kept = of_voxel.iter().take(MOST_SHARES).filter(|share| share.value > 0.0 || share.id == own).count();
+        if is_beyond {
+            // Background, so much that it draws level with the nearest voxel's label halfway: see `super::field`.
+            let background = of_voxel[..kept].iter().find(|share| share.id == 0).map_or(0.0, |share| share.value);
+            let value = of_voxel[0].value - if own == 0 { 0.0 } else { background };
+            of_voxel[0] = Share { id: 0, value };
+        }
+        let kept = if is_beyond { 1 } else { kept };
         all.try_reserve(kept).map_err(|_| Error::OutOfMemory { count: kept, what: "shares of voxels" })?;
         all.extend_from_slice(&of_voxel[..kept]);
         *count = kept as u32;

@@ -57,6 +57,18 @@ impl Region {
         }
         Ok(Self { first: low.map(|c| c as isize - 1), dims })
     }
+
+    /// The image coordinate, along an axis of `count` voxels, of a voxel of the region; `None` beyond the image.
+    #[inline]
+    pub fn place(&self, voxel: [usize; 3], axis: usize, count: usize) -> Option<usize> {
+        usize::try_from(voxel[axis] as isize + self.first[axis]).ok().filter(|&at| at < count)
+    }
+
+    /// As [`Self::place`], of the nearest voxel in the image.
+    #[inline]
+    pub fn nearest(&self, voxel: [usize; 3], axis: usize, count: usize) -> usize {
+        (voxel[axis] as isize + self.first[axis]).clamp(0, count as isize - 1) as usize
+    }
 }
 
 /// The dense ids of a region in rows along x, each padded with background to whole words of 64 voxels and one more. Its outermost voxels are background.
