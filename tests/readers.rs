@@ -51,6 +51,93 @@ fn cases_are_read_as_expected() {
     assert!(by_ends.warnings.is_empty(), "{:?}", by_ends.warnings);
 }
 
+/// Layers of a segmentation of 3D Slicer: each segment a label, that of the last layer where several are.
+#[test]
+fn layers_of_segments_are_labels() {
+    let Some(folder) = images("layers_of_segments_are_labels").map(|folder| folder.join("cases")) else { return };
+    for name in ["layers_plain.seg.nrrd", "layers_multi.seg.nrrd"] {
+        let found = read(&folder.join(name));
+        println!("{name}: {:?} {:?}", found.image.labels(), found.warnings);
+        assert_eq!((found.image.dims(), found.world), ([24, 20, 16], Some(WorldAxes::Lps)), "{name}");
+        let (labels, told) = match name {
+            "layers_plain.seg.nrrd" => {
+                ([0, 1, 2], "segments of several layers have the same value, so they are numbered: 1 liver, 2 tumor")
+            }
+            // The header names no segment of values 2 and 3; what has value 1 lies in segment 3 as a whole.
+            _ => ([0, 2, 3], "there are segments that the header does not name: "),
+        };
+        assert_eq!(found.image.labels(), labels, "{name}");
+        assert!(found.warnings.iter().any(|warning| warning.starts_with(told)), "{:?}", found.warnings);
+    }
+}
+
+/// Random segments in random layers against their definition.
+#[test]
+fn random_layers_are_combined_in_their_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.seg.nrrd");
+    // For each segment its layer and value, and for each voxel and layer a value; some belong to no segment.
+    let segments = prop::collection::vec((0..3_usize, 1..4_i32), 1..6);
+    let values = prop::collection::vec(0..4_u8, 3 * 60);
+    TestRunner::default()
+        .run(&(segments, values, prop::bool::ANY), |(mut segments, values, distinct)| {
+            if distinct {
+                segments.iter_mut().zip(1..).for_each(|(segment, n)| segment.1 = n);
+            } else {
+                segments.sort_unstable();
+                segments.dedup();
+            }
+            let pairs: String = segments
+                .iter()
+                .enumerate()
+                .map(|(n, (layer, value))| {
+                    format!("Segment{n}_Name:=organ: {n}\nSegment{n}_LabelValue:={value}\nSegment{n}_Layer:={layer}\n")
+                })
+                .collect();
+            let head = "NRRD0005\ntype: uint8\ndimension: 4\nspace: LPS\nsizes: 3 3 4 5\n\
+                        space directions: none (1,0,0) (0,1,0) (0,0,1)\nkinds: list domain domain domain\nencoding: raw\n";
+            std::fs::write(&path, [head.as_bytes(), pairs.as_bytes(), b"\n", &values].concat()).unwrap();
+            // All that occur, first those of the header.
+            let named = segments.len();
+            let occurring = values.iter().enumerate().filter(|&(_, &value)| value != 0);
+            let occurring: Vec<(usize, i32)> = occurring.map(|(n, &value)| (n % 3, i32::from(value))).collect();
+            for segment in &occurring {
+                if !segments.contains(segment) {
+                    segments.push(*segment);
+                }
+            }
+            let mut of_segments: Vec<i32> =
+                segments.iter().filter(|segment| occurring.contains(segment)).map(|segment| segment.1).collect();
+            let count = of_segments.len();
+            of_segments.sort_unstable();
+            of_segments.dedup();
+            let differ = of_segments.len() == count;
+            let mut overlapping = 0;
+            let wanted: Vec<i32> = values
+                .chunks(3)
+                .map(|layers| {
+                    let (mut label, mut count) = (0, 0);
+                    for (layer, &value) in layers.iter().enumerate().filter(|&(_, &value)| value != 0) {
+                        let n = segments.iter().position(|&segment| segment == (layer, i32::from(value))).unwrap();
+                        (label, count) = (if differ { segments[n].1 } else { n as i32 + 1 }, count + 1);
+                    }
+                    overlapping += u32::from(count > 1);
+                    label
+                })
+                .collect();
+            let found = read(&path);
+            let labels = found.image.labels();
+            let got: Vec<i32> = found.image.ids().iter().map(|&id| labels[usize::from(id)]).collect();
+            prop_assert_eq!(got, wanted);
+            let told = |start: &str| found.warnings.iter().any(|warning| warning.starts_with(start));
+            prop_assert_eq!(told("segments of several layers"), !differ);
+            prop_assert_eq!(told(&format!("{overlapping} voxels are in several segments")), overlapping > 0);
+            prop_assert_eq!(told("there are segments that the header"), differ && segments.len() > named);
+            Ok(())
+        })
+        .unwrap();
+}
+
 /// A volume of 3 x 4 x 5 numbers as text, which all have the same label but one.
 fn text_volume(numbers: &[f64]) -> String {
     let numbers: Vec<String> = numbers.iter().map(|x| format!("{x:?}")).collect();

@@ -78,6 +78,12 @@ impl LabelBuilder {
         Ok(())
     }
 
+    /// Gives each label but 0 another one, all different and none 0.
+    pub(super) fn relabel(&mut self, label: impl Fn(i32) -> i32) {
+        self.labels[1..].iter_mut().for_each(|known| *known = label(*known));
+        (self.table, self.rare) = (Vec::new(), HashMap::new());
+    }
+
     /// The finished image. All voxels must have been pushed.
     pub(super) fn finish(mut self, frame: Frame) -> Result<LabelImage> {
         if self.ids.len() != self.total {

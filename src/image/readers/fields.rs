@@ -15,6 +15,8 @@ pub(super) const MAX_HEADER: u64 = 16 << 20;
 pub(super) struct Fields {
     path: PathBuf,
     values: HashMap<String, String>,
+    /// What the format leaves to programs: names as they are.
+    pairs: HashMap<String, String>,
 }
 
 fn key(name: &str) -> String {
@@ -23,7 +25,7 @@ fn key(name: &str) -> String {
 
 impl Fields {
     pub(super) fn new(path: &Path) -> Self {
-        Self { path: path.to_owned(), values: HashMap::new() }
+        Self { path: path.to_owned(), values: HashMap::new(), pairs: HashMap::new() }
     }
 
     /// Takes a value in; the same name twice is an error.
@@ -32,6 +34,16 @@ impl Fields {
             None => Ok(()),
             Some(_) => Err(self.error(format!("header field '{}' is given twice", name.trim()))),
         }
+    }
+
+    /// Takes in a key/value pair, which means nothing to the format.
+    pub(super) fn insert_pair(&mut self, name: &str, value: &str) {
+        self.pairs.insert(name.trim().to_owned(), value.trim().to_owned());
+    }
+
+    /// The value of a pair.
+    pub(super) fn pair(&self, name: &str) -> Option<&str> {
+        self.pairs.get(name).map(String::as_str)
     }
 
     pub(super) fn get(&self, name: &str) -> Option<&str> {

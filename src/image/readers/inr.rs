@@ -45,7 +45,7 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let origin = triple(["TX", "TY", "TZ"], 0.0)?;
     let frame =
         frame_from_parts(path, "VX, VY, VZ", origin, spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])?;
-    Ok(Opened { source, layout, frame, world: None, warnings })
+    Ok(Opened { source, layout, frame, world: None, segments: None, warnings })
 }
 
 /// Reads the header with its padding.

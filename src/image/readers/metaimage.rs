@@ -47,7 +47,7 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
                 .refuse("HeaderSize", "must be -1 (binary data at the end of its file) or the bytes before the data"));
         }
     }
-    Ok(Opened { source, layout, frame, world: Some(WorldAxes::Lps), warnings })
+    Ok(Opened { source, layout, frame, world: Some(WorldAxes::Lps), segments: None, warnings })
 }
 
 /// Reads up to and including `ElementDataFile`, which ends the header.

@@ -26,6 +26,7 @@ mod inr;
 mod metaimage;
 mod nifti;
 mod nrrd;
+mod segments;
 mod source;
 pub mod values;
 mod voxels;
@@ -34,6 +35,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use segments::Segments;
 use source::Source;
 use voxels::{Layout, read_labels};
 
@@ -117,8 +119,8 @@ pub fn read_image(path: &Path) -> Result<ReadImage> {
 /// [`Error::InvalidArgument`]: no reader for this ending. [`Error::Io`]: the file, or the data file that it names, cannot be opened or read.
 /// [`Error::Format`]: it is damaged, cut off, or uses what this library does not read. [`Error::OutOfMemory`].
 pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> {
-    let Opened { mut source, layout, frame, world, mut warnings } = open(path, Volumes::One, options)?;
-    let image = read_labels(&mut source, &layout, frame, options.round, &mut warnings)?;
+    let Opened { mut source, layout, frame, world, segments, mut warnings } = open(path, Volumes::One, options)?;
+    let image = read_labels(&mut source, &layout, frame, options.round, segments, &mut warnings)?;
     Ok(ReadImage { image, world, warnings })
 }
 
@@ -137,6 +139,8 @@ struct Opened {
     layout: Layout,
     frame: Frame,
     world: Option<WorldAxes>,
+    /// Segments in layers.
+    segments: Option<Segments>,
     warnings: Vec<String>,
 }
 

@@ -59,7 +59,7 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let mut layout = Layout::new(&source, sizes, scalar, coding)?.with_volumes(&source, values, false)?;
     layout.scale = header.scale();
     header.skip_to_voxels(&mut source, &mut warnings)?;
-    Ok(Opened { source, layout, frame, world, warnings })
+    Ok(Opened { source, layout, frame, world, segments: None, warnings })
 }
 
 /// Numbers at their places in a header.

@@ -1,11 +1,12 @@
 //! NRRD (`.nrrd`, and `.nhdr` beside a data file). Source: Gordon Kindlmann, "Definition of NRRD File Format", teem.
 //!
-//! Read: dimension 3, or 4 with one axis of samples, the first or the last, for labels of a single one; encodings raw, gzip, text. Data split over several files (`LIST`, numbered
+//! Read: dimension 3, or 4 with one axis of samples, the first or the last, for labels of a single one or of the layers of a segmentation of 3D Slicer (`segments`); encodings raw, gzip, text. Data split over several files (`LIST`, numbered
 //! names), bzip2 and hex are refused. Axis units and centerings do not matter to a mesh and are ignored.
 
 use std::path::Path;
 
 use super::fields::{Fields, MAX_HEADER, excerpt, header_line};
+use super::segments::Segments;
 use super::source::Source;
 use super::voxels::{Coding, Layout, Scalar};
 use super::{Opened, Volumes, WorldAxes, frame_from_parts, frame_from_steps};
@@ -27,7 +28,8 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let mut source = Source::open(path)?;
     let fields = read_header(&mut source)?;
     let mut warnings = Vec::new();
-    let (axes, values, interleaved) = three_axes(&fields, volumes)?;
+    let segments = Segments::of_header(&fields)?;
+    let (axes, values, interleaved) = three_axes(&fields, volumes, segments.is_some())?;
     let world = world_of(&fields)?;
     let frame = frame_of(path, &fields, &axes, &mut warnings)?;
     let scalar = scalar_of(&fields)?;
@@ -61,7 +63,7 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
         }
         skip => source = source.seek_from_end(layout.bytes(), skip.unsigned_abs() - 1)?,
     }
-    Ok(Opened { source, layout, frame, world, warnings })
+    Ok(Opened { source, layout, frame, world, segments, warnings })
 }
 
 /// Reads up to and including the empty line before the data, or to the end of a detached header.
@@ -76,8 +78,14 @@ fn read_header(source: &mut Source) -> Result<Fields> {
         if line.is_empty() {
             break;
         }
-        // Comments, and key/value pairs, which mean nothing to the format.
-        if line.starts_with('#') || line.find(":=").is_some_and(|at| line.find(':') == Some(at)) {
+        if line.starts_with('#') {
+            continue;
+        }
+        // Key/value pairs mean nothing to the format; 3D Slicer's tell of segments.
+        if let Some((name, value)) = line.split_once(":=").filter(|(name, _)| !name.contains(':')) {
+            if name.starts_with("Segment") {
+                fields.insert_pair(name, value);
+            }
             continue;
         }
         let Some((name, value)) = line.split_once(':') else {
@@ -93,7 +101,7 @@ fn read_header(source: &mut Source) -> Result<Fields> {
 }
 
 /// The axes of the volume, fastest first; the values per voxel, and whether these stand side by side.
-fn three_axes(fields: &Fields, volumes: Volumes) -> Result<([Axis; 3], u64, bool)> {
+fn three_axes(fields: &Fields, volumes: Volumes, has_segments: bool) -> Result<([Axis; 3], u64, bool)> {
     let dimension: usize =
         fields.number("dimension")?.ok_or_else(|| fields.error("header field 'dimension' is missing"))?;
     if !(3..=4).contains(&dimension) {
@@ -136,6 +144,8 @@ fn three_axes(fields: &Fields, volumes: Volumes) -> Result<([Axis; 3], u64, bool
         let is_outside = |axis: &Axis| in_space && axis.step.is_none() || !is_spatial(axis);
         let single = axes.iter().position(|axis| is_single(axis) && is_outside(axis));
         let other = || match volumes {
+            // Layers of segments.
+            Volumes::One if has_segments && is_outside(&axes[0]) => Some(0),
             Volumes::One => axes.iter().rposition(is_single),
             Volumes::Many => match axes.iter().position(is_outside) {
                 Some(outside) => Some(outside).filter(|outside| [0, 3].contains(outside)),
@@ -145,7 +155,7 @@ fn three_axes(fields: &Fields, volumes: Volumes) -> Result<([Axis; 3], u64, bool
         match single.or_else(other) {
             Some(axis) => (values, interleaved) = (axes.remove(axis).size, axis == 0),
             None => {
-                return Err(fields.refuse("sizes", "four axes of more than one sample: only volumes are read"));
+                return Err(fields.refuse("sizes", "four axes of more than one sample: only volumes are read, and layers of 3D Slicer's segments, as the first axis"));
             }
         };
     }

@@ -105,7 +105,7 @@ struct Stack {
 
 impl Stack {
     fn read(path: &Path, options: &ReadOptions) -> Result<Self> {
-        let Opened { mut source, layout, frame, world, mut warnings } = open(path, Volumes::Many, options)?;
+        let Opened { mut source, layout, frame, world, mut warnings, .. } = open(path, Volumes::Many, options)?;
         let volumes = read_values(&mut source, &layout, &mut warnings)?;
         Ok(Self { dims: layout.dims, frame, volumes, world, warnings })
     }

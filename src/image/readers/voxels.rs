@@ -4,6 +4,7 @@ use super::super::LabelImage;
 use super::super::builder::{LabelBuilder, voxel_count};
 use super::super::frame::Frame;
 use super::fields::excerpt;
+use super::segments::Segments;
 use super::source::Source;
 use crate::memory::{reserve, room};
 use crate::{Error, Result};
@@ -157,16 +158,39 @@ pub(super) fn read_labels(
     layout: &Layout,
     frame: Frame,
     round: bool,
+    segments: Option<Segments>,
     warnings: &mut Vec<String>,
 ) -> Result<LabelImage> {
     let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
     let mut rounding = Rounding { most: if round { 0.5 } else { NEARLY_WHOLE }, ..Rounding::default() };
+    let mut segments = segments.filter(|_| layout.volumes > 1);
+    // Values of a voxel whose others are still to come; labels of whole voxels.
+    let (mut values, mut labels_of_layers) = (Vec::new(), Vec::new());
     read_numbers(source, layout, warnings, &mut rounding, |source, labels: &[i32]| {
+        let labels = match &mut segments {
+            None => labels,
+            Some(segments) => {
+                values.extend_from_slice(labels);
+                let whole = values.len() - values.len() % layout.volumes;
+                labels_of_layers.clear();
+                labels_of_layers.extend(values[..whole].chunks_exact(layout.volumes).map(|v| segments.number(v)));
+                values.drain(..whole);
+                if segments.are_too_many() {
+                    return Err(source.error("more than 65534 segments: is this a segmentation?"));
+                }
+                &labels_of_layers
+            }
+        };
         builder.push(labels).map_err(|e| match e {
             Error::InvalidArgument(message) => source.error(message),
             other => other,
         })
     })?;
+    if let Some(segments) = segments {
+        let (label, told) = segments.finish();
+        builder.relabel(label);
+        warnings.extend(told);
+    }
     if let Some((voxel, value)) = rounding.first {
         let (place, count) = (place_of(layout, voxel), rounding.count);
         warnings.push(format!("{count} voxels are no whole numbers and were rounded; the first, {place}, is {value}"));
@@ -239,9 +263,10 @@ fn read_numbers<V: Value>(
     Ok(())
 }
 
-/// A voxel's indices.
-fn place_of(layout: &Layout, voxel: usize) -> String {
-    let [nx, ny, _] = layout.dims;
+/// The indices of the voxel that a number is of.
+fn place_of(layout: &Layout, number: usize) -> String {
+    let [nx, ny, nz] = layout.dims;
+    let voxel = if layout.interleaved { number / layout.volumes } else { number % (nx * ny * nz) };
     format!("voxel ({}, {}, {})", voxel % nx, voxel / nx % ny, voxel / (nx * ny))
 }
 
