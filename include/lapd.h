@@ -2199,8 +2199,9 @@ lapd_status lapd_mesh_check_path(lapd_context *context,
  * joined at return.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the format has no tets of the
- * mesh's order; LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number; LAPD_ERROR_CANCELLED
- * after lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
+ * mesh's order; LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more
+ * vertices or tets than the format can number; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an
+ * existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_mesh_write(lapd_context *context,
                             const lapd_mesh *mesh,

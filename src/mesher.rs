@@ -101,6 +101,7 @@ pub struct RunReport {
 pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>) -> Result<Meshing> {
     let mut clock = Instant::now();
     params.validate()?;
+    // Not in `validate`: whoever sets parameters one by one may set this one first.
     if params.curved && params.order != 2 {
         return Err(Error::InvalidArgument(format!("curved tets need order 2, got {}", params.order)));
     }

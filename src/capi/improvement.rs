@@ -2,7 +2,7 @@
 
 use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
-use super::report::own_size;
+use super::report::{fill, own_size};
 use super::status::lapd_status;
 use crate::improve::Cause;
 
@@ -97,28 +97,29 @@ pub unsafe extern "C" fn lapd_mesh_get_improvement(
     improvement: *mut lapd_improvement,
 ) -> lapd_status {
     // SAFETY: see the module's head.
-    status_of(|| unsafe {
-        let found = &borrow(mesh, "mesh")?.meshing.report.improvement;
-        let counts = &found.counts;
-        let value = lapd_improvement {
-            struct_size: own_size::<lapd_improvement>(),
-            target_dihedral: found.target,
-            tolerance: found.tolerance,
-            below_before: found.below_before,
-            left: found.left.len() as u64,
-            edge_removals: counts.edge_removals,
-            interface_flips: counts.interface_flips,
-            moves_inside: counts.moves_inside,
-            moves_on_interfaces: counts.moves_on_interfaces,
-            moves_on_junctions: counts.moves_on_junctions,
-            splits: counts.splits,
-            max_flip: counts.max_flip,
-            max_interface_move: counts.max_interface_move,
-            max_move: found.max_move,
-            non_delaunay_facets: found.non_delaunay_facets,
-        };
-        fill_struct(improvement, value, "improvement")
-    })
+    unsafe {
+        fill(mesh, improvement, "improvement", |meshing| {
+            let found = &meshing.report.improvement;
+            let counts = &found.counts;
+            lapd_improvement {
+                struct_size: own_size::<lapd_improvement>(),
+                target_dihedral: found.target,
+                tolerance: found.tolerance,
+                below_before: found.below_before,
+                left: found.left.len() as u64,
+                edge_removals: counts.edge_removals,
+                interface_flips: counts.interface_flips,
+                moves_inside: counts.moves_inside,
+                moves_on_interfaces: counts.moves_on_interfaces,
+                moves_on_junctions: counts.moves_on_junctions,
+                splits: counts.splits,
+                max_flip: counts.max_flip,
+                max_interface_move: counts.max_interface_move,
+                max_move: found.max_move,
+                non_delaunay_facets: found.non_delaunay_facets,
+            }
+        })
+    }
 }
 
 /// The number of tets that lapd_mesh_get_left has. Any thread.

@@ -93,21 +93,36 @@ pub unsafe extern "C" fn lapd_mesh_check_path(context: *mut lapd_context, path: 
 /// joined at return.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the format has no tets of the
-/// mesh's order; LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number; LAPD_ERROR_CANCELLED
-/// after lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
+/// mesh's order; LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more
+/// vertices or tets than the format can number; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an
+/// existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_write(
     context: *mut lapd_context,
     mesh: *const lapd_mesh,
     path: *const c_char,
 ) -> lapd_status {
-    // SAFETY: see the module's head.
+    // SAFETY: passed on to the caller.
+    unsafe { write_file(context, mesh, path, false) }
+}
+
+/// Writes a mesh to a file, where asked for with measures of its tets.
+///
+/// # Safety
+/// See the module's head.
+unsafe fn write_file(
+    context: *mut lapd_context,
+    mesh: *const lapd_mesh,
+    path: *const c_char,
+    measures: bool,
+) -> lapd_status {
+    // SAFETY: passed on to the caller.
     unsafe {
         with_context(context, |context| {
             let lapd_mesh { meshing, world } = borrow(mesh, "mesh")?;
             let path = to_path(c_str(path, "path")?)?;
             let cancel = &context.cancel;
-            let options = WriteOptions { measures: false, world: *world };
+            let options = WriteOptions { measures, world: *world };
             let write = || Ok(write_mesh_watching(&meshing.mesh, path, options, Some(cancel))?);
             with_pool(processors(), |pool| pool.install(|| catch(write)))?
         })
@@ -124,17 +139,8 @@ pub unsafe extern "C" fn lapd_mesh_write_with_measures(
     mesh: *const lapd_mesh,
     path: *const c_char,
 ) -> lapd_status {
-    // SAFETY: see the module's head.
-    unsafe {
-        with_context(context, |context| {
-            let lapd_mesh { meshing, world } = borrow(mesh, "mesh")?;
-            let path = to_path(c_str(path, "path")?)?;
-            let cancel = &context.cancel;
-            let options = WriteOptions { measures: true, world: *world };
-            let write = || Ok(write_mesh_watching(&meshing.mesh, path, options, Some(cancel))?);
-            with_pool(processors(), |pool| pool.install(|| catch(write)))?
-        })
-    }
+    // SAFETY: passed on to the caller.
+    unsafe { write_file(context, mesh, path, true) }
 }
 
 /// Writes what each thread of the refinement did when, for a mesh whose parameters asked for it (lapd_params_set_timeline): JSON in

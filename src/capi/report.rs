@@ -226,7 +226,7 @@ pub(super) const fn own_size<T: Growing>() -> u64 {
 ///
 /// # Safety
 /// See the module's head.
-unsafe fn fill<T: Growing>(
+pub(super) unsafe fn fill<T: Growing>(
     mesh: *const lapd_mesh,
     out: *mut T,
     name: &str,

@@ -1,8 +1,8 @@
 //! What is known of the nodes in the middles of edges.
 
-use super::boundary::{Growing, borrow, fill_struct, status_of};
+use super::boundary::Growing;
 use super::mesh::lapd_mesh;
-use super::report::own_size;
+use super::report::{fill, own_size};
 use super::status::lapd_status;
 
 /// The nodes in the middles of edges, and where curving put them. Set struct_size to sizeof(lapd_second_order) before the call.
@@ -44,21 +44,22 @@ pub unsafe extern "C" fn lapd_mesh_get_second_order(
     second_order: *mut lapd_second_order,
 ) -> lapd_status {
     // SAFETY: see the module's head.
-    status_of(|| unsafe {
-        let found = &borrow(mesh, "mesh")?.meshing.report.second_order;
-        let curving = &found.curving;
-        let value = lapd_second_order {
-            struct_size: own_size::<lapd_second_order>(),
-            nodes: found.nodes,
-            curved: curving.curved,
-            shortened: curving.shortened,
-            straight: curving.straight,
-            max_move: curving.max_move,
-            least_jacobian: curving.least_jacobian,
-            volume: curving.volume,
-        };
-        fill_struct(second_order, value, "second_order")
-    })
+    unsafe {
+        fill(mesh, second_order, "second_order", |meshing| {
+            let found = &meshing.report.second_order;
+            let curving = &found.curving;
+            lapd_second_order {
+                struct_size: own_size::<lapd_second_order>(),
+                nodes: found.nodes,
+                curved: curving.curved,
+                shortened: curving.shortened,
+                straight: curving.straight,
+                max_move: curving.max_move,
+                least_jacobian: curving.least_jacobian,
+                volume: curving.volume,
+            }
+        })
+    }
 }
 
 #[cfg(test)]
