@@ -61,7 +61,7 @@ impl<'m> Elements<'m> {
 
     /// Calls `push` for the nodes of a facet.
     fn nodes_of_facet(&self, f: usize, push: &mut dyn FnMut(u32)) {
-        self.mesh.facet_nodes(f)[..self.mesh.nodes_per_facet()].iter().for_each(|&node| push(node));
+        self.mesh.nodes_of_facet(f as u32).for_each(push);
     }
 }
 
@@ -166,8 +166,7 @@ pub(super) fn write_4_1(mesh: &TetMesh, options: &WriteOptions, out: &mut Output
     out.write_all(b"$Entities\n")?;
     write_longs(out, &[0, 0, surfaces.iter().len(), volumes.iter().len()])?;
     for (number, (_, facets)) in (1..).zip(surfaces.iter()) {
-        let nodes = |&f: &u32| mesh.facet_nodes(f as usize).into_iter().take(mesh.nodes_per_facet());
-        write_entity(out, mesh, number, facets.iter().flat_map(nodes), &[])?;
+        write_entity(out, mesh, number, facets.iter().flat_map(|&f| mesh.nodes_of_facet(f)), &[])?;
     }
     for (&tag, (label, tets)) in tags.iter().zip(volumes.iter()) {
         let boundary: Vec<i32> = (1..)
@@ -175,8 +174,7 @@ pub(super) fn write_4_1(mesh: &TetMesh, options: &WriteOptions, out: &mut Output
             .filter(|(_, pair)| pair.contains(&label))
             .map(|(number, pair)| if pair[0] == label { number } else { -number })
             .collect();
-        let nodes = |&t: &u32| mesh.tet_nodes(t as usize).into_iter().take(mesh.nodes_per_tet());
-        write_entity(out, mesh, tag, tets.iter().flat_map(nodes), &boundary)?;
+        write_entity(out, mesh, tag, tets.iter().flat_map(|&t| mesh.nodes_of_tet(t)), &boundary)?;
     }
     out.write_all(b"\n$EndEntities\n$Nodes\n")?;
 
@@ -235,13 +233,11 @@ fn owners(mesh: &TetMesh, tags: &[i32], volumes: &Groups<i32>, surfaces: &Groups
     let nowhere = [VOLUME, tags.first().copied().unwrap_or(1)];
     let mut owners = filled(mesh.points.len(), nowhere, "owners of vertices", || Ok(()))?;
     for (&tag, (_, tets)) in tags.iter().zip(volumes.iter()) {
-        let nodes = |&t: &u32| mesh.tet_nodes(t as usize).into_iter().take(mesh.nodes_per_tet());
-        tets.iter().flat_map(nodes).for_each(|v| owners[v as usize] = [VOLUME, tag]);
+        tets.iter().flat_map(|&t| mesh.nodes_of_tet(t)).for_each(|v| owners[v as usize] = [VOLUME, tag]);
     }
     for (i, (_, facets)) in surfaces.iter().enumerate().rev() {
         let number = i as i32 + 1;
-        let nodes = |&f: &u32| mesh.facet_nodes(f as usize).into_iter().take(mesh.nodes_per_facet());
-        facets.iter().flat_map(nodes).for_each(|v| owners[v as usize] = [SURFACE, number]);
+        facets.iter().flat_map(|&f| mesh.nodes_of_facet(f)).for_each(|v| owners[v as usize] = [SURFACE, number]);
     }
     Ok(owners)
 }

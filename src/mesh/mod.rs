@@ -81,6 +81,18 @@ impl TetMesh {
         if self.mid_nodes.is_some() { 6 } else { 3 }
     }
 
+    /// The nodes of a tet, vertices first.
+    #[inline]
+    pub fn nodes_of_tet(&self, t: u32) -> impl Iterator<Item = u32> + use<> {
+        self.tet_nodes(t as usize).into_iter().take(self.nodes_per_tet())
+    }
+
+    /// The nodes of a facet, vertices first.
+    #[inline]
+    pub fn nodes_of_facet(&self, f: u32) -> impl Iterator<Item = u32> + use<> {
+        self.facet_nodes(f as usize).into_iter().take(self.nodes_per_facet())
+    }
+
     /// The nodes of a tet, vertices first; of the array as many count as [`Self::nodes_per_tet`].
     #[inline]
     pub fn tet_nodes(&self, t: usize) -> [u32; 10] {

@@ -14,7 +14,7 @@
 //!
 //! The result does not depend on the number of threads: what a round changes follows from what all tets were before it.
 
-use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
+use std::ops::Range;
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use super::jacobian::least_and_mean;
 use super::{FACET_EDGES, RANGE};
 use crate::Result;
-use crate::memory::zeroed;
+use crate::memory::{filled, room, zeroed};
 use crate::mesh::{MidNodes, TetMesh};
 use crate::monitor::Monitor;
 use crate::oracle::{Oracle, Walls};
@@ -79,105 +79,124 @@ enum Place {
 /// Moves the nodes of `mesh` on interfaces to where `oracle` has them; `labels` has the label of each of its ids.
 ///
 /// # Errors
-/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
+/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory). The mesh is unchanged then.
 pub fn curve(mesh: &mut TetMesh, oracle: &Oracle, labels: &[i32], monitor: &Monitor<'_>) -> Result<Curving> {
-    let Some(mid_nodes) = mesh.mid_nodes.take() else { return Ok(Curving::default()) };
-    let moved = move_nodes(mesh, &mid_nodes, oracle, labels, monitor);
-    mesh.mid_nodes = Some(mid_nodes);
-    moved
+    let Some(mid_nodes) = &mesh.mid_nodes else { return Ok(Curving::default()) };
+    let first = mid_nodes.vertices;
+    let ways = ways(mesh, mid_nodes, oracle, labels, monitor)?;
+    let halvings = zeroed(ways.len(), "nodes")?;
+    let mut course = Course { mesh, mid_nodes, ways, halvings };
+    course.shorten(monitor)?;
+    let done = course.summary();
+    let mut places = room(course.ways.len(), "nodes")?;
+    places.extend((0..course.ways.len()).map(|node| course.place(node).to_array()));
+    mesh.points[first..].copy_from_slice(&places);
+    Ok(done)
 }
 
-fn move_nodes(
-    mesh: &mut TetMesh,
-    mid_nodes: &MidNodes,
-    oracle: &Oracle,
-    labels: &[i32],
-    monitor: &Monitor<'_>,
-) -> Result<Curving> {
-    let vertices = mid_nodes.vertices;
-    let ways = ways(mesh, mid_nodes, oracle, labels, monitor)?;
-    // How often the way of each node was halved.
-    let halvings: Vec<AtomicU8> = zeroed(ways.len(), "nodes")?;
-    let at = |node: usize| {
-        let straight = DVec3::from_array(mesh.points[vertices + node]);
-        match halvings[node].load(Relaxed) {
-            halved if halved > MAX_HALVINGS => straight,
-            halved => straight + ways[node] * 0.5_f64.powi(halved.into()),
+/// How far nodes go. They are counted from the first one behind the vertices.
+struct Course<'m> {
+    mesh: &'m TetMesh,
+    mid_nodes: &'m MidNodes,
+    /// The whole way of each node; zero where it has none.
+    ways: Vec<DVec3>,
+    /// How often it was halved; more than [`MAX_HALVINGS`]: the node stays.
+    halvings: Vec<u8>,
+}
+
+impl Course<'_> {
+    fn is_moved(&self, node: usize) -> bool {
+        self.ways[node] != DVec3::ZERO && self.halvings[node] <= MAX_HALVINGS
+    }
+
+    /// The middle of the node's edge.
+    fn middle(&self, node: usize) -> DVec3 {
+        DVec3::from_array(self.mesh.points[self.mid_nodes.vertices + node])
+    }
+
+    fn place(&self, node: usize) -> DVec3 {
+        match self.halvings[node] {
+            halved if halved > MAX_HALVINGS => self.middle(node),
+            halved => self.middle(node) + self.ways[node] * 0.5_f64.powi(halved.into()),
         }
-    };
-    let is_moved = |node: usize| ways[node] != DVec3::ZERO && halvings[node].load(Relaxed) <= MAX_HALVINGS;
-    // The least determinant of a tet with a moved node in parts of the straight tet's, and six times the volume of any tet.
-    let measure = |t: usize| {
-        let corners = mesh.tets[t].map(|v| mesh.point(v));
+    }
+
+    fn nodes_of(&self, t: usize) -> [usize; 6] {
+        self.mid_nodes.tets[t].map(|node| node as usize - self.mid_nodes.vertices)
+    }
+
+    /// The least determinant of a tet with a moved node, in parts of the straight tet's; and six times the volume of any tet.
+    fn measure(&self, t: usize) -> (Option<f64>, f64) {
+        let corners = self.mesh.tets[t].map(|v| self.mesh.point(v));
         let [a, b, c, d] = corners;
         let straight = (b - a).cross(c - a).dot(d - a);
-        let nodes = mid_nodes.tets[t].map(|node| node as usize - vertices);
-        if !nodes.into_iter().any(is_moved) {
+        let nodes = self.nodes_of(t);
+        if !nodes.into_iter().any(|node| self.is_moved(node)) {
             return (None, straight);
         }
-        let [least, mean] = least_and_mean(&corners, &nodes.map(at));
+        let [least, mean] = least_and_mean(&corners, &nodes.map(|node| self.place(node)));
         (Some(least / straight), mean)
-    };
-    let chunks = || (0..mesh.tets.len().div_ceil(RANGE)).into_par_iter().with_max_len(1);
-    let of_chunk = |chunk: usize| chunk * RANGE..((chunk + 1) * RANGE).min(mesh.tets.len());
-    // The tets that have changed since they were looked at, and so may be bad: those with one of these nodes.
-    let mut changed = ways.iter().map(|way| *way != DVec3::ZERO).collect::<Vec<bool>>();
-    loop {
-        let bad = |chunk: usize| {
-            monitor.check_cancelled()?;
-            let has_changed = |t: usize| mid_nodes.tets[t].iter().any(|&node| changed[node as usize - vertices]);
-            let is_bad = |t: usize| has_changed(t) && measure(t).0.is_some_and(|least| least < LEAST);
-            Ok(of_chunk(chunk).filter(|&t| is_bad(t)).collect())
+    }
+
+    fn chunks(&self) -> impl IndexedParallelIterator<Item = Range<usize>> + use<> {
+        let count = self.mesh.tets.len();
+        let chunk = move |n: usize| n * RANGE..((n + 1) * RANGE).min(count);
+        (0..count.div_ceil(RANGE)).into_par_iter().with_max_len(1).map(chunk)
+    }
+
+    /// Halves the ways of the nodes of tets that are not valid, until all are.
+    fn shorten(&mut self, monitor: &Monitor<'_>) -> Result<()> {
+        // Only tets with a node that has changed since they were looked at may be bad.
+        let mut has_changed = room(self.ways.len(), "nodes")?;
+        has_changed.extend(self.ways.iter().map(|way| *way != DVec3::ZERO));
+        loop {
+            let bad_of = |tets: Range<usize>| {
+                monitor.check_cancelled()?;
+                let is_bad = |&t: &usize| {
+                    self.nodes_of(t).into_iter().any(|node| has_changed[node])
+                        && self.measure(t).0.is_some_and(|least| least < LEAST)
+                };
+                Ok(tets.filter(is_bad).collect())
+            };
+            let bad: Vec<Vec<usize>> = self.chunks().map(bad_of).collect::<Result<_>>()?;
+            let nodes = bad.iter().flatten().flat_map(|&t| self.nodes_of(t)).filter(|&node| self.is_moved(node));
+            let mut nodes: Vec<usize> = nodes.collect();
+            if nodes.is_empty() {
+                return Ok(());
+            }
+            nodes.sort_unstable();
+            nodes.dedup();
+            has_changed.fill(false);
+            for node in nodes {
+                self.halvings[node] += 1;
+                has_changed[node] = true;
+            }
+        }
+    }
+
+    fn summary(&self) -> Curving {
+        let of_chunk = |tets: Range<usize>| {
+            tets.map(|t| self.measure(t))
+                .fold((1.0_f64, 0.0), |(all, sum), (least, volume)| (all.min(least.unwrap_or(1.0)), sum + volume))
         };
-        let bad: Vec<Vec<usize>> = chunks().map(bad).collect::<Result<_>>()?;
-        let nodes = || bad.iter().flatten().flat_map(|&t| mid_nodes.tets[t].map(|node| node as usize - vertices));
-        changed.fill(false);
-        nodes().for_each(|node| changed[node] = is_moved(node));
-        if !changed.contains(&true) {
-            break;
+        // Added in their order, whatever the number of threads.
+        let of_chunks: Vec<(f64, f64)> = self.chunks().map(of_chunk).collect();
+        let mut done = Curving { least_jacobian: 1.0, ..Curving::default() };
+        for (least, volume) in of_chunks {
+            done.least_jacobian = done.least_jacobian.min(least);
+            done.volume += volume / 6.0;
         }
-        for node in nodes() {
-            // Once for all of its tets.
-            if std::mem::take(&mut changed[node]) {
-                halvings[node].fetch_add(1, Relaxed);
-            }
-        }
-        nodes().for_each(|node| changed[node] = ways[node] != DVec3::ZERO);
-    }
-    let mut done = Curving { least_jacobian: 1.0, ..Curving::default() };
-    let of_chunks: Vec<(f64, f64)> = chunks()
-        .map(|chunk| {
-            let start = (1.0_f64, 0.0);
-            of_chunk(chunk)
-                .map(measure)
-                .fold(start, |(all, sum), (least, volume)| (all.min(least.unwrap_or(1.0)), sum + volume))
-        })
-        .collect();
-    for (least, volume) in of_chunks {
-        done.least_jacobian = done.least_jacobian.min(least);
-        done.volume += volume / 6.0;
-    }
-    let mut places = Vec::new();
-    crate::memory::reserve(&mut places, ways.len(), "nodes")?;
-    for node in 0..ways.len() {
-        let place = at(node);
-        places.push(place);
-        match halvings[node].load(Relaxed) {
-            _ if ways[node] == DVec3::ZERO => continue,
-            0 => {}
-            halved if halved > MAX_HALVINGS => {
+        for node in (0..self.ways.len()).filter(|&node| self.ways[node] != DVec3::ZERO) {
+            if self.is_moved(node) {
+                done.curved += 1;
+                done.shortened += u64::from(self.halvings[node] > 0);
+                done.max_move = done.max_move.max(self.place(node).distance(self.middle(node)));
+            } else {
                 done.straight += 1;
-                continue;
             }
-            _ => done.shortened += 1,
         }
-        done.curved += 1;
-        done.max_move = done.max_move.max(place.distance(DVec3::from_array(mesh.points[vertices + node])));
+        done
     }
-    for (point, place) in mesh.points[vertices..].iter_mut().zip(places) {
-        *point = place.to_array();
-    }
-    Ok(done)
 }
 
 /// Where each node is to go, from the middle of its edge; zero: nowhere.
@@ -191,7 +210,7 @@ fn ways(
     let vertices = mid_nodes.vertices;
     let count = mesh.points.len() - vertices;
     // Which facet lists each node first, and what all that do say of its edge.
-    let mut places = crate::memory::filled(count, Place::Inside, "nodes", || monitor.check_cancelled())?;
+    let mut places = filled(count, Place::Inside, "nodes", || monitor.check_cancelled())?;
     let mut first: Vec<u32> = zeroed(count, "nodes")?;
     for (f, nodes) in mid_nodes.facets.iter().enumerate() {
         if f % RANGE == 0 {
@@ -214,9 +233,7 @@ fn ways(
             };
         }
     }
-    let mut ways: Vec<DVec3> = Vec::new();
-    crate::memory::reserve(&mut ways, count, "nodes")?;
-    ways.resize(count, DVec3::ZERO);
+    let mut ways = filled(count, DVec3::ZERO, "nodes", || monitor.check_cancelled())?;
     ways.par_chunks_mut(RANGE).enumerate().try_for_each(|(chunk, ways)| {
         monitor.check_cancelled()?;
         for (i, way) in ways.iter_mut().enumerate() {

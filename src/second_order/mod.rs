@@ -86,7 +86,9 @@ impl Edges {
         // Then they are sorted, and each stays once.
         let lengths = places.windows(2).map(|ends| (ends[1] - ends[0]) as usize);
         let lists = parts(&mut listed, lengths, "edges of vertices")?;
-        let mut lists: Vec<(&mut [u32], u32)> = lists.into_iter().map(|list| (list, 0)).collect();
+        let mut counted: Vec<(&mut [u32], u32)> = room(vertices, "edges of vertices")?;
+        counted.extend(lists.into_iter().map(|list| (list, 0)));
+        let mut lists = counted;
         drop(places);
         lists.par_chunks_mut(RANGE).try_for_each(|lists| {
             monitor.check_cancelled()?;
