@@ -281,14 +281,11 @@ impl Header {
                     }
                     by_sform
                 }
-                (Err(error), Some(by_qform)) => {
-                    let path = format!("{}: ", path.display());
-                    let error = error.to_string();
-                    let why = error.strip_prefix(&path).unwrap_or(&error);
-                    warnings.push(format!("the qform is taken, for {why}"));
+                (Err(Error::Format { message, .. }), Some(by_qform)) => {
+                    warnings.push(format!("the qform is taken, for {message}"));
                     by_qform
                 }
-                (by_sform, None) => by_sform?,
+                (by_sform, _) => by_sform?,
             };
             return Ok((frame, Some(WorldAxes::Ras)));
         }

@@ -28,7 +28,7 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let mut source = Source::open(path)?;
     let fields = read_header(&mut source)?;
     let mut warnings = Vec::new();
-    let segments = Segments::of_header(&fields)?;
+    let segments = Segments::of_header(&fields);
     let (axes, values, interleaved) = three_axes(&fields, volumes, segments.is_some())?;
     let world = world_of(&fields)?;
     let frame = frame_of(path, &fields, &axes, &mut warnings)?;
@@ -223,9 +223,11 @@ fn frame_of(path: &Path, fields: &Fields, axes: &[Axis; 3], warnings: &mut Vec<S
     if let [Some(x), Some(y), Some(z)] = axes.each_ref().map(|axis| axis.step) {
         return frame_from_steps(path, "space directions", origin, [x, y, z]);
     }
+    let along_the_world = |what: &str, origin: [f64; 3], spacing: [f64; 3]| {
+        frame_from_parts(path, what, origin, spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    };
     if let Some((origin, spacing)) = place_by_ends(fields, axes)? {
-        let directions = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        return frame_from_parts(path, "axis mins and axis maxs", origin, spacing, directions);
+        return along_the_world("axis mins and axis maxs", origin, spacing);
     }
     if fields.get("axis mins").is_some() {
         warnings.push("'axis mins' is ignored: the first voxel is taken to lie at the space origin or at 0".into());
@@ -234,7 +236,7 @@ fn frame_of(path: &Path, fields: &Fields, axes: &[Axis; 3], warnings: &mut Vec<S
     if axes.iter().any(|axis| axis.spacing.is_nan()) {
         warnings.push("the header gives no spacing for every axis; 1 is taken where it is missing".into());
     }
-    frame_from_parts(path, "spacings", origin, spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    along_the_world("spacings", origin, spacing)
 }
 
 /// Origin and spacings by `axis mins` and `axis maxs`, where these alone tell the place of the volume. They are the outer

@@ -9,7 +9,6 @@
 use std::collections::HashMap;
 
 use super::fields::{Fields, excerpt};
-use crate::Result;
 use crate::image::MAX_IDS;
 
 /// Segments that a warning names.
@@ -34,23 +33,17 @@ struct Segment {
 }
 
 impl Segments {
-    /// The segments that a header names with their layers, if it does.
-    ///
-    /// # Errors
-    /// [`crate::Error::Format`] for layers and values that are no numbers.
-    pub(super) fn of_header(fields: &Fields) -> Result<Option<Self>> {
+    /// The segments that a header names with their layers, if it does, all by numbers.
+    pub(super) fn of_header(fields: &Fields) -> Option<Self> {
         let mut found = Self { numbers: HashMap::new(), segments: Vec::new(), named: 0, overlapping: 0 };
         for n in 0.. {
             let of = |what: &str| fields.pair(&format!("Segment{n}_{what}"));
             let (Some(layer), Some(value)) = (of("Layer"), of("LabelValue")) else { break };
-            let (Ok(at), Ok(label)) = (layer.parse(), value.parse()) else {
-                let (layer, value) = (excerpt(layer), excerpt(value));
-                return Err(fields.error(format!("segment {n} has layer '{layer}' and value '{value}': no numbers")));
-            };
-            found.add(at, label, excerpt(of("Name").or_else(|| of("ID")).unwrap_or("unnamed")));
+            let (layer, value) = (layer.parse().ok()?, value.parse().ok()?);
+            found.add(layer, value, excerpt(of("Name").or_else(|| of("ID")).unwrap_or("unnamed")));
         }
         found.named = found.segments.len();
-        Ok((found.named > 0).then_some(found))
+        (found.named > 0).then_some(found)
     }
 
     /// Whether there are more than labels can be.
