@@ -7,6 +7,17 @@ import subprocess
 import numpy as np
 
 
+def solve(folder, lines):
+    """What CalculiX prints of a job, of which it must have nothing to complain."""
+    (folder / "job.inp").write_text("\n".join([*lines, "*END STEP", ""]))
+    run = subprocess.run(
+        ["ccx", "job"], check=False, cwd=folder, stdout=subprocess.PIPE, text=True
+    )
+    complaints = re.findall(r".*(?:ERROR|WARNING|nonpositive).*", run.stdout)
+    assert run.returncode == 0 and not complaints, complaints or run.stdout
+    return (folder / "job.dat").read_text()
+
+
 def check(path, reference):
     """Compares with the reference; the labels of its facets name the surfaces."""
     labels = sorted(set(reference.labels.tolist()))
@@ -19,12 +30,7 @@ def check(path, reference):
         lines += [f"*EL PRINT, ELSET=label_{label}, TOTALS=ONLY", "EVOL"]
     for number, (a, b) in enumerate(pairs):
         lines += [f"*SECTION PRINT, SURFACE=interface_{a}_{b}, NAME=S{number}", "SOF"]
-    path.with_name("job.inp").write_text("\n".join([*lines, "*END STEP", ""]))
-    run = subprocess.run(["ccx", "job"], check=False, cwd=path.parent, stdout=subprocess.PIPE, text=True)
-    complaints = re.findall(r".*(?:ERROR|WARNING).*", run.stdout)
-    assert run.returncode == 0 and not complaints, complaints or run.stdout
-
-    printed = path.with_name("job.dat").read_text()
+    printed = solve(path.parent, lines)
     number = r"(-?\d\.\d+E[+-]\d+)"
     volumes = dict(re.findall(rf"total volume for set LABEL_(\S+) and time.*\s+{number}", printed))
     assert set(volumes) == {str(label) for label in labels}, volumes

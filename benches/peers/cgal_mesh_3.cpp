@@ -5,9 +5,11 @@
 // Method:  the surfaces are those of Labeled_mesh_domain_3 for a label image: the label of a point is the one whose indicator,
 //          interpolated trilinearly between the eight voxel centres around it, is largest. Refinement only: no exudation, no
 //          perturbation, no optimisation, so that what is timed is Delaunay refinement; --optimize adds perturbation and exudation after
-//          it, each for at most so many seconds, --optimizers without a limit, as is CGAL's default. The label weights of CGAL are off.
+//          it, each for at most so many seconds, --optimizers without a limit, as is CGAL's default.
+//          The label weights of CGAL are off.
 // Timing:  `seconds.refine` is the wall time of make_mesh_3, `cpu_seconds` the user CPU time of the whole process in it.
-//          `seconds.optimize` is that of perturbation and exudation. Reading, measuring and writing are outside of all. `peak_rss_bytes` is taken when make_mesh_3 returns.
+//          `seconds.optimize` is that of perturbation and exudation.
+//          Reading, measuring and writing are outside of all. `peak_rss_bytes` is taken when make_mesh_3 returns.
 
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Image_3.h>
@@ -263,7 +265,8 @@ void write_report(std::ostream& os, const Options& o, const CGAL::Image_3& image
      << ", \"cell_radius_edge\": " << o.cell_radius_edge << ", \"cell_size\": " << o.cell_size << "}"
      << ",\n  \"tets\": " << tets << ", \"vertices\": " << q.vertices << ", \"interface_facets\": " << q.interface_facets << ", \"all_tets\": " << all_tets
      << ", \"peak_rss_bytes\": " << spent.peak_bytes
-     << ",\n  \"seconds\": {\"read\": " << seconds_read << ", \"refine\": " << spent.wall << ", \"optimize\": " << seconds_optimize << "}, \"cpu_seconds\": " << spent.user
+     << ",\n  \"seconds\": {\"read\": " << seconds_read << ", \"refine\": " << spent.wall
+     << ", \"optimize\": " << seconds_optimize << "}, \"cpu_seconds\": " << spent.user
      << ", \"tets_per_second\": " << tets / spent.wall << ", \"tets_per_cpu_second\": " << tets / spent.user
      << ",\n  \"quality\": {\"min_dihedral\": " << q.min_dihedral << ", \"max_dihedral\": " << q.max_dihedral
      << ", \"max_radius_edge\": " << q.max_radius_edge << ", \"min_facet_angle\": " << q.min_facet_angle << ", \"dihedral_histogram\": [";
@@ -312,8 +315,8 @@ void run(const Options& o) {
   const Quality quality = measure(mesh);
   const Spent spent{after.wall - before.wall, after.user - before.user, after.peak_bytes};
   auto report = [&](std::ostream& os) {
-    write_report(os, o, image, mesh.triangulation().number_of_finite_cells(), spent, optimized.wall - after.wall,
-                 read.wall - start.wall, quality);
+    const auto all_tets = mesh.triangulation().number_of_finite_cells();
+    write_report(os, o, image, all_tets, spent, optimized.wall - after.wall, read.wall - start.wall, quality);
   };
   if (o.report.empty()) {
     report(std::cout);

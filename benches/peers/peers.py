@@ -242,7 +242,6 @@ def compare(options):
 def improved(options):
     """Both with what removes slivers, once each: CGAL's takes minutes."""
     bystanders = Bystanders()
-    # Parallel_tag is the tag that the bars are for; its optimisers use all threads that there are.
     rows, versions = [], []
     for name, image in find_images(options.images).items():
         say(f"{name}: tuning")
@@ -250,14 +249,18 @@ def improved(options):
         def run_ours(delta):
             return ours(image, delta, options.threads, "--improve", "full")
 
-        delta, _ = tune_ours(name, options.tets, run_ours)
-        mine = run_ours(delta)
+        delta, mine = tune_ours(name, options.tets, run_ours)
         mine["span"] += mine["seconds"]["improve"]
-        factor, _ = tune("factor", 1.0, mine["tets"], THEIRS_WITHIN, lambda factor: mesh_3("parallel", image, delta, factor, options.threads))
-        theirs = mesh_3("parallel", image, delta, factor, options.threads, "--optimizers")
+
+        def run_theirs(factor, *more):
+            return mesh_3("parallel", image, delta, factor, options.threads, *more)
+
+        factor, _ = tune("factor", 1.0, mine["tets"], THEIRS_WITHIN, run_theirs)
+        theirs = run_theirs(factor, "--optimizers")
         theirs["span"] += theirs["seconds"]["optimize"]
         versions.append(theirs["version"])
-        for program, run, last in (("lapd", mine, "improve"), (TAGS["parallel"], theirs, "optimize")):
+        both = [("lapd", mine, "improve"), (TAGS["parallel"], theirs, "optimize")]
+        for program, run, last in both:
             quality, rate = run["quality"], run["tets"] / run["span"]
             rows.append([
                 name,
@@ -270,10 +273,15 @@ def improved(options):
                 f"{quality['min_dihedral']:.2f} to {quality['max_dihedral']:.2f}",
                 f"{quality['min_facet_angle']:.2f}",
             ])
-    head = ["image", "program", "tets", "seconds, image to improved mesh", "improvement alone", "M tets/s", "rate of lapd / of this"]
-    head += ["dihedral angles", "smallest facet angle"]
+    head = ["image", "program", "tets", "seconds, image to improved mesh", "improvement alone"]
+    head += ["M tets/s", "rate of lapd / of this", "dihedral angles", "smallest facet angle"]
     threads = threads_text(options.threads)
-    parts = [f"### Slivers removed, with {threads}", machine(bystanders, versions[:1]), f"One run each, {threads}.", markdown(head, rows)]
+    parts = [
+        f"### Slivers removed, with {threads}",
+        machine(bystanders, versions[:1]),
+        f"One run each, {threads}.",
+        markdown(head, rows),
+    ]
     publish(f"improved, {threads}", "improved.sh", "\n\n".join(parts), options)
 
 
