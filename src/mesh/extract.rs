@@ -9,7 +9,7 @@
 //! 3. *Number*: the tets get their indices and labels.
 //! 4. *Tets*: a sweep in the order of places writes vertices and neighbours in their new indices.
 //!
-//! The interface facets are listed last, when the mesh no longer changes: [`facets`](super::facets).
+//! The interface facets are listed last, when the mesh no longer changes: `facets`.
 //!
 //! Work goes by ranges of tets or vertices. A pass counts by range what the next one writes, so that each range knows where it starts: the mesh does not
 //! depend on the number of threads, and every array gets its memory at once, touched first by the thread that fills it.
@@ -47,7 +47,7 @@ pub enum Background {
     /// They are kept, where their places are.
     Kept,
     /// They are kept behind the tets of the object, and the vertices that they alone have behind the others, so that they
-    /// can be dropped later: [`TetMesh::finish`].
+    /// can be dropped later: `TetMesh::finish`.
     Last,
 }
 

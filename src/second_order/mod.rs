@@ -5,7 +5,7 @@
 //! Nodes are numbered behind the vertices: by the smaller vertex of their edge, then by the larger one. So the numbers do not
 //! depend on the number of threads.
 //!
-//! Nodes stand halfway between their vertices, or, where asked for, on the interfaces of the image: [`curve`](mod@curve).
+//! Nodes stand halfway between their vertices, or, where asked for, on the interfaces of the image: [`curve()`].
 //!
 //! Cost: four passes through the tets. Memory: [`BYTES_PER_TET`].
 
