@@ -50,6 +50,6 @@ pub use access::{Access, Solo, TryLock};
 pub use counted::Counted;
 pub use insert::Insertion;
 pub use remove::Removal;
-pub use tet::{Facet, TetId, TetStamp, VertexId, VertexKind};
+pub use tet::{BOX_VERTICES, Facet, TetId, TetStamp, VertexId, VertexKind};
 pub use triangulation::Triangulation;
 pub use worker::Worker;

@@ -24,6 +24,9 @@ use crate::geometry::sphere::Circumsphere;
 
 /// Index of a vertex. Ids are never used twice in one triangulation.
 pub type VertexId = u32;
+
+/// The corners of the virtual box are the vertices before this one.
+pub const BOX_VERTICES: VertexId = 8;
 /// Index of a tet's slot. Slots are used again; a [`TetStamp`] tells whether the tet is still the same.
 pub type TetId = u32;
 

@@ -7,7 +7,7 @@
 //!
 //! Region coordinates, whose first voxel lies outside of the image where the object reaches the border.
 
-use glam::DVec3;
+use glam::{BVec3, DVec3};
 
 use super::indicator::Corners;
 
@@ -20,13 +20,15 @@ pub(super) struct Border {
     /// The box of the voxel centres that count.
     pub(super) first: DVec3,
     pub(super) last: DVec3,
+    /// Whether any face of the box is a wall.
+    pub(super) has_walls: bool,
 }
 
 impl Border {
     /// No walls.
     pub(super) fn none(dims: [usize; 3]) -> Self {
         let last = DVec3::from(dims.map(|n| (n - 1) as f64));
-        Self { lower: DVec3::ZERO, upper: last, first: DVec3::ZERO, last }
+        Self { lower: DVec3::ZERO, upper: last, first: DVec3::ZERO, last, has_walls: false }
     }
 
     /// Walls where the region of `dims` voxels from voxel `first` on reaches out of an image of `image` voxels.
@@ -35,10 +37,12 @@ impl Border {
         for a in 0..3 {
             if first[a] < 0 {
                 (border.lower[a], border.first[a]) = (0.5, 1.0);
+                border.has_walls = true;
             }
             if first[a] + dims[a] as isize > image[a] as isize {
                 border.upper[a] -= 0.5;
                 border.last[a] -= 1.0;
+                border.has_walls = true;
             }
         }
         border
@@ -48,6 +52,37 @@ impl Border {
     #[inline(always)]
     pub(super) fn holds(&self, x: DVec3) -> bool {
         x.cmpge(self.lower).all() && x.cmple(self.upper).all()
+    }
+
+    /// How many of a voxel's faces are on walls.
+    #[inline]
+    pub(super) fn faces_of(&self, voxel: [usize; 3]) -> u32 {
+        let at = DVec3::from(voxel.map(|c| c as f64));
+        let lower = at.cmpeq(self.first) & self.lower.cmplt(self.first);
+        let upper = at.cmpeq(self.last) & self.last.cmplt(self.upper);
+        lower.bitmask().count_ones() + upper.bitmask().count_ones()
+    }
+
+    /// Whether a point is beyond a wall: not where a face of the box is none.
+    #[inline]
+    pub(super) fn is_beyond(&self, x: DVec3) -> bool {
+        let below = x.cmplt(self.lower) & self.lower.cmplt(self.first);
+        (below | (x.cmpgt(self.upper) & self.last.cmplt(self.upper))).any()
+    }
+
+    /// The axes across which walls are no farther from a point of the box than `most` and than the
+    /// outermost centres are; and the point of all these walls nearest to it.
+    #[inline]
+    pub(super) fn drawn(&self, x: DVec3, most: DVec3) -> (BVec3, DVec3) {
+        let lower = x.cmplt(self.first) & x.cmple(self.lower + most);
+        let upper = x.cmpgt(self.last) & x.cmpge(self.upper - most);
+        (lower | upper, DVec3::select(lower, self.lower, DVec3::select(upper, self.upper, x)))
+    }
+
+    /// The point of the box nearest to one.
+    #[inline]
+    pub(super) fn back(&self, x: DVec3) -> DVec3 {
+        x.max(self.lower).min(self.upper)
     }
 
     /// A point that is on a face of the box but for rounding, exactly there.
@@ -100,10 +135,12 @@ impl Border {
         before(last) & !before(first)
     }
 
-    /// The corners' labels of a cell as the model has them inside of the walls: of the cell's part there all points are projected onto its faces away from the walls. How many walls halve the cell.
+    /// The corner of a cell that each of its corners is projected onto: one that lies inside of the
+    /// walls. In the cell's part there all points are projected onto its faces away from the walls.
+    /// And how many walls halve the cell.
     #[inline]
-    pub(super) fn extend_corners(&self, cell: [usize; 3], ids: &Corners) -> (Corners, u32) {
-        let (mut ids, mut halvings) = (*ids, 0);
+    pub(super) fn inner_corners(&self, cell: [usize; 3]) -> ([usize; 8], u32) {
+        let (mut inner, mut halvings) = (std::array::from_fn(|c| c), 0);
         for a in 0..3 {
             let at = cell[a] as f64;
             // To which side corners are projected.
@@ -112,10 +149,18 @@ impl Border {
                 () if at >= self.last[a] => 0,
                 () => continue,
             };
-            ids = std::array::from_fn(|c| ids[c & !(1 << a) | side << a]);
+            inner = inner.map(|c: usize| c & !(1 << a) | side << a);
             halvings += 1;
         }
-        (ids, halvings)
+        (inner, halvings)
+    }
+
+    /// The labels at the corners of a cell as the model has them inside of the walls, and how many
+    /// walls halve the cell.
+    #[inline]
+    pub(super) fn extend_corners(&self, cell: [usize; 3], ids: &Corners) -> (Corners, u32) {
+        let (inner, halvings) = self.inner_corners(cell);
+        (inner.map(|c| ids[c]), halvings)
     }
 }
 

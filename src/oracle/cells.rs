@@ -42,11 +42,6 @@ impl Cells {
         Ok(Self { words, rows: [ny, nz], bits })
     }
 
-    /// No cells, at no cost.
-    pub(super) fn none() -> Self {
-        Self { words: 0, rows: [0; 2], bits: Vec::new() }
-    }
-
     /// The words of all rows of each `count` layers of cells, one after the other.
     pub(super) fn layers_mut(&mut self, count: usize) -> impl IndexedParallelIterator<Item = &mut [u64]> {
         self.bits.par_chunks_mut(self.words * self.rows[1] * count)
@@ -55,9 +50,6 @@ impl Cells {
     /// A bit for each of `count` cells from `first` on, at most 64: whether it is in the set.
     #[inline]
     pub(super) fn bits(&self, [i, j, k]: [usize; 3], count: usize) -> u64 {
-        if self.words == 0 {
-            return 0;
-        }
         let row = self.row(j, k);
         let word = |w: usize| row.get(w).copied().unwrap_or(0);
         let (w, shift) = (i / 64, i % 64);

@@ -153,6 +153,51 @@ impl Oracle {
         (to != from).then(|| self.halve(&line, [known.min(end), end], from, to))
     }
 
+    /// Where the segment from `a` to `b` leaves the label `from` of `a`, the labels being continued
+    /// straight beyond the walls: the first change within the walls, or one beyond.
+    pub fn continued_crossing(&self, from: u16, a: DVec3, b: DVec3) -> Option<DVec3> {
+        let [x, target] = [a, b].map(|p| self.region_point(p));
+        let line = Line::new(x, target - x)?;
+        let (enter, leave) = line.span(&self.walls);
+        let (enter, leave) = (enter.max(0.0), leave.min(1.0));
+        let found = if enter < leave {
+            self.continued_change(&line, from, [0.0, enter])
+                .or_else(|| self.change_within_walls(&line, from, [enter, leave]))
+                .or_else(|| self.continued_change(&line, from, [leave, 1.0]))
+        } else {
+            self.continued_change(&line, from, [0.0, 1.0])
+        };
+        found.map(|x| self.world_point(x))
+    }
+
+    /// The first change from a label on a part of a line, all within the walls.
+    fn change_within_walls(&self, line: &Line, from: u16, [low, high]: [f64; 2]) -> Option<DVec3> {
+        /// So far from a wall, in voxels, no rounding places a point beyond it.
+        const INSIDE: f64 = 1e-6;
+        let inside = INSIDE * line.unit;
+        let ends = [low + inside, high - inside].map(|t| self.walls.back(line.at(t)));
+        let (crossing, to) = self.trace(ends[0], ends[1], from)?;
+        // Where the line leaves the walls the label goes on.
+        let is_on_wall = self.walls.around(self.walls.onto_face(crossing)).next().is_some();
+        (to != 0 || !is_on_wall).then_some(crossing)
+    }
+
+    /// A change from the label `from` on a part of a line beyond the walls, if its end has another one.
+    fn continued_change(&self, line: &Line, from: u16, [mut low, mut high]: [f64; 2]) -> Option<DVec3> {
+        let is_from = |t: f64| self.continued_label_at(line.at(t)) == from;
+        if low >= high || is_from(high) {
+            return None;
+        }
+        while high - low > TOLERANCE * line.unit {
+            let middle = 0.5 * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if is_from(middle) { low = middle } else { high = middle }
+        }
+        Some(line.at(0.5 * (low + high)))
+    }
+
     /// The first change from the label `from` on a segment within a mixed cell, see [`indicator::overtaken`].
     #[inline(always)]
     fn overtaken(

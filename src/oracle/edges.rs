@@ -146,7 +146,7 @@ impl EdgeGrid<'_> {
         })
     }
 
-    /// How many of the six voxels beside one, not outermost, have its label.
+    /// How many of the six voxels beside one, not outermost, have its label; labels go on beyond walls.
     #[inline(always)]
     fn joined(&self, voxel: [usize; 3]) -> Option<u32> {
         const BESIDE: u32 = 1 << 1 | 1 << 2 | 1 << 4;
@@ -155,7 +155,10 @@ impl EdgeGrid<'_> {
         }
         let record = self.oracle.at(voxel);
         let below = (0..3).filter(|&axis| self.oracle.at(step(voxel, axis, -1)).id() == record.id());
-        Some((record.first_corners() & BESIDE).count_ones() + below.count() as u32)
+        let beside = (record.first_corners() & BESIDE).count_ones() + below.count() as u32;
+        let of_object = self.oracle.walls.has_walls && record.id() != 0;
+        let beyond = if of_object { self.oracle.walls.faces_of(voxel) } else { 0 };
+        Some(beside + beyond)
     }
 
     /// Where dO crosses the edges from a voxel, not outermost, to those beside it.

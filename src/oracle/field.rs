@@ -36,7 +36,8 @@ pub(super) enum Field {
 }
 
 /// Most labels that may win in one cell.
-const MOST_RIVALS: usize = if MAX_ISOVALUES + 2 > 8 * MOST_SHARES { MAX_ISOVALUES + 2 } else { 8 * MOST_SHARES };
+pub(super) const MOST_RIVALS: usize =
+    if MAX_ISOVALUES + 2 > 8 * MOST_SHARES { MAX_ISOVALUES + 2 } else { 8 * MOST_SHARES };
 
 impl Field {
     /// The field of an image that has one, or of a segmentation whose labels are smoothed over `sigma` voxels; `None` for other segmentations. `voxels` are the region's records.
@@ -93,6 +94,13 @@ impl Field {
         tolerance: f64,
     ) -> Option<(f64, u16)> {
         self.rivals(bricks, cell).overtaken(from, ends, tolerance)
+    }
+
+    /// Calls `visit` for the labels that may win in a cell, each with its values at the corners. A
+    /// label may come twice.
+    pub(super) fn visit_rivals(&self, bricks: &Bricks, cell: [usize; 3], mut visit: impl FnMut(u16, &[f32; 8])) {
+        let Rivals { count, ids, values } = self.rivals(bricks, cell);
+        ids.iter().zip(&values).take(count).for_each(|(&id, values)| visit(id, values));
     }
 
     fn rivals(&self, bricks: &Bricks, [i, j, k]: [usize; 3]) -> Rivals {

@@ -11,7 +11,8 @@
 //!
 //! Which cells there are to be looked at is kept as a set of bits: `Block::junctions` in `voxel`.
 //!
-//! Not junctions: lines in which the boundary of a label touches itself between two labels. Nor are those of images of intensities or probabilities looked for, whose indicators are others.
+//! Not junctions: lines in which the boundary of a label touches itself between two labels. Of
+//! intensities, probabilities and smoothed labels only those on walls are looked for.
 //!
 //! Cost: a microsecond or so for a cell of three labels or more; others are passed over.
 
@@ -20,7 +21,7 @@ use glam::DVec3;
 use super::cells::ones;
 use super::edges::parts_of;
 use super::indicator::Corners;
-use super::ties::{Cube, Square};
+use super::ties::Cube;
 use super::weights::hash;
 use super::{ByCell, Oracle};
 use crate::Result;
@@ -35,6 +36,8 @@ const BESIDE: f64 = 0.1;
 /// What meets at a point of a junction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JunctionKind {
+    /// A corner of the image's box that the object has: where three walls meet.
+    BoxCorner,
     /// Four labels or more, the outside of each wall one of them: where lines meet.
     Corner,
     /// Three labels: a point of a line.
@@ -55,27 +58,8 @@ enum Cuts<'a> {
     Through(DVec3),
 }
 
-/// The walls that a point is on: for each axis of the image the coordinate of the wall across it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Walls([Option<f64>; 3]);
-
-impl Walls {
-    /// No walls.
-    pub const NONE: Self = Self([None; 3]);
-
-    /// How many.
-    pub fn count(&self) -> usize {
-        self.0.iter().flatten().count()
-    }
-
-    /// The walls that two points are both on.
-    pub fn common(&self, other: &Self) -> Self {
-        Self([0, 1, 2].map(|a| self.0[a].filter(|_| self.0[a] == other.0[a])))
-    }
-}
-
 /// A tie of three labels in a cell: their bits, and where it is in the cell.
-type Tie = (u32, DVec3);
+type Tie = (u64, DVec3);
 
 impl Oracle {
     /// Planes as far apart as `spacings` tell of cells, about; one to eight between two voxel centres.
@@ -132,51 +116,11 @@ impl Oracle {
     }
 }
 
-impl Oracle {
-    /// Whether a point is on a wall, but for rounding.
-    pub fn is_on_wall(&self, p: DVec3) -> bool {
-        self.walls.around(self.walls.onto_face(self.region_point(p))).next().is_some()
-    }
-
-    /// The walls that a point is on, but for rounding.
-    pub fn walls_at(&self, p: DVec3) -> Walls {
-        let x = self.walls.onto_face(self.region_point(p));
-        let mut walls = Walls::NONE;
-        for a in self.walls.around(x) {
-            walls.0[a] = Some(x[a]);
-        }
-        walls
-    }
-
-    /// The point of these walls nearest to `p`; `p` itself where there is none.
-    pub fn onto_walls(&self, p: DVec3, walls: Walls) -> DVec3 {
-        if walls.count() == 0 {
-            return p;
-        }
-        let mut x = self.region_point(p);
-        for a in 0..3 {
-            x[a] = walls.0[a].unwrap_or(x[a]);
-        }
-        self.world_point(x)
-    }
-
-    /// A point of the same wall no farther than `most` from `p`, if that lies on one wall and not on the edge of two. Points on walls that meet at a right angle mirror each other, in fours on a circle; where it is moved to
-    /// looks random.
-    pub fn moved_on_wall(&self, p: DVec3, most: f64) -> Option<DVec3> {
-        let mut x = self.walls.onto_face(self.region_point(p));
-        let mut walls = self.walls.around(x);
-        let [Some(normal), None] = [walls.next(), walls.next()] else {
-            return None;
-        };
-        let random = random_of(p);
-        for a in [(normal + 1) % 3, (normal + 2) % 3] {
-            x[a] += std::f64::consts::FRAC_1_SQRT_2 * most * random[a] / self.spacing[a];
-        }
-        (self.label_at(x) != 0).then(|| self.world_point(x))
-    }
-}
-
 impl JunctionPlanes<'_> {
+    pub(super) fn oracle(&self) -> &Oracle {
+        self.oracle
+    }
+
     /// Calls `visit` for the points, in world coordinates, of one row of bricks of voxels, numbered as by [`super::EdgeGrid::rows`]. Each point is in one row, there once or more often.
     ///
     /// # Errors
@@ -200,14 +144,14 @@ impl JunctionPlanes<'_> {
         let at_wall = !oracle.walls.leaves(cell);
         let corners = oracle.corners(cell);
         match oracle.model {
-            SurfaceModel::Smooth if at_wall => self.visit_cell_at_wall(cell, &corners, visit),
+            SurfaceModel::Smooth if at_wall => self.visit_cell_at_wall(cell, visit),
             SurfaceModel::Smooth => self.visit_cell(cell, &corners, ties, visit),
             SurfaceModel::Voxel => self.visit_voxel_cell(cell, &corners, visit),
         }
     }
 
     /// Where the planes across an axis cut a cell.
-    fn cuts(&self, cell: [usize; 3], axis: usize) -> impl Iterator<Item = f64> + use<> {
+    pub(super) fn cuts(&self, cell: [usize; 3], axis: usize) -> impl Iterator<Item = f64> + use<> {
         let (parts, through) = match &self.cuts {
             Cuts::Spaced(parts) => {
                 let [i, j, k] = cell;
@@ -258,90 +202,6 @@ impl JunctionPlanes<'_> {
         })
     }
 
-    /// A cell of the smooth model that one, two or three walls halve.
-    fn visit_cell_at_wall(
-        &self,
-        cell: [usize; 3],
-        corners: &Corners,
-        visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
-    ) -> Result<()> {
-        let (walls, weights) = (&self.oracle.walls, &self.oracle.weights);
-        let low = low_corner(cell);
-        let across = [0, 1, 2].map(|a| walls.wall_of(a, cell[a]));
-        let (ids, _) = walls.extend_corners(cell, corners);
-        let mut x = DVec3::from([0, 1, 2].map(|a| across[a].unwrap_or(low[a])));
-        match across {
-            [Some(_), Some(_), Some(_)] => {
-                if ids[0] != 0 {
-                    self.visit_end(cell, x, across, visit)?;
-                }
-            }
-            // A wall: its model is that of a square.
-            [Some(_), None, None] | [None, Some(_), None] | [None, None, Some(_)] => {
-                let normal = across.iter().position(Option::is_some).unwrap_or(0);
-                let axes @ [u, v] = [(normal + 1) % 3, (normal + 2) % 3];
-                let square = Square::new(std::array::from_fn(|c| ids[(c & 1) << u | (c >> 1) << v]), weights);
-                let mut ties = Vec::new();
-                square.ties_of_three(|_, at| ties.push(at));
-                for at in ties {
-                    (x[u], x[v]) = (low[u] + at[0], low[v] + at[1]);
-                    self.visit_end(cell, x, across, visit)?;
-                }
-                for (n, along) in axes.into_iter().enumerate() {
-                    let beside = axes[1 - n];
-                    for at in self.cuts(cell, beside) {
-                        let mut changes = Vec::new();
-                        square.changes(n, at, |s| changes.push(s));
-                        for s in changes {
-                            (x[along], x[beside]) = (low[along] + s, low[beside] + at);
-                            visit(JunctionKind::Line, x)?;
-                        }
-                    }
-                }
-            }
-            // The edge of two walls.
-            _ => {
-                let along = across.iter().position(Option::is_none).unwrap_or(0);
-                let ends = [ids[0], ids[1 << along]];
-                let [here, there] = ends.map(|id| f64::from(weights[usize::from(id)]));
-                let change = if ends[0] == ends[1] { 1.0 } else { here / (here + there) };
-                for at in self.cuts(cell, along) {
-                    if ends[usize::from(at > change)] != 0 {
-                        x[along] = low[along] + at;
-                        visit(JunctionKind::Line, x)?;
-                    }
-                }
-                if ends[0] != ends[1] {
-                    x[along] = low[along] + change;
-                    self.visit_end(cell, x, across, visit)?;
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// A corner `x` on the walls `across` some axes, and the lines that run from it straight to the outermost voxel centres: each leaves one of the walls.
-    fn visit_end(
-        &self,
-        cell: [usize; 3],
-        x: DVec3,
-        across: [Option<f64>; 3],
-        visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,
-    ) -> Result<()> {
-        visit(JunctionKind::Corner, x)?;
-        let walls = &self.oracle.walls;
-        for a in (0..3).filter(|&a| across[a].is_some()) {
-            for at in self.cuts(cell, a).map(|at| cell[a] as f64 + at) {
-                if at > walls.lower[a] && at < walls.upper[a] {
-                    let mut on_line = x;
-                    on_line[a] = at;
-                    visit(JunctionKind::Line, on_line)?;
-                }
-            }
-        }
-        Ok(())
-    }
-
     /// A cell of the voxel model: what is on the rays from its centre to those of its faces.
     fn visit_voxel_cell(
         &self,
@@ -368,7 +228,8 @@ impl JunctionPlanes<'_> {
         // Inside of the image all centres of cells together would be massively cocircular.
         let straight = lines.iter().flatten().filter(|&&line| line).count() == 2 && lines.contains(&[true, true]);
         if !walls.leaves(cell) && lines.as_flattened().contains(&true) && !straight {
-            visit(JunctionKind::Corner, center)?;
+            let is_of_box = (0..3).all(|a| walls.wall_of(a, cell[a]).is_some());
+            visit(if is_of_box { JunctionKind::BoxCorner } else { JunctionKind::Corner }, center)?;
         }
         for (axis, sides) in lines.into_iter().enumerate() {
             for at in self.cuts(cell, axis).filter(|&at| sides[usize::from(at > 0.5)]) {
@@ -382,18 +243,18 @@ impl JunctionPlanes<'_> {
 }
 
 /// A vector with coordinates between -1 and 1 that looks random and depends on `p` alone.
-fn random_of(p: DVec3) -> DVec3 {
+pub(super) fn random_of(p: DVec3) -> DVec3 {
     let bits = hash([0, 1, 2].map(|a| p[a].to_bits() as usize));
     DVec3::from([0, 1, 2].map(|a| (bits >> (21 * a) & 0x1f_ffff) as f64 / f64::from(1 << 20) - 1.0))
 }
 
-fn low_corner(cell: [usize; 3]) -> DVec3 {
+pub(super) fn low_corner(cell: [usize; 3]) -> DVec3 {
     DVec3::from(cell.map(|c| c as f64))
 }
 
 /// Where four labels of a cell tie: where lines of it meet, of which these are points.
 fn corners_between(cube: &Cube, ties: &[Tie]) -> Vec<DVec3> {
-    let mut sets: Vec<u32> = Vec::new();
+    let mut sets: Vec<u64> = Vec::new();
     for (n, &(first, _)) in ties.iter().enumerate() {
         for &(second, _) in &ties[..n] {
             let four = first | second;
@@ -402,7 +263,7 @@ fn corners_between(cube: &Cube, ties: &[Tie]) -> Vec<DVec3> {
             }
         }
     }
-    let corner = |four: u32| {
+    let corner = |four: u64| {
         let lines = ties.iter().filter(|&&(labels, _)| labels & !four == 0);
         let (sum, count) = lines.fold((DVec3::ZERO, 0.0), |(sum, count), &(_, x)| (sum + x, count + 1.0));
         let mut labels = (0..8).filter(|l| four >> l & 1 == 1);

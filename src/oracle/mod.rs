@@ -40,6 +40,7 @@ pub mod thickness;
 mod ties;
 mod tiles;
 mod voxel;
+mod walls;
 mod weights;
 
 use glam::{DMat3, DVec3};
@@ -51,10 +52,11 @@ use cells::Cells;
 use contacts::Contacts;
 pub use edges::{CrossedEdge, EdgeGrid, FeaturePoint};
 use field::Field;
-pub use junctions::{JunctionKind, JunctionPlanes, Walls};
+pub use junctions::{JunctionKind, JunctionPlanes};
 use region::{Region, Rows};
 pub use tiles::Tiles;
 use voxel::{Pairs, Records, Voxel};
+pub use walls::Walls;
 use weights::Sampling;
 
 use crate::Result;
@@ -99,7 +101,7 @@ pub struct Oracle {
     bricks: Bricks,
     /// The voxels of the region, in the bricked layout.
     voxels: Vec<Voxel>,
-    /// The mixed cells that can have points of junctions; none with a field.
+    /// The mixed cells that can have points of junctions; with a field only those that walls halve.
     junction_cells: Cells,
     /// What the smooth model interpolates where that is not the indicators of labels. Then no record says that a cell has two labels, which leaves mixed cells to the field.
     field: Option<Field>,
@@ -198,20 +200,28 @@ impl Oracle {
         self.label_at(self.region_point(p))
     }
 
-    /// As [`Self::label`] for `count` points, of which `point` tells each and `found` is told the label, in order. The voxels of many points come
-    /// into the cache at once.
+    /// As [`Self::label`] for `count` points, of which `point` tells each and `found` is told the label,
+    /// in order. Of points beyond the border for which `is_continued` says so it is the
+    /// [`Self::continued_label`]. The voxels of many points come into the cache at once.
     #[inline]
-    pub fn labels(&self, count: usize, point: impl Fn(usize) -> DVec3, mut found: impl FnMut(usize, u16)) {
+    pub fn labels(
+        &self,
+        count: usize,
+        point: impl Fn(usize) -> DVec3,
+        is_continued: impl Fn(usize) -> bool,
+        mut found: impl FnMut(usize, u16),
+    ) {
         const AT_ONCE: usize = 32;
         if self.model == SurfaceModel::Voxel {
-            return (0..count).for_each(|i| found(i, self.label(point(i))));
+            let label = |i, x| if is_continued(i) { self.continued_label_at(x) } else { self.label_at(x) };
+            return (0..count).for_each(|i| found(i, label(i, self.region_point(point(i)))));
         }
         let mut places = [(DVec3::ZERO, [0; 3], OUTSIDE); AT_ONCE];
         for from in (0..count).step_by(AT_ONCE) {
             let points = from..(from + AT_ONCE).min(count);
             for (i, place) in points.clone().zip(&mut places) {
                 let x = self.region_point(point(i));
-                *place = if self.border.holds(x) {
+                *place = if self.border.holds(x) || is_continued(i) {
                     let x = self.border.extend(x);
                     let cell = self.cell(x);
                     let index = self.bricks.index(cell[0], cell[1], cell[2]);

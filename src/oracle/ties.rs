@@ -30,11 +30,12 @@ pub(super) struct Cube {
     labels: [u8; 8],
 }
 
-/// Weighted indicators of labels on a rectangle, given in [0, 1]^2, by their values at its corners; corner c lies at (c & 1, c >> 1).
-pub(super) struct Square {
+/// Weighted indicators, or other values, of at most N labels on a rectangle, given in [0, 1]^2, by
+/// their values at its corners; corner c lies at (c & 1, c >> 1).
+pub(super) struct Square<const N: usize = MOST> {
     /// A bit for each label that is somewhere on it.
-    present: u32,
-    values: [[f64; 4]; MOST],
+    present: u64,
+    values: [[f64; 4]; N],
 }
 
 impl Cube {
@@ -67,7 +68,7 @@ impl Cube {
             for (corner, part) in [(low, 1.0 - at), (low | 1 << axis, at)] {
                 let label = usize::from(self.labels[corner]);
                 square.values[label][c] += part * self.weights[label];
-                square.present |= u32::from(part > 0.0) << label;
+                square.present |= u64::from(part > 0.0) << label;
             }
         }
         square
@@ -115,24 +116,31 @@ impl Cube {
     }
 }
 
-impl Square {
-    pub(super) fn new(ids: [u16; 4], weights: &[f32]) -> Self {
-        let mut square = Self { present: 0, values: [[0.0; 4]; MOST] };
-        for (c, id) in ids.iter().enumerate() {
-            let label = ids.iter().position(|other| other == id).unwrap_or(c);
-            square.values[label][c] = f64::from(weights[usize::from(*id)]);
+impl<const N: usize> Square<N> {
+    /// The square on which the labels, numbered in turn, have these values at the corners.
+    pub(super) fn new(values: impl Iterator<Item = [f64; 4]>) -> Self {
+        const { assert!(N <= u64::BITS as usize, "a bit for each label") };
+        let mut square = Self { present: 0, values: [[0.0; 4]; N] };
+        for (label, (slot, values)) in square.values.iter_mut().zip(values).enumerate() {
+            *slot = values;
             square.present |= 1 << label;
         }
         square
     }
 
+    /// The number of a label that no other one is ahead of at a point.
+    pub(super) fn leader(&self, at: [f64; 2]) -> usize {
+        let ahead = |a: usize, b: usize| if self.value(b, at) > self.value(a, at) { b } else { a };
+        self.labels(0).reduce(ahead).unwrap_or(0)
+    }
+
     /// The labels that are somewhere on the square, from number `from` on.
-    fn labels(&self, from: usize) -> impl Iterator<Item = usize> + Clone + use<> {
-        ones(u64::from(self.present) & u64::MAX << from)
+    fn labels(&self, from: usize) -> impl Iterator<Item = usize> + Clone + use<N> {
+        ones(self.present & u64::MAX << from)
     }
 
     /// Calls `visit` for each point where three labels tie and no other is ahead, with a bit for each of the three.
-    pub(super) fn ties_of_three(&self, mut visit: impl FnMut(u32, [f64; 2])) {
+    pub(super) fn ties_of_three(&self, mut visit: impl FnMut(u64, [f64; 2])) {
         let apart = |a: usize, b: usize| {
             let difference = Bilinear::difference(&self.values[a], &self.values[b]);
             // Otherwise one of the two is ahead everywhere.
@@ -163,7 +171,7 @@ impl Square {
         labels @ [a, _, _]: [usize; 3],
         p: &Bilinear,
         q: &Bilinear,
-        visit: &mut impl FnMut(u32, [f64; 2]),
+        visit: &mut impl FnMut(u64, [f64; 2]),
     ) {
         let roots = quadratic_roots(
             q.x * p.xy - q.xy * p.x,
@@ -188,8 +196,9 @@ impl Square {
         }
     }
 
-    /// Calls `visit` where the label changes along the line of the square on which the coordinate that is not `along` is `at`.
-    pub(super) fn changes(&self, along: usize, at: f64, mut visit: impl FnMut(f64)) {
+    /// Calls `visit` where the label changes along the line of the square on which the coordinate
+    /// that is not `along` is `at`: with the place, and the numbers of the labels before and past it.
+    pub(super) fn changes(&self, along: usize, at: f64, mut visit: impl FnMut(f64, [usize; 2])) {
         let other = 1 - along;
         let ends = |label: usize| -> [f64; 2] {
             let v = &self.values[label];
@@ -209,7 +218,7 @@ impl Square {
             .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)))
         {
             if s > 0.0 {
-                visit(s);
+                visit(s, [leader, next]);
             }
             (leader, from) = (next, s);
         }
@@ -265,14 +274,21 @@ mod tests {
 
     use super::*;
 
+    /// A square of labels by their ids at its corners.
+    fn square(ids: [u16; 4], weights: &[f32]) -> Square {
+        let row = |id: u16| [0, 1, 2, 3].map(|c| if ids[c] == id { f64::from(weights[usize::from(id)]) } else { 0.0 });
+        let is_first = |c: &usize| !ids[..*c].contains(&ids[*c]);
+        Square::new((0..4).filter(is_first).map(|c| row(ids[c])))
+    }
+
     #[test]
     fn ties_of_equal_weights_are_where_they_must_be() {
         let mut found = Vec::new();
-        Square::new([1, 1, 2, 3], &[1.0; 4]).ties_of_three(|_, at| found.push(at));
+        square([1, 1, 2, 3], &[1.0; 4]).ties_of_three(|_, at| found.push(at));
         assert_eq!(found.len(), 1);
         assert!((found[0][0] - 0.5).abs() < 1e-12 && (found[0][1] - 2.0 / 3.0).abs() < 1e-12);
         // Labels of opposite corners that join between the others.
-        Square::new([1, 2, 3, 1], &[1.0; 4]).ties_of_three(|_, at| panic!("no tie at {at:?}"));
+        square([1, 2, 3, 1], &[1.0; 4]).ties_of_three(|_, at| panic!("no tie at {at:?}"));
         let octants = Cube::new(&std::array::from_fn(|c| c as u16), &[1.0; 8]);
         let center = octants.tie_of_four([0, 1, 2, 4], DVec3::new(0.4, 0.6, 0.3));
         assert!(center.is_some_and(|x| x.distance(DVec3::splat(0.5)) < 1e-9));
@@ -285,7 +301,7 @@ mod tests {
         #[test]
         fn faces_have_the_ties_that_their_corners_ask_for(weights in prop::array::uniform4(0.7_f32..1.5)) {
             let ties = |ids: [u16; 4]| {
-                let square = Square::new(ids, &weights);
+                let square = square(ids, &weights);
                 let mut found = Vec::new();
                 square.ties_of_three(|labels, at| {
                     let values: Vec<f64> = (0..MOST).map(|l| square.value(l, at)).collect();

@@ -162,7 +162,8 @@ pub(super) enum Pairs<'a> {
 pub(super) struct Records<'a> {
     /// In the bricked layout.
     pub(super) voxels: Vec<Voxel>,
-    /// The mixed cells that can have points of junctions; none where pairs are not marked.
+    /// The mixed cells that can have points of junctions; where pairs are not marked only those that
+    /// walls halve.
     pub(super) junction_cells: Cells,
     /// What was counted, if that was wanted.
     pub(super) tally: Option<Tally<'a>>,
@@ -210,11 +211,13 @@ pub(super) fn records<'a>(
                         if let Some(tally) = &mut tally {
                             count(tally, walls, leaves, first, *mixed, &block, around)?;
                         }
+                        let mut junctions = 0;
                         if !matches!(pairs, Pairs::Unmarked) {
                             block.add_contacts(*mixed, around);
-                            // Nobody asks for these mixed cells any more: the set becomes that of junction cells.
-                            *mixed &= !leaves | block.junctions(matches!(pairs, Pairs::Marked));
+                            junctions = block.junctions(matches!(pairs, Pairs::Marked));
                         }
+                        // Nobody asks for these mixed cells any more: the set becomes that of junction cells.
+                        *mixed &= !leaves | junctions;
                     }
                     for (n, (ids, cells)) in row[64 * w..nx.min(64 * (w + 1))]
                         .chunks(Bricks::EDGE)
@@ -234,8 +237,7 @@ pub(super) fn records<'a>(
     })?;
     let tallies = idle.into_inner().unwrap_or_else(PoisonError::into_inner);
     let tally = tallies.into_par_iter().flatten().map(Ok).try_reduce_with(|a, b: Tally<'_>| a.merge(b)).transpose()?;
-    let junction_cells = if matches!(pairs, Pairs::Unmarked) { Cells::none() } else { mixed };
-    Ok(Records { voxels, junction_cells, tally })
+    Ok(Records { voxels, junction_cells: mixed, tally })
 }
 
 /// Counts the `mixed` ones of 64 cells from `first` on for the weights of labels; `leaves` tells those that the walls leave.

@@ -19,7 +19,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::sampling::Nets;
+use super::sampling::{Nets, drawn};
 use super::sizing::Sizing;
 use crate::Result;
 use crate::memory::{reserve, room};
@@ -35,6 +35,7 @@ const FINENESS: f64 = 0.4;
 /// The points of the junctions of a tile, and those of its corner voxels.
 #[derive(Default)]
 struct Candidates {
+    box_corners: Vec<DVec3>,
     contacts: Vec<DVec3>,
     around: Vec<DVec3>,
     narrow: Vec<DVec3>,
@@ -67,6 +68,7 @@ pub(super) fn sample_junctions(
         for row in tiles.rows(tile) {
             go_on()?;
             planes.visit_row(row, |kind, p| match kind {
+                JunctionKind::BoxCorner => keep(&mut found.box_corners, p),
                 JunctionKind::Corner => keep(&mut found.corners, p),
                 JunctionKind::Line => keep(&mut found.lines, p),
             })?;
@@ -83,16 +85,24 @@ pub(super) fn sample_junctions(
     found.resize_with(tiles.count(), Candidates::default);
     // One at a time: those at the rim of the image have next to nothing.
     found.par_iter_mut().enumerate().with_max_len(1).try_for_each(of_tile)?;
-    let thin = |part: f64, points: fn(&Candidates) -> &[DVec3]| {
+    let thin = |part: f64, points: fn(&Candidates) -> &[DVec3], draws: bool| {
         if found.iter().all(|of_tile| points(of_tile).is_empty()) {
             return Ok(());
         }
-        nets.offer(|tile, net| points(&found[tile]).iter().try_for_each(|&p| net.offer(p, part * sizing.at(p), || p)))
+        let sample = |p: DVec3, spacing: f64| if draws { drawn(oracle, p, spacing) } else { p };
+        nets.offer(|tile, net| {
+            points(&found[tile]).iter().try_for_each(|&p| {
+                let spacing = sizing.at(p);
+                net.offer(p, part * spacing, || sample(p, spacing))
+            })
+        })
     };
-    thin(CONTACT_SPACING, |found| &found.contacts)?;
-    thin(CONTACT_SPACING, |found| &found.around)?;
-    thin(SPACING, |found| &found.corners)?;
-    thin(SPACING, |found| &found.lines)?;
-    thin(CONTACT_SPACING, |found| &found.narrow)?;
+    // All of them: without one the mesh would not fill its corner of the image.
+    thin(0.0, |found| &found.box_corners, false)?;
+    thin(CONTACT_SPACING, |found| &found.contacts, false)?;
+    thin(CONTACT_SPACING, |found| &found.around, false)?;
+    thin(SPACING, |found| &found.corners, true)?;
+    thin(SPACING, |found| &found.lines, true)?;
+    thin(CONTACT_SPACING, |found| &found.narrow, true)?;
     Ok(found.into_iter().map(|found| found.corner_voxels).collect())
 }

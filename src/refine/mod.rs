@@ -33,6 +33,7 @@ pub mod sizing;
 pub mod team;
 pub mod unmet;
 pub mod vertex_grid;
+mod walls;
 
 pub use podm::refine;
 pub use unmet::examine;

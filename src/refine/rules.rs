@@ -12,6 +12,7 @@ use glam::DVec3;
 use super::cell_table::MAX_HEADS;
 use super::sizing::Sizing;
 use super::vertex_grid::VertexGrid;
+use super::walls::FacetAtWall;
 use crate::Result;
 use crate::delaunay::tet::{FACET, NO_TAG, TetRecord, is_free};
 use crate::delaunay::worker::MARKS;
@@ -127,8 +128,12 @@ pub const SPACING_FLOOR: f64 = 0.5;
 
 /// How far a surface center on a wall is moved, in parts of its distance to the vertices.
 const MOVE_ON_WALL: f64 = 0.02;
+/// Isovertices no farther than this part of delta from a wall are moved onto it. The corners of the box
+/// are at a finite distance, so the ball of a facet on the wall and one of them reaches a little into the
+/// object; what lies there would part the facet from the wall.
+pub(super) const DRAWN_TO_WALL: f64 = 0.25;
 /// What is inserted in place of a surface center keeps this part of delta from all vertices.
-const LEAST_DISTANCE: f64 = 0.25;
+pub(super) const LEAST_DISTANCE: f64 = 0.25;
 /// How near to a junction a surface center is left to it: in parts of its distance to the vertices, and of delta.
 const NEAR_JUNCTION: [f64; 2] = [0.7, 0.5];
 
@@ -197,15 +202,29 @@ impl<'a> Rules<'a> {
     /// would write it to the next tet in the slot.
     pub fn find_labels(&self, tets: &[TetId]) {
         let tet = |i: usize| self.triangulation.tet(tets[i]);
-        self.oracle.labels(tets.len(), |i| tet(i).sphere().center, |i, label| tet(i).set_tag(label));
+        let center = |i: usize| tet(i).sphere().center;
+        if !self.oracle.has_walls() {
+            return self.oracle.labels(tets.len(), center, |_| false, |i, label| tet(i).set_tag(label));
+        }
+        let is_continued = |i: usize| Self::is_within_walls(tet(i).vertices());
+        self.oracle.labels(tets.len(), center, is_continued, |i, label| {
+            let record = tet(i);
+            let is_outside = !record.sphere().is_certain() && self.is_flat_on_wall(record.vertices());
+            record.set_tag(if is_outside { 0 } else { label });
+        });
     }
 
     /// The label id of the tet's circumcenter: the tet's label. Of a triangulation at rest; tets that were made before the samples were complete have no tag.
     #[inline(always)]
     pub fn label(&self, t: TetId) -> u16 {
         let record = self.triangulation.tet(t);
-        let label = record.tag();
-        if label == LABEL_UNKNOWN { self.oracle.label(record.sphere().center) } else { label }
+        let (vertices, sphere) = (record.vertices(), record.sphere());
+        match record.tag() {
+            LABEL_UNKNOWN if !sphere.is_certain() && self.is_flat_on_wall(vertices) => 0,
+            LABEL_UNKNOWN if Self::is_within_walls(vertices) => self.oracle.continued_label(sphere.center),
+            LABEL_UNKNOWN => self.oracle.label(sphere.center),
+            label => label,
+        }
     }
 
     /// Notes that a tet is no longer one that waits in the list that its mark names. A note that comes too late, to the slot's next tet, only makes its facets be
@@ -283,23 +302,32 @@ impl<'a> Rules<'a> {
         let vertices = FACET[i].map(|k| seen.vertices[k]);
         let facet @ [a, ..] = vertices.map(|v| self.triangulation.position(v));
         let misshapen = self.is_misshapen(vertices, facet);
-        if !misshapen && !self.strays(vertices, facet, [here.center, there.center], labels, asked) {
-            return None;
-        }
-        // A segment that crosses more than once has one surface center, whichever side is asked.
-        let (label, from, to) = if perturbation_order(here.center, there.center).is_lt() {
-            (labels[0], here.center, there.center)
+        let tets = [t, neighbor.tet()];
+        let (x, radius) = if let Some(at_wall) = self.at_wall([&seen, &other], tets) {
+            asked.crossings += 1;
+            self.surface_center_at_wall(&at_wall, facet, misshapen, self.facet_distance(vertices))?
         } else {
-            (labels[1], there.center, here.center)
+            if !misshapen && !self.strays(vertices, facet, [here.center, there.center], labels, asked) {
+                return None;
+            }
+            // A segment that crosses more than once has one surface center, whichever side is asked.
+            let (label, from, to) = if perturbation_order(here.center, there.center).is_lt() {
+                (labels[0], here.center, there.center)
+            } else {
+                (labels[1], there.center, here.center)
+            };
+            asked.crossings += 1;
+            let x = self.oracle.first_crossing_from(label, from, to)?.point;
+            let floor = SPACING_FLOOR * self.sizing.at(x);
+            if !misshapen && x.distance_squared(a) <= floor * floor {
+                return None;
+            }
+            (x, x.distance(a))
         };
-        asked.crossings += 1;
-        let x = self.oracle.first_crossing_from(label, from, to)?.point;
-        let delta = self.sizing.at(x);
-        let floor = SPACING_FLOOR * delta;
-        if !misshapen && x.distance_squared(a) <= floor * floor || !self.triangulation.holds(x) {
+        if !self.triangulation.holds(x) {
             return None;
         }
-        let point = self.instead_of(x, x.distance(a), delta);
+        let point = self.instead_of(x, radius, self.sizing.at(x), tets);
         let start = if here.contains(point) == Some(true) { t } else { neighbor.tet() };
         let (kind, across) = (VertexKind::Isovertex, Some((neighbor, other)));
         Some(Demand { rule: Rule::R3, point, kind, start, seen, across })
@@ -330,19 +358,26 @@ impl<'a> Rules<'a> {
         (0..4).filter(is_undecided).count() as u64
     }
 
-    /// What is inserted for a surface center `x`, `radius` from the nearest vertices, where samples are to be `delta` apart. The point of a junction close to it: a vertex beside the junction, as far from it as its samples are from each
-    /// other, would draw mesh edges away from it. On a wall a point beside it.
-    fn instead_of(&self, x: DVec3, radius: f64, delta: f64) -> DVec3 {
+    /// What is inserted for a surface center `x` of a facet of two tets, `radius` from the nearest
+    /// vertices, where samples are to be `delta` apart. The point of a junction close to it: a vertex
+    /// beside the junction, as far from it as its samples are from each other, would draw mesh edges
+    /// away from it. Close to a wall a point of the wall, and on a wall a point beside it.
+    fn instead_of(&self, x: DVec3, radius: f64, delta: f64, tets: [TetId; 2]) -> DVec3 {
+        let [of_radius, of_delta] = NEAR_JUNCTION;
+        let reach = (of_radius * radius).min(of_delta * delta);
+        // What is this close keeps the least distance from all vertices.
         let most = radius - LEAST_DISTANCE * delta;
-        if most <= 0.0 {
+        let at_wall = self.oracle.is_near_wall(x, reach);
+        if most <= 0.0 && !at_wall {
             return x;
         }
-        let [of_radius, of_delta] = NEAR_JUNCTION;
-        let near = self.oracle.nearest_junction(x, most.min(of_radius * radius).min(of_delta * delta));
+        let near = self.oracle.nearest_junction(x, if at_wall { reach } else { reach.min(most) });
         // Around contacts samples stand where they do for a reason.
         let near = near.filter(|&y| !self.oracle.is_near_contact(y));
-        let point = near.or_else(|| self.oracle.moved_on_wall(x, most.min(MOVE_ON_WALL * radius)));
-        point.filter(|&y| self.triangulation.holds(y)).unwrap_or(x)
+        let near = near.filter(|&y| y.distance(x) <= most || self.is_free_at_wall(y, LEAST_DISTANCE * delta, tets));
+        let beside = || self.oracle.moved_on_wall(x, most.max(0.0).min(MOVE_ON_WALL * radius));
+        let point = near.or_else(beside).filter(|&y| self.triangulation.holds(y)).unwrap_or(x);
+        if at_wall { self.drawn_to_walls(point, tets) } else { point }
     }
 
     /// Whether a demand of tet `t` is true. To be asked when `demand.start`, which is the tet or its neighbour across the facet in question, is owned and was looked across: then neither of the two can change.
@@ -379,9 +414,30 @@ impl<'a> Rules<'a> {
                 self.oracle.label(centers[0] + axis * s)
             }
         };
-        let levels = vertices.map(|v| u32::from(self.triangulation.vertex(v).tag())).iter().sum();
-        let distance = FACET_DISTANCE / 3.0 * self.sizing.sum(3, levels);
+        let distance = self.facet_distance(vertices);
         label_at(at - distance) == label_at(at + distance)
+    }
+
+    /// How far a facet of these vertices may stray from the interface.
+    fn facet_distance(&self, vertices: [VertexId; 3]) -> f64 {
+        let levels = vertices.map(|v| u32::from(self.triangulation.vertex(v).tag())).iter().sum();
+        FACET_DISTANCE / 3.0 * self.sizing.sum(3, levels)
+    }
+
+    /// The facet between two tets, if the dual segment begins beyond a wall with a tet within the walls.
+    fn at_wall(&self, seen: [&Seen; 2], tets: [TetId; 2]) -> Option<FacetAtWall> {
+        let begins =
+            |seen: &Seen| self.oracle.is_beyond_walls(seen.sphere.center) && Self::is_within_walls(seen.vertices);
+        let [first, second] = seen;
+        let (from, to) = match (begins(first), begins(second)) {
+            (false, false) => return None,
+            (true, false) => (first, second),
+            (false, true) => (second, first),
+            // One center, whichever side is asked.
+            (true, true) if perturbation_order(first.sphere.center, second.sphere.center).is_lt() => (first, second),
+            (true, true) => (second, first),
+        };
+        Some(FacetAtWall { center: from.sphere.center, label: from.label, other: to.sphere.center, tets })
     }
 
     /// What the first volume rule (R2, R4, R5) that applies to `t` asks for.
@@ -400,8 +456,15 @@ impl<'a> Rules<'a> {
             return self.flat_demand(record, seen);
         }
         let squared_radius = sphere.squared_radius();
-        let (point, kind) = (sphere.center, VertexKind::Free);
-        let demand = |rule| Some(Demand { rule, point, kind, start: t, seen, across: None });
+        let demand = |rule| {
+            let (mut point, mut kind) = (sphere.center, VertexKind::Free);
+            if self.oracle.is_beyond_walls(point) {
+                let back = self.oracle.back_to_walls(point)?;
+                point = self.volume_point_at_wall(point, back, squared_radius.sqrt())?;
+                kind = VertexKind::Isovertex;
+            }
+            Some(Demand { rule, point, kind, start: t, seen, across: None })
+        };
         // The cheapest first: all three ask for the same point.
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
         if squared_radius > size_squared {
@@ -431,7 +494,7 @@ impl<'a> Rules<'a> {
         let centroid = seen.sphere.center;
         let delta = self.sizing.at(centroid);
         let is_close = |p: &DVec3| p.distance_squared(centroid) < (LEAST_DISTANCE * delta).powi(2);
-        if corners.iter().any(|p| is_close(p) || self.oracle.is_on_wall(*p)) {
+        if corners.iter().any(is_close) {
             return None;
         }
         let neighbors = (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none());

@@ -29,6 +29,7 @@ use rayon::prelude::*;
 use super::cell_table::{CellTable, MAX_HEADS};
 use super::junctions::sample_junctions;
 use super::recent::Recent;
+use super::rules::DRAWN_TO_WALL;
 use super::sizing::Sizing;
 use crate::geometry::morton;
 use crate::memory::{self, filled, reserve, room};
@@ -283,7 +284,13 @@ fn moved(oracle: &Oracle, edge: &CrossedEdge) -> DVec3 {
     };
     let offset = [most * random(), most * random()];
     let near = |q: &DVec3| q.distance(p) <= FARTHEST * delta;
-    oracle.crossing_beside(edge, offset).filter(near).unwrap_or(p)
+    let q = oracle.crossing_beside(edge, offset).filter(near).unwrap_or(p);
+    oracle.drawn_to_walls(q, DRAWN_TO_WALL * delta).find(near).unwrap_or(q)
+}
+
+/// A point of a junction, moved onto walls that are close.
+pub(super) fn drawn(oracle: &Oracle, p: DVec3, delta: f64) -> DVec3 {
+    oracle.drawn_to_walls(p, DRAWN_TO_WALL * delta).next().unwrap_or(p)
 }
 
 /// A hash of the two (the finaliser of SplitMix64).
