@@ -187,9 +187,11 @@ void print_table(const summary *s, const file_seconds *seconds) {
     }
 
     printf("\ncertificate\n");
-    printf("  non-Delaunay facets %llu, inverted tets %llu, orphan vertices %llu, open edges %llu\n",
+    printf("  non-Delaunay facets %llu, inverted tets %llu, orphan vertices %llu, open edges %llu, facets off walls "
+           "%llu\n",
            (unsigned long long)c->non_delaunay_facets, (unsigned long long)c->inverted_tets,
-           (unsigned long long)c->orphan_vertices, (unsigned long long)c->open_edges);
+           (unsigned long long)c->orphan_vertices, (unsigned long long)c->open_edges,
+           (unsigned long long)c->facets_off_walls);
     printf("  mesh to image: mean %.3f, largest %.3f; image to mesh: mean %.3f, largest %.3f\n", c->mesh_to_image_mean,
            c->mesh_to_image_max, c->image_to_mesh_mean, c->image_to_mesh_max);
     printf("  mesh to smooth surface: mean %.3f, largest %.3f; back: mean %.3f, largest %.3f\n",
@@ -494,6 +496,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_count(f, ", ", "inverted_tets", c->inverted_tets);
     json_count(f, ", ", "orphan_vertices", c->orphan_vertices);
     json_count(f, ", ", "open_edges", c->open_edges);
+    json_count(f, ", ", "facets_off_walls", c->facets_off_walls);
     json_number(f, ", ", "hausdorff_mesh_to_image", c->mesh_to_image_max);
     json_number(f, ", ", "hausdorff_image_to_mesh", c->image_to_mesh_max);
     json_number(f, ", ", "mean_mesh_to_image", c->mesh_to_image_mean);

@@ -763,6 +763,11 @@ typedef struct {
    * The largest such distance.
    */
   double surface_to_mesh_max;
+  /**
+   * Outer facets that should lie on a wall, a face of the image's box where it cuts the object off,
+   * and do not.
+   */
+  uint64_t facets_off_walls;
 } lapd_certificate;
 
 /**

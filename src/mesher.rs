@@ -396,6 +396,7 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
         (certificate.inverted_tets, "inverted tets"),
         (certificate.orphan_vertices, "vertices in no tet"),
         (certificate.open_edges, "open edges of interfaces"),
+        (certificate.facets_off_walls, "outer facets that should lie where the image ends"),
     ];
     for (count, what) in defects.into_iter().filter(|&(count, _)| count > 0) {
         lines.push(format!("certificate: {count} {what}"));

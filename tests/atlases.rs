@@ -31,6 +31,7 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
         ("inverted tets", certificate.inverted_tets),
         ("orphan vertices", certificate.orphan_vertices),
         ("open edges", certificate.open_edges),
+        ("facets off walls", certificate.facets_off_walls),
     ] {
         bar(count == 0, format!("{count} {name}"));
     }

@@ -74,6 +74,79 @@ fn a_smooth_border_is_where_it_is_for_labels() {
     }
 }
 
+/// The volume of a mesh, the areas of its facets on the six walls of an axis-aligned image, lower ones
+/// first, and how many outer facets are on none.
+fn walls(mesh: &TetMesh, image: &LabelImage) -> (f64, [f64; 6], usize) {
+    let (mut areas, mut off) = ([0.0; 6], 0);
+    for (facet, _) in mesh.facets.iter().zip(&mesh.facet_labels).filter(|(_, labels)| labels.contains(&0)) {
+        let [a, b, c] = facet.map(|v| image.frame().to_index(mesh.point(v)));
+        let on = (0..6).find(|&wall| {
+            let at = if wall < 3 { -0.5 } else { image.dims()[wall % 3] as f64 - 0.5 };
+            [a, b, c].iter().all(|p| (p[wall % 3] - at).abs() < 1e-6)
+        });
+        match on {
+            Some(wall) => areas[wall] += 0.5 * (b - a).cross(c - a).length(),
+            None => off += 1,
+        }
+    }
+    (volume(mesh), areas, off)
+}
+
+fn flat(delta: f64, sigma: f64) -> MeshParams {
+    MeshParams { delta, size: 2.0 * delta, sigma, ..MeshParams::default() }
+}
+
+/// What fills its image is a box, whatever the image is made of.
+#[test]
+fn what_fills_the_image_has_its_walls() {
+    let Some(path) = case("box_full.nrrd") else { return };
+    for (name, image, sigma) in fields(&path) {
+        for delta in [0.75, 1.5, 3.0] {
+            let mesh = mesh_image(&image, &flat(delta, sigma), &Monitor::silent()).unwrap().mesh;
+            let (volume, areas, off) = walls(&mesh, &image);
+            assert_eq!(off, 0, "{name}: facets on no wall");
+            let wanted = [192.0, 192.0, 256.0, 192.0, 192.0, 256.0];
+            assert!(areas.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{name}: {areas:?}");
+            assert!((volume - 3072.0).abs() < 1e-6, "{name}: {volume}");
+        }
+    }
+}
+
+/// Two labels whose interface meets the walls at a slant: no nicks.
+#[test]
+fn an_oblique_interface_leaves_no_nicks() {
+    let Some(path) = case("wall_two.nrrd") else { return };
+    let image = read_image(&path).unwrap().image;
+    for delta in [0.75, 1.0, 1.5, 2.0, 3.0] {
+        let meshing = mesh_image(&image, &flat(delta, 0.0), &Monitor::silent()).unwrap();
+        let (volume, _, off) = walls(&meshing.mesh, &image);
+        assert_eq!((off, meshing.report.certificate.facets_off_walls), (0, 0), "delta {delta}");
+        assert!((volume - 3072.0).abs() < 1e-6, "delta {delta}: {volume}");
+    }
+}
+
+/// A tube of radius 6 through both ends of the image, whose caps are discs.
+#[test]
+fn a_tube_has_its_caps() {
+    let [Some(labels), Some(scan)] = ["tube_lab.nrrd", "tube_ct.nrrd"].map(case) else { return };
+    let scan = read_gray(&scan, &ReadOptions::default()).unwrap().image.label_image(&[300.0], None).unwrap();
+    let labels = read_image(&labels).unwrap().image;
+    // Smoothing moves a surface inwards, by a twelfth of a voxel here.
+    for (name, image, sigma, radius) in
+        [("labels", &labels, 0.0, 6.0), ("smoothed", &labels, 1.0, 6.0 - 1.0 / 12.0), ("scan", &scan, 0.0, 6.0)]
+    {
+        for delta in [0.75, 1.5] {
+            let mesh = mesh_image(image, &flat(delta, sigma), &Monitor::silent()).unwrap().mesh;
+            let (_, areas, _) = walls(&mesh, image);
+            for cap in [areas[2], areas[5]] {
+                let part = cap / (std::f64::consts::PI * radius * radius);
+                println!("{name}, delta {delta}: {part}");
+                assert!((part - 1.0).abs() < 0.02, "{name}, delta {delta}: {part} of the cap");
+            }
+        }
+    }
+}
+
 /// An object that fills its image is a rounded box.
 #[test]
 fn a_smooth_border_closes_what_fills_the_image() {

@@ -146,6 +146,9 @@ pub struct lapd_certificate {
     pub surface_to_mesh_mean: f64,
     /// The largest such distance.
     pub surface_to_mesh_max: f64,
+    /// Outer facets that should lie on a wall, a face of the image's box where it cuts the object off,
+    /// and do not.
+    pub facets_off_walls: u64,
 }
 
 /// What one thread of the refinement did, and with what it lost time. Set struct_size to sizeof(lapd_thread_report) before the call.
@@ -364,6 +367,7 @@ pub unsafe extern "C" fn lapd_mesh_get_certificate(
                 mesh_to_surface_max: certificate.mesh_to_surface.max,
                 surface_to_mesh_mean: certificate.surface_to_mesh.mean,
                 surface_to_mesh_max: certificate.surface_to_mesh.max,
+                facets_off_walls: certificate.facets_off_walls,
             }
         })
     }

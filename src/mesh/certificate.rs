@@ -18,6 +18,7 @@ use super::distance::{Distance, Distances};
 use super::image_components::{ImageComponents, SLICE};
 use super::matching::{Fate, Matching};
 use super::mesh_components::MeshComponents;
+use super::off_walls::facets_off_walls;
 use super::sheets::Sheets;
 use super::tables::Tables;
 use super::voxel_faces::VoxelFaces;
@@ -150,6 +151,8 @@ pub struct Certificate {
     pub orphan_vertices: u64,
     /// Edges where the boundary of some label (0 included) is not closed: an odd number of its facets meet there.
     pub open_edges: u64,
+    /// Outer facets that should lie on a wall, where the image cuts the object off, and do not.
+    pub facets_off_walls: u64,
     /// Largest distance from the mesh's interfaces to the faces between voxels of different label, to within a hundredth of the smallest spacing.
     pub hausdorff_mesh_to_image: f64,
     /// Largest distance from those faces to the mesh's interfaces; infinite if the mesh has none.
@@ -193,6 +196,7 @@ impl Certificate {
         monitor.enter(Step::Counts, 4 * mesh.tets.len() + 2 * mesh.facets.len() + mesh.points.len() + SLICE * nz)?;
         let inverted_tets = inverted_tets(mesh, monitor)?;
         let orphan_vertices = orphan_vertices(mesh, monitor)?;
+        let facets_off_walls = facets_off_walls(mesh, oracle, monitor)?;
         let image_components = ImageComponents::new(image, monitor)?;
         let mut mesh_components = MeshComponents::new(mesh, image, &image_components, monitor)?;
         let sheets = Sheets::measure(mesh, &mut mesh_components, monitor)?;
@@ -212,6 +216,7 @@ impl Certificate {
             inverted_tets,
             orphan_vertices,
             open_edges: sheets.open_edges,
+            facets_off_walls,
             hausdorff_mesh_to_image: to_faces.mesh_to_image.max,
             hausdorff_image_to_mesh: to_faces.image_to_mesh.max,
             mean_mesh_to_image: to_faces.mesh_to_image.mean,

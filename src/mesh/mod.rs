@@ -9,6 +9,7 @@ mod image_components;
 mod ledger;
 pub mod matching;
 mod mesh_components;
+mod off_walls;
 pub mod quality;
 mod sets;
 pub mod sheets;
