@@ -103,6 +103,7 @@ void values() {
     CHECK(status_of([&] { lapd::image::create_probabilities(context, maps, {1}, cube()); }) ==
           LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { lapd::image::read_probabilities(context, {"none.nrrd"}); }) == LAPD_ERROR_IO);
+    CHECK(status_of([&] { lapd::image::read_level_sets(context, {"none.nrrd"}); }) == LAPD_ERROR_IO);
     CHECK(status_of([&] { lapd::image::read_probabilities(context, {"none.nrrd"}, {}, LAPD_WORLD_LPS); }) ==
           LAPD_ERROR_IO);
     CHECK(lapd::params().set_sigma(1.5).sigma() == 1.5);

@@ -125,6 +125,11 @@ static void probabilities(const float *depths) {
     CHECK(lapd_image_get_warning_count(image, &count) == LAPD_OK && count == 1);
     CHECK(lapd_image_get_warning(image, 0, &warning) == LAPD_OK && strstr(warning, "label 7 ") != NULL);
     expect_volume(image, 40, ball(radius));
+    /* A signed distance; the background has the level 0. */
+    image = NULL;
+    CHECK(lapd_image_create_level_sets(context, &depths, labels, 1, dims, NULL, origin, spacing, NULL, &image) ==
+          LAPD_OK);
+    expect_volume(image, 40, ball(radius));
     /* The surroundings have the rest. */
     image = NULL;
     CHECK(lapd_image_create_probabilities(context, maps, labels, 1, dims, strides, origin, spacing, NULL, &image) ==

@@ -56,6 +56,7 @@ static const char USAGE[] =
 static const char MORE_USAGE[] =
     "  --isovalue V,V,...   INPUT is a scan; its labels, 1, 2, ..., begin at these intensities\n"
     "  --probabilities      INPUT is a stack of probability maps, of labels 1, 2, ...; may be several files\n"
+    "  --level-sets         as --probabilities, of functions above 0 inside of their label; the largest wins\n"
     "  --labels L,L,...     the labels at these isovalues, or of these maps\n"
     "  --gaussian SIGMA     smooth the labels of a coarse image; in voxels, at most 5; default 0\n"
     "  --round              take voxels that are no whole numbers for the nearest labels; those within 0.001 of one\n"
@@ -423,6 +424,9 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             o->label_values = LAPD_LABELS_ROUNDED;
         } else if (strcmp(option, "--probabilities") == 0) {
             o->probabilities = true;
+        } else if (strcmp(option, "--level-sets") == 0) {
+            o->probabilities = true;
+            o->level_sets = true;
         } else if (strcmp(option, "--measures") == 0) {
             o->measures = true;
         } else if (strcmp(option, "--memory") == 0) {
@@ -554,6 +558,10 @@ static lapd_status set_defaults(lapd_context *context, lapd_params *params, cons
 static lapd_status read_input(lapd_context *context, const options *o, lapd_image **image) {
     if (o->isovalues != NULL) {
         return lapd_image_read_gray(context, o->inputs[0], o->world, o->isovalues, o->isovalue_count, o->labels, image);
+    }
+    if (o->level_sets) {
+        return lapd_image_read_level_sets(context, o->inputs, o->input_count, o->world, o->labels, o->label_count,
+                                          image);
     }
     if (o->probabilities) {
         return lapd_image_read_probabilities(context, o->inputs, o->input_count, o->world, o->labels, o->label_count,

@@ -18,6 +18,7 @@ typedef struct {
     int32_t *labels;
     size_t label_count;
     bool probabilities;
+    bool level_sets;
     /* The frame of world coordinates that is asked for, a lapd_world_frame. */
     int32_t world;
     int32_t label_values;

@@ -1494,6 +1494,26 @@ lapd_status lapd_image_create_probabilities(lapd_context *context,
                                             lapd_image **image);
 
 /**
+ * As lapd_image_create_probabilities for level sets: functions above 0 inside of their label and below it
+ * outside, such as signed distances. The largest value wins; the background has the level 0, unless it has a
+ * map. Values may be of any scale, the same for all maps. Of merged labels the largest value counts.
+ *
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ *
+ * Errors: those of lapd_image_create_probabilities, but for values out of a range.
+ */
+lapd_status lapd_image_create_level_sets(lapd_context *context,
+                                         const float *const *maps,
+                                         const int32_t *labels,
+                                         size_t map_count,
+                                         const size_t *dims,
+                                         const ptrdiff_t *strides,
+                                         const double *origin,
+                                         const double *spacing,
+                                         const double *direction,
+                                         lapd_image **image);
+
+/**
  * Reads a scan, as lapd_image_read reads labels, and makes an image of it by isovalues, as lapd_image_create_gray does. Numbers of all types are read, scaled as the file
  * says, and rounded to single precision. `path` and `world`, a lapd_world_frame, are as in lapd_image_read.
  *
@@ -1530,6 +1550,23 @@ lapd_status lapd_image_read_probabilities(lapd_context *context,
                                           const int32_t *labels,
                                           size_t label_count,
                                           lapd_image **image);
+
+/**
+ * Reads level sets, as lapd_image_read_probabilities reads probability maps, and makes an image of them, as
+ * lapd_image_create_level_sets does.
+ *
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ * lapd_context_cancel does not end the call.
+ *
+ * Errors: those of lapd_image_read_probabilities, but for values out of a range.
+ */
+lapd_status lapd_image_read_level_sets(lapd_context *context,
+                                       const char *const *paths,
+                                       size_t path_count,
+                                       int32_t world,
+                                       const int32_t *labels,
+                                       size_t label_count,
+                                       lapd_image **image);
 
 /**
  * Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, slivers removed to a dihedral angle of

@@ -335,6 +335,30 @@ class image {
         return adopt(context, status, handle);
     }
 
+    // Level sets, one for each label: above 0 inside of it, the largest wins.
+    static image create_level_sets(context &context, const std::vector<const float *> &maps,
+                                   const std::vector<std::int32_t> &labels, const grid &grid) {
+        check_count(labels, maps.size(), "maps");
+        lapd_image *handle = nullptr;
+        lapd_status status =
+            lapd_image_create_level_sets(context.get(), maps.data(), labels.data(), maps.size(), grid.dims.data(),
+                                         grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
+                                         grid.spacing.data(), grid.direction.data(), &handle);
+        return adopt(context, status, handle);
+    }
+    static image read_level_sets(context &context, const std::vector<std::string> &paths,
+                                 const std::vector<std::int32_t> &labels = {},
+                                 lapd_world_frame world = LAPD_WORLD_AS_STORED) {
+        std::vector<const char *> names;
+        for (const std::string &path : paths)
+            names.push_back(path.c_str());
+        lapd_image *handle = nullptr;
+        lapd_status status =
+            lapd_image_read_level_sets(context.get(), names.data(), names.size(), world,
+                                       labels.empty() ? nullptr : labels.data(), labels.size(), &handle);
+        return adopt(context, status, handle);
+    }
+
     // Takes over a handle.
     explicit image(lapd_image *handle) noexcept : handle_(handle) {
     }

@@ -3,9 +3,9 @@
 
 use std::path::{Path, PathBuf};
 
-use lapd::image::LabelImage;
-use lapd::image::readers::values::{read_gray, read_probabilities};
+use lapd::image::readers::values::{read_gray, read_maps, read_probabilities};
 use lapd::image::readers::{ReadOptions, read_image};
+use lapd::image::{LabelImage, MapValues};
 use lapd::mesh::TetMesh;
 use lapd::mesher::mesh_image;
 use lapd::monitor::Monitor;
@@ -145,6 +145,20 @@ fn a_tube_has_its_caps() {
             }
         }
     }
+}
+
+/// The level set of a ball of radius 6: values from -7 to 1.
+#[test]
+fn level_sets_are_meshed_as_such_or_refused() {
+    let Some(path) = case("levelset1.nrrd") else { return };
+    let options = ReadOptions::default();
+    let error = read_probabilities(&[&path], None, &options).unwrap_err().to_string();
+    assert!(error.contains("--level-sets"), "{error}");
+    let image = read_maps(&[&path], MapValues::LevelSets, None, &options).unwrap().image.label_image().unwrap();
+    let mesh = mesh_image(&image, &flat(0.75, 0.0), &Monitor::silent()).unwrap().mesh;
+    let part = volume(&mesh) / (4.0 / 3.0 * std::f64::consts::PI * 216.0);
+    println!("level set: {part}");
+    assert!((0.97..1.0).contains(&part), "{part}");
 }
 
 /// An object that fills its image is a rounded box.

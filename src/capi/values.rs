@@ -9,8 +9,8 @@ use super::boundary::{Failure, Out, Outcome, array, c_str, slice};
 use super::context::{lapd_context, with_context};
 use super::image::{frame_of, handle, lapd_image, read_options, strided, strides_of, tell, to_path};
 use super::status::lapd_status;
-use crate::image::readers::values::{read_gray, read_probabilities};
-use crate::image::{GrayImage, LabelImage, ProbabilityImage};
+use crate::image::readers::values::{read_gray, read_maps};
+use crate::image::{Frame, GrayImage, LabelImage, MapValues, ProbabilityImage};
 
 /// Copies the numbers of a strided volume, x fastest. Nothing is reserved for a volume that is too large.
 ///
@@ -135,20 +135,72 @@ pub unsafe extern "C" fn lapd_image_create_probabilities(
     direction: *const f64,
     image: *mut *mut lapd_image,
 ) -> lapd_status {
+    let given = Given { maps, labels, map_count, dims, strides, origin, spacing, direction };
     // SAFETY: see the module's head.
+    unsafe { create_maps(context, &given, ProbabilityImage::new, image) }
+}
+
+/// As lapd_image_create_probabilities for level sets: functions above 0 inside of their label and below it
+/// outside, such as signed distances. The largest value wins; the background has the level 0, unless it has a
+/// map. Values may be of any scale, the same for all maps. Of merged labels the largest value counts.
+///
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+///
+/// Errors: those of lapd_image_create_probabilities, but for values out of a range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_create_level_sets(
+    context: *mut lapd_context,
+    maps: *const *const f32,
+    labels: *const i32,
+    map_count: usize,
+    dims: *const usize,
+    strides: *const isize,
+    origin: *const f64,
+    spacing: *const f64,
+    direction: *const f64,
+    image: *mut *mut lapd_image,
+) -> lapd_status {
+    let given = Given { maps, labels, map_count, dims, strides, origin, spacing, direction };
+    // SAFETY: see the module's head.
+    unsafe { create_maps(context, &given, ProbabilityImage::level_sets, image) }
+}
+
+/// Maps in a caller's memory.
+struct Given {
+    maps: *const *const f32,
+    labels: *const i32,
+    map_count: usize,
+    dims: *const usize,
+    strides: *const isize,
+    origin: *const f64,
+    spacing: *const f64,
+    direction: *const f64,
+}
+
+/// Makes an image of maps.
+///
+/// # Safety
+/// See the module's head.
+unsafe fn create_maps(
+    context: *mut lapd_context,
+    given: &Given,
+    make: impl FnOnce([usize; 3], Frame, Vec<Vec<f32>>, &[i32]) -> crate::Result<ProbabilityImage>,
+    image: *mut *mut lapd_image,
+) -> lapd_status {
+    // SAFETY: passed on to the caller.
     unsafe {
         with_context(context, |context| {
             let out = Out::new(image, "image")?;
-            let maps = slice(maps, map_count, "maps")?;
-            let labels = slice(labels, map_count, "labels")?;
-            let dims = array(dims, "dims")?;
-            let strides = strides_of(strides)?;
-            let frame = frame_of(origin, spacing, direction)?;
+            let maps = slice(given.maps, given.map_count, "maps")?;
+            let labels = slice(given.labels, given.map_count, "labels")?;
+            let dims = array(given.dims, "dims")?;
+            let strides = strides_of(given.strides)?;
+            let frame = frame_of(given.origin, given.spacing, given.direction)?;
             let copied = maps.iter().enumerate();
             let copied = copied.map(|(n, &map)| copy_numbers(map, dims, strides, &format!("maps[{n}]")));
-            let probabilities = ProbabilityImage::new(dims, frame, copied.collect::<Outcome<_>>()?, labels)?;
+            let maps = make(dims, frame, copied.collect::<Outcome<_>>()?, labels)?;
             let mut warnings = Vec::new();
-            let image = likeliest(&probabilities, &mut warnings)?;
+            let image = likeliest(&maps, &mut warnings)?;
             tell(context, &warnings);
             out.set(handle(image, None, warnings));
             Ok(())
@@ -212,6 +264,43 @@ pub unsafe extern "C" fn lapd_image_read_probabilities(
     image: *mut *mut lapd_image,
 ) -> lapd_status {
     // SAFETY: see the module's head.
+    unsafe { read_files(context, (paths, path_count), world, (labels, label_count), MapValues::Probabilities, image) }
+}
+
+/// Reads level sets, as lapd_image_read_probabilities reads probability maps, and makes an image of them, as
+/// lapd_image_create_level_sets does.
+///
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+/// lapd_context_cancel does not end the call.
+///
+/// Errors: those of lapd_image_read_probabilities, but for values out of a range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_read_level_sets(
+    context: *mut lapd_context,
+    paths: *const *const c_char,
+    path_count: usize,
+    world: i32,
+    labels: *const i32,
+    label_count: usize,
+    image: *mut *mut lapd_image,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read_files(context, (paths, path_count), world, (labels, label_count), MapValues::LevelSets, image) }
+}
+
+/// Makes an image of maps in files: names and labels by pointers and counts.
+///
+/// # Safety
+/// See the module's head.
+unsafe fn read_files(
+    context: *mut lapd_context,
+    (paths, path_count): (*const *const c_char, usize),
+    world: i32,
+    (labels, label_count): (*const i32, usize),
+    values: MapValues,
+    image: *mut *mut lapd_image,
+) -> lapd_status {
+    // SAFETY: passed on to the caller.
     unsafe {
         with_context(context, |context| {
             let out = Out::new(image, "image")?;
@@ -221,7 +310,7 @@ pub unsafe extern "C" fn lapd_image_read_probabilities(
             let paths: Vec<&Path> = paths.into_iter().map(to_path).collect::<Outcome<_>>()?;
             let options = read_options(world)?;
             let labels = optional_labels(labels, label_count)?;
-            let mut read = read_probabilities(&paths, labels, &options)?;
+            let mut read = read_maps(&paths, values, labels, &options)?;
             let image = likeliest(&read.image, &mut read.warnings)?;
             tell(context, &read.warnings);
             out.set(handle(image, read.world, read.warnings));

@@ -16,15 +16,27 @@ use crate::Result;
 pub(crate) enum Field {
     /// A voxel of intensity x belongs to the class whose number is that of the isovalues that are not above x. `labels` has one element more than `isovalues`, which increase.
     Intensities { voxels: Arc<Vec<f32>>, isovalues: Vec<f32>, labels: Vec<i32> },
-    /// A voxel belongs to the label whose maps add up to most, on a tie to the background or else the smallest label.
+    /// A voxel belongs to the label of the largest value, on a tie to the background or else the smallest label.
     Probabilities(Maps),
 }
 
-/// Probability maps, all of the same grid.
+/// What the values of maps are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MapValues {
+    /// Probabilities. Several maps of one label count as their sum, values below 0 as 0.
+    Probabilities,
+    /// Level sets: functions above 0 inside of their label, such as signed distances. Several maps of one
+    /// label count as the largest of them.
+    LevelSets,
+}
+
+/// Maps of values, all of the same grid.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Maps {
+    values: MapValues,
     maps: Arc<Vec<Vec<f32>>>,
-    /// The label of each map, and at the end, where it counts, of what all of them leave to 1.
+    /// The label of each map, and at the end, where it counts, of what all of them leave to 1, or of the
+    /// level 0.
     labels: Vec<i32>,
     /// The different ones of `labels`, 0 first, the others increasing.
     pub(crate) distinct: Vec<i32>,
@@ -33,8 +45,8 @@ pub(crate) struct Maps {
 }
 
 impl Maps {
-    /// `labels`: of each map, and maybe one more, of what they leave to 1.
-    pub(super) fn new(maps: Arc<Vec<Vec<f32>>>, labels: Vec<i32>) -> Self {
+    /// `labels`: of each map, and maybe one more, of what they leave to 1, or of the level 0.
+    pub(super) fn new(values: MapValues, maps: Arc<Vec<Vec<f32>>>, labels: Vec<i32>) -> Self {
         let mut distinct = labels.clone();
         distinct.push(0);
         // 0 before all others: as ids are ordered.
@@ -43,12 +55,15 @@ impl Maps {
         let place =
             |&label: &i32| distinct.binary_search_by_key(&(label != 0, label), |&known| (known != 0, known)).ok();
         let places = labels.iter().filter_map(place).collect();
-        Self { maps, labels, distinct, places }
+        Self { values, maps, labels, distinct, places }
     }
 
-    /// The probability at a voxel of each of the distinct labels. Values below 0, which resampling leaves, count as 0.
+    /// The value at a voxel of each of the distinct labels, from 0 on.
     #[inline]
     pub(crate) fn of_voxel(&self, voxel: usize, shares: &mut Vec<f32>) {
+        if self.values == MapValues::LevelSets {
+            return self.levels_of_voxel(voxel, shares);
+        }
         shares.clear();
         shares.resize(self.distinct.len(), 0.0);
         let mut rest = 1.0;
@@ -63,6 +78,23 @@ impl Maps {
     }
 }
 
+impl Maps {
+    /// The levels of a voxel less the smallest of them. The same is taken from all labels, so that the
+    /// largest one stays the largest, between voxel centres too.
+    fn levels_of_voxel(&self, voxel: usize, shares: &mut Vec<f32>) {
+        shares.clear();
+        shares.resize(self.distinct.len(), f32::NEG_INFINITY);
+        let levels = self.maps.iter().map(|map| map[voxel]).chain([0.0]);
+        let mut least = f32::INFINITY;
+        for (level, &place) in levels.zip(&self.places) {
+            shares[place] = level.max(shares[place]);
+            least = level.min(least);
+        }
+        // A label that lost its maps to others has no level.
+        shares.iter_mut().for_each(|share| *share = (*share - least).max(0.0));
+    }
+}
+
 impl Field {
     /// The field in which classes of label l have label `new(l)`.
     pub(super) fn relabelled(&self, new: impl Fn(i32) -> i32) -> Self {
@@ -71,7 +103,9 @@ impl Field {
             Self::Intensities { voxels, isovalues, labels } => {
                 Self::Intensities { voxels: voxels.clone(), isovalues: isovalues.clone(), labels: renew(labels) }
             }
-            Self::Probabilities(maps) => Self::Probabilities(Maps::new(maps.maps.clone(), renew(&maps.labels))),
+            Self::Probabilities(maps) => {
+                Self::Probabilities(Maps::new(maps.values, maps.maps.clone(), renew(&maps.labels)))
+            }
         }
     }
 

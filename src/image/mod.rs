@@ -24,6 +24,7 @@ mod relabel;
 pub mod volume;
 
 pub(crate) use builder::numbered_voxels;
+pub use field::MapValues;
 pub(crate) use field::{Field, Maps};
 pub use frame::Frame;
 pub use gray::GrayImage;

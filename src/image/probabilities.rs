@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use super::field::{Field, Maps};
+use super::field::{Field, MapValues, Maps};
 use super::gray::{check_voxels, index_of};
 use super::{Frame, LabelImage};
 use crate::{Error, Result};
@@ -15,11 +15,12 @@ const TOLERANCE: f32 = 1e-3;
 /// What is below this is no probability: resampling by splines overshoots by less.
 const LEAST: f32 = -0.5;
 
-/// Probability maps of several labels on one grid. 4 bytes per voxel and map, which the label image made of them shares.
+/// Probability maps, or level sets, of several labels on one grid. 4 bytes per voxel and map, which the label image made of them shares.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbabilityImage {
     dims: [usize; 3],
     frame: Frame,
+    values: MapValues,
     maps: Arc<Vec<Vec<f32>>>,
     labels: Vec<i32>,
 }
@@ -32,13 +33,24 @@ impl ProbabilityImage {
     /// [`Error::InvalidArgument`]: no maps, or not as many as labels; a label given twice; a map whose size differs; a value that is not finite, or above 1 or below -0.5 where the
     /// background is taken from what the maps leave to 1.
     pub fn new(dims: [usize; 3], frame: Frame, maps: Vec<Vec<f32>>, labels: &[i32]) -> Result<Self> {
-        Self::with_source(dims, frame, maps, labels, |_, error| error)
+        Self::with_source(dims, frame, MapValues::Probabilities, maps, labels, |_, error| error)
+    }
+
+    /// As [`Self::new`] of level sets: functions above 0 inside of their label, such as signed distances,
+    /// of any scale, the same for all. The largest one wins. The background has the level 0, unless it
+    /// has a map.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`], but for values out of a range.
+    pub fn level_sets(dims: [usize; 3], frame: Frame, maps: Vec<Vec<f32>>, labels: &[i32]) -> Result<Self> {
+        Self::with_source(dims, frame, MapValues::LevelSets, maps, labels, |_, error| error)
     }
 
     /// As [`Self::new`]; `of_source` makes the error of a map, given by its number, that of where it comes from.
     pub(super) fn with_source(
         dims: [usize; 3],
         frame: Frame,
+        values: MapValues,
         maps: Vec<Vec<f32>>,
         labels: &[i32],
         of_source: impl Fn(usize, Error) -> Error,
@@ -54,9 +66,10 @@ impl ProbabilityImage {
             return Err(Error::InvalidArgument(format!("two probability maps are given for label {}", labels[n])));
         }
         for (n, (map, &label)) in maps.iter().zip(labels).enumerate() {
-            check_map(dims, map, label, labels.contains(&0)).map_err(|error| of_source(n, error))?;
+            let any_scale = values == MapValues::LevelSets || labels.contains(&0);
+            check_map(dims, map, label, any_scale).map_err(|error| of_source(n, error))?;
         }
-        Ok(Self { dims, frame, maps: Arc::new(maps), labels: labels.to_vec() })
+        Ok(Self { dims, frame, values, maps: Arc::new(maps), labels: labels.to_vec() })
     }
 
     /// The image in which each voxel has its most likely label; on a tie the background, or else the smaller label.
@@ -70,11 +83,14 @@ impl ProbabilityImage {
         if !labels.contains(&0) {
             labels.push(0);
         }
-        Field::Probabilities(Maps::new(self.maps.clone(), labels)).label_image(self.dims, self.frame)
+        Field::Probabilities(Maps::new(self.values, self.maps.clone(), labels)).label_image(self.dims, self.frame)
     }
 
     /// A line for each label that tells how many of its values are below 0, and so count as 0, and which is the first.
     pub fn below_zero(&self) -> Vec<String> {
+        if self.values == MapValues::LevelSets {
+            return Vec::new();
+        }
         let line = |(map, label): (&Vec<f32>, &i32)| {
             let is_below = |&p: &f32| p < -TOLERANCE;
             let first = map.iter().position(is_below)?;
@@ -105,7 +121,7 @@ fn check_map(dims: [usize; 3], map: &[f32], label: i32, any_scale: bool) -> Resu
         ))),
         _ => match map.iter().position(|&p| p < LEAST) {
             Some(voxel) if !any_scale => Err(Error::InvalidArgument(format!(
-                "{what} of voxel {:?} is {}: probabilities lie between 0 and 1, this may be a level set",
+                "{what} of voxel {:?} is {}: probabilities lie between 0 and 1; level sets are read as such (--level-sets)",
                 index_of(voxel, dims),
                 map[voxel]
             ))),
@@ -158,6 +174,24 @@ mod tests {
         assert_eq!(labels_of(&labelled.restricted_to(&[7]).unwrap()), [0, 7, 0]);
         let scaled: [&[f32]; 2] = [&[200.0, 10.0, 90.0], &[55.0, 245.0, 90.0]];
         assert_eq!(labels_of(&probabilities(&scaled, &[0, 4]).unwrap().label_image().unwrap()), [0, 4, 0]);
+    }
+
+    #[test]
+    fn the_largest_level_wins_and_the_background_has_level_0() {
+        let level_sets = |maps: &[&[f32]], labels: &[i32]| {
+            let frame = Frame::axis_aligned([1.0; 3]).unwrap();
+            ProbabilityImage::level_sets([3, 1, 1], frame, maps.iter().map(|map| map.to_vec()).collect(), labels)
+        };
+        let maps: [&[f32]; 2] = [&[-7.0, 3.0, -1.0], &[-0.5, 2.0, 9.0]];
+        let image = level_sets(&maps, &[4, 5]).unwrap();
+        assert!(image.below_zero().is_empty());
+        let labelled = image.label_image().unwrap();
+        assert_eq!(labels_of(&labelled), [0, 4, 5]);
+        // Merged labels have the larger level, those that are not kept leave theirs to the background.
+        assert_eq!(labels_of(&labelled.merged(&[(4, 6), (5, 6)], 0).unwrap()), [0, 6, 6]);
+        assert_eq!(labels_of(&labelled.restricted_to(&[5]).unwrap()), [0, 0, 5]);
+        // A map of the background takes the place of the level 0.
+        assert_eq!(labels_of(&level_sets(&maps, &[0, 5]).unwrap().label_image().unwrap()), [5, 0, 5]);
     }
 
     #[test]

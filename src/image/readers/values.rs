@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::voxels::read_values;
 use super::{Opened, ReadOptions, Volumes, WorldAxes, open};
-use crate::image::{Frame, GrayImage, ProbabilityImage};
+use crate::image::{Frame, GrayImage, MapValues, ProbabilityImage};
 use crate::{Error, Result};
 
 /// How far the places of the same voxel may be apart in two files, in voxels.
@@ -46,6 +46,19 @@ pub fn read_gray(path: &Path, options: &ReadOptions) -> Result<Read<GrayImage>> 
 /// not that of the first, and for values that [`ProbabilityImage::new`] refuses.
 pub fn read_probabilities(
     paths: &[&Path],
+    labels: Option<&[i32]>,
+    options: &ReadOptions,
+) -> Result<Read<ProbabilityImage>> {
+    read_maps(paths, MapValues::Probabilities, labels, options)
+}
+
+/// As [`read_probabilities`], maps whose values are those of `values`.
+///
+/// # Errors
+/// Those of [`read_probabilities`].
+pub fn read_maps(
+    paths: &[&Path],
+    values: MapValues,
     labels: Option<&[i32]>,
     options: &ReadOptions,
 ) -> Result<Read<ProbabilityImage>> {
@@ -90,7 +103,7 @@ pub fn read_probabilities(
     let counted: Vec<i32> = (1..=all.volumes.len() as i32).collect();
     let labels = labels.unwrap_or(&counted);
     let of_map = |map: usize, error| of_file(files[map], error);
-    let image = ProbabilityImage::with_source(all.dims, all.frame, all.volumes, labels, of_map)?;
+    let image = ProbabilityImage::with_source(all.dims, all.frame, values, all.volumes, labels, of_map)?;
     Ok(Read { image, world: all.world, warnings: all.warnings })
 }
 
