@@ -102,7 +102,7 @@ static void image_creation(void) {
     INVALID(lapd_image_read(NULL, "a.nrrd", LAPD_WORLD_LPS, &out));
     INVALID(lapd_image_read(context, NULL, LAPD_WORLD_LPS, &out));
     INVALID(lapd_image_read(context, "a.nrrd", LAPD_WORLD_LPS, NULL));
-    INVALID(lapd_image_read_labels(context, "a.nrrd", LAPD_WORLD_LPS, 2, &out));
+    INVALID(lapd_image_read_labels(context, "a.nrrd", LAPD_WORLD_LPS, 3, &out));
     INVALID(lapd_image_read_labels(context, "a.nrrd", LAPD_WORLD_LPS, -1, &out));
     CHECK(lapd_image_read(context, "no/such/file.nrrd", LAPD_WORLD_LPS, &out) == LAPD_ERROR_IO);
     CHECK(said("no/such/file.nrrd"));

@@ -61,6 +61,8 @@ static const char MORE_USAGE[] =
     "  --gaussian SIGMA     smooth the labels of a coarse image; in voxels, at most 5; default 0\n"
     "  --round              take voxels that are no whole numbers for the nearest labels; those within 0.001 of one\n"
     "                       always are\n"
+    "  --map                number the distinct values of voxels, of any kind, as labels 1, 2, ...; the report tells\n"
+    "                       which is which\n"
     "  --frame NAME         lps | ras: world axes that grow to the patient's left, posterior, superior, or right,\n"
     "                       anterior, superior; default as the file has them\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
@@ -422,6 +424,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             status = lapd_params_set_curved(context, params, 1);
         } else if (strcmp(option, "--round") == 0) {
             o->label_values = LAPD_LABELS_ROUNDED;
+        } else if (strcmp(option, "--map") == 0) {
+            o->label_values = LAPD_LABELS_DISTINCT;
         } else if (strcmp(option, "--probabilities") == 0) {
             o->probabilities = true;
         } else if (strcmp(option, "--level-sets") == 0) {
@@ -588,6 +592,8 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
     memory.read = resident_memory();
     if (status == LAPD_OK)
         status = lapd_image_get_world_axes(image, &s.world_axes);
+    if (status == LAPD_OK && o->label_values == LAPD_LABELS_DISTINCT)
+        status = keep_values(image, &s);
     if (status == LAPD_OK)
         status = set_defaults(context, params, image, o);
     if (status == LAPD_OK)

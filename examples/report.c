@@ -20,6 +20,27 @@ static const char *name_of(const char *const *names, size_t count, int64_t value
 
 /* ---- The table ---- */
 
+lapd_status keep_values(const lapd_image *image, summary *s) {
+    const int32_t *labels;
+    size_t count, bytes = 0;
+    lapd_status status = lapd_image_get_labels(image, &labels, &count);
+    for (size_t n = 0; n < count && status == LAPD_OK; n++) {
+        const char *value;
+        status = lapd_image_get_value(image, labels[n], &value);
+        if (status != LAPD_OK)
+            break;
+        const size_t length = strlen(value) + 1;
+        char *values = realloc(s->values, bytes + length);
+        if (values == NULL)
+            return LAPD_ERROR_OUT_OF_MEMORY;
+        memcpy(values + bytes, value, length);
+        s->values = values;
+        s->value_count = n + 1;
+        bytes += length;
+    }
+    return status;
+}
+
 lapd_status summarize(const lapd_mesh *mesh, summary *s) {
     s->counts.struct_size = sizeof s->counts;
     s->timings.struct_size = sizeof s->timings;
@@ -506,6 +527,13 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_number(f, ", ", "mean_mesh_to_surface", c->mesh_to_surface_mean);
     json_number(f, ", ", "mean_surface_to_mesh", c->surface_to_mesh_mean);
     json_rules(f, ", ", "unmet", c->unmet);
+
+    if (s->values != NULL) {
+        fputs("},\n  \"values\": {", f);
+        const char *value = s->values;
+        for (size_t n = 0; n < s->value_count; n++, value += strlen(value) + 1)
+            fprintf(f, "%s\"%zu\": \"%s\"", n > 0 ? ", " : "", n + 1, value);
+    }
 
     fputs("},\n  \"labels\": [", f);
     for (size_t i = 0; i < s->row_count; i++) {

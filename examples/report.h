@@ -52,6 +52,9 @@ typedef struct {
 typedef struct {
     /* What the world axes of the image, and so of the mesh, mean: a lapd_world_axes. */
     int32_t world_axes;
+    /* The values that labels 1, 2, ... stand for, one after the other, each with a 0 at its end; NULL without --map. */
+    char *values;
+    size_t value_count;
     lapd_counts counts;
     lapd_timings timings;
     lapd_operations operations;
@@ -83,6 +86,9 @@ void complain(const char *format, ...);
 /* Fills `s` but for world_axes. The caller frees rows, components, defects, left and threads, whatever this
  * returns. */
 lapd_status summarize(const lapd_mesh *mesh, summary *s);
+
+/* Keeps the values that the labels of an image stand for. */
+lapd_status keep_values(const lapd_image *image, summary *s);
 
 void print_table(const summary *s, const file_seconds *seconds);
 

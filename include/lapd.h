@@ -226,6 +226,11 @@ typedef enum {
    * They are rounded, with a warning.
    */
   LAPD_LABELS_ROUNDED = 1,
+  /**
+   * Each distinct value becomes a label, those of 64-bit integers, too: 0 stays 0, the others become 1, 2, ...
+   * in increasing order. lapd_image_get_value tells which is which.
+   */
+  LAPD_LABELS_DISTINCT = 2,
 } lapd_label_values;
 
 /**
@@ -1419,6 +1424,15 @@ lapd_status lapd_image_get_labels(const lapd_image *image, const int32_t **label
 lapd_status lapd_image_copy_voxels(const lapd_image *image,
                                    int32_t *buffer,
                                    size_t capacity);
+
+/**
+ * The value that a label stands for in an image read with LAPD_LABELS_DISTINCT, as text with all its digits.
+ *
+ * `*value` belongs to the image and is valid until it is freed. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, or the label stands for no value.
+ */
+lapd_status lapd_image_get_value(const lapd_image *image, int32_t label, const char **value);
 
 /**
  * The number of warnings that came up when the image was made or read. Any thread.

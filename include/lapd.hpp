@@ -406,6 +406,12 @@ class image {
         detail::check(lapd_image_get_warning_count(get(), &count));
         return count;
     }
+    // What a label stands for in an image read with LAPD_LABELS_DISTINCT.
+    const char *value(std::int32_t label) const {
+        const char *text = nullptr;
+        detail::check(lapd_image_get_value(get(), label, &text));
+        return text;
+    }
     const char *warning(std::size_t index) const {
         const char *text = nullptr;
         detail::check(lapd_image_get_warning(get(), index, &text));

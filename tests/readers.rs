@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use lapd::image::LabelImage;
-use lapd::image::readers::{ReadImage, ReadOptions, WorldAxes, read_image, read_image_with};
+use lapd::image::readers::{LabelValues, ReadImage, ReadOptions, WorldAxes, read_image, read_image_with};
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
@@ -31,8 +31,9 @@ fn read(path: &Path) -> ReadImage {
 #[test]
 fn cases_are_read_as_expected() {
     let Some(folder) = images("cases_are_read_as_expected").map(|folder| folder.join("cases")) else { return };
-    let rounded =
-        |name: &str| read_image_with(&folder.join(name), &ReadOptions { round: true, ..ReadOptions::default() });
+    let rounded = |name: &str| {
+        read_image_with(&folder.join(name), &ReadOptions { values: LabelValues::Rounded, ..ReadOptions::default() })
+    };
     let nearly = read(&folder.join("near_int_slope.nii.gz"));
     assert!(nearly.warnings.iter().any(|warning| warning.contains("were rounded; the first, voxel (")));
     let refused = read_image(&folder.join("near_int_petprep.nii.gz")).unwrap_err().to_string();
@@ -40,6 +41,18 @@ fn cases_are_read_as_expected() {
     assert!(rounded("near_int_petprep.nii.gz").unwrap().image.labels().contains(&7001));
     let refused = read_image(&folder.join("half_labels.nii.gz")).unwrap_err().to_string();
     assert!(refused.contains("42.5: labels must be whole numbers; --round"), "{refused}");
+    let mapped = |name: &str| {
+        let options = ReadOptions { values: LabelValues::Distinct, ..ReadOptions::default() };
+        let read = read_image_with(&folder.join(name), &options).unwrap();
+        assert!(read.warnings[0].contains("distinct values became labels"), "{:?}", read.warnings);
+        assert!(read.image.labels().iter().copied().eq(0..=read.values.len() as i32));
+        read.values
+    };
+    assert_eq!(mapped("half_labels.nii.gz"), ["42.5", "85"]);
+    let ids: Vec<u64> = mapped("ids64.nii.gz").iter().map(|text| text.parse().unwrap()).collect();
+    assert!(ids.is_sorted() && ids.iter().any(|&id| id > 1 << 31), "{ids:?}");
+    let refused = read_image(&folder.join("ids64.nii.gz")).unwrap_err().to_string();
+    assert!(refused.contains("--map (LAPD_LABELS_DISTINCT)"), "{refused}");
     let halves = rounded("half_labels.nii.gz").unwrap();
     assert_eq!(halves.image.labels(), [0, 43, 85]);
     assert!(read(&folder.join("gzip_zero_tail.nii.gz")).warnings.is_empty());
@@ -174,7 +187,10 @@ fn numbers_that_are_not_quite_whole_are_rounded() {
                 Err(error) if values.iter().any(is_far) => assert!(error.to_string().contains("--round")),
                 other => panic!("{other:?}"),
             }
-            check(read_image_with(&path, &ReadOptions { round: true, ..ReadOptions::default() }).unwrap());
+            check(
+                read_image_with(&path, &ReadOptions { values: LabelValues::Rounded, ..ReadOptions::default() })
+                    .unwrap(),
+            );
             Ok(())
         })
         .unwrap();
@@ -195,7 +211,8 @@ fn rounding_takes_no_number_that_is_none() {
         let mut values = [1.0; 60];
         values[7] = value;
         std::fs::write(&path, text_volume(&values)).unwrap();
-        let error = read_image_with(&path, &ReadOptions { round: true, ..ReadOptions::default() }).unwrap_err();
+        let error = read_image_with(&path, &ReadOptions { values: LabelValues::Rounded, ..ReadOptions::default() })
+            .unwrap_err();
         assert!(error.to_string().contains(why), "{error}");
     }
 }

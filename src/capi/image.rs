@@ -9,7 +9,7 @@ use super::boundary::{Failure, Out, Outcome, array, borrow, c_str, check_buffer,
 use super::context::{lapd_context, lapd_log_level, with_context};
 use super::params::unknown;
 use super::status::lapd_status;
-use crate::image::readers::{ReadOptions, WorldAxes, WorldFrame, read_image_with};
+use crate::image::readers::{LabelValues, ReadOptions, WorldAxes, WorldFrame, read_image_with};
 use crate::image::volume::packed_strides;
 use crate::image::{Frame, LabelImage, Voxels, numbered_voxels};
 
@@ -20,6 +20,8 @@ pub struct lapd_image {
     /// As far as a file said.
     pub(super) world: Option<WorldAxes>,
     warnings: Vec<CString>,
+    /// The values that labels 1, 2, ... stand for, where distinct values became labels.
+    values: Vec<CString>,
 }
 
 /// Type of the voxels in a caller's buffer.
@@ -66,6 +68,9 @@ pub enum lapd_label_values {
     LAPD_LABELS_WHOLE = 0,
     /// They are rounded, with a warning.
     LAPD_LABELS_ROUNDED = 1,
+    /// Each distinct value becomes a label, those of 64-bit integers, too: 0 stays 0, the others become 1, 2, ...
+    /// in increasing order. lapd_image_get_value tells which is which.
+    LAPD_LABELS_DISTINCT = 2,
 }
 
 /// What the world axes of an image mean in the patient.
@@ -101,7 +106,7 @@ pub(super) fn read_options(world: i32) -> Outcome<ReadOptions> {
         w if w == lapd_world_frame::LAPD_WORLD_RAS as i32 => WorldFrame::Ras,
         _ => return Err(unknown("world", "a lapd_world_frame", world)),
     };
-    Ok(ReadOptions { world, round: false })
+    Ok(ReadOptions { world, ..ReadOptions::default() })
 }
 
 impl lapd_voxel_type {
@@ -249,7 +254,7 @@ pub unsafe extern "C" fn lapd_image_create(
 /// What the caller owns; warnings with a zero byte, of which C has no string, are left out.
 pub(super) fn handle(image: LabelImage, world: Option<WorldAxes>, warnings: Vec<String>) -> *mut lapd_image {
     let warnings = warnings.into_iter().filter_map(|line| CString::new(line).ok()).collect();
-    Box::into_raw(Box::new(lapd_image { image, world, warnings }))
+    Box::into_raw(Box::new(lapd_image { image, world, warnings, values: Vec::new() }))
 }
 
 /// Hands warnings to the log.
@@ -313,14 +318,18 @@ pub unsafe extern "C" fn lapd_image_read_labels(
         with_context(context, |context| {
             let out = Out::new(image, "image")?;
             let path = to_path(c_str(path, "path")?)?;
-            let round = match values {
-                v if v == lapd_label_values::LAPD_LABELS_WHOLE as i32 => false,
-                v if v == lapd_label_values::LAPD_LABELS_ROUNDED as i32 => true,
+            let values = match values {
+                v if v == lapd_label_values::LAPD_LABELS_WHOLE as i32 => LabelValues::Whole,
+                v if v == lapd_label_values::LAPD_LABELS_ROUNDED as i32 => LabelValues::Rounded,
+                v if v == lapd_label_values::LAPD_LABELS_DISTINCT as i32 => LabelValues::Distinct,
                 _ => return Err(unknown("values", "a lapd_label_values", values)),
             };
-            let read = read_image_with(path, &ReadOptions { round, ..read_options(world)? })?;
+            let read = read_image_with(path, &ReadOptions { values, ..read_options(world)? })?;
             tell(context, &read.warnings);
-            out.set(handle(read.image, read.world, read.warnings));
+            let image = handle(read.image, read.world, read.warnings);
+            // What the caller will own, and nobody else knows yet.
+            (*image).values = read.values.into_iter().filter_map(|text| CString::new(text).ok()).collect();
+            out.set(image);
             Ok(())
         })
     }
@@ -455,6 +464,27 @@ pub unsafe extern "C" fn lapd_image_copy_voxels(
             // Written through the pointer: the caller's values need not be initialised.
             buffer.add(i).write(image.labels()[usize::from(id)]);
         }
+        Ok(())
+    })
+}
+
+/// The value that a label stands for in an image read with LAPD_LABELS_DISTINCT, as text with all its digits.
+///
+/// `*value` belongs to the image and is valid until it is freed. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, or the label stands for no value.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_get_value(
+    image: *const lapd_image,
+    label: i32,
+    value: *mut *const c_char,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(value, "value")?;
+        let values = &borrow(image, "image")?.values;
+        let known = usize::try_from(i64::from(label) - 1).ok().and_then(|n| values.get(n));
+        out.set(known.ok_or_else(|| Failure::invalid(format!("label {label} stands for no value")))?.as_ptr());
         Ok(())
     })
 }

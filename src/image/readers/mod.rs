@@ -21,6 +21,7 @@
 //! The layers: `source` gives bytes (and decompresses), `fields` parses header values, `voxels` turns bytes into labels or real numbers; the file of
 //! each format knows its header only.
 
+mod distinct;
 mod fields;
 mod inr;
 mod metaimage;
@@ -37,7 +38,7 @@ use glam::DVec3;
 
 use segments::Segments;
 use source::Source;
-use voxels::{Layout, read_labels};
+use voxels::{Layout, read_distinct, read_labels};
 
 use super::{Frame, LabelImage};
 use crate::{Error, Result};
@@ -90,8 +91,21 @@ pub enum WorldFrame {
 pub struct ReadOptions {
     /// The frame wanted. A file that does not say its own is kept as stored, with a warning.
     pub world: WorldFrame,
-    /// Whether numbers that are no whole ones are rounded to labels. Those within 1e-3 of one always are, with a warning.
-    pub round: bool,
+    /// What becomes of numbers that are no labels.
+    pub values: LabelValues,
+}
+
+/// What becomes of numbers of a label image that are no whole ones, or too large for labels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum LabelValues {
+    /// They are refused, but for those within 1e-3 of a whole one, which are rounded with a warning.
+    #[default]
+    Whole,
+    /// They are rounded, with a warning.
+    Rounded,
+    /// Each distinct value becomes a label: 0 stays 0, the others become 1, 2, ... in increasing order. Not of
+    /// images with several values per voxel.
+    Distinct,
 }
 
 /// An image from a file.
@@ -103,6 +117,8 @@ pub struct ReadImage {
     pub world: Option<WorldAxes>,
     /// What a user should know, one line each: doubtful or contradicting headers that did not prevent reading.
     pub warnings: Vec<String>,
+    /// With [`LabelValues::Distinct`] the values that became labels 1, 2, ..., with all their digits.
+    pub values: Vec<String>,
 }
 
 /// Reads a label image, coordinates as stored.
@@ -120,8 +136,12 @@ pub fn read_image(path: &Path) -> Result<ReadImage> {
 /// [`Error::Format`]: it is damaged, cut off, or uses what this library does not read. [`Error::OutOfMemory`].
 pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> {
     let Opened { mut source, layout, frame, world, segments, mut warnings } = open(path, Volumes::One, options)?;
-    let image = read_labels(&mut source, &layout, frame, options.round, segments, &mut warnings)?;
-    Ok(ReadImage { image, world, warnings })
+    let (image, values) = if options.values == LabelValues::Distinct && segments.is_none() {
+        read_distinct(&mut source, &layout, frame, &mut warnings)?
+    } else {
+        (read_labels(&mut source, &layout, frame, options.values, segments, &mut warnings)?, Vec::new())
+    };
+    Ok(ReadImage { image, world, warnings, values })
 }
 
 /// Values per voxel that a reader may find.
@@ -266,7 +286,8 @@ pub(crate) mod tests {
     fn the_world_frame_is_selectable_where_it_is_known() {
         let files = Files::new();
         let read = |space: &str, world| {
-            read_image_with(&files.write("a.NRRD", &tilted(space)), &ReadOptions { world, round: false }).unwrap()
+            read_image_with(&files.write("a.NRRD", &tilted(space)), &ReadOptions { world, ..ReadOptions::default() })
+                .unwrap()
         };
         let lps = read("space: LPS", WorldFrame::AsStored);
         assert_eq!(lps.world, Some(WorldAxes::Lps));

@@ -3,6 +3,8 @@
 use super::super::LabelImage;
 use super::super::builder::{LabelBuilder, voxel_count};
 use super::super::frame::Frame;
+use super::LabelValues;
+use super::distinct::{Distinct, Number, told};
 use super::fields::excerpt;
 use super::segments::Segments;
 use super::source::Source;
@@ -151,18 +153,43 @@ impl Rounding {
     }
 }
 
+/// A volume of labels, and the text of the value of each label from 1 on, read to the end of the file; see
+/// [`LabelValues::Distinct`].
+pub(super) fn read_distinct(
+    source: &mut Source,
+    layout: &Layout,
+    frame: Frame,
+    warnings: &mut Vec<String>,
+) -> Result<(LabelImage, Vec<String>)> {
+    let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
+    let (mut distinct, mut numbers) = (Distinct::default(), Vec::new());
+    read_numbers(source, layout, warnings, &mut Rounding::default(), |source, values: &[Number]| {
+        numbers.clear();
+        distinct.number(values, &mut numbers);
+        if distinct.are_too_many() {
+            return Err(source.error("more than 65534 different values: is this a segmentation?"));
+        }
+        builder.push(&numbers)
+    })?;
+    let (labels, texts) = distinct.finish();
+    builder.relabel(|number| labels[number as usize - 1]);
+    warnings.push(told(&texts));
+    Ok((builder.finish(frame)?, texts))
+}
+
 /// A volume of labels, read to the end of the file. Numbers that are not whole are rounded where they are nearly so, or
-/// where `round` asks for it.
+/// where `values` asks for it.
 pub(super) fn read_labels(
     source: &mut Source,
     layout: &Layout,
     frame: Frame,
-    round: bool,
+    values: LabelValues,
     segments: Option<Segments>,
     warnings: &mut Vec<String>,
 ) -> Result<LabelImage> {
     let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
-    let mut rounding = Rounding { most: if round { 0.5 } else { NEARLY_WHOLE }, ..Rounding::default() };
+    let mut rounding =
+        Rounding { most: if values == LabelValues::Rounded { 0.5 } else { NEARLY_WHOLE }, ..Rounding::default() };
     let mut segments = segments.filter(|_| layout.volumes > 1);
     // Values of a voxel whose others are still to come; labels of whole voxels.
     let (mut values, mut labels_of_layers) = (Vec::new(), Vec::new());
@@ -274,8 +301,13 @@ fn place_of(layout: &Layout, number: usize) -> String {
 fn bad_voxel(source: &Source, layout: &Layout, voxel: usize, value: f64) -> Error {
     let why = match () {
         () if !value.is_finite() => "labels must be numbers",
-        () if f64::from(value.round() as i32) != value.round() => "labels must fit a 32-bit signed integer",
-        () => "labels must be whole numbers; --round (LAPD_LABELS_ROUNDED) takes the nearest ones",
+        () if f64::from(value.round() as i32) != value.round() => {
+            "labels must fit a 32-bit signed integer; --map (LAPD_LABELS_DISTINCT) numbers distinct values"
+        }
+        () => {
+            "labels must be whole numbers; --round (LAPD_LABELS_ROUNDED) takes the nearest ones, --map \
+             (LAPD_LABELS_DISTINCT) numbers distinct values"
+        }
     };
     source.error(format!("{} is {value}: {why}", place_of(layout, voxel)))
 }
@@ -313,6 +345,8 @@ trait Sample: Copy {
     /// The number as a label, if it is one or nearly so; `voxel` is whose it is.
     fn label(self, voxel: usize, rounding: &mut Rounding) -> Option<i32>;
     fn real(self) -> f64;
+    /// The number as it is, if it is finite.
+    fn number(self) -> Option<Number>;
 }
 
 macro_rules! integer_samples {
@@ -322,6 +356,9 @@ macro_rules! integer_samples {
         }
         fn real(self) -> f64 {
             self as f64
+        }
+        fn number(self) -> Option<Number> {
+            Some(Number::Whole(i128::from(self)))
         }
     })* };
 }
@@ -334,6 +371,9 @@ impl Sample for f64 {
     fn real(self) -> f64 {
         self
     }
+    fn number(self) -> Option<Number> {
+        Number::of_real(self)
+    }
 }
 
 impl Sample for f32 {
@@ -342,6 +382,10 @@ impl Sample for f32 {
     }
     fn real(self) -> f64 {
         f64::from(self)
+    }
+    fn number(self) -> Option<Number> {
+        // The shortest number that is read as this one: 0.1 and not 0.10000000149011612.
+        Number::of_real(self.to_string().parse().unwrap_or(f64::from(self)))
     }
 }
 
@@ -366,6 +410,19 @@ impl Value for i32 {
         // Headers store the slope in single precision: a product is exact to 2^-24 of itself only.
         let exact = 1e-7 * product.abs().max(intercept.abs()).max(value.abs());
         rounding.label(value, exact, voxel)
+    }
+}
+
+/// Values of any kind.
+impl Value for Number {
+    #[inline]
+    fn plain(stored: impl Sample, _: usize, _: &mut Rounding) -> Option<Self> {
+        stored.number()
+    }
+
+    #[inline]
+    fn scaled(stored: f64, (slope, intercept): (f64, f64), _: usize, _: &mut Rounding) -> Option<Self> {
+        Self::of_real(slope * stored + intercept)
     }
 }
 
