@@ -640,6 +640,7 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
 
 done:
     line->memory = NULL;
+    free(s.values);
     free(s.rows);
     free(s.components);
     free(s.defects);

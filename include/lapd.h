@@ -1489,7 +1489,8 @@ lapd_status lapd_image_create_gray(lapd_context *context,
  * - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides maps may stand
  *   side by side, voxel by voxel.
  *
- * A label that is nowhere the most likely one has no voxel, and will have no tet: a warning, for the log callback and lapd_image_get_warning, names it.
+ * A label that is nowhere the most likely one has no voxel, and will have no tet: a warning, for the log callback and lapd_image_get_warning, names it. So does one
+ * where a hundredth or more of the object is as likely of one label as of another, as with masks that overlap.
  *
  * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
  *

@@ -49,10 +49,11 @@ unsafe fn optional_labels<'a>(labels: *const i32, count: usize) -> Outcome<Optio
     if labels.is_null() { Ok(None) } else { unsafe { slice(labels, count, "labels") }.map(Some) }
 }
 
-/// The most likely labels, and warnings for values below 0 and for maps that win nowhere.
+/// The most likely labels, and warnings for values below 0, for maps that tie and for those that win nowhere.
 fn likeliest(probabilities: &ProbabilityImage, warnings: &mut Vec<String>) -> Outcome<LabelImage> {
     let image = probabilities.label_image()?;
     warnings.extend(probabilities.below_zero());
+    warnings.extend(probabilities.ties());
     warnings.extend(
         probabilities
             .nowhere_likeliest(&image)
@@ -116,7 +117,8 @@ pub unsafe extern "C" fn lapd_image_create_gray(
 /// - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides maps may stand
 ///   side by side, voxel by voxel.
 ///
-/// A label that is nowhere the most likely one has no voxel, and will have no tet: a warning, for the log callback and lapd_image_get_warning, names it.
+/// A label that is nowhere the most likely one has no voxel, and will have no tet: a warning, for the log callback and lapd_image_get_warning, names it. So does one
+/// where a hundredth or more of the object is as likely of one label as of another, as with masks that overlap.
 ///
 /// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
 ///

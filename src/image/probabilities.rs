@@ -103,6 +103,39 @@ impl ProbabilityImage {
         self.maps.iter().zip(&self.labels).filter_map(line).collect()
     }
 
+    /// A line that tells how many voxels of the object several labels claim alike, if a hundredth or more do:
+    /// such maps may be masks that overlap.
+    pub fn ties(&self) -> Option<String> {
+        const TOLD_FROM: usize = 100;
+        let mut labels = self.labels.clone();
+        if !labels.contains(&0) {
+            labels.push(0);
+        }
+        let maps = Maps::new(self.values, self.maps.clone(), labels);
+        let mut shares = Vec::new();
+        let (mut count, mut of_object, mut first) = (0_usize, 0_usize, None);
+        for voxel in 0..self.dims.iter().product() {
+            maps.of_voxel(voxel, &mut shares);
+            let most = shares.iter().copied().fold(0.0, f32::max);
+            let mut leaders = (0..shares.len()).filter(|&n| shares[n] == most);
+            // The background is the first of all, and wins ties.
+            let [leader, other] = [leaders.next(), leaders.next()];
+            of_object += usize::from(leader != Some(0));
+            if let (Some(leader @ 1..), Some(other)) = (leader, other) {
+                count += 1;
+                first.get_or_insert((voxel, leader, other));
+            }
+        }
+        let (voxel, leader, other) = first?;
+        (count * TOLD_FROM >= of_object).then(|| {
+            let [a, b] = [leader, other].map(|n| maps.distinct[n]);
+            format!(
+                "{count} of {of_object} voxels are as likely of one label as of another and went to the smaller; the first, {:?}, is of {a} and {b}",
+                index_of(voxel, self.dims)
+            )
+        })
+    }
+
     /// The labels with a map but without a voxel in `image`, which was made of these maps.
     pub fn nowhere_likeliest(&self, image: &LabelImage) -> Vec<i32> {
         self.labels.iter().copied().filter(|&label| image.id_of(label).is_none()).collect()
@@ -174,6 +207,18 @@ mod tests {
         assert_eq!(labels_of(&labelled.restricted_to(&[7]).unwrap()), [0, 7, 0]);
         let scaled: [&[f32]; 2] = [&[200.0, 10.0, 90.0], &[55.0, 245.0, 90.0]];
         assert_eq!(labels_of(&probabilities(&scaled, &[0, 4]).unwrap().label_image().unwrap()), [0, 4, 0]);
+    }
+
+    #[test]
+    fn overlapping_masks_are_told() {
+        let ties = |maps: &[&[f32]], labels: &[i32]| probabilities(maps, labels).unwrap().ties();
+        let masks: [&[f32]; 2] = [&[1.0, 1.0, 0.0], &[0.0, 1.0, 0.0]];
+        let told = ties(&masks, &[9, 4]).unwrap();
+        assert!(told.starts_with("1 of 2 voxels are as likely of one label as of another"), "{told}");
+        assert!(told.ends_with("the first, [1, 0, 0], is of 4 and 9"), "{told}");
+        // Ties with the background are its own.
+        let apart: [&[f32]; 2] = [&[0.5, 0.6, 0.0], &[0.0, 0.1, 0.5]];
+        assert_eq!(ties(&apart, &[9, 4]), None);
     }
 
     #[test]
