@@ -169,6 +169,9 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     seconds.distance = lap();
     monitor.log(Level::Info, &format!("image prepared in {:.2} s", seconds.distance));
 
+    let by_volume = expected_tets(image, params);
+    warn_of_many(oracle.expected_tets(&sizing.by_cell()) + by_volume as f64, image, monitor);
+
     monitor.enter(Step::Refine, 1)?;
     let [lower, upper] = oracle.bounds();
     let margin = (upper - lower).max_element() * BOX_MARGIN + 4.0 * params.delta;
@@ -181,7 +184,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         None => Machine::of_system(),
     };
     let schedule = Schedule {
-        expected_tets: expected_tets(image, params),
+        expected_tets: by_volume,
         limits,
         threads: params.threads,
         contention: params.contention,
@@ -402,6 +405,22 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
         lines.push(format!("certificate: {count} {what}"));
     }
     lines
+}
+
+/// Says so if a mesh will have very many tets for its image.
+fn warn_of_many(expected: f64, image: &LabelImage, monitor: &Monitor<'_>) {
+    /// At half a voxel between samples a mesh has some ten tets per voxel.
+    const MANY_PER_VOXEL: f64 = 100.0;
+    let voxels = image.ids().par_iter().filter(|&&id| id != 0).count() as f64;
+    if expected > MANY_PER_VOXEL * voxels {
+        let line = format!(
+            "about {expected:.1e} tets are to be expected, {:.0} for each voxel of the object: what is thin makes all \
+             around it small; a larger delta with --no-adaptive, or a larger --spacing-floor, makes fewer, unless the image \
+             itself is thin",
+            expected / voxels
+        );
+        monitor.log(Level::Warning, &line);
+    }
 }
 
 /// A guess of the tets within the object, for progress only.

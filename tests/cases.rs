@@ -8,7 +8,7 @@ use lapd::image::readers::{ReadOptions, read_image};
 use lapd::image::{LabelImage, MapValues};
 use lapd::mesh::TetMesh;
 use lapd::mesher::mesh_image;
-use lapd::monitor::Monitor;
+use lapd::monitor::{Level, Monitor};
 use lapd::params::{ImageBorder, MeshParams};
 
 /// A case's file, or `None`, said loudly.
@@ -159,6 +159,27 @@ fn level_sets_are_meshed_as_such_or_refused() {
     let part = volume(&mesh) / (4.0 / 3.0 * std::f64::consts::PI * 216.0);
     println!("level set: {part}");
     assert!((0.97..1.0).contains(&part), "{part}");
+}
+
+/// A slab of 60 x 60 x 1 voxels, a fiftieth as thick as they are wide: no tet of good shape is larger than
+/// the slab is thick, so there are very many, which is told before.
+#[test]
+fn very_many_tets_are_told_before() {
+    let warned = |name: &str, delta: f64| {
+        let image = read_image(&case(name)?).unwrap().image;
+        let mut warnings = Vec::new();
+        let mut note = |level: Level, line: &str| {
+            if level == Level::Warning {
+                warnings.push(line.to_owned());
+            }
+        };
+        let params = MeshParams { max_vertices: Some(20_000), ..flat(delta, 0.0) };
+        let _ = mesh_image(&image, &params, &Monitor::silent().with_log(Some(&mut note)));
+        Some(warnings.iter().any(|line| line.contains("tets are to be expected")))
+    };
+    let Some(of_slab) = warned("slab_thin.nrrd", 0.4) else { return };
+    assert!(of_slab);
+    assert_eq!(["box_full.nrrd", "tube_lab.nrrd"].map(|name| warned(name, 0.75)), [Some(false); 2]);
 }
 
 /// An object that fills its image is a rounded box.

@@ -288,7 +288,7 @@ impl Oracle {
 impl Oracle {
     /// Calls `visit` for the mixed cells of one row of bricks of voxels, brick after brick.
     #[inline(always)]
-    fn visit_mixed_cells(&self, row: usize, visit: impl FnMut([usize; 3]) -> Result<()>) -> Result<()> {
+    pub(super) fn visit_mixed_cells(&self, row: usize, visit: impl FnMut([usize; 3]) -> Result<()>) -> Result<()> {
         let is_mixed = |cell: [usize; 3]| {
             let [i, j, k] = cell;
             let along_x = &self.voxels[self.bricks.index(i, j, k)..][..Bricks::EDGE];

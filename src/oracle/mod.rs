@@ -30,6 +30,7 @@ mod cells;
 mod contacts;
 mod crossing;
 mod edges;
+mod estimate;
 mod field;
 mod indicator;
 mod junctions;

@@ -496,7 +496,7 @@ mod tests {
         made.real(112, 176, &[0.5, 0.0]);
         assert_eq!(
             read_made(&made).unwrap_err(),
-            "voxel (1, 0, 0) is 0.5: labels must be whole numbers; --round (LAPD_LABELS_ROUNDED) takes the nearest ones"
+            "voxel (1, 0, 0) is 0.5: labels must be whole numbers; --round (LAPD_LABELS_ROUNDED) takes the nearest ones, --map (LAPD_LABELS_DISTINCT) numbers distinct values"
         );
         made.real(112, 176, &[1e9, 0.0]);
         assert!(read_made(&made).unwrap_err().contains("must fit"));
