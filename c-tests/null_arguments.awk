@@ -13,8 +13,11 @@ BEGIN {
     allowed["lapd_image_create_gray labels"]
     allowed["lapd_image_create_probabilities strides"]
     allowed["lapd_image_create_probabilities direction"]
+    allowed["lapd_image_create_level_sets strides"]
+    allowed["lapd_image_create_level_sets direction"]
     allowed["lapd_image_read_gray labels"]
     allowed["lapd_image_read_probabilities labels"]
+    allowed["lapd_image_read_level_sets labels"]
 }
 
 /^\/\*/ { comment = 1 }

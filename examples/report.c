@@ -518,6 +518,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_count(f, ", ", "orphan_vertices", c->orphan_vertices);
     json_count(f, ", ", "open_edges", c->open_edges);
     json_count(f, ", ", "facets_off_walls", c->facets_off_walls);
+    json_count(f, ", ", "small_components_lost", c->small_components_lost);
     json_number(f, ", ", "hausdorff_mesh_to_image", c->mesh_to_image_max);
     json_number(f, ", ", "hausdorff_image_to_mesh", c->image_to_mesh_max);
     json_number(f, ", ", "mean_mesh_to_image", c->mesh_to_image_mean);

@@ -773,6 +773,14 @@ typedef struct {
    * and do not.
    */
   uint64_t facets_off_walls;
+  /**
+   * Components of the image, of fewer than LAPD_LEAST_VOXELS, in which the mesh has no tet.
+   */
+  uint64_t small_components_lost;
+  /**
+   * The world position of the first voxel of the first of these; 0 without any.
+   */
+  double small_component_lost_at[3];
 } lapd_certificate;
 
 /**

@@ -16,7 +16,7 @@ use crate::image::islands::Island;
 use crate::improve::{Improvement, Settings, improve};
 use crate::memory::reserve;
 use crate::mesh::TetMesh;
-use crate::mesh::certificate::{Certificate, Defect, DefectKind};
+use crate::mesh::certificate::{Certificate, Defect, DefectKind, LEAST_VOXELS, SmallLost};
 use crate::mesh::extract::{BYTES_PER_SLOT, Background, Extracted, extract};
 use crate::mesh::quality::Quality;
 use crate::monitor::{Level, Monitor, Step};
@@ -170,7 +170,8 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     monitor.log(Level::Info, &format!("image prepared in {:.2} s", seconds.distance));
 
     let by_volume = expected_tets(image, params);
-    warn_of_many(oracle.expected_tets(&sizing.by_cell()) + by_volume as f64, image, monitor);
+    let [asked_for, expected] = [false, true].map(|thin| oracle.expected_tets(&sizing.by_cell(), params.delta, thin));
+    warn_of_many([asked_for, expected].map(|about_interfaces| about_interfaces + by_volume as f64), image, monitor);
 
     monitor.enter(Step::Refine, 1)?;
     let [lower, upper] = oracle.bounds();
@@ -394,6 +395,12 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
             lines.push(format!("{what}: {count}; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"));
         }
     }
+    let SmallLost { count, voxels, first } = certificate.small_lost;
+    if let Some((label, [x, y, z])) = first {
+        lines.push(format!(
+            "components of fewer than {LEAST_VOXELS} voxels without a tet: {count}, of {voxels} voxels in all; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"
+        ));
+    }
     let defects = [
         (certificate.non_delaunay_facets, "facets that are not Delaunay"),
         (certificate.inverted_tets, "inverted tets"),
@@ -407,12 +414,15 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
     lines
 }
 
-/// Says so if a mesh will have very many tets for its image.
-fn warn_of_many(expected: f64, image: &LabelImage, monitor: &Monitor<'_>) {
+/// Says so if a mesh will have very many tets for its image, and not because delta and size ask for them:
+/// `asked_for` are those that these alone make.
+fn warn_of_many([asked_for, expected]: [f64; 2], image: &LabelImage, monitor: &Monitor<'_>) {
     /// At half a voxel between samples a mesh has some ten tets per voxel.
     const MANY_PER_VOXEL: f64 = 100.0;
+    /// How many times as many as asked for are worth a word.
+    const MANY_TIMES: f64 = 4.0;
     let voxels = image.ids().par_iter().filter(|&&id| id != 0).count() as f64;
-    if expected > MANY_PER_VOXEL * voxels {
+    if expected > MANY_PER_VOXEL * voxels && expected > MANY_TIMES * asked_for {
         let line = format!(
             "about {expected:.1e} tets are to be expected, {:.0} for each voxel of the object: what is thin makes all \
              around it small; a larger delta with --no-adaptive, or a larger --spacing-floor, makes fewer, unless the image \

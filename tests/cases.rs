@@ -7,6 +7,7 @@ use lapd::image::readers::values::{read_gray, read_maps, read_probabilities};
 use lapd::image::readers::{ReadOptions, read_image};
 use lapd::image::{LabelImage, MapValues};
 use lapd::mesh::TetMesh;
+use lapd::mesh::certificate::{DefectKind, SmallLost};
 use lapd::mesher::mesh_image;
 use lapd::monitor::{Level, Monitor};
 use lapd::params::{ImageBorder, MeshParams};
@@ -180,6 +181,22 @@ fn very_many_tets_are_told_before() {
     let Some(of_slab) = warned("slab_thin.nrrd", 0.4) else { return };
     assert!(of_slab);
     assert_eq!(["box_full.nrrd", "tube_lab.nrrd"].map(|name| warned(name, 0.75)), [Some(false); 2]);
+}
+
+/// Sheets, rows and diagonal lines of voxels, smoothed: none is lost. Diagonal lines come apart, which is told.
+#[test]
+fn smoothing_loses_nothing() {
+    let Some(path) = case("gauss_thin.nrrd") else { return };
+    let image = read_image(&path).unwrap().image;
+    for sigma in [0.5, 1.0, 2.0] {
+        let certificate = mesh_image(&image, &flat(1.5, sigma), &Monitor::silent()).unwrap().report.certificate;
+        assert_eq!(certificate.small_lost, SmallLost::default());
+        for row in &certificate.labels {
+            assert!(row.tets > 0 && row.components_lost == 0, "sigma {sigma}: label {} is lost", row.label);
+        }
+        let torn = certificate.defects.iter().filter(|defect| defect.kind == DefectKind::Torn).count() as u64;
+        assert_eq!(torn, certificate.labels.iter().map(|row| row.pieces).sum::<u64>());
+    }
 }
 
 /// An object that fills its image is a rounded box.

@@ -5,8 +5,10 @@ use std::cell::Cell;
 use glam::DVec3;
 use lapd::Error;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
+use lapd::mesher::{Meshing, mesh_image};
+use lapd::monitor::Monitor;
 use lapd::oracle::{ByCell, Oracle, Surface};
-use lapd::params::{ImageBorder, SurfaceModel};
+use lapd::params::{ImageBorder, MeshParams, SurfaceModel};
 
 struct Random(u64);
 
@@ -274,4 +276,79 @@ fn a_smooth_border_is_half_a_voxel_beyond_the_centres() {
         ends[2] += check(&image, &smooth(&image, Some(1.0)), "smoothed labels");
     }
     assert!(ends.iter().all(|&n| n > 1000), "{ends:?}");
+}
+
+/// Sparse images, smoothed: a component without a tet is told, however small it is.
+#[test]
+fn what_smoothing_loses_is_told() {
+    let mut vanished_in_all = 0;
+    for seed in 0..200 {
+        let mut random = Random(500 + seed);
+        let dims = [0; 3].map(|_: i32| 6 + (random.unit() * 6.0) as usize);
+        let part = [0.01, 0.05, 0.2][seed as usize % 3];
+        let count: usize = dims.iter().product();
+        let ids: Vec<u16> =
+            (0..count).map(|_| if random.unit() < part { 1 + (random.unit() * 3.0) as u16 } else { 0 }).collect();
+        let image = LabelImage::from_ids(dims, Frame::axis_aligned([1.0; 3]).unwrap(), ids, vec![0, 1, 2, 3]).unwrap();
+        if image.is_all_background() {
+            continue;
+        }
+        let sigma = [0.5, 1.0, 2.0][seed as usize / 3 % 3];
+        let params = MeshParams { delta: 1.5, size: 3.0, sigma, ..MeshParams::default() };
+        let Meshing { mesh, report, .. } = mesh_image(&image, &params, &Monitor::silent()).unwrap();
+        // Labels at voxels where a tet of the label is within a voxel.
+        let mut is_met = vec![false; count];
+        for (tet, &label) in mesh.tets.iter().zip(&mesh.labels) {
+            let at = (tet.iter().map(|&v| mesh.point(v)).sum::<DVec3>() / 4.0).round();
+            for n in 0..27_i32 {
+                let c = [n % 3, n / 3 % 3, n / 9].map(|c| f64::from(c - 1));
+                let x = at + DVec3::from(c);
+                if x.min_element() >= 0.0 && (0..3).all(|a| (x[a] as usize) < dims[a]) {
+                    let voxel = [x.x, x.y, x.z].map(|c| c as usize);
+                    if image.label_at(voxel) == Some(label) {
+                        is_met[voxel[0] + dims[0] * (voxel[1] + dims[1] * voxel[2])] = true;
+                    }
+                }
+            }
+        }
+        let vanished = components(&image).iter().filter(|voxels| voxels.iter().all(|&v| !is_met[v])).count() as u64;
+        let certificate = &report.certificate;
+        let lost = certificate.labels.iter().map(|row| row.components_lost).sum::<u64>();
+        let told = lost + certificate.small_lost.count;
+        assert!(vanished <= told, "{seed}: {vanished} components have no tet near, {told} are told");
+        assert_eq!(certificate.small_lost.count > 0, certificate.small_lost.first.is_some());
+        vanished_in_all += vanished;
+    }
+    println!("{vanished_in_all} components have vanished");
+}
+
+/// The voxels of each component of one label, joined with all 26 around.
+fn components(image: &LabelImage) -> Vec<Vec<usize>> {
+    let dims = image.dims();
+    let (mut seen, mut all) = (vec![false; image.ids().len()], Vec::new());
+    for start in 0..seen.len() {
+        if seen[start] || image.ids()[start] == 0 {
+            continue;
+        }
+        seen[start] = true;
+        let (mut component, mut next) = (vec![start], 0);
+        while let Some(&v) = component.get(next) {
+            next += 1;
+            let at = [v % dims[0], v / dims[0] % dims[1], v / (dims[0] * dims[1])];
+            for n in 0..27 {
+                let step = [n % 3, n / 3 % 3, n / 9];
+                let beside = [0, 1, 2].map(|a| (at[a] + step[a]).wrapping_sub(1));
+                if (0..3).any(|a| beside[a] >= dims[a]) {
+                    continue;
+                }
+                let w = beside[0] + dims[0] * (beside[1] + dims[1] * beside[2]);
+                if !seen[w] && image.ids()[w] == image.ids()[start] {
+                    seen[w] = true;
+                    component.push(w);
+                }
+            }
+        }
+        all.push(component);
+    }
+    all
 }

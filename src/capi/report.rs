@@ -149,6 +149,10 @@ pub struct lapd_certificate {
     /// Outer facets that should lie on a wall, a face of the image's box where it cuts the object off,
     /// and do not.
     pub facets_off_walls: u64,
+    /// Components of the image, of fewer than LAPD_LEAST_VOXELS, in which the mesh has no tet.
+    pub small_components_lost: u64,
+    /// The world position of the first voxel of the first of these; 0 without any.
+    pub small_component_lost_at: [f64; 3],
 }
 
 /// What one thread of the refinement did, and with what it lost time. Set struct_size to sizeof(lapd_thread_report) before the call.
@@ -368,6 +372,8 @@ pub unsafe extern "C" fn lapd_mesh_get_certificate(
                 surface_to_mesh_mean: certificate.surface_to_mesh.mean,
                 surface_to_mesh_max: certificate.surface_to_mesh.max,
                 facets_off_walls: certificate.facets_off_walls,
+                small_components_lost: certificate.small_lost.count,
+                small_component_lost_at: certificate.small_lost.first.map_or([0.0; 3], |(_, position)| position),
             }
         })
     }

@@ -34,6 +34,17 @@ const CHUNK: usize = 1 << 12;
 /// Components of the image with fewer voxels have no row of their own, and are not listed when they are lost or merged.
 pub const LEAST_VOXELS: u64 = 8;
 
+/// Small components that are lost, together.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SmallLost {
+    /// How many.
+    pub count: u64,
+    /// Their voxels.
+    pub voxels: u64,
+    /// The label of the first one, and the world position of its first voxel.
+    pub first: Option<(i32, [f64; 3])>,
+}
+
 /// One label, in the mesh and in the image. Volumes are in cubic world units, distances in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LabelRow {
@@ -151,6 +162,8 @@ pub struct Certificate {
     pub orphan_vertices: u64,
     /// Edges where the boundary of some label (0 included) is not closed: an odd number of its facets meet there.
     pub open_edges: u64,
+    /// The components of the image of fewer than [`LEAST_VOXELS`] in which no tet of their label lies.
+    pub small_lost: SmallLost,
     /// Outer facets that should lie on a wall, where the image cuts the object off, and do not.
     pub facets_off_walls: u64,
     /// Largest distance from the mesh's interfaces to the faces between voxels of different label, to within a hundredth of the smallest spacing.
@@ -217,6 +230,7 @@ impl Certificate {
             orphan_vertices,
             open_edges: sheets.open_edges,
             facets_off_walls,
+            small_lost: tables.small_lost(),
             hausdorff_mesh_to_image: to_faces.mesh_to_image.max,
             hausdorff_image_to_mesh: to_faces.image_to_mesh.max,
             mean_mesh_to_image: to_faces.mesh_to_image.mean,

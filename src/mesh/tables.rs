@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::TetMesh;
-use super::certificate::{ComponentRow, Defect, DefectKind, LEAST_VOXELS, LabelRow};
+use super::certificate::{ComponentRow, Defect, DefectKind, LEAST_VOXELS, LabelRow, SmallLost};
 use super::distance::{BothDistances, Sum};
 use super::image_components::{ImageComponent, ImageComponents};
 use super::matching::{Fate, Matching, Role};
@@ -122,6 +122,17 @@ impl Tables<'_> {
             ..open.row
         };
         Ok(rows.into_iter().map(complete).collect())
+    }
+
+    /// The components of fewer than [`LEAST_VOXELS`] that are lost.
+    pub fn small_lost(&self) -> SmallLost {
+        let components = self.image_components.list.iter().zip(&self.matching.fates);
+        let lost = components.filter(|&(component, &fate)| component.voxels < LEAST_VOXELS && fate == Fate::Lost);
+        lost.fold(SmallLost::default(), |sum, (component, _)| SmallLost {
+            count: sum.count + 1,
+            voxels: sum.voxels + component.voxels,
+            first: sum.first.or_else(|| Some((self.label(component), self.position(component)))),
+        })
     }
 
     /// Where the topology is at fault, by kind.

@@ -56,6 +56,8 @@ pub struct EdgeGrid<'a> {
     divisions: ByCell<'a, Division>,
     /// Whether crossings of undivided edges are looked for, too: not where labels alone tell.
     searches: bool,
+    /// Whether voxels are sampled as such: not those of intensities and probabilities.
+    knows_voxels: bool,
 }
 
 /// How the edges of a cell are divided.
@@ -71,7 +73,8 @@ impl Oracle {
     pub fn edge_grid<'a>(&'a self, spacings: &ByCell<'a, f64>) -> EdgeGrid<'a> {
         let divisions =
             spacings.map(|&spacing| Division { spacing, parts: parts_of((self.spacing / spacing).round()) });
-        EdgeGrid { oracle: self, divisions, searches: self.field.is_some() }
+        let knows_voxels = self.field.is_none() || self.is_smoothed;
+        EdgeGrid { oracle: self, divisions, searches: self.field.is_some(), knows_voxels }
     }
 }
 
@@ -100,13 +103,13 @@ impl EdgeGrid<'_> {
 
     /// Calls `visit` for what is to be sampled at the contacts of a row, see `contacts`, and at its narrow and its corner voxels, in world coordinates. Around a contact those are the points of an octahedron: the contact itself, and on each of the three lines through it that follow the grid a point half a voxel away
     /// on both sides; the tets between it and three of these have their circumcenters in the octants, and so the labels of the voxels there. Neighbours share such points, which are told more often. Intensities and probabilities
-    /// say themselves what is joined, and know no voxels: with these there are none.
+    /// say themselves what is joined, and know no voxels: with these there are none. Smoothed labels have no contacts.
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
     pub fn visit_features(&self, row: usize, mut visit: impl FnMut(FeaturePoint, DVec3) -> Result<()>) -> Result<()> {
         let oracle = self.oracle;
-        if self.searches {
+        if !self.knows_voxels {
             return Ok(());
         }
         // A point moved off a wall would dent it.
@@ -172,7 +175,14 @@ impl EdgeGrid<'_> {
                 // The four in a plane: two to one side of it, two to the other.
                 let backwards = [0, 1, 2].map(|a| a == (axis + 1) % 3);
                 let mut x = moved(DVec3::from(voxel.map(|c| c as f64)), backwards, hash(from) >> (4 * axis));
-                x[axis] = self.oracle.crossing_between(from[axis] as f64, axis, ids);
+                if self.searches {
+                    // On the edge itself: beside it the smoothed surface may be elsewhere.
+                    let ends = [from, step(from, axis, 1)].map(|v| DVec3::from(v.map(|c| c as f64)));
+                    let Some((crossing, _)) = self.oracle.trace(ends[0], ends[1], ids[0]) else { continue };
+                    x = crossing;
+                } else {
+                    x[axis] = self.oracle.crossing_between(from[axis] as f64, axis, ids);
+                }
                 visit(self.oracle.world_point(x))?;
             }
         }

@@ -106,6 +106,8 @@ pub struct Oracle {
     junction_cells: Cells,
     /// What the smooth model interpolates where that is not the indicators of labels. Then no record says that a cell has two labels, which leaves mixed cells to the field.
     field: Option<Field>,
+    /// Whether the field is that of smoothed labels.
+    is_smoothed: bool,
     /// Weight of each dense id in the smooth model; empty in the voxel model, and with a field.
     weights: Vec<f32>,
     /// The largest weight.
@@ -190,6 +192,7 @@ impl Oracle {
             voxels,
             junction_cells,
             field,
+            is_smoothed: sigma.is_some(),
             greatest: weights.iter().copied().fold(1.0, f32::max),
             weights,
         })
