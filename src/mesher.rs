@@ -169,9 +169,10 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     seconds.distance = lap();
     monitor.log(Level::Info, &format!("image prepared in {:.2} s", seconds.distance));
 
-    let by_volume = expected_tets(image, params);
-    let [asked_for, expected] = [false, true].map(|thin| oracle.expected_tets(&sizing.by_cell(), params.delta, thin));
-    warn_of_many([asked_for, expected].map(|about_interfaces| about_interfaces + by_volume as f64), image, monitor);
+    let voxels = object_voxels(image);
+    let by_volume = TETS_PER_SIZE * voxels as f64 * image.voxel_volume() / params.size.powi(3);
+    let about_interfaces = oracle.expected_tets(params.delta, &sizing.by_cell());
+    warn_of_many(about_interfaces.map(|tets| tets + by_volume), voxels, monitor);
 
     monitor.enter(Step::Refine, 1)?;
     let [lower, upper] = oracle.bounds();
@@ -185,7 +186,7 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         None => Machine::of_system(),
     };
     let schedule = Schedule {
-        expected_tets: by_volume,
+        expected_tets: by_volume as u64,
         limits,
         threads: params.threads,
         contention: params.contention,
@@ -416,12 +417,12 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
 
 /// Says so if a mesh will have very many tets for its image, and not because delta and size ask for them:
 /// `asked_for` are those that these alone make.
-fn warn_of_many([asked_for, expected]: [f64; 2], image: &LabelImage, monitor: &Monitor<'_>) {
+fn warn_of_many([asked_for, expected]: [f64; 2], voxels: u64, monitor: &Monitor<'_>) {
     /// At half a voxel between samples a mesh has some ten tets per voxel.
     const MANY_PER_VOXEL: f64 = 100.0;
     /// How many times as many as asked for are worth a word.
     const MANY_TIMES: f64 = 4.0;
-    let voxels = image.ids().par_iter().filter(|&&id| id != 0).count() as f64;
+    let voxels = voxels as f64;
     if expected > MANY_PER_VOXEL * voxels && expected > MANY_TIMES * asked_for {
         let line = format!(
             "about {expected:.1e} tets are to be expected, {:.0} for each voxel of the object: what is thin makes all \
@@ -433,10 +434,9 @@ fn warn_of_many([asked_for, expected]: [f64; 2], image: &LabelImage, monitor: &M
     }
 }
 
-/// A guess of the tets within the object, for progress only.
-fn expected_tets(image: &LabelImage, params: &MeshParams) -> u64 {
+/// The voxels of the object.
+fn object_voxels(image: &LabelImage) -> u64 {
     // Few enough at once that 16 bits hold their number, which lets many be counted at a time.
     let count = |ids: &[u16]| u64::from(ids.iter().map(|&id| u16::from(id != 0)).sum::<u16>());
-    let voxels: u64 = image.ids().par_chunks(1 << 15).map(count).sum();
-    (TETS_PER_SIZE * voxels as f64 * image.frame().spacing().element_product() / params.size.powi(3)) as u64
+    image.ids().par_chunks(1 << 15).map(count).sum()
 }

@@ -12,27 +12,28 @@ use super::{ByCell, EdgeGrid, Oracle};
 const TETS_PER_SQUARE: f64 = 4.0;
 
 impl Oracle {
-    /// The tets to be expected about interfaces where samples are as far apart as `spacings` tell, right within a
-    /// factor of two for most images; or `delta` apart, if not even thin images count.
-    pub fn expected_tets(&self, spacings: &ByCell<'_, f64>, delta: f64, counts_thin: bool) -> f64 {
+    /// The tets to be expected about interfaces: of samples `delta` apart, and of those as far apart as
+    /// `spacings` tell. The latter is right within a factor of two for most images.
+    pub fn expected_tets(&self, delta: f64, spacings: &ByCell<'_, f64>) -> [f64; 2] {
         let sides = self.spacing;
         let largest_face = sides.element_product() / sides.min_element();
         let between_walls =
             (0..3).filter(|&a| self.walls.lower[a] < self.walls.first[a] && self.walls.last[a] < self.walls.upper[a]);
         let thickness =
             between_walls.map(|a| (self.walls.upper[a] - self.walls.lower[a]) * sides[a]).fold(f64::INFINITY, f64::min);
-        let distance = |spacing: f64| if counts_thin { spacing.min(thickness) } else { delta };
-        let squares = spacings.map(|&spacing| largest_face / distance(spacing).powi(2));
+        let squares = spacings.map(|&spacing| largest_face / spacing.min(thickness).powi(2));
         let grid: EdgeGrid<'_> = self.edge_grid(spacings);
         let of_row = |row: usize| {
-            let mut sum = 0.0;
+            let (mut cells, mut sum) = (0.0, 0.0);
             // Never an error.
             let _ = self.visit_mixed_cells(row, |[i, j, k]| {
+                cells += 1.0;
                 sum += squares.at(self.bricks.index(i, j, k));
                 Ok(())
             });
-            sum
+            [cells * largest_face / (delta * delta), sum]
         };
-        TETS_PER_SQUARE * (0..grid.rows()).into_par_iter().map(of_row).sum::<f64>()
+        let add = |a: [f64; 2], b: [f64; 2]| [a[0] + b[0], a[1] + b[1]];
+        (0..grid.rows()).into_par_iter().map(of_row).reduce(|| [0.0; 2], add).map(|squares| TETS_PER_SQUARE * squares)
     }
 }

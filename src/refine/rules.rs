@@ -458,8 +458,7 @@ impl<'a> Rules<'a> {
         let squared_radius = sphere.squared_radius();
         let demand = |rule| {
             let (mut point, mut kind) = (sphere.center, VertexKind::Free);
-            if self.oracle.is_beyond_walls(point) {
-                let back = self.oracle.back_to_walls(point)?;
+            if let Some(back) = self.oracle.back_to_walls(point) {
                 point = self.volume_point_at_wall(point, back, squared_radius.sqrt())?;
                 kind = VertexKind::Isovertex;
             }

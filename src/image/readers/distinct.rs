@@ -13,6 +13,8 @@ use crate::image::MAX_IDS;
 pub(super) enum Number {
     Whole(i128),
     Real(f64),
+    /// Of a file in single precision: 0.1, and not 0.10000000149011612.
+    Single(f32),
 }
 
 impl Default for Number {
@@ -28,11 +30,20 @@ impl Number {
         value.is_finite().then_some(if is_whole { Self::Whole(value as i128) } else { Self::Real(value) })
     }
 
-    /// What tells it from all others.
+    /// As [`Self::of_real`], of a number in single precision.
+    pub(super) fn of_single(value: f32) -> Option<Self> {
+        Self::of_real(f64::from(value)).map(|number| match number {
+            Self::Real(_) => Self::Single(value),
+            whole => whole,
+        })
+    }
+
+    /// What tells it from all others of its file, which are of one type.
     fn key(self) -> (bool, i128) {
         match self {
             Self::Whole(n) => (true, n),
             Self::Real(x) => (false, i128::from(x.to_bits())),
+            Self::Single(x) => (false, i128::from(x.to_bits())),
         }
     }
 
@@ -48,6 +59,7 @@ impl Number {
         match self {
             Self::Whole(n) => n as f64,
             Self::Real(x) => x,
+            Self::Single(x) => f64::from(x),
         }
     }
 
@@ -56,6 +68,7 @@ impl Number {
         match self {
             Self::Whole(n) => n.to_string(),
             Self::Real(x) => x.to_string(),
+            Self::Single(x) => x.to_string(),
         }
     }
 }
@@ -131,6 +144,7 @@ mod tests {
         assert_eq!(labels, [3, 2, 1, 5, 4]);
         assert_eq!(texts, ["-3", "42.5", "85", "1152921504606846976", "1152921504606846977"]);
         assert!(told(&texts).starts_with("5 distinct values became labels: -3 is label 1, 42.5 is label 2,"));
+        assert_eq!(Number::of_single(0.1).map(Number::text).as_deref(), Some("0.1"));
         assert_eq!(Number::of_real(f64::NAN), None);
         assert_eq!(Number::of_real(-0.0), Some(Number::Whole(0)));
     }

@@ -384,8 +384,7 @@ impl Sample for f32 {
         f64::from(self)
     }
     fn number(self) -> Option<Number> {
-        // The shortest number that is read as this one: 0.1 and not 0.10000000149011612.
-        Number::of_real(self.to_string().parse().unwrap_or(f64::from(self)))
+        Number::of_single(self)
     }
 }
 
