@@ -57,6 +57,9 @@ expect 2 2 box.nrrd -o a.vtu --keep 1,
 expect 2 2 box.nrrd -o a.vtu --keep ''
 expect 2 2 box.nrrd -o a.vtu --keep 99999999999
 expect 2 2 box.nrrd -o a.vtu --surface round
+expect 2 2 box.nrrd -o a.vtu --layer-order 0,
+expect 2 2 box.nrrd -o a.vtu --layer-order=-1
+expect 2 2 box.nrrd -o a.vtu --layer-order 0 --isovalue 1
 expect 2 2 box.nrrd -o a.vtu --isovalue 1,
 expect 2 2 box.nrrd -o a.vtu --isovalue 1,x
 expect 2 2 box.nrrd -o a.vtu --isovalue 1 --probabilities
@@ -139,6 +142,18 @@ for contention in local global random aggressive; do
     expect 0 0 box.nrrd -o t.vtu --threads 3 --contention $contention --begging flat --quiet
 done
 expect 0 0 box.nrrd -o t.vtu --threads 3 --bind --topology '' --quiet
+# Layers of a segmentation: two segments that overlap by half; names.
+{
+    printf 'NRRD0005\ntype: uchar\ndimension: 4\nsizes: 2 9 6 6\nkinds: list domain domain domain\nspacings: nan 1 1 1\nencoding: text\n'
+    printf 'Segment0_Name:=left\nSegment0_LabelValue:=1\nSegment0_Layer:=0\n'
+    printf 'Segment1_Name:=the "right"\nSegment1_LabelValue:=2\nSegment1_Layer:=1\n\n'
+    awk 'BEGIN { for (n = 0; n < 9 * 6 * 6; n++) print n % 9 < 6 ? 1 : 0, n % 9 < 3 ? 0 : 2 }'
+} >layers.seg.nrrd
+expect 0 1 layers.seg.nrrd --report layers.json --quiet
+expect 0 1 layers.seg.nrrd --report layers10.json --layer-order 1,0 --quiet
+expect 1 1 layers.seg.nrrd --report layers11.json --layer-order 1,1 --quiet
+expect 1 1 layers.seg.nrrd --report mapped.json --map --quiet
+expect 0 1 box.nrrd --report mapped.json --map --quiet
 expect 0 0 box.nrrd --report l.json --threads 3 --algorithm lapd --count-accesses --delta 0.3
 grep -q "accesses to other nodes' memory" out || fail "the table says nothing about accesses: $(cat out)"
 expect 0 0 box.nrrd --report t.json --timeline timeline.json --threads 2 --delta 0.3
@@ -208,6 +223,10 @@ assert lapd["overhead"]["local_accesses"] == sum(thread["local_accesses"] for th
 assert threads["overhead"]["local_accesses"] == threads["overhead"]["remote_accesses"] == 0
 
 # What single threads did sums up.
+for name, volumes in ("layers", (108, 216)), ("layers10", (216, 108)):
+    rows = [(row["label"], row["name"], round(row["mesh_volume"])) for row in load(name + ".json")["labels"]]
+    assert rows == [(1, "left", volumes[0]), (2, 'the "right"', volumes[1])], rows
+assert load("mapped.json")["values"] == {"1": "1", "2": "2"}
 assert len(odd["thread_reports"]) == 1 and not any(odd["overhead"][name] for name in "rollback_s waits begs gifts".split())
 assert threads["threads"] == len(threads["thread_reports"]) == 2
 for name in "insertions removals tets_created rollbacks".split():

@@ -102,8 +102,8 @@ static void image_creation(void) {
     INVALID(lapd_image_read(NULL, "a.nrrd", LAPD_WORLD_LPS, &out));
     INVALID(lapd_image_read(context, NULL, LAPD_WORLD_LPS, &out));
     INVALID(lapd_image_read(context, "a.nrrd", LAPD_WORLD_LPS, NULL));
-    INVALID(lapd_image_read_labels(context, "a.nrrd", LAPD_WORLD_LPS, 3, &out));
-    INVALID(lapd_image_read_labels(context, "a.nrrd", LAPD_WORLD_LPS, -1, &out));
+    INVALID(lapd_image_read_labels(context, "a.nrrd", LAPD_WORLD_LPS, 3, NULL, 0, &out));
+    INVALID(lapd_image_read_labels(context, "a.nrrd", LAPD_WORLD_LPS, -1, NULL, 0, &out));
     CHECK(lapd_image_read(context, "no/such/file.nrrd", LAPD_WORLD_LPS, &out) == LAPD_ERROR_IO);
     CHECK(said("no/such/file.nrrd"));
     INVALID(lapd_image_read(context, "a.png", LAPD_WORLD_LPS, &out));

@@ -156,6 +156,13 @@ void errors() {
     lapd::context context;
     CHECK(std::strcmp(context.last_error(), "") == 0);
     CHECK(status_of([&] { lapd::image::read(context, "no/such/file.nrrd"); }) == LAPD_ERROR_IO);
+    CHECK(stored.label_name(1) == nullptr);
+    const auto in_order = [&](const std::vector<std::size_t> &order) {
+        return status_of(
+            [&] { lapd::image::read_labels(context, name, LAPD_WORLD_AS_STORED, LAPD_LABELS_WHOLE, order); });
+    };
+    CHECK(in_order({}) == LAPD_OK);
+    CHECK(in_order({0}) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(std::strstr(context.last_error(), "no/such/file.nrrd") != nullptr);
     CHECK(status_of([&] { lapd::image::create(context, block<int>().data(), lapd::grid{}); }) ==
           LAPD_ERROR_INVALID_ARGUMENT);

@@ -63,6 +63,8 @@ static const char MORE_USAGE[] =
     "                       always are\n"
     "  --map                number the distinct values of voxels, of any kind, as labels 1, 2, ...; the report tells\n"
     "                       which is which\n"
+    "  --layer-order L,L,.. the layers of a 3D Slicer segmentation, from 0 on, each once: where segments overlap,\n"
+    "                       that of the later layer counts; default 0,1,...\n"
     "  --frame NAME         lps | ras: world axes that grow to the patient's left, posterior, superior, or right,\n"
     "                       anterior, superior; default as the file has them\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
@@ -231,6 +233,23 @@ static int32_t *parse_labels(const char *text, const char **end, size_t *count) 
     return NULL;
 }
 
+/* Reads numbers of layers with commas between them; the caller frees them. NULL if there is anything else. */
+static size_t *parse_layers(const char *text, size_t *count) {
+    const char *end;
+    int32_t *numbers = parse_labels(text, &end, count);
+    size_t *list = malloc((strlen(text) / 2 + 1) * sizeof *list);
+    bool good = numbers != NULL && list != NULL && *end == '\0';
+    for (size_t n = 0; good && n < *count; n++) {
+        good = numbers[n] >= 0;
+        list[n] = (size_t)numbers[n];
+    }
+    free(numbers);
+    if (good)
+        return list;
+    free(list);
+    return NULL;
+}
+
 /* Reads numbers with commas between them; the caller frees them. NULL if there is anything else. */
 static double *parse_numbers(const char *text, size_t *count) {
     double *list = malloc((strlen(text) / 2 + 1) * sizeof *list);
@@ -381,6 +400,11 @@ static set_result set_input(options *o, const char *option, const char *value) {
         o->world = choice == 0 ? LAPD_WORLD_LPS : LAPD_WORLD_RAS;
         return SET_OK;
     }
+    if (strcmp(option, "--layer-order") == 0) {
+        free(o->layer_order);
+        o->layer_order = parse_layers(value, &o->layer_count);
+        return o->layer_order != NULL ? SET_OK : SET_BAD_VALUE;
+    }
     if (strcmp(option, "--labels") == 0) {
         const char *rest;
         free(o->labels);
@@ -463,6 +487,7 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                                                      "--isovalue",
                                                      "--labels",
                                                      "--frame",
+                                                     "--layer-order",
                                                      "--gaussian",
                                                      "--border",
                                                      "--improve",
@@ -511,6 +536,9 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
     }
     if (o->input_count > 1 && !o->probabilities) {
         return usage_error("two inputs: %s and %s", o->inputs[0], o->inputs[1]);
+    }
+    if (o->layer_order != NULL && (o->isovalues != NULL || o->probabilities)) {
+        return usage_error("--layer-order is for labels%s%s", "", "");
     }
     if (o->isovalues != NULL && o->probabilities) {
         return usage_error("--isovalue is for scans%s%s", ", --probabilities for maps", "");
@@ -571,7 +599,8 @@ static lapd_status read_input(lapd_context *context, const options *o, lapd_imag
         return lapd_image_read_probabilities(context, o->inputs, o->input_count, o->world, o->labels, o->label_count,
                                              image);
     }
-    return lapd_image_read_labels(context, o->inputs[0], o->world, o->label_values, image);
+    return lapd_image_read_labels(context, o->inputs[0], o->world, o->label_values, o->layer_order, o->layer_count,
+                                  image);
 }
 
 /* Everything from the image on. Returns the exit status. */
@@ -593,7 +622,9 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
     if (status == LAPD_OK)
         status = lapd_image_get_world_axes(image, &s.world_axes);
     if (status == LAPD_OK && o->label_values == LAPD_LABELS_DISTINCT)
-        status = keep_values(image, &s);
+        status = keep_texts(image, lapd_image_get_value, &s.values);
+    if (status == LAPD_OK)
+        status = keep_texts(image, lapd_image_get_label_name, &s.names);
     if (status == LAPD_OK)
         status = set_defaults(context, params, image, o);
     if (status == LAPD_OK)
@@ -640,7 +671,10 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
 
 done:
     line->memory = NULL;
-    free(s.values);
+    free(s.values.labels);
+    free(s.values.texts);
+    free(s.names.labels);
+    free(s.names.texts);
     free(s.rows);
     free(s.components);
     free(s.defects);
@@ -686,6 +720,7 @@ int main(int argc, char **argv) {
     }
     free(o.inputs);
     free(o.isovalues);
+    free(o.layer_order);
     free(o.labels);
     free(o.outputs);
     lapd_params_free(params);

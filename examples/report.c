@@ -20,25 +20,42 @@ static const char *name_of(const char *const *names, size_t count, int64_t value
 
 /* ---- The table ---- */
 
-lapd_status keep_values(const lapd_image *image, summary *s) {
+lapd_status keep_texts(const lapd_image *image, text_getter *get, label_texts *kept) {
     const int32_t *labels;
     size_t count, bytes = 0;
     lapd_status status = lapd_image_get_labels(image, &labels, &count);
-    for (size_t n = 0; n < count && status == LAPD_OK; n++) {
-        const char *value;
-        status = lapd_image_get_value(image, labels[n], &value);
+    if (status != LAPD_OK)
+        return status;
+    kept->labels = calloc(count + 1, sizeof *kept->labels);
+    if (kept->labels == NULL)
+        return LAPD_ERROR_OUT_OF_MEMORY;
+    for (size_t n = 0; n < count; n++) {
+        const char *text;
+        status = get(image, labels[n], &text);
         if (status != LAPD_OK)
-            break;
-        const size_t length = strlen(value) + 1;
-        char *values = realloc(s->values, bytes + length);
-        if (values == NULL)
+            return status;
+        if (text == NULL)
+            continue;
+        const size_t length = strlen(text) + 1;
+        char *texts = realloc(kept->texts, bytes + length);
+        if (texts == NULL)
             return LAPD_ERROR_OUT_OF_MEMORY;
-        memcpy(values + bytes, value, length);
-        s->values = values;
-        s->value_count = n + 1;
+        memcpy(texts + bytes, text, length);
+        kept->texts = texts;
+        kept->labels[kept->count++] = labels[n];
         bytes += length;
     }
-    return status;
+    return LAPD_OK;
+}
+
+/* The text of a label, or "". */
+static const char *text_of(const label_texts *kept, int32_t label) {
+    const char *text = kept->texts;
+    for (size_t n = 0; n < kept->count; n++, text += strlen(text) + 1) {
+        if (kept->labels[n] == label)
+            return text;
+    }
+    return "";
 }
 
 lapd_status summarize(const lapd_mesh *mesh, summary *s) {
@@ -172,10 +189,10 @@ void print_table(const summary *s, const file_seconds *seconds) {
         printf("\n%zu labels%s\n", s->row_count, shown < s->row_count ? ", those with the largest volume error:" : "");
         printf("       label       tets       volume        image    error  parts (image)\n");
         for (size_t i = 0; i < shown; i++) {
-            printf("  %10lld %10llu %12.6g %12.6g %+7.2f%%  %llu (%llu)\n", (long long)worst[i].label,
+            printf("  %10lld %10llu %12.6g %12.6g %+7.2f%%  %llu (%llu)  %s\n", (long long)worst[i].label,
                    (unsigned long long)worst[i].tets, worst[i].mesh_volume, worst[i].image_volume,
                    volume_error(&worst[i]), (unsigned long long)worst[i].components_mesh,
-                   (unsigned long long)worst[i].components_image);
+                   (unsigned long long)worst[i].components_image, text_of(&s->names, worst[i].label));
         }
     }
     free(worst);
@@ -529,17 +546,24 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_number(f, ", ", "mean_surface_to_mesh", c->surface_to_mesh_mean);
     json_rules(f, ", ", "unmet", c->unmet);
 
-    if (s->values != NULL) {
+    if (s->values.count > 0) {
         fputs("},\n  \"values\": {", f);
-        const char *value = s->values;
-        for (size_t n = 0; n < s->value_count; n++, value += strlen(value) + 1)
-            fprintf(f, "%s\"%zu\": \"%s\"", n > 0 ? ", " : "", n + 1, value);
+        const char *value = s->values.texts;
+        for (size_t n = 0; n < s->values.count; n++, value += strlen(value) + 1) {
+            fprintf(f, "%s\"%lld\": ", n > 0 ? ", " : "", (long long)s->values.labels[n]);
+            json_string(f, value);
+        }
     }
 
     fputs("},\n  \"labels\": [", f);
     for (size_t i = 0; i < s->row_count; i++) {
         const lapd_label_row *row = &s->rows[i];
         fprintf(f, "%s\n    {\"label\": %lld", i > 0 ? "," : "", (long long)row->label);
+        const char *name = text_of(&s->names, row->label);
+        if (*name != '\0') {
+            fputs(", \"name\": ", f);
+            json_string(f, name);
+        }
         json_count(f, ", ", "tets", row->tets);
         json_number(f, ", ", "mesh_volume", row->mesh_volume);
         json_number(f, ", ", "image_volume", row->image_volume);

@@ -22,6 +22,9 @@ typedef struct {
     /* The frame of world coordinates that is asked for, a lapd_world_frame. */
     int32_t world;
     int32_t label_values;
+    /* Layers of a segmentation, later over earlier ones; NULL for the order of the file. */
+    size_t *layer_order;
+    size_t layer_count;
     const char **outputs;
     size_t output_count;
     const char *report;
@@ -48,13 +51,21 @@ typedef struct {
     uint64_t peak[LAPD_PHASE_CERTIFY];
 } memory_use;
 
+/* A text for each of some labels: all texts one after the other, each with a 0 at its end. */
+typedef struct {
+    int32_t *labels;
+    char *texts;
+    size_t count;
+} label_texts;
+
 /* All that the library knows about a mesh, the arrays apart. */
 typedef struct {
     /* What the world axes of the image, and so of the mesh, mean: a lapd_world_axes. */
     int32_t world_axes;
-    /* The values that labels 1, 2, ... stand for, one after the other, each with a 0 at its end; NULL without --map. */
-    char *values;
-    size_t value_count;
+    /* With --map the values that labels stand for. */
+    label_texts values;
+    /* The names that the image's file gives to labels. */
+    label_texts names;
     lapd_counts counts;
     lapd_timings timings;
     lapd_operations operations;
@@ -87,8 +98,11 @@ void complain(const char *format, ...);
  * returns. */
 lapd_status summarize(const lapd_mesh *mesh, summary *s);
 
-/* Keeps the values that the labels of an image stand for. */
-lapd_status keep_values(const lapd_image *image, summary *s);
+/* lapd_image_get_value, lapd_image_get_label_name. */
+typedef lapd_status text_getter(const lapd_image *image, int32_t label, const char **text);
+
+/* Keeps what `get` tells of each label of an image. The caller frees labels and texts, whatever this returns. */
+lapd_status keep_texts(const lapd_image *image, text_getter *get, label_texts *kept);
 
 void print_table(const summary *s, const file_seconds *seconds);
 

@@ -1357,17 +1357,25 @@ lapd_status lapd_image_read(lapd_context *context,
                             lapd_image **image);
 
 /**
- * As lapd_image_read, with a choice of what becomes of voxels that are no whole numbers: `values`, a lapd_label_values.
+ * As lapd_image_read, with choices.
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel
- * does not end the call.
+ * - `values`: what becomes of voxels that are no whole numbers, a lapd_label_values.
+ * - `layer_order`: for segmentations of 3D Slicer with several layers, whose segments may overlap: the `layer_count`
+ *   layers of the file, counted from 0, each once. Where segments overlap, that of the later layer of this order counts.
+ *   NULL for the order of the file.
  *
- * Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ * lapd_context_cancel does not end the call.
+ *
+ * Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown, when `layer_order` does not
+ * name each layer once or the file has no layers, and for LAPD_LABELS_DISTINCT of several layers.
  */
 lapd_status lapd_image_read_labels(lapd_context *context,
                                    const char *path,
                                    int32_t world,
                                    int32_t values,
+                                   const size_t *layer_order,
+                                   size_t layer_count,
                                    lapd_image **image);
 
 /**
@@ -1441,6 +1449,16 @@ lapd_status lapd_image_copy_voxels(const lapd_image *image,
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, or the label stands for no value.
  */
 lapd_status lapd_image_get_value(const lapd_image *image, int32_t label, const char **value);
+
+/**
+ * The name that the file of an image gives to a label, as 3D Slicer's segmentations do; `*name` is NULL where it gives
+ * none.
+ *
+ * `*name` belongs to the image and is valid until it is freed. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_image_get_label_name(const lapd_image *image, int32_t label, const char **name);
 
 /**
  * The number of warnings that came up when the image was made or read. Any thread.

@@ -281,11 +281,14 @@ class image {
         lapd_status status = lapd_image_read(context.get(), path.c_str(), world, &handle);
         return adopt(context, status, handle);
     }
-    // The same, with a choice of what becomes of voxels that are no whole numbers.
+    // The same, with a choice of what becomes of voxels that are no whole numbers, and of the order in which the layers
+    // of a segmentation count, later over earlier ones; empty for that of the file.
     static image read_labels(context &context, const std::string &path, lapd_world_frame world,
-                             lapd_label_values values) {
+                             lapd_label_values values, const std::vector<std::size_t> &layer_order = {}) {
         lapd_image *handle = nullptr;
-        lapd_status status = lapd_image_read_labels(context.get(), path.c_str(), world, values, &handle);
+        lapd_status status =
+            lapd_image_read_labels(context.get(), path.c_str(), world, values,
+                                   layer_order.empty() ? nullptr : layer_order.data(), layer_order.size(), &handle);
         return adopt(context, status, handle);
     }
 
@@ -313,50 +316,24 @@ class image {
     // Probability maps, one for each label; each points to voxel (0, 0, 0).
     static image create_probabilities(context &context, const std::vector<const float *> &maps,
                                       const std::vector<std::int32_t> &labels, const grid &grid) {
-        check_count(labels, maps.size(), "maps");
-        lapd_image *handle = nullptr;
-        lapd_status status =
-            lapd_image_create_probabilities(context.get(), maps.data(), labels.data(), maps.size(), grid.dims.data(),
-                                            grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
-                                            grid.spacing.data(), grid.direction.data(), &handle);
-        return adopt(context, status, handle);
+        return create_maps(lapd_image_create_probabilities, context, maps, labels, grid);
     }
     // All volumes of all files; without labels these are 1, 2, ...
     static image read_probabilities(context &context, const std::vector<std::string> &paths,
                                     const std::vector<std::int32_t> &labels = {},
                                     lapd_world_frame world = LAPD_WORLD_AS_STORED) {
-        std::vector<const char *> names;
-        for (const std::string &path : paths)
-            names.push_back(path.c_str());
-        lapd_image *handle = nullptr;
-        lapd_status status =
-            lapd_image_read_probabilities(context.get(), names.data(), names.size(), world,
-                                          labels.empty() ? nullptr : labels.data(), labels.size(), &handle);
-        return adopt(context, status, handle);
+        return read_maps(lapd_image_read_probabilities, context, paths, labels, world);
     }
 
     // Level sets, one for each label: above 0 inside of it, the largest wins.
     static image create_level_sets(context &context, const std::vector<const float *> &maps,
                                    const std::vector<std::int32_t> &labels, const grid &grid) {
-        check_count(labels, maps.size(), "maps");
-        lapd_image *handle = nullptr;
-        lapd_status status =
-            lapd_image_create_level_sets(context.get(), maps.data(), labels.data(), maps.size(), grid.dims.data(),
-                                         grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
-                                         grid.spacing.data(), grid.direction.data(), &handle);
-        return adopt(context, status, handle);
+        return create_maps(lapd_image_create_level_sets, context, maps, labels, grid);
     }
     static image read_level_sets(context &context, const std::vector<std::string> &paths,
                                  const std::vector<std::int32_t> &labels = {},
                                  lapd_world_frame world = LAPD_WORLD_AS_STORED) {
-        std::vector<const char *> names;
-        for (const std::string &path : paths)
-            names.push_back(path.c_str());
-        lapd_image *handle = nullptr;
-        lapd_status status =
-            lapd_image_read_level_sets(context.get(), names.data(), names.size(), world,
-                                       labels.empty() ? nullptr : labels.data(), labels.size(), &handle);
-        return adopt(context, status, handle);
+        return read_maps(lapd_image_read_level_sets, context, paths, labels, world);
     }
 
     // Takes over a handle.
@@ -412,6 +389,12 @@ class image {
         detail::check(lapd_image_get_value(get(), label, &text));
         return text;
     }
+    // The name that the image's file gives to a label; nullptr where it gives none.
+    const char *label_name(std::int32_t label) const {
+        const char *text = nullptr;
+        detail::check(lapd_image_get_label_name(get(), label, &text));
+        return text;
+    }
     const char *warning(std::size_t index) const {
         const char *text = nullptr;
         detail::check(lapd_image_get_warning(get(), index, &text));
@@ -423,6 +406,29 @@ class image {
     }
 
   private:
+    // By the C function for probabilities, or that for level sets.
+    template <class Create>
+    static image create_maps(Create *create, context &context, const std::vector<const float *> &maps,
+                             const std::vector<std::int32_t> &labels, const grid &grid) {
+        check_count(labels, maps.size(), "maps");
+        lapd_image *handle = nullptr;
+        lapd_status status = create(context.get(), maps.data(), labels.data(), maps.size(), grid.dims.data(),
+                                    grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
+                                    grid.spacing.data(), grid.direction.data(), &handle);
+        return adopt(context, status, handle);
+    }
+    template <class Read>
+    static image read_maps(Read *read, context &context, const std::vector<std::string> &paths,
+                           const std::vector<std::int32_t> &labels, lapd_world_frame world) {
+        std::vector<const char *> names;
+        for (const std::string &path : paths)
+            names.push_back(path.c_str());
+        lapd_image *handle = nullptr;
+        lapd_status status = read(context.get(), names.data(), names.size(), world,
+                                  labels.empty() ? nullptr : labels.data(), labels.size(), &handle);
+        return adopt(context, status, handle);
+    }
+
     // The C function takes one count for both.
     static void check_count(const std::vector<std::int32_t> &labels, std::size_t count, const char *what) {
         if (!labels.empty() && labels.size() != count)

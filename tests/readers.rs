@@ -92,8 +92,10 @@ fn random_layers_are_combined_in_their_order() {
     // For each segment its layer and value, and for each voxel and layer a value; some belong to no segment.
     let segments = prop::collection::vec((0..3_usize, 1..4_i32), 1..6);
     let values = prop::collection::vec(0..4_u8, 3 * 60);
+    // None for the order of the file.
+    let orders = prop::option::of(Just(vec![0, 1, 2]).prop_shuffle());
     TestRunner::default()
-        .run(&(segments, values, prop::bool::ANY), |(mut segments, values, distinct)| {
+        .run(&(segments, values, prop::bool::ANY, orders), |(mut segments, values, distinct, order)| {
             if distinct {
                 segments.iter_mut().zip(1..).for_each(|(segment, n)| segment.1 = n);
             } else {
@@ -130,7 +132,8 @@ fn random_layers_are_combined_in_their_order() {
                 .chunks(3)
                 .map(|layers| {
                     let (mut label, mut count) = (0, 0);
-                    for (layer, &value) in layers.iter().enumerate().filter(|&(_, &value)| value != 0) {
+                    let in_order = order.clone().unwrap_or_else(|| vec![0, 1, 2]).into_iter();
+                    for (layer, value) in in_order.map(|layer| (layer, layers[layer])).filter(|&(_, v)| v != 0) {
                         let n = segments.iter().position(|&segment| segment == (layer, i32::from(value))).unwrap();
                         (label, count) = (if differ { segments[n].1 } else { n as i32 + 1 }, count + 1);
                     }
@@ -138,10 +141,18 @@ fn random_layers_are_combined_in_their_order() {
                     label
                 })
                 .collect();
-            let found = read(&path);
+            let options = ReadOptions { layer_order: order.clone(), ..ReadOptions::default() };
+            let found = read_image_with(&path, &options).unwrap();
             let labels = found.image.labels();
             let got: Vec<i32> = found.image.ids().iter().map(|&id| labels[usize::from(id)]).collect();
             prop_assert_eq!(got, wanted);
+            for (n, segment) in segments.iter().enumerate() {
+                let label = if differ { segment.1 } else { n as i32 + 1 };
+                let name = found.names.iter().find(|(named, _)| *named == label).map(|(_, name)| name.clone());
+                let known = n < named && occurring.contains(segment);
+                let wanted = known.then(|| format!("organ: {n}"));
+                prop_assert!(name == wanted || differ && !known, "{name:?}");
+            }
             let told = |start: &str| found.warnings.iter().any(|warning| warning.starts_with(start));
             prop_assert_eq!(told("segments of several layers"), !differ);
             prop_assert_eq!(told(&format!("{overlapping} voxels are in several segments")), overlapping > 0);
@@ -149,6 +160,41 @@ fn random_layers_are_combined_in_their_order() {
             Ok(())
         })
         .unwrap();
+}
+
+/// An order of layers names each of them once; images without layers have none, and their values are not mapped.
+#[test]
+fn orders_of_layers_are_checked() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    let head = "NRRD0005\ntype: uint8\nencoding: text\n";
+    let named = "Segment0_Name:=skull\nSegment0_LabelValue:=7\nSegment0_Layer:=0\n";
+    let one = write("one.seg.nrrd", &format!("{head}dimension: 3\nsizes: 2 1 1\n{named}\n0 7\n"));
+    let two = format!("{head}dimension: 4\nsizes: 2 2 1 1\nkinds: list domain domain domain\n{named}\n7 3 7 0\n");
+    let two = write("two.seg.nrrd", &two);
+    let read = |path: &Path, order: Option<&[usize]>, values| {
+        let layer_order = order.map(<[usize]>::to_vec);
+        read_image_with(path, &ReadOptions { layer_order, values, ..ReadOptions::default() })
+    };
+    let error = |path: &Path, order: Option<&[usize]>, values| read(path, order, values).unwrap_err().to_string();
+    let labels = |order: &[usize]| read(&two, Some(order), LabelValues::Whole).unwrap().image.labels().to_vec();
+    assert_eq!((labels(&[0, 1]), labels(&[1, 0])), (vec![0, 3, 7], vec![0, 7]));
+    for order in [&[][..], &[0], &[0, 0], &[1, 2], &[0, 1, 2]] {
+        let message = error(&two, Some(order), LabelValues::Whole);
+        assert!(message.ends_with("must name each layer, 0 to 1, once"), "{message}");
+    }
+    let message = error(&one, Some(&[0]), LabelValues::Whole);
+    assert!(message.contains("an order of layers is for segmentations of several layers"), "{message}");
+    let message = error(&two, None, LabelValues::Distinct);
+    assert!(message.contains("distinct values are numbered where voxels have one value each"), "{message}");
+    let named = read(&one, None, LabelValues::Whole).unwrap().names;
+    assert_eq!(named, [(7, "skull".to_string())]);
+    let mapped = read(&one, None, LabelValues::Distinct).unwrap();
+    assert_eq!((mapped.image.labels(), &mapped.values[..]), (&[0, 1][..], &["7".to_string()][..]));
 }
 
 /// A volume of 3 x 4 x 5 numbers as text, which all have the same label but one.

@@ -2,6 +2,7 @@
 
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::path::Path;
+use std::ptr;
 
 use glam::DMat3;
 
@@ -22,6 +23,8 @@ pub struct lapd_image {
     warnings: Vec<CString>,
     /// The values that labels 1, 2, ... stand for, where distinct values became labels.
     values: Vec<CString>,
+    /// The names that the file gives to labels.
+    names: Vec<(i32, CString)>,
 }
 
 /// Type of the voxels in a caller's buffer.
@@ -254,7 +257,7 @@ pub unsafe extern "C" fn lapd_image_create(
 /// What the caller owns; warnings with a zero byte, of which C has no string, are left out.
 pub(super) fn handle(image: LabelImage, world: Option<WorldAxes>, warnings: Vec<String>) -> *mut lapd_image {
     let warnings = warnings.into_iter().filter_map(|line| CString::new(line).ok()).collect();
-    Box::into_raw(Box::new(lapd_image { image, world, warnings, values: Vec::new() }))
+    Box::into_raw(Box::new(lapd_image { image, world, warnings, values: Vec::new(), names: Vec::new() }))
 }
 
 /// Hands warnings to the log.
@@ -295,22 +298,31 @@ pub unsafe extern "C" fn lapd_image_read(
     world: i32,
     image: *mut *mut lapd_image,
 ) -> lapd_status {
-    // SAFETY: passed on to the caller.
-    unsafe { lapd_image_read_labels(context, path, world, lapd_label_values::LAPD_LABELS_WHOLE as i32, image) }
+    let values = lapd_label_values::LAPD_LABELS_WHOLE as i32;
+    // SAFETY: passed on to the caller; there is no array of layers.
+    unsafe { lapd_image_read_labels(context, path, world, values, ptr::null(), 0, image) }
 }
 
-/// As lapd_image_read, with a choice of what becomes of voxels that are no whole numbers: `values`, a lapd_label_values.
+/// As lapd_image_read, with choices.
 ///
-/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel
-/// does not end the call.
+/// - `values`: what becomes of voxels that are no whole numbers, a lapd_label_values.
+/// - `layer_order`: for segmentations of 3D Slicer with several layers, whose segments may overlap: the `layer_count`
+///   layers of the file, counted from 0, each once. Where segments overlap, that of the later layer of this order counts.
+///   NULL for the order of the file.
 ///
-/// Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown.
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+/// lapd_context_cancel does not end the call.
+///
+/// Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown, when `layer_order` does not
+/// name each layer once or the file has no layers, and for LAPD_LABELS_DISTINCT of several layers.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_read_labels(
     context: *mut lapd_context,
     path: *const c_char,
     world: i32,
     values: i32,
+    layer_order: *const usize,
+    layer_count: usize,
     image: *mut *mut lapd_image,
 ) -> lapd_status {
     // SAFETY: see the module's head.
@@ -324,11 +336,19 @@ pub unsafe extern "C" fn lapd_image_read_labels(
                 v if v == lapd_label_values::LAPD_LABELS_DISTINCT as i32 => LabelValues::Distinct,
                 _ => return Err(unknown("values", "a lapd_label_values", values)),
             };
-            let read = read_image_with(path, &ReadOptions { values, ..read_options(world)? })?;
+            let layer_order = if layer_order.is_null() {
+                None
+            } else {
+                Some(slice(layer_order, layer_count, "layer_order")?.to_vec())
+            };
+            let options = ReadOptions { values, layer_order, ..read_options(world)? };
+            let read = read_image_with(path, &options)?;
             tell(context, &read.warnings);
             let image = handle(read.image, read.world, read.warnings);
             // What the caller will own, and nobody else knows yet.
             (*image).values = read.values.into_iter().filter_map(|text| CString::new(text).ok()).collect();
+            let names = read.names.into_iter();
+            (*image).names = names.filter_map(|(label, name)| Some((label, CString::new(name).ok()?))).collect();
             out.set(image);
             Ok(())
         })
@@ -485,6 +505,28 @@ pub unsafe extern "C" fn lapd_image_get_value(
         let values = &borrow(image, "image")?.values;
         let known = usize::try_from(i64::from(label) - 1).ok().and_then(|n| values.get(n));
         out.set(known.ok_or_else(|| Failure::invalid(format!("label {label} stands for no value")))?.as_ptr());
+        Ok(())
+    })
+}
+
+/// The name that the file of an image gives to a label, as 3D Slicer's segmentations do; `*name` is NULL where it gives
+/// none.
+///
+/// `*name` belongs to the image and is valid until it is freed. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_get_label_name(
+    image: *const lapd_image,
+    label: i32,
+    name: *mut *const c_char,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(name, "name")?;
+        let names = &borrow(image, "image")?.names;
+        let known = names.iter().find(|&&(named, _)| named == label);
+        out.set(known.map_or(ptr::null(), |(_, name)| name.as_ptr()));
         Ok(())
     })
 }

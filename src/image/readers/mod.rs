@@ -38,7 +38,7 @@ use glam::DVec3;
 
 use segments::Segments;
 use source::Source;
-use voxels::{Layout, read_distinct, read_labels};
+use voxels::{Layout, read_distinct, read_labels, read_layers};
 
 use super::{Frame, LabelImage};
 use crate::{Error, Result};
@@ -87,12 +87,15 @@ pub enum WorldFrame {
 }
 
 /// How to read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub struct ReadOptions {
     /// The frame wanted. A file that does not say its own is kept as stored, with a warning.
     pub world: WorldFrame,
     /// What becomes of numbers that are no labels.
     pub values: LabelValues,
+    /// The layers of a segmentation, from 0 on, in the order in which they count: of segments that overlap, that of
+    /// the later one. `None` for the order of the file.
+    pub layer_order: Option<Vec<usize>>,
 }
 
 /// What becomes of numbers of a label image that are no whole ones, or too large for labels.
@@ -119,6 +122,8 @@ pub struct ReadImage {
     pub warnings: Vec<String>,
     /// With [`LabelValues::Distinct`] the values that became labels 1, 2, ..., with all their digits.
     pub values: Vec<String>,
+    /// The names that a segmentation of 3D Slicer gives to labels.
+    pub names: Vec<(i32, String)>,
 }
 
 /// Reads a label image, coordinates as stored.
@@ -132,16 +137,50 @@ pub fn read_image(path: &Path) -> Result<ReadImage> {
 /// Reads a label image. The file's name ending, in any case, chooses the format.
 ///
 /// # Errors
-/// [`Error::InvalidArgument`]: no reader for this ending. [`Error::Io`]: the file, or the data file that it names, cannot be opened or read.
-/// [`Error::Format`]: it is damaged, cut off, or uses what this library does not read. [`Error::OutOfMemory`].
+/// [`Error::InvalidArgument`]: no reader for this ending; an order of layers that is not one of this file's layers;
+/// [`LabelValues::Distinct`] of several layers. [`Error::Io`]: the file, or the data file that it names, cannot be opened
+/// or read. [`Error::Format`]: it is damaged, cut off, or uses what this library does not read. [`Error::OutOfMemory`].
 pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> {
     let Opened { mut source, layout, frame, world, segments, mut warnings } = open(path, Volumes::One, options)?;
-    let (image, values) = if options.values == LabelValues::Distinct && segments.is_none() {
-        read_distinct(&mut source, &layout, frame, &mut warnings)?
-    } else {
-        (read_labels(&mut source, &layout, frame, options.values, segments, &mut warnings)?, Vec::new())
+    let mut names = segments.as_ref().map(Segments::names_of_values).unwrap_or_default();
+    let mut layers = segments.filter(|_| layout.volumes > 1);
+    if let Some(order) = &options.layer_order {
+        let count = layout.volumes;
+        let known = layers.as_mut().is_some_and(|layers| layers.set_order(order, count));
+        if !known {
+            let path = path.display();
+            return Err(Error::InvalidArgument(match layers {
+                None => format!("{path}: an order of layers is for segmentations of several layers; this has one"),
+                Some(_) => {
+                    format!("{path}: the order of layers {order:?} must name each layer, 0 to {}, once", count - 1)
+                }
+            }));
+        }
+    }
+    let mut values = Vec::new();
+    let image = match (options.values, layers) {
+        (LabelValues::Distinct, Some(_)) => {
+            return Err(Error::InvalidArgument(format!(
+                "{}: distinct values are numbered where voxels have one value each; here they have one per layer, and \
+                 segments become labels without that",
+                path.display()
+            )));
+        }
+        (LabelValues::Distinct, None) => {
+            let image;
+            (image, values) = read_distinct(&mut source, &layout, frame, &mut warnings)?;
+            // The labels are others than the values that the header names.
+            names.clear();
+            image
+        }
+        (_, None) => read_labels(&mut source, &layout, frame, options.values, &mut warnings)?,
+        (_, Some(layers)) => {
+            let image;
+            (image, names) = read_layers(&mut source, &layout, frame, options.values, layers, &mut warnings)?;
+            image
+        }
     };
-    Ok(ReadImage { image, world, warnings, values })
+    Ok(ReadImage { image, world, warnings, values, names })
 }
 
 /// Values per voxel that a reader may find.

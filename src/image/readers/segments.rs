@@ -4,7 +4,8 @@
 //! The header names for each segment its layer and its value there, and a name: `Segment0_Layer`, `Segment0_LabelValue`,
 //! `Segment0_Name`. Its label is its value, if all values that occur differ from layer to layer. Else segments are numbered from 1,
 //! in the order of the header, and a warning tells which is which. Values that the header does not name are segments, too, behind
-//! those of the header, in the order in which they occur. Where segments overlap, that of the last layer counts.
+//! those of the header, in the order in which they occur. Where segments overlap, that of the last layer counts, or of
+//! the one that comes last in an order that the caller gives.
 
 use std::collections::HashMap;
 
@@ -24,6 +25,18 @@ pub(super) struct Segments {
     named: usize,
     /// Voxels in several segments.
     overlapping: u64,
+    /// The place of each layer in the order in which they count; none for the order of the file.
+    places: Vec<usize>,
+}
+
+/// What is known when all voxels were seen.
+pub(super) struct Finished<F> {
+    /// The label of a segment's number.
+    pub label: F,
+    /// The names that the header gives to labels.
+    pub names: Vec<(i32, String)>,
+    /// What a user should know, one line each.
+    pub warnings: Vec<String>,
 }
 
 struct Segment {
@@ -35,7 +48,8 @@ struct Segment {
 impl Segments {
     /// The segments that a header names with their layers, if it does, all by numbers.
     pub(super) fn of_header(fields: &Fields) -> Option<Self> {
-        let mut found = Self { numbers: HashMap::new(), segments: Vec::new(), named: 0, overlapping: 0 };
+        let mut found =
+            Self { numbers: HashMap::new(), segments: Vec::new(), named: 0, overlapping: 0, places: Vec::new() };
         for n in 0.. {
             let of = |what: &str| fields.pair(&format!("Segment{n}_{what}"));
             let (Some(layer), Some(value)) = (of("Layer"), of("LabelValue")) else { break };
@@ -44,6 +58,24 @@ impl Segments {
         }
         found.named = found.segments.len();
         (found.named > 0).then_some(found)
+    }
+
+    /// The names of the labels of a file with a single layer, whose values are its labels.
+    pub(super) fn names_of_values(&self) -> Vec<(i32, String)> {
+        self.segments.iter().map(|segment| (segment.value, segment.name.clone())).collect()
+    }
+
+    /// Has the `count` layers count in another order than that of the file: later ones over earlier ones. False, and
+    /// nothing done, if `order` does not name each layer once.
+    pub(super) fn set_order(&mut self, order: &[usize], count: usize) -> bool {
+        let mut sorted = order.to_vec();
+        sorted.sort_unstable();
+        if !sorted.into_iter().eq(0..count) {
+            return false;
+        }
+        self.places = vec![0; count];
+        order.iter().enumerate().for_each(|(place, &layer)| self.places[layer] = place);
+        true
     }
 
     /// Whether there are more than labels can be.
@@ -58,25 +90,30 @@ impl Segments {
         number
     }
 
-    /// The number of the segment that a voxel belongs to, by its values in all layers; 0 for none.
+    /// The number of the segment that a voxel belongs to, by its values in all layers; 0 for none. Segments that the
+    /// header does not name get their numbers in the order of the file, whatever the order in which layers count.
     pub(super) fn number(&mut self, values: &[i32]) -> i32 {
-        let (mut number, mut count) = (0, 0);
+        let (mut number, mut highest, mut count) = (0, 0, 0);
         for (layer, &value) in values.iter().enumerate().filter(|&(_, &value)| value != 0) {
-            number = match self.numbers.get(&(layer, value)) {
+            let of_layer = match self.numbers.get(&(layer, value)) {
                 Some(&known) => known,
                 None => {
                     self.add(layer, value, format!("value {value} of layer {layer}, which the header does not name"))
                 }
             };
-            self.segments[number as usize - 1].occurs = true;
+            self.segments[of_layer as usize - 1].occurs = true;
+            let place = self.places.get(layer).copied().unwrap_or(layer);
+            if count == 0 || place > highest {
+                (number, highest) = (of_layer, place);
+            }
             count += 1;
         }
         self.overlapping += u64::from(count > 1);
         number
     }
 
-    /// When all voxels were seen: the label of a segment's number, and what a user should know, one line each.
-    pub(super) fn finish(self) -> (impl Fn(i32) -> i32, Vec<String>) {
+    /// When all voxels were seen.
+    pub(super) fn finish(self) -> Finished<impl Fn(i32) -> i32> {
         let mut values: Vec<i32> = self.segments.iter().filter(|s| s.occurs).map(|s| s.value).collect();
         let count = values.len();
         values.sort_unstable();
@@ -97,10 +134,15 @@ impl Segments {
             tell("there are segments that the header does not name", self.named + 1..=self.segments.len());
         }
         if self.overlapping > 0 {
-            let count = self.overlapping;
-            warnings
-                .push(format!("{count} voxels are in several segments; the segment of the last layer counts there"));
+            let counts = if self.places.is_empty() {
+                "the segment of the last layer counts there"
+            } else {
+                "the segment of the layer that is later in the order asked for counts there"
+            };
+            warnings.push(format!("{} voxels are in several segments; {counts}", self.overlapping));
         }
-        (label, warnings)
+        let named = self.segments[..self.named].iter().zip(1..).filter(|(segment, _)| segment.occurs);
+        let names = named.map(|(segment, number)| (label(number), segment.name.clone())).collect();
+        Finished { label, names, warnings }
     }
 }

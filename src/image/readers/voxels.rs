@@ -6,7 +6,7 @@ use super::super::frame::Frame;
 use super::LabelValues;
 use super::distinct::{Distinct, Number, told};
 use super::fields::excerpt;
-use super::segments::Segments;
+use super::segments::{Finished, Segments};
 use super::source::Source;
 use crate::memory::{reserve, room};
 use crate::{Error, Result};
@@ -86,7 +86,7 @@ pub(super) struct Layout {
     /// Value = slope * stored + intercept.
     pub(super) scale: Option<(f64, f64)>,
     /// Values per voxel.
-    volumes: usize,
+    pub(super) volumes: usize,
     /// Whether the values of a voxel stand side by side, and not each in a volume of its own.
     interleaved: bool,
 }
@@ -184,45 +184,68 @@ pub(super) fn read_labels(
     layout: &Layout,
     frame: Frame,
     values: LabelValues,
-    segments: Option<Segments>,
     warnings: &mut Vec<String>,
 ) -> Result<LabelImage> {
     let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
-    let mut rounding =
-        Rounding { most: if values == LabelValues::Rounded { 0.5 } else { NEARLY_WHOLE }, ..Rounding::default() };
-    let mut segments = segments.filter(|_| layout.volumes > 1);
-    // Values of a voxel whose others are still to come; labels of whole voxels.
-    let (mut values, mut labels_of_layers) = (Vec::new(), Vec::new());
-    read_numbers(source, layout, warnings, &mut rounding, |source, labels: &[i32]| {
-        let labels = match &mut segments {
-            None => labels,
-            Some(segments) => {
-                values.extend_from_slice(labels);
-                let whole = values.len() - values.len() % layout.volumes;
-                labels_of_layers.clear();
-                labels_of_layers.extend(values[..whole].chunks_exact(layout.volumes).map(|v| segments.number(v)));
-                values.drain(..whole);
-                if segments.are_too_many() {
-                    return Err(source.error("more than 65534 segments: is this a segmentation?"));
-                }
-                &labels_of_layers
-            }
-        };
-        builder.push(labels).map_err(|e| match e {
-            Error::InvalidArgument(message) => source.error(message),
-            other => other,
-        })
+    read_whole(source, layout, values, warnings, |source, labels| {
+        builder.push(labels).map_err(|e| of_source(source, e))
     })?;
-    if let Some(segments) = segments {
-        let (label, told) = segments.finish();
-        builder.relabel(label);
-        warnings.extend(told);
+    builder.finish(frame)
+}
+
+/// As [`read_labels`], where each voxel has a value in each of several layers; with the names of labels.
+pub(super) fn read_layers(
+    source: &mut Source,
+    layout: &Layout,
+    frame: Frame,
+    values: LabelValues,
+    mut segments: Segments,
+    warnings: &mut Vec<String>,
+) -> Result<(LabelImage, Vec<(i32, String)>)> {
+    let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
+    // Values of a voxel whose others are still to come; numbers of segments of whole voxels.
+    let (mut waiting, mut numbers) = (Vec::new(), Vec::new());
+    read_whole(source, layout, values, warnings, |source, values| {
+        waiting.extend_from_slice(values);
+        let whole = waiting.len() - waiting.len() % layout.volumes;
+        numbers.clear();
+        numbers.extend(waiting[..whole].chunks_exact(layout.volumes).map(|v| segments.number(v)));
+        waiting.drain(..whole);
+        if segments.are_too_many() {
+            return Err(source.error("more than 65534 segments: is this a segmentation?"));
+        }
+        builder.push(&numbers).map_err(|e| of_source(source, e))
+    })?;
+    let Finished { label, names, warnings: told } = segments.finish();
+    builder.relabel(label);
+    warnings.extend(told);
+    Ok((builder.finish(frame)?, names))
+}
+
+/// An error about labels as one about the file that they come from.
+fn of_source(source: &Source, error: Error) -> Error {
+    match error {
+        Error::InvalidArgument(message) => source.error(message),
+        other => other,
     }
+}
+
+/// Hands all values to `push`, as whole numbers, and warns of those that were rounded.
+fn read_whole(
+    source: &mut Source,
+    layout: &Layout,
+    values: LabelValues,
+    warnings: &mut Vec<String>,
+    push: impl FnMut(&Source, &[i32]) -> Result<()>,
+) -> Result<()> {
+    let most = if values == LabelValues::Rounded { 0.5 } else { NEARLY_WHOLE };
+    let mut rounding = Rounding { most, ..Rounding::default() };
+    read_numbers(source, layout, warnings, &mut rounding, push)?;
     if let Some((voxel, value)) = rounding.first {
         let (place, count) = (place_of(layout, voxel), rounding.count);
         warnings.push(format!("{count} voxels are no whole numbers and were rounded; the first, {place}, is {value}"));
     }
-    builder.finish(frame)
+    Ok(())
 }
 
 /// All volumes as real numbers, read to the end of the file, x fastest.
