@@ -9,8 +9,7 @@ use super::interfaces::Interfaces;
 use super::measure::Measure;
 use super::report::Counts;
 use super::shared::Shared;
-use super::smoothing::{FARTHEST, FARTHEST_LAST};
-use super::worker::{Round, Worker};
+use super::worker::{LastResorts, Round, Worker};
 use crate::memory::{reserve, zeroed};
 use crate::mesh::{NONE, TetMesh};
 use crate::{Error, Result};
@@ -21,6 +20,9 @@ const MAX_ROUNDS: u32 = 30;
 const MAX_IDLE: u32 = 4;
 /// So few tets are improved in one block that holds all: there are no borders then, at which some would have to wait.
 const ALONE: usize = 500;
+/// Surroundings are relaxed only for so few tets in all: it takes milliseconds for each. Where more are left, as in slabs
+/// that are thinner than tets can be, that would not end within minutes.
+const MAX_RELAXED: usize = 1000;
 /// Slots of new tets that a block gets, and those that it gets for each tet to be improved.
 const SLOTS: u32 = 16;
 const SLOTS_PER_TET: f64 = 1.0;
@@ -40,8 +42,8 @@ pub(super) struct Run<'m, 'a> {
     pub mesh: &'m mut TetMesh,
     pub interfaces: &'a Interfaces<'a>,
     pub measure: Measure,
-    /// How far vertices may go along interfaces and lines, in tolerances.
-    farthest: f64,
+    /// What is done for the tets that nothing has helped so far.
+    last: LastResorts,
     /// Told how many tets were dealt with; an error ends the run.
     pub look_around: &'a (dyn Fn(usize) -> Result<()> + Sync),
     /// Where refinement put each vertex.
@@ -71,8 +73,8 @@ impl<'m, 'a> Run<'m, 'a> {
         refined.extend_from_slice(&mesh.points);
         let changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
         let (left, counts, rounds) = (Vec::new(), Counts::default(), 0);
-        let farthest = FARTHEST;
-        Ok(Self { mesh, interfaces, measure, farthest, look_around, refined, changed, queue, left, counts, rounds })
+        let last = LastResorts::default();
+        Ok(Self { mesh, interfaces, measure, last, look_around, refined, changed, queue, left, counts, rounds })
     }
 
     /// Works until nothing helps any more. Returns what ended the work early.
@@ -86,10 +88,10 @@ impl<'m, 'a> Run<'m, 'a> {
             return Ok(ended);
         }
         // What is left may get long and thin tets around it, and move farther.
-        self.farthest = FARTHEST_LAST;
-        self.measure = self.measure.last();
         std::mem::swap(&mut self.queue, &mut self.left);
         self.queue.append(&mut self.left);
+        self.last = LastResorts { go_farther: true, relax: self.queue.len() <= MAX_RELAXED };
+        self.measure = self.measure.last();
         self.run_until_idle(&blocks)
     }
 
@@ -141,7 +143,7 @@ impl<'m, 'a> Run<'m, 'a> {
             refined: &self.refined,
             interfaces: self.interfaces,
             measure: self.measure,
-            farthest: self.farthest,
+            last: self.last,
             look_around: self.look_around,
         };
         let work = |job: Job| {

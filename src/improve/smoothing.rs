@@ -49,9 +49,9 @@ const MAX_STEP: f64 = 0.5;
 const TIGHT: f64 = 1.03;
 /// Along interfaces and lines vertices may go this many tolerances, if they stay as near as the tolerance to where refinement
 /// put the interface.
-pub(super) const FARTHEST: f64 = 2.0;
+const FARTHEST: f64 = 2.0;
 /// The same around tets that nothing else helps.
-pub(super) const FARTHEST_LAST: f64 = 4.0;
+const FARTHEST_LAST: f64 = 4.0;
 /// The step by which the tangents of an interface are found, in tolerances.
 const PROBE: f64 = 0.5;
 /// What would leave the tolerance ends at this part of it, so that its way back to the interface does not leave it.
@@ -132,6 +132,11 @@ impl Worker<'_, '_> {
         self.aim = self.round.measure.target;
         self.star = star;
         outcome
+    }
+
+    /// How far a vertex may go along an interface or line, in tolerances.
+    fn farthest(&self) -> f64 {
+        if self.round.last.go_farther { FARTHEST_LAST } else { FARTHEST }
     }
 
     fn smooth_vertex(&mut self, star: &mut Star, t: u32, v: u32) -> Outcome {
@@ -254,7 +259,7 @@ impl Worker<'_, '_> {
         })?;
         let most = match home {
             Home::Inside => MAX_STEP * star.shortest_edge(at),
-            Home::Interface { .. } | Home::Line(_) => self.round.farthest * self.round.interfaces.tolerance,
+            Home::Interface { .. } | Home::Line(_) => self.farthest() * self.round.interfaces.tolerance,
             _ => self.round.interfaces.tolerance,
         };
         // To where the worst tet would reach a little more than the target, if it went on so. Places on interfaces are found
@@ -286,11 +291,11 @@ impl Worker<'_, '_> {
         let p = match home {
             Home::Inside | Home::Fixed => return None,
             Home::Interface { labels, normal, off } => {
-                most = self.round.farthest * interfaces.tolerance;
+                most = self.farthest() * interfaces.tolerance;
                 interfaces.project(within(p, most) - off, normal, interfaces.tolerance, labels)? + off
             }
             Home::Line(_) => {
-                most = self.round.farthest * interfaces.tolerance;
+                most = self.farthest() * interfaces.tolerance;
                 interfaces.oracle.nearest_junction(within(p, most), interfaces.tolerance)?
             }
             Home::Walls | Home::Near => {

@@ -35,10 +35,19 @@ pub(super) struct Round<'a> {
     pub interfaces: &'a Interfaces<'a>,
     /// How tets are measured, and what is to be reached.
     pub measure: Measure,
-    /// How far vertices may go along interfaces and lines, in tolerances.
-    pub farthest: f64,
+    /// What may be done besides.
+    pub last: LastResorts,
     /// Told how many tets were dealt with; an error ends the work.
     pub look_around: &'a (dyn Fn(usize) -> Result<()> + Sync),
+}
+
+/// What is done only for tets that nothing else has helped.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct LastResorts {
+    /// Vertices may go farther along interfaces and lines.
+    pub go_farther: bool,
+    /// The surroundings of a tet are relaxed.
+    pub relax: bool,
 }
 
 /// What became of an attempt.
@@ -158,7 +167,8 @@ impl<'r, 'a> Worker<'r, 'a> {
         let mut outcome = Outcome::Failed;
         // Reconnecting may help by now.
         let attempts = [Self::reconnect, Self::smooth, Self::split, Self::make_way, Self::relax];
-        for attempt in attempts {
+        let count = attempts.len() - usize::from(!self.round.last.relax);
+        for attempt in &attempts[..count] {
             match attempt(self, t) {
                 Outcome::Done => return self.enqueue_again(&entry),
                 Outcome::Foreign => outcome = Outcome::Foreign,
