@@ -1,7 +1,8 @@
 #!/bin/sh
-# Every file of the folders awkward and formats of the real images, through the example program: each ends within 5 s of processor time
-# and 2 GiB of address space, either in a mesh whose report is flawless (exit status 0), or in one line on stderr that says what is
-# wrong and no mesh (exit status 1). Warnings may come on top. sh awkward.sh MESH_IMAGE WORK IMAGES
+# Every file of the folders awkward and formats of the real images, through the example program:
+# each ends within 5 s of processor time and 2 GiB of address space, either in a mesh whose report
+# is flawless (exit status 0), or in one line on stderr that says what is wrong and no mesh (exit
+# status 1). Warnings may come on top. sh awkward.sh MESH_IMAGE WORK IMAGES
 set -u
 mesh_image=$1 work=$2 images=${LAPD_IMAGES:-$3}
 if [ ! -d "$images/awkward" ]; then
@@ -28,12 +29,15 @@ fail() {
 # The exit status that a file must give; empty where either will do.
 wanted_status() {
     case $1 in
-    ok.nii.gz | nifti_checkerboard.nii.gz | nifti_single_slice.nii.gz | nifti_negative_label.nii.gz) echo 0 ;;
+    ok.nii.gz | nifti_checkerboard.nii.gz | nifti_single_slice.nii.gz | \
+        nifti_negative_label.nii.gz) echo 0 ;;
     BallBinary*minus_five.nhdr) echo 1 ;;
     BallBinary*.nrrd | BallBinary*.nhdr | BallBinary*.nii.gz | abdomen_3mm.nii.gz) echo 0 ;;
     # What is missing, cut off or contradicts itself is never meshed in part.
-    empty* | *truncated* | lfs_pointer* | *all_background* | *bad_magic* | *dim0_is_0* | *nonintegral* | *singular*) echo 1 ;;
-    *past_end* | *mismatch* | *header_only* | *overflow* | *unknown_encoding* | *.raw | LICENSE*) echo 1 ;;
+    empty* | *truncated* | lfs_pointer* | *all_background* | *bad_magic* | *dim0_is_0* | \
+        *nonintegral* | *singular*) echo 1 ;;
+    *past_end* | *mismatch* | *header_only* | *overflow* | *unknown_encoding* | *.raw | LICENSE*) \
+        echo 1 ;;
     esac
 }
 
@@ -50,7 +54,8 @@ for flaw in "non_delaunay_facets inverted_tets orphan_vertices open_edges".split
 assert not any(certificate["unmet"].values()), certificate["unmet"]
 assert report["tets"] > 0 and report["quality"]["max_radius_edge"] <= 4.000001, report["quality"]
 # All that is left below the target is listed.
-assert report["quality"]["min_dihedral"] >= 14.9999 or report["improvement"]["left"] > 0, report["improvement"]
+improvement = report["improvement"]
+assert report["quality"]["min_dihedral"] >= 14.9999 or improvement["left"] > 0, improvement
 assert report["quality"]["min_facet_angle"] >= 29.99999, report["quality"]
 # delta is one and a half voxels.
 assert certificate["hausdorff_mesh_to_image"] <= report["delta"], certificate
@@ -65,14 +70,17 @@ for image in "$images"/awkward/* "$images"/formats/*; do
     files=$((files + 1))
     rm -f mesh.vtu report.json
     (
-        # KiB, and seconds of processor time, which other work on the machine does not count to; timeout is for what hangs.
+        # KiB, and seconds of processor time, which other work on the machine does not count to;
+        # timeout is for what hangs.
         ulimit -v 2097152
         ulimit -t 5
-        exec timeout -s KILL 60 "$mesh_image" "$image" -o mesh.vtu --report report.json --quiet >out 2>err
+        exec timeout -s KILL 60 "$mesh_image" "$image" -o mesh.vtu --report report.json --quiet \
+            >out 2>err
     )
     status=$?
     wanted=$(wanted_status "$name")
-    [ "$status" -eq "${wanted:-$status}" ] || fail "$name: exit status $status, wanted $wanted: $(cat err)"
+    [ "$status" -eq "${wanted:-$status}" ] || fail \
+        "$name: exit status $status, wanted $wanted: $(cat err)"
     [ ! -s out ] || fail "$name: --quiet printed: $(cat out)"
     errors=$(grep -c -v '^mesh_image: warning: ' err)
     case $status in

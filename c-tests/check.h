@@ -1,4 +1,5 @@
-/* The smallest of test frameworks: CHECK counts and prints what does not hold, RESULT is main's return value. */
+/* The smallest of test frameworks: CHECK counts and prints what does not hold, RESULT is main's
+ * return value. */
 #ifndef LAPD_CHECK_H
 #define LAPD_CHECK_H
 
@@ -6,12 +7,12 @@
 
 static int check_failures;
 
-#define CHECK(condition)                                                                                               \
-    do {                                                                                                               \
-        if (!(condition)) {                                                                                            \
-            fprintf(stderr, "%s:%d: failed: %s\n", __FILE__, __LINE__, #condition);                                    \
-            check_failures++;                                                                                          \
-        }                                                                                                              \
+#define CHECK(condition)                                                                           \
+    do {                                                                                           \
+        if (!(condition)) {                                                                        \
+            fprintf(stderr, "%s:%d: failed: %s\n", __FILE__, __LINE__, #condition);                \
+            check_failures++;                                                                      \
+        }                                                                                          \
     } while (0)
 
 #define RESULT (check_failures == 0 ? 0 : 1)

@@ -24,11 +24,30 @@ def enter_environment(folder, what):
         except (OSError, subprocess.CalledProcessError) as error:
             skip(f"{what}, no virtual environment can be made: {error}")
             sys.exit(0)
-        pip = [python, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-deps", "--retries", "1"]
-        run = subprocess.run([*pip, "-r", wanted], check=False, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        pip = [
+            python,
+            "-m",
+            "pip",
+            "--disable-pip-version-check",
+            "install",
+            "--quiet",
+            "--no-deps",
+            "--retries",
+            "1",
+        ]
+        run = subprocess.run(
+            [*pip, "-r", wanted],
+            check=False,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
         if run.returncode != 0:
             print(run.stdout)
-            skip(f"{what}, pip could not install {wanted.name}: {run.stdout.strip().splitlines()[-1]}")
+            skip(
+                f"{what}, pip could not install {wanted.name}: "
+                f"{run.stdout.strip().splitlines()[-1]}"
+            )
             sys.exit(0)
         stamp.write_text(wanted.read_text())
     os.execv(python, [python, *sys.argv])

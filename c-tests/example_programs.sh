@@ -1,6 +1,7 @@
 #!/bin/sh
-# The smaller example programs, run as a user would: sh example_programs.sh PROGRAM FOLDER WORK, where PROGRAM is minimal,
-# itk_to_lapd or vtk_view and FOLDER is where they were built. What was not built, for want of ITK or VTK, is SKIPPED.
+# The smaller example programs, run as a user would: sh example_programs.sh PROGRAM FOLDER WORK,
+# where PROGRAM is minimal, itk_to_lapd or vtk_view and FOLDER is where they were built. What was
+# not built, for want of ITK or VTK, is SKIPPED.
 set -u
 program=$1 folder=$2 work=$3
 rm -rf "$work"
@@ -15,8 +16,10 @@ fail() {
 
 if [ ! -x "$folder/$program" ]; then
     case $program in
-    itk_to_lapd) echo "SKIPPED: the example itk_to_lapd, ITK is missing (apt-get install libinsighttoolkit5-dev: 30 MB)" ;;
-    vtk_view) echo "SKIPPED: the example vtk_view, VTK is missing (apt-get install libvtk9-dev xvfb xauth: 170 MB)" ;;
+    itk_to_lapd)
+        echo "SKIPPED: the example itk_to_lapd, ITK is missing (libinsighttoolkit5-dev: 30 MB)" ;;
+    vtk_view)
+        echo "SKIPPED: the example vtk_view, VTK is missing (libvtk9-dev xvfb xauth: 170 MB)" ;;
     *) fail "$program was not built" ;;
     esac
     exit $failed
@@ -24,7 +27,8 @@ fi
 
 # A box of label 1 with boxes of 2 and 3 in it, 16 voxels wide.
 {
-    printf 'NRRD0004\ntype: uchar\ndimension: 3\nsizes: 16 16 16\nencoding: raw\nspacings: 1 1 1\n\n'
+    printf 'NRRD0004\ntype: uchar\ndimension: 3\nsizes: 16 16 16\n'
+    printf 'encoding: raw\nspacings: 1 1 1\n\n'
     awk 'BEGIN {
         for (z = 0; z < 16; z++) for (y = 0; y < 16; y++) for (x = 0; x < 16; x++) {
             outer = x > 0 && x < 15 && y > 0 && y < 15 && z > 0 && z < 15
@@ -41,7 +45,8 @@ expect() {
     $wrapper "$folder/$program" "$@" >out 2>err
     got=$?
     [ "$got" -eq "$wanted" ] || fail "$program $*: exit status $got, wanted $wanted: $(cat err)"
-    [ "$wanted" -eq 0 ] || [ "$(wc -l <err)" -eq 1 ] || fail "$program $*: wanted one line on stderr: $(cat err)"
+    [ "$wanted" -eq 0 ] || [ "$(wc -l <err)" -eq 1 ] ||
+        fail "$program $*: wanted one line on stderr: $(cat err)"
 }
 
 wrapper=
@@ -62,7 +67,8 @@ itk_to_lapd)
     expect 2 boxes.nrrd
     expect 1 missing.nrrd a.vtu
     expect 1 boxes.nrrd a.vtu -1
-    sed 's/^type: uchar/type: float\nendian: little/; s/^sizes: 16 16 16/sizes: 16 16 4/' boxes.nrrd >float.nrrd
+    sed 's/^type: uchar/type: float\nendian: little/; s/^sizes: 16 16 16/sizes: 16 16 4/' \
+        boxes.nrrd >float.nrrd
     expect 1 float.nrrd a.vtu
     grep -q 'type float, labels are integers' err || fail "the message about floats: $(cat err)"
     ;;
@@ -71,7 +77,7 @@ vtk_view)
     expect 1 missing.nrrd a.png
     if [ -z "${DISPLAY-}" ]; then
         command -v xvfb-run >/dev/null 2>&1 || {
-            echo "SKIPPED: the picture of vtk_view, there is no X server (apt-get install xvfb xauth)"
+            echo "SKIPPED: the picture of vtk_view, there is no X server (xvfb xauth)"
             exit $failed
         }
         wrapper='xvfb-run -a'
@@ -101,7 +107,8 @@ while at < len(data):
 raw, stride, above = zlib.decompress(packed), 3 * width, bytes(3 * width)
 hues, white = collections.Counter(), 0
 for y in range(height):
-    filtering, line = raw[y * (stride + 1)], bytearray(raw[y * (stride + 1) + 1 : (y + 1) * (stride + 1)])
+    start = y * (stride + 1)
+    filtering, line = raw[start], bytearray(raw[start + 1 : start + 1 + stride])
     for i in range(stride):
         a, b, c = (line[i - 3] if i > 2 else 0), above[i], (above[i - 3] if i > 2 else 0)
         if filtering == 4:

@@ -1,9 +1,11 @@
-# Writes calls of every function of lapd.h with each of its pointers NULL, one at a time, for test_null.c to include:
-# awk -v out=FILE -f null_arguments.awk lapd.h
+# Writes calls of every function of lapd.h with each of its pointers NULL, one at a time, for
+# test_null.c to include: awk -v out=FILE -f null_arguments.awk lapd.h
 #
-# New functions are covered as they appear in the header. Where the header allows NULL, that is said here.
+# New functions are covered as they appear in the header. Where the header allows NULL, that is said
+# here.
 #
-# It relies on the header's form, which cbindgen gives it: comments on lines of their own, declarations that begin in column 1.
+# It relies on the header's form, which cbindgen gives it: comments on lines of their own,
+# declarations that begin in column 1.
 
 BEGIN {
     allowed["lapd_image_create strides"]
@@ -69,7 +71,7 @@ function valid(type, parameter,    base) {
     return parameter == "index" ? "0" : "1"
 }
 
-function calls(text,    name, list, count, i, k, types, names, arguments) {
+function calls(text,    name, list, count, i, k, types, names, arguments, is_null, told) {
     name = text
     sub(/\(.*/, "", name)
     sub(/.*[ *]/, "", name)
@@ -92,11 +94,14 @@ function calls(text,    name, list, count, i, k, types, names, arguments) {
         arguments = ""
         for (i = 1; i <= count; i++) {
             arguments = arguments (i > 1 ? ", " : "")
-            arguments = arguments (i == k || may_be_null(name, types[i], names[i]) ? "NULL" : valid(types[i], names[i]))
+            is_null = i == k || may_be_null(name, types[i], names[i])
+            arguments = arguments (is_null ? "NULL" : valid(types[i], names[i]))
         }
         if (text !~ /^ *lapd_status / || may_be_null(name, types[k], names[k]))
             print "SURVIVES(" name "(" arguments "));" > out
-        else
-            print "REFUSES(" (list ~ /^lapd_context \*context/ && k > 1 ? "\"" names[k] "\"" : "NULL") ", " name "(" arguments "));" > out
+        else {
+            told = list ~ /^lapd_context \*context/ && k > 1 ? "\"" names[k] "\"" : "NULL"
+            print "REFUSES(" told ", " name "(" arguments "));" > out
+        }
     }
 }

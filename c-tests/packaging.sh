@@ -1,9 +1,11 @@
 #!/bin/sh
-# Tests of the package, one at a time: sh packaging.sh TEST SOURCE INSTALLED UNINSTALLED WORK CARGO_TARGET_DIR
+# Tests of the package, one at a time: sh packaging.sh TEST SOURCE INSTALLED UNINSTALLED WORK
+# CARGO_TARGET_DIR
 #
-# INSTALLED and UNINSTALLED are the install tree and the build tree of a release build. Tests whose name ends in _debug use a debug
-# build of lapd, of which debug_tree makes both under WORK; all build in one cargo target folder, so that cargo compiles little more
-# than once for each of the two profiles.
+# INSTALLED and UNINSTALLED are the install tree and the build tree of a release build. Tests whose
+# name ends in _debug use a debug build of lapd, of which debug_tree makes both under WORK; all
+# build in one cargo target folder, so that cargo compiles little more than once for each of the two
+# profiles.
 set -eu
 test=$1 source=$2 installed=$3 uninstalled=$4 work=$5/$1 target=$6
 debug=$5/debug_tree
@@ -44,7 +46,8 @@ run_programs() {
 consume() {
     way=$1
     shift
-    quietly cmake -S "$source/c-tests/consumer" -B "$work/build" -DCMAKE_BUILD_TYPE=$build_type -DCONSUMER_WAY="$way" \
+    quietly cmake -S "$source/c-tests/consumer" -B "$work/build" -DCMAKE_BUILD_TYPE=$build_type \
+        -DCONSUMER_WAY="$way" \
         -DLAPD_CARGO_TARGET_DIR="$target" "$@"
     quietly cmake --build "$work/build"
     run_programs
@@ -54,20 +57,24 @@ consume() {
 consume_pkg_config() {
     PKG_CONFIG_PATH=$1
     export PKG_CONFIG_PATH
-    [ "$(pkg-config --modversion lapd)" = "$(sed -n 's/^version = "\(.*\)"/\1/p' "$source/Cargo.toml" | head -n 1)" ]
+    [ "$(pkg-config --modversion lapd)" = \
+        "$(sed -n 's/^version = "\(.*\)"/\1/p' "$source/Cargo.toml" | head -n 1)" ]
     mkdir "$work/build"
     optimise=-O2
     [ $build_type = Release ] || optimise=-g
+    warnings="-Wall -Wextra -Wpedantic -Werror"
     for language in c cpp; do
         if [ $language = c ]; then
-            compile="cc -std=c11 $optimise -Wall -Wextra -Wpedantic -Werror $source/c-tests/consumer/main.c"
+            compile="cc -std=c11 $source/c-tests/consumer/main.c"
         else
-            compile="c++ -std=c++17 $optimise -Wall -Wextra -Wpedantic -Werror $source/c-tests/consumer/main.cpp"
+            compile="c++ -std=c++17 $source/c-tests/consumer/main.cpp"
         fi
         # Word splitting is wanted: pkg-config prints several options.
-        quietly $compile -o "$work/build/${language}_lapd" $(pkg-config --cflags --libs lapd) \
+        quietly $compile $optimise $warnings -o "$work/build/${language}_lapd" \
+            $(pkg-config --cflags --libs lapd) \
             "-Wl,-rpath,$(pkg-config --variable=libdir lapd)"
-        quietly $compile -o "$work/build/${language}_lapd_static" $(pkg-config --cflags lapd) "$2/liblapd.a" \
+        quietly $compile $optimise $warnings -o "$work/build/${language}_lapd_static" \
+            $(pkg-config --cflags lapd) "$2/liblapd.a" \
             $(pkg-config --libs --static lapd | sed 's/-llapd//')
     done
     run_programs
@@ -75,7 +82,8 @@ consume_pkg_config() {
 
 case $test in
 debug_tree)
-    quietly cmake -S "$source" -B "$work/build" -DCMAKE_BUILD_TYPE=Debug -DCMAKE_INSTALL_PREFIX="$work/install" \
+    quietly cmake -S "$source" -B "$work/build" -DCMAKE_BUILD_TYPE=Debug \
+        -DCMAKE_INSTALL_PREFIX="$work/install" \
         -DCMAKE_INSTALL_LIBDIR=lib -DLAPD_CARGO_TARGET_DIR="$target"
     quietly cmake --build "$work/build"
     quietly cmake --install "$work/build"
@@ -93,8 +101,10 @@ fetch_source | fetch_source_debug)
     consume fetch_source -DCONSUMER_SOURCE="$source"
     ;;
 fetch_url_debug)
-    # An archive of the tree needs nothing that is not in it. In debug only: cargo compiles what lies in another folder again.
-    tar -C "$source" --exclude=./build --exclude=./target --exclude=./.git -czf "$work/lapd.tar.gz" .
+    # An archive of the tree needs nothing that is not in it. In debug only: cargo compiles what
+    # lies in another folder again.
+    tar -C "$source" --exclude=./build --exclude=./target --exclude=./.git \
+        -czf "$work/lapd.tar.gz" .
     consume fetch_url -DCONSUMER_URL="file://$work/lapd.tar.gz"
     ;;
 pkg_config | pkg_config_debug)
@@ -104,9 +114,12 @@ pkg_config_uninstalled | pkg_config_uninstalled_debug)
     consume_pkg_config "$uninstalled" "$uninstalled/lib"
     ;;
 pkg_config_absolute)
-    # Folders may be given by absolute paths, outside of the prefix. What lapd.pc says of them is known without building.
-    quietly cmake -S "$source" -B "$work/build" -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX="$work/prefix" \
-        -DCMAKE_INSTALL_LIBDIR="$work/there/lib" -DCMAKE_INSTALL_INCLUDEDIR="$work/elsewhere/include" \
+    # Folders may be given by absolute paths, outside of the prefix. What lapd.pc says of them is
+    # known without building.
+    quietly cmake -S "$source" -B "$work/build" -DCMAKE_BUILD_TYPE=Release \
+        -DCMAKE_INSTALL_PREFIX="$work/prefix" \
+        -DCMAKE_INSTALL_LIBDIR="$work/there/lib" \
+        -DCMAKE_INSTALL_INCLUDEDIR="$work/elsewhere/include" \
         -DLAPD_CARGO_TARGET_DIR="$target"
     PKG_CONFIG_PATH=$work/build/package
     export PKG_CONFIG_PATH
@@ -140,8 +153,10 @@ END
     ;;
 symbols)
     # The shared library exports the functions of the header, and nothing else.
-    nm -D --defined-only "$installed/lib/liblapd.so" | awk '{print $3}' | sed 's/@.*//' | sort >"$work/exported"
-    sed -n 's/^[a-z].*[ *]\(lapd_[a-z0-9_]*\)(.*/\1/p' "$installed/include/lapd.h" | grep -v '_fn$' | sort >"$work/declared"
+    nm -D --defined-only "$installed/lib/liblapd.so" | awk '{print $3}' |
+        sed 's/@.*//' | sort >"$work/exported"
+    sed -n 's/^[a-z].*[ *]\(lapd_[a-z0-9_]*\)(.*/\1/p' "$installed/include/lapd.h" |
+        grep -v '_fn$' | sort >"$work/declared"
     [ "$(wc -l <"$work/declared")" -gt 50 ]
     diff "$work/exported" "$work/declared"
     ;;
@@ -149,7 +164,8 @@ libraries)
     # It needs the system's libraries only, and says its own versioned name.
     readelf -d "$installed/lib/liblapd.so" >"$work/dynamic"
     sed -n 's/.*(NEEDED).*\[\(.*\)\]/\1/p' "$work/dynamic" >"$work/needed"
-    if grep -v -E '^(libc|libm|libgcc_s|libpthread|libdl|librt|libutil|ld-linux[^.]*)\.so\.' "$work/needed"; then
+    if grep -v -E '^(libc|libm|libgcc_s|libpthread|libdl|librt|libutil|ld-linux[^.]*)\.so\.' \
+        "$work/needed"; then
         echo "these libraries are not the system's"
         exit 1
     fi

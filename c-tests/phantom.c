@@ -21,7 +21,8 @@ static void *allocate(size_t count, size_t size) {
 
 static void require(lapd_status status, lapd_context *context) {
     if (status != LAPD_OK) {
-        fprintf(stderr, "cannot go on: %s: %s\n", lapd_status_name(status), lapd_context_last_error(context));
+        fprintf(stderr, "cannot go on: %s: %s\n", lapd_status_name(status),
+                lapd_context_last_error(context));
         exit(1);
     }
 }
@@ -51,7 +52,9 @@ lapd_image *unit_image(lapd_context *context, const uint8_t *voxels, size_t n) {
     const size_t dims[3] = {n, n, n};
     const double origin[3] = {0, 0, 0}, spacing[3] = {1, 1, 1};
     lapd_image *image = NULL;
-    require(lapd_image_create(context, voxels, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, &image), context);
+    require(lapd_image_create(context, voxels, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL,
+                              &image),
+            context);
     return image;
 }
 
@@ -81,7 +84,8 @@ static arrays get_arrays(const lapd_mesh *mesh) {
     CHECK(lapd_mesh_get_facets(mesh, &a.facets, &a.facet_count) == LAPD_OK);
     CHECK(lapd_mesh_get_facet_labels(mesh, &a.facet_labels, &n[2]) == LAPD_OK);
     CHECK(lapd_mesh_get_facet_tets(mesh, &a.facet_tets, &n[3]) == LAPD_OK);
-    CHECK(n[0] == a.tet_count && n[1] == a.tet_count && n[2] == a.facet_count && n[3] == a.facet_count);
+    CHECK(n[0] == a.tet_count && n[1] == a.tet_count && n[2] == a.facet_count &&
+          n[3] == a.facet_count);
     return a;
 }
 
@@ -93,7 +97,8 @@ static double signed_volume_6(const double *p, uint32_t a, uint32_t b, uint32_t 
         v[i] = p[3 * c + i] - p[3 * a + i];
         w[i] = p[3 * d + i] - p[3 * a + i];
     }
-    return (u[1] * v[2] - u[2] * v[1]) * w[0] + (u[2] * v[0] - u[0] * v[2]) * w[1] + (u[0] * v[1] - u[1] * v[0]) * w[2];
+    return (u[1] * v[2] - u[2] * v[1]) * w[0] + (u[2] * v[0] - u[0] * v[2]) * w[1] +
+           (u[0] * v[1] - u[1] * v[0]) * w[2];
 }
 
 static double tet_volume(const arrays *a, size_t t) {
@@ -114,14 +119,16 @@ static int opposite_vertex(const arrays *a, size_t t, const uint32_t *facet) {
     return outside == 1 ? opposite : 4;
 }
 
-/* Counts what is wrong instead of printing every case. Returns the number of facets where the label changes. */
+/* Counts what is wrong instead of printing every case. Returns the number of facets where the label
+ * changes. */
 static size_t check_tets(const arrays *a, bool background, size_t *wrong) {
     size_t changes = 0;
     for (size_t t = 0; t < a->tet_count; t++) {
         bool in_range = true;
         for (int i = 0; i < 4; i++) {
             uint32_t n = a->neighbors[4 * t + i];
-            in_range = in_range && a->tets[4 * t + i] < a->point_count && (n < a->tet_count || n == LAPD_NO_TET);
+            in_range = in_range && a->tets[4 * t + i] < a->point_count &&
+                       (n < a->tet_count || n == LAPD_NO_TET);
         }
         if (!in_range) {
             ++*wrong;
@@ -167,7 +174,8 @@ static size_t check_facets(const arrays *a) {
                 wrong++;
                 continue;
             }
-            double height = signed_volume_6(a->points, facet[0], facet[1], facet[2], a->tets[4 * (size_t)t + opposite]);
+            double height = signed_volume_6(a->points, facet[0], facet[1], facet[2],
+                                            a->tets[4 * (size_t)t + opposite]);
             wrong += a->labels[t] != label;
             /* The normal leads from the first side to the second. */
             wrong += side == 0 ? !(height < 0) : !(height > 0);
@@ -183,7 +191,8 @@ static void check_report(const lapd_mesh *mesh, const arrays *a) {
     CHECK(counts.interface_facets == a->facet_count);
     lapd_improvement improvement = {.struct_size = sizeof improvement};
     CHECK(lapd_mesh_get_improvement(mesh, &improvement) == LAPD_OK);
-    CHECK(counts.all_tets >= counts.tets && counts.all_vertices + improvement.splits >= counts.vertices);
+    CHECK(counts.all_tets >= counts.tets &&
+          counts.all_vertices + improvement.splits >= counts.vertices);
     CHECK(counts.oracle_bytes > 0);
 
     size_t rows = 0, row_tets = 0;
@@ -199,7 +208,8 @@ static void check_report(const lapd_mesh *mesh, const arrays *a) {
 
     lapd_certificate certificate = {.struct_size = sizeof certificate};
     CHECK(lapd_mesh_get_certificate(mesh, &certificate) == LAPD_OK);
-    CHECK(certificate.non_delaunay_facets == 0 && certificate.inverted_tets == 0 && certificate.orphan_vertices == 0);
+    CHECK(certificate.non_delaunay_facets == 0 && certificate.inverted_tets == 0 &&
+          certificate.orphan_vertices == 0);
 }
 
 void check_mesh(const lapd_mesh *mesh, bool background) {
@@ -234,7 +244,8 @@ double label_volume(const lapd_mesh *mesh, int32_t label) {
 
 bool same_mesh(const lapd_mesh *first, const lapd_mesh *second) {
     arrays a = get_arrays(first), b = get_arrays(second);
-    return a.point_count == b.point_count && a.tet_count == b.tet_count && a.facet_count == b.facet_count &&
+    return a.point_count == b.point_count && a.tet_count == b.tet_count &&
+           a.facet_count == b.facet_count &&
            memcmp(a.points, b.points, 3 * a.point_count * sizeof *a.points) == 0 &&
            memcmp(a.tets, b.tets, 4 * a.tet_count * sizeof *a.tets) == 0 &&
            memcmp(a.labels, b.labels, a.tet_count * sizeof *a.labels) == 0 &&

@@ -2,11 +2,13 @@
 
     python3 readback.py MESH_IMAGE LIBRARY WORK ENVIRONMENT
 
-meshio, gmsh, VTK and trimesh read the files, and what they see is compared with the arrays that LIBRARY, the installed shared
-library, hands out for the same image and parameters: points to the last bit, tets with labels, orientation and volumes, facets with
-their pairs of labels, and that normals point from the first to the second. CalculiX solves a problem on the Abaqus file. ENVIRONMENT is
-a Python virtual environment with requirements.txt, which is made when it is missing. Without network, or where one of the programs
-cannot be loaded, a line says what was SKIPPED. Exit status 1 if anything differs.
+meshio, gmsh, VTK and trimesh read the files, and what they see is compared with the arrays that
+LIBRARY, the installed shared library, hands out for the same image and parameters: points to the
+last bit, tets with labels, orientation and volumes, facets with their pairs of labels, and that
+normals point from the first to the second. CalculiX solves a problem on the Abaqus file.
+ENVIRONMENT is a Python virtual environment with requirements.txt, which is made when it is missing.
+Without network, or where one of the programs cannot be loaded, a line says what was SKIPPED. Exit
+status 1 if anything differs.
 """
 
 import ctypes
@@ -16,7 +18,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-
 
 # Nothing is to be written beside the sources.
 sys.dont_write_bytecode = True
@@ -42,7 +43,8 @@ AS_STORED = 0
 
 
 def phantom(labels):
-    """An ellipsoid of the first label, in it two halves of a ball of the next two labels, and a box of the last one on the image's edge."""
+    """An ellipsoid of the first label, in it two halves of a ball of the next two labels, and a
+    box of the last one on the image's edge."""
     z, y, x = np.mgrid[:24, :26, :28]
     image = np.zeros(x.shape, dtype="<i4")
     outer, left, right, box = labels
@@ -56,8 +58,14 @@ def phantom(labels):
 
 def write_nrrd(path, image):
     sizes = " ".join(str(n) for n in reversed(image.shape))
-    place = "space: left-posterior-superior\nspace directions: (0.9,0,0) (0,1,0) (0,0,1.1)\nspace origin: (0,0,0)\n"
-    header = f"NRRD0004\ntype: int\ndimension: 3\n{place}sizes: {sizes}\nendian: little\nencoding: raw\n\n"
+    place = (
+        "space: left-posterior-superior\nspace directions: (0.9,0,0) (0,1,0) (0,0,1.1)\nspace "
+        "origin: (0,0,0)\n"
+    )
+    header = (
+        f"NRRD0004\ntype: int\ndimension: 3\n{place}sizes: {sizes}\nendian: little\nencoding: raw\n"
+        "\n"
+    )
     path.write_bytes(header.encode() + image.tobytes())
 
 
@@ -112,10 +120,20 @@ class Library:
 
     def second_order_reference(self, image_path):
         mesh = self.mesh(image_path, False, order=2)
-        corners = {"tet": self.array(mesh, "tets", ctypes.c_uint32, 4), "facet": self.array(mesh, "facets", ctypes.c_uint32, 3)}
-        middles = {"tet": self.array(mesh, "tet_mid_nodes", ctypes.c_uint32, 6), "facet": self.array(mesh, "facet_mid_nodes", ctypes.c_uint32, 3)}
-        tets, facets = (np.hstack([corners[kind], middles[kind]]).astype(np.int64) for kind in ("tet", "facet"))
-        points, labels = self.array(mesh, "points", ctypes.c_double, 3), self.array(mesh, "labels", ctypes.c_int32, 1)
+        corners = {
+            "tet": self.array(mesh, "tets", ctypes.c_uint32, 4),
+            "facet": self.array(mesh, "facets", ctypes.c_uint32, 3),
+        }
+        middles = {
+            "tet": self.array(mesh, "tet_mid_nodes", ctypes.c_uint32, 6),
+            "facet": self.array(mesh, "facet_mid_nodes", ctypes.c_uint32, 3),
+        }
+        tets, facets = (
+            np.hstack([corners[kind], middles[kind]]).astype(np.int64) for kind in ("tet", "facet")
+        )
+        points, labels = self.array(mesh, "points", ctypes.c_double, 3), self.array(
+            mesh, "labels", ctypes.c_int32, 1
+        )
         self.lapd.lapd_mesh_free(mesh)
         return readback_second_order.Nodes(points, tets, labels, facets)
 
@@ -134,13 +152,22 @@ def sorted_rows(*columns):
 
 
 def in_reference_order(seen, reference):
-    """`seen` with the numbers that the reference gives to the same points, which are all different."""
+    """`seen` with the numbers that the reference gives to the same points, which are all
+    different."""
     there, here = np.lexsort(reference.points.T), np.lexsort(seen.points.T)
     number = np.empty(len(here), dtype=np.int64)
     number[here] = there
     points = np.empty_like(seen.points)
     points[number] = seen.points
-    return Seen(points, number[seen.tets], seen.labels, number[seen.facets], seen.pairs, seen.volumes, in_order=False)
+    return Seen(
+        points,
+        number[seen.tets],
+        seen.labels,
+        number[seen.facets],
+        seen.pairs,
+        seen.volumes,
+        in_order=False,
+    )
 
 
 def compare_tets(seen, reference):
@@ -153,7 +180,9 @@ def compare_tets(seen, reference):
         got, wanted = (sorted_rows(mesh.tets, mesh.labels) for mesh in (seen, reference))
         assert np.array_equal(got, wanted), "tets and labels differ"
         if seen.in_order:
-            assert np.array_equal(seen.tets, reference.tets) and np.array_equal(seen.labels, reference.labels)
+            assert np.array_equal(seen.tets, reference.tets) and np.array_equal(
+                seen.labels, reference.labels
+            )
     if seen.volumes is not None:
         assert (seen.volumes > 0).all(), "the reader finds inverted tets"
         assert np.allclose(seen.volumes, reference.volumes, rtol=1e-9, atol=1e-12)
@@ -162,36 +191,54 @@ def compare_tets(seen, reference):
 def compare_facets(seen, reference):
     assert len(seen.facets) == len(seen.pairs) == len(reference.facets)
     # A facet may begin with any of its vertices, as long as its normal stays.
-    turned = [np.stack([np.roll(f, -f.argmin()) for f in mesh.facets]) for mesh in (seen, reference)]
-    assert np.array_equal(sorted_rows(turned[0], seen.pairs), sorted_rows(turned[1], reference.pairs)), "facets or pairs differ"
+    turned = [
+        np.stack([np.roll(f, -f.argmin()) for f in mesh.facets]) for mesh in (seen, reference)
+    ]
+    assert np.array_equal(
+        sorted_rows(turned[0], seen.pairs), sorted_rows(turned[1], reference.pairs)
+    ), "facets or pairs differ"
     if seen.in_order:
-        assert np.array_equal(seen.facets, reference.facets) and np.array_equal(seen.pairs, reference.pairs)
+        assert np.array_equal(seen.facets, reference.facets) and np.array_equal(
+            seen.pairs, reference.pairs
+        )
 
 
 def compare_sides(seen):
-    """The tet behind a facet has its first label, the one before it has its second, or, without a tet, that is background. Facets
-    stand wherever two labels meet."""
+    """The tet behind a facet has its first label, the one before it has its second, or, without
+    a tet, that is background. Facets stand wherever two labels meet."""
     outward = seen.tets[:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
     count = int(seen.tets.max()) + 1
 
     def key(triangles):
         first = triangles.argmin(axis=1)
-        a, b, c = (np.take_along_axis(triangles, (first[:, None] + i) % 3, axis=1)[:, 0] for i in range(3))
+        a, b, c = (
+            np.take_along_axis(triangles, (first[:, None] + i) % 3, axis=1)[:, 0] for i in range(3)
+        )
         return (a * count + b) * count + c
 
     sides = dict(zip(key(outward).tolist(), np.repeat(seen.labels, 4).tolist()))
     assert len(sides) == 4 * len(seen.tets), "two tets on one side of a facet"
     behind = [sides.get(k, 0) for k in key(seen.facets).tolist()]
     before = [sides.get(k, 0) for k in key(seen.facets[:, ::-1]).tolist()]
-    assert np.array_equal(np.column_stack([behind, before]), seen.pairs), "labels on the sides of facets"
+    assert np.array_equal(
+        np.column_stack([behind, before]), seen.pairs
+    ), "labels on the sides of facets"
     reverse = key(outward[:, ::-1]).tolist()
-    boundary = sum(sides.get(k, 0) != label for k, label in zip(reverse, np.repeat(seen.labels, 4).tolist()))
-    unpaired = sum(sides.get(k) is None for k in key(seen.facets[:, ::-1]).tolist() + key(seen.facets).tolist())
+    boundary = sum(
+        sides.get(k, 0) != label for k, label in zip(reverse, np.repeat(seen.labels, 4).tolist())
+    )
+    unpaired = sum(
+        sides.get(k) is None for k in key(seen.facets[:, ::-1]).tolist() + key(seen.facets).tolist()
+    )
     assert boundary + unpaired == 2 * len(seen.facets), "interfaces without facets"
 
 
 def compare_volume_mesh(seen, reference, ending, report):
-    assert seen.points.dtype.kind == "f" and seen.points.dtype.itemsize == 8 and seen.points.shape == reference.points.shape
+    assert (
+        seen.points.dtype.kind == "f"
+        and seen.points.dtype.itemsize == 8
+        and seen.points.shape == reference.points.shape
+    )
     if ending == ".inp":
         # Points stand in order here; small numbers are rounded to 20 characters.
         assert np.allclose(seen.points, reference.points, rtol=1e-11, atol=0)
@@ -220,7 +267,11 @@ def compare_surface(seen, reference, ending):
     corners = seen.points[seen.facets]
     wanted = reference.points[reference.facets]
     single = ending == ".stl" or seen.points.dtype == np.float32
-    assert np.array_equal(corners.astype(np.float32), wanted.astype(np.float32)) if single else np.array_equal(corners, wanted)
+    assert (
+        np.array_equal(corners.astype(np.float32), wanted.astype(np.float32))
+        if single
+        else np.array_equal(corners, wanted)
+    )
     if ending != ".stl":
         assert len(seen.points) == len(np.unique(reference.facets)), "vertices that no facet has"
     if seen.pairs is not None:
@@ -228,7 +279,8 @@ def compare_surface(seen, reference, ending):
 
 
 def check_stl_normals(path, reference):
-    """The readers compute normals from the corners; those in the file must agree. 50 bytes per facet: normal, corners, 2 bytes."""
+    """The readers compute normals from the corners; those in the file must agree. 50 bytes per
+    facet: normal, corners, 2 bytes."""
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     normals = np.frombuffer(path.read_bytes(), dtype=record, offset=84)["normal"]
     a, b, c = (reference.points[reference.facets[:, i]] for i in range(3))
@@ -237,7 +289,8 @@ def check_stl_normals(path, reference):
 
 
 def check_space(folder, usable):
-    """Every format that has a place for it says what the world axes mean, where 3D Slicer looks, or in a comment."""
+    """Every format that has a place for it says what the world axes mean, where 3D Slicer looks,
+    or in a comment."""
     wanted = {
         ".stl": lambda data: data[:80],
         ".ply": lambda data: data.split(b"end_header")[0],
@@ -267,7 +320,14 @@ def comparison_finds_faults(reference, report):
     """Each of these meshes has a fault that must be found."""
 
     def copy():
-        arrays = (reference.points, reference.tets, reference.labels, reference.facets, reference.pairs, reference.volumes)
+        arrays = (
+            reference.points,
+            reference.tets,
+            reference.labels,
+            reference.facets,
+            reference.pairs,
+            reference.volumes,
+        )
         return Seen(*(array.copy() for array in arrays))
 
     faulty = [copy() for _ in range(6)]
@@ -327,21 +387,41 @@ def run_case(name, labels, background, library, usable):
     write_nrrd(image, phantom(labels))
     endings = sorted({ending for _, ending, _ in READERS})
     outputs = [argument for ending in endings for argument in ("-o", folder / f"mesh{ending}")]
-    options = ["--delta", str(DELTA), "--size", str(SIZE), "--report", folder / "report.json", "--quiet"]
-    subprocess.run([mesh_image, image, *outputs, *options, *(["--background"] if background else [])], check=True)
+    options = [
+        "--delta",
+        str(DELTA),
+        "--size",
+        str(SIZE),
+        "--report",
+        folder / "report.json",
+        "--quiet",
+    ]
+    subprocess.run(
+        [mesh_image, image, *outputs, *options, *(["--background"] if background else [])],
+        check=True,
+    )
     reference = library.reference(image, background)
     assert len(np.unique(reference.labels)) == 4 + background
     report = json.loads((folder / "report.json").read_text())
     comparison_finds_faults(reference, report)
     check_stl_normals(folder / "mesh.stl", reference)
     check_space(folder, usable)
-    print(f"{name}: labels {sorted(set(reference.labels.tolist()))}, {len(reference.tets)} tets, {len(reference.facets)} facets")
+    print(
+        f"{name}: labels {sorted(set(reference.labels.tolist()))}, {len(reference.tets)} tets, "
+        f"{len(reference.facets)} facets"
+    )
     failed = 0
     for program, ending, read in READERS:
         if program in usable:
-            failed += attempt(program, folder / f"mesh{ending}", lambda path, read=read: compare(read(path), reference, path.suffix, report))
+            failed += attempt(
+                program,
+                folder / f"mesh{ending}",
+                lambda path, read=read: compare(read(path), reference, path.suffix, report),
+            )
     if "ccx" in usable:
-        failed += attempt("ccx", folder / "mesh.inp", lambda path: readback_calculix.check(path, reference))
+        failed += attempt(
+            "ccx", folder / "mesh.inp", lambda path: readback_calculix.check(path, reference)
+        )
     return failed
 
 
@@ -352,17 +432,41 @@ def run_second_order(library, usable):
     write_nrrd(image, phantom([1, 2, 3, 7]))
     endings = sorted({ending for _, ending, _ in readback_second_order.READERS})
     outputs = [argument for ending in endings for argument in ("-o", folder / f"mesh{ending}")]
-    options = ["--delta", str(DELTA), "--size", str(SIZE), "--order", "2", "--curved", "--report", folder / "report.json", "--quiet"]
+    options = [
+        "--delta",
+        str(DELTA),
+        "--size",
+        str(SIZE),
+        "--order",
+        "2",
+        "--curved",
+        "--report",
+        folder / "report.json",
+        "--quiet",
+    ]
     subprocess.run([mesh_image, image, *outputs, *options], check=True)
     reference = library.second_order_reference(image)
     report = json.loads((folder / "report.json").read_text())["second_order"]
-    print(f"second order: {len(reference.tets)} tets, {report['curved']} of {report['nodes']} nodes curved")
+    print(
+        f"second order: {len(reference.tets)} tets, {report['curved']} of {report['nodes']} nodes "
+        "curved"
+    )
     failed = 0
     for program, ending, read in readback_second_order.READERS:
         if program in usable:
-            failed += attempt(program, folder / f"mesh{ending}", lambda path, read=read: readback_second_order.compare(read(path), reference, path.suffix))
+            failed += attempt(
+                program,
+                folder / f"mesh{ending}",
+                lambda path, read=read: readback_second_order.compare(
+                    read(path), reference, path.suffix
+                ),
+            )
     if "ccx" in usable:
-        failed += attempt("ccx", folder / "mesh.inp", lambda path: readback_second_order.calculix(path, report["volume"]))
+        failed += attempt(
+            "ccx",
+            folder / "mesh.inp",
+            lambda path: readback_second_order.calculix(path, report["volume"]),
+        )
     return failed
 
 
@@ -375,5 +479,7 @@ CASES = [
 
 usable_now = usable_programs()
 lapd = Library(library_path)
-failures = sum(run_case(*case, lapd, usable_now) for case in CASES) + run_second_order(lapd, usable_now)
+failures = sum(run_case(*case, lapd, usable_now) for case in CASES) + run_second_order(
+    lapd, usable_now
+)
 sys.exit(1 if failures else 0)

@@ -1,5 +1,7 @@
-"""What CalculiX, a solver of its own that takes Abaqus files, makes of our element sets and surfaces: it solves a small problem on the
-mesh and prints the volume of each set, and the area and mean normal of each surface. Its numbers have 7 digits."""
+"""What CalculiX, a solver of its own that takes Abaqus files, makes of our element sets and
+surfaces: it solves a small problem on the mesh and prints the volume of each set, and the area and
+mean normal of each surface. Its numbers have 7 digits.
+"""
 
 import re
 import subprocess
@@ -10,9 +12,7 @@ import numpy as np
 def solve(folder, lines):
     """What CalculiX prints of a job, of which it must have nothing to complain."""
     (folder / "job.inp").write_text("\n".join([*lines, "*END STEP", ""]))
-    run = subprocess.run(
-        ["ccx", "job"], check=False, cwd=folder, stdout=subprocess.PIPE, text=True
-    )
+    run = subprocess.run(["ccx", "job"], check=False, cwd=folder, stdout=subprocess.PIPE, text=True)
     complaints = re.findall(r".*(?:ERROR|WARNING|nonpositive).*", run.stdout)
     assert run.returncode == 0 and not complaints, complaints or run.stdout
     return (folder / "job.dat").read_text()
@@ -44,11 +44,18 @@ def check(path, reference):
     vectors = np.cross(b - a, c - a) / 2
     for section, pair in zip(sections, pairs):
         assert section.startswith(f"{pair[0]}_{pair[1]} "), section.splitlines()[0]
-        normal = np.array(re.search(rf"mean normal\s+{number}" + rf"\s+{number}" * 5, section).groups()[3:], dtype=float)
+        normal = np.array(
+            re.search(rf"mean normal\s+{number}" + rf"\s+{number}" * 5, section).groups()[3:],
+            dtype=float,
+        )
         area = float(re.search(rf"area, normal force.*\s+{number}", section)[1])
         of_pair = vectors[(reference.pairs == pair).all(axis=1)]
         areas = np.linalg.norm(of_pair, axis=1)
         assert abs(area / areas.sum() - 1) < 1e-6, (pair, area, areas.sum())
-        # Normals point out of the tets that make the surface: those of the second label where the first is background without tets.
+        # Normals point out of the tets that make the surface: those of the second label where the
+        # first is background without tets.
         outward = -1 if pair[0] not in labels else 1
-        assert np.allclose(normal, outward * of_pair.sum(axis=0) / areas.sum(), atol=1e-6), (pair, normal)
+        assert np.allclose(normal, outward * of_pair.sum(axis=0) / areas.sum(), atol=1e-6), (
+            pair,
+            normal,
+        )

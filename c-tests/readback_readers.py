@@ -1,7 +1,9 @@
-"""One function per program and format that reads a mesh file and returns what it saw, by nothing but that program.
+"""One function per program and format that reads a mesh file and returns what it saw, by nothing
+but that program.
 
-Where no program reads a part of a format (Abaqus surfaces, TetGen's .face, the comment lines with pairs of labels) the part is read
-here, from the format's manual. What the programs cannot do is said where it matters.
+Where no program reads a part of a format (Abaqus surfaces, TetGen's .face, the comment lines with
+pairs of labels) the part is read here, from the format's manual. What the programs cannot do is
+said where it matters.
 """
 
 import re
@@ -43,7 +45,8 @@ def pair_of(name):
 
 
 def meshio_volume(path):
-    """VTU, VTK, TetGen. meshio takes the first array of integers for the label when it converts; ours is the first."""
+    """VTU, VTK, TetGen. meshio takes the first array of integers for the label when it converts;
+    ours is the first."""
     import meshio
 
     mesh = meshio.read(path)
@@ -54,7 +57,9 @@ def meshio_volume(path):
     seen = Seen(mesh.points, mesh.cells[0].data, np.ravel(mesh.cell_data[name][0]))
     if path.suffix == ".node":
         # meshio leaves the .face file alone. Columns: number, vertices, marker.
-        rows = np.loadtxt(path.with_suffix(".face"), dtype=np.int64, skiprows=1, comments="#", ndmin=2)
+        rows = np.loadtxt(
+            path.with_suffix(".face"), dtype=np.int64, skiprows=1, comments="#", ndmin=2
+        )
         assert np.array_equal(rows[:, 0], np.arange(len(rows)))
         seen.facets = rows[:, 1:4]
         seen.pairs = pairs_in_comments(path.with_suffix(".face"))[rows[:, 4] - 1]
@@ -67,11 +72,14 @@ def meshio_medit(path):
     mesh = meshio.read(path)
     refs = mesh.cell_data_dict["medit:ref"]
     pairs = pairs_in_comments(path)[refs["triangle"] - 1]
-    return Seen(mesh.points, mesh.cells_dict["tetra"], refs["tetra"], mesh.cells_dict["triangle"], pairs)
+    return Seen(
+        mesh.points, mesh.cells_dict["tetra"], refs["tetra"], mesh.cells_dict["triangle"], pairs
+    )
 
 
 def meshio_msh(path):
-    """meshio drops the numbers of nodes and elements, so those of version 4.1, which stand by entity, have lost their order."""
+    """meshio drops the numbers of nodes and elements, so those of version 4.1, which stand by
+    entity, have lost their order."""
     import meshio
 
     mesh = meshio.read(path, file_format="gmsh")
@@ -82,9 +90,13 @@ def meshio_msh(path):
     return Seen(
         mesh.points,
         mesh.cells_dict["tetra"],
-        translate(groups["tetra"], {tag: label_of(names[3, tag]) for dim, tag in names if dim == 3}),
+        translate(
+            groups["tetra"], {tag: label_of(names[3, tag]) for dim, tag in names if dim == 3}
+        ),
         mesh.cells_dict["triangle"],
-        translate(groups["triangle"], {tag: pair_of(names[2, tag]) for dim, tag in names if dim == 2}),
+        translate(
+            groups["triangle"], {tag: pair_of(names[2, tag]) for dim, tag in names if dim == 2}
+        ),
         in_order=path.suffix == ".msh2",
     )
 
@@ -117,7 +129,8 @@ def meshio_abaqus(path):
             sides.setdefault(section.split("=")[-1], []).append(line.split(", "))
     by_number = np.empty((len(tets) + 1, 4), dtype=np.int64)
     by_number[numbers] = tets
-    # "C3D4": faces 1-2-3, 1-4-2, 2-4-3, 3-4-1; the normals of these point inwards, so they are turned round.
+    # "C3D4": faces 1-2-3, 1-4-2, 2-4-3, 3-4-1; the normals of these point inwards, so they are
+    # turned round.
     corners = {"S1": [0, 2, 1], "S2": [0, 1, 3], "S3": [1, 2, 3], "S4": [2, 0, 3]}
     label_by_number = np.empty(len(tets) + 1, dtype=np.int64)
     label_by_number[numbers] = labels
@@ -128,7 +141,9 @@ def meshio_abaqus(path):
             facet = by_number[int(number)][corners[side]]
             # Of the second label where the first is background that was not kept.
             inside = label_by_number[int(number)]
-            assert inside == first_label or (inside == second_label and first_label == 0 and 0 not in labels)
+            assert inside == first_label or (
+                inside == second_label and first_label == 0 and 0 not in labels
+            )
             facets.append(facet if inside == first_label else facet[::-1])
             pairs.append([first_label, second_label])
     return Seen(mesh.points, tets, labels, np.array(facets), np.array(pairs), in_order=False)
@@ -149,7 +164,11 @@ def vtk_volume(path):
     import vtk
     from vtk.util.numpy_support import vtk_to_numpy
 
-    reader = vtk.vtkXMLUnstructuredGridReader() if path.suffix == ".vtu" else vtk.vtkUnstructuredGridReader()
+    reader = (
+        vtk.vtkXMLUnstructuredGridReader()
+        if path.suffix == ".vtu"
+        else vtk.vtkUnstructuredGridReader()
+    )
     reader.SetFileName(str(path))
     reader.Update()
     grid = reader.GetOutput()
@@ -172,7 +191,9 @@ def vtk_surface(path):
     import vtk
     from vtk.util.numpy_support import vtk_to_numpy
 
-    reader = {".ply": vtk.vtkPLYReader, ".off": vtk.vtkOFFReader, ".stl": vtk.vtkSTLReader}[path.suffix]()
+    reader = {".ply": vtk.vtkPLYReader, ".off": vtk.vtkOFFReader, ".stl": vtk.vtkSTLReader}[
+        path.suffix
+    ]()
     if path.suffix == ".stl":
         reader.MergingOff()
     reader.SetFileName(str(path))
@@ -225,14 +246,17 @@ def gmsh_elements(dimension, entity):
 
 
 def gmsh_gather(points, meaning):
-    """All elements of the model, in the order of their numbers, with what `meaning` says of their entities."""
+    """All elements of the model, in the order of their numbers, with what `meaning` says of
+    their entities."""
     import gmsh
 
     parts = {2: [], 3: []}
     for dimension, entity in gmsh.model.getEntities():
         numbers, vertices = gmsh_elements(dimension, entity)
         means = np.array([meaning(dimension, entity)] * len(numbers))
-        measure = gmsh.model.mesh.getElementQualities(numbers, "volume") if dimension == 3 else numbers
+        measure = (
+            gmsh.model.mesh.getElementQualities(numbers, "volume") if dimension == 3 else numbers
+        )
         parts[dimension].append((numbers, vertices, means, measure))
     joined = {}
     for dimension, rows in parts.items():
@@ -244,7 +268,8 @@ def gmsh_gather(points, meaning):
 
 
 def gmsh_msh(path):
-    """Both versions. Every entity is one physical group of the same tag, whose name tells the label or the pair."""
+    """Both versions. Every entity is one physical group of the same tag, whose name tells the
+    label or the pair."""
     import gmsh
 
     points = gmsh_open(path)
@@ -254,7 +279,9 @@ def gmsh_msh(path):
         assert list(gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)) == [tag]
     labels = {tag: label_of(name) for (dimension, tag), name in groups.items() if dimension == 3}
     pairs = {tag: pair_of(name) for (dimension, tag), name in groups.items() if dimension == 2}
-    assert len(set(labels.values())) == len(labels) and sorted(pairs.values()) == [pairs[i + 1] for i in range(len(pairs))]
+    assert len(set(labels.values())) == len(labels) and sorted(pairs.values()) == [
+        pairs[i + 1] for i in range(len(pairs))
+    ]
     # A positive label is its own tag, those of 0 and below have tags that are no labels.
     for tag, label in labels.items():
         assert tag == label if label > 0 else tag > 0 and tag not in labels.values(), (tag, label)
@@ -262,9 +289,12 @@ def gmsh_msh(path):
         # Version 4.1 says what bounds a volume; outwards is positive.
         for tag, label in labels.items():
             boundary = {surface for _, surface in gmsh.model.getBoundary([(3, tag)], oriented=True)}
-            expected = {i for i, pair in pairs.items() if pair[0] == label} | {-i for i, pair in pairs.items() if pair[1] == label}
+            expected = {i for i, pair in pairs.items() if pair[0] == label} | {
+                -i for i, pair in pairs.items() if pair[1] == label
+            }
             assert boundary == expected, (label, boundary, expected)
-    # Each node belongs to the smallest surface that it is on, or else to a volume that it is in. Gmsh finds that for version 2.2 itself.
+    # Each node belongs to the smallest surface that it is on, or else to a volume that it is in.
+    # Gmsh finds that for version 2.2 itself.
     owner = np.zeros(len(points), dtype=np.int64)
     for tag in sorted(pairs, reverse=True):
         owner[gmsh_elements(2, tag)[1]] = tag
@@ -275,21 +305,29 @@ def gmsh_msh(path):
         nodes, _, _ = gmsh.model.mesh.getNodes(3, tag)
         vertices = np.unique(gmsh_elements(3, tag)[1])
         assert np.array_equal(np.sort(nodes) - 1, vertices[owner[vertices] == 0]), tag
-    return gmsh_gather(points, lambda dimension, entity: (labels if dimension == 3 else pairs)[entity])
+    return gmsh_gather(
+        points, lambda dimension, entity: (labels if dimension == 3 else pairs)[entity]
+    )
 
 
 def gmsh_medit(path):
-    """References become tags of entities. For Gmsh's interface a negative tag stands for all entities, so such labels cannot be asked
-    for; then only the elements as a whole are."""
+    """References become tags of entities. For Gmsh's interface a negative tag stands for all
+    entities, so such labels cannot be asked for; then only the elements as a whole are."""
     import gmsh
 
     points = gmsh_open(path)
     if min(entity for _, entity in gmsh.model.getEntities(3)) < 0:
         numbers, tets = gmsh_elements(3, -1)
         order = np.argsort(numbers)
-        return Seen(points, tets[order], volumes=gmsh.model.mesh.getElementQualities(numbers[order], "volume"))
+        return Seen(
+            points,
+            tets[order],
+            volumes=gmsh.model.mesh.getElementQualities(numbers[order], "volume"),
+        )
     pairs = pairs_in_comments(path)
-    return gmsh_gather(points, lambda dimension, entity: entity if dimension == 3 else pairs[entity - 1])
+    return gmsh_gather(
+        points, lambda dimension, entity: entity if dimension == 3 else pairs[entity - 1]
+    )
 
 
 # Which program reads which file.

@@ -1,6 +1,7 @@
 #!/bin/sh
-# Installs what is missing and runs every test, Rust and C. Ends with a line "N passed, N failed"; the exit status is 0 only if
-# none failed. What was not tested is said in lines that start with SKIPPED.
+# Installs what is missing and runs every test, Rust and C. Ends with a line "N passed, N failed";
+# the exit status is 0 only if none failed. What was not tested is said in lines that start with
+# SKIPPED.
 #
 # Logs are kept in build/logs. Real images are looked for in LAPD_IMAGES or in ../shared/images.
 set -u
@@ -29,7 +30,8 @@ skip() {
     echo "SKIPPED: $*" | tee -a "$skipped"
 }
 
-# step NAME COMMAND...: runs a command, shows its output only if it fails. Counts as one test, beside those that it may run.
+# step NAME COMMAND...: runs a command, shows its output only if it fails. Counts as one test,
+# beside those that it may run.
 step() {
     name=$1
     shift
@@ -41,7 +43,10 @@ step() {
         failed=$((failed + 1))
         printf 'FAILED  %-14s %4d s: %s\n' "$name" $(($(date +%s) - start)) "$*"
         # Of tests that failed, what they said; the end alone may be of later ones that passed.
-        { grep -h -A 12 ' panicked at ' "$logs/$name.log" | head -n 60; tail -n 60 "$logs/$name.log"; } | sed 's/^/    /'
+        {
+            grep -h -A 12 ' panicked at ' "$logs/$name.log" | head -n 60
+            tail -n 60 "$logs/$name.log"
+        } | sed 's/^/    /'
         return 1
     fi
 }
@@ -61,10 +66,12 @@ have pkg-config || missing="$missing pkg-config"
 have nm || missing="$missing binutils"
 have clang-format || missing="$missing clang-format"
 have python3 || missing="$missing python3"
-# What readback.py needs: CalculiX, virtual environments, and the libraries that the gmsh module from PyPI links to.
+# What readback.py needs: CalculiX, virtual environments, and the libraries that the gmsh module
+# from PyPI links to.
 have ccx || missing="$missing calculix-ccx"
 python3 -c 'import ensurepip' >/dev/null 2>&1 || missing="$missing python3-venv"
-for pair in libGL.so.1=libgl1 libGLU.so.1=libglu1-mesa libgomp.so.1=libgomp1 libXcursor.so.1=libxcursor1 libXft.so.2=libxft2 \
+for pair in libGL.so.1=libgl1 libGLU.so.1=libglu1-mesa libgomp.so.1=libgomp1 \
+    libXcursor.so.1=libxcursor1 libXft.so.2=libxft2 \
     libXinerama.so.1=libxinerama1; do
     PATH=$PATH:/sbin ldconfig -p | grep -q "${pair%=*}" || missing="$missing ${pair#*=}"
 done
@@ -80,13 +87,16 @@ if [ -n "$missing" ]; then
     [ "$(id -u)" -eq 0 ] || sudo=sudo
     install_packages() {
         # Word splitting is wanted: one word for each package.
-        $sudo apt-get update -q && DEBIAN_FRONTEND=noninteractive $sudo apt-get install -q -y --no-install-recommends $missing
+        $sudo apt-get update -q &&
+            DEBIAN_FRONTEND=noninteractive $sudo apt-get install -q -y \
+                --no-install-recommends $missing
     }
     step apt install_packages
 fi
 
-# Every dependency of every feature, so that nothing asks the registry later: the test of licences reads them all, also those
-# that nothing here compiles. A registry that does not answer is asked twice more.
+# Every dependency of every feature, so that nothing asks the registry later: the test of licences
+# reads them all, also those that nothing here compiles. A registry that does not answer is asked
+# twice more.
 fetch() {
     host=$(rustc -vV | sed -n 's/^host: //p')
     for pause in 10 60; do
@@ -105,8 +115,10 @@ else
     skip "rustfmt, this toolchain has none (rustup component add rustfmt)"
 fi
 if have clang-format; then
-    step clang-format clang-format --dry-run -Werror include/*.hpp examples/*.c examples/*.cpp examples/*.hpp examples/*.h c-tests/*.c c-tests/*.cpp \
-        c-tests/*.h c-tests/consumer/*.c c-tests/consumer/*.cpp c-tests/crossval/*.cpp c-tests/crossval/*.hpp
+    step clang-format clang-format --dry-run -Werror include/*.hpp examples/*.c examples/*.cpp \
+        examples/*.hpp examples/*.h c-tests/*.c c-tests/*.cpp \
+        c-tests/*.h c-tests/consumer/*.c c-tests/consumer/*.cpp c-tests/crossval/*.cpp \
+        c-tests/crossval/*.hpp
 else
     skip "clang-format is missing"
 fi
@@ -114,7 +126,8 @@ if cargo clippy --version >/dev/null 2>&1; then
     step clippy cargo clippy --quiet --locked --all-targets -- -D warnings
     features=simulation
     ! pkg-config --exists hwloc libudev || features=simulation,hwloc
-    step clippy-features cargo clippy --quiet --locked --all-targets --features "$features" -- -D warnings
+    step clippy-features cargo clippy --quiet --locked --all-targets --features "$features" -- \
+        -D warnings
 else
     skip "clippy, this toolchain has none (rustup component add clippy)"
 fi
@@ -126,13 +139,14 @@ cargo_tests() {
 }
 step cargo-test cargo_tests
 sum() {
-    sed -n "s/^test result: .* \([0-9][0-9]*\) $1;.*/\1/p" "$logs/cargo-test.log" | awk '{ n += $1 } END { print n + 0 }'
+    sed -n "s/^test result: .* \([0-9][0-9]*\) $1;.*/\1/p" "$logs/cargo-test.log" |
+        awk '{ n += $1 } END { print n + 0 }'
 }
 passed=$((passed + $(sum passed)))
 failed=$((failed + $(sum failed)))
 grep -h '^ *SKIPPED' "$logs/cargo-test.log" | sort -u | tee -a "$skipped"
 
-# ---- Parallel refinement: models of its coordination, locks that refuse at every step, virtual time ----
+# ---- Parallel refinement: models of its coordination, refusing locks, virtual time ----
 
 step verification sh verification/run.sh loom conflicts features
 grep -h '^ *SKIPPED' "$logs/verification.log" | sort -u | tee -a "$skipped"
@@ -140,20 +154,27 @@ grep -h '^ *SKIPPED' "$logs/verification.log" | sort -u | tee -a "$skipped"
 # ---- C: build and install as users do, then the tests ----
 
 build_package() {
-    cmake -S . -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX="$build/install" -DCMAKE_INSTALL_LIBDIR=lib \
-        -DLAPD_CARGO_TARGET_DIR="$root/target" && cmake --build "$build/cmake" && cmake --install "$build/cmake"
+    cmake -S . -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release \
+        -DCMAKE_INSTALL_PREFIX="$build/install" -DCMAKE_INSTALL_LIBDIR=lib \
+        -DLAPD_CARGO_TARGET_DIR="$root/target" && cmake --build "$build/cmake" &&
+        cmake --install "$build/cmake"
 }
 build_examples() {
-    cmake -S examples -B "$build/examples" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$build/install" \
-        -DCMAKE_RUNTIME_OUTPUT_DIRECTORY="$build/bin" -DCMAKE_C_FLAGS=-Werror && cmake --build "$build/examples"
+    cmake -S examples -B "$build/examples" -DCMAKE_BUILD_TYPE=Release \
+        -DCMAKE_PREFIX_PATH="$build/install" \
+        -DCMAKE_RUNTIME_OUTPUT_DIRECTORY="$build/bin" -DCMAKE_C_FLAGS=-Werror &&
+        cmake --build "$build/examples"
 }
 build_tests() {
-    cmake -S c-tests -B "$build/c-tests" -DCMAKE_PREFIX_PATH="$build/install" -DLAPD_INSTALLED="$build/install" \
-        -DLAPD_BUILD_TREE="$build/cmake" -DLAPD_CARGO_TARGET_DIR="$root/target" -DMESH_IMAGE="$build/bin/mesh_image" &&
+    cmake -S c-tests -B "$build/c-tests" -DCMAKE_PREFIX_PATH="$build/install" \
+        -DLAPD_INSTALLED="$build/install" \
+        -DLAPD_BUILD_TREE="$build/cmake" -DLAPD_CARGO_TARGET_DIR="$root/target" \
+        -DMESH_IMAGE="$build/bin/mesh_image" &&
         cmake --build "$build/c-tests" --parallel "$cores"
 }
 if step package build_package && step examples build_examples && step c-build build_tests; then
-    step ctest ctest --test-dir "$build/c-tests" --output-on-failure --timeout 300 --parallel "$cores"
+    step ctest ctest --test-dir "$build/c-tests" --output-on-failure --timeout 300 \
+        --parallel "$cores"
     c_total=$(grep -c -E '^ *[0-9]+/[0-9]+ Test +#[0-9]+:' "$logs/ctest.log")
     c_passed=$(grep -c -E '^ *[0-9]+/[0-9]+ Test +#[0-9]+:.* Passed ' "$logs/ctest.log")
     passed=$((passed + c_passed))

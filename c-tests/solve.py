@@ -1,11 +1,13 @@
-"""A real solve on our meshes, with slivers and without, and their shapes measured by programs that are not ours.
+"""A real solve on our meshes, with slivers and without, and their shapes measured by programs that
+are not ours.
 
     python3 solve.py MESH_IMAGE WORK ENVIRONMENT
 
-scikit-fem solves Poisson's equation with a known solution on a ball and on the AAL atlas (where it is installed), by conjugate
-gradients with Jacobi's preconditioner. Without slivers it must need no more iterations, and its error must be no larger. VTK
-measures scaled Jacobians, edge ratios and radius ratios, numpy the dihedral angles: they must be what the file says, and the angles
-what was asked for. Exit status 1 if anything differs.
+scikit-fem solves Poisson's equation with a known solution on a ball and on the AAL atlas (where it
+is installed), by conjugate gradients with Jacobi's preconditioner. Without slivers it must need no
+more iterations, and its error must be no larger. VTK measures scaled Jacobians, edge ratios and
+radius ratios, numpy the dihedral angles: they must be what the file says, and the angles what was
+asked for. Exit status 1 if anything differs.
 """
 
 import json
@@ -39,13 +41,24 @@ def ball(path):
     z, y, x = np.mgrid[:26, :26, :26]
     squared = (x - 12.4) ** 2 + (y - 12.7) ** 2 + (z - 12.5) ** 2
     image = (np.where(squared < 100, 1, 0) + np.where(squared < 25, 1, 0)).astype("u1")
-    header = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 26 26 26\nencoding: raw\nspacings: 1 1 1\n\n"
+    header = (
+        "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 26 26 26\nencoding: raw\nspacings: 1 1 1\n\n"
+    )
     path.write_bytes(header.encode() + image.tobytes())
 
 
 def make(image, delta, improve):
     out, report = work / f"{improve}.vtu", work / f"{improve}.json"
-    options = ["--delta", str(delta), "--size", str(2 * delta), "--improve", improve, "--measures", "--quiet"]
+    options = [
+        "--delta",
+        str(delta),
+        "--size",
+        str(2 * delta),
+        "--improve",
+        improve,
+        "--measures",
+        "--quiet",
+    ]
     subprocess.run([mesh_image, image, "-o", out, "--report", report, *options], check=True)
     reader = vtk.vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(out))
@@ -63,9 +76,18 @@ def dihedral_angles(grid):
     points, tets = arrays(grid)
     corners = points[tets]
     least, largest = np.full(len(tets), 180.0), np.zeros(len(tets))
-    for i, j, k, l in [(0, 1, 2, 3), (0, 2, 1, 3), (0, 3, 1, 2), (1, 2, 0, 3), (1, 3, 0, 2), (2, 3, 0, 1)]:
+    for i, j, k, l in [
+        (0, 1, 2, 3),
+        (0, 2, 1, 3),
+        (0, 3, 1, 2),
+        (1, 2, 0, 3),
+        (1, 3, 0, 2),
+        (2, 3, 0, 1),
+    ]:
         edge = corners[:, j] - corners[:, i]
-        n, m = np.cross(edge, corners[:, k] - corners[:, i]), np.cross(edge, corners[:, l] - corners[:, i])
+        n, m = np.cross(edge, corners[:, k] - corners[:, i]), np.cross(
+            edge, corners[:, l] - corners[:, i]
+        )
         cosine = np.einsum("ij,ij->i", n, m) / np.linalg.norm(n, axis=1) / np.linalg.norm(m, axis=1)
         angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
         least, largest = np.minimum(least, angle), np.maximum(largest, angle)
@@ -73,8 +95,10 @@ def dihedral_angles(grid):
 
 
 def check_measures(grid, report, improved):
-    """VTK's measures against those of the file, and the angles against the target. (VTK's "min angle" of tets is not their smallest
-    dihedral angle: it exceeds 71 degrees, the most that this can be. CGAL measures angles in crossval/surfaces.cpp.)"""
+    """VTK's measures against those of the file, and the angles against the target. (VTK's "min
+    angle" of tets is not their smallest dihedral angle: it exceeds 71 degrees, the most that this
+    can be. CGAL measures angles in crossval/surfaces.cpp.)
+    """
     least, largest = dihedral_angles(grid)
     named = {
         "scaled_jacobian": "SetTetQualityMeasureToScaledJacobian",
@@ -96,7 +120,9 @@ def check_measures(grid, report, improved):
     listed = {tet["tet"] for tet in report["improvement"]["left_tets"]}
     below = set(np.flatnonzero((least < TARGET - 1e-4) | (largest > 180 - TARGET + 1e-4)).tolist())
     if improved:
-        assert below <= listed and len(listed) <= 10, f"{len(below)} tets beyond the target, {len(listed)} listed"
+        assert (
+            below <= listed and len(listed) <= 10
+        ), f"{len(below)} tets beyond the target, {len(listed)} listed"
     return least.min(), largest.max()
 
 
@@ -113,7 +139,9 @@ def solve(grid):
     points, tets = arrays(grid)
     center = (points.min(axis=0) + points.max(axis=0)) / 2
     scale = 20 / (points.max(axis=0) - points.min(axis=0)).max()
-    mesh = MeshTet(np.ascontiguousarray(((points - center) * scale).T), np.ascontiguousarray(tets.T))
+    mesh = MeshTet(
+        np.ascontiguousarray(((points - center) * scale).T), np.ascontiguousarray(tets.T)
+    )
     basis = Basis(mesh, ElementTetP1())
     stiffness = BilinearForm(lambda u, v, w: dot(grad(u), grad(v))).assemble(basis)
     load = LinearForm(lambda v, w: FACTOR * solution(w.x) * v).assemble(basis)
@@ -127,11 +155,15 @@ def solve(grid):
         nonlocal iterations
         iterations += 1
 
-    found, failed = scipy.sparse.linalg.cg(matrix, right, rtol=1e-10, atol=0, M=jacobi, maxiter=5000, callback=count)
+    found, failed = scipy.sparse.linalg.cg(
+        matrix, right, rtol=1e-10, atol=0, M=jacobi, maxiter=5000, callback=count
+    )
     assert failed == 0, f"conjugate gradients gave up after {iterations} iterations"
     values = known.copy()
     values[inner] = found
-    error = Functional(lambda w: (w["u"] - solution(w.x)) ** 2).assemble(basis, u=basis.interpolate(values))
+    error = Functional(lambda w: (w["u"] - solution(w.x)) ** 2).assemble(
+        basis, u=basis.interpolate(values)
+    )
     return iterations, float(np.sqrt(error))
 
 
@@ -141,11 +173,16 @@ def case(name, image, delta):
         grid, report = make(image, delta, improve)
         angles = check_measures(grid, report, improve == "full")
         results[improve] = solve(grid)
-        print(f"{name}, delta {delta}, {improve}: {grid.GetNumberOfCells()} tets, angles {angles[0]:.2f} to {angles[1]:.2f}, "
-              f"{results[improve][0]} iterations, error {results[improve][1]:.3e}")
+        print(
+            f"{name}, delta {delta}, {improve}: {grid.GetNumberOfCells()} tets, angles "
+            f"{angles[0]:.2f} to {angles[1]:.2f}, "
+            f"{results[improve][0]} iterations, error {results[improve][1]:.3e}"
+        )
     (before, error_before), (after, error_after) = results["none"], results["full"]
     assert after <= before, f"{name}: {after} iterations without slivers, {before} with them"
-    assert error_after <= 1.02 * error_before, f"{name}: the error grew from {error_before} to {error_after}"
+    assert (
+        error_after <= 1.02 * error_before
+    ), f"{name}: the error grew from {error_before} to {error_after}"
 
 
 work.mkdir(parents=True, exist_ok=True)

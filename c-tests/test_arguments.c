@@ -1,5 +1,5 @@
-/* Unknown enum values, values out of range, wrong sizes, every argument NULL: refused, and nothing is written.
- * (test_null.c has the NULLs of all functions.) */
+/* Unknown enum values, values out of range, wrong sizes, every argument NULL: refused, and nothing
+ * is written. (test_null.c has the NULLs of all functions.) */
 #include <limits.h>
 #include <math.h>
 #include <stdlib.h>
@@ -57,46 +57,60 @@ static void image_creation(void) {
     const uint8_t data[8] = {1, 1, 1, 1, 2, 2, 2, 2};
     const size_t dims[3] = {2, 2, 2}, flat[3] = {2, 0, 2}, huge[3] = {SIZE_MAX / 2, 3, 5};
     const ptrdiff_t far[3] = {PTRDIFF_MAX, PTRDIFF_MIN, 1};
-    const double origin[3] = {0, 0, 0}, spacing[3] = {1, 1, 1}, zero[3] = {1, 0, 1}, nan[3] = {0, NAN, 0};
-    const double sheared[9] = {1, 0.2, 0, 0, 1, 0, 0, 0, 1}, scaled[9] = {2, 0, 0, 0, 1, 0, 0, 0, 1};
+    const double origin[3] = {0, 0, 0}, spacing[3] = {1, 1, 1}, zero[3] = {1, 0, 1},
+                 nan[3] = {0, NAN, 0};
+    const double sheared[9] = {1, 0.2, 0, 0, 1, 0, 0, 0, 1},
+                 scaled[9] = {2, 0, 0, 0, 1, 0, 0, 0, 1};
     lapd_image *const untouched = (lapd_image *)&data;
     lapd_image *out = untouched;
 
     INVALID(lapd_image_create(NULL, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, &out));
-    INVALID(lapd_image_create(context, NULL, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, &out));
+    INVALID(
+        lapd_image_create(context, NULL, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, &out));
     CHECK(said("data"));
-    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, NULL, NULL, origin, spacing, NULL, &out));
+    INVALID(
+        lapd_image_create(context, data, LAPD_VOXEL_U8, NULL, NULL, origin, spacing, NULL, &out));
     CHECK(said("dims"));
     INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, NULL, spacing, NULL, &out));
     CHECK(said("origin"));
     INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, NULL, NULL, &out));
     CHECK(said("spacing"));
-    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, NULL));
+    INVALID(
+        lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, NULL));
     CHECK(said("image"));
     INVALID(lapd_image_create(context, data, -1, dims, NULL, origin, spacing, NULL, &out));
     INVALID(lapd_image_create(context, data, 8, dims, NULL, origin, spacing, NULL, &out));
     CHECK(said("got 8"));
-    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, flat, NULL, origin, spacing, NULL, &out));
+    INVALID(
+        lapd_image_create(context, data, LAPD_VOXEL_U8, flat, NULL, origin, spacing, NULL, &out));
     CHECK(said("dims[1]"));
-    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, huge, NULL, origin, spacing, NULL, &out));
+    INVALID(
+        lapd_image_create(context, data, LAPD_VOXEL_U8, huge, NULL, origin, spacing, NULL, &out));
     /* One voxel too many to be numbered; refused before a number is read or room is made. */
     const size_t many[3] = {1 << 16, 1 << 16, 1};
     const float intensity = 1;
     const ptrdiff_t still[3] = {0, 0, 0};
-    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, many, still, origin, spacing, NULL, &out));
+    INVALID(
+        lapd_image_create(context, data, LAPD_VOXEL_U8, many, still, origin, spacing, NULL, &out));
     CHECK(said("at most 2^32 - 1 voxels"));
-    INVALID(lapd_image_create_gray(context, &intensity, many, still, origin, spacing, NULL, spacing, 1, NULL, &out));
+    INVALID(lapd_image_create_gray(context, &intensity, many, still, origin, spacing, NULL, spacing,
+                                   1, NULL, &out));
     CHECK(said("at most 2^32 - 1 voxels"));
-    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, far, origin, spacing, NULL, &out));
-    INVALID(lapd_image_create(context, data + 1, LAPD_VOXEL_I32, dims, NULL, origin, spacing, NULL, &out));
+    INVALID(
+        lapd_image_create(context, data, LAPD_VOXEL_U8, dims, far, origin, spacing, NULL, &out));
+    INVALID(lapd_image_create(context, data + 1, LAPD_VOXEL_I32, dims, NULL, origin, spacing, NULL,
+                              &out));
     CHECK(said("aligned"));
     INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, zero, NULL, &out));
     INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, nan, spacing, NULL, &out));
-    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, sheared, &out));
-    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, scaled, &out));
+    INVALID(lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, sheared,
+                              &out));
+    INVALID(
+        lapd_image_create(context, data, LAPD_VOXEL_U8, dims, NULL, origin, spacing, scaled, &out));
     const int64_t large[1] = {INT64_C(1) << 40};
     const size_t one[3] = {1, 1, 1};
-    INVALID(lapd_image_create(context, large, LAPD_VOXEL_I64, one, NULL, origin, spacing, NULL, &out));
+    INVALID(
+        lapd_image_create(context, large, LAPD_VOXEL_I64, one, NULL, origin, spacing, NULL, &out));
     CHECK(out == untouched);
 
     INVALID(lapd_image_read(NULL, "a.nrrd", LAPD_WORLD_LPS, &out));
@@ -139,14 +153,16 @@ static void image_getters(void) {
     int32_t axes = -7;
     INVALID(lapd_image_get_world_axes(NULL, &axes));
     INVALID(lapd_image_get_world_axes(image, NULL));
-    CHECK(axes == -7 && lapd_image_get_world_axes(image, &axes) == LAPD_OK && axes == LAPD_AXES_UNKNOWN);
+    CHECK(axes == -7 && lapd_image_get_world_axes(image, &axes) == LAPD_OK &&
+          axes == LAPD_AXES_UNKNOWN);
     INVALID(lapd_image_get_labels(NULL, &labels, &count));
     INVALID(lapd_image_get_labels(image, NULL, &count));
     INVALID(lapd_image_get_labels(image, &labels, NULL));
     static int32_t voxels[1000] = {9};
     INVALID(lapd_image_copy_voxels(NULL, voxels, 1000));
     INVALID(lapd_image_copy_voxels(image, NULL, 1000));
-    CHECK(lapd_image_copy_voxels(image, voxels, 999) == LAPD_ERROR_BUFFER_TOO_SMALL && voxels[0] == 9);
+    CHECK(lapd_image_copy_voxels(image, voxels, 999) == LAPD_ERROR_BUFFER_TOO_SMALL &&
+          voxels[0] == 9);
     CHECK(lapd_image_copy_voxels(image, voxels, 1000) == LAPD_OK && voxels[0] == 0);
     INVALID(lapd_image_get_warning_count(NULL, &count));
     INVALID(lapd_image_get_warning_count(image, NULL));
@@ -156,7 +172,8 @@ static void image_getters(void) {
     CHECK(count == 99 && labels == NULL && warning == NULL);
 }
 
-/* The setters that take a double, with a value that each must refuse and the getter that must not change. */
+/* The setters that take a double, with a value that each must refuse and the getter that must not
+ * change. */
 static void double_parameters(void) {
     static const struct {
         lapd_status (*set)(lapd_context *, lapd_params *, double);
@@ -182,7 +199,8 @@ static void double_parameters(void) {
     }
 }
 
-/* The setters that take an enum or a flag: how many values exist, and how many of them in this version. */
+/* The setters that take an enum or a flag: how many values exist, and how many of them in this
+ * version. */
 static void choice_parameters(void) {
     static const struct {
         lapd_status (*set)(lapd_context *, lapd_params *, int32_t);
@@ -210,7 +228,8 @@ static void choice_parameters(void) {
         for (int32_t choice = table[i].known - 1; choice >= 0; choice--) {
             lapd_status wanted = choice < table[i].supported ? LAPD_OK : LAPD_ERROR_UNSUPPORTED;
             CHECK(table[i].set(context, params, choice) == wanted);
-            CHECK(table[i].get(params, &value) == LAPD_OK && (wanted != LAPD_OK || value == choice));
+            CHECK(table[i].get(params, &value) == LAPD_OK &&
+                  (wanted != LAPD_OK || value == choice));
         }
         INVALID(table[i].set(context, params, -1));
         INVALID(table[i].set(context, params, table[i].known));
@@ -264,7 +283,8 @@ static void other_parameters(void) {
     CHECK(synthetic == LAPD_OK || synthetic == LAPD_ERROR_UNSUPPORTED);
     CHECK(lapd_params_get_topology(params, &topology) == LAPD_OK);
     CHECK(strcmp(topology, synthetic == LAPD_OK ? "numa:4 core:4 pu:1" : "") == 0);
-    CHECK(lapd_params_set_topology(context, params, "nonsense") != LAPD_OK && said("topology 'nonsense'"));
+    CHECK(lapd_params_set_topology(context, params, "nonsense") != LAPD_OK &&
+          said("topology 'nonsense'"));
     INVALID(lapd_params_set_topology(context, params, "numa:9999999 core:4 pu:1"));
     INVALID(lapd_params_set_topology(NULL, params, ""));
     INVALID(lapd_params_set_topology(context, NULL, ""));
@@ -317,7 +337,8 @@ static void other_parameters(void) {
     CHECK(lapd_params_set_background_label(context, params, 5) == LAPD_OK);
     CHECK(lapd_params_get_background_label(params, &label) == LAPD_OK && label == 5);
     lapd_mesh *none = NULL;
-    CHECK(lapd_mesh_image(context, image, params, &none) == LAPD_ERROR_INVALID_ARGUMENT && none == NULL);
+    CHECK(lapd_mesh_image(context, image, params, &none) == LAPD_ERROR_INVALID_ARGUMENT &&
+          none == NULL);
     CHECK(lapd_params_set_background_label(context, params, 0) == LAPD_OK);
 }
 
@@ -360,55 +381,57 @@ static void meshing(void) {
     lapd_mesh_free(NULL);
 }
 
-#define CHECK_ARRAY(name, type, width)                                                                                 \
-    do {                                                                                                               \
-        const type *array = NULL;                                                                                      \
-        size_t count = SIZE_MAX;                                                                                       \
-        INVALID(lapd_mesh_get_##name(NULL, &array, &count));                                                           \
-        INVALID(lapd_mesh_get_##name(mesh, NULL, &count));                                                             \
-        INVALID(lapd_mesh_get_##name(mesh, &array, NULL));                                                             \
-        CHECK(array == NULL && count == SIZE_MAX);                                                                     \
-        CHECK(lapd_mesh_get_##name(mesh, &array, &count) == LAPD_OK);                                                  \
-        size_t values = (width)*count;                                                                                 \
-        type *buffer = calloc(values + 1, sizeof *buffer);                                                             \
-        INVALID(lapd_mesh_copy_##name(NULL, buffer, values));                                                          \
-        INVALID(lapd_mesh_copy_##name(mesh, NULL, values));                                                            \
-        buffer[0] = 123;                                                                                               \
-        CHECK(lapd_mesh_copy_##name(mesh, buffer, values - 1) == LAPD_ERROR_BUFFER_TOO_SMALL);                         \
-        CHECK(lapd_mesh_copy_##name(mesh, buffer, 0) == LAPD_ERROR_BUFFER_TOO_SMALL);                                  \
-        CHECK(buffer[0] == 123);                                                                                       \
-        CHECK(lapd_mesh_copy_##name(mesh, buffer, values) == LAPD_OK);                                                 \
-        CHECK(memcmp(buffer, array, values * sizeof *buffer) == 0);                                                    \
-        CHECK(lapd_mesh_copy_##name(mesh, buffer, values + 1) == LAPD_OK);                                             \
-        free(buffer);                                                                                                  \
+#define CHECK_ARRAY(name, type, width)                                                             \
+    do {                                                                                           \
+        const type *array = NULL;                                                                  \
+        size_t count = SIZE_MAX;                                                                   \
+        INVALID(lapd_mesh_get_##name(NULL, &array, &count));                                       \
+        INVALID(lapd_mesh_get_##name(mesh, NULL, &count));                                         \
+        INVALID(lapd_mesh_get_##name(mesh, &array, NULL));                                         \
+        CHECK(array == NULL && count == SIZE_MAX);                                                 \
+        CHECK(lapd_mesh_get_##name(mesh, &array, &count) == LAPD_OK);                              \
+        size_t values = (width)*count;                                                             \
+        type *buffer = calloc(values + 1, sizeof *buffer);                                         \
+        INVALID(lapd_mesh_copy_##name(NULL, buffer, values));                                      \
+        INVALID(lapd_mesh_copy_##name(mesh, NULL, values));                                        \
+        buffer[0] = 123;                                                                           \
+        CHECK(lapd_mesh_copy_##name(mesh, buffer, values - 1) == LAPD_ERROR_BUFFER_TOO_SMALL);     \
+        CHECK(lapd_mesh_copy_##name(mesh, buffer, 0) == LAPD_ERROR_BUFFER_TOO_SMALL);              \
+        CHECK(buffer[0] == 123);                                                                   \
+        CHECK(lapd_mesh_copy_##name(mesh, buffer, values) == LAPD_OK);                             \
+        CHECK(memcmp(buffer, array, values * sizeof *buffer) == 0);                                \
+        CHECK(lapd_mesh_copy_##name(mesh, buffer, values + 1) == LAPD_OK);                         \
+        free(buffer);                                                                              \
     } while (0)
 
-/* `first` is the size that the struct had in version 0.1: programs of that version have no more room. */
-#define CHECK_STRUCT(name, first)                                                                                      \
-    do {                                                                                                               \
-        lapd_##name s[2];                                                                                              \
-        memset(s, 0x55, sizeof s);                                                                                     \
-        const lapd_##name untouched = s[1];                                                                            \
-        s[0].struct_size = sizeof s[0];                                                                                \
-        INVALID(lapd_mesh_get_##name(NULL, s));                                                                        \
-        INVALID(lapd_mesh_get_##name(mesh, NULL));                                                                     \
-        s[0].struct_size = 0;                                                                                          \
-        INVALID(lapd_mesh_get_##name(mesh, s));                                                                        \
-        s[0].struct_size = (first)-8;                                                                                  \
-        INVALID(lapd_mesh_get_##name(mesh, s));                                                                        \
-        s[0].struct_size = (first);                                                                                    \
-        CHECK(lapd_mesh_get_##name(mesh, s) == LAPD_OK);                                                               \
-        CHECK(s[0].struct_size == (first));                                                                            \
-        CHECK(memcmp((char *)s + (first), (const char *)&untouched + (first), sizeof s[0] - (first)) == 0);            \
-        s[0].struct_size = UINT64_MAX;                                                                                 \
-        INVALID(lapd_mesh_get_##name(mesh, s));                                                                        \
-        s[0].struct_size = sizeof s[0];                                                                                \
-        CHECK(lapd_mesh_get_##name(mesh, s) == LAPD_OK);                                                               \
-        CHECK(s[0].struct_size == sizeof s[0]);                                                                        \
-        CHECK(memcmp(&s[1], &untouched, sizeof untouched) == 0);                                                       \
-        s[0].struct_size = sizeof s[0] + 8; /* as a program of a later version would */                                \
-        CHECK(lapd_mesh_get_##name(mesh, s) == LAPD_OK);                                                               \
-        CHECK(s[0].struct_size == sizeof s[0] + 8 && s[1].struct_size == 0);                                           \
+/* `first` is the size that the struct had in version 0.1: programs of that version have no more
+ * room. */
+#define CHECK_STRUCT(name, first)                                                                  \
+    do {                                                                                           \
+        lapd_##name s[2];                                                                          \
+        memset(s, 0x55, sizeof s);                                                                 \
+        const lapd_##name untouched = s[1];                                                        \
+        s[0].struct_size = sizeof s[0];                                                            \
+        INVALID(lapd_mesh_get_##name(NULL, s));                                                    \
+        INVALID(lapd_mesh_get_##name(mesh, NULL));                                                 \
+        s[0].struct_size = 0;                                                                      \
+        INVALID(lapd_mesh_get_##name(mesh, s));                                                    \
+        s[0].struct_size = (first)-8;                                                              \
+        INVALID(lapd_mesh_get_##name(mesh, s));                                                    \
+        s[0].struct_size = (first);                                                                \
+        CHECK(lapd_mesh_get_##name(mesh, s) == LAPD_OK);                                           \
+        CHECK(s[0].struct_size == (first));                                                        \
+        CHECK(memcmp((char *)s + (first), (const char *)&untouched + (first),                      \
+                     sizeof s[0] - (first)) == 0);                                                 \
+        s[0].struct_size = UINT64_MAX;                                                             \
+        INVALID(lapd_mesh_get_##name(mesh, s));                                                    \
+        s[0].struct_size = sizeof s[0];                                                            \
+        CHECK(lapd_mesh_get_##name(mesh, s) == LAPD_OK);                                           \
+        CHECK(s[0].struct_size == sizeof s[0]);                                                    \
+        CHECK(memcmp(&s[1], &untouched, sizeof untouched) == 0);                                   \
+        s[0].struct_size = sizeof s[0] + 8; /* as a program of a later version would */            \
+        CHECK(lapd_mesh_get_##name(mesh, s) == LAPD_OK);                                           \
+        CHECK(s[0].struct_size == sizeof s[0] + 8 && s[1].struct_size == 0);                       \
     } while (0)
 
 static void mesh_getters(void) {
@@ -442,8 +465,10 @@ static void mesh_getters(void) {
     lapd_defect defect = {.struct_size = sizeof defect};
     CHECK(lapd_mesh_get_component_row_count(mesh, &components) == LAPD_OK && components == 1);
     CHECK(lapd_mesh_get_component_row(mesh, 0, &component) == LAPD_OK);
-    CHECK(component.label == 7 && component.fate == LAPD_FATE_KEPT && component.components_mesh == 1);
-    CHECK(component.euler_image == component.euler_mesh && component.image_voxels >= LAPD_LEAST_VOXELS);
+    CHECK(component.label == 7 && component.fate == LAPD_FATE_KEPT &&
+          component.components_mesh == 1);
+    CHECK(component.euler_image == component.euler_mesh &&
+          component.image_voxels >= LAPD_LEAST_VOXELS);
     INVALID(lapd_mesh_get_component_row(mesh, components, &component));
     component.struct_size = 4;
     INVALID(lapd_mesh_get_component_row(mesh, 0, &component));
@@ -456,7 +481,8 @@ static void mesh_getters(void) {
     lapd_improvement improvement = {.struct_size = sizeof improvement};
     lapd_left left = {.struct_size = sizeof left};
     CHECK(lapd_mesh_get_improvement(mesh, &improvement) == LAPD_OK);
-    CHECK(improvement.target_dihedral == 15 && improvement.below_before > 0 && improvement.edge_removals > 0);
+    CHECK(improvement.target_dihedral == 15 && improvement.below_before > 0 &&
+          improvement.edge_removals > 0);
     INVALID(lapd_mesh_get_left_count(mesh, NULL));
     CHECK(lapd_mesh_get_left_count(mesh, &left_count) == LAPD_OK && left_count == improvement.left);
     INVALID(lapd_mesh_get_left(mesh, left_count, &left));

@@ -1,5 +1,6 @@
-/* Progress is monotone and comes on the calling thread, also when it is slow; log lines tell what each phase did and
- * what is wrong with the mesh; a run is cancelled by its callback, before it starts, and by another thread. */
+/* Progress is monotone and comes on the calling thread, also when it is slow; log lines tell what
+ * each phase did and what is wrong with the mesh; a run is cancelled by its callback, before it
+ * starts, and by another thread. */
 #define _POSIX_C_SOURCE 200809L
 
 #include <pthread.h>
@@ -104,7 +105,8 @@ static void log_lines(void) {
     CHECK(r.seen == 127 && r.wrong == 0);
     CHECK(r.levels[LAPD_LOG_INFO] == 6 && r.levels[LAPD_LOG_WARNING] == 0);
 
-    /* Parts that are too small for delta: a label of one voxel is lost, and eight voxels of another. */
+    /* Parts that are too small for delta: a label of one voxel is lost, and eight voxels of
+     * another. */
     enum { N = 24 };
     uint8_t *voxels = calloc(N * N * N, 1);
     CHECK(voxels != NULL);
@@ -120,8 +122,9 @@ static void log_lines(void) {
     image = unit_image(context, voxels, N);
     CHECK(lapd_params_set_delta(context, params, 4) == LAPD_OK &&
           lapd_params_set_adaptive(context, params, 0) == LAPD_OK);
-    static const char *const bad[] = {"labels without a tet: 1, of 1 voxels in all; the first is 2",
-                                      "components without a tet: 1; the first, of label 1, at (20.00, 20.00, 20.00)"};
+    static const char *const bad[] = {
+        "labels without a tet: 1, of 1 voxels in all; the first is 2",
+        "components without a tet: 1; the first, of label 1, at (20.00, 20.00, 20.00)"};
     r = (log_record){.lines = bad, .count = 2};
     CHECK(run() == LAPD_OK);
     CHECK(r.seen == 3 && r.wrong == 0 && r.levels[LAPD_LOG_WARNING] >= 2);
@@ -170,11 +173,14 @@ static void before_writing(void) {
     CHECK(lapd_context_set_progress(context, NULL, NULL) == LAPD_OK);
     CHECK(lapd_mesh_image(context, image, params, &mesh) == LAPD_OK);
     for (int cancelled = 1; cancelled >= 0; cancelled--) {
-        static const char *const paths[] = {"cancelled.vtu", "cancelled.mesh", "cancelled.node", "cancelled.stl"};
-        CHECK((cancelled ? lapd_context_cancel(context) : lapd_context_reset_cancel(context)) == LAPD_OK);
+        static const char *const paths[] = {"cancelled.vtu", "cancelled.mesh", "cancelled.node",
+                                            "cancelled.stl"};
+        CHECK((cancelled ? lapd_context_cancel(context) : lapd_context_reset_cancel(context)) ==
+              LAPD_OK);
         for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
             remove(paths[i]);
-            CHECK(lapd_mesh_write(context, mesh, paths[i]) == (cancelled ? LAPD_ERROR_CANCELLED : LAPD_OK));
+            CHECK(lapd_mesh_write(context, mesh, paths[i]) ==
+                  (cancelled ? LAPD_ERROR_CANCELLED : LAPD_OK));
             CHECK((access(paths[i], F_OK) != 0) == cancelled);
             remove(paths[i]);
         }

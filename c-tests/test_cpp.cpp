@@ -67,15 +67,22 @@ lapd::image block_image(lapd::context &context) {
 }
 
 void types() {
-    static_assert(!std::is_copy_constructible_v<lapd::context> && std::is_nothrow_move_constructible_v<lapd::context>);
-    static_assert(!std::is_copy_constructible_v<lapd::image> && std::is_nothrow_move_constructible_v<lapd::image>);
-    static_assert(!std::is_copy_constructible_v<lapd::params> && std::is_nothrow_move_constructible_v<lapd::params>);
-    static_assert(!std::is_copy_constructible_v<lapd::mesh> && std::is_nothrow_move_constructible_v<lapd::mesh>);
-    static_assert(std::is_nothrow_move_assignable_v<lapd::mesh> && std::is_nothrow_move_assignable_v<lapd::image>);
-    static_assert(std::is_trivially_copyable_v<lapd::span<double>> && lapd::rows<double, 3>::width == 3);
+    static_assert(!std::is_copy_constructible_v<lapd::context> &&
+                  std::is_nothrow_move_constructible_v<lapd::context>);
+    static_assert(!std::is_copy_constructible_v<lapd::image> &&
+                  std::is_nothrow_move_constructible_v<lapd::image>);
+    static_assert(!std::is_copy_constructible_v<lapd::params> &&
+                  std::is_nothrow_move_constructible_v<lapd::params>);
+    static_assert(!std::is_copy_constructible_v<lapd::mesh> &&
+                  std::is_nothrow_move_constructible_v<lapd::mesh>);
+    static_assert(std::is_nothrow_move_assignable_v<lapd::mesh> &&
+                  std::is_nothrow_move_assignable_v<lapd::image>);
+    static_assert(std::is_trivially_copyable_v<lapd::span<double>> &&
+                  lapd::rows<double, 3>::width == 3);
     CHECK(std::strcmp(lapd::version(), LAPD_VERSION) == 0);
 #if __cplusplus >= 202002L
-    static_assert(std::ranges::contiguous_range<lapd::span<int>> && std::ranges::view<lapd::span<int>>);
+    static_assert(std::ranges::contiguous_range<lapd::span<int>> &&
+                  std::ranges::view<lapd::span<int>>);
     static_assert(std::is_convertible_v<lapd::span<int>, std::span<const int>>);
 #endif
 }
@@ -85,13 +92,17 @@ void values() {
     lapd::context context;
     const std::vector<float> intensities = block<float>();
     const std::vector<std::int32_t> swapped{9, 5};
-    const lapd::image gray = lapd::image::create_gray(context, intensities.data(), cube(), {4.5, 8.5}, {5, 9});
+    const lapd::image gray =
+        lapd::image::create_gray(context, intensities.data(), cube(), {4.5, 8.5}, {5, 9});
     CHECK(gray.voxels() == block<std::int32_t>());
     CHECK(lapd::image::create_gray(context, intensities.data(), cube(), {4.5}).labels()[0] == 1);
-    CHECK(status_of([&] { lapd::image::create_gray(context, intensities.data(), cube(), {4.5}, swapped); }) ==
-          LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] {
+              lapd::image::create_gray(context, intensities.data(), cube(), {4.5}, swapped);
+          }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { lapd::image::read_gray(context, "none.nrrd", {1}); }) == LAPD_ERROR_IO);
-    CHECK(status_of([&] { lapd::image::read_gray(context, "none.nrrd", {1}, {}, LAPD_WORLD_RAS); }) == LAPD_ERROR_IO);
+    CHECK(status_of([&] {
+              lapd::image::read_gray(context, "none.nrrd", {1}, {}, LAPD_WORLD_RAS);
+          }) == LAPD_ERROR_IO);
 
     std::vector<float> inner(intensities.size()), outer(intensities.size());
     for (std::size_t i = 0; i < inner.size(); i++) {
@@ -99,13 +110,17 @@ void values() {
         outer[i] = intensities[i] > 4 ? 0.8F : 0;
     }
     const std::vector<const float *> maps{inner.data(), outer.data()};
-    CHECK(lapd::image::create_probabilities(context, maps, swapped, cube()).voxels() == block<std::int32_t>());
+    CHECK(lapd::image::create_probabilities(context, maps, swapped, cube()).voxels() ==
+          block<std::int32_t>());
     CHECK(status_of([&] { lapd::image::create_probabilities(context, maps, {1}, cube()); }) ==
           LAPD_ERROR_INVALID_ARGUMENT);
-    CHECK(status_of([&] { lapd::image::read_probabilities(context, {"none.nrrd"}); }) == LAPD_ERROR_IO);
-    CHECK(status_of([&] { lapd::image::read_level_sets(context, {"none.nrrd"}); }) == LAPD_ERROR_IO);
-    CHECK(status_of([&] { lapd::image::read_probabilities(context, {"none.nrrd"}, {}, LAPD_WORLD_LPS); }) ==
+    CHECK(status_of([&] { lapd::image::read_probabilities(context, {"none.nrrd"}); }) ==
           LAPD_ERROR_IO);
+    CHECK(status_of([&] { lapd::image::read_level_sets(context, {"none.nrrd"}); }) ==
+          LAPD_ERROR_IO);
+    CHECK(status_of([&] {
+              lapd::image::read_probabilities(context, {"none.nrrd"}, {}, LAPD_WORLD_LPS);
+          }) == LAPD_ERROR_IO);
     CHECK(lapd::params().set_sigma(1.5).sigma() == 1.5);
 }
 
@@ -117,13 +132,15 @@ void images() {
     CHECK(lapd::image::create(context, block<signed char>().data(), cube()).voxels() == expected);
     CHECK(lapd::image::create(context, block<unsigned char>().data(), cube()).voxels() == expected);
     CHECK(lapd::image::create(context, block<short>().data(), cube()).voxels() == expected);
-    CHECK(lapd::image::create(context, block<unsigned short>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<unsigned short>().data(), cube()).voxels() ==
+          expected);
     CHECK(lapd::image::create(context, block<int>().data(), cube()).voxels() == expected);
     CHECK(lapd::image::create(context, block<unsigned>().data(), cube()).voxels() == expected);
     CHECK(lapd::image::create(context, block<long>().data(), cube()).voxels() == expected);
     CHECK(lapd::image::create(context, block<unsigned long>().data(), cube()).voxels() == expected);
     CHECK(lapd::image::create(context, block<long long>().data(), cube()).voxels() == expected);
-    CHECK(lapd::image::create(context, block<unsigned long long>().data(), cube()).voxels() == expected);
+    CHECK(lapd::image::create(context, block<unsigned long long>().data(), cube()).voxels() ==
+          expected);
 
     // Read backwards along x, placed in the world with a reflection.
     lapd::grid grid = cube();
@@ -137,17 +154,30 @@ void images() {
     CHECK(image.voxels()[1] == expected[n - 2]);
     CHECK(image.world_axes() == LAPD_AXES_UNKNOWN);
     const lapd::span<std::int32_t> labels = image.labels();
-    CHECK(labels.size() == 2 && !labels.empty() && labels[0] == 5 && *std::next(labels.begin()) == 9);
+    CHECK(labels.size() == 2 && !labels.empty() && labels[0] == 5 &&
+          *std::next(labels.begin()) == 9);
     CHECK(image.warning_count() == 0);
 
     // One voxel of label 7 in a frame of its own, read in the same and in another one.
     const char *const name = "test_cpp_frame.nrrd";
-    std::ofstream(name) << "NRRD0004\ntype: uchar\ndimension: 3\nspace: left-posterior-superior\nsizes: 1 1 1\n"
-                           "space directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (10,20,30)\nencoding: text\n\n7\n";
+    std::ofstream(name)
+        << "NRRD0004\ntype: uchar\ndimension: 3\nspace: left-posterior-superior\nsizes: 1 1 1\n"
+           "space directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (10,20,30)\nencoding: "
+           "text\n\n7\n";
     const lapd::image stored = lapd::image::read(context, name);
-    CHECK(stored.world_axes() == LAPD_AXES_LPS && stored.origin()[0] == 10 && stored.labels()[0] == 7);
+    CHECK(stored.world_axes() == LAPD_AXES_LPS && stored.origin()[0] == 10 &&
+          stored.labels()[0] == 7);
     const lapd::image turned = lapd::image::read(context, name, LAPD_WORLD_RAS);
-    CHECK(turned.world_axes() == LAPD_AXES_RAS && turned.origin()[0] == -10 && turned.origin()[2] == 30);
+    CHECK(turned.world_axes() == LAPD_AXES_RAS && turned.origin()[0] == -10 &&
+          turned.origin()[2] == 30);
+    CHECK(stored.label_name(1) == nullptr);
+    const auto in_order = [&](const std::vector<std::size_t> &order) {
+        return status_of([&] {
+            lapd::image::read_labels(context, name, LAPD_WORLD_AS_STORED, LAPD_LABELS_WHOLE, order);
+        });
+    };
+    CHECK(in_order({}) == LAPD_OK);
+    CHECK(in_order({0}) == LAPD_ERROR_INVALID_ARGUMENT);
     std::remove(name);
     CHECK(status_of([&] { image.warning(0); }) == LAPD_ERROR_INVALID_ARGUMENT);
 }
@@ -156,13 +186,6 @@ void errors() {
     lapd::context context;
     CHECK(std::strcmp(context.last_error(), "") == 0);
     CHECK(status_of([&] { lapd::image::read(context, "no/such/file.nrrd"); }) == LAPD_ERROR_IO);
-    CHECK(stored.label_name(1) == nullptr);
-    const auto in_order = [&](const std::vector<std::size_t> &order) {
-        return status_of(
-            [&] { lapd::image::read_labels(context, name, LAPD_WORLD_AS_STORED, LAPD_LABELS_WHOLE, order); });
-    };
-    CHECK(in_order({}) == LAPD_OK);
-    CHECK(in_order({0}) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(std::strstr(context.last_error(), "no/such/file.nrrd") != nullptr);
     CHECK(status_of([&] { lapd::image::create(context, block<int>().data(), lapd::grid{}); }) ==
           LAPD_ERROR_INVALID_ARGUMENT);
@@ -178,7 +201,8 @@ void errors() {
     lapd::params params;
     lapd::context other = std::move(context);
     CHECK(context.get() == nullptr && other.get() != nullptr);
-    CHECK(status_of([&] { lapd::mesh::make(context, image, params); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { lapd::mesh::make(context, image, params); }) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { context.set_log(nullptr); }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { context.reset_cancel(); }) == LAPD_ERROR_INVALID_ARGUMENT);
     context.cancel();
@@ -195,31 +219,39 @@ void errors() {
 
 void parameters() {
     lapd::params params;
-    params.set_delta(0.5).set_size(1.5).set_radius_edge(2.5).set_facet_angle(25).set_surface(LAPD_SURFACE_VOXEL);
+    params.set_delta(0.5).set_size(1.5).set_radius_edge(2.5).set_facet_angle(25).set_surface(
+        LAPD_SURFACE_VOXEL);
     params.set_border(LAPD_BORDER_SMOOTH);
     params.set_keep({5, -9}).set_background(true).set_threads(2).set_max_vertices(100000);
     params.set_algorithm(LAPD_ALGORITHM_LAPD)
         .set_contention(LAPD_CONTENTION_RANDOM)
         .set_improve(LAPD_IMPROVE_INTERIOR)
         .set_target_dihedral(12);
-    params.set_begging(LAPD_BEGGING_FLAT).set_topology("").set_bind(true).set_count_accesses(true).set_timeline(true);
+    params.set_begging(LAPD_BEGGING_FLAT)
+        .set_topology("")
+        .set_bind(true)
+        .set_count_accesses(true)
+        .set_timeline(true);
     params.set_time_limit(2.5).set_max_memory(std::uint64_t{1} << 40).set_partial(true);
     params.set_order(2).set_curved(true);
     CHECK(params.order() == 2 && params.curved());
     params.set_adaptive(false).set_spacing_floor(0.25).set_least_voxels(27);
     CHECK(!params.adaptive() && params.spacing_floor() == 0.25 && params.least_voxels() == 27);
     params.set_label_size(5, 1.25);
-    CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 && params.facet_angle() == 25);
+    CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 &&
+          params.facet_angle() == 25);
     CHECK(params.border() == LAPD_BORDER_SMOOTH);
     CHECK(params.surface() == LAPD_SURFACE_VOXEL && params.background() && params.threads() == 2);
     CHECK(params.max_vertices() == 100000 && params.algorithm() == LAPD_ALGORITHM_LAPD);
-    CHECK(params.contention() == LAPD_CONTENTION_RANDOM && params.improve() == LAPD_IMPROVE_INTERIOR &&
-          params.target_dihedral() == 12);
+    CHECK(params.contention() == LAPD_CONTENTION_RANDOM &&
+          params.improve() == LAPD_IMPROVE_INTERIOR && params.target_dihedral() == 12);
     CHECK(params.begging() == LAPD_BEGGING_FLAT && params.timeline());
     CHECK(params.topology().empty() && params.bind() && params.count_accesses());
-    CHECK(params.time_limit() == 2.5 && params.max_memory() == std::uint64_t{1} << 40 && params.partial());
+    CHECK(params.time_limit() == 2.5 && params.max_memory() == std::uint64_t{1} << 40 &&
+          params.partial());
     CHECK(params.label_size(5) == 1.25 && params.clear_label_sizes().label_size(5) == 1.5);
-    CHECK(params.keep().size() == 2 && params.keep()[1] == -9 && params.set_keep({}).keep().empty());
+    CHECK(params.keep().size() == 2 && params.keep()[1] == -9 &&
+          params.set_keep({}).keep().empty());
 }
 
 void meshes() {
@@ -242,8 +274,10 @@ void meshes() {
     const lapd::rows<double, 3> points = mesh.points();
     const lapd::rows<std::uint32_t, 4> tets = mesh.tets();
     CHECK(points.size() == counts.vertices && points.values().size() == 3 * counts.vertices);
-    CHECK(tets.size() == counts.tets && mesh.labels().size() == counts.tets && mesh.neighbors().size() == counts.tets);
-    CHECK(mesh.facets().size() == counts.interface_facets && mesh.facet_tets().size() == counts.interface_facets);
+    CHECK(tets.size() == counts.tets && mesh.labels().size() == counts.tets &&
+          mesh.neighbors().size() == counts.tets);
+    CHECK(mesh.facets().size() == counts.interface_facets &&
+          mesh.facet_tets().size() == counts.interface_facets);
     CHECK(mesh.facet_labels().size() == counts.interface_facets && !tets.empty());
     for (std::size_t t = 0; t < tets.size(); t++) {
         for (std::size_t k = 0; k < 4; k++) {
@@ -264,20 +298,25 @@ void meshes() {
     CHECK(status_of([&] { mesh.label_row(2); }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(mesh.certificate().inverted_tets == 0 && mesh.quality().min_dihedral >= 10);
     CHECK(mesh.timings().refine >= 0 && mesh.operations().insertions > 0);
-    CHECK(mesh.thread_count() == 1 && mesh.thread_report(0).insertions == mesh.operations().insertions);
+    CHECK(mesh.thread_count() == 1 &&
+          mesh.thread_report(0).insertions == mesh.operations().insertions);
     CHECK(mesh.thread_report(LAPD_ALL_THREADS).removals == mesh.operations().removals);
     CHECK(status_of([&] { mesh.thread_report(1); }) == LAPD_ERROR_INVALID_ARGUMENT);
-    CHECK(status_of([&] { mesh.write_timeline(moved, "timeline.json"); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { mesh.write_timeline(moved, "timeline.json"); }) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { mesh.write(moved, "mesh.nonsense"); }) == LAPD_ERROR_INVALID_ARGUMENT);
-    CHECK(status_of([&] { lapd::mesh::check_path(moved, "mesh.nonsense"); }) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(status_of([&] { lapd::mesh::check_path(moved, "mesh.nonsense"); }) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { lapd::mesh::check_path(moved, "no/such/folder/mesh.vtu"); }) == LAPD_OK);
 
     // A limit throws, or gives the partial mesh that was asked for.
     lapd::context other;
     lapd::params limited;
     limited.set_max_vertices(static_cast<std::size_t>(counts.all_vertices / 2));
-    CHECK(status_of([&] { lapd::mesh::make(other, block_image(other), limited); }) == LAPD_ERROR_LIMIT_REACHED);
-    const lapd::mesh partial = lapd::mesh::make(other, block_image(other), limited.set_partial(true));
+    CHECK(status_of([&] { lapd::mesh::make(other, block_image(other), limited); }) ==
+          LAPD_ERROR_LIMIT_REACHED);
+    const lapd::mesh partial =
+        lapd::mesh::make(other, block_image(other), limited.set_partial(true));
     CHECK(partial.limit_reached() == LAPD_ERROR_LIMIT_REACHED && partial.counts().tets > 0);
 #if __cplusplus >= 202002L
     const std::span<const std::int32_t> labels = mesh.labels();

@@ -1,6 +1,6 @@
 /*
- * Thousands of create and free, and hundreds of meshes: memory does not grow. With a number as argument, only that many
- * of each: for tools that find leaks by other means, and are slow.
+ * Thousands of create and free, and hundreds of meshes: memory does not grow. With a number as
+ * argument, only that many of each: for tools that find leaks by other means, and are slow.
  */
 #define _POSIX_C_SOURCE 200809L
 
@@ -29,7 +29,8 @@ static void handles(const uint8_t *voxels, int cycles) {
         lapd_image *image = unit_image(context, voxels, 8);
         lapd_image *none = NULL;
         CHECK(lapd_params_set_delta(context, params, -1) == LAPD_ERROR_INVALID_ARGUMENT);
-        CHECK(lapd_image_read(context, "no/such/file.nrrd", LAPD_WORLD_AS_STORED, &none) == LAPD_ERROR_IO);
+        CHECK(lapd_image_read(context, "no/such/file.nrrd", LAPD_WORLD_AS_STORED, &none) ==
+              LAPD_ERROR_IO);
         lapd_image_free(image);
         lapd_params_free(params);
         lapd_context_free(context);

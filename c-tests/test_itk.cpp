@@ -1,6 +1,6 @@
-// The way from ITK, examples/itk_to_lapd.hpp: meshes lie where ITK's TransformIndexToPhysicalPoint says, for an oblique
-// and anisotropic image, for a reflected one, and for one whose region does not begin at 0; and where lapd reads a file
-// that ITK wrote, it puts it in the same place.
+// The way from ITK, examples/itk_to_lapd.hpp: meshes lie where ITK's TransformIndexToPhysicalPoint
+// says, for an oblique and anisotropic image, for a reflected one, and for one whose region does
+// not begin at 0; and where lapd reads a file that ITK wrote, it puts it in the same place.
 #include "itk_to_lapd.hpp"
 
 #include <cmath>
@@ -89,15 +89,16 @@ void check_place(const lapd::image &image, const Image *itk_image) {
         Image::IndexType index = region.GetIndex();
         double at[3];
         for (unsigned i = 0; i < 3; i++) {
-            const long steps = (corner >> i & 1) != 0 ? static_cast<long>(region.GetSize(i)) - 1 : 0;
+            const long steps =
+                (corner >> i & 1) != 0 ? static_cast<long>(region.GetSize(i)) - 1 : 0;
             index[i] += steps;
             at[i] = static_cast<double>(steps) * spacing[i];
         }
         Point expected;
         itk_image->TransformIndexToPhysicalPoint(index, expected);
         for (unsigned i = 0; i < 3; i++) {
-            const double got =
-                origin[i] + direction[3 * i] * at[0] + direction[3 * i + 1] * at[1] + direction[3 * i + 2] * at[2];
+            const double got = origin[i] + direction[3 * i] * at[0] + direction[3 * i + 1] * at[1] +
+                               direction[3 * i + 2] * at[2];
             CHECK(std::fabs(got - expected[i]) < 1e-6);
         }
     }
@@ -111,8 +112,8 @@ void check_mesh(lapd::context &context, const lapd::image &image, const Image *i
     const auto tets = mesh.tets();
     const auto labels = mesh.labels();
 
-    // The voxel that ITK finds at the centroid of a tet has the tet's label, but for the few tets that cut a corner
-    // off.
+    // The voxel that ITK finds at the centroid of a tet has the tet's label, but for the few tets
+    // that cut a corner off.
     std::map<std::int32_t, moment> meshed, voxels;
     std::size_t wrong = 0;
     for (std::size_t t = 0; t < tets.size(); t++) {
@@ -129,7 +130,8 @@ void check_mesh(lapd::context &context, const lapd::image &image, const Image *i
         CHECK(volume > 0);
         meshed[labels[t]].add(volume, centroid);
         Image::IndexType index;
-        wrong += !itk_image->TransformPhysicalPointToIndex(centroid, index) || itk_image->GetPixel(index) != labels[t];
+        wrong += !itk_image->TransformPhysicalPointToIndex(centroid, index) ||
+                 itk_image->GetPixel(index) != labels[t];
     }
     CHECK(tets.size() > 1000);
     printf("%zu of %zu centroids in a voxel of another label\n", wrong, tets.size());
@@ -140,8 +142,9 @@ void check_mesh(lapd::context &context, const lapd::image &image, const Image *i
     for (unsigned i = 0; i < 3; i++) {
         voxel *= itk_image->GetSpacing()[i];
     }
-    for (itk::ImageRegionConstIteratorWithIndex<Image> at(itk_image, itk_image->GetBufferedRegion()); !at.IsAtEnd();
-         ++at) {
+    for (itk::ImageRegionConstIteratorWithIndex<Image> at(itk_image,
+                                                          itk_image->GetBufferedRegion());
+         !at.IsAtEnd(); ++at) {
         Point place;
         itk_image->TransformIndexToPhysicalPoint(at.GetIndex(), place);
         if (at.Get() != 0) {
@@ -152,7 +155,8 @@ void check_mesh(lapd::context &context, const lapd::image &image, const Image *i
     for (const auto &[label, expected] : voxels) {
         const moment &got = meshed[label];
         const double shift = (got.sum / got.volume - expected.sum / expected.volume).GetNorm();
-        printf("label %d: volume %.1f for %.1f, centroid off by %.3f\n", label, got.volume, expected.volume, shift);
+        printf("label %d: volume %.1f for %.1f, centroid off by %.3f\n", label, got.volume,
+               expected.volume, shift);
         CHECK(std::fabs(got.volume - expected.volume) < 0.1 * expected.volume);
         CHECK(shift < 0.1);
     }

@@ -1,9 +1,10 @@
 /*
- * A request to cancel is answered within 100 ms, whenever it comes: another thread makes it at moments spread over all
- * phases of a run, and the time until lapd_mesh_image returns is taken. Without a request, progress is reported as
- * often.
+ * A request to cancel is answered within 100 ms, whenever it comes: another thread makes it at
+ * moments spread over all phases of a run, and the time until lapd_mesh_image returns is taken.
+ * Without a request, progress is reported as often.
  *
- * test_latency [IMAGE [DELTA [MOMENTS PER PHASE]]]; by default the AAL atlas of Debian's mricron-data, or a phantom.
+ * test_latency [IMAGE [DELTA [MOMENTS PER PHASE]]]; by default the AAL atlas of Debian's
+ * mricron-data, or a phantom.
  */
 #define _POSIX_C_SOURCE 200809L
 
@@ -39,7 +40,8 @@ static int32_t on_progress(void *user, const lapd_progress *progress) {
     }
     if (atomic_load(&phase) >= 0) {
         const int before = atomic_load(&phase);
-        silence[before] = time - last_report > silence[before] ? time - last_report : silence[before];
+        silence[before] =
+            time - last_report > silence[before] ? time - last_report : silence[before];
     }
     last_report = time;
     atomic_store(&phase, p);
@@ -89,7 +91,8 @@ static double latency(request *r) {
     return status == LAPD_ERROR_CANCELLED ? end - r->cancelled_at : -1;
 }
 
-/* The whole run, for the times of its phases; and how long the callback had to wait. Returns the mesh. */
+/* The whole run, for the times of its phases; and how long the callback had to wait. Returns the
+ * mesh. */
 static lapd_mesh *measure_phases(double seconds[PHASES]) {
     lapd_mesh *mesh = NULL;
     for (int try = 0; try < TRIES; try++) {
@@ -111,7 +114,8 @@ static lapd_mesh *measure_phases(double seconds[PHASES]) {
         CHECK(try + 1 < TRIES);
     }
     for (int p = 0; p < PHASES; p++) {
-        printf("%-8s %6.2f s, at most %3.0f ms between reports\n", names[p], seconds[p], 1e3 * silence[p]);
+        printf("%-8s %6.2f s, at most %3.0f ms between reports\n", names[p], seconds[p],
+               1e3 * silence[p]);
     }
     return mesh;
 }
@@ -137,7 +141,9 @@ static void writing(const lapd_mesh *mesh, int moments) {
                 CHECK(pthread_join(thread, NULL) == 0);
                 CHECK(status == LAPD_ERROR_CANCELLED || status == LAPD_OK);
                 CHECK(lapd_context_reset_cancel(context) == LAPD_OK);
-                best = status == LAPD_ERROR_CANCELLED && end - r.cancelled_at < best ? end - r.cancelled_at : best;
+                best = status == LAPD_ERROR_CANCELLED && end - r.cancelled_at < best
+                           ? end - r.cancelled_at
+                           : best;
             }
             if (best < 1e9) {
                 worst = best > worst ? best : worst;
@@ -145,8 +151,8 @@ static void writing(const lapd_mesh *mesh, int moments) {
             }
         }
         remove(paths[i]);
-        printf("cancelled in writing %s (%.2f s) %d times, after %5.1f ms at most\n", paths[i], whole, answered,
-               1e3 * worst);
+        printf("cancelled in writing %s (%.2f s) %d times, after %5.1f ms at most\n", paths[i],
+               whole, answered, 1e3 * worst);
         CHECK(answered > 0);
         CHECK(worst < PROMISE);
     }
@@ -193,8 +199,9 @@ int main(int argc, char **argv) {
         }
     }
     for (int p = 0; p < PHASES; p++) {
-        printf("cancelled in %-8s %2d times, after %5.1f ms at most, %5.1f ms in the mean\n", names[p], answered[p],
-               1e3 * worst[p], answered[p] > 0 ? 1e3 * sum[p] / answered[p] : 0);
+        printf("cancelled in %-8s %2d times, after %5.1f ms at most, %5.1f ms in the mean\n",
+               names[p], answered[p], 1e3 * worst[p],
+               answered[p] > 0 ? 1e3 * sum[p] / answered[p] : 0);
         CHECK(answered[p] > moments / 4);
         CHECK(worst[p] < PROMISE);
     }

@@ -1,6 +1,6 @@
 /*
- * Limits of vertices, time and memory: each has its own status, or where asked gives a valid partial mesh. Memory that
- * the system refuses is an error too, not the end of the process.
+ * Limits of vertices, time and memory: each has its own status, or where asked gives a valid
+ * partial mesh. Memory that the system refuses is an error too, not the end of the process.
  */
 #define _POSIX_C_SOURCE 200809L
 
@@ -37,7 +37,8 @@ static void values(void) {
     CHECK(lapd_params_set_partial(context, params, 1) == LAPD_OK);
     CHECK(lapd_params_set_time_limit(context, params, -1) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(lapd_params_set_time_limit(context, params, (double)NAN) == LAPD_ERROR_INVALID_ARGUMENT);
-    CHECK(lapd_params_set_time_limit(context, params, (double)INFINITY) == LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(lapd_params_set_time_limit(context, params, (double)INFINITY) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(lapd_params_set_partial(context, params, 2) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(lapd_params_get_time_limit(params, &seconds) == LAPD_OK && seconds == 1.5);
     CHECK(lapd_params_get_max_memory(params, &bytes) == LAPD_OK && bytes == UINT64_MAX);
@@ -85,7 +86,8 @@ static void on_log(void *user, int32_t level, const char *message) {
     *partial += level == LAPD_LOG_WARNING && strstr(message, "partial") != NULL;
 }
 
-/* The run gives a mesh, which is whole (LAPD_OK) or was ended by this limit. Returns its vertices. */
+/* The run gives a mesh, which is whole (LAPD_OK) or was ended by this limit. Returns its vertices.
+ */
 static uint64_t expect_mesh(lapd_status limit, bool background) {
     lapd_mesh *mesh = NULL;
     int32_t reached = -1;
@@ -105,7 +107,8 @@ static uint64_t expect_mesh(lapd_status limit, bool background) {
     lapd_counts counts = {.struct_size = sizeof counts};
     CHECK(lapd_mesh_get_certificate(mesh, &c) == LAPD_OK);
     CHECK(lapd_mesh_get_counts(mesh, &counts) == LAPD_OK);
-    CHECK(c.non_delaunay_facets == 0 && c.inverted_tets == 0 && c.orphan_vertices == 0 && c.open_edges == 0);
+    CHECK(c.non_delaunay_facets == 0 && c.inverted_tets == 0 && c.orphan_vertices == 0 &&
+          c.open_edges == 0);
     uint64_t unmet = 0;
     for (int rule = 0; rule < 6; rule++) {
         unmet += c.unmet[rule];
@@ -158,7 +161,8 @@ static void seconds(void) {
     expect_mesh(LAPD_OK, false);
 }
 
-/* The peak of resident memory in bytes, by which a run in a process of its own makes it grow; 0 when unknown. */
+/* The peak of resident memory in bytes, by which a run in a process of its own makes it grow; 0
+ * when unknown. */
 static uint64_t growth_of_peak(lapd_status limit) {
     int ends[2];
     uint64_t growth = 0;
@@ -189,7 +193,8 @@ static void memory(void) {
     for (uint64_t most = 32 << 20; most <= 128 << 20; most *= 2) {
         set_limits(0, 0, most, 1);
         const uint64_t growth = growth_of_peak(LAPD_ERROR_MEMORY_LIMIT);
-        printf("limit %llu MiB, peak %llu MiB\n", (unsigned long long)most >> 20, (unsigned long long)growth >> 20);
+        printf("limit %llu MiB, peak %llu MiB\n", (unsigned long long)most >> 20,
+               (unsigned long long)growth >> 20);
         /* Quite used, and kept but for what does not count. */
         CHECK(SANITIZED || (growth > most / 2 && growth < most + (16 << 20)));
     }
@@ -246,7 +251,8 @@ static lapd_status with_room(uint64_t bytes) {
     int state = 0;
     CHECK(waitpid(child, &state, 0) == child);
     if (!WIFEXITED(state)) {
-        printf("signal %d with room for %llu KiB\n", WTERMSIG(state), (unsigned long long)bytes >> 10);
+        printf("signal %d with room for %llu KiB\n", WTERMSIG(state),
+               (unsigned long long)bytes >> 10);
     }
     CHECK(WIFEXITED(state));
     return WIFEXITED(state) ? (lapd_status)WEXITSTATUS(state) : LAPD_ERROR_INTERNAL;

@@ -1,4 +1,5 @@
-/* Phantoms from buffers of all types, with strides, reflections and rotations; their meshes checked by plain C. */
+/* Phantoms from buffers of all types, with strides, reflections and rotations; their meshes checked
+ * by plain C. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,10 +23,11 @@ static bool near(double value, double wanted, double relative) {
     return ok;
 }
 
-static lapd_image *make_image(const void *voxels, int32_t type, const ptrdiff_t *strides, const double *spacing,
-                              const double *direction) {
+static lapd_image *make_image(const void *voxels, int32_t type, const ptrdiff_t *strides,
+                              const double *spacing, const double *direction) {
     lapd_image *image = NULL;
-    lapd_status status = lapd_image_create(context, voxels, type, DIMS, strides, ORIGIN, spacing, direction, &image);
+    lapd_status status =
+        lapd_image_create(context, voxels, type, DIMS, strides, ORIGIN, spacing, direction, &image);
     if (status != LAPD_OK) {
         fprintf(stderr, "%s\n", lapd_context_last_error(context));
     }
@@ -64,7 +66,8 @@ static void three_labels(void) {
     lapd_mesh *mesh = make_mesh(image, params);
     check_mesh(mesh, false);
     for (size_t i = 0; i < count; i++) {
-        CHECK(near(label_volume(mesh, labels[i]), voxel_volume_of(voxels, (int16_t)labels[i]), 0.05));
+        CHECK(
+            near(label_volume(mesh, labels[i]), voxel_volume_of(voxels, (int16_t)labels[i]), 0.05));
     }
     lapd_mesh *again = make_mesh(image, params);
     CHECK(same_mesh(mesh, again));
@@ -119,10 +122,12 @@ static void strides(void) {
     free(voxels);
 }
 
-/* A reflected and a rotated frame with unequal spacing: volumes stay positive, and the mesh lies where the image does.
+/* A reflected and a rotated frame with unequal spacing: volumes stay positive, and the mesh lies
+ * where the image does.
  */
 static void frames(void) {
-    static const double directions[2][9] = {{-1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, -1, 0, 0.6, 0, -0.8, 0.8, 0, 0.6}};
+    static const double directions[2][9] = {{-1, 0, 0, 0, 1, 0, 0, 0, 1},
+                                            {0, -1, 0, 0.6, 0, -0.8, 0.8, 0, 0.6}};
     static const double spacing[3] = {1, 0.5, 2};
     int16_t *voxels = three_label_voxels(N, RADIUS);
     lapd_params *params = params_with_delta(context, 1);
@@ -142,7 +147,8 @@ static void frames(void) {
         lapd_mesh *mesh = make_mesh(image, params);
         check_mesh(mesh, false);
         double volume = label_volume(mesh, 3) + label_volume(mesh, 300) + label_volume(mesh, -5);
-        double wanted = voxel_volume_of(voxels, 3) + voxel_volume_of(voxels, 300) + voxel_volume_of(voxels, -5);
+        double wanted =
+            voxel_volume_of(voxels, 3) + voxel_volume_of(voxels, 300) + voxel_volume_of(voxels, -5);
         CHECK(near(volume, wanted, 0.05));
 
         /* The middle of the mesh's vertices is about the middle of the image. */
@@ -167,18 +173,18 @@ static void frames(void) {
 }
 
 /* The same ball in every voxel type gives the same bytes. */
-#define CHECK_TYPE(type, number)                                                                                       \
-    do {                                                                                                               \
-        type *typed = calloc((size_t)N * N * N, sizeof *typed);                                                        \
-        for (size_t i = 0; i < (size_t)N * N * N; i++) {                                                               \
-            typed[i] = (type)voxels[i];                                                                                \
-        }                                                                                                              \
-        lapd_image *image = make_image(typed, number, NULL, UNIT, NULL);                                               \
-        free(typed); /* the image has its own copy */                                                                  \
-        lapd_mesh *mesh = make_mesh(image, params);                                                                    \
-        CHECK(same_mesh(mesh, wanted));                                                                                \
-        lapd_mesh_free(mesh);                                                                                          \
-        lapd_image_free(image);                                                                                        \
+#define CHECK_TYPE(type, number)                                                                   \
+    do {                                                                                           \
+        type *typed = calloc((size_t)N * N * N, sizeof *typed);                                    \
+        for (size_t i = 0; i < (size_t)N * N * N; i++) {                                           \
+            typed[i] = (type)voxels[i];                                                            \
+        }                                                                                          \
+        lapd_image *image = make_image(typed, number, NULL, UNIT, NULL);                           \
+        free(typed); /* the image has its own copy */                                              \
+        lapd_mesh *mesh = make_mesh(image, params);                                                \
+        CHECK(same_mesh(mesh, wanted));                                                            \
+        lapd_mesh_free(mesh);                                                                      \
+        lapd_image_free(image);                                                                    \
     } while (0)
 
 static void voxel_types(void) {

@@ -1,5 +1,6 @@
-/* Every pointer of every function of the header NULL, one at a time: refused where the header does not allow it, and
- * never a crash. null_arguments.awk writes the calls from the header itself, so none is forgotten. */
+/* Every pointer of every function of the header NULL, one at a time: refused where the header does
+ * not allow it, and never a crash. null_arguments.awk writes the calls from the header itself, so
+ * none is forgotten. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -18,10 +19,10 @@ static lapd_params *made_params;
 static lapd_mesh *made_mesh;
 
 /* A call that a NULL makes fail. With a context its message names the argument. */
-#define REFUSES(name, call)                                                                                            \
-    do {                                                                                                               \
-        lapd_status status = (call);                                                                                   \
-        refused(#call, name, status);                                                                                  \
+#define REFUSES(name, call)                                                                        \
+    do {                                                                                           \
+        lapd_status status = (call);                                                               \
+        refused(#call, name, status);                                                              \
     } while (0)
 
 /* A call that takes NULL; whatever it comes to, but it comes back. */

@@ -1,5 +1,6 @@
-/* Two meshers at once in one process share image and parameters and give the bytes of a lone one; runs with several
- * threads have a clean certificate, whatever the contention manager and whom threads beg; no thread is left behind. */
+/* Two meshers at once in one process share image and parameters and give the bytes of a lone one;
+ * runs with several threads have a clean certificate, whatever the contention manager and whom
+ * threads beg; no thread is left behind. */
 #define _GNU_SOURCE
 
 #include <dirent.h>
@@ -118,7 +119,8 @@ int main(void) {
         lapd_mesh_free(pair[i]);
     }
 
-    for (int32_t contention = LAPD_CONTENTION_LOCAL; contention <= LAPD_CONTENTION_AGGRESSIVE; contention++) {
+    for (int32_t contention = LAPD_CONTENTION_LOCAL; contention <= LAPD_CONTENTION_AGGRESSIVE;
+         contention++) {
         mesh_with_threads(context, contention, LAPD_BEGGING_BY_LEVEL);
         mesh_with_threads(context, contention, LAPD_BEGGING_FLAT);
     }

@@ -1,5 +1,5 @@
-// The way to VTK, examples/lapd_to_vtk.hpp: what is promised to be shared is shared, cells and labels are the mesh's,
-// and the mesh lives as long as VTK holds any of its arrays, and no longer.
+// The way to VTK, examples/lapd_to_vtk.hpp: what is promised to be shared is shared, cells and
+// labels are the mesh's, and the mesh lives as long as VTK holds any of its arrays, and no longer.
 #include "lapd_to_vtk.hpp"
 
 #include <cmath>
@@ -15,14 +15,15 @@ std::shared_ptr<const lapd::mesh> ball() {
     constexpr std::size_t n = 16;
     std::vector<std::uint8_t> voxels(n * n * n);
     for (std::size_t i = 0; i < voxels.size(); i++) {
-        const double x = double(i % n) - 7.5, y = double(i / n % n) - 7.5, z = double(i / n / n) - 7.5;
+        const double x = double(i % n) - 7.5, y = double(i / n % n) - 7.5,
+                     z = double(i / n / n) - 7.5;
         voxels[i] = x * x + y * y + z * z < 36 ? (x < 0 ? 2 : 9) : 0;
     }
     lapd::grid grid;
     grid.dims = {n, n, n};
     lapd::context context;
-    return std::make_shared<const lapd::mesh>(
-        lapd::mesh::make(context, lapd::image::create(context, voxels.data(), grid), lapd::params()));
+    return std::make_shared<const lapd::mesh>(lapd::mesh::make(
+        context, lapd::image::create(context, voxels.data(), grid), lapd::params()));
 }
 
 double volume(vtkUnstructuredGrid *grid) {
@@ -72,7 +73,8 @@ int main() {
     vtkNew<vtkDoubleArray> points;
     points->ShallowCopy(grid->GetPoints()->GetData());
     grid = nullptr;
-    CHECK(alive.use_count() == 1 && points->GetNumberOfTuples() > 0 && std::isfinite(points->GetValue(0)));
+    CHECK(alive.use_count() == 1 && points->GetNumberOfTuples() > 0 &&
+          std::isfinite(points->GetValue(0)));
     points->Initialize();
     CHECK(alive.expired());
     CHECK(std::fabs(volume(deep) - expected) < 1e-9 * expected);

@@ -1,4 +1,5 @@
-# Makes lapd::lapd and lapd::lapd_static from lapd_include_dir, lapd_shared_path, lapd_static_path, lapd_soname and lapd_native_libs.
+# Makes lapd::lapd and lapd::lapd_static from lapd_include_dir, lapd_shared_path, lapd_static_path,
+# lapd_soname and lapd_native_libs.
 
 if(NOT TARGET lapd::lapd)
     add_library(lapd::lapd SHARED IMPORTED GLOBAL)

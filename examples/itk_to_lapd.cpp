@@ -2,7 +2,8 @@
 //
 //   itk_to_lapd IMAGE OUT.vtu [DELTA [SIZE]]
 //
-// Coordinates of the mesh are ITK's: LPS, in millimetres. Exit status: 0 only if a mesh was written; 2 for bad usage.
+// Coordinates of the mesh are ITK's: LPS, in millimetres. Exit status: 0 only if a mesh was
+// written; 2 for bad usage.
 #include "itk_to_lapd.hpp"
 
 #include <cstdint>
@@ -23,7 +24,8 @@ template <class Pixel> lapd::image read_as(lapd::context &context, const std::st
 
 // Reads the pixels as the type that they have in the file: nothing is rounded on the way.
 lapd::image read(lapd::context &context, const std::string &path) {
-    auto io = itk::ImageIOFactory::CreateImageIO(path.c_str(), itk::CommonEnums::IOFileMode::ReadMode);
+    auto io =
+        itk::ImageIOFactory::CreateImageIO(path.c_str(), itk::CommonEnums::IOFileMode::ReadMode);
     if (io == nullptr) {
         throw std::runtime_error(path + ": ITK finds no image there that it can read");
     }
@@ -53,9 +55,10 @@ lapd::image read(lapd::context &context, const std::string &path) {
     case itk::IOComponentEnum::LONGLONG:
         return read_as<std::int64_t>(context, path);
     default:
-        throw std::runtime_error(path + ": voxels are of type " +
-                                 itk::ImageIOBase::GetComponentTypeAsString(io->GetComponentType()) +
-                                 ", labels are integers");
+        throw std::runtime_error(
+            path + ": voxels are of type " +
+            itk::ImageIOBase::GetComponentTypeAsString(io->GetComponentType()) +
+            ", labels are integers");
     }
 }
 
@@ -78,7 +81,8 @@ int main(int argc, char **argv) try {
 
     const lapd::mesh mesh = lapd::mesh::make(context, read(context, argv[1]), params);
     mesh.write(context, argv[2]);
-    std::cout << argv[2] << ": " << mesh.points().size() << " vertices, " << mesh.tets().size() << " tets\n";
+    std::cout << argv[2] << ": " << mesh.points().size() << " vertices, " << mesh.tets().size()
+              << " tets\n";
     return 0;
 } catch (const std::exception &error) {
     // lapd::error, and what ITK throws.

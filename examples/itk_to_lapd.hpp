@@ -1,8 +1,8 @@
 // From ITK to lapd: a label image of ITK, with its place in the world.
 //
-// ITK's world is LPS, whatever the file said, and so is the mesh then: vertices are where TransformIndexToPhysicalPoint
-// puts the voxels. Both libraries put the centre of a voxel at origin + direction * (index * spacing), so nothing is
-// turned or flipped.
+// ITK's world is LPS, whatever the file said, and so is the mesh then: vertices are where
+// TransformIndexToPhysicalPoint puts the voxels. Both libraries put the centre of a voxel at origin
+// + direction * (index * spacing), so nothing is turned or flipped.
 #ifndef ITK_TO_LAPD_HPP
 #define ITK_TO_LAPD_HPP
 
@@ -10,7 +10,8 @@
 #include <lapd.hpp>
 
 // lapd copies the voxels; the ITK image may go afterwards. Any integer type.
-template <class Pixel> lapd::image to_lapd(lapd::context &context, const itk::Image<Pixel, 3> *image) {
+template <class Pixel>
+lapd::image to_lapd(lapd::context &context, const itk::Image<Pixel, 3> *image) {
     const auto region = image->GetBufferedRegion();
     // ITK's origin belongs to index (0, 0, 0), with which a region need not begin.
     typename itk::Image<Pixel, 3>::PointType origin;

@@ -1,16 +1,16 @@
-// From lapd to VTK: a mesh as a vtkUnstructuredGrid, with copies only where VTK's layout wants other numbers than
-// lapd's.
+// From lapd to VTK: a mesh as a vtkUnstructuredGrid, with copies only where VTK's layout wants
+// other numbers than lapd's.
 //
 //   points        shared: lapd's double[n][3] is VTK's
 //   label         shared: int32_t is the int of vtkIntArray
-//   connectivity  shared: since VTK 9, cell arrays may be of 32 bits, and lapd's numbers stay below 2^28, so that
-//                 their unsigned 32 bits read the same when signed
-//   offsets       made, 4 bytes for each tet: VTK wants the place of every cell in the connectivity, lapd knows
-//                 that it is 4 * i
+//   connectivity  shared: since VTK 9, cell arrays may be of 32 bits, and lapd's numbers stay below
+//                 2^28, so that their unsigned 32 bits read the same when signed
+//   offsets       made, 4 bytes for each tet: VTK wants the place of every cell in the
+//                 connectivity, lapd knows that it is 4 * i
 //   cell types    made, 1 byte for each tet, by VTK
 //
-// VTK may read the shared arrays as long as it likes: the mesh lives until the last of their buffers is released.
-// Nobody may write to them.
+// VTK may read the shared arrays as long as it likes: the mesh lives until the last of their
+// buffers is released. Nobody may write to them.
 #ifndef LAPD_TO_VTK_HPP
 #define LAPD_TO_VTK_HPP
 
@@ -32,7 +32,8 @@
 
 namespace lapd_to_vtk_detail {
 
-// Which mesh a buffer belongs to that VTK holds. VTK says no more than the buffer's address when it lets go of it.
+// Which mesh a buffer belongs to that VTK holds. VTK says no more than the buffer's address when it
+// lets go of it.
 class lent_buffers {
   public:
     static void add(void *buffer, std::shared_ptr<const lapd::mesh> mesh) {
@@ -60,8 +61,10 @@ class lent_buffers {
 
 // Lets a VTK array read `count` values of the mesh.
 template <class Array, class T>
-void lend(Array *array, const std::shared_ptr<const lapd::mesh> &mesh, const T *values, std::size_t count) {
-    static_assert(sizeof(typename Array::ValueType) == sizeof(T), "the values would have to be copied");
+void lend(Array *array, const std::shared_ptr<const lapd::mesh> &mesh, const T *values,
+          std::size_t count) {
+    static_assert(sizeof(typename Array::ValueType) == sizeof(T),
+                  "the values would have to be copied");
     // VTK has no arrays of constants.
     auto *buffer = reinterpret_cast<typename Array::ValueType *>(const_cast<T *>(values));
     lent_buffers::add(buffer, mesh);

@@ -1,9 +1,9 @@
 /*
  * mesh_image: meshes an image file. An example of the C interface, and a tool.
  *
- * It shows the whole way: parameters, context with progress and cancellation, image, run, files. report.c shows what a
- * mesh can be asked for. Exit status: 0 only if a mesh was written; 2 for bad usage; 1 for everything else, with one
- * line on stderr.
+ * It shows the whole way: parameters, context with progress and cancellation, image, run, files.
+ * report.c shows what a mesh can be asked for. Exit status: 0 only if a mesh was written; 2 for bad
+ * usage; 1 for everything else, with one line on stderr.
  */
 #define _POSIX_C_SOURCE 200809L
 
@@ -28,7 +28,8 @@ static const char USAGE[] =
     "\n"
     "Turns a label image, a scan or probability maps into a tetrahedral mesh of all tissues.\n"
     "INPUT: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz\n"
-    "OUT, by its ending: .vtu .vtk .mesh .node .ele .msh (Gmsh 4.1) .msh2 (Gmsh 2.2) .inp (Abaqus) .stl .ply .off\n"
+    "OUT, by its ending: .vtu .vtk .mesh .node .ele .msh (Gmsh 4.1) .msh2 (Gmsh 2.2) .inp (Abaqus) "
+    ".stl .ply .off\n"
     "Lengths are in the image's world units (mm).\n"
     "\n"
     "  -o OUT               write the mesh; may be given again, or left out with --report\n"
@@ -37,42 +38,56 @@ static const char USAGE[] =
     "  --size MM            largest circumradius of tets; default 2 times delta\n"
     "  --label-size L=MM    the same for one label (after --merge); may be given again\n"
     "  --no-adaptive        do not sample more densely what is thinner than 4/3 delta\n"
-    "  --spacing-floor V    samples of thin structures come no closer than this many voxels; default 0.5\n"
+    "  --spacing-floor V    samples of thin structures come no closer than this many voxels; "
+    "default 0.5\n"
     "  --least-voxels N     leave out components of fewer voxels; for label images; default 0\n"
     "  --radius-edge R      largest circumradius over shortest edge; at least 2, default 2\n"
     "  --facet-angle DEG    smallest angle of interface facets; at most 30, default 30\n"
     "  --threads N          threads of the run; default 1, which makes the same mesh each time\n"
-    "  --algorithm NAME     podm | lapd, with a region for the threads of each memory node; default podm\n"
-    "  --contention NAME    what threads do after conflicts: local | global | random | aggressive; default local\n"
+    "  --algorithm NAME     podm | lapd, with a region for the threads of each memory node; "
+    "default podm\n"
+    "  --contention NAME    what threads do after conflicts: local | global | random | aggressive; "
+    "default local\n"
     "  --begging NAME       whom threads without work ask first: levels | flat; default levels\n"
-    "  --topology TEXT      the machine that threads are taken to run on, as a synthetic description of hwloc's,\n"
+    "  --topology TEXT      the machine that threads are taken to run on, as a synthetic "
+    "description of hwloc's,\n"
     "                       such as 'numa:4 core:4 pu:1'; needs a library with the feature hwloc\n"
     "  --bind               bind each thread to a core\n"
-    "  --count-accesses     report how much of the memory that threads visit is that of other memory nodes\n"
+    "  --count-accesses     report how much of the memory that threads visit is that of other "
+    "memory nodes\n"
     "  --merge L,L,...=T    give these labels the label T first; may be given again\n"
     "  --background-label L the label (after --merge) that is background; default 0\n"
     "  --keep L,L,...       mesh these labels (after --merge) only\n";
 
 static const char MORE_USAGE[] =
     "  --isovalue V,V,...   INPUT is a scan; its labels, 1, 2, ..., begin at these intensities\n"
-    "  --probabilities      INPUT is a stack of probability maps, of labels 1, 2, ...; may be several files\n"
-    "  --level-sets         as --probabilities, of functions above 0 inside of their label; the largest wins\n"
+    "  --probabilities      INPUT is a stack of probability maps, of labels 1, 2, ...; may be "
+    "several files\n"
+    "  --level-sets         as --probabilities, of functions above 0 inside of their label; the "
+    "largest wins\n"
     "  --labels L,L,...     the labels at these isovalues, or of these maps\n"
     "  --gaussian SIGMA     smooth the labels of a coarse image; in voxels, at most 5; default 0\n"
-    "  --round              take voxels that are no whole numbers for the nearest labels; those within 0.001 of one\n"
+    "  --round              take voxels that are no whole numbers for the nearest labels; those "
+    "within 0.001 of one\n"
     "                       always are\n"
-    "  --map                number the distinct values of voxels, of any kind, as labels 1, 2, ...; the report tells\n"
+    "  --map                number the distinct values of voxels, of any kind, as labels 1, 2, "
+    "...; the report tells\n"
     "                       which is which\n"
-    "  --layer-order L,L,.. the layers of a 3D Slicer segmentation, from 0 on, each once: where segments overlap,\n"
+    "  --layer-order L,L,.. the layers of a 3D Slicer segmentation, from 0 on, each once: where "
+    "segments overlap,\n"
     "                       that of the later layer counts; default 0,1,...\n"
-    "  --frame NAME         lps | ras: world axes that grow to the patient's left, posterior, superior, or right,\n"
+    "  --frame NAME         lps | ras: world axes that grow to the patient's left, posterior, "
+    "superior, or right,\n"
     "                       anterior, superior; default as the file has them\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
     "  --surface NAME       smooth | voxel; default smooth\n"
-    "  --border NAME        flat | smooth: how the object is closed where the image cuts it off; default flat\n"
-    "  --improve NAME       none | interior | full: what may be changed to remove slivers: nothing, the inside of\n"
+    "  --border NAME        flat | smooth: how the object is closed where the image cuts it off; "
+    "default flat\n"
+    "  --improve NAME       none | interior | full: what may be changed to remove slivers: "
+    "nothing, the inside of\n"
     "                       labels, or interfaces too; default full\n"
-    "  --target-dihedral D  smallest dihedral angle of tets, in degrees; the largest is 180 less this; at most 30,\n"
+    "  --target-dihedral D  smallest dihedral angle of tets, in degrees; the largest is 180 less "
+    "this; at most 30,\n"
     "                       default 15\n"
     "  --order N            1 | 2: order 2 has a node in the middle of each edge, too; default 1\n"
     "  --curved             with order 2: the nodes on interfaces go where the image has them\n"
@@ -80,15 +95,18 @@ static const char MORE_USAGE[] =
     "  --time-limit S       give up when the refinement has not ended after this many seconds\n"
     "  --max-memory BYTES   give up when the run needs more; K, M, G stand for 2^10, 2^20, 2^30\n"
     "  --partial            when such a limit is reached, write the mesh of what there is\n"
-    "  --measures           .vtu files get measures of the tets: dihedral angles, scaled Jacobian, ratios\n"
+    "  --measures           .vtu files get measures of the tets: dihedral angles, scaled Jacobian, "
+    "ratios\n"
     "  --report FILE.json   write a report\n"
     "  --memory             with the peak of memory until the end of each phase in it\n"
-    "  --timeline FILE.json write what each thread did when, for chrome://tracing or ui.perfetto.dev\n"
+    "  --timeline FILE.json write what each thread did when, for chrome://tracing or "
+    "ui.perfetto.dev\n"
     "  --quiet              no progress, no table\n"
     "  --help               this text\n"
     "  --version            the version of the library\n"
     "\n"
-    "Exit status: 0 if the mesh was written, 2 for bad usage, 1 else. That a mesh is partial is said on stderr.\n";
+    "Exit status: 0 if the mesh was written, 2 for bad usage, 1 else. That a mesh is partial is "
+    "said on stderr.\n";
 
 /* ---- Messages ---- */
 
@@ -134,10 +152,11 @@ typedef struct {
 } progress_line;
 
 static int32_t show_progress(void *user, const lapd_progress *progress) {
-    static const char *const phases[] = {"preparing the image", "refinement", "extraction", "improvement",
-                                         "certificate"};
+    static const char *const phases[] = {"preparing the image", "refinement", "extraction",
+                                         "improvement", "certificate"};
     progress_line *line = user;
-    /* The first report of a phase comes before anything is done in it, and the run waits for the answer. */
+    /* The first report of a phase comes before anything is done in it, and the run waits for the
+     * answer. */
     for (; line->phase < progress->phase && line->phase < LAPD_PHASE_CERTIFY; line->phase++) {
         if (line->memory != NULL) {
             line->memory->peak[line->phase] = peak_memory();
@@ -205,7 +224,8 @@ static bool parse_bytes(const char *text, uint64_t *bytes) {
     const char *unit = *end != '\0' ? strchr(units, *end) : NULL;
     const int shift = unit != NULL ? 10 * (int)(unit - units + 1) : 0;
     *bytes = (uint64_t)number << shift;
-    return *text >= '0' && *text <= '9' && end[unit != NULL] == '\0' && errno == 0 && *bytes >> shift == number;
+    return *text >= '0' && *text <= '9' && end[unit != NULL] == '\0' && errno == 0 &&
+           *bytes >> shift == number;
 }
 
 static bool parse_name(const char *text, const char *const *names, size_t count, int32_t *value) {
@@ -218,8 +238,8 @@ static bool parse_name(const char *text, const char *const *names, size_t count,
     return false;
 }
 
-/* Reads labels with commas between them, which end at `*end`; the caller frees them. NULL if there is none where there
- * should be one. */
+/* Reads labels with commas between them, which end at `*end`; the caller frees them. NULL if there
+ * is none where there should be one. */
 static int32_t *parse_labels(const char *text, const char **end, size_t *count) {
     int32_t *list = malloc((strlen(text) / 2 + 1) * sizeof *list);
     *count = 0;
@@ -233,7 +253,8 @@ static int32_t *parse_labels(const char *text, const char **end, size_t *count) 
     return NULL;
 }
 
-/* Reads numbers of layers with commas between them; the caller frees them. NULL if there is anything else. */
+/* Reads numbers of layers with commas between them; the caller frees them. NULL if there is
+ * anything else. */
 static size_t *parse_layers(const char *text, size_t *count) {
     const char *end;
     int32_t *numbers = parse_labels(text, &end, count);
@@ -274,8 +295,10 @@ static set_result from_status(lapd_status status) {
     return status == LAPD_OK ? SET_OK : SET_REFUSED;
 }
 
-/* Sets the parameter that an option with a value stands for. The numbers of names are those of the library's enums. */
-static set_result set_parameter(lapd_context *context, lapd_params *params, const char *option, const char *value) {
+/* Sets the parameter that an option with a value stands for. The numbers of names are those of the
+ * library's enums. */
+static set_result set_parameter(lapd_context *context, lapd_params *params, const char *option,
+                                const char *value) {
     static const char *const surfaces[] = {"smooth", "voxel"};
     static const char *const borders[] = {"flat", "smooth"};
     static const char *const improves[] = {"none", "interior", "full"};
@@ -296,7 +319,8 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     static const struct {
         const char *option;
         lapd_status (*set)(lapd_context *, lapd_params *, size_t);
-    } counts[] = {{"--threads", lapd_params_set_threads}, {"--max-vertices", lapd_params_set_max_vertices}};
+    } counts[] = {{"--threads", lapd_params_set_threads},
+                  {"--max-vertices", lapd_params_set_max_vertices}};
     static const struct {
         const char *option;
         lapd_status (*set)(lapd_context *, lapd_params *, int32_t);
@@ -312,13 +336,16 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
         double number;
         if (strcmp(option, numbers[i].option) == 0) {
-            return parse_number(value, &number) ? from_status(numbers[i].set(context, params, number)) : SET_BAD_VALUE;
+            return parse_number(value, &number)
+                       ? from_status(numbers[i].set(context, params, number))
+                       : SET_BAD_VALUE;
         }
     }
     for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
         size_t count;
         if (strcmp(option, counts[i].option) == 0) {
-            return parse_count(value, &count) ? from_status(counts[i].set(context, params, count)) : SET_BAD_VALUE;
+            return parse_count(value, &count) ? from_status(counts[i].set(context, params, count))
+                                              : SET_BAD_VALUE;
         }
     }
     for (size_t i = 0; i < sizeof choices / sizeof *choices; i++) {
@@ -334,8 +361,9 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     }
     if (strcmp(option, "--max-memory") == 0) {
         uint64_t bytes;
-        return parse_bytes(value, &bytes) ? from_status(lapd_params_set_max_memory(context, params, bytes))
-                                          : SET_BAD_VALUE;
+        return parse_bytes(value, &bytes)
+                   ? from_status(lapd_params_set_max_memory(context, params, bytes))
+                   : SET_BAD_VALUE;
     }
     if (strcmp(option, "--label-size") == 0) {
         int32_t label;
@@ -355,8 +383,9 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     }
     if (strcmp(option, "--least-voxels") == 0) {
         size_t least;
-        return parse_count(value, &least) ? from_status(lapd_params_set_least_voxels(context, params, least))
-                                          : SET_BAD_VALUE;
+        return parse_count(value, &least)
+                   ? from_status(lapd_params_set_least_voxels(context, params, least))
+                   : SET_BAD_VALUE;
     }
     if (strcmp(option, "--background-label") == 0) {
         int32_t label;
@@ -371,12 +400,14 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
         int32_t target = 0;
         const char *rest;
         int32_t *labels = parse_labels(value, &rest, &count);
-        bool good =
-            labels != NULL && (!merge || (*rest == '=' && parse_label(rest + 1, &rest, &target))) && *rest == '\0';
+        bool good = labels != NULL &&
+                    (!merge || (*rest == '=' && parse_label(rest + 1, &rest, &target))) &&
+                    *rest == '\0';
         set_result result = SET_BAD_VALUE;
         if (good) {
-            result = from_status(merge ? lapd_params_set_merge(context, params, labels, count, target)
-                                       : lapd_params_set_keep(context, params, labels, count));
+            result =
+                from_status(merge ? lapd_params_set_merge(context, params, labels, count, target)
+                                  : lapd_params_set_keep(context, params, labels, count));
         }
         free(labels);
         return result;
@@ -421,7 +452,8 @@ static bool usage_error(const char *format, const char *a, const char *b) {
 }
 
 /* Returns false, with a message on stderr, for bad usage. */
-static bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *params, options *o) {
+static bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *params,
+                          options *o) {
     o->inputs = calloc((size_t)argc, sizeof *o->inputs);
     o->outputs = calloc((size_t)argc, sizeof *o->outputs);
     if (o->inputs == NULL || o->outputs == NULL) {
@@ -557,7 +589,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
         const char *dot = strrchr(o->outputs[i], '.');
         int32_t found;
         if (dot != NULL && parse_name(dot, endings, 3, &found)) {
-            return usage_error("%s: TetGen's files are written for --order 1 only%s", o->outputs[i], "");
+            return usage_error("%s: TetGen's files are written for --order 1 only%s", o->outputs[i],
+                               "");
         }
     }
     if (o->output_count == 0 && o->report == NULL) {
@@ -567,13 +600,15 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
 }
 
 /* Chooses what the command line left open. */
-static lapd_status set_defaults(lapd_context *context, lapd_params *params, const lapd_image *image, const options *o) {
+static lapd_status set_defaults(lapd_context *context, lapd_params *params, const lapd_image *image,
+                                const options *o) {
     lapd_status status = LAPD_OK;
     double spacing[3], delta;
     if (!o->has_delta) {
         status = lapd_image_get_spacing(image, spacing);
         if (status == LAPD_OK) {
-            status = lapd_params_set_delta(context, params, 1.5 * cbrt(spacing[0] * spacing[1] * spacing[2]));
+            status = lapd_params_set_delta(context, params,
+                                           1.5 * cbrt(spacing[0] * spacing[1] * spacing[2]));
         }
     }
     if (status == LAPD_OK && !o->has_size) {
@@ -589,18 +624,19 @@ static lapd_status set_defaults(lapd_context *context, lapd_params *params, cons
 
 static lapd_status read_input(lapd_context *context, const options *o, lapd_image **image) {
     if (o->isovalues != NULL) {
-        return lapd_image_read_gray(context, o->inputs[0], o->world, o->isovalues, o->isovalue_count, o->labels, image);
+        return lapd_image_read_gray(context, o->inputs[0], o->world, o->isovalues,
+                                    o->isovalue_count, o->labels, image);
     }
     if (o->level_sets) {
-        return lapd_image_read_level_sets(context, o->inputs, o->input_count, o->world, o->labels, o->label_count,
-                                          image);
+        return lapd_image_read_level_sets(context, o->inputs, o->input_count, o->world, o->labels,
+                                          o->label_count, image);
     }
     if (o->probabilities) {
-        return lapd_image_read_probabilities(context, o->inputs, o->input_count, o->world, o->labels, o->label_count,
-                                             image);
+        return lapd_image_read_probabilities(context, o->inputs, o->input_count, o->world,
+                                             o->labels, o->label_count, image);
     }
-    return lapd_image_read_labels(context, o->inputs[0], o->world, o->label_values, o->layer_order, o->layer_count,
-                                  image);
+    return lapd_image_read_labels(context, o->inputs[0], o->world, o->label_values, o->layer_order,
+                                  o->layer_count, image);
 }
 
 /* Everything from the image on. Returns the exit status. */

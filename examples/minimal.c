@@ -4,8 +4,9 @@
  *   minimal                 a ball from memory, written to ball.vtu
  *   minimal IMAGE OUT.vtu   an image file
  *
- * Every function returns 0 for success, so a chain of || stops at the first failure; the context then has the message.
- * Handles begin as NULL, which the free functions take, so the end is the same wherever the chain stopped.
+ * Every function returns 0 for success, so a chain of || stops at the first failure; the context
+ * then has the message. Handles begin as NULL, which the free functions take, so the end is the
+ * same wherever the chain stopped.
  */
 #include <lapd.h>
 #include <stdio.h>
@@ -20,8 +21,10 @@ static lapd_status make_ball(lapd_context *context, lapd_image **image) {
     for (int z = 0; z < N; z++)
         for (int y = 0; y < N; y++)
             for (int x = 0; x < N; x++)
-                voxels[z][y][x] = (x - 10) * (x - 10) + (y - 10) * (y - 10) + (z - 10) * (z - 10) < 64;
-    return lapd_image_create(context, voxels, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, image);
+                voxels[z][y][x] =
+                    (x - 10) * (x - 10) + (y - 10) * (y - 10) + (z - 10) * (z - 10) < 64;
+    return lapd_image_create(context, voxels, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL,
+                             image);
 }
 
 int main(int argc, char **argv) {
@@ -35,12 +38,13 @@ int main(int argc, char **argv) {
     lapd_params *params = NULL;
     lapd_mesh *mesh = NULL;
     lapd_counts counts = {.struct_size = sizeof counts};
-    int failed =
-        lapd_context_create(&context) || lapd_params_create(&params) || lapd_params_set_delta(context, params, 1.5) ||
-        lapd_params_set_size(context, params, 3) ||
-        (argc == 3 ? lapd_image_read(context, argv[1], LAPD_WORLD_AS_STORED, &image) : make_ball(context, &image)) ||
-        lapd_mesh_image(context, image, params, &mesh) || lapd_mesh_write(context, mesh, out) ||
-        lapd_mesh_get_counts(mesh, &counts);
+    int failed = lapd_context_create(&context) || lapd_params_create(&params) ||
+                 lapd_params_set_delta(context, params, 1.5) ||
+                 lapd_params_set_size(context, params, 3) ||
+                 (argc == 3 ? lapd_image_read(context, argv[1], LAPD_WORLD_AS_STORED, &image)
+                            : make_ball(context, &image)) ||
+                 lapd_mesh_image(context, image, params, &mesh) ||
+                 lapd_mesh_write(context, mesh, out) || lapd_mesh_get_counts(mesh, &counts);
     if (failed)
         fprintf(stderr, "minimal: %s\n", lapd_context_last_error(context));
     else

@@ -1,10 +1,14 @@
 #!/bin/sh
-# From a fresh clone to a mesh: installs what is missing, builds, installs under build/, meshes an image.
+# From a fresh clone to a mesh: installs what is missing, builds, installs under build/, meshes an
+# image.
 #
-#   sh examples/quickstart.sh                     the AAL atlas of Debian's mricron-data, delta 1, size 2
-#   sh examples/quickstart.sh IMAGE [OPTION ...]  an image of yours; options as mesh_image --help says
+#   sh examples/quickstart.sh                     the AAL atlas of Debian's mricron-data, delta 1,
+#                                                 size 2
+#   sh examples/quickstart.sh IMAGE [OPTION ...]  an image of yours; options as mesh_image --help
+#                                                 says
 #
-# Needs Debian (or another system with apt) and a Rust toolchain. Writes build/out/NAME.vtu and NAME.json.
+# Needs Debian (or another system with apt) and a Rust toolchain. Writes build/out/NAME.vtu and
+# NAME.json.
 set -eu
 
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -44,7 +48,8 @@ if [ -n "$missing" ]; then
     fi
     $sudo apt-get update -q >"${TMPDIR:-/tmp}/lapd-apt.$$" 2>&1 &&
         # Word splitting is wanted: one word for each package.
-        DEBIAN_FRONTEND=noninteractive $sudo apt-get install -q -y --no-install-recommends $missing \
+        DEBIAN_FRONTEND=noninteractive $sudo apt-get install -q -y --no-install-recommends \
+            $missing \
             >>"${TMPDIR:-/tmp}/lapd-apt.$$" 2>&1 || {
         tail -n 20 "${TMPDIR:-/tmp}/lapd-apt.$$" >&2
         exit 1
@@ -53,13 +58,15 @@ if [ -n "$missing" ]; then
 fi
 
 say "Building the library (about a minute)"
-cmake -S "$root" -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX="$build/install" \
+cmake -S "$root" -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release \
+    -DCMAKE_INSTALL_PREFIX="$build/install" \
     -DCMAKE_INSTALL_LIBDIR=lib -DLAPD_CARGO_TARGET_DIR="$root/target" --log-level=WARNING >/dev/null
 cmake --build "$build/cmake"
 cmake --install "$build/cmake" >/dev/null
 
 say "Building the example"
-cmake -S "$root/examples" -B "$build/examples" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$build/install" \
+cmake -S "$root/examples" -B "$build/examples" -DCMAKE_BUILD_TYPE=Release \
+    -DCMAKE_PREFIX_PATH="$build/install" \
     -DCMAKE_RUNTIME_OUTPUT_DIRECTORY="$build/bin" --log-level=WARNING >/dev/null
 cmake --build "$build/examples" --target mesh_image >/dev/null
 

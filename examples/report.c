@@ -102,7 +102,8 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
     s->defects = calloc(s->defect_count + 1, sizeof *s->defects);
     s->left = calloc(s->left_count + 1, sizeof *s->left);
     s->threads = calloc(s->thread_count + 1, sizeof *s->threads);
-    if (s->rows == NULL || s->components == NULL || s->defects == NULL || s->left == NULL || s->threads == NULL) {
+    if (s->rows == NULL || s->components == NULL || s->defects == NULL || s->left == NULL ||
+        s->threads == NULL) {
         return LAPD_ERROR_OUT_OF_MEMORY;
     }
     for (size_t i = 0; i < s->row_count && status == LAPD_OK; i++) {
@@ -163,10 +164,11 @@ void print_table(const summary *s, const file_seconds *seconds) {
     printf("scaled Jacobians     %12.3f to %.3f, edge ratio up to %.2f, radius ratio up to %.2f\n",
            q->min_scaled_jacobian, q->max_scaled_jacobian, q->max_edge_ratio, q->max_radius_ratio);
     printf("smallest facet angle %12.2f degrees\n", q->min_facet_angle);
-    printf("seconds              %12.2f  (read %.2f, distance %.2f, refine %.2f, extract %.2f, improve %.2f, "
+    printf("seconds              %12.2f  (read %.2f, distance %.2f, refine %.2f, extract %.2f, "
+           "improve %.2f, "
            "certify %.2f, write %.2f)\n",
-           seconds->total, seconds->read, s->timings.distance, s->timings.refine, s->timings.extract,
-           s->timings.improve, s->timings.certify, seconds->write);
+           seconds->total, seconds->read, s->timings.distance, s->timings.refine,
+           s->timings.extract, s->timings.improve, s->timings.certify, seconds->write);
 
     uint64_t largest = 1, all = 0;
     for (int i = 0; i < 18; i++) {
@@ -177,7 +179,8 @@ void print_table(const summary *s, const file_seconds *seconds) {
     for (int i = 0; i < 18; i++) {
         static const char bar[BAR + 1] = "########################################";
         uint64_t n = q->dihedral_histogram[i];
-        printf("  %3d-%-3d %6.2f %% %.*s\n", 10 * i, 10 * (i + 1), all > 0 ? 100.0 * (double)n / (double)all : 0.0,
+        printf("  %3d-%-3d %6.2f %% %.*s\n", 10 * i, 10 * (i + 1),
+               all > 0 ? 100.0 * (double)n / (double)all : 0.0,
                (int)(BAR * (double)n / (double)largest + 0.5), bar);
     }
 
@@ -186,13 +189,16 @@ void print_table(const summary *s, const file_seconds *seconds) {
         memcpy(worst, s->rows, s->row_count * sizeof *worst);
         qsort(worst, s->row_count, sizeof *worst, by_volume_error);
         size_t shown = s->row_count < WORST ? s->row_count : WORST;
-        printf("\n%zu labels%s\n", s->row_count, shown < s->row_count ? ", those with the largest volume error:" : "");
+        printf("\n%zu labels%s\n", s->row_count,
+               shown < s->row_count ? ", those with the largest volume error:" : "");
         printf("       label       tets       volume        image    error  parts (image)\n");
         for (size_t i = 0; i < shown; i++) {
-            printf("  %10lld %10llu %12.6g %12.6g %+7.2f%%  %llu (%llu)  %s\n", (long long)worst[i].label,
-                   (unsigned long long)worst[i].tets, worst[i].mesh_volume, worst[i].image_volume,
-                   volume_error(&worst[i]), (unsigned long long)worst[i].components_mesh,
-                   (unsigned long long)worst[i].components_image, text_of(&s->names, worst[i].label));
+            printf("  %10lld %10llu %12.6g %12.6g %+7.2f%%  %llu (%llu)  %s\n",
+                   (long long)worst[i].label, (unsigned long long)worst[i].tets,
+                   worst[i].mesh_volume, worst[i].image_volume, volume_error(&worst[i]),
+                   (unsigned long long)worst[i].components_mesh,
+                   (unsigned long long)worst[i].components_image,
+                   text_of(&s->names, worst[i].label));
         }
     }
     free(worst);
@@ -201,39 +207,47 @@ void print_table(const summary *s, const file_seconds *seconds) {
     if (im->target_dihedral > 0) {
         printf("\nimprovement to dihedral angles of %g to %g degrees\n", im->target_dihedral,
                180 - im->target_dihedral);
-        printf("  tets below %llu, left %llu\n", (unsigned long long)im->below_before, (unsigned long long)im->left);
-        printf(
-            "  edges removed %llu, flipped on interfaces %llu, split %llu; vertices moved inside %llu, on interfaces "
-            "%llu, on junctions %llu\n",
-            (unsigned long long)im->edge_removals, (unsigned long long)im->interface_flips,
-            (unsigned long long)im->splits, (unsigned long long)im->moves_inside,
-            (unsigned long long)im->moves_on_interfaces, (unsigned long long)im->moves_on_junctions);
-        printf("  interface vertices moved off by %.3f at most (%.3f allowed); facets no longer Delaunay %llu\n",
+        printf("  tets below %llu, left %llu\n", (unsigned long long)im->below_before,
+               (unsigned long long)im->left);
+        printf("  edges removed %llu, flipped on interfaces %llu, split %llu; vertices moved "
+               "inside %llu, on interfaces "
+               "%llu, on junctions %llu\n",
+               (unsigned long long)im->edge_removals, (unsigned long long)im->interface_flips,
+               (unsigned long long)im->splits, (unsigned long long)im->moves_inside,
+               (unsigned long long)im->moves_on_interfaces,
+               (unsigned long long)im->moves_on_junctions);
+        printf("  interface vertices moved off by %.3f at most (%.3f allowed); facets no longer "
+               "Delaunay %llu\n",
                im->max_interface_move, im->tolerance, (unsigned long long)im->non_delaunay_facets);
     }
 
     const lapd_second_order *so = &s->second_order;
     if (so->nodes > 0) {
         printf("\nsecond order\n");
-        printf("  nodes on edges %llu, on interfaces moved %llu, of these not all the way %llu, not at all %llu\n",
-               (unsigned long long)so->nodes, (unsigned long long)so->curved, (unsigned long long)so->shortened,
-               (unsigned long long)so->straight);
+        printf("  nodes on edges %llu, on interfaces moved %llu, of these not all the way %llu, "
+               "not at all %llu\n",
+               (unsigned long long)so->nodes, (unsigned long long)so->curved,
+               (unsigned long long)so->shortened, (unsigned long long)so->straight);
         if (so->curved > 0) {
-            printf("  moved by %.3f at most; least Jacobian %.3f of the straight one's; volume %.6g\n", so->max_move,
-                   so->least_jacobian, so->volume);
+            printf(
+                "  moved by %.3f at most; least Jacobian %.3f of the straight one's; volume %.6g\n",
+                so->max_move, so->least_jacobian, so->volume);
         }
     }
 
     printf("\ncertificate\n");
-    printf("  non-Delaunay facets %llu, inverted tets %llu, orphan vertices %llu, open edges %llu, facets off walls "
+    printf("  non-Delaunay facets %llu, inverted tets %llu, orphan vertices %llu, open edges %llu, "
+           "facets off walls "
            "%llu\n",
            (unsigned long long)c->non_delaunay_facets, (unsigned long long)c->inverted_tets,
            (unsigned long long)c->orphan_vertices, (unsigned long long)c->open_edges,
            (unsigned long long)c->facets_off_walls);
-    printf("  mesh to image: mean %.3f, largest %.3f; image to mesh: mean %.3f, largest %.3f\n", c->mesh_to_image_mean,
-           c->mesh_to_image_max, c->image_to_mesh_mean, c->image_to_mesh_max);
+    printf("  mesh to image: mean %.3f, largest %.3f; image to mesh: mean %.3f, largest %.3f\n",
+           c->mesh_to_image_mean, c->mesh_to_image_max, c->image_to_mesh_mean,
+           c->image_to_mesh_max);
     printf("  mesh to smooth surface: mean %.3f, largest %.3f; back: mean %.3f, largest %.3f\n",
-           c->mesh_to_surface_mean, c->mesh_to_surface_max, c->surface_to_mesh_mean, c->surface_to_mesh_max);
+           c->mesh_to_surface_mean, c->mesh_to_surface_max, c->surface_to_mesh_mean,
+           c->surface_to_mesh_max);
     uint64_t defects[DEFECT_KINDS] = {0};
     for (size_t i = 0; i < s->defect_count; i++) {
         const int64_t kind = s->defects[i].kind;
@@ -241,11 +255,15 @@ void print_table(const summary *s, const file_seconds *seconds) {
             defects[kind]++;
         }
     }
-    printf("  components lost %llu, merged %llu, torn off %llu, stray %llu, left out %llu; pinched edges %llu, "
+    printf("  components lost %llu, merged %llu, torn off %llu, stray %llu, left out %llu; pinched "
+           "edges %llu, "
            "vertices %llu\n",
-           (unsigned long long)defects[LAPD_DEFECT_LOST], (unsigned long long)defects[LAPD_DEFECT_MERGED],
-           (unsigned long long)defects[LAPD_DEFECT_TORN], (unsigned long long)defects[LAPD_DEFECT_STRAY],
-           (unsigned long long)defects[LAPD_DEFECT_DROPPED], (unsigned long long)defects[LAPD_DEFECT_PINCHED_EDGE],
+           (unsigned long long)defects[LAPD_DEFECT_LOST],
+           (unsigned long long)defects[LAPD_DEFECT_MERGED],
+           (unsigned long long)defects[LAPD_DEFECT_TORN],
+           (unsigned long long)defects[LAPD_DEFECT_STRAY],
+           (unsigned long long)defects[LAPD_DEFECT_DROPPED],
+           (unsigned long long)defects[LAPD_DEFECT_PINCHED_EDGE],
            (unsigned long long)defects[LAPD_DEFECT_PINCHED_VERTEX]);
     printf("  unmet rules:");
     for (int i = 0; i < 6; i++) {
@@ -258,13 +276,16 @@ void print_table(const summary *s, const file_seconds *seconds) {
         const double seconds_of_all = (double)s->thread_count * s->timings.refine;
         printf("\n%zu threads\n  rollbacks %llu, %.2f %% of operations\n", s->thread_count,
                (unsigned long long)all->rollbacks, 100 * ratio((double)all->rollbacks, attempts));
-        printf("  time lost in refinement: %.2f %% rolled back, %.2f %% waiting after conflicts, %.2f %% idle\n",
-               100 * ratio(all->rollback_seconds, seconds_of_all), 100 * ratio(all->contention_seconds, seconds_of_all),
+        printf("  time lost in refinement: %.2f %% rolled back, %.2f %% waiting after conflicts, "
+               "%.2f %% idle\n",
+               100 * ratio(all->rollback_seconds, seconds_of_all),
+               100 * ratio(all->contention_seconds, seconds_of_all),
                100 * ratio(all->idle_seconds, seconds_of_all));
         const double accesses = (double)(all->local_accesses + all->remote_accesses);
         if (accesses > 0) {
             printf("  accesses to other nodes' memory: %.2f %%, %.2f hops in the mean\n",
-                   100 * (double)all->remote_accesses / accesses, (double)all->access_hops / accesses);
+                   100 * (double)all->remote_accesses / accesses,
+                   (double)all->access_hops / accesses);
         }
     }
 }
@@ -285,8 +306,9 @@ static size_t utf8_length(const unsigned char *s) {
         }
     }
     /* Overlong forms, surrogates, and what lies beyond U+10FFFF. */
-    if ((s[0] == least_second[0] && s[1] < least_second[1]) || (s[0] == least_second[2] && s[1] < least_second[3]) ||
-        (s[0] == 0xED && s[1] > 0x9F) || (s[0] == 0xF4 && s[1] > 0x8F)) {
+    if ((s[0] == least_second[0] && s[1] < least_second[1]) ||
+        (s[0] == least_second[2] && s[1] < least_second[3]) || (s[0] == 0xED && s[1] > 0x9F) ||
+        (s[0] == 0xF4 && s[1] > 0x8F)) {
         return 0;
     }
     return length;
@@ -342,7 +364,8 @@ static void json_rules(FILE *file, const char *before, const char *name, const u
 }
 
 /* Least, largest and histogram of a measure of tets. */
-static void json_spread(FILE *file, const char *name, double least, double largest, const uint64_t histogram[20]) {
+static void json_spread(FILE *file, const char *name, double least, double largest,
+                        const uint64_t histogram[20]) {
     fprintf(file, ", \"%s\": {", name);
     json_number(file, "", "least", least);
     json_number(file, ", ", "largest", largest);
@@ -450,14 +473,16 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_count(f, ", ", "crossing_lookups", s->operations.crossing_lookups);
     json_rules(f, ", ", "by_rule", s->operations.by_rule);
     const double vertices = (double)s->counts.all_vertices, tets = (double)s->counts.all_tets;
-    const double insertions = (double)s->operations.insertions, tests = (double)s->operations.in_sphere_tests;
+    const double insertions = (double)s->operations.insertions,
+                 tests = (double)s->operations.in_sphere_tests;
     json_number(f, ", ", "insertions_per_vertex", ratio(insertions, vertices));
     json_number(f, ", ", "removals_per_vertex", ratio((double)s->operations.removals, vertices));
     json_number(f, ", ", "mean_cavity", ratio((double)s->operations.cavity_tets, insertions));
     json_number(f, ", ", "exact_share", ratio((double)s->operations.exact_predicates, tests));
     json_number(f, ", ", "looks_per_tet", ratio((double)s->operations.looks, tets));
-    json_number(f, ", ", "lookups_per_tet",
-                ratio((double)(s->operations.label_lookups + s->operations.crossing_lookups), tets));
+    json_number(
+        f, ", ", "lookups_per_tet",
+        ratio((double)(s->operations.label_lookups + s->operations.crossing_lookups), tets));
     fputs("},\n  \"overhead\": {", f);
     json_overhead(f, &s->all_threads);
     /* Accesses to memory of other nodes are counted, if asked for, and not timed. */
@@ -480,13 +505,15 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_number(f, ", ", "min_facet_angle", s->quality.min_facet_angle);
     fputs(", \"dihedral_histogram\": [", f);
     for (int i = 0; i < 18; i++) {
-        fprintf(f, "%s%llu", i > 0 ? ", " : "", (unsigned long long)s->quality.dihedral_histogram[i]);
+        fprintf(f, "%s%llu", i > 0 ? ", " : "",
+                (unsigned long long)s->quality.dihedral_histogram[i]);
     }
 
     fputc(']', f);
-    json_spread(f, "scaled_jacobian", s->quality.min_scaled_jacobian, s->quality.max_scaled_jacobian,
-                s->quality.scaled_jacobian_histogram);
-    json_spread(f, "edge_ratio", s->quality.min_edge_ratio, s->quality.max_edge_ratio, s->quality.edge_ratio_histogram);
+    json_spread(f, "scaled_jacobian", s->quality.min_scaled_jacobian,
+                s->quality.max_scaled_jacobian, s->quality.scaled_jacobian_histogram);
+    json_spread(f, "edge_ratio", s->quality.min_edge_ratio, s->quality.max_edge_ratio,
+                s->quality.edge_ratio_histogram);
     json_spread(f, "radius_ratio", s->quality.min_radius_ratio, s->quality.max_radius_ratio,
                 s->quality.radius_ratio_histogram);
 
@@ -508,10 +535,12 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_count(f, ", ", "non_delaunay_facets", im->non_delaunay_facets);
     fputs(", \"left_tets\": [", f);
     for (size_t i = 0; i < s->left_count; i++) {
-        static const char *const causes[LEFT_CAUSES] = {"contact", "wall", "junction", "interface", "inside"};
+        static const char *const causes[LEFT_CAUSES] = {"contact", "wall", "junction", "interface",
+                                                        "inside"};
         const lapd_left *left = &s->left[i];
         fprintf(f, "%s\n    {\"tet\": %llu, \"label\": %lld, \"cause\": \"%s\"", i > 0 ? "," : "",
-                (unsigned long long)left->tet, (long long)left->label, name_of(causes, LEFT_CAUSES, left->cause));
+                (unsigned long long)left->tet, (long long)left->label,
+                name_of(causes, LEFT_CAUSES, left->cause));
         json_position(f, left->position);
         json_number(f, ", ", "min_dihedral", left->min_dihedral);
         json_number(f, ", ", "max_dihedral", left->max_dihedral);
@@ -593,8 +622,8 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     for (size_t i = 0; i < s->component_count; i++) {
         static const char *const fates[] = {"kept", "merged", "lost"};
         const lapd_component_row *row = &s->components[i];
-        fprintf(f, "%s\n    {\"label\": %lld, \"fate\": \"%s\"", i > 0 ? "," : "", (long long)row->label,
-                name_of(fates, 3, row->fate));
+        fprintf(f, "%s\n    {\"label\": %lld, \"fate\": \"%s\"", i > 0 ? "," : "",
+                (long long)row->label, name_of(fates, 3, row->fate));
         json_position(f, row->position);
         json_count(f, ", ", "image_voxels", row->image_voxels);
         json_number(f, ", ", "image_volume", row->image_volume);
@@ -616,8 +645,8 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
 
     fputs("\n  ],\n  \"defects\": [", f);
     for (size_t i = 0; i < s->defect_count; i++) {
-        static const char *const kinds[DEFECT_KINDS] = {"lost",         "merged",         "torn",   "stray",
-                                                        "pinched_edge", "pinched_vertex", "dropped"};
+        static const char *const kinds[DEFECT_KINDS] = {
+            "lost", "merged", "torn", "stray", "pinched_edge", "pinched_vertex", "dropped"};
         const lapd_defect *defect = &s->defects[i];
         fprintf(f, "%s\n    {\"kind\": \"%s\", \"label\": %lld", i > 0 ? "," : "",
                 name_of(kinds, DEFECT_KINDS, defect->kind), (long long)defect->label);
@@ -629,8 +658,8 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
 }
 
 /* Writes the report beside its place and moves it there, so that nobody ever reads half of one. */
-bool save_report(const options *o, const lapd_params *params, const summary *s, const file_seconds *seconds,
-                 const memory_use *memory) {
+bool save_report(const options *o, const lapd_params *params, const summary *s,
+                 const file_seconds *seconds, const memory_use *memory) {
     size_t length = strlen(o->report) + 32;
     char *temporary = malloc(length);
     if (temporary == NULL) {

@@ -7,7 +7,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* What the command line asks for. Parameters go straight to the library's handle, which checks them. */
+/* What the command line asks for. Parameters go straight to the library's handle, which checks
+ * them. */
 typedef struct {
     /* All but one only for probability maps. */
     const char **inputs;
@@ -94,14 +95,15 @@ typedef struct {
 /* Prints one line on stderr. */
 void complain(const char *format, ...);
 
-/* Fills `s` but for world_axes. The caller frees rows, components, defects, left and threads, whatever this
- * returns. */
+/* Fills `s` but for world_axes. The caller frees rows, components, defects, left and threads,
+ * whatever this returns. */
 lapd_status summarize(const lapd_mesh *mesh, summary *s);
 
 /* lapd_image_get_value, lapd_image_get_label_name. */
 typedef lapd_status text_getter(const lapd_image *image, int32_t label, const char **text);
 
-/* Keeps what `get` tells of each label of an image. The caller frees labels and texts, whatever this returns. */
+/* Keeps what `get` tells of each label of an image. The caller frees labels and texts, whatever
+ * this returns. */
 lapd_status keep_texts(const lapd_image *image, text_getter *get, label_texts *kept);
 
 void print_table(const summary *s, const file_seconds *seconds);
@@ -110,9 +112,9 @@ void print_table(const summary *s, const file_seconds *seconds);
 uint64_t peak_memory(void);
 uint64_t resident_memory(void);
 
-/* Writes the JSON report; `memory` is NULL when it was not asked for. Returns false, with a message on stderr, when it
- * cannot be written. */
-bool save_report(const options *o, const lapd_params *params, const summary *s, const file_seconds *seconds,
-                 const memory_use *memory);
+/* Writes the JSON report; `memory` is NULL when it was not asked for. Returns false, with a message
+ * on stderr, when it cannot be written. */
+bool save_report(const options *o, const lapd_params *params, const summary *s,
+                 const file_seconds *seconds, const memory_use *memory);
 
 #endif

@@ -1,10 +1,10 @@
-// vtk_view: meshes an image, cuts the mesh in half, and writes a picture of the tissues, each label in a colour of its
-// own.
+// vtk_view: meshes an image, cuts the mesh in half, and writes a picture of the tissues, each label
+// in a colour of its own.
 //
 //   vtk_view IMAGE OUT.png [DELTA [SIZE]]
 //
-// Nothing is shown on a screen, but VTK as Debian builds it wants an X server all the same: without one, run it by
-// xvfb-run. Exit status: 0 only if a picture was written; 2 for bad usage.
+// Nothing is shown on a screen, but VTK as Debian builds it wants an X server all the same: without
+// one, run it by xvfb-run. Exit status: 0 only if a picture was written; 2 for bad usage.
 #include "lapd_to_vtk.hpp"
 
 #include <cmath>
@@ -34,7 +34,9 @@ vtkSmartPointer<vtkLookupTable> colours(lapd::span<std::int32_t> labels) {
     table->IndexedLookupOn();
     table->SetNumberOfTableValues(static_cast<vtkIdType>(labels.size()));
     for (std::size_t i = 0; i < labels.size(); i++) {
-        double hsv[3] = {std::fmod(0.618034 * static_cast<double>(i), 1), i % 2 == 0 ? 0.55 : 0.8, 0.95}, rgb[3];
+        double hsv[3] = {std::fmod(0.618034 * static_cast<double>(i), 1), i % 2 == 0 ? 0.55 : 0.8,
+                         0.95},
+               rgb[3];
         vtkMath::HSVToRGB(hsv, rgb);
         table->SetTableValue(static_cast<vtkIdType>(i), rgb[0], rgb[1], rgb[2], 1);
         table->SetAnnotation(vtkVariant(labels[i]), std::to_string(labels[i]));
@@ -111,7 +113,8 @@ int main(int argc, char **argv) try {
     const lapd::image image = lapd::image::read(context, argv[1]);
     auto mesh = std::make_shared<const lapd::mesh>(lapd::mesh::make(context, image, params));
     const auto grid = to_vtk(mesh);
-    std::cout << argv[2] << ": " << grid->GetNumberOfPoints() << " points, " << grid->GetNumberOfCells() << " cells\n";
+    std::cout << argv[2] << ": " << grid->GetNumberOfPoints() << " points, "
+              << grid->GetNumberOfCells() << " cells\n";
     mesh.reset(); // VTK has what it needs, and keeps it
     write_picture(grid, image.labels(), argv[2]);
     return 0;

@@ -5,21 +5,26 @@
  * Made by cbindgen from src/capi; do not edit.
  *
  * Conventions
- * - Handles (lapd_context, lapd_image, lapd_params, lapd_mesh) are opaque. What a create, read or mesh function hands out belongs
- *   to the caller, who frees it once with the lapd_..._free function of its type.
+ * - Handles (lapd_context, lapd_image, lapd_params, lapd_mesh) are opaque. What a create, read or
+ *   mesh function hands out belongs to the caller, who frees it once with the lapd_..._free
+ *   function of its type.
  * - Functions return a lapd_status; 0 is success. Out-parameters are written on success only.
- * - A function that takes a context leaves one line there about what went wrong: lapd_context_last_error. Functions without one
- *   fail only for their own arguments, which the status tells. There is no global state.
- * - NULL is refused with LAPD_ERROR_INVALID_ARGUMENT wherever the text does not allow it; so are numbers that are no value of
- *   their enum, which is why enums are passed as int32_t.
- * - Strings are UTF-8 and end with NUL. Lengths are in the world units of the image, angles in degrees.
- * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and programs and libraries of different
- *   versions understand each other. What the library does not know yet reads 0.
- * - Images and meshes never change and may be used by any number of threads at once. Parameters may be read by many threads as
- *   long as none changes them. A context belongs to one thread at a time, but for lapd_context_cancel.
- * - The library prints nothing, reads no environment, installs no signal handler, and does not end the process: memory
- *   that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, but for small tables and within the pool of threads, where Rust's standard
- *   library aborts.
+ * - A function that takes a context leaves one line there about what went wrong:
+ *   lapd_context_last_error. Functions without one fail only for their own arguments, which the
+ *   status tells. There is no global state.
+ * - NULL is refused with LAPD_ERROR_INVALID_ARGUMENT wherever the text does not allow it; so are
+ *   numbers that are no value of their enum, which is why enums are passed as int32_t.
+ * - Strings are UTF-8 and end with NUL. Lengths are in the world units of the image, angles in
+ *   degrees.
+ * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and
+ *   programs and libraries of different versions understand each other. What the library does not
+ *   know yet reads 0.
+ * - Images and meshes never change and may be used by any number of threads at once. Parameters
+ *   may be read by many threads as long as none changes them. A context belongs to one thread at
+ *   a time, but for lapd_context_cancel.
+ * - The library prints nothing, reads no environment, installs no signal handler, and does not
+ *   end the process: memory that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, but for small
+ *   tables and within the pool of threads, where Rust's standard library aborts.
  */
 
 #ifndef LAPD_H
@@ -50,12 +55,14 @@
 #define LAPD_ALL_THREADS ((size_t)-1)
 
 /**
- * Components of the image with fewer voxels have no row of their own, and are not listed when they are lost or merged.
+ * Components of the image with fewer voxels have no row of their own, and are not listed when they
+ * are lost or merged.
  */
 #define LAPD_LEAST_VOXELS 8
 
 /**
- * What a function came to. The numbers are stable: none will ever change its meaning, new ones may be added. 0 is success.
+ * What a function came to. The numbers are stable: none will ever change its meaning, new ones may
+ * be added. 0 is success.
  */
 typedef enum {
   /**
@@ -67,7 +74,8 @@ typedef enum {
    */
   LAPD_ERROR_INVALID_ARGUMENT = 1,
   /**
-   * The value exists in this interface, but not yet in this version of the library, in this build, or on this system.
+   * The value exists in this interface, but not yet in this version of the library, in this
+   * build, or on this system.
    */
   LAPD_ERROR_UNSUPPORTED = 2,
   /**
@@ -75,7 +83,8 @@ typedef enum {
    */
   LAPD_ERROR_IO = 3,
   /**
-   * A file was read, but it holds no valid image of its format, or uses what this version does not read.
+   * A file was read, but it holds no valid image of its format, or uses what this version does
+   * not read.
    */
   LAPD_ERROR_FORMAT = 4,
   /**
@@ -83,7 +92,8 @@ typedef enum {
    */
   LAPD_ERROR_EMPTY_IMAGE = 5,
   /**
-   * The caller's limit of vertices was reached, or one of the library's own: that of the ids, or of what a file format can number.
+   * The caller's limit of vertices was reached, or one of the library's own: that of the ids, or
+   * of what a file format can number.
    */
   LAPD_ERROR_LIMIT_REACHED = 6,
   /**
@@ -195,12 +205,13 @@ typedef enum {
 } lapd_voxel_type;
 
 /**
- * The frame of world coordinates that an image from a file, and so its mesh, is to have. LPS and RAS differ by a half turn about z: x and y
- * change their signs.
+ * The frame of world coordinates that an image from a file, and so its mesh, is to have. LPS and
+ * RAS differ by a half turn about z: x and y change their signs.
  */
 typedef enum {
   /**
-   * Coordinates as the file gives them: RAS for NIfTI, LPS for MetaImage, what `space` says for NRRD; INRIMAGE does not say.
+   * Coordinates as the file gives them: RAS for NIfTI, LPS for MetaImage, what `space` says for
+   * NRRD; INRIMAGE does not say.
    */
   LAPD_WORLD_AS_STORED = 0,
   /**
@@ -214,8 +225,8 @@ typedef enum {
 } lapd_world_frame;
 
 /**
- * What becomes of voxels of a label image that are no whole numbers. Those within 1e-3 of one are always rounded, with a
- * warning.
+ * What becomes of voxels of a label image that are no whole numbers. Those within 1e-3 of one are
+ * always rounded, with a warning.
  */
 typedef enum {
   /**
@@ -227,8 +238,8 @@ typedef enum {
    */
   LAPD_LABELS_ROUNDED = 1,
   /**
-   * Each distinct value becomes a label, those of 64-bit integers, too: 0 stays 0, the others become 1, 2, ...
-   * in increasing order. lapd_image_get_value tells which is which.
+   * Each distinct value becomes a label, those of 64-bit integers, too: 0 stays 0, the others
+   * become 1, 2, ... in increasing order. lapd_image_get_value tells which is which.
    */
   LAPD_LABELS_DISTINCT = 2,
 } lapd_label_values;
@@ -260,7 +271,8 @@ typedef enum {
  */
 typedef enum {
   /**
-   * The label whose indicator, interpolated trilinearly, is largest; of images made of intensities or probabilities, these are interpolated. The default.
+   * The label whose indicator, interpolated trilinearly, is largest; of images made of
+   * intensities or probabilities, these are interpolated. The default.
    */
   LAPD_SURFACE_SMOOTH = 0,
   /**
@@ -278,7 +290,8 @@ typedef enum {
    */
   LAPD_BORDER_FLAT = 0,
   /**
-   * By the smooth surface, as if one more layer of background lay around the image. With LAPD_SURFACE_VOXEL the same as LAPD_BORDER_FLAT.
+   * By the smooth surface, as if one more layer of background lay around the image. With
+   * LAPD_SURFACE_VOXEL the same as LAPD_BORDER_FLAT.
    */
   LAPD_BORDER_SMOOTH = 1,
 } lapd_border;
@@ -288,26 +301,30 @@ typedef enum {
  */
 typedef enum {
   /**
-   * Speculative refinement of one triangulation by all threads, each where it comes to. The default.
+   * Speculative refinement of one triangulation by all threads, each where it comes to. The
+   * default.
    */
   LAPD_ALGORITHM_PODM = 0,
   /**
-   * The same, with a region for the threads of each memory node, whose memory they visit most of the time. On a machine of one memory node
-   * the same as LAPD_ALGORITHM_PODM.
+   * The same, with a region for the threads of each memory node, whose memory they visit most of
+   * the time. On a machine of one memory node the same as LAPD_ALGORITHM_PODM.
    */
   LAPD_ALGORITHM_LAPD = 1,
 } lapd_algorithm;
 
 /**
- * What a thread does after it met another one: it needed a vertex that the other one was using, and has given its operation up.
+ * What a thread does after it met another one: it needed a vertex that the other one was using,
+ * and has given its operation up.
  */
 typedef enum {
   /**
-   * It waits until the thread that it met has made some progress, unless that one waits itself. The default.
+   * It waits until the thread that it met has made some progress, unless that one waits itself.
+   * The default.
    */
   LAPD_CONTENTION_LOCAL = 0,
   /**
-   * It waits, in one list for all threads, until others have made some progress; the last one that works never waits.
+   * It waits, in one list for all threads, until others have made some progress; the last one
+   * that works never waits.
    */
   LAPD_CONTENTION_GLOBAL = 1,
   /**
@@ -325,7 +342,8 @@ typedef enum {
  */
 typedef enum {
   /**
-   * The threads of its own cache, then those of its processor, then those of the machine. The default.
+   * The threads of its own cache, then those of its processor, then those of the machine. The
+   * default.
    */
   LAPD_BEGGING_BY_LEVEL = 0,
   /**
@@ -361,11 +379,13 @@ typedef enum {
    */
   LAPD_DEFECT_LOST = 0,
   /**
-   * A component of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another one of its label.
+   * A component of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another
+   * one of its label.
    */
   LAPD_DEFECT_MERGED = 1,
   /**
-   * A component of the mesh that is torn off from the one that stands for its component of the image.
+   * A component of the mesh that is torn off from the one that stands for its component of the
+   * image.
    */
   LAPD_DEFECT_TORN = 2,
   /**
@@ -381,7 +401,8 @@ typedef enum {
    */
   LAPD_DEFECT_PINCHED_VERTEX = 5,
   /**
-   * A component of the image that was left out for its size, as asked (lapd_params_set_least_voxels).
+   * A component of the image that was left out for its size, as asked
+   * (lapd_params_set_least_voxels).
    */
   LAPD_DEFECT_DROPPED = 6,
 } lapd_defect_kind;
@@ -399,7 +420,8 @@ typedef enum {
    */
   LAPD_IMPROVE_INTERIOR = 1,
   /**
-   * Interfaces, too: edges on them are flipped, and vertices move along what they belong to. The default.
+   * Interfaces, too: edges on them are flipped, and vertices move along what they belong to. The
+   * default.
    */
   LAPD_IMPROVE_FULL = 2,
 } lapd_improve;
@@ -443,8 +465,8 @@ typedef enum {
    */
   LAPD_MEASURE_MAX_DIHEDRAL = 1,
   /**
-   * The Jacobian over the largest product of the three edges of a vertex, times the root of 2: 1 for a regular tet, 0 for a
-   * flat one.
+   * The Jacobian over the largest product of the three edges of a vertex, times the root of 2: 1
+   * for a regular tet, 0 for a flat one.
    */
   LAPD_MEASURE_SCALED_JACOBIAN = 2,
   /**
@@ -456,35 +478,39 @@ typedef enum {
    */
   LAPD_MEASURE_RADIUS_RATIO = 4,
   /**
-   * The circumradius over the shortest edge, which Delaunay refinement bounds: 0.61 for a regular tet.
+   * The circumradius over the shortest edge, which Delaunay refinement bounds: 0.61 for a
+   * regular tet.
    */
   LAPD_MEASURE_RADIUS_EDGE = 5,
 } lapd_tet_measure;
 
 /**
- * What a call reports to. Holds the message of the last call that failed, the callbacks for progress and log lines, and the
- * cancel flag.
+ * What a call reports to. Holds the message of the last call that failed, the callbacks for
+ * progress and log lines, and the cancel flag.
  *
- * Use one context per thread that makes calls. Only lapd_context_cancel may be called while another thread uses the context.
+ * Use one context per thread that makes calls. Only lapd_context_cancel may be called while
+ * another thread uses the context.
  */
 typedef struct lapd_context lapd_context;
 
 /**
- * A label image: a grid of integer labels, and its place in the world. Label 0 is the background. Never changes after it was
- * made, so any number of threads may use it at once.
+ * A label image: a grid of integer labels, and its place in the world. Label 0 is the background.
+ * Never changes after it was made, so any number of threads may use it at once.
  */
 typedef struct lapd_image lapd_image;
 
 /**
- * A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was made, so any number of threads may
- * use it at once.
+ * A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was
+ * made, so any number of threads may use it at once.
  *
- * Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the one opposite to its vertex i.
+ * Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the
+ * one opposite to its vertex i.
  */
 typedef struct lapd_mesh lapd_mesh;
 
 /**
- * Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a run takes a copy.
+ * Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a
+ * run takes a copy.
  */
 typedef struct lapd_params lapd_params;
 
@@ -507,14 +533,16 @@ typedef struct {
 } lapd_progress;
 
 /**
- * Receives progress on the thread that called lapd_mesh_image. Returns 0 to go on, anything else to cancel the run. `progress`
- * is valid during the call only. Must not throw, nor leave by longjmp; must not free the context.
+ * Receives progress on the thread that called lapd_mesh_image. Returns 0 to go on, anything else
+ * to cancel the run. `progress` is valid during the call only. Must not throw, nor leave by
+ * longjmp; must not free the context.
  */
 typedef int32_t (*lapd_progress_fn)(void *user, const lapd_progress *progress);
 
 /**
- * Receives a log line (UTF-8, without a line end) of a lapd_log_level, on the thread that made the call. `message` is valid
- * during the call only. Must not throw, nor leave by longjmp; must not free the context.
+ * Receives a log line (UTF-8, without a line end) of a lapd_log_level, on the thread that made the
+ * call. `message` is valid during the call only. Must not throw, nor leave by longjmp; must not
+ * free the context.
  */
 typedef void (*lapd_log_fn)(void *user, int32_t level, const char *message);
 
@@ -543,7 +571,8 @@ typedef struct {
    */
   uint64_t interface_facets;
   /**
-   * Vertices of the whole triangulation, when refinement ended, the corners of the box around it included.
+   * Vertices of the whole triangulation, when refinement ended, the corners of the box around it
+   * included.
    */
   uint64_t all_vertices;
   /**
@@ -557,7 +586,8 @@ typedef struct {
 } lapd_counts;
 
 /**
- * Wall-clock seconds of the phases of a run. Set struct_size to sizeof(lapd_timings) before the call.
+ * Wall-clock seconds of the phases of a run. Set struct_size to sizeof(lapd_timings) before the
+ * call.
  */
 typedef struct {
   /**
@@ -587,7 +617,8 @@ typedef struct {
 } lapd_timings;
 
 /**
- * What refinement did, all threads together. Set struct_size to sizeof(lapd_operations) before the call.
+ * What refinement did, all threads together. Set struct_size to sizeof(lapd_operations) before the
+ * call.
  */
 typedef struct {
   /**
@@ -603,7 +634,8 @@ typedef struct {
    */
   uint64_t removals;
   /**
-   * Operations given up because of a conflict with another thread: 0 with 1 thread. lapd_thread_report has more about them.
+   * Operations given up because of a conflict with another thread: 0 with 1 thread.
+   * lapd_thread_report has more about them.
    */
   uint64_t rollbacks;
   /**
@@ -641,8 +673,8 @@ typedef struct {
 } lapd_operations;
 
 /**
- * Shape of the tets with a label other than 0, and of the interface facets. Set struct_size to sizeof(lapd_quality) before the
- * call.
+ * Shape of the tets with a label other than 0, and of the interface facets. Set struct_size to
+ * sizeof(lapd_quality) before the call.
  */
 typedef struct {
   /**
@@ -670,7 +702,8 @@ typedef struct {
    */
   uint64_t dihedral_histogram[18];
   /**
-   * Least scaled Jacobian: 1 for a regular tet, 0 for a flat one. This and the measures below are those of Verdict and VTK.
+   * Least scaled Jacobian: 1 for a regular tet, 0 for a flat one. This and the measures below
+   * are those of Verdict and VTK.
    */
   double min_scaled_jacobian;
   /**
@@ -708,7 +741,8 @@ typedef struct {
 } lapd_quality;
 
 /**
- * What was checked on the finished mesh. Set struct_size to sizeof(lapd_certificate) before the call. Lengths are in world units.
+ * What was checked on the finished mesh. Set struct_size to sizeof(lapd_certificate) before the
+ * call. Lengths are in world units.
  */
 typedef struct {
   /**
@@ -716,8 +750,9 @@ typedef struct {
    */
   uint64_t struct_size;
   /**
-   * Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic, as refinement left the mesh: 0, as that
-   * is Delaunay. lapd_improvement tells of the mesh without slivers.
+   * Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic, as
+   * refinement left the mesh: 0, as that is Delaunay. lapd_improvement tells of the mesh without
+   * slivers.
    */
   uint64_t non_delaunay_facets;
   /**
@@ -741,7 +776,8 @@ typedef struct {
    */
   double mesh_to_image_mean;
   /**
-   * Largest distance from the mesh's interfaces to those of the image, to within a hundredth of the smallest spacing.
+   * Largest distance from the mesh's interfaces to those of the image, to within a hundredth of
+   * the smallest spacing.
    */
   double mesh_to_image_max;
   /**
@@ -753,7 +789,8 @@ typedef struct {
    */
   double image_to_mesh_max;
   /**
-   * Mean distance from the mesh's interfaces to the smooth ones: from the centroids of facets along their normals, two largest spacings at most.
+   * Mean distance from the mesh's interfaces to the smooth ones: from the centroids of facets
+   * along their normals, two largest spacings at most.
    */
   double mesh_to_surface_mean;
   /**
@@ -761,7 +798,8 @@ typedef struct {
    */
   double mesh_to_surface_max;
   /**
-   * Mean distance from the smooth interfaces, where they cross the edges between voxel centres, to those of the mesh.
+   * Mean distance from the smooth interfaces, where they cross the edges between voxel centres,
+   * to those of the mesh.
    */
   double surface_to_mesh_mean;
   /**
@@ -769,8 +807,8 @@ typedef struct {
    */
   double surface_to_mesh_max;
   /**
-   * Outer facets that should lie on a wall, a face of the image's box where it cuts the object off,
-   * and do not.
+   * Outer facets that should lie on a wall, a face of the image's box where it cuts the object
+   * off, and do not.
    */
   uint64_t facets_off_walls;
   /**
@@ -784,9 +822,11 @@ typedef struct {
 } lapd_certificate;
 
 /**
- * What one thread of the refinement did, and with what it lost time. Set struct_size to sizeof(lapd_thread_report) before the call.
+ * What one thread of the refinement did, and with what it lost time. Set struct_size to
+ * sizeof(lapd_thread_report) before the call.
  *
- * Of the seconds that refinement took (lapd_timings) a thread worked those that it did not lose. With 1 thread none are lost.
+ * Of the seconds that refinement took (lapd_timings) a thread worked those that it did not lose.
+ * With 1 thread none are lost.
  */
 typedef struct {
   /**
@@ -842,7 +882,8 @@ typedef struct {
    */
   uint64_t gifts;
   /**
-   * Tets and vertices that its operations visited in the memory of its own node; 0 where accesses were not counted (lapd_params_set_count_accesses).
+   * Tets and vertices that its operations visited in the memory of its own node; 0 where
+   * accesses were not counted (lapd_params_set_count_accesses).
    */
   uint64_t local_accesses;
   /**
@@ -856,7 +897,8 @@ typedef struct {
 } lapd_thread_report;
 
 /**
- * One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call. Volumes are in cubic world units.
+ * One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call.
+ * Volumes are in cubic world units.
  */
 typedef struct {
   /**
@@ -896,19 +938,23 @@ typedef struct {
    */
   uint64_t components_lost;
   /**
-   * Components of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another one.
+   * Components of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another
+   * one.
    */
   uint64_t components_merged;
   /**
-   * Components of the mesh that are torn off from the one they belong to, or lie in none of the image.
+   * Components of the mesh that are torn off from the one they belong to, or lie in none of the
+   * image.
    */
   uint64_t pieces;
   /**
-   * Euler characteristic of its boundary in the image, whose voxels are joined with all 26 around them.
+   * Euler characteristic of its boundary in the image, whose voxels are joined with all 26
+   * around them.
    */
   int64_t euler_image;
   /**
-   * Euler characteristic of its boundary in the mesh, of a surface just inside: 2 for a ball, 0 for a torus, added up over all parts.
+   * Euler characteristic of its boundary in the mesh, of a surface just inside: 2 for a ball, 0
+   * for a torus, added up over all parts.
    */
   int64_t euler_mesh;
   /**
@@ -928,11 +974,13 @@ typedef struct {
    */
   double mesh_to_image_max;
   /**
-   * Mean distance from its boundary in the image to that in the mesh; infinite when it has no tet.
+   * Mean distance from its boundary in the image to that in the mesh; infinite when it has no
+   * tet.
    */
   double image_to_mesh_mean;
   /**
-   * Largest distance from its boundary in the image to that in the mesh; infinite when it has no tet.
+   * Largest distance from its boundary in the image to that in the mesh; infinite when it has no
+   * tet.
    */
   double image_to_mesh_max;
   /**
@@ -944,11 +992,13 @@ typedef struct {
    */
   double mesh_to_surface_max;
   /**
-   * Mean distance from the smooth interfaces around it to its boundary in the mesh; infinite when it has no tet.
+   * Mean distance from the smooth interfaces around it to its boundary in the mesh; infinite
+   * when it has no tet.
    */
   double surface_to_mesh_mean;
   /**
-   * Largest distance from the smooth interfaces around it to its boundary in the mesh; infinite when it has no tet.
+   * Largest distance from the smooth interfaces around it to its boundary in the mesh; infinite
+   * when it has no tet.
    */
   double surface_to_mesh_max;
   /**
@@ -958,9 +1008,11 @@ typedef struct {
 } lapd_label_row;
 
 /**
- * One component of the image that has LAPD_LEAST_VOXELS or more. Set struct_size to sizeof(lapd_component_row) before the call.
+ * One component of the image that has LAPD_LEAST_VOXELS or more. Set struct_size to
+ * sizeof(lapd_component_row) before the call.
  *
- * Voxels are joined with all 26 around them, tets where they share a facet, an edge or a vertex. Volumes are in cubic world units, positions and distances in world units.
+ * Voxels are joined with all 26 around them, tets where they share a facet, an edge or a vertex.
+ * Volumes are in cubic world units, positions and distances in world units.
  */
 typedef struct {
   /**
@@ -1008,7 +1060,8 @@ typedef struct {
    */
   int64_t euler_mesh;
   /**
-   * Mean distance from the boundary of the components of the mesh that belong to it to that of its label in the image.
+   * Mean distance from the boundary of the components of the mesh that belong to it to that of
+   * its label in the image.
    */
   double mesh_to_image_mean;
   /**
@@ -1016,7 +1069,8 @@ typedef struct {
    */
   double mesh_to_image_max;
   /**
-   * Mean distance from its boundary to that of its label in the mesh; infinite when the label has no tet.
+   * Mean distance from its boundary to that of its label in the mesh; infinite when the label
+   * has no tet.
    */
   double image_to_mesh_mean;
   /**
@@ -1024,7 +1078,8 @@ typedef struct {
    */
   double image_to_mesh_max;
   /**
-   * Mean distance from the boundary of the components of the mesh that belong to it to the smooth interfaces.
+   * Mean distance from the boundary of the components of the mesh that belong to it to the
+   * smooth interfaces.
    */
   double mesh_to_surface_mean;
   /**
@@ -1032,7 +1087,8 @@ typedef struct {
    */
   double mesh_to_surface_max;
   /**
-   * Mean distance from the smooth interfaces around it to its label's boundary in the mesh; infinite when the label has no tet.
+   * Mean distance from the smooth interfaces around it to its label's boundary in the mesh;
+   * infinite when the label has no tet.
    */
   double surface_to_mesh_mean;
   /**
@@ -1042,8 +1098,8 @@ typedef struct {
 } lapd_component_row;
 
 /**
- * A place where the topology of a label in the mesh is not that of a solid, or not that of the image. Set struct_size to sizeof(lapd_defect) before the
- * call.
+ * A place where the topology of a label in the mesh is not that of a solid, or not that of the
+ * image. Set struct_size to sizeof(lapd_defect) before the call.
  */
 typedef struct {
   /**
@@ -1059,7 +1115,8 @@ typedef struct {
    */
   int64_t label;
   /**
-   * Where, in world units: the centre of the component's first voxel, the centroid of its first tet, the middle of the edge, the vertex.
+   * Where, in world units: the centre of the component's first voxel, the centroid of its first
+   * tet, the middle of the edge, the vertex.
    */
   double position[3];
   /**
@@ -1069,8 +1126,8 @@ typedef struct {
 } lapd_defect;
 
 /**
- * What the removal of slivers did. Set struct_size to sizeof(lapd_improvement) before the call. All is 0 with
- * LAPD_IMPROVE_NONE.
+ * What the removal of slivers did. Set struct_size to sizeof(lapd_improvement) before the call.
+ * All is 0 with LAPD_IMPROVE_NONE.
  */
 typedef struct {
   /**
@@ -1170,8 +1227,9 @@ typedef struct {
 } lapd_left;
 
 /**
- * The nodes in the middles of edges, and where curving put them. Set struct_size to sizeof(lapd_second_order) before the call.
- * All is 0 for a mesh of order 1, and all but `nodes` without lapd_params_set_curved.
+ * The nodes in the middles of edges, and where curving put them. Set struct_size to
+ * sizeof(lapd_second_order) before the call. All is 0 for a mesh of order 1, and all but `nodes`
+ * without lapd_params_set_curved.
  */
 typedef struct {
   /**
@@ -1199,8 +1257,8 @@ typedef struct {
    */
   double max_move;
   /**
-   * The least determinant of the Jacobian in a tet with a moved node, in parts of the determinant of the straight tet: a bound
-   * from below, by Bezier coefficients.
+   * The least determinant of the Jacobian in a tet with a moved node, in parts of the
+   * determinant of the straight tet: a bound from below, by Bezier coefficients.
    */
   double least_jacobian;
   /**
@@ -1214,22 +1272,24 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * The version of the library that runs, as "MAJOR.MINOR.PATCH". LAPD_VERSION is that of the header the caller was compiled with.
+ * The version of the library that runs, as "MAJOR.MINOR.PATCH". LAPD_VERSION is that of the header
+ * the caller was compiled with.
  *
  * The string is static. May be called from any thread.
  */
 const char *lapd_version(void);
 
 /**
- * The name of a status code, such as "LAPD_ERROR_IO"; "LAPD_UNKNOWN_STATUS" for a number that is none.
+ * The name of a status code, such as "LAPD_ERROR_IO"; "LAPD_UNKNOWN_STATUS" for a number that is
+ * none.
  *
  * The string is static. May be called from any thread.
  */
 const char *lapd_status_name(int32_t status);
 
 /**
- * What a status code means, in one line; "unknown status" for a number that is none. lapd_context_last_error() says more about
- * the call that failed.
+ * What a status code means, in one line; "unknown status" for a number that is none.
+ * lapd_context_last_error() says more about the call that failed.
  *
  * The string is static. May be called from any thread.
  */
@@ -1245,87 +1305,93 @@ const char *lapd_status_message(int32_t status);
 lapd_status lapd_context_create(lapd_context **context);
 
 /**
- * Frees a context. NULL is allowed and does nothing. No other thread may use the context, nor a call be under way with it.
- * Images, parameters and meshes made with it live on.
+ * Frees a context. NULL is allowed and does nothing. No other thread may use the context, nor a
+ * call be under way with it. Images, parameters and meshes made with it live on.
  */
 void lapd_context_free(lapd_context *context);
 
 /**
- * The message of the last call that failed with this context: one line, UTF-8; empty when none failed yet. Calls that succeed
- * leave it as it is. For NULL a message that says so.
+ * The message of the last call that failed with this context: one line, UTF-8; empty when none
+ * failed yet. Calls that succeed leave it as it is. For NULL a message that says so.
  *
- * The string belongs to the context and is valid until the next failing call with it, or until it is freed. No other thread may
- * use the context meanwhile.
+ * The string belongs to the context and is valid until the next failing call with it, or until it
+ * is freed. No other thread may use the context meanwhile.
  */
 const char *lapd_context_last_error(const lapd_context *context);
 
 /**
- * Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means none. Takes effect with the next
- * lapd_mesh_image.
+ * Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means
+ * none. Takes effect with the next lapd_mesh_image.
  *
- * The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed. No other thread may
- * use the context meanwhile.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
- */
-lapd_status lapd_context_set_progress(lapd_context *context,
-                                      lapd_progress_fn callback,
-                                      void *user);
-
-/**
- * Sets the function that receives log lines, and the pointer handed to it. A NULL `callback` means none.
- *
- * The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed. No other thread may
- * use the context meanwhile.
+ * The library keeps `user` but never looks at it; both must stay valid until replaced or the
+ * context is freed. No other thread may use the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
  */
-lapd_status lapd_context_set_log(lapd_context *context,
-                                 lapd_log_fn callback,
-                                 void *user);
+lapd_status lapd_context_set_progress(lapd_context *context, lapd_progress_fn callback, void *user);
 
 /**
- * Asks the run of this context to end, or the writing of a mesh with it; the call returns LAPD_ERROR_CANCELLED within 100 ms, as long
- * as the run holds less than some 500 MB: the system takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk
- * when a file is complete, comes on top. The calls that obey are lapd_mesh_image, lapd_mesh_write and lapd_mesh_write_timeline; all
- * others, those that make or read an image too, run to their end. The request stays until lapd_context_reset_cancel: without a call
- * under way that obeys, the next one ends at once, so that no request is ever lost.
+ * Sets the function that receives log lines, and the pointer handed to it. A NULL `callback` means
+ * none.
  *
- * May be called from any thread at any time in the life of the context, from its callbacks, and from a signal handler.
+ * The library keeps `user` but never looks at it; both must stay valid until replaced or the
+ * context is freed. No other thread may use the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
+ */
+lapd_status lapd_context_set_log(lapd_context *context, lapd_log_fn callback, void *user);
+
+/**
+ * Asks the run of this context to end, or the writing of a mesh with it; the call returns
+ * LAPD_ERROR_CANCELLED within 100 ms, as long as the run holds less than some 500 MB: the system
+ * takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk when a file is
+ * complete, comes on top. The calls that obey are lapd_mesh_image, lapd_mesh_write and
+ * lapd_mesh_write_timeline; all others, those that make or read an image too, run to their end.
+ * The request stays until lapd_context_reset_cancel: without a call under way that obeys, the next
+ * one ends at once, so that no request is ever lost.
+ *
+ * May be called from any thread at any time in the life of the context, from its callbacks, and
+ * from a signal handler.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
  */
 lapd_status lapd_context_cancel(const lapd_context *context);
 
 /**
- * Takes back what lapd_context_cancel asked for, so that the context can be used for another run. No other thread may use the
- * context meanwhile.
+ * Takes back what lapd_context_cancel asked for, so that the context can be used for another run.
+ * No other thread may use the context meanwhile.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL; LAPD_ERROR_BUSY while a run is under way.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL; LAPD_ERROR_BUSY while a run is under
+ * way.
  */
 lapd_status lapd_context_reset_cancel(lapd_context *context);
 
 /**
- * Makes an image from a caller's buffer. The voxels are copied (into dense ids of 2 bytes each), so the buffer may be freed or
- * changed as soon as the call returns.
+ * Makes an image from a caller's buffer. The voxels are copied (into dense ids of 2 bytes each),
+ * so the buffer may be freed or changed as soon as the call returns.
  *
- * - `data` points to voxel (0, 0, 0), aligned for its type, which `voxel_type` (a lapd_voxel_type) names.
+ * - `data` points to voxel (0, 0, 0), aligned for its type, which `voxel_type` (a lapd_voxel_type)
+ *   names.
  * - `dims`: 3 values, voxels along x, y, z; at least 1 each, and at most 2^32 - 1 voxels in all.
- * - `strides`: 3 values, the distance from a voxel to the next one along x, y, z, counted in elements (not bytes); negative ones
- *   are allowed. NULL means packed, x fastest: 1, dims[0], dims[0] * dims[1].
+ * - `strides`: 3 values, the distance from a voxel to the next one along x, y, z, counted in
+ *   elements (not bytes); negative ones are allowed. NULL means packed, x fastest: 1, dims[0],
+ *   dims[0] * dims[1].
  * - `origin`: 3 values, the world position of the centre of voxel (0, 0, 0).
  * - `spacing`: 3 values, the distance between voxel centres along x, y, z; above 0.
- * - `direction`: 9 values, row by row; column k is the world direction of image axis k. Must be orthonormal; reflections are
- *   allowed, and tets have positive volumes all the same. NULL means the identity.
+ * - `direction`: 9 values, row by row; column k is the world direction of image axis k. Must be
+ *   orthonormal; reflections are allowed, and tets have positive volumes all the same. NULL means
+ *   the identity.
  *
- * World position of voxel (i, j, k): origin + direction * (i * spacing[0], j * spacing[1], k * spacing[2]). Lengths are in one
- * unit, millimetres for medical images, and so are those of the mesh.
+ * World position of voxel (i, j, k): origin + direction * (i * spacing[0], j * spacing[1], k *
+ * spacing[2]). Lengths are in one unit, millimetres for medical images, and so are those of the
+ * mesh.
  *
  * The caller owns `*image` and frees it with lapd_image_free. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer other than `strides` and `direction` is NULL, for an unknown voxel type, a
- * dimension of 0, more than 2^32 - 1 voxels, strides beyond the address space, a spacing not above 0, a value that is not finite, axes that
- * are sheared, a label that does not fit int32_t, more than 65534 labels besides 0; LAPD_ERROR_OUT_OF_MEMORY.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer other than `strides` and `direction` is NULL,
+ * for an unknown voxel type, a dimension of 0, more than 2^32 - 1 voxels, strides beyond the
+ * address space, a spacing not above 0, a value that is not finite, axes that are sheared, a label
+ * that does not fit int32_t, more than 65534 labels besides 0; LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_image_create(lapd_context *context,
                               const void *data,
@@ -1338,18 +1404,21 @@ lapd_status lapd_image_create(lapd_context *context,
                               lapd_image **image);
 
 /**
- * Reads an image file; its format is told by the end of its name: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz.
+ * Reads an image file; its format is told by the end of its name: .nrrd .nhdr .nii .nii.gz .mha
+ * .mhd .inr .inr.gz.
  *
- * `path` is UTF-8; on Unix any bytes that name a file are taken. `world` is the frame that the image is to have, a lapd_world_frame. The
- * coordinates of a file that does not say its own stay as stored, with a warning; lapd_image_get_world_axes tells what the axes of the
- * image mean. What a file says ambiguously goes to the log callback, and is kept with the image (lapd_image_get_warning).
+ * `path` is UTF-8; on Unix any bytes that name a file are taken. `world` is the frame that the
+ * image is to have, a lapd_world_frame. The coordinates of a file that does not say its own stay
+ * as stored, with a warning; lapd_image_get_world_axes tells what the axes of the image mean. What
+ * a file says ambiguously goes to the log callback, and is kept with the image
+ * (lapd_image_get_warning).
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel
- * does not end the call.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
+ * this one. lapd_context_cancel does not end the call.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `world` is unknown, or no format has this ending; LAPD_ERROR_IO when
- * the file cannot be read; LAPD_ERROR_FORMAT when it is not a valid image, is cut off, or uses what this version does not read;
- * LAPD_ERROR_OUT_OF_MEMORY.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `world` is unknown, or no format
+ * has this ending; LAPD_ERROR_IO when the file cannot be read; LAPD_ERROR_FORMAT when it is not a
+ * valid image, is cut off, or uses what this version does not read; LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_image_read(lapd_context *context,
                             const char *path,
@@ -1360,15 +1429,16 @@ lapd_status lapd_image_read(lapd_context *context,
  * As lapd_image_read, with choices.
  *
  * - `values`: what becomes of voxels that are no whole numbers, a lapd_label_values.
- * - `layer_order`: for segmentations of 3D Slicer with several layers, whose segments may overlap: the `layer_count`
- *   layers of the file, counted from 0, each once. Where segments overlap, that of the later layer of this order counts.
- *   NULL for the order of the file.
+ * - `layer_order`: for segmentations of 3D Slicer with several layers, whose segments may overlap:
+ *   the `layer_count` layers of the file, counted from 0, each once. Where segments overlap, that
+ *   of the later layer of this order counts. NULL for the order of the file.
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
- * lapd_context_cancel does not end the call.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
+ * this one. lapd_context_cancel does not end the call.
  *
- * Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown, when `layer_order` does not
- * name each layer once or the file has no layers, and for LAPD_LABELS_DISTINCT of several layers.
+ * Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown, when
+ * `layer_order` does not name each layer once or the file has no layers, and for
+ * LAPD_LABELS_DISTINCT of several layers.
  */
 lapd_status lapd_image_read_labels(lapd_context *context,
                                    const char *path,
@@ -1379,7 +1449,8 @@ lapd_status lapd_image_read_labels(lapd_context *context,
                                    lapd_image **image);
 
 /**
- * Frees an image. NULL is allowed and does nothing. Any thread; no call may be using it. Meshes made from it live on.
+ * Frees an image. NULL is allowed and does nothing. Any thread; no call may be using it. Meshes
+ * made from it live on.
  */
 void lapd_image_free(lapd_image *image);
 
@@ -1405,44 +1476,44 @@ lapd_status lapd_image_get_origin(const lapd_image *image, double *origin);
 lapd_status lapd_image_get_spacing(const lapd_image *image, double *spacing);
 
 /**
- * The direction matrix, row by row; column k is the world direction of image axis k. `direction` has room for 9 values. The
- * rounding of file headers is taken out of it. Any thread.
+ * The direction matrix, row by row; column k is the world direction of image axis k. `direction`
+ * has room for 9 values. The rounding of file headers is taken out of it. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_image_get_direction(const lapd_image *image,
-                                     double *direction);
+lapd_status lapd_image_get_direction(const lapd_image *image, double *direction);
 
 /**
- * What the world axes of the image mean, a lapd_world_axes: those of the frame that its file was read in. LAPD_AXES_UNKNOWN for images made from
- * memory, and for files that do not say. Any thread.
+ * What the world axes of the image mean, a lapd_world_axes: those of the frame that its file was
+ * read in. LAPD_AXES_UNKNOWN for images made from memory, and for files that do not say. Any
+ * thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_image_get_world_axes(const lapd_image *image,
-                                      int32_t *axes);
+lapd_status lapd_image_get_world_axes(const lapd_image *image, int32_t *axes);
 
 /**
  * The labels of the image other than 0, in increasing order, and how many they are.
  *
- * `*labels` belongs to the image and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ * `*labels` belongs to the image and is valid until it is freed; with a count of 0 it must not be
+ * read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_image_get_labels(const lapd_image *image, const int32_t **labels, size_t *count);
 
 /**
- * Copies the label of every voxel, x fastest and packed, into a buffer with room for `capacity` values; as many as there are voxels
- * are needed. Any thread.
+ * Copies the label of every voxel, x fastest and packed, into a buffer with room for `capacity`
+ * values; as many as there are voxels are needed. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_BUFFER_TOO_SMALL, and nothing was written.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_BUFFER_TOO_SMALL, and
+ * nothing was written.
  */
-lapd_status lapd_image_copy_voxels(const lapd_image *image,
-                                   int32_t *buffer,
-                                   size_t capacity);
+lapd_status lapd_image_copy_voxels(const lapd_image *image, int32_t *buffer, size_t capacity);
 
 /**
- * The value that a label stands for in an image read with LAPD_LABELS_DISTINCT, as text with all its digits.
+ * The value that a label stands for in an image read with LAPD_LABELS_DISTINCT, as text with all
+ * its digits.
  *
  * `*value` belongs to the image and is valid until it is freed. Any thread.
  *
@@ -1451,8 +1522,8 @@ lapd_status lapd_image_copy_voxels(const lapd_image *image,
 lapd_status lapd_image_get_value(const lapd_image *image, int32_t label, const char **value);
 
 /**
- * The name that the file of an image gives to a label, as 3D Slicer's segmentations do; `*name` is NULL where it gives
- * none.
+ * The name that the file of an image gives to a label, as 3D Slicer's segmentations do; `*name` is
+ * NULL where it gives none.
  *
  * `*name` belongs to the image and is valid until it is freed. Any thread.
  *
@@ -1477,19 +1548,26 @@ lapd_status lapd_image_get_warning_count(const lapd_image *image, size_t *count)
 lapd_status lapd_image_get_warning(const lapd_image *image, size_t index, const char **warning);
 
 /**
- * Makes an image of a scan, by isovalues v1 < v2 < ...: background below v1, the first label from v1 on, the second from v2 on, and so forth. Smooth interfaces
- * (LAPD_SURFACE_SMOOTH) are the isosurfaces of the intensity, interpolated trilinearly between voxel centres, which is much closer to the object than a segmentation can be. In everything else the image is that of the
+ * Makes an image of a scan, by isovalues v1 < v2 < ...: background below v1, the first label from
+ * v1 on, the second from v2 on, and so forth. Smooth interfaces (LAPD_SURFACE_SMOOTH) are the
+ * isosurfaces of the intensity, interpolated trilinearly between voxel centres, which is much
+ * closer to the object than a segmentation can be. In everything else the image is that of the
  * labels at the voxel centres.
  *
- * - `data` points to the intensity of voxel (0, 0, 0). The voxels are copied (4 bytes each, and 2 for labels).
- * - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create; `strides` and `direction` may be NULL.
- * - `isovalues`: `isovalue_count` values, 1 to 31, increasing. An isovalue that many voxels have exactly puts the surface through their centres; half a unit beside it is better.
- * - `labels`: as many labels as isovalues, or NULL for 1, 2, ... Label 0 is background here too, so that a range of intensities can be meshed alone.
+ * - `data` points to the intensity of voxel (0, 0, 0). The voxels are copied (4 bytes each, and 2
+ *   for labels).
+ * - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in
+ *   lapd_image_create; `strides` and `direction` may be NULL.
+ * - `isovalues`: `isovalue_count` values, 1 to 31, increasing. An isovalue that many voxels have
+ *   exactly puts the surface through their centres; half a unit beside it is better.
+ * - `labels`: as many labels as isovalues, or NULL for 1, 2, ... Label 0 is background here too,
+ *   so that a range of intensities can be meshed alone.
  *
  * The caller owns `*image` and frees it with lapd_image_free. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for isovalues that are not finite or do not increase, none or too many of them, an intensity that is not
- * finite, an isovalue that no voxel reaches, or no voxel between two of them; LAPD_ERROR_OUT_OF_MEMORY.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for isovalues that are not finite
+ * or do not increase, none or too many of them, an intensity that is not finite, an isovalue that
+ * no voxel reaches, or no voxel between two of them; LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_image_create_gray(lapd_context *context,
                                    const float *data,
@@ -1504,23 +1582,31 @@ lapd_status lapd_image_create_gray(lapd_context *context,
                                    lapd_image **image);
 
 /**
- * Makes an image of probability maps, one for each label: each voxel has its most likely label, on a tie the background, or else the smaller one. Smooth interfaces
- * (LAPD_SURFACE_SMOOTH) are where the largest of the probabilities, interpolated trilinearly between voxel centres, changes hands; of a voxel the four largest count. In everything else the image is that of
- * the labels at the voxel centres. Merged labels have the sum of their probabilities, and labels that are not kept count to the background.
+ * Makes an image of probability maps, one for each label: each voxel has its most likely label, on
+ * a tie the background, or else the smaller one. Smooth interfaces (LAPD_SURFACE_SMOOTH) are where
+ * the largest of the probabilities, interpolated trilinearly between voxel centres, changes hands;
+ * of a voxel the four largest count. In everything else the image is that of the labels at the
+ * voxel centres. Merged labels have the sum of their probabilities, and labels that are not kept
+ * count to the background.
  *
- * - `maps`: `map_count` pointers, each to the value of voxel (0, 0, 0) in the map of one label. The maps are copied (4 bytes per voxel and map, and 2 for labels).
- * - `labels`: `map_count` labels, all different. Where 0, the background, is among them, values may be of any scale; else the background has what all others leave to 1, and
- *   values must not exceed 1 nor be below -0.5. Values below 0 count as 0, with a
- *   warning below -0.001.
- * - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides maps may stand
- *   side by side, voxel by voxel.
+ * - `maps`: `map_count` pointers, each to the value of voxel (0, 0, 0) in the map of one label.
+ *   The maps are copied (4 bytes per voxel and map, and 2 for labels).
+ * - `labels`: `map_count` labels, all different. Where 0, the background, is among them, values
+ *   may be of any scale; else the background has what all others leave to 1, and values must not
+ *   exceed 1 nor be below -0.5. Values below 0 count as 0, with a warning below -0.001.
+ * - `dims` (at most 2^32 - 1 voxels), `strides`, `origin`, `spacing`, `direction`: as in
+ *   lapd_image_create, the same for all maps; `strides` and `direction` may be NULL. With strides
+ *   maps may stand side by side, voxel by voxel.
  *
- * A label that is nowhere the most likely one has no voxel, and will have no tet: a warning, for the log callback and lapd_image_get_warning, names it. So does one
- * where a hundredth or more of the object is as likely of one label as of another, as with masks that overlap.
+ * A label that is nowhere the most likely one has no voxel, and will have no tet: a warning, for
+ * the log callback and lapd_image_get_warning, names it. So does one where a hundredth or more of
+ * the object is as likely of one label as of another, as with masks that overlap.
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
+ * this one.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for no maps, a label given twice, a value that is not finite, or above 1 or below -0.5 without a map of label 0;
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT as lapd_image_create, and for no maps, a label given twice,
+ * a value that is not finite, or above 1 or below -0.5 without a map of label 0;
  * LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_image_create_probabilities(lapd_context *context,
@@ -1535,11 +1621,13 @@ lapd_status lapd_image_create_probabilities(lapd_context *context,
                                             lapd_image **image);
 
 /**
- * As lapd_image_create_probabilities for level sets: functions above 0 inside of their label and below it
- * outside, such as signed distances. The largest value wins; the background has the level 0, unless it has a
- * map. Values may be of any scale, the same for all maps. Of merged labels the largest value counts.
+ * As lapd_image_create_probabilities for level sets: functions above 0 inside of their label and
+ * below it outside, such as signed distances. The largest value wins; the background has the level
+ * 0, unless it has a map. Values may be of any scale, the same for all maps. Of merged labels the
+ * largest value counts.
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
+ * this one.
  *
  * Errors: those of lapd_image_create_probabilities, but for values out of a range.
  */
@@ -1555,13 +1643,15 @@ lapd_status lapd_image_create_level_sets(lapd_context *context,
                                          lapd_image **image);
 
 /**
- * Reads a scan, as lapd_image_read reads labels, and makes an image of it by isovalues, as lapd_image_create_gray does. Numbers of all types are read, scaled as the file
- * says, and rounded to single precision. `path` and `world`, a lapd_world_frame, are as in lapd_image_read.
+ * Reads a scan, as lapd_image_read reads labels, and makes an image of it by isovalues, as
+ * lapd_image_create_gray does. Numbers of all types are read, scaled as the file says, and rounded
+ * to single precision. `path` and `world`, a lapd_world_frame, are as in lapd_image_read.
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel does not end the call.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
+ * this one. lapd_context_cancel does not end the call.
  *
- * Errors: those of lapd_image_read, and those of lapd_image_create_gray for isovalues and labels; LAPD_ERROR_FORMAT for an intensity that is not finite, and for more
- * than one value per voxel.
+ * Errors: those of lapd_image_read, and those of lapd_image_create_gray for isovalues and labels;
+ * LAPD_ERROR_FORMAT for an intensity that is not finite, and for more than one value per voxel.
  */
 lapd_status lapd_image_read_gray(lapd_context *context,
                                  const char *path,
@@ -1572,17 +1662,23 @@ lapd_status lapd_image_read_gray(lapd_context *context,
                                  lapd_image **image);
 
 /**
- * Reads probability maps, as lapd_image_read reads labels, and makes an image of them, as lapd_image_create_probabilities does. There may be several files, and several
- * volumes in a file: a fourth axis (NIfTI, NRRD, MetaImage) or several values for each voxel (NRRD, MetaImage, INR). All volumes of all files count, in their order.
+ * Reads probability maps, as lapd_image_read reads labels, and makes an image of them, as
+ * lapd_image_create_probabilities does. There may be several files, and several volumes in a file:
+ * a fourth axis (NIfTI, NRRD, MetaImage) or several values for each voxel (NRRD, MetaImage, INR).
+ * All volumes of all files count, in their order.
  *
- * - `paths`: `path_count` names of files. All must have the grid of the first, in the frame that is asked for.
+ * - `paths`: `path_count` names of files. All must have the grid of the first, in the frame that
+ *   is asked for.
  * - `world`: that frame, a lapd_world_frame, as in lapd_image_read.
- * - `labels`: `label_count` labels, all different, as many as there are volumes; or NULL for 1, 2, ..., `label_count` is not read then.
+ * - `labels`: `label_count` labels, all different, as many as there are volumes; or NULL for 1, 2,
+ *   ..., `label_count` is not read then.
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel does not end the call.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
+ * this one. lapd_context_cancel does not end the call.
  *
- * Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT for no files, a label given twice, and not as many labels as volumes; LAPD_ERROR_FORMAT, naming the file, for
- * files whose grids differ, and for a value that is not finite, or above 1 without a map of label 0.
+ * Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT for no files, a label given twice,
+ * and not as many labels as volumes; LAPD_ERROR_FORMAT, naming the file, for files whose grids
+ * differ, and for a value that is not finite, or above 1 without a map of label 0.
  */
 lapd_status lapd_image_read_probabilities(lapd_context *context,
                                           const char *const *paths,
@@ -1593,11 +1689,11 @@ lapd_status lapd_image_read_probabilities(lapd_context *context,
                                           lapd_image **image);
 
 /**
- * Reads level sets, as lapd_image_read_probabilities reads probability maps, and makes an image of them, as
- * lapd_image_create_level_sets does.
+ * Reads level sets, as lapd_image_read_probabilities reads probability maps, and makes an image of
+ * them, as lapd_image_create_level_sets does.
  *
- * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
- * lapd_context_cancel does not end the call.
+ * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
+ * this one. lapd_context_cancel does not end the call.
  *
  * Errors: those of lapd_image_read_probabilities, but for values out of a range.
  */
@@ -1610,8 +1706,9 @@ lapd_status lapd_image_read_level_sets(lapd_context *context,
                                        lapd_image **image);
 
 /**
- * Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, slivers removed to a dihedral angle of
- * 15 degrees, smooth surfaces, flat walls at the border of the image, all labels, no background, 1 thread, no limits.
+ * Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30
+ * degrees, slivers removed to a dihedral angle of 15 degrees, smooth surfaces, flat walls at the
+ * border of the image, all labels, no background, 1 thread, no limits.
  *
  * The caller owns `*params` and frees it with lapd_params_free. Any thread.
  *
@@ -1625,14 +1722,12 @@ lapd_status lapd_params_create(lapd_params **params);
 void lapd_params_free(lapd_params *params);
 
 /**
- * Sets the distance between samples on the interfaces, in world units; above 0. Smaller means closer to the image. No other thread
- * may use `params` or the context meanwhile.
+ * Sets the distance between samples on the interfaces, in world units; above 0. Smaller means
+ * closer to the image. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
-lapd_status lapd_params_set_delta(lapd_context *context,
-                                  lapd_params *params,
-                                  double delta);
+lapd_status lapd_params_set_delta(lapd_context *context, lapd_params *params, double delta);
 
 /**
  * The distance between samples on the interfaces. Any thread, unless another one changes `params`.
@@ -1642,13 +1737,12 @@ lapd_status lapd_params_set_delta(lapd_context *context,
 lapd_status lapd_params_get_delta(const lapd_params *params, double *delta);
 
 /**
- * Sets the largest circumradius of tets, in world units; above 0. No other thread may use `params` or the context meanwhile.
+ * Sets the largest circumradius of tets, in world units; above 0. No other thread may use `params`
+ * or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
-lapd_status lapd_params_set_size(lapd_context *context,
-                                 lapd_params *params,
-                                 double size);
+lapd_status lapd_params_set_size(lapd_context *context, lapd_params *params, double size);
 
 /**
  * The largest circumradius of tets. Any thread, unless another one changes `params`.
@@ -1658,8 +1752,9 @@ lapd_status lapd_params_set_size(lapd_context *context,
 lapd_status lapd_params_get_size(const lapd_params *params, double *size);
 
 /**
- * Sets the largest circumradius of the tets of one label (after merging), in world units; above 0. A second call for the label replaces the first.
- * lapd_mesh_image refuses a label that the image does not have. No other thread may use `params` or the context meanwhile.
+ * Sets the largest circumradius of the tets of one label (after merging), in world units; above 0.
+ * A second call for the label replaces the first. lapd_mesh_image refuses a label that the image
+ * does not have. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
@@ -1669,13 +1764,12 @@ lapd_status lapd_params_set_label_size(lapd_context *context,
                                        double size);
 
 /**
- * The largest circumradius of the tets of a label: its own, or that of all. Any thread, unless another one changes `params`.
+ * The largest circumradius of the tets of a label: its own, or that of all. Any thread, unless
+ * another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
-lapd_status lapd_params_get_label_size(const lapd_params *params,
-                                       int32_t label,
-                                       double *size);
+lapd_status lapd_params_get_label_size(const lapd_params *params, int32_t label, double *size);
 
 /**
  * Forgets the sizes of single labels. No other thread may use `params` or the context meanwhile.
@@ -1685,8 +1779,8 @@ lapd_status lapd_params_get_label_size(const lapd_params *params,
 lapd_status lapd_params_clear_label_sizes(lapd_context *context, lapd_params *params);
 
 /**
- * Sets the largest ratio of circumradius to shortest edge of tets; at least 2 (below, refinement need not end). No other thread
- * may use `params` or the context meanwhile.
+ * Sets the largest ratio of circumradius to shortest edge of tets; at least 2 (below, refinement
+ * need not end). No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
@@ -1695,38 +1789,37 @@ lapd_status lapd_params_set_radius_edge(lapd_context *context,
                                         double radius_edge);
 
 /**
- * The largest ratio of circumradius to shortest edge. Any thread, unless another one changes `params`.
+ * The largest ratio of circumradius to shortest edge. Any thread, unless another one changes
+ * `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_radius_edge(const lapd_params *params, double *radius_edge);
 
 /**
- * Sets the smallest planar angle of interface facets, in degrees; 0 to 30 (above, refinement need not end). No other thread may
- * use `params` or the context meanwhile.
+ * Sets the smallest planar angle of interface facets, in degrees; 0 to 30 (above, refinement need
+ * not end). No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
-lapd_status lapd_params_set_facet_angle(lapd_context *context,
-                                        lapd_params *params,
-                                        double degrees);
+lapd_status lapd_params_set_facet_angle(lapd_context *context, lapd_params *params, double degrees);
 
 /**
- * The smallest planar angle of interface facets, in degrees. Any thread, unless another one changes `params`.
+ * The smallest planar angle of interface facets, in degrees. Any thread, unless another one
+ * changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_facet_angle(const lapd_params *params, double *degrees);
 
 /**
- * Sets the surface model, a lapd_surface. No other thread may use `params` or the context meanwhile.
+ * Sets the surface model, a lapd_surface. No other thread may use `params` or the context
+ * meanwhile.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is unknown, or it is LAPD_SURFACE_VOXEL and labels are to be smoothed
- * (lapd_params_set_sigma).
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is unknown, or it is
+ * LAPD_SURFACE_VOXEL and labels are to be smoothed (lapd_params_set_sigma).
  */
-lapd_status lapd_params_set_surface(lapd_context *context,
-                                    lapd_params *params,
-                                    int32_t surface);
+lapd_status lapd_params_set_surface(lapd_context *context, lapd_params *params, int32_t surface);
 
 /**
  * The surface model, a lapd_surface. Any thread, unless another one changes `params`.
@@ -1736,24 +1829,24 @@ lapd_status lapd_params_set_surface(lapd_context *context,
 lapd_status lapd_params_get_surface(const lapd_params *params, int32_t *surface);
 
 /**
- * Sets how the object is closed at the border of the image, a lapd_border. No other thread may use `params` or the context meanwhile.
+ * Sets how the object is closed at the border of the image, a lapd_border. No other thread may use
+ * `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
  */
-lapd_status lapd_params_set_border(lapd_context *context,
-                                   lapd_params *params,
-                                   int32_t border);
+lapd_status lapd_params_set_border(lapd_context *context, lapd_params *params, int32_t border);
 
 /**
- * How the object is closed at the border of the image, a lapd_border. Any thread, unless another one changes `params`.
+ * How the object is closed at the border of the image, a lapd_border. Any thread, unless another
+ * one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_border(const lapd_params *params, int32_t *border);
 
 /**
- * Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0. No
- * other thread may use `params` or the context meanwhile.
+ * Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of
+ * the object have label 0. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
@@ -1762,16 +1855,17 @@ lapd_status lapd_params_set_background(lapd_context *context,
                                        int32_t background);
 
 /**
- * Whether the whole triangulation is kept, 1 or 0. Any thread, unless another one changes `params`.
+ * Whether the whole triangulation is kept, 1 or 0. Any thread, unless another one changes
+ * `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_background(const lapd_params *params, int32_t *background);
 
 /**
- * Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED, or with a partial mesh where
- * lapd_params_set_partial allows it. 0 means no limit. No other thread may use `params` or the
- * context meanwhile.
+ * Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED,
+ * or with a partial mesh where lapd_params_set_partial allows it. 0 means no limit. No other
+ * thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
@@ -1787,70 +1881,71 @@ lapd_status lapd_params_set_max_vertices(lapd_context *context,
 lapd_status lapd_params_get_max_vertices(const lapd_params *params, size_t *max_vertices);
 
 /**
- * Sets a limit of time, in wall-clock seconds from the call of lapd_mesh_image on; above 0, or 0 for no limit. A run whose refinement
- * has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
+ * Sets a limit of time, in wall-clock seconds from the call of lapd_mesh_image on; above 0, or 0
+ * for no limit. A run whose refinement has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or
+ * with a partial mesh where lapd_params_set_partial allows it.
  *
- * The limit ends the preparation of the image and refinement, within some ten milliseconds. What follows is not cut short:
- * collecting and certifying the mesh takes up to twice as long. No other thread may use `params` or the context meanwhile.
+ * The limit ends the preparation of the image and refinement, within some ten milliseconds. What
+ * follows is not cut short: collecting and certifying the mesh takes up to twice as long. No other
+ * thread may use `params` or the context meanwhile.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not finite.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not
+ * finite.
  */
-lapd_status lapd_params_set_time_limit(lapd_context *context,
-                                       lapd_params *params,
-                                       double seconds);
+lapd_status lapd_params_set_time_limit(lapd_context *context, lapd_params *params, double seconds);
 
 /**
- * The limit of time in seconds, 0 for none. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The limit of time in seconds, 0 for none. Any thread, unless another one changes `params`.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_time_limit(const lapd_params *params,
-                                       double *seconds);
+lapd_status lapd_params_get_time_limit(const lapd_params *params, double *seconds);
 
 /**
- * Sets a limit of memory in bytes, 0 for none. A run that needs more ends with LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where
- * lapd_params_set_partial allows it.
+ * Sets a limit of memory in bytes, 0 for none. A run that needs more ends with
+ * LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
  *
- * Counted are the tables of the run that grow with the image or the mesh: those made of the image's labels, also to find what is thin, of the
- * triangulation and the work that waits, and in advance those of the mesh to come and what its certificate asks of the image, so that the limit holds to the end of the run.
- * Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
- * refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the context
- * meanwhile.
+ * Counted are the tables of the run that grow with the image or the mesh: those made of the
+ * image's labels, also to find what is thin, of the triangulation and the work that waits, and in
+ * advance those of the mesh to come and what its certificate asks of the image, so that the limit
+ * holds to the end of the run. Not counted are the caller's image, the samples from which the
+ * smooth surface's label weights are found (gone before the refinement begins; on a brain atlas of
+ * 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the
+ * context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
-lapd_status lapd_params_set_max_memory(lapd_context *context,
-                                       lapd_params *params,
-                                       uint64_t bytes);
+lapd_status lapd_params_set_max_memory(lapd_context *context, lapd_params *params, uint64_t bytes);
 
 /**
- * The limit of memory in bytes, 0 for none. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * The limit of memory in bytes, 0 for none. Any thread, unless another one changes `params`.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_max_memory(const lapd_params *params,
-                                       uint64_t *bytes);
+lapd_status lapd_params_get_max_memory(const lapd_params *params, uint64_t *bytes);
 
 /**
- * Whether a run whose refinement is ended by a limit (of vertices, time or memory) hands out the mesh of what there is by then (1), or
- * none (0, the default). Either way lapd_mesh_image returns the status of the limit, which lapd_mesh_get_limit_reached gives later.
+ * Whether a run whose refinement is ended by a limit (of vertices, time or memory) hands out the
+ * mesh of what there is by then (1), or none (0, the default). Either way lapd_mesh_image returns
+ * the status of the limit, which lapd_mesh_get_limit_reached gives later.
  *
- * A partial mesh is a valid Delaunay mesh whose labels are those at the circumcenters of its tets, and whose interfaces are closed. It
- * is coarser than asked for, may be far from the image and miss labels; its certificate says how much, and counts the rules that
- * are still unmet. A limit reached before the object has any tet gives no mesh. A cancelled run never gives a mesh. No other
- * thread may use `params` or the context meanwhile.
+ * A partial mesh is a valid Delaunay mesh whose labels are those at the circumcenters of its tets,
+ * and whose interfaces are closed. It is coarser than asked for, may be far from the image and
+ * miss labels; its certificate says how much, and counts the rules that are still unmet. A limit
+ * reached before the object has any tet gives no mesh. A cancelled run never gives a mesh. No
+ * other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
-lapd_status lapd_params_set_partial(lapd_context *context,
-                                    lapd_params *params,
-                                    int32_t partial);
+lapd_status lapd_params_set_partial(lapd_context *context, lapd_params *params, int32_t partial);
 
 /**
- * Whether a partial mesh is allowed, 1 or 0. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * Whether a partial mesh is allowed, 1 or 0. Any thread, unless another one changes `params`.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_partial(const lapd_params *params,
-                                    int32_t *partial);
+lapd_status lapd_params_get_partial(const lapd_params *params, int32_t *partial);
 
 /**
- * Sets the algorithm, a lapd_algorithm. Which memory nodes there are is read from the machine, or given by lapd_params_set_topology.
- * No other thread may use `params` or the context meanwhile.
+ * Sets the algorithm, a lapd_algorithm. Which memory nodes there are is read from the machine, or
+ * given by lapd_params_set_topology. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
  */
@@ -1866,24 +1961,27 @@ lapd_status lapd_params_set_algorithm(lapd_context *context,
 lapd_status lapd_params_get_algorithm(const lapd_params *params, int32_t *algorithm);
 
 /**
- * Sets what may be changed to remove slivers, a lapd_improve. Topology, labels and the angles of interface facets
- * (lapd_params_set_facet_angle) are kept in any case. No other thread may use `params` or the context meanwhile.
+ * Sets what may be changed to remove slivers, a lapd_improve. Topology, labels and the angles of
+ * interface facets (lapd_params_set_facet_angle) are kept in any case. No other thread may use
+ * `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is no lapd_improve.
  */
 lapd_status lapd_params_set_improve(lapd_context *context, lapd_params *params, int32_t improve);
 
 /**
- * What may be changed to remove slivers, a lapd_improve. Any thread, unless another one changes `params`.
+ * What may be changed to remove slivers, a lapd_improve. Any thread, unless another one changes
+ * `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_improve(const lapd_params *params, int32_t *improve);
 
 /**
- * Sets the dihedral angle that tets are to have at least, in degrees; none is to be above 180 less this, either. Above 0 and at
- * most 30. With the default, 15, interfaces move by at most 0.1 of the smallest side of a voxel; with 20 and more, by 0.2. What
- * can't be reached is listed: lapd_mesh_get_left. No other thread may use `params` or the context meanwhile.
+ * Sets the dihedral angle that tets are to have at least, in degrees; none is to be above 180 less
+ * this, either. Above 0 and at most 30. With the default, 15, interfaces move by at most 0.1 of
+ * the smallest side of a voxel; with 20 and more, by 0.2. What can't be reached is listed:
+ * lapd_mesh_get_left. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
@@ -1892,15 +1990,17 @@ lapd_status lapd_params_set_target_dihedral(lapd_context *context,
                                             double degrees);
 
 /**
- * The dihedral angle that tets are to have at least, in degrees. Any thread, unless another one changes `params`.
+ * The dihedral angle that tets are to have at least, in degrees. Any thread, unless another one
+ * changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_target_dihedral(const lapd_params *params, double *degrees);
 
 /**
- * Sets the order of tets: 1, the default, for four nodes each, or 2 for ten, one more in the middle of each edge. See
- * lapd_mesh_get_tet_mid_nodes. No other thread may use `params` or the context meanwhile.
+ * Sets the order of tets: 1, the default, for four nodes each, or 2 for ten, one more in the
+ * middle of each edge. See lapd_mesh_get_tet_mid_nodes. No other thread may use `params` or the
+ * context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
@@ -1914,45 +2014,45 @@ lapd_status lapd_params_set_order(lapd_context *context, lapd_params *params, in
 lapd_status lapd_params_get_order(const lapd_params *params, int32_t *order);
 
 /**
- * Sets whether (1) or not (0, the default) the nodes in the middle of edges of interface facets go from there to where the image
- * has the interface, as far as tets stay valid: the determinant of the Jacobian is positive in all of each tet. Needs order 2
- * when the mesh is made. See lapd_mesh_get_second_order. No other thread may use `params` or the context meanwhile.
+ * Sets whether (1) or not (0, the default) the nodes in the middle of edges of interface facets go
+ * from there to where the image has the interface, as far as tets stay valid: the determinant of
+ * the Jacobian is positive in all of each tet. Needs order 2 when the mesh is made. See
+ * lapd_mesh_get_second_order. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
-lapd_status lapd_params_set_curved(lapd_context *context,
-                                   lapd_params *params,
-                                   int32_t curved);
+lapd_status lapd_params_set_curved(lapd_context *context, lapd_params *params, int32_t curved);
 
 /**
- * Whether nodes in the middle of edges of interface facets go to the image's interface. Any thread, unless another one changes
- * `params`.
+ * Whether nodes in the middle of edges of interface facets go to the image's interface. Any
+ * thread, unless another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_curved(const lapd_params *params,
-                                   int32_t *curved);
+lapd_status lapd_params_get_curved(const lapd_params *params, int32_t *curved);
 
 /**
- * Whether components and layers of a label that are thinner than 4/3 of the distance of samples (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so farther away (1,
- * the default), or not (0). The mesh then has as many more elements as it takes to keep them whole. What holds cubes of 32 times the smallest side of a voxel is never thin.
- * No other thread may use `params` or the context meanwhile.
+ * Whether components and layers of a label that are thinner than 4/3 of the distance of samples
+ * (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so
+ * farther away (1, the default), or not (0). The mesh then has as many more elements as it takes
+ * to keep them whole. What holds cubes of 32 times the smallest side of a voxel is never thin. No
+ * other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
-lapd_status lapd_params_set_adaptive(lapd_context *context,
-                                     lapd_params *params,
-                                     int32_t adaptive);
+lapd_status lapd_params_set_adaptive(lapd_context *context, lapd_params *params, int32_t adaptive);
 
 /**
- * Whether thin structures are sampled more densely, 1 or 0. Any thread, unless another one changes `params`.
+ * Whether thin structures are sampled more densely, 1 or 0. Any thread, unless another one changes
+ * `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_adaptive(const lapd_params *params, int32_t *adaptive);
 
 /**
- * Sets how close samples of thin structures come at most: this times the smallest side of a voxel; above 0, by default 0.5. No other thread may use `params` or the context meanwhile.
+ * Sets how close samples of thin structures come at most: this times the smallest side of a voxel;
+ * above 0, by default 0.5. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
@@ -1961,17 +2061,20 @@ lapd_status lapd_params_set_spacing_floor(lapd_context *context,
                                           double spacing_floor);
 
 /**
- * How close samples of thin structures come at most, in smallest sides of a voxel. Any thread, unless another one changes `params`.
+ * How close samples of thin structures come at most, in smallest sides of a voxel. Any thread,
+ * unless another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_spacing_floor(const lapd_params *params,
-                                          double *spacing_floor);
+lapd_status lapd_params_get_spacing_floor(const lapd_params *params, double *spacing_floor);
 
 /**
- * Leaves out components of a label (after lapd_params_set_merge, of voxels joined with all 26 around them) of fewer voxels than this: they become a part of the label, or the background, that most
- * voxels around them have. lapd_mesh_get_defect lists them. 0, the default, and 1 leave out nothing. For images of labels only: lapd_mesh_image refuses images made of intensities or
- * probabilities where this is 2 or more. No other thread may use `params` or the context meanwhile.
+ * Leaves out components of a label (after lapd_params_set_merge, of voxels joined with all 26
+ * around them) of fewer voxels than this: they become a part of the label, or the background, that
+ * most voxels around them have. lapd_mesh_get_defect lists them. 0, the default, and 1 leave out
+ * nothing. For images of labels only: lapd_mesh_image refuses images made of intensities or
+ * probabilities where this is 2 or more. No other thread may use `params` or the context
+ * meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
@@ -1980,16 +2083,19 @@ lapd_status lapd_params_set_least_voxels(lapd_context *context,
                                          uint64_t least_voxels);
 
 /**
- * The voxels that a component has at least, not to be left out. Any thread, unless another one changes `params`.
+ * The voxels that a component has at least, not to be left out. Any thread, unless another one
+ * changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_least_voxels(const lapd_params *params, uint64_t *least_voxels);
 
 /**
- * Gives labels of the image another one before all else: each of `labels` becomes `target`. All labels are changed at once, so that two can be exchanged
- * by two calls. 0 may be among them, and may be the target, which makes them background. A second call for a label replaces the first.
- * lapd_mesh_image refuses a label that the image does not have. The values are copied. No other thread may use `params` or the context meanwhile.
+ * Gives labels of the image another one before all else: each of `labels` becomes `target`. All
+ * labels are changed at once, so that two can be exchanged by two calls. 0 may be among them, and
+ * may be the target, which makes them background. A second call for a label replaces the first.
+ * lapd_mesh_image refuses a label that the image does not have. The values are copied. No other
+ * thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or `count` is 0.
  */
@@ -2000,26 +2106,27 @@ lapd_status lapd_params_set_merge(lapd_context *context,
                                   int32_t target);
 
 /**
- * What becomes of a label of the image: the target of the last lapd_params_set_merge for it, or the label itself. Any thread, unless another one
- * changes `params`.
+ * What becomes of a label of the image: the target of the last lapd_params_set_merge for it, or
+ * the label itself. Any thread, unless another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
-lapd_status lapd_params_get_merge(const lapd_params *params,
-                                  int32_t label,
-                                  int32_t *target);
+lapd_status lapd_params_get_merge(const lapd_params *params, int32_t label, int32_t *target);
 
 /**
- * Forgets which labels were to become others. No other thread may use `params` or the context meanwhile.
+ * Forgets which labels were to become others. No other thread may use `params` or the context
+ * meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_clear_merge(lapd_context *context, lapd_params *params);
 
 /**
- * Sets the label that counts as background, after merging; the default is 0. Its voxels are as the outside of the image, which has label 0 in the mesh.
- * lapd_mesh_image refuses a label that the image does not have, and, for another background than 0, an image that has label 0 as well: merge 0 into
- * that label or into another one. No other thread may use `params` or the context meanwhile.
+ * Sets the label that counts as background, after merging; the default is 0. Its voxels are as the
+ * outside of the image, which has label 0 in the mesh. lapd_mesh_image refuses a label that the
+ * image does not have, and, for another background than 0, an image that has label 0 as well:
+ * merge 0 into that label or into another one. No other thread may use `params` or the context
+ * meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
@@ -2035,8 +2142,9 @@ lapd_status lapd_params_set_background_label(lapd_context *context,
 lapd_status lapd_params_get_background_label(const lapd_params *params, int32_t *label);
 
 /**
- * Sets the labels to mesh (after merging); all others count as background. A count of 0 means all labels, and `labels` may then be NULL.
- * lapd_mesh_image refuses a label that the image does not have. The values are copied. No other thread may use `params` or the context meanwhile.
+ * Sets the labels to mesh (after merging); all others count as background. A count of 0 means all
+ * labels, and `labels` may then be NULL. lapd_mesh_image refuses a label that the image does not
+ * have. The values are copied. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
@@ -2048,45 +2156,44 @@ lapd_status lapd_params_set_keep(lapd_context *context,
 /**
  * The labels to mesh, and how many they are; 0 means all.
  *
- * `*labels` belongs to the parameters and is valid until they are changed or freed; with a count of 0 it must not be read. Any
- * thread, unless another one changes `params`.
+ * `*labels` belongs to the parameters and is valid until they are changed or freed; with a count
+ * of 0 it must not be read. Any thread, unless another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_keep(const lapd_params *params,
-                                 const int32_t **labels,
-                                 size_t *count);
+lapd_status lapd_params_get_keep(const lapd_params *params, const int32_t **labels, size_t *count);
 
 /**
- * Sets the standard deviation of the Gaussian that smooths the labels of a coarse segmentation, in voxels along each axis of the image; 0 to 5, 0 (the default) for none. For images
- * of labels and smooth surfaces only: lapd_mesh_image refuses images made of intensities or probabilities. Voxel centres keep their labels, so that nothing thin or small is lost. No other thread may use `params` or the context meanwhile.
+ * Sets the standard deviation of the Gaussian that smooths the labels of a coarse segmentation, in
+ * voxels along each axis of the image; 0 to 5, 0 (the default) for none. For images of labels and
+ * smooth surfaces only: lapd_mesh_image refuses images made of intensities or probabilities. Voxel
+ * centres keep their labels, so that nothing thin or small is lost. No other thread may use
+ * `params` or the context meanwhile.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is out of range, or it is above 0 and the surface is LAPD_SURFACE_VOXEL.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is out of range, or it is
+ * above 0 and the surface is LAPD_SURFACE_VOXEL.
  */
-lapd_status lapd_params_set_sigma(lapd_context *context,
-                                  lapd_params *params,
-                                  double sigma);
+lapd_status lapd_params_set_sigma(lapd_context *context, lapd_params *params, double sigma);
 
 /**
- * The standard deviation of the Gaussian that smooths labels, in voxels, 0 for none. Any thread, unless another one changes `params`.
+ * The standard deviation of the Gaussian that smooths labels, in voxels, 0 for none. Any thread,
+ * unless another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_sigma(const lapd_params *params,
-                                  double *sigma);
+lapd_status lapd_params_get_sigma(const lapd_params *params, double *sigma);
 
 /**
- * Sets the number of threads of a run, 1 (the default) to LAPD_MAX_THREADS. lapd_mesh_image starts them and joins them before it
- * returns. More than there are processors work, but do not help.
+ * Sets the number of threads of a run, 1 (the default) to LAPD_MAX_THREADS. lapd_mesh_image starts
+ * them and joins them before it returns. More than there are processors work, but do not help.
  *
- * With 1 the mesh is the same in every run. With more it is not, because it depends on which thread is first; what the
- * certificate and the bounds on quality promise holds all the same. No other thread may use `params` or the context meanwhile.
+ * With 1 the mesh is the same in every run. With more it is not, because it depends on which
+ * thread is first; what the certificate and the bounds on quality promise holds all the same. No
+ * other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is out of range.
  */
-lapd_status lapd_params_set_threads(lapd_context *context,
-                                    lapd_params *params,
-                                    size_t threads);
+lapd_status lapd_params_set_threads(lapd_context *context, lapd_params *params, size_t threads);
 
 /**
  * The number of threads of a run. Any thread, unless another one changes `params`.
@@ -2096,8 +2203,8 @@ lapd_status lapd_params_set_threads(lapd_context *context,
 lapd_status lapd_params_get_threads(const lapd_params *params, size_t *threads);
 
 /**
- * Sets what threads do after conflicts, a lapd_contention. With 1 thread there are none. No other thread may use `params` or the
- * context meanwhile.
+ * Sets what threads do after conflicts, a lapd_contention. With 1 thread there are none. No other
+ * thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
  */
@@ -2106,66 +2213,68 @@ lapd_status lapd_params_set_contention(lapd_context *context,
                                        int32_t contention);
 
 /**
- * What threads do after conflicts, a lapd_contention. Any thread, unless another one changes `params`.
+ * What threads do after conflicts, a lapd_contention. Any thread, unless another one changes
+ * `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_contention(const lapd_params *params, int32_t *contention);
 
 /**
- * Sets whom threads without work ask for some first, a lapd_begging. With 1 thread there is nobody to ask. No other thread may
- * use `params` or the context meanwhile.
+ * Sets whom threads without work ask for some first, a lapd_begging. With 1 thread there is nobody
+ * to ask. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
  */
-lapd_status lapd_params_set_begging(lapd_context *context,
-                                    lapd_params *params,
-                                    int32_t begging);
+lapd_status lapd_params_set_begging(lapd_context *context, lapd_params *params, int32_t begging);
 
 /**
- * Whom threads without work ask for some first, a lapd_begging. Any thread, unless another one changes `params`.
+ * Whom threads without work ask for some first, a lapd_begging. Any thread, unless another one
+ * changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_params_get_begging(const lapd_params *params, int32_t *begging);
 
 /**
- * Sets the machine that the threads are taken to run on, for LAPD_ALGORITHM_LAPD and LAPD_BEGGING_BY_LEVEL, by one of hwloc's synthetic descriptions, such as
- * "numa:4 core:4 pu:1": four memory nodes of four cores each. An empty text (the default) means the machine at hand.
+ * Sets the machine that the threads are taken to run on, for LAPD_ALGORITHM_LAPD and
+ * LAPD_BEGGING_BY_LEVEL, by one of hwloc's synthetic descriptions, such as "numa:4 core:4 pu:1":
+ * four memory nodes of four cores each. An empty text (the default) means the machine at hand.
  *
- * It serves tests and planning. The text is copied. No other thread may use `params` or the context meanwhile.
+ * It serves tests and planning. The text is copied. No other thread may use `params` or the
+ * context meanwhile.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or hwloc does not understand the text; LAPD_ERROR_UNSUPPORTED when
- * the library was built without its feature hwloc.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or hwloc does not understand the
+ * text; LAPD_ERROR_UNSUPPORTED when the library was built without its feature hwloc.
  */
 lapd_status lapd_params_set_topology(lapd_context *context,
                                      lapd_params *params,
                                      const char *description);
 
 /**
- * The description of the machine that the threads are taken to run on; empty for the machine at hand.
+ * The description of the machine that the threads are taken to run on; empty for the machine at
+ * hand.
  *
- * `*description` belongs to the parameters and is valid until they are changed or freed. Any thread, unless another one changes
- * `params`.
+ * `*description` belongs to the parameters and is valid until they are changed or freed. Any
+ * thread, unless another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_topology(const lapd_params *params,
-                                     const char **description);
+lapd_status lapd_params_get_topology(const lapd_params *params, const char **description);
 
 /**
- * Whether to bind each thread of the refinement to a core of its own (1) or not (0, the default). Cores are taken memory node by
- * memory node, among those that the calling thread may use; more threads than cores share them. The caller's thread itself is
- * never bound. No other thread may use `params` or the context meanwhile.
+ * Whether to bind each thread of the refinement to a core of its own (1) or not (0, the default).
+ * Cores are taken memory node by memory node, among those that the calling thread may use; more
+ * threads than cores share them. The caller's thread itself is never bound. No other thread may
+ * use `params` or the context meanwhile.
  *
- * Where threads cannot be bound, lapd_mesh_image fails with LAPD_ERROR_UNSUPPORTED: on other systems than Linux, where a machine has more
- * than 1024 processors, and where the calling thread may use none of them. The feature hwloc is not needed.
+ * Where threads cannot be bound, lapd_mesh_image fails with LAPD_ERROR_UNSUPPORTED: on other
+ * systems than Linux, where a machine has more than 1024 processors, and where the calling thread
+ * may use none of them. The feature hwloc is not needed.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
-lapd_status lapd_params_set_bind(lapd_context *context,
-                                 lapd_params *params,
-                                 int32_t bind);
+lapd_status lapd_params_set_bind(lapd_context *context, lapd_params *params, int32_t bind);
 
 /**
  * Whether threads are bound to cores, 1 or 0. Any thread, unless another one changes `params`.
@@ -2175,8 +2284,9 @@ lapd_status lapd_params_set_bind(lapd_context *context,
 lapd_status lapd_params_get_bind(const lapd_params *params, int32_t *bind);
 
 /**
- * Whether to count, for lapd_mesh_get_thread_report, the tets and vertices that each thread visits in the memory of its own and of other
- * nodes (1), or not (0, the default). Counting takes some percent of the time. No other thread may use `params` or the context meanwhile.
+ * Whether to count, for lapd_mesh_get_thread_report, the tets and vertices that each thread visits
+ * in the memory of its own and of other nodes (1), or not (0, the default). Counting takes some
+ * percent of the time. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
@@ -2192,15 +2302,13 @@ lapd_status lapd_params_set_count_accesses(lapd_context *context,
 lapd_status lapd_params_get_count_accesses(const lapd_params *params, int32_t *count_accesses);
 
 /**
- * Whether to keep what each thread did when (1), for lapd_mesh_write_timeline, or not (0, the default). It takes memory while the mesh
- * lives, some ten bytes for each time that a thread begins something else. No other thread may use `params` or the context
- * meanwhile.
+ * Whether to keep what each thread did when (1), for lapd_mesh_write_timeline, or not (0, the
+ * default). It takes memory while the mesh lives, some ten bytes for each time that a thread
+ * begins something else. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
  */
-lapd_status lapd_params_set_timeline(lapd_context *context,
-                                     lapd_params *params,
-                                     int32_t timeline);
+lapd_status lapd_params_set_timeline(lapd_context *context, lapd_params *params, int32_t timeline);
 
 /**
  * Whether a timeline is kept, 1 or 0. Any thread, unless another one changes `params`.
@@ -2212,23 +2320,31 @@ lapd_status lapd_params_get_timeline(const lapd_params *params, int32_t *timelin
 /**
  * Meshes an image.
  *
- * The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes with LAPD_OK; a partial one, where
- * lapd_params_set_partial asks for it, with the status of the limit. With any other status `*mesh` stays as it is. Progress and log
- * callbacks of the context are called on this thread. The work is done by threads that are all joined at return; the calling
- * thread is neither pinned nor moved. Any number of runs may go on at once, in different threads, each with its own context; they
- * may share the image and the parameters. With 1 thread the same image and parameters give the same mesh, byte for byte, unless a
- * limit of time ended it; with more they do not, see lapd_params_set_threads.
+ * The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes with
+ * LAPD_OK; a partial one, where lapd_params_set_partial asks for it, with the status of the limit.
+ * With any other status `*mesh` stays as it is. Progress and log callbacks of the context are
+ * called on this thread. The work is done by threads that are all joined at return; the calling
+ * thread is neither pinned nor moved. Any number of runs may go on at once, in different threads,
+ * each with its own context; they may share the image and the parameters. With 1 thread the same
+ * image and parameters give the same mesh, byte for byte, unless a limit of time ended it; with
+ * more they do not, see lapd_params_set_threads.
  *
- * The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to live on.
+ * The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to
+ * live on.
  *
  * No other thread may use the context meanwhile, but to cancel, nor change `params`.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a label is to be merged, the background, kept, or of a size of its own that the image does
- * not have, label 0 occurs beside another background, merging makes more than 65534 labels besides 0, sigma is above 0 or small components are to be left
- * out (lapd_params_set_sigma, lapd_params_set_least_voxels) of an image made of intensities or probabilities, the box of the object, a voxel more on each side, has more than
- * 2^32 - 1 voxels, or delta is so coarse that no tet lies in the object; LAPD_ERROR_UNSUPPORTED when threads are to be bound to cores and cannot be, see lapd_params_set_bind; LAPD_ERROR_EMPTY_IMAGE when there is no label
- * to mesh; LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT, see lapd_params_set_partial;
- * LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a label is to be merged, the
+ * background, kept, or of a size of its own that the image does not have, label 0 occurs beside
+ * another background, merging makes more than 65534 labels besides 0, sigma is above 0 or small
+ * components are to be left out (lapd_params_set_sigma, lapd_params_set_least_voxels) of an image
+ * made of intensities or probabilities, the box of the object, a voxel more on each side, has more
+ * than 2^32 - 1 voxels, or delta is so coarse that no tet lies in the object;
+ * LAPD_ERROR_UNSUPPORTED when threads are to be bound to cores and cannot be, see
+ * lapd_params_set_bind; LAPD_ERROR_EMPTY_IMAGE when there is no label to mesh;
+ * LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT,
+ * see lapd_params_set_partial; LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in
+ * use by a run.
  */
 lapd_status lapd_mesh_image(lapd_context *context,
                             const lapd_image *image,
@@ -2236,103 +2352,115 @@ lapd_status lapd_mesh_image(lapd_context *context,
                             lapd_mesh **mesh);
 
 /**
- * Frees a mesh. NULL is allowed and does nothing. Any thread; no call may be using it, and every array got from it is invalid from
- * now on.
+ * Frees a mesh. NULL is allowed and does nothing. Any thread; no call may be using it, and every
+ * array got from it is invalid from now on.
  */
 void lapd_mesh_free(lapd_mesh *mesh);
 
 /**
- * The limit that ended the refinement of a partial mesh (see lapd_params_set_partial): LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT or
- * LAPD_ERROR_MEMORY_LIMIT; LAPD_OK for a mesh whose refinement came to its end. Any thread.
+ * The limit that ended the refinement of a partial mesh (see lapd_params_set_partial):
+ * LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT or LAPD_ERROR_MEMORY_LIMIT; LAPD_OK for a mesh
+ * whose refinement came to its end. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_mesh_get_limit_reached(const lapd_mesh *mesh,
-                                        int32_t *limit);
+lapd_status lapd_mesh_get_limit_reached(const lapd_mesh *mesh, int32_t *limit);
 
 /**
- * Checks that lapd_mesh_write knows the end of this name, so that another one can be refused before a mesh is made for it. Nothing is opened: whether the
- * file can be written is seen when it is. Any thread.
+ * Checks that lapd_mesh_write knows the end of this name, so that another one can be refused
+ * before a mesh is made for it. Nothing is opened: whether the file can be written is seen when it
+ * is. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending.
  */
-lapd_status lapd_mesh_check_path(lapd_context *context,
-                                 const char *path);
+lapd_status lapd_mesh_check_path(lapd_context *context, const char *path);
 
 /**
  * Writes a mesh to a file; the format is told by the end of its name:
  * - .vtu: VTK XML; .vtk: VTK legacy, binary; cell array "label";
  * - .mesh: MEDIT; references of tets are labels, those of triangles stand for pairs of labels;
  * - .node .ele .face: TetGen, always all three; first attribute and boundary marker likewise;
- * - .msh .msh4 .msh41: Gmsh MSH 4.1; .msh2 .msh22: MSH 2.2; both binary; a volume and a physical group for each label, as
- *   "label_7", a surface and a physical group for each pair of labels, as "interface_7_3". Tags are labels where these are
- *   positive; labels of 0 and below get the numbers after the largest label, 0 first;
- * - .inp: Abaqus; an element set for each label, an element-based surface for each pair, names as above;
- * - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label and second_label.
+ * - .msh .msh4 .msh41: Gmsh MSH 4.1; .msh2 .msh22: MSH 2.2; both binary; a volume and a physical
+ *   group for each label, as "label_7", a surface and a physical group for each pair of labels, as
+ *   "interface_7_3". Tags are labels where these are positive; labels of 0 and below get the
+ *   numbers after the largest label, 0 first;
+ * - .inp: Abaqus; an element set for each label, an element-based surface for each pair, names as
+ *   above;
+ * - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label
+ *   and second_label.
  *
- * Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and TrianglesP2, Gmsh's types 11
- * and 9, C3D10. TetGen's files can't hold them; surfaces hold their flat facets.
+ * Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and
+ * TrianglesP2, Gmsh's types 11 and 9, C3D10. TetGen's files can't hold them; surfaces hold their
+ * flat facets.
  *
- * Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as SPACE=LPS, RAS or LAS: in the
- * head of .vtk and .stl and in a comment of .ply, where 3D Slicer looks for it, in comments of .mesh, .node, .ele, .face, .msh,
- * .msh2, .inp, and in .vtu as the field array SPACE of character codes. .off has no place for it.
+ * Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as
+ * SPACE=LPS, RAS or LAS: in the head of .vtk and .stl and in a comment of .ply, where 3D Slicer
+ * looks for it, in comments of .mesh, .node, .ele, .face, .msh, .msh2, .inp, and in .vtu as the
+ * field array SPACE of character codes. .off has no place for it.
  *
- * `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
- * same mesh at once, to different files. The work is shared by as many threads as the calling one may use processors; they are
- * joined at return.
+ * `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any
+ * thread; several may write the same mesh at once, to different files. The work is shared by as
+ * many threads as the calling one may use processors; they are joined at return.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the format has no tets of the
- * mesh's order; LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more
- * vertices or tets than the format can number; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an
- * existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the
+ * format has no tets of the mesh's order; LAPD_ERROR_IO when the file cannot be written;
+ * LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number;
+ * LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is;
+ * LAPD_ERROR_OUT_OF_MEMORY.
  */
-lapd_status lapd_mesh_write(lapd_context *context,
-                            const lapd_mesh *mesh,
-                            const char *path);
+lapd_status lapd_mesh_write(lapd_context *context, const lapd_mesh *mesh, const char *path);
 
 /**
- * As lapd_mesh_write, for a .vtu file, which gets a cell array (Float32) for each lapd_tet_measure beside the labels:
- * min_dihedral, max_dihedral, scaled_jacobian, edge_ratio, radius_ratio, radius_edge.
+ * As lapd_mesh_write, for a .vtu file, which gets a cell array (Float32) for each lapd_tet_measure
+ * beside the labels: min_dihedral, max_dihedral, scaled_jacobian, edge_ratio, radius_ratio,
+ * radius_edge.
  *
- * Any thread, as lapd_mesh_write. Errors: those of lapd_mesh_write; LAPD_ERROR_INVALID_ARGUMENT for another ending.
+ * Any thread, as lapd_mesh_write. Errors: those of lapd_mesh_write; LAPD_ERROR_INVALID_ARGUMENT
+ * for another ending.
  */
-lapd_status lapd_mesh_write_with_measures(lapd_context *context, const lapd_mesh *mesh, const char *path);
+lapd_status lapd_mesh_write_with_measures(lapd_context *context,
+                                          const lapd_mesh *mesh,
+                                          const char *path);
 
 /**
- * Writes what each thread of the refinement did when, for a mesh whose parameters asked for it (lapd_params_set_timeline): JSON in
- * Chrome's trace format, which chrome://tracing and ui.perfetto.dev show as one row for each thread.
+ * Writes what each thread of the refinement did when, for a mesh whose parameters asked for it
+ * (lapd_params_set_timeline): JSON in Chrome's trace format, which chrome://tracing and
+ * ui.perfetto.dev show as one row for each thread.
  *
- * Each span of time is an event with "ph": "X"; "tid" is the thread's number as in lapd_mesh_get_thread_report, "ts" and "dur" are
- * microseconds since the refinement began. "name" is "sampling" (inserting samples of the interfaces), "refining", "rolling back" (work
- * on an operation that was given up), "waiting" (after a conflict) or "begging" (without work). The events of a thread stand in the
- * order of time.
+ * Each span of time is an event with "ph": "X"; "tid" is the thread's number as in
+ * lapd_mesh_get_thread_report, "ts" and "dur" are microseconds since the refinement began. "name"
+ * is "sampling" (inserting samples of the interfaces), "refining", "rolling back" (work on an
+ * operation that was given up), "waiting" (after a conflict) or "begging" (without work). The
+ * events of a thread stand in the order of time.
  *
- * `path` is as in lapd_mesh_write, with any ending. An existing file is replaced. Any thread; several may write at once, to
- * different files. The work is shared by threads as that of lapd_mesh_write.
+ * `path` is as in lapd_mesh_write, with any ending. An existing file is replaced. Any thread;
+ * several may write at once, to different files. The work is shared by threads as that of
+ * lapd_mesh_write.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no timeline was kept; LAPD_ERROR_IO when the file cannot be
- * written; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no timeline was kept;
+ * LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_CANCELLED after lapd_context_cancel,
+ * which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_mesh_write_timeline(lapd_context *context,
                                      const lapd_mesh *mesh,
                                      const char *path);
 
 /**
- * The positions of the vertices in world units: `*points` is [count][3]. In a mesh of order 2 the nodes in the middles of edges
- * come behind them.
+ * The positions of the vertices in world units: `*points` is [count][3]. In a mesh of order 2 the
+ * nodes in the middles of edges come behind them.
  *
- * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+ * read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_mesh_get_points(const lapd_mesh *mesh,
-                                 const double **points,
-                                 size_t *count);
+lapd_status lapd_mesh_get_points(const lapd_mesh *mesh, const double **points, size_t *count);
 
 /**
  * The vertices of the tets, as row numbers of the points: `*tets` is [count][4].
  *
- * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+ * read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
@@ -2341,7 +2469,8 @@ lapd_status lapd_mesh_get_tets(const lapd_mesh *mesh, const uint32_t **tets, siz
 /**
  * The label of every tet: `*labels` is [count]. 0 stands for the background, where that was kept.
  *
- * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+ * read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
@@ -2350,53 +2479,60 @@ lapd_status lapd_mesh_get_labels(const lapd_mesh *mesh, const int32_t **labels, 
 /**
  * The neighbours of the tets across their four facets, or LAPD_NO_TET: `*neighbors` is [count][4].
  *
- * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+ * read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_mesh_get_neighbors(const lapd_mesh *mesh, const uint32_t **neighbors, size_t *count);
+lapd_status lapd_mesh_get_neighbors(const lapd_mesh *mesh,
+                                    const uint32_t **neighbors,
+                                    size_t *count);
 
 /**
- * The vertices of the interface facets, those between two labels: `*facets` is [count][3]. The normal (b - a) x (c - a) points
- * from the facet's first label to its second one.
+ * The vertices of the interface facets, those between two labels: `*facets` is [count][3]. The
+ * normal (b - a) x (c - a) points from the facet's first label to its second one.
  *
- * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+ * read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_mesh_get_facets(const lapd_mesh *mesh,
-                                 const uint32_t **facets,
-                                 size_t *count);
+lapd_status lapd_mesh_get_facets(const lapd_mesh *mesh, const uint32_t **facets, size_t *count);
 
 /**
- * The labels on the two sides of the interface facets, the larger one first: `*labels` is [count][2].
+ * The labels on the two sides of the interface facets, the larger one first: `*labels` is
+ * [count][2].
  *
- * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+ * read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_mesh_get_facet_labels(const lapd_mesh *mesh, const int32_t **labels, size_t *count);
+lapd_status lapd_mesh_get_facet_labels(const lapd_mesh *mesh,
+                                       const int32_t **labels,
+                                       size_t *count);
 
 /**
- * The tets on the two sides of the interface facets, in the order of their labels: `*tets` is [count][2]. LAPD_NO_TET where that
- * side is background that was not kept.
+ * The tets on the two sides of the interface facets, in the order of their labels: `*tets` is
+ * [count][2]. LAPD_NO_TET where that side is background that was not kept.
  *
- * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+ * read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_mesh_get_facet_tets(const lapd_mesh *mesh,
-                                     const uint32_t **tets,
-                                     size_t *count);
+lapd_status lapd_mesh_get_facet_tets(const lapd_mesh *mesh, const uint32_t **tets, size_t *count);
 
 /**
- * The nodes in the middles of the edges of the tets, as row numbers of the points: `*nodes` is [count][6]; of a tet (a, b, c, d)
- * they are those of its edges ab, bc, ca, ad, bd, cd, as in VTK. The count is 0 for a mesh of order 1 (see
- * lapd_params_set_order).
+ * The nodes in the middles of the edges of the tets, as row numbers of the points: `*nodes` is
+ * [count][6]; of a tet (a, b, c, d) they are those of its edges ab, bc, ca, ad, bd, cd, as in VTK.
+ * The count is 0 for a mesh of order 1 (see lapd_params_set_order).
  *
- * Of the points those of the vertices come first, as many as lapd_counts.vertices tells; then these nodes.
+ * Of the points those of the vertices come first, as many as lapd_counts.vertices tells; then
+ * these nodes.
  *
- * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+ * read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
@@ -2405,10 +2541,12 @@ lapd_status lapd_mesh_get_tet_mid_nodes(const lapd_mesh *mesh,
                                         size_t *count);
 
 /**
- * The nodes in the middles of the edges of the interface facets: `*nodes` is [count][3]; of a facet (a, b, c) they are those of
- * its edges ab, bc, ca. Otherwise as lapd_mesh_get_tet_mid_nodes.
+ * The nodes in the middles of the edges of the interface facets: `*nodes` is [count][3]; of a
+ * facet (a, b, c) they are those of its edges ab, bc, ca. Otherwise as
+ * lapd_mesh_get_tet_mid_nodes.
  *
- * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+ * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+ * read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
@@ -2438,7 +2576,8 @@ lapd_status lapd_mesh_copy_tets(const lapd_mesh *mesh, uint32_t *buffer, size_t 
 lapd_status lapd_mesh_copy_labels(const lapd_mesh *mesh, int32_t *buffer, size_t capacity);
 
 /**
- * Copies the neighbours of the tets into a buffer of `capacity` values, 4 for each tet. Any thread.
+ * Copies the neighbours of the tets into a buffer of `capacity` values, 4 for each tet. Any
+ * thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
  */
@@ -2452,59 +2591,71 @@ lapd_status lapd_mesh_copy_neighbors(const lapd_mesh *mesh, uint32_t *buffer, si
 lapd_status lapd_mesh_copy_facets(const lapd_mesh *mesh, uint32_t *buffer, size_t capacity);
 
 /**
- * Copies the labels of the interface facets into a buffer of `capacity` values, 2 for each facet. Any thread.
+ * Copies the labels of the interface facets into a buffer of `capacity` values, 2 for each facet.
+ * Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
  */
 lapd_status lapd_mesh_copy_facet_labels(const lapd_mesh *mesh, int32_t *buffer, size_t capacity);
 
 /**
- * Copies the tets beside the interface facets into a buffer of `capacity` values, 2 for each facet. Any thread.
+ * Copies the tets beside the interface facets into a buffer of `capacity` values, 2 for each
+ * facet. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
  */
 lapd_status lapd_mesh_copy_facet_tets(const lapd_mesh *mesh, uint32_t *buffer, size_t capacity);
 
 /**
- * Writes a measure of every tet, a lapd_tet_measure, into a buffer of `capacity` values, one for each tet. Any thread.
+ * Writes a measure of every tet, a lapd_tet_measure, into a buffer of `capacity` values, one for
+ * each tet. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or `measure` is no lapd_tet_measure;
  * LAPD_ERROR_BUFFER_TOO_SMALL.
  */
-lapd_status lapd_mesh_copy_measure(const lapd_mesh *mesh, int32_t measure, double *buffer, size_t capacity);
+lapd_status lapd_mesh_copy_measure(const lapd_mesh *mesh,
+                                   int32_t measure,
+                                   double *buffer,
+                                   size_t capacity);
 
 /**
  * How large the mesh is. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+ * known version.
  */
 lapd_status lapd_mesh_get_counts(const lapd_mesh *mesh, lapd_counts *counts);
 
 /**
  * How long the run took. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+ * known version.
  */
 lapd_status lapd_mesh_get_timings(const lapd_mesh *mesh, lapd_timings *timings);
 
 /**
- * What refinement did, all threads together; lapd_mesh_get_thread_report tells what each of them did. Any thread.
+ * What refinement did, all threads together; lapd_mesh_get_thread_report tells what each of them
+ * did. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+ * known version.
  */
 lapd_status lapd_mesh_get_operations(const lapd_mesh *mesh, lapd_operations *operations);
 
 /**
  * The quality of the mesh. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+ * known version.
  */
 lapd_status lapd_mesh_get_quality(const lapd_mesh *mesh, lapd_quality *quality);
 
 /**
  * The certificate of the mesh. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+ * known version.
  */
 lapd_status lapd_mesh_get_certificate(const lapd_mesh *mesh, lapd_certificate *certificate);
 
@@ -2516,17 +2667,19 @@ lapd_status lapd_mesh_get_certificate(const lapd_mesh *mesh, lapd_certificate *c
 lapd_status lapd_mesh_get_thread_count(const lapd_mesh *mesh, size_t *count);
 
 /**
- * What thread `index` (from 0) of the refinement did, or, for LAPD_ALL_THREADS, the sum of what all of them did. Any thread.
+ * What thread `index` (from 0) of the refinement did, or, for LAPD_ALL_THREADS, the sum of what
+ * all of them did. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is neither below the count nor LAPD_ALL_THREADS, or
- * struct_size is not that of a known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is neither below the count
+ * nor LAPD_ALL_THREADS, or struct_size is not that of a known version.
  */
 lapd_status lapd_mesh_get_thread_report(const lapd_mesh *mesh,
                                         size_t index,
                                         lapd_thread_report *report);
 
 /**
- * The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any thread.
+ * The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any
+ * thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
@@ -2535,26 +2688,24 @@ lapd_status lapd_mesh_get_label_row_count(const lapd_mesh *mesh, size_t *count);
 /**
  * Row `index` (from 0) of the table of labels. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
- * known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
+ * struct_size is not that of a known version.
  */
-lapd_status lapd_mesh_get_label_row(const lapd_mesh *mesh,
-                                    size_t index,
-                                    lapd_label_row *row);
+lapd_status lapd_mesh_get_label_row(const lapd_mesh *mesh, size_t index, lapd_label_row *row);
 
 /**
- * The number of rows that lapd_mesh_get_component_row has: one for each component of the image that has LAPD_LEAST_VOXELS or more. Any thread.
+ * The number of rows that lapd_mesh_get_component_row has: one for each component of the image
+ * that has LAPD_LEAST_VOXELS or more. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_mesh_get_component_row_count(const lapd_mesh *mesh,
-                                              size_t *count);
+lapd_status lapd_mesh_get_component_row_count(const lapd_mesh *mesh, size_t *count);
 
 /**
  * Row `index` (from 0) of the table of components. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
- * known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
+ * struct_size is not that of a known version.
  */
 lapd_status lapd_mesh_get_component_row(const lapd_mesh *mesh,
                                         size_t index,
@@ -2568,19 +2719,19 @@ lapd_status lapd_mesh_get_component_row(const lapd_mesh *mesh,
 lapd_status lapd_mesh_get_defect_count(const lapd_mesh *mesh, size_t *count);
 
 /**
- * Place `index` (from 0) where the topology of a label is at fault; they are in the order of lapd_defect_kind. Any thread.
+ * Place `index` (from 0) where the topology of a label is at fault; they are in the order of
+ * lapd_defect_kind. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
- * known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
+ * struct_size is not that of a known version.
  */
-lapd_status lapd_mesh_get_defect(const lapd_mesh *mesh,
-                                 size_t index,
-                                 lapd_defect *defect);
+lapd_status lapd_mesh_get_defect(const lapd_mesh *mesh, size_t index, lapd_defect *defect);
 
 /**
  * What the removal of slivers did. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+ * known version.
  */
 lapd_status lapd_mesh_get_improvement(const lapd_mesh *mesh, lapd_improvement *improvement);
 
@@ -2594,17 +2745,16 @@ lapd_status lapd_mesh_get_left_count(const lapd_mesh *mesh, size_t *count);
 /**
  * Tet `index` (from 0) of those that are left below the target. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
- * known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
+ * struct_size is not that of a known version.
  */
-lapd_status lapd_mesh_get_left(const lapd_mesh *mesh,
-                               size_t index,
-                               lapd_left *left);
+lapd_status lapd_mesh_get_left(const lapd_mesh *mesh, size_t index, lapd_left *left);
 
 /**
  * The nodes in the middles of edges, and where curving put them. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+ * known version.
  */
 lapd_status lapd_mesh_get_second_order(const lapd_mesh *mesh, lapd_second_order *second_order);
 

@@ -9,16 +9,21 @@
 //     mesh.write(context, "atlas.vtu");
 //
 // Conventions
-// - What lapd.h says holds here too: units, shapes, thread safety, who may change what. Every member calls the
+// - What lapd.h says holds here too: units, shapes, thread safety, who may change what. Every
+// member calls the
 //   function of the same name, where its text stands.
-// - A status other than LAPD_OK becomes a lapd::error, which carries the status and the message; a partial mesh
+// - A status other than LAPD_OK becomes a lapd::error, which carries the status and the message; a
+// partial mesh
 //   that was asked for is returned instead. Members may throw std::bad_alloc.
-// - context, image, params and mesh own their handle and free it. They can be moved, not copied. One that was
-//   moved from holds NULL, which every function refuses: its members throw. get() gives the handle for calls
-//   that are not here.
-// - Arrays come as views, without copying. A view is valid as long as the object that it came from (wherever that
+// - context, image, params and mesh own their handle and free it. They can be moved, not copied.
+// One that was
+//   moved from holds NULL, which every function refuses: its members throw. get() gives the handle
+//   for calls that are not here.
+// - Arrays come as views, without copying. A view is valid as long as the object that it came from
+// (wherever that
 //   is moved to); for params: until they are changed.
-// - Callbacks may throw. The exception does not cross the C interface: the run is cancelled, and the exception
+// - Callbacks may throw. The exception does not cross the C interface: the run is cancelled, and
+// the exception
 //   leaves the call of this header that was running. What that call made is freed.
 #ifndef LAPD_HPP
 #define LAPD_HPP
@@ -43,10 +48,12 @@
 
 namespace lapd {
 
-// A call failed. what() is the one line that the context keeps, or, of a call without a context, what the status means.
+// A call failed. what() is the one line that the context keeps, or, of a call without a context,
+// what the status means.
 class error : public std::runtime_error {
   public:
-    error(lapd_status status, const std::string &message) : std::runtime_error(message), status_(status) {
+    error(lapd_status status, const std::string &message)
+        : std::runtime_error(message), status_(status) {
     }
     lapd_status status() const noexcept {
         return status_;
@@ -56,8 +63,9 @@ class error : public std::runtime_error {
     lapd_status status_;
 };
 
-// A view of `size()` values that belong to somebody else. It is the same type in C++17 and in C++20, so that objects
-// compiled by either can be linked together; in C++20 it converts to std::span<const T>.
+// A view of `size()` values that belong to somebody else. It is the same type in C++17 and in
+// C++20, so that objects compiled by either can be linked together; in C++20 it converts to
+// std::span<const T>.
 template <class T> class span {
   public:
     using value_type = T;
@@ -128,7 +136,8 @@ template <class T, void (*Free)(T *)> struct deleter {
 // Of calls without a context.
 inline void check(lapd_status status) {
     if (status != LAPD_OK) {
-        throw error(status, std::string(lapd_status_name(status)) + ": " + lapd_status_message(status));
+        throw error(status,
+                    std::string(lapd_status_name(status)) + ": " + lapd_status_message(status));
     }
 }
 
@@ -178,7 +187,8 @@ class context {
         detail::check(lapd_context_set_log(handle, call_log, callbacks_.get()), handle);
     }
 
-    // Both replace what was set before; nullptr means none. Not to be called from a callback of the same context.
+    // Both replace what was set before; nullptr means none. Not to be called from a callback of the
+    // same context.
     void set_progress(progress_callback callback) {
         require_handle();
         callbacks_->progress = std::move(callback);
@@ -188,7 +198,8 @@ class context {
         callbacks_->log = std::move(callback);
     }
 
-    // From any thread and from a signal handler, as long as the context is neither moved nor destroyed meanwhile.
+    // From any thread and from a signal handler, as long as the context is neither moved nor
+    // destroyed meanwhile.
     void cancel() const noexcept {
         lapd_context_cancel(handle_.get());
     }
@@ -202,8 +213,8 @@ class context {
         return handle_.get();
     }
 
-    // After a call with get(): throws what a callback threw during the call, or the error of a status that is not
-    // LAPD_OK.
+    // After a call with get(): throws what a callback threw during the call, or the error of a
+    // status that is not LAPD_OK.
     void check(lapd_status status) const {
         if (callbacks_ != nullptr && callbacks_->thrown != nullptr) {
             std::rethrow_exception(std::exchange(callbacks_->thrown, nullptr));
@@ -212,8 +223,8 @@ class context {
     }
 
   private:
-    // Where the C interface finds the callbacks; stays in place when the context is moved. No lock: callbacks run on
-    // the thread that made the call.
+    // Where the C interface finds the callbacks; stays in place when the context is moved. No lock:
+    // callbacks run on the thread that made the call.
     struct callbacks {
         progress_callback progress;
         log_callback log;
@@ -223,7 +234,8 @@ class context {
     static std::int32_t call_progress(void *user, const lapd_progress *progress) noexcept {
         auto &self = *static_cast<callbacks *>(user);
         try {
-            if (self.thrown == nullptr && self.progress && self.progress(*progress) == answer::cancel) {
+            if (self.thrown == nullptr && self.progress &&
+                self.progress(*progress) == answer::cancel) {
                 return 1;
             }
         } catch (...) {
@@ -269,47 +281,54 @@ class image {
     // Copies voxels of any integer type; `voxels` points to voxel (0, 0, 0).
     template <class T> static image create(context &context, const T *voxels, const grid &grid) {
         lapd_image *handle = nullptr;
-        lapd_status status = lapd_image_create(context.get(), voxels, detail::voxel_type<T>(), grid.dims.data(),
-                                               grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
-                                               grid.spacing.data(), grid.direction.data(), &handle);
+        lapd_status status =
+            lapd_image_create(context.get(), voxels, detail::voxel_type<T>(), grid.dims.data(),
+                              grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
+                              grid.spacing.data(), grid.direction.data(), &handle);
         return adopt(context, status, handle);
     }
 
     // Files may be read in another frame than their own; see lapd_world_frame.
-    static image read(context &context, const std::string &path, lapd_world_frame world = LAPD_WORLD_AS_STORED) {
+    static image read(context &context, const std::string &path,
+                      lapd_world_frame world = LAPD_WORLD_AS_STORED) {
         lapd_image *handle = nullptr;
         lapd_status status = lapd_image_read(context.get(), path.c_str(), world, &handle);
         return adopt(context, status, handle);
     }
-    // The same, with a choice of what becomes of voxels that are no whole numbers, and of the order in which the layers
-    // of a segmentation count, later over earlier ones; empty for that of the file.
+    // The same, with a choice of what becomes of voxels that are no whole numbers, and of the order
+    // in which the layers of a segmentation count, later over earlier ones; empty for that of the
+    // file.
     static image read_labels(context &context, const std::string &path, lapd_world_frame world,
-                             lapd_label_values values, const std::vector<std::size_t> &layer_order = {}) {
+                             lapd_label_values values,
+                             const std::vector<std::size_t> &layer_order = {}) {
         lapd_image *handle = nullptr;
-        lapd_status status =
-            lapd_image_read_labels(context.get(), path.c_str(), world, values,
-                                   layer_order.empty() ? nullptr : layer_order.data(), layer_order.size(), &handle);
+        lapd_status status = lapd_image_read_labels(
+            context.get(), path.c_str(), world, values,
+            layer_order.empty() ? nullptr : layer_order.data(), layer_order.size(), &handle);
         return adopt(context, status, handle);
     }
 
     // Scans, cut into labels at isovalues; without labels these are 1, 2, ...
     static image create_gray(context &context, const float *voxels, const grid &grid,
-                             const std::vector<double> &isovalues, const std::vector<std::int32_t> &labels = {}) {
+                             const std::vector<double> &isovalues,
+                             const std::vector<std::int32_t> &labels = {}) {
         check_count(labels, isovalues.size(), "isovalues");
         lapd_image *handle = nullptr;
         lapd_status status = lapd_image_create_gray(
-            context.get(), voxels, grid.dims.data(), grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
-            grid.spacing.data(), grid.direction.data(), isovalues.data(), isovalues.size(),
-            labels.empty() ? nullptr : labels.data(), &handle);
+            context.get(), voxels, grid.dims.data(), grid.strides ? grid.strides->data() : nullptr,
+            grid.origin.data(), grid.spacing.data(), grid.direction.data(), isovalues.data(),
+            isovalues.size(), labels.empty() ? nullptr : labels.data(), &handle);
         return adopt(context, status, handle);
     }
-    static image read_gray(context &context, const std::string &path, const std::vector<double> &isovalues,
+    static image read_gray(context &context, const std::string &path,
+                           const std::vector<double> &isovalues,
                            const std::vector<std::int32_t> &labels = {},
                            lapd_world_frame world = LAPD_WORLD_AS_STORED) {
         check_count(labels, isovalues.size(), "isovalues");
         lapd_image *handle = nullptr;
-        lapd_status status = lapd_image_read_gray(context.get(), path.c_str(), world, isovalues.data(),
-                                                  isovalues.size(), labels.empty() ? nullptr : labels.data(), &handle);
+        lapd_status status = lapd_image_read_gray(
+            context.get(), path.c_str(), world, isovalues.data(), isovalues.size(),
+            labels.empty() ? nullptr : labels.data(), &handle);
         return adopt(context, status, handle);
     }
 
@@ -408,13 +427,15 @@ class image {
   private:
     // By the C function for probabilities, or that for level sets.
     template <class Create>
-    static image create_maps(Create *create, context &context, const std::vector<const float *> &maps,
+    static image create_maps(Create *create, context &context,
+                             const std::vector<const float *> &maps,
                              const std::vector<std::int32_t> &labels, const grid &grid) {
         check_count(labels, maps.size(), "maps");
         lapd_image *handle = nullptr;
-        lapd_status status = create(context.get(), maps.data(), labels.data(), maps.size(), grid.dims.data(),
-                                    grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
-                                    grid.spacing.data(), grid.direction.data(), &handle);
+        lapd_status status =
+            create(context.get(), maps.data(), labels.data(), maps.size(), grid.dims.data(),
+                   grid.strides ? grid.strides->data() : nullptr, grid.origin.data(),
+                   grid.spacing.data(), grid.direction.data(), &handle);
         return adopt(context, status, handle);
     }
     template <class Read>
@@ -430,9 +451,11 @@ class image {
     }
 
     // The C function takes one count for both.
-    static void check_count(const std::vector<std::int32_t> &labels, std::size_t count, const char *what) {
+    static void check_count(const std::vector<std::int32_t> &labels, std::size_t count,
+                            const char *what) {
         if (!labels.empty() && labels.size() != count)
-            throw error(LAPD_ERROR_INVALID_ARGUMENT, "as many labels as " + std::string(what) + " are needed");
+            throw error(LAPD_ERROR_INVALID_ARGUMENT,
+                        "as many labels as " + std::string(what) + " are needed");
     }
 
     // Owns first, so that what was made is freed when this throws.
@@ -445,7 +468,8 @@ class image {
     std::unique_ptr<lapd_image, detail::deleter<lapd_image, lapd_image_free>> handle_;
 };
 
-// lapd_params: the defaults, until changed. Setters return the object, so that they can be written in a row.
+// lapd_params: the defaults, until changed. Setters return the object, so that they can be written
+// in a row.
 class params {
   public:
     params() {
@@ -661,7 +685,8 @@ class params {
     }
 
   private:
-    template <class Function, class... Arguments> params &set(Function function, Arguments... arguments) {
+    template <class Function, class... Arguments>
+    params &set(Function function, Arguments... arguments) {
         messages_.check(function(messages_.get(), get(), arguments...));
         return *this;
     }
@@ -679,7 +704,8 @@ class params {
 // lapd_mesh: never changes, any number of threads; needs none of the other objects to live on.
 class mesh {
   public:
-    // lapd_mesh_image. A partial mesh, where the parameters ask for it, is returned too; limit_reached() tells.
+    // lapd_mesh_image. A partial mesh, where the parameters ask for it, is returned too;
+    // limit_reached() tells.
     static mesh make(context &context, const image &image, const params &params) {
         lapd_mesh *handle = nullptr;
         lapd_status status = lapd_mesh_image(context.get(), image.get(), params.get(), &handle);
@@ -743,7 +769,8 @@ class mesh {
         return array<rows<std::uint32_t, 3>>(lapd_mesh_get_facet_mid_nodes);
     }
 
-    /** LAPD_OK for a complete mesh, or the status of the limit that ended the refinement of a partial one. */
+    /** LAPD_OK for a complete mesh, or the status of the limit that ended the refinement of a
+     * partial one. */
     lapd_status limit_reached() const {
         std::int32_t limit = LAPD_OK;
         detail::check(lapd_mesh_get_limit_reached(get(), &limit));

@@ -9,7 +9,8 @@ pub enum Error {
     /// An argument or parameter is out of its range.
     #[error("{0}")]
     InvalidArgument(String),
-    /// The option exists in the interface, but not yet in this version, not in this build (cargo features), or not on this system.
+    /// The option exists in the interface, but not yet in this version, not in this build (cargo
+    /// features), or not on this system.
     #[error("{0}")]
     Unsupported(String),
     /// The file could not be opened, read or written.
@@ -31,7 +32,8 @@ pub enum Error {
     /// The image has no voxel with a label other than 0, so there is nothing to mesh.
     #[error("the image holds no label other than 0: nothing to mesh")]
     EmptyImage,
-    /// The caller's limit of vertices was reached, or one of the library's own: that of the ids, or of what a file format can number.
+    /// The caller's limit of vertices was reached, or one of the library's own: that of the ids, or
+    /// of what a file format can number.
     #[error("{0}")]
     LimitReached(String),
     /// The caller's limit of time was reached.

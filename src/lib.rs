@@ -4,11 +4,13 @@
 //!
 //! | module | what it is |
 //! |---|---|
-//! | [`error`], [`params`], [`monitor`], `memory`, `panics` | plain values: the one error type, what a run is asked for, progress and cancellation, tables that may not fit, panics caught |
+//! | [`error`], [`params`] | plain values: the one error type, what a run is asked for |
+//! | [`monitor`] | progress and cancellation |
+//! | `memory`, `panics` | tables that may not fit, panics caught |
 //! | [`geometry`] | predicates, circumspheres, shape measures; the one sign convention |
 //! | [`image`] | label images, their place in the world, readers, phantoms |
 //! | [`oracle`] | where the interfaces are; knows no mesh |
-//! | [`parallel`], `sync` | how workers wait, share work and stay out of each other's way; knows no mesh |
+//! | [`parallel`], `sync` | how workers wait, and share work; knows no mesh |
 //! | [`system`] | the machine at hand, synthetic ones, threads bound to cores |
 //! | [`delaunay`] | the Delaunay triangulation; knows no image |
 //! | [`refine`] | the rules R1 to R6 and the loop that applies them |
@@ -17,7 +19,7 @@
 //! | [`second_order`] | nodes in the middles of edges, put on the interfaces |
 //! | [`mesher`] | the pipeline |
 //! | [`capi`] | the C interface |
-//! | `simulation` | with the feature of that name: many workers in virtual time, on machines that are not at hand |
+//! | `simulation` | a cargo feature: many workers in virtual time, on machines not at hand |
 #![deny(unsafe_op_in_unsafe_fn)]
 #![warn(missing_docs)]
 

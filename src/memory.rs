@@ -1,10 +1,12 @@
-//! Large tables: an error that names the table where `Vec` alone would end the process; and fetching ahead of a sweep through them.
+//! Large tables: an error that names the table where `Vec` alone would end the process; and
+//! fetching ahead of a sweep through them.
 
 use bytemuck::Zeroable;
 
 use crate::{Error, Result};
 
-/// Values between two questions whether to go on: the system hands out memory when it is first written to, which takes its time for large tables.
+/// Values between two questions whether to go on: the system hands out memory when it is first
+/// written to, which takes its time for large tables.
 const STEP: usize = 1 << 16;
 
 /// Room for exactly `count` values, counted as `what`.
@@ -26,7 +28,8 @@ pub fn reserve<T>(values: &mut Vec<T>, more: usize, what: &'static str) -> Resul
     values.try_reserve(more).map_err(|_| Error::OutOfMemory { count: values.len() + more, what })
 }
 
-/// `count` values of all bytes zero, counted as `what`. The system hands out the memory of a large table where it is first written to, by the thread that writes.
+/// `count` values of all bytes zero, counted as `what`. The system hands out the memory of a large
+/// table where it is first written to, by the thread that writes.
 ///
 /// # Errors
 /// [`Error::OutOfMemory`].
@@ -46,7 +49,12 @@ pub fn zeroed_box<T: Zeroable>(what: &'static str) -> Result<Box<T>> {
 ///
 /// # Errors
 /// [`Error::OutOfMemory`]; those of `go_on`, which is asked every some thousand values.
-pub fn filled<T: Clone>(count: usize, value: T, what: &'static str, go_on: impl Fn() -> Result<()>) -> Result<Vec<T>> {
+pub fn filled<T: Clone>(
+    count: usize,
+    value: T,
+    what: &'static str,
+    go_on: impl Fn() -> Result<()>,
+) -> Result<Vec<T>> {
     let mut values = room(count, what)?;
     while values.len() < count {
         go_on()?;
@@ -55,7 +63,8 @@ pub fn filled<T: Clone>(count: usize, value: T, what: &'static str, go_on: impl 
     Ok(values)
 }
 
-/// Cuts `values` into consecutive parts of so many values each, together as many as there are, or fewer; counted as `what`.
+/// Cuts `values` into consecutive parts of so many values each, together as many as there are, or
+/// fewer; counted as `what`.
 ///
 /// # Errors
 /// [`Error::OutOfMemory`].
@@ -65,7 +74,9 @@ pub fn parts<'v, T>(
     what: &'static str,
 ) -> Result<Vec<&'v mut [T]>> {
     let mut parts = room(lengths.len(), what)?;
-    parts.extend(lengths.map(|length| values.split_off_mut(..length).expect("parts are within the values")));
+    parts.extend(
+        lengths.map(|length| values.split_off_mut(..length).expect("parts are within the values")),
+    );
     Ok(parts)
 }
 

@@ -1,9 +1,11 @@
 //! The pipeline from image to mesh: oracle, refinement, extraction, certificate.
 //!
-//! A limit that is reached ends the refinement between two operations. The mesh of what there is then has all properties but those that the rules
-//! bring about: it is Delaunay, labelled by circumcenters, its interfaces closed; the certificate says how far it is from the image.
+//! A limit that is reached ends the refinement between two operations. The mesh of what there is
+//! then has all properties but those that the rules bring about: it is Delaunay, labelled by
+//! circumcenters, its interfaces closed; the certificate says how far it is from the image.
 //!
-//! Thread safety: any number of runs may go on at once; a run shares nothing but what it is given. Image passes run in the caller's rayon pool.
+//! Thread safety: any number of runs may go on at once; a run shares nothing but what it is given.
+//! Image passes run in the caller's rayon pool.
 
 use std::time::{Duration, Instant};
 
@@ -35,7 +37,8 @@ use crate::second_order::{self, SecondOrder, add_mid_nodes, curve};
 use crate::system::binding::Places;
 use crate::{Error, Result};
 
-/// The virtual box leaves this part of the object's longest side free on every side, so that the circumcenters of tets between object and box lie inside it.
+/// The virtual box leaves this part of the object's longest side free on every side, so that the
+/// circumcenters of tets between object and box lie inside it.
 const BOX_MARGIN: f64 = 0.25;
 
 /// A finished run.
@@ -45,7 +48,8 @@ pub struct Meshing {
     pub mesh: TetMesh,
     /// What the run did, and what was measured on the mesh.
     pub report: RunReport,
-    /// The limit that ended the refinement, where a partial mesh is allowed; `None`: the refinement is complete.
+    /// The limit that ended the refinement, where a partial mesh is allowed; `None`: the refinement
+    /// is complete.
     pub ended_by: Option<Error>,
 }
 
@@ -96,19 +100,29 @@ pub struct RunReport {
 /// Meshes `image`.
 ///
 /// # Errors
-/// [`Error::InvalidArgument`], [`Error::Unsupported`] for `params`; [`Error::EmptyImage`]; [`Error::Cancelled`]; [`Error::OutOfMemory`]. A limit of
-/// `params` gives [`Error::LimitReached`], [`Error::TimeLimit`], [`Error::MemoryLimit`]; where a partial mesh is allowed, only if there is none yet.
-pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>) -> Result<Meshing> {
+/// [`Error::InvalidArgument`], [`Error::Unsupported`] for `params`; [`Error::EmptyImage`];
+/// [`Error::Cancelled`]; [`Error::OutOfMemory`]. A limit of `params` gives [`Error::LimitReached`],
+/// [`Error::TimeLimit`], [`Error::MemoryLimit`]; where a partial mesh is allowed, only if there is
+/// none yet.
+pub fn mesh_image(
+    image: &LabelImage,
+    params: &MeshParams,
+    monitor: &Monitor<'_>,
+) -> Result<Meshing> {
     let mut clock = Instant::now();
     params.validate()?;
     // Not in `validate`: whoever sets parameters one by one may set this one first.
     if params.curved && params.order != 2 {
-        return Err(Error::InvalidArgument(format!("curved tets need order 2, got {}", params.order)));
+        return Err(Error::InvalidArgument(format!(
+            "curved tets need order 2, got {}",
+            params.order
+        )));
     }
     let limits = limits(params, image, clock);
     let deadline = limits.clone();
     let [nx, ny, nz] = image.dims();
-    // The most that the oracle asks whether to go on: per plane, per layer in five passes, where a table is filled in, in each step of the weights.
+    // The most that the oracle asks whether to go on: per plane, per layer in five passes, where a
+    // table is filled in, in each step of the weights.
     monitor.enter(Step::Oracle, nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)?;
     let merged;
     let image = if params.merge.is_empty() && params.background_label == 0 {
@@ -131,7 +145,8 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     };
     let (cleared, dropped);
     let image = if params.least_voxels > 1 {
-        (cleared, dropped) = image.without_islands(params.least_voxels, || monitor.check_cancelled())?;
+        (cleared, dropped) =
+            image.without_islands(params.least_voxels, || monitor.check_cancelled())?;
         &cleared
     } else {
         dropped = Vec::new();
@@ -153,8 +168,11 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         let first = Oracle::bytes_needed(image, &region) + sizing;
         limits.check_memory(first.max(limits.bytes_after))?;
     }
-    let surface =
-        Surface { model: params.surface, border: params.border, sigma: (params.sigma > 0.0).then_some(params.sigma) };
+    let surface = Surface {
+        model: params.surface,
+        border: params.border,
+        sigma: (params.sigma > 0.0).then_some(params.sigma),
+    };
     let rows = Rows::new(image, region, &go_on)?;
     // Side by side: where the threads have nothing to do for the one they work on the other.
     let (oracle, sizing) = rayon::join(
@@ -208,7 +226,8 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
 
     monitor.enter(Step::Extract, triangulation.tet_bound() as usize)?;
     let mut order = triangulation.tets_by_place(|| monitor.check_cancelled())?;
-    // Improvement needs the background around the object. What refinement did not finish is left as it is.
+    // Improvement needs the background around the object. What refinement did not finish is left as
+    // it is.
     let improves = params.improve != Improve::None && ended_by.is_none();
     let background = match (params.background, improves) {
         (true, _) => Background::Kept,
@@ -216,7 +235,8 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         (false, false) => Background::Dropped,
     };
     let label = |t| rules.label(t);
-    let extracted = extract(&triangulation, &mut order, label, image.labels(), background, monitor)?;
+    let extracted =
+        extract(&triangulation, &mut order, label, image.labels(), background, monitor)?;
     let Extracted { mut mesh, points_kept } = extracted;
     if !mesh.labels.par_iter().any(|&label| label != 0) {
         return Err(ended_by.unwrap_or_else(|| {
@@ -261,7 +281,9 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         let (done, ended) = improve(&mut mesh, &settings, monitor)?;
         improvement = done;
         match ended {
-            Some(limit) if limit.is_limit() && params.partial => ended_by = ended_by.or(Some(limit)),
+            Some(limit) if limit.is_limit() && params.partial => {
+                ended_by = ended_by.or(Some(limit))
+            }
             Some(error) => return Err(error),
             None => {}
         }
@@ -277,7 +299,8 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
         log_improvement(monitor, &improvement, seconds.improve);
     }
     let quality = Quality::measure(&mesh, monitor)?;
-    let mut certificate = Certificate::measure(&mesh, image, &oracle, check.non_delaunay_facets, unmet, monitor)?;
+    let mut certificate =
+        Certificate::measure(&mesh, image, &oracle, check.non_delaunay_facets, unmet, monitor)?;
     reserve(&mut certificate.defects, dropped.len(), "defects")?;
     certificate.defects.extend(dropped.iter().map(|&Island { label, position, voxels }| Defect {
         kind: DefectKind::Dropped,
@@ -318,7 +341,8 @@ pub fn mesh_image(image: &LabelImage, params: &MeshParams, monitor: &Monitor<'_>
     Ok(Meshing { mesh, report, ended_by })
 }
 
-/// The limits of `params` for a run on `image`, or on one of other labels; `start` is when it began.
+/// The limits of `params` for a run on `image`, or on one of other labels; `start` is when it
+/// began.
 fn limits(params: &MeshParams, image: &LabelImage, start: Instant) -> Limits {
     // A deadline that the clock cannot hold never comes.
     let deadline = params.time_limit.and_then(|seconds| {
@@ -328,7 +352,13 @@ fn limits(params: &MeshParams, image: &LabelImage, start: Instant) -> Limits {
     let (max_vertices, max_memory) = (params.max_vertices, params.max_memory);
     let bytes_after = Certificate::bytes_needed(image);
     let of_nodes = if params.order == 2 { second_order::BYTES_PER_TET } else { 0 };
-    Limits { max_vertices, deadline, max_memory, bytes_per_slot: BYTES_PER_SLOT + of_nodes, bytes_after }
+    Limits {
+        max_vertices,
+        deadline,
+        max_memory,
+        bytes_per_slot: BYTES_PER_SLOT + of_nodes,
+        bytes_after,
+    }
 }
 
 /// A line about what is meshed.
@@ -351,7 +381,8 @@ fn log_refinement(monitor: &Monitor<'_>, counters: &Counters, seconds: f64) {
     let tets = created.saturating_sub(*destroyed);
     let rate = tets as f64 / seconds.max(1e-9);
     let line = format!(
-        "refinement done in {seconds:.2} s: {tets} tets, {insertions} insertions, {removals} removals, {rate:.0} tets per second"
+        "refinement done in {seconds:.2} s: {tets} tets, {insertions} insertions, {removals} \
+         removals, {rate:.0} tets per second"
     );
     monitor.log(Level::Info, &line);
 }
@@ -360,7 +391,8 @@ fn log_improvement(monitor: &Monitor<'_>, improvement: &Improvement, seconds: f6
     let Improvement { below_before, left, counts, .. } = improvement;
     let (operations, left) = (counts.operations(), left.len());
     let line = format!(
-        "slivers removed in {seconds:.2} s: {below_before} tets below the target, {operations} operations, {left} left"
+        "slivers removed in {seconds:.2} s: {below_before} tets below the target, {operations} \
+         operations, {left} left"
     );
     monitor.log(Level::Info, &line);
 }
@@ -393,13 +425,16 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
         let mut of_kind = certificate.defects.iter().filter(|defect| defect.kind == kind);
         if let Some(Defect { label, position: [x, y, z], .. }) = of_kind.next() {
             let count = 1 + of_kind.count();
-            lines.push(format!("{what}: {count}; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"));
+            lines.push(format!(
+                "{what}: {count}; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"
+            ));
         }
     }
     let SmallLost { count, voxels, first } = certificate.small_lost;
     if let Some((label, [x, y, z])) = first {
         lines.push(format!(
-            "components of fewer than {LEAST_VOXELS} voxels without a tet: {count}, of {voxels} voxels in all; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"
+            "components of fewer than {LEAST_VOXELS} voxels without a tet: {count}, of {voxels} \
+             voxels in all; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"
         ));
     }
     let defects = [
@@ -415,8 +450,8 @@ fn warnings(certificate: &Certificate) -> Vec<String> {
     lines
 }
 
-/// Says so if a mesh will have very many tets for its image, and not because delta and size ask for them:
-/// `asked_for` are those that these alone make.
+/// Says so if a mesh will have very many tets for its image, and not because delta and size ask for
+/// them: `asked_for` are those that these alone make.
 fn warn_of_many([asked_for, expected]: [f64; 2], voxels: u64, monitor: &Monitor<'_>) {
     /// At half a voxel between samples a mesh has some ten tets per voxel.
     const MANY_PER_VOXEL: f64 = 100.0;
@@ -425,9 +460,9 @@ fn warn_of_many([asked_for, expected]: [f64; 2], voxels: u64, monitor: &Monitor<
     let voxels = voxels as f64;
     if expected > MANY_PER_VOXEL * voxels && expected > MANY_TIMES * asked_for {
         let line = format!(
-            "about {expected:.1e} tets are to be expected, {:.0} for each voxel of the object: what is thin makes all \
-             around it small; a larger delta with --no-adaptive, or a larger --spacing-floor, makes fewer, unless the image \
-             itself is thin",
+            "about {expected:.1e} tets are to be expected, {:.0} for each voxel of the object: \
+             what is thin makes all around it small; a larger delta with --no-adaptive, or a \
+             larger --spacing-floor, makes fewer, unless the image itself is thin",
             expected / voxels
         );
         monitor.log(Level::Warning, &line);

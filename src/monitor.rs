@@ -1,11 +1,14 @@
 //! What connects a run to the program that hosts it: progress and log lines out, cancellation in.
 //!
-//! A run is a sequence of [`Step`]s. Each announces how many pieces of work it has and says after every few of them how far it is; that is also
-//! where it looks at the cancel flag. Pieces are made so small that the next look comes within some milliseconds.
+//! A run is a sequence of [`Step`]s. Each announces how many pieces of work it has and says after
+//! every few of them how far it is; that is also where it looks at the cancel flag. Pieces are made
+//! so small that the next look comes within some milliseconds.
 //!
-//! Thread safety: a [`Monitor`] is shared by all threads of a run. The callbacks are called by whichever of them comes by, one call at a time.
+//! Thread safety: a [`Monitor`] is shared by all threads of a run. The callbacks are called by
+//! whichever of them comes by, one call at a time.
 //!
-//! Cost: without a progress callback a look is two relaxed loads; with one, also a clock, read no more often than pieces are finished.
+//! Cost: without a progress callback a look is two relaxed loads; with one, also a clock, read no
+//! more often than pieces are finished.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
@@ -57,7 +60,8 @@ pub enum Step {
     Done,
 }
 
-/// Phase of each step, and the part of a run's time at which it starts: as on the abdomen at delta 1.25, one thread.
+/// Phase of each step, and the part of a run's time at which it starts: as on the abdomen at delta
+/// 1.25, one thread.
 const STEPS: [(Phase, f64); 11] = [
     (Phase::Distance, 0.0),
     (Phase::Refine, 0.02),
@@ -161,7 +165,8 @@ impl<'a> Monitor<'a> {
     /// Reports to `progress` and watches `cancel`.
     pub fn new(progress: Option<&'a mut ProgressFn<'a>>, cancel: Option<&'a CancelFlag>) -> Self {
         Self {
-            progress: progress.map(|callback| Mutex::new(Reporter { callback, last_fraction: 0.0 })),
+            progress: progress
+                .map(|callback| Mutex::new(Reporter { callback, last_fraction: 0.0 })),
             log: None,
             cancel,
             stopped: AtomicBool::new(false),
@@ -200,7 +205,8 @@ impl<'a> Monitor<'a> {
         self.check_cancelled()
     }
 
-    /// Says that `pieces` more pieces of the step are done. Pieces beyond those announced count as none.
+    /// Says that `pieces` more pieces of the step are done. Pieces beyond those announced count as
+    /// none.
     ///
     /// # Errors
     /// [`Error::Cancelled`].
@@ -258,7 +264,11 @@ impl<'a> Monitor<'a> {
 
     /// Calls the callback, unless another thread does. `part`: how far the step is.
     fn report(&self, part: f64) {
-        let Some(mut reporter) = self.progress.as_ref().and_then(|progress| progress.try_lock().ok()) else { return };
+        let Some(mut reporter) =
+            self.progress.as_ref().and_then(|progress| progress.try_lock().ok())
+        else {
+            return;
+        };
         // The callback may have cancelled while this thread was on its way.
         if self.stopped.load(Relaxed) {
             return;
@@ -266,8 +276,10 @@ impl<'a> Monitor<'a> {
         let step = self.step.load(Relaxed);
         let (phase, start) = STEPS[step];
         let end = STEPS[(step + 1).min(STEPS.len() - 1)].1;
-        reporter.last_fraction = reporter.last_fraction.max(start + (end - start) * part.clamp(0.0, 1.0));
-        let progress = Progress { phase, fraction: reporter.last_fraction, tets: self.tets.load(Relaxed) };
+        reporter.last_fraction =
+            reporter.last_fraction.max(start + (end - start) * part.clamp(0.0, 1.0));
+        let progress =
+            Progress { phase, fraction: reporter.last_fraction, tets: self.tets.load(Relaxed) };
         if !(reporter.callback)(progress) {
             self.stopped.store(true, Relaxed);
         }

@@ -1,6 +1,7 @@
 //! Panics: caught, and turned into a line that says where.
 //!
-//! A panic is a bug of the library. It must not end the program that hosts it, nor write to its terminal.
+//! A panic is a bug of the library. It must not end the program that hosts it, nor write to its
+//! terminal.
 
 use std::any::Any;
 use std::cell::{Cell, RefCell};
@@ -36,7 +37,8 @@ pub fn silently<T>(f: impl FnOnce() -> T) -> T {
     f()
 }
 
-/// Runs `f`; a panic becomes a line that says where it happened. What `f` was changing is the caller's to drop, or to keep where a panic cannot leave it broken.
+/// Runs `f`; a panic becomes a line that says where it happened. What `f` was changing is the
+/// caller's to drop, or to keep where a panic cannot leave it broken.
 ///
 /// # Errors
 /// The line.

@@ -1,4 +1,5 @@
-//! What a run is asked for: sizes, quality bounds, the surface model. All lengths are in the image's world units (mm for medical images).
+//! What a run is asked for: sizes, quality bounds, the surface model. All lengths are in the
+//! image's world units (mm for medical images).
 
 use crate::parallel::machine::Machine;
 use crate::{Error, Result};
@@ -6,9 +7,11 @@ use crate::{Error, Result};
 /// How labels between voxel centres are decided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum SurfaceModel {
-    /// For label images: the label whose indicator, interpolated trilinearly between the eight voxel centres around the point and multiplied by a weight of the
-    /// label, is largest. The weights, from 2/3 to 1.5, are chosen such that each label has the volume of its voxels: interpolation alone shrinks
-    /// thin convex labels by some percent. For images made of intensities or probabilities these are interpolated instead, without weights.
+    /// For label images: the label whose indicator, interpolated trilinearly between the eight
+    /// voxel centres around the point and multiplied by a weight of the label, is largest. The
+    /// weights, from 2/3 to 1.5, are chosen such that each label has the volume of its voxels:
+    /// interpolation alone shrinks thin convex labels by some percent. For images made of
+    /// intensities or probabilities these are interpolated instead, without weights.
     #[default]
     Smooth,
     /// The label of the voxel that holds the point: interfaces are voxel faces.
@@ -21,18 +24,20 @@ pub enum ImageBorder {
     /// By flat walls, the outer faces of the outermost voxels, with sharp edges.
     #[default]
     Flat,
-    /// As if one more layer of background lay around the image: by the smooth surface of [`SurfaceModel::Smooth`]. The same as [`ImageBorder::Flat`] in
-    /// [`SurfaceModel::Voxel`].
+    /// As if one more layer of background lay around the image: by the smooth surface of
+    /// [`SurfaceModel::Smooth`]. The same as [`ImageBorder::Flat`] in [`SurfaceModel::Voxel`].
     Smooth,
 }
 
-/// What a thread does when another one owns a tet that it needs: the contention manager. All give up the operation first, with nothing changed.
+/// What a thread does when another one owns a tet that it needs: the contention manager. All give
+/// up the operation first, with nothing changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Contention {
     /// It waits until the thread that it met has made some progress, unless that one waits itself.
     #[default]
     Local,
-    /// It waits, in one list for all threads, until others have made some progress; the last one that works never waits.
+    /// It waits, in one list for all threads, until others have made some progress; the last one
+    /// that works never waits.
     Global,
     /// After some conflicts in sequence it sleeps for a random time.
     Random,
@@ -56,7 +61,8 @@ pub enum Algorithm {
     /// All threads refine one triangulation, each where it comes to.
     #[default]
     Podm,
-    /// The threads of each memory node refine a region of their own, of the same triangulation. On a machine of one memory node the same as [`Algorithm::Podm`].
+    /// The threads of each memory node refine a region of their own, of the same triangulation. On
+    /// a machine of one memory node the same as [`Algorithm::Podm`].
     Lapd,
 }
 
@@ -86,68 +92,86 @@ pub const MAX_THREADS: usize = 254;
 pub struct MeshParams {
     /// Sample spacing on the interfaces; > 0.
     pub delta: f64,
-    /// Where a component or layer of a label is thinner than 4/3 delta, sample it more densely than delta, and its surroundings too, ever less so farther away. What holds cubes of 32 times the smallest side
-    /// of a voxel is not looked at: it counts as thick whatever delta is.
+    /// Where a component or layer of a label is thinner than 4/3 delta, sample it more densely than
+    /// delta, and its surroundings too, ever less so farther away. What holds cubes of 32 times the
+    /// smallest side of a voxel is not looked at: it counts as thick whatever delta is.
     pub adaptive: bool,
-    /// No spacing of samples is less than this times the smallest side of a voxel, but delta itself may be; > 0.
+    /// No spacing of samples is less than this times the smallest side of a voxel, but delta itself
+    /// may be; > 0.
     pub spacing_floor: f64,
-    /// Components of a label (after merging, of voxels joined with all 26 around them) of fewer voxels than this are not meshed: they become a part of the label around them, and the report lists them.
-    /// 0 or 1: all are meshed, as far as the floor of the spacing allows.
+    /// Components of a label (after merging, of voxels joined with all 26 around them) of fewer
+    /// voxels than this are not meshed: they become a part of the label around them, and the report
+    /// lists them. 0 or 1: all are meshed, as far as the floor of the spacing allows.
     pub least_voxels: u64,
     /// Upper bound on the circumradius of tets, where no label has its own; > 0.
     pub size: f64,
     /// Bounds for single labels (after merging), overriding `size`.
     pub label_sizes: Vec<(i32, f64)>,
-    /// Upper bound on circumradius over shortest edge; at least 2 (below, Delaunay refinement need not end).
+    /// Upper bound on circumradius over shortest edge; at least 2 (below, Delaunay refinement need
+    /// not end).
     pub radius_edge: f64,
-    /// Lower bound on the planar angles of interface facets, in degrees; 0 to 30 (above, refinement need not end).
+    /// Lower bound on the planar angles of interface facets, in degrees; 0 to 30 (above, refinement
+    /// need not end).
     pub facet_angle: f64,
     /// What may be changed to remove slivers.
     pub improve: Improve,
-    /// Tets with a dihedral angle below this, or above 180 less this, are improved; in degrees, above 0 and at most [`MAX_TARGET_DIHEDRAL`].
+    /// Tets with a dihedral angle below this, or above 180 less this, are improved; in degrees,
+    /// above 0 and at most [`MAX_TARGET_DIHEDRAL`].
     pub target_dihedral: f64,
     /// The order of tets: 1 for four nodes each, 2 for ten, one more in the middle of each edge.
     pub order: u32,
-    /// Put the nodes in the middle of the edges of interface facets on the interfaces of the image, as far as tets stay valid. Needs order 2.
+    /// Put the nodes in the middle of the edges of interface facets on the interfaces of the image,
+    /// as far as tets stay valid. Needs order 2.
     pub curved: bool,
     /// The surface model.
     pub surface: SurfaceModel,
-    /// Smooth the labels of a coarse segmentation first: the standard deviation of a Gaussian, in voxels along each axis of the image; 0 to [`MAX_SIGMA`], 0 for
-    /// none. Voxels keep the labels of their centres, so that nothing thin or small is lost. For label images and the smooth model only.
+    /// Smooth the labels of a coarse segmentation first: the standard deviation of a Gaussian, in
+    /// voxels along each axis of the image; 0 to [`MAX_SIGMA`], 0 for none. Voxels keep the labels
+    /// of their centres, so that nothing thin or small is lost. For label images and the smooth
+    /// model only.
     pub sigma: f64,
     /// How the object is closed at the border of the image.
     pub border: ImageBorder,
-    /// Before all else the first label of each pair becomes the second, all at once. Label 0 may be either.
+    /// Before all else the first label of each pair becomes the second, all at once. Label 0 may be
+    /// either.
     pub merge: Vec<(i32, i32)>,
-    /// The label, after merging, that counts as background; it becomes 0. Where it is another than 0, no voxel may have label 0.
+    /// The label, after merging, that counts as background; it becomes 0. Where it is another than
+    /// 0, no voxel may have label 0.
     pub background_label: i32,
-    /// When not empty, only these labels (after merging) are meshed; all others count as background.
+    /// When not empty, only these labels (after merging) are meshed; all others count as
+    /// background.
     pub keep: Vec<i32>,
     /// Keep the whole triangulation: tets outside the object get label 0.
     pub background: bool,
-    /// Threads that refine, 1 to [`MAX_THREADS`]. One thread makes the same mesh in every run; several do not.
+    /// Threads that refine, 1 to [`MAX_THREADS`]. One thread makes the same mesh in every run;
+    /// several do not.
     pub threads: usize,
     /// How the work is shared.
     pub algorithm: Algorithm,
-    /// Count the tets and vertices that each thread's operations visit, by the distance of the memory node where they are.
+    /// Count the tets and vertices that each thread's operations visit, by the distance of the
+    /// memory node where they are.
     pub count_accesses: bool,
     /// What threads do after conflicts.
     pub contention: Contention,
     /// Whom threads without work ask.
     pub begging: Begging,
-    /// The machine that the threads are taken to run on, for [`Algorithm::Lapd`] and [`Begging::ByLevel`]; `None` is the one at hand, [`Machine::of_system`].
+    /// The machine that the threads are taken to run on, for [`Algorithm::Lapd`] and
+    /// [`Begging::ByLevel`]; `None` is the one at hand, [`Machine::of_system`].
     pub machine: Option<Machine>,
-    /// Bind each thread that refines to a core of its own, of those that the calling thread may use; more threads than cores share them. The calling thread's own affinity is as before
-    /// when the run ends. Needs Linux.
+    /// Bind each thread that refines to a core of its own, of those that the calling thread may
+    /// use; more threads than cores share them. The calling thread's own affinity is as before when
+    /// the run ends. Needs Linux.
     pub bind: bool,
     /// Keep for each thread what it did when.
     pub timeline: bool,
-    /// End the refinement with [`Error::LimitReached`] when it needs more vertices than this; `None` is no limit of the caller's.
+    /// End the refinement with [`Error::LimitReached`] when it needs more vertices than this;
+    /// `None` is no limit of the caller's.
     pub max_vertices: Option<usize>,
-    /// End the refinement with [`Error::TimeLimit`] when the run has taken this many wall-clock seconds; > 0. What follows the refinement is not
-    /// cut short.
+    /// End the refinement with [`Error::TimeLimit`] when the run has taken this many wall-clock
+    /// seconds; > 0. What follows the refinement is not cut short.
     pub time_limit: Option<f64>,
-    /// End the refinement with [`Error::MemoryLimit`] when the run's tables, those of the mesh to come included, would need more bytes than this.
+    /// End the refinement with [`Error::MemoryLimit`] when the run's tables, those of the mesh to
+    /// come included, would need more bytes than this.
     pub max_memory: Option<u64>,
     /// A limit that ends the refinement is no error: the mesh is made of what there is.
     pub partial: bool,
@@ -201,7 +225,9 @@ impl MeshParams {
             if value.is_finite() && value > 0.0 {
                 Ok(())
             } else {
-                Err(Error::InvalidArgument(format!("{name} must be a finite number above 0, got {value}")))
+                Err(Error::InvalidArgument(format!(
+                    "{name} must be a finite number above 0, got {value}"
+                )))
             }
         };
         positive("delta", self.delta)?;
@@ -224,12 +250,16 @@ impl MeshParams {
         }
         if !(self.target_dihedral > 0.0 && self.target_dihedral <= MAX_TARGET_DIHEDRAL) {
             return Err(Error::InvalidArgument(format!(
-                "target dihedral angle must lie above 0 and not above {MAX_TARGET_DIHEDRAL} degrees, got {}",
+                "target dihedral angle must lie above 0 and not above {MAX_TARGET_DIHEDRAL} \
+                 degrees, got {}",
                 self.target_dihedral
             )));
         }
         if !(1..=2).contains(&self.order) {
-            return Err(Error::InvalidArgument(format!("order must be 1 or 2, got {}", self.order)));
+            return Err(Error::InvalidArgument(format!(
+                "order must be 1 or 2, got {}",
+                self.order
+            )));
         }
         if !(0.0..=MAX_SIGMA).contains(&self.sigma) {
             return Err(Error::InvalidArgument(format!(

@@ -1,5 +1,6 @@
-//! The primitives of coordination between workers, from the standard library; a model checker puts its own in their place (`verification/loom`). In a build with the
-//! feature `simulation`, virtual workers wait and wake in virtual time (`simulation::virtual_time`).
+//! The primitives of coordination between workers, from the standard library; a model checker puts
+//! its own in their place (`verification/loom`). In a build with the feature `simulation`, virtual
+//! workers wait and wake in virtual time (`simulation::virtual_time`).
 
 #[cfg(not(feature = "simulation"))]
 pub use std::sync::atomic::AtomicU8;
@@ -13,7 +14,8 @@ use std::time::Duration;
 #[cfg(feature = "simulation")]
 use crate::simulation::virtual_time;
 
-/// Turns of a loop before a waiting thread offers its processor to others: about as long as one operation takes.
+/// Turns of a loop before a waiting thread offers its processor to others: about as long as one
+/// operation takes.
 const SPINS: u32 = 200;
 /// Offers before it sleeps.
 const OFFERS: u32 = 16;
@@ -21,7 +23,8 @@ const YIELDS_END: u32 = SPINS + OFFERS;
 /// Longest sleep: who waits also watches what nobody wakes it for.
 const NAP: Duration = Duration::from_millis(1);
 
-/// Bytes of the stack of a worker's thread. Said, because the standard library would ask the environment.
+/// Bytes of the stack of a worker's thread. Said, because the standard library would ask the
+/// environment.
 pub const STACK: usize = 2 << 20;
 
 /// Locks; a panic of another thread that held the lock is that thread's to report.
@@ -93,8 +96,9 @@ pub fn sleep_micros(micros: u64) {
     thread::sleep(Duration::from_micros(micros));
 }
 
-/// Runs `lead` on the calling thread and each of `others` on one of its own, named `lapd-1` and so on, until all have ended. `None` for a thread that could not be had, whereupon
-/// `lacking` is called before `lead`, and for one that panicked.
+/// Runs `lead` on the calling thread and each of `others` on one of its own, named `lapd-1` and so
+/// on, until all have ended. `None` for a thread that could not be had, whereupon `lacking` is
+/// called before `lead`, and for one that panicked.
 pub fn run_together<T: Send>(
     lead: impl FnOnce() -> T,
     others: Vec<impl FnOnce() -> T + Send>,
@@ -106,7 +110,10 @@ pub fn run_together<T: Send>(
     }
     thread::scope(|scope| {
         let begin = |(at, part)| {
-            thread::Builder::new().name(format!("lapd-{}", at + 1)).stack_size(STACK).spawn_scoped(scope, part)
+            thread::Builder::new()
+                .name(format!("lapd-{}", at + 1))
+                .stack_size(STACK)
+                .spawn_scoped(scope, part)
         };
         let others: Vec<_> = others.into_iter().enumerate().map(begin).collect();
         if others.iter().any(|thread| thread.is_err()) {

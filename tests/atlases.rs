@@ -1,7 +1,9 @@
-//! The bars that every release has to clear on real anatomy: three atlases through the whole pipeline, one line of figures for each.
+//! The bars that every release has to clear on real anatomy: three atlases through the whole
+//! pipeline, one line of figures for each.
 //!
-//! The images are those of `shared/images` beside the checkout, or of the folder that `LAPD_IMAGES` names, and the AAL atlas of Debian's
-//! `mricron-data`. An atlas that is not there is skipped, said loudly.
+//! The images are those of `shared/images` beside the checkout, or of the folder that `LAPD_IMAGES`
+//! names, and the AAL atlas of Debian's `mricron-data`. An atlas that is not there is skipped, said
+//! loudly.
 
 use std::path::{Path, PathBuf};
 
@@ -36,18 +38,25 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
         bar(count == 0, format!("{count} {name}"));
     }
 
-    // A bad tet or facet is excused only by a rule that is reported unmet: R4 or R5 for tets, R3 for facets.
-    let too_long = |tet: &[u32; 4]| radius_edge_ratio(&tet.map(|v| mesh.point(v))) > params.radius_edge * (1.0 + 1e-9);
+    // A bad tet or facet is excused only by a rule that is reported unmet: R4 or R5 for tets, R3
+    // for facets.
+    let too_long = |tet: &[u32; 4]| {
+        radius_edge_ratio(&tet.map(|v| mesh.point(v))) > params.radius_edge * (1.0 + 1e-9)
+    };
     let bad_tets = mesh.tets.iter().filter(|tet| too_long(tet)).count() as u64;
-    let too_sharp =
-        |f: &[u32; 3]| triangle_angles(&f.map(|v| mesh.point(v))).iter().any(|&a| a < params.facet_angle - 1e-6);
+    let too_sharp = |f: &[u32; 3]| {
+        triangle_angles(&f.map(|v| mesh.point(v))).iter().any(|&a| a < params.facet_angle - 1e-6)
+    };
     let bad_facets = mesh.facets.iter().filter(|facet| too_sharp(facet)).count() as u64;
     let unmet = report.unmet;
     let unmet_facets = (unmet[0] + unmet[1] + unmet[2]) as f64 / mesh.facets.len() as f64;
     // What improvement changes is bounded by its angles, not by the ratio.
     let improvement = &report.improvement;
     if params.improve == Improve::None {
-        bar(bad_tets <= unmet[3], format!("{bad_tets} tets beyond the radius-edge bound, {} reported unmet", unmet[3]));
+        bar(
+            bad_tets <= unmet[3],
+            format!("{bad_tets} tets beyond the radius-edge bound, {} reported unmet", unmet[3]),
+        );
     } else {
         let target = params.target_dihedral;
         let is_below = |tet: &[u32; 4]| {
@@ -55,19 +64,29 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
             angles.iter().any(|angle| !(target - 1e-6..=180.0 - target + 1e-6).contains(angle))
         };
         let below = mesh.tets.iter().filter(|tet| is_below(tet)).count();
-        bar(below == improvement.left.len(), format!("{below} tets below {target} degrees, not all of them listed"));
+        bar(
+            below == improvement.left.len(),
+            format!("{below} tets below {target} degrees, not all of them listed"),
+        );
         bar(below <= 10, format!("{below} tets below {target} degrees"));
         let (moved, most) = (improvement.counts.max_interface_move, improvement.tolerance);
         bar(moved <= most, format!("a vertex {moved} off the interface, {most} are allowed"));
         for row in certificate.labels.iter().filter(|row| row.image_voxels >= LARGE) {
             let change = improvement.counts.volume_of(row.label) / row.mesh_volume;
-            bar(change.abs() < 1e-3, format!("label {}: improvement changed its volume by {change:e}", row.label));
+            bar(
+                change.abs() < 1e-3,
+                format!("label {}: improvement changed its volume by {change:e}", row.label),
+            );
         }
-        let change: f64 = certificate.labels.iter().map(|row| improvement.counts.volume_of(row.label)).sum();
+        let change: f64 =
+            certificate.labels.iter().map(|row| improvement.counts.volume_of(row.label)).sum();
         let change = change / certificate.mesh_volume();
         bar(change.abs() < 1e-4, format!("improvement changed the total volume by {change:e}"));
     }
-    bar(bad_facets <= unmet[2], format!("{bad_facets} facets below the angle bound, {} reported unmet", unmet[2]));
+    bar(
+        bad_facets <= unmet[2],
+        format!("{bad_facets} facets below the angle bound, {} reported unmet", unmet[2]),
+    );
     bar(unmet_facets < 0.01, format!("{:.2} % of facets unmet", 100.0 * unmet_facets));
 
     // R4 leaves slivers, but none may be flat to rounding: a solver could not use it.
@@ -82,14 +101,20 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
         }
         bar(
             error.abs() < 0.03,
-            format!("label {} of {} voxels: volume {:+.1} %", row.label, row.image_voxels, 100.0 * error),
+            format!(
+                "label {} of {} voxels: volume {:+.1} %",
+                row.label,
+                row.image_voxels,
+                100.0 * error
+            ),
         );
     }
     let total = certificate.mesh_volume() / certificate.image_volume() - 1.0;
     bar(total.abs() < 0.002, format!("total volume {:+.2} %", 100.0 * total));
 
     let voxel = certificate.voxel;
-    let (mean, max) = (certificate.mean_mesh_to_image / voxel, certificate.hausdorff_mesh_to_image / voxel);
+    let (mean, max) =
+        (certificate.mean_mesh_to_image / voxel, certificate.hausdorff_mesh_to_image / voxel);
     bar(mean < 0.25, format!("mean distance to the image {mean:.3} voxels"));
     bar(max < 1.2, format!("largest distance to the image {max:.3} voxels"));
     let (mean_to_mesh, max_to_mesh) =
@@ -110,7 +135,10 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
         let counts = [row.components_image, row.components_mesh];
         bar(
             counts[0] == counts[1],
-            format!("label {}: {} components in the image, {} in the mesh", row.label, counts[0], counts[1]),
+            format!(
+                "label {}: {} components in the image, {} in the mesh",
+                row.label, counts[0], counts[1]
+            ),
         );
     }
     let large = || certificate.components.iter().filter(|row| row.image_voxels >= 100);
@@ -127,8 +155,10 @@ fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
     );
 
     println!(
-        "{} tets, {} facets, {:.2} s refining, ratio {:.3} ({bad_tets} over), angle {:.1} ({bad_facets} under), unmet {unmet:?}, \
-         worst large label {} {:+.1} %, total {:+.2} %, to image {mean:.3} mean {max:.3} max, to mesh {:.3} mean {:.3} max voxels",
+        "{} tets, {} facets, {:.2} s refining, ratio {:.3} ({bad_tets} over), \
+         angle {:.1} ({bad_facets} under), unmet {unmet:?}, \
+         worst large label {} {:+.1} %, total {:+.2} %, to image {mean:.3} mean {max:.3} max, \
+         to mesh {:.3} mean {:.3} max voxels",
         mesh.tets.len(),
         mesh.facets.len(),
         report.seconds.refine,
@@ -160,7 +190,10 @@ fn clears_the_bars_with(path: &Path, params: MeshParams) {
 
 fn spl(name: &str) -> PathBuf {
     std::env::var_os("LAPD_IMAGES")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"), PathBuf::from)
+        .map_or_else(
+            || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"),
+            PathBuf::from,
+        )
         .join("spl")
         .join(name)
 }
@@ -179,8 +212,17 @@ fn abdomen() {
 #[test]
 fn abdomen_under_lapd() {
     let machine = Some(Machine::uniform(8, 1));
-    let params = MeshParams { delta: 1.25, size: 2.5, threads: 8, improve: Improve::None, ..MeshParams::default() };
-    clears_the_bars_with(&spl("abdomen.nrrd"), MeshParams { algorithm: Algorithm::Lapd, machine, ..params });
+    let params = MeshParams {
+        delta: 1.25,
+        size: 2.5,
+        threads: 8,
+        improve: Improve::None,
+        ..MeshParams::default()
+    };
+    clears_the_bars_with(
+        &spl("abdomen.nrrd"),
+        MeshParams { algorithm: Algorithm::Lapd, machine, ..params },
+    );
 }
 
 #[test]

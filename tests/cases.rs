@@ -1,5 +1,5 @@
-//! Small inputs that show faults, each of a kind: the files of `shared/images/cases` beside the checkout, or of the folder that
-//! `LAPD_IMAGES` names.
+//! Small inputs that show faults, each of a kind: the files of `shared/images/cases` beside the
+//! checkout, or of the folder that `LAPD_IMAGES` names.
 
 use std::path::{Path, PathBuf};
 
@@ -14,8 +14,10 @@ use lapd::params::{ImageBorder, MeshParams};
 
 /// A case's file, or `None`, said loudly.
 fn case(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("LAPD_IMAGES")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"), PathBuf::from);
+    let folder = std::env::var_os("LAPD_IMAGES").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"),
+        PathBuf::from,
+    );
     let path = folder.join("cases").join(name);
     if path.is_file() {
         Some(path)
@@ -30,11 +32,21 @@ fn fields(path: &Path) -> [(&'static str, LabelImage, f64); 3] {
     let options = ReadOptions::default();
     let gray = read_gray(path, &options).unwrap().image.label_image(&[0.5], None).unwrap();
     let likely = read_probabilities(&[path], None, &options).unwrap().image.label_image().unwrap();
-    [("smoothed labels", read_image(path).unwrap().image, 1.0), ("scan", gray, 0.0), ("probabilities", likely, 0.0)]
+    [
+        ("smoothed labels", read_image(path).unwrap().image, 1.0),
+        ("scan", gray, 0.0),
+        ("probabilities", likely, 0.0),
+    ]
 }
 
 fn closed_smoothly(delta: f64, sigma: f64) -> MeshParams {
-    MeshParams { delta, size: 2.0 * delta, sigma, border: ImageBorder::Smooth, ..MeshParams::default() }
+    MeshParams {
+        delta,
+        size: 2.0 * delta,
+        sigma,
+        border: ImageBorder::Smooth,
+        ..MeshParams::default()
+    }
 }
 
 fn volume(mesh: &TetMesh) -> f64 {
@@ -45,14 +57,16 @@ fn volume(mesh: &TetMesh) -> f64 {
     mesh.tets.iter().map(of_tet).sum()
 }
 
-/// Half of an image of 12 voxels along each axis: closed at its border as a segmentation is, rounded by about half a voxel at edges.
+/// Half of an image of 12 voxels along each axis: closed at its border as a segmentation is,
+/// rounded by about half a voxel at edges.
 #[test]
 fn a_smooth_border_closes_fields_as_it_does_labels() {
     let Some(path) = case("border_half.nrrd") else { return };
     let labels = read_image(&path).unwrap().image;
     let voxels = labels.ids().iter().filter(|&&id| id != 0).count() as f64;
     for (name, image, sigma) in fields(&path) {
-        let mesh = mesh_image(&image, &closed_smoothly(1.0, sigma), &Monitor::silent()).unwrap().mesh;
+        let mesh =
+            mesh_image(&image, &closed_smoothly(1.0, sigma), &Monitor::silent()).unwrap().mesh;
         let part = volume(&mesh) / voxels;
         println!("{name}: {part}");
         assert!((0.95..1.02).contains(&part), "{name}: {part} of the voxels' volume");
@@ -64,22 +78,28 @@ fn a_smooth_border_closes_fields_as_it_does_labels() {
 fn a_smooth_border_is_where_it_is_for_labels() {
     let Some(path) = case("ball_at_border.nrrd") else { return };
     let lowest = |image: &LabelImage, sigma: f64| {
-        let mesh = mesh_image(image, &closed_smoothly(1.0, sigma), &Monitor::silent()).unwrap().mesh;
+        let mesh =
+            mesh_image(image, &closed_smoothly(1.0, sigma), &Monitor::silent()).unwrap().mesh;
         mesh.points.iter().map(|p| p[2]).fold(f64::INFINITY, f64::min)
     };
     let wanted = lowest(&read_image(&path).unwrap().image, 0.0);
     for (name, image, sigma) in fields(&path) {
         let found = lowest(&image, sigma);
         println!("{name}: {found}, labels {wanted}");
-        assert!((found - wanted).abs() < 0.1 && (found + 0.5).abs() < 0.1, "{name}: {found}, labels {wanted}");
+        assert!(
+            (found - wanted).abs() < 0.1 && (found + 0.5).abs() < 0.1,
+            "{name}: {found}, labels {wanted}"
+        );
     }
 }
 
-/// The volume of a mesh, the areas of its facets on the six walls of an axis-aligned image, lower ones
-/// first, and how many outer facets are on none.
+/// The volume of a mesh, the areas of its facets on the six walls of an axis-aligned image, lower
+/// ones first, and how many outer facets are on none.
 fn walls(mesh: &TetMesh, image: &LabelImage) -> (f64, [f64; 6], usize) {
     let (mut areas, mut off) = ([0.0; 6], 0);
-    for (facet, _) in mesh.facets.iter().zip(&mesh.facet_labels).filter(|(_, labels)| labels.contains(&0)) {
+    for (facet, _) in
+        mesh.facets.iter().zip(&mesh.facet_labels).filter(|(_, labels)| labels.contains(&0))
+    {
         let [a, b, c] = facet.map(|v| image.frame().to_index(mesh.point(v)));
         let on = (0..6).find(|&wall| {
             let at = if wall < 3 { -0.5 } else { image.dims()[wall % 3] as f64 - 0.5 };
@@ -107,7 +127,10 @@ fn what_fills_the_image_has_its_walls() {
             let (volume, areas, off) = walls(&mesh, &image);
             assert_eq!(off, 0, "{name}: facets on no wall");
             let wanted = [192.0, 192.0, 256.0, 192.0, 192.0, 256.0];
-            assert!(areas.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{name}: {areas:?}");
+            assert!(
+                areas.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6),
+                "{name}: {areas:?}"
+            );
             assert!((volume - 3072.0).abs() < 1e-6, "{name}: {volume}");
         }
     }
@@ -130,12 +153,18 @@ fn an_oblique_interface_leaves_no_nicks() {
 #[test]
 fn a_tube_has_its_caps() {
     let [Some(labels), Some(scan)] = ["tube_lab.nrrd", "tube_ct.nrrd"].map(case) else { return };
-    let scan = read_gray(&scan, &ReadOptions::default()).unwrap().image.label_image(&[300.0], None).unwrap();
+    let scan = read_gray(&scan, &ReadOptions::default())
+        .unwrap()
+        .image
+        .label_image(&[300.0], None)
+        .unwrap();
     let labels = read_image(&labels).unwrap().image;
     // Smoothing moves a surface inwards, by a twelfth of a voxel here.
-    for (name, image, sigma, radius) in
-        [("labels", &labels, 0.0, 6.0), ("smoothed", &labels, 1.0, 6.0 - 1.0 / 12.0), ("scan", &scan, 0.0, 6.0)]
-    {
+    for (name, image, sigma, radius) in [
+        ("labels", &labels, 0.0, 6.0),
+        ("smoothed", &labels, 1.0, 6.0 - 1.0 / 12.0),
+        ("scan", &scan, 0.0, 6.0),
+    ] {
         for delta in [0.75, 1.5] {
             let mesh = mesh_image(image, &flat(delta, sigma), &Monitor::silent()).unwrap().mesh;
             let (_, areas, _) = walls(&mesh, image);
@@ -155,15 +184,19 @@ fn level_sets_are_meshed_as_such_or_refused() {
     let options = ReadOptions::default();
     let error = read_probabilities(&[&path], None, &options).unwrap_err().to_string();
     assert!(error.contains("--level-sets"), "{error}");
-    let image = read_maps(&[&path], MapValues::LevelSets, None, &options).unwrap().image.label_image().unwrap();
+    let image = read_maps(&[&path], MapValues::LevelSets, None, &options)
+        .unwrap()
+        .image
+        .label_image()
+        .unwrap();
     let mesh = mesh_image(&image, &flat(0.75, 0.0), &Monitor::silent()).unwrap().mesh;
     let part = volume(&mesh) / (4.0 / 3.0 * std::f64::consts::PI * 216.0);
     println!("level set: {part}");
     assert!((0.97..1.0).contains(&part), "{part}");
 }
 
-/// A slab of 60 x 60 x 1 voxels, a fiftieth as thick as they are wide: no tet of good shape is larger than
-/// the slab is thick, so there are very many, which is told before.
+/// A slab of 60 x 60 x 1 voxels, a fiftieth as thick as they are wide: no tet of good shape is
+/// larger than the slab is thick, so there are very many, which is told before.
 #[test]
 fn very_many_tets_are_told_before() {
     let warned = |name: &str, delta: f64| {
@@ -183,18 +216,26 @@ fn very_many_tets_are_told_before() {
     assert_eq!(["box_full.nrrd", "tube_lab.nrrd"].map(|name| warned(name, 0.75)), [Some(false); 2]);
 }
 
-/// Sheets, rows and diagonal lines of voxels, smoothed: none is lost. Diagonal lines come apart, which is told.
+/// Sheets, rows and diagonal lines of voxels, smoothed: none is lost. Diagonal lines come apart,
+/// which is told.
 #[test]
 fn smoothing_loses_nothing() {
     let Some(path) = case("gauss_thin.nrrd") else { return };
     let image = read_image(&path).unwrap().image;
     for sigma in [0.5, 1.0, 2.0] {
-        let certificate = mesh_image(&image, &flat(1.5, sigma), &Monitor::silent()).unwrap().report.certificate;
+        let certificate =
+            mesh_image(&image, &flat(1.5, sigma), &Monitor::silent()).unwrap().report.certificate;
         assert_eq!(certificate.small_lost, SmallLost::default());
         for row in &certificate.labels {
-            assert!(row.tets > 0 && row.components_lost == 0, "sigma {sigma}: label {} is lost", row.label);
+            assert!(
+                row.tets > 0 && row.components_lost == 0,
+                "sigma {sigma}: label {} is lost",
+                row.label
+            );
         }
-        let torn = certificate.defects.iter().filter(|defect| defect.kind == DefectKind::Torn).count() as u64;
+        let torn =
+            certificate.defects.iter().filter(|defect| defect.kind == DefectKind::Torn).count()
+                as u64;
         assert_eq!(torn, certificate.labels.iter().map(|row| row.pieces).sum::<u64>());
     }
 }
@@ -204,7 +245,8 @@ fn smoothing_loses_nothing() {
 fn a_smooth_border_closes_what_fills_the_image() {
     let Some(path) = case("box_full.nrrd") else { return };
     for (name, image, sigma) in fields(&path) {
-        let mesh = mesh_image(&image, &closed_smoothly(1.0, sigma), &Monitor::silent()).unwrap().mesh;
+        let mesh =
+            mesh_image(&image, &closed_smoothly(1.0, sigma), &Monitor::silent()).unwrap().mesh;
         let part = volume(&mesh) / (16.0 * 16.0 * 12.0);
         println!("{name}: {part}");
         assert!((0.95..1.0).contains(&part), "{name}: {part}");

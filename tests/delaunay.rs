@@ -1,4 +1,5 @@
-//! The Delaunay kernel against its validator: random, lattice (massively cospherical and coplanar) and clustered points, inserted and removed.
+//! The Delaunay kernel against its validator: random, lattice (massively cospherical and coplanar)
+//! and clustered points, inserted and removed.
 
 use glam::DVec3;
 use lapd::delaunay::{Insertion, Removal, Solo, Triangulation, VertexKind, Worker};
@@ -11,7 +12,8 @@ struct Kernel {
 
 impl Kernel {
     fn new() -> Self {
-        let triangulation = Triangulation::new(DVec3::splat(-1.0), DVec3::splat(5.0)).expect("a valid box");
+        let triangulation =
+            Triangulation::new(DVec3::splat(-1.0), DVec3::splat(5.0)).expect("a valid box");
         Self { triangulation, worker: Worker::new(Solo, 0) }
     }
 
@@ -34,7 +36,10 @@ impl Kernel {
     fn assert_sound(&self) {
         let check = self.triangulation.check();
         assert!(check.is_sound(), "{check:?}");
-        assert_eq!(check.tets, self.worker.counters.created - self.worker.counters.destroyed + initial_tets());
+        assert_eq!(
+            check.tets,
+            self.worker.counters.created - self.worker.counters.destroyed + initial_tets()
+        );
     }
 
     /// The triangulation as a set of tets, each a sorted list of positions.
@@ -63,7 +68,8 @@ fn initial_tets() -> u64 {
 }
 
 fn lattice() -> impl Strategy<Value = DVec3> {
-    (0..5_i32, 0..5_i32, 0..5_i32).prop_map(|(x, y, z)| DVec3::new(f64::from(x), f64::from(y), f64::from(z)))
+    (0..5_i32, 0..5_i32, 0..5_i32)
+        .prop_map(|(x, y, z)| DVec3::new(f64::from(x), f64::from(y), f64::from(z)))
 }
 
 fn generic() -> impl Strategy<Value = DVec3> {
@@ -77,8 +83,9 @@ fn the_box_alone_is_sound() {
 
 #[test]
 fn a_full_lattice_is_sound_whatever_the_order() {
-    let mut points: Vec<_> =
-        (0..125).map(|i| DVec3::new(f64::from(i % 5), f64::from(i / 5 % 5), f64::from(i / 25))).collect();
+    let mut points: Vec<_> = (0..125)
+        .map(|i| DVec3::new(f64::from(i % 5), f64::from(i / 5 % 5), f64::from(i / 25)))
+        .collect();
     let mut forward = Kernel::new();
     points.iter().for_each(|&p| assert!(forward.insert(p).is_some()));
     forward.assert_sound();
@@ -93,26 +100,47 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn every_insertion_and_removal_keeps_the_triangulation_sound(points in prop::collection::vec(prop_oneof![lattice(), generic()], 1..60), out in prop::collection::vec(any::<prop::sample::Index>(), 0..40)) {
+    fn every_insertion_and_removal_keeps_the_triangulation_sound(
+        points in prop::collection::vec(prop_oneof![lattice(), generic()], 1..60),
+        out in prop::collection::vec(any::<prop::sample::Index>(), 0..40),
+    ) {
         let mut kernel = Kernel::new();
         let mut ids: Vec<u32> = points.into_iter().filter_map(|p| kernel.insert(p)).collect();
         kernel.assert_sound();
         for index in out {
-            if ids.is_empty() { break; }
+            if ids.is_empty() {
+                break;
+            }
             let v = ids.swap_remove(index.index(ids.len()));
-            prop_assert_eq!(kernel.worker.remove(&kernel.triangulation, v).expect("room"), Removal::Done);
-            prop_assert_eq!(kernel.worker.remove(&kernel.triangulation, v).expect("room"), Removal::Stale);
+            prop_assert_eq!(
+                kernel.worker.remove(&kernel.triangulation, v).expect("room"),
+                Removal::Done
+            );
+            prop_assert_eq!(
+                kernel.worker.remove(&kernel.triangulation, v).expect("room"),
+                Removal::Stale
+            );
             kernel.assert_sound();
         }
     }
 
     #[test]
-    fn removal_undoes_insertion(base in prop::collection::vec(lattice(), 0..40), more in prop::collection::vec(lattice(), 1..20)) {
+    fn removal_undoes_insertion(
+        base in prop::collection::vec(lattice(), 0..40),
+        more in prop::collection::vec(lattice(), 1..20),
+    ) {
         let mut kernel = Kernel::new();
-        for p in base { kernel.insert(p); }
+        for p in base {
+            kernel.insert(p);
+        }
         let before = kernel.canonical();
         let added: Vec<u32> = more.into_iter().filter_map(|p| kernel.insert(p)).collect();
-        for v in added { prop_assert_eq!(kernel.worker.remove(&kernel.triangulation, v).expect("room"), Removal::Done); }
+        for v in added {
+            prop_assert_eq!(
+                kernel.worker.remove(&kernel.triangulation, v).expect("room"),
+                Removal::Done
+            );
+        }
         prop_assert_eq!(kernel.canonical(), before);
     }
 }
@@ -150,21 +178,29 @@ fn a_star_of_hundreds_of_vertices_is_sound_and_can_be_undone() {
     }
 }
 
-/// A stamp is current as long as the tet is the same: of all tets, after insertions; after a removal of those that are there still, and of none that has gone, unless another one with the same last vertex came in its place.
+/// A stamp is current as long as the tet is the same: of all tets, after insertions; after a
+/// removal of those that are there still, and of none that has gone, unless another one with the
+/// same last vertex came in its place.
 #[test]
 fn stamps_tell_which_tets_are_still_there() {
     let mut kernel = Kernel::new();
-    let point = |i: u32| (DVec3::new(0.754_877_666, 0.569_840_291, 0.430_159_709) * f64::from(i)).fract() * 4.0;
+    let point = |i: u32| {
+        (DVec3::new(0.754_877_666, 0.569_840_291, 0.430_159_709) * f64::from(i)).fract() * 4.0
+    };
     let mut inserted = Vec::new();
     let (mut stale, mut taken_again) = (0, 0);
     for i in 1..400 {
         let triangulation = &kernel.triangulation;
         let vertices = |t| triangulation.tet(t).vertices();
-        let before: Vec<_> = triangulation.living_tets().map(|t| (triangulation.stamp(t), vertices(t))).collect();
+        let before: Vec<_> =
+            triangulation.living_tets().map(|t| (triangulation.stamp(t), vertices(t))).collect();
         let removes = i % 4 == 0;
         if removes {
             let v = inserted.swap_remove(inserted.len() / 2);
-            assert_eq!(kernel.worker.remove(&kernel.triangulation, v).expect("room"), Removal::Done);
+            assert_eq!(
+                kernel.worker.remove(&kernel.triangulation, v).expect("room"),
+                Removal::Done
+            );
         } else {
             inserted.extend(kernel.insert(point(i)));
         }

@@ -1,4 +1,5 @@
-//! The oracle of images made of intensities or probabilities, and of smoothed labels, against definitions evaluated by brute force on random images, cut by the border.
+//! The oracle of images made of intensities or probabilities, and of smoothed labels, against
+//! definitions evaluated by brute force on random images, cut by the border.
 
 use std::cell::Cell;
 
@@ -14,7 +15,8 @@ struct Random(u64);
 
 impl Random {
     fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1_u64 << 53) as f64
     }
 
@@ -46,10 +48,16 @@ impl Random {
 }
 
 fn frame() -> Frame {
-    Frame::new([3.0, -2.0, 5.0], [0.7, 1.1, 2.0], [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]).unwrap()
+    Frame::new(
+        [3.0, -2.0, 5.0],
+        [0.7, 1.1, 2.0],
+        [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+    )
+    .unwrap()
 }
 
-/// A value at a point: interpolated within the outermost voxel centres, from there to the border of the image that of the projection; `None` outside.
+/// A value at a point: interpolated within the outermost voxel centres, from there to the border of
+/// the image that of the projection; `None` outside.
 fn interpolated(dims: [usize; 3], values: &[f32], x: DVec3) -> Option<f64> {
     let last = DVec3::from(dims.map(|n| n as f64 - 1.0));
     if (x + 0.5).min(last + 0.5 - x).min_element() < 0.0 {
@@ -62,7 +70,8 @@ fn interpolated(dims: [usize; 3], values: &[f32], x: DVec3) -> Option<f64> {
         (0..8)
             .map(|c| {
                 let bit = [0, 1, 2].map(|a| c >> a & 1);
-                let part: f64 = (0..3).map(|a| if bit[a] == 1 { f[a] } else { 1.0 - f[a] }).product();
+                let part: f64 =
+                    (0..3).map(|a| if bit[a] == 1 { f[a] } else { 1.0 - f[a] }).product();
                 let at = [0, 1, 2].map(|a| low[a] as usize + bit[a]);
                 part * f64::from(values[at[0] + dims[0] * (at[1] + dims[1] * at[2])])
             })
@@ -71,7 +80,12 @@ fn interpolated(dims: [usize; 3], values: &[f32], x: DVec3) -> Option<f64> {
 }
 
 /// Compares the oracle with a definition: the label of a point, and how clear it is.
-fn compare(random: &mut Random, image: &LabelImage, oracle: &Oracle, label: impl Fn(DVec3) -> (i32, f64)) {
+fn compare(
+    random: &mut Random,
+    image: &LabelImage,
+    oracle: &Oracle,
+    label: impl Fn(DVec3) -> (i32, f64),
+) {
     const CLEAR: f64 = 1e-4;
     let mut found = 0;
     for _ in 0..200 {
@@ -79,7 +93,11 @@ fn compare(random: &mut Random, image: &LabelImage, oracle: &Oracle, label: impl
         let (expected, ahead) = label(a);
         let from = oracle.label(a);
         if ahead > CLEAR {
-            assert_eq!(image.labels()[usize::from(from)], expected, "label at {a}, ahead by {ahead}");
+            assert_eq!(
+                image.labels()[usize::from(from)],
+                expected,
+                "label at {a}, ahead by {ahead}"
+            );
         }
         let clearance = oracle.clearance(a);
         let crossing = oracle.first_crossing(a, b);
@@ -90,19 +108,27 @@ fn compare(random: &mut Random, image: &LabelImage, oracle: &Oracle, label: impl
             let s = f64::from(n) / 200.0;
             let (other, ahead) = label(a.lerp(b, s));
             if s < until && ahead > 1e-2 {
-                assert_eq!(image.labels()[usize::from(from)], other, "{a} to {b} at {s}, crossing {crossing:?}");
+                assert_eq!(
+                    image.labels()[usize::from(from)],
+                    other,
+                    "{a} to {b} at {s}, crossing {crossing:?}"
+                );
             }
         }
         if let Some(c) = crossing {
             found += 1;
-            assert!(c.point.distance(a) >= clearance - 1e-6, "a crossing within the clearance {clearance}");
+            assert!(
+                c.point.distance(a) >= clearance - 1e-6,
+                "a crossing within the clearance {clearance}"
+            );
             assert_eq!((c.from, c.from == c.to), (from, false));
         } else {
             assert_eq!(from, oracle.label(b), "no crossing from {a} to {b}");
         }
     }
     assert!(found > 20, "{found} crossings");
-    // Crossed edges have a point of the isosurface: labels differ nearby. Not where two crossings are close together.
+    // Crossed edges have a point of the isosurface: labels differ nearby. Not where two crossings
+    // are close together.
     let grid = oracle.edge_grid(&ByCell::uniform(10.0));
     let step = 2e-3 * oracle.spacing().min_element();
     let (mut edges, mut close) = (0, 0);
@@ -116,7 +142,10 @@ fn compare(random: &mut Random, image: &LabelImage, oracle: &Oracle, label: impl
         })
         .unwrap();
     }
-    assert!(edges > 10 && close * 50 <= edges, "{close} of {edges} edges have no change of label at their crossing");
+    assert!(
+        edges > 10 && close * 50 <= edges,
+        "{close} of {edges} edges have no change of label at their crossing"
+    );
 }
 
 fn oracle_of(image: &LabelImage, sigma: Option<f64>) -> Oracle {
@@ -138,7 +167,10 @@ fn interfaces_of_a_gray_image_are_isosurfaces() {
         assert!(oracle.weights().is_empty() && oracle.bytes() > 0);
         compare(&mut random, &image, &oracle, |p| {
             let index = image.frame().to_index(p);
-            let outside = (DVec3::from(dims.map(|n| n as f64)) - 0.5 - index).min(index + 0.5).min_element().abs();
+            let outside = (DVec3::from(dims.map(|n| n as f64)) - 0.5 - index)
+                .min(index + 0.5)
+                .min_element()
+                .abs();
             match interpolated(dims, &values, index) {
                 None => (0, outside),
                 Some(x) => {
@@ -158,18 +190,26 @@ fn interfaces_of_probabilities_are_where_the_largest_changes() {
     for seed in 1..12 {
         let mut random = Random(100 + seed);
         let dims = random.dims();
-        let maps: Vec<Vec<f32>> =
-            (0..3).map(|_| random.volume(dims, 0.15).iter().map(|x| (x + 0.17).clamp(0.0, 0.33)).collect()).collect();
-        let probabilities = ProbabilityImage::new(dims, frame(), maps.clone(), &[5, -3, 9]).unwrap();
+        let maps: Vec<Vec<f32>> = (0..3)
+            .map(|_| {
+                random.volume(dims, 0.15).iter().map(|x| (x + 0.17).clamp(0.0, 0.33)).collect()
+            })
+            .collect();
+        let probabilities =
+            ProbabilityImage::new(dims, frame(), maps.clone(), &[5, -3, 9]).unwrap();
         let image = probabilities.label_image().unwrap();
         if !probabilities.nowhere_likeliest(&image).is_empty() {
             continue;
         }
-        let rest: Vec<f32> = (0..maps[0].len()).map(|n| 1.0 - maps[0][n] - maps[1][n] - maps[2][n]).collect();
+        let rest: Vec<f32> =
+            (0..maps[0].len()).map(|n| 1.0 - maps[0][n] - maps[1][n] - maps[2][n]).collect();
         let values = [&rest, &maps[0], &maps[1], &maps[2]];
         compare(&mut random, &image, &oracle_of(&image, None), |p| {
             let index = image.frame().to_index(p);
-            let outside = (DVec3::from(dims.map(|n| n as f64)) - 0.5 - index).min(index + 0.5).min_element().abs();
+            let outside = (DVec3::from(dims.map(|n| n as f64)) - 0.5 - index)
+                .min(index + 0.5)
+                .min_element()
+                .abs();
             let at = values.map(|values| interpolated(dims, values, index));
             let [Some(a), Some(b), Some(c), Some(d)] = at else { return (0, outside) };
             let mut ranked = [(a, 0), (b, 5), (c, -3), (d, 9)];
@@ -181,16 +221,19 @@ fn interfaces_of_probabilities_are_where_the_largest_changes() {
     assert!(compared >= 6, "{compared} images of probabilities");
 }
 
-/// However much is smoothed, the voxel centres keep their labels, a mixed cell stays one, and crossings fit the labels.
+/// However much is smoothed, the voxel centres keep their labels, a mixed cell stays one, and
+/// crossings fit the labels.
 #[test]
 fn smoothing_takes_no_voxel_centre() {
-    // How near to a change of label nothing is clear, in voxels along an axis: crossings are placed to half a thousandth along each, which adds up, and labels found in single precision.
+    // How near to a change of label nothing is clear, in voxels along an axis: crossings are placed
+    // to half a thousandth along each, which adds up, and labels found in single precision.
     const NEAR: f64 = 2e-3;
     let (asked, near_ties) = (Cell::new(0_u32), Cell::new(0_u32));
     for seed in 1..8 {
         let mut random = Random(200 + seed);
         let dims = random.dims();
-        let ids: Vec<u16> = random.volume(dims, 1.0).iter().map(|x| ((x + 1.0) * 1.6) as u16).collect();
+        let ids: Vec<u16> =
+            random.volume(dims, 1.0).iter().map(|x| ((x + 1.0) * 1.6) as u16).collect();
         let labels = vec![0, 4, 7, 8, 9];
         let image = LabelImage::from_ids(dims, frame(), ids, labels).unwrap();
         for sigma in [0.4, 1.0, 3.0] {
@@ -200,11 +243,14 @@ fn smoothing_takes_no_voxel_centre() {
                 let p = image.frame().to_world(DVec3::from(at.map(|c| c as f64)));
                 assert_eq!(oracle.label(p), id, "voxel {at:?} at sigma {sigma}");
             }
-            // No definition but the oracle's own labels, of which a segment's crossing has to be the first change.
+            // No definition but the oracle's own labels, of which a segment's crossing has to be
+            // the first change.
             compare(&mut random, &image, &oracle, |p| {
                 let (id, index) = (oracle.label(p), image.frame().to_index(p));
-                let is_same = |step: DVec3| oracle.label(image.frame().to_world(index + step)) == id;
-                let is_clear = DVec3::AXES.iter().all(|&axis| is_same(axis * NEAR) && is_same(axis * -NEAR));
+                let is_same =
+                    |step: DVec3| oracle.label(image.frame().to_world(index + step)) == id;
+                let is_clear =
+                    DVec3::AXES.iter().all(|&axis| is_same(axis * NEAR) && is_same(axis * -NEAR));
                 asked.set(asked.get() + 1);
                 near_ties.set(near_ties.get() + u32::from(!is_clear));
                 (image.labels()[usize::from(id)], f64::from(is_clear))
@@ -219,21 +265,28 @@ fn smoothing_takes_no_voxel_centre() {
 fn smoothing_is_for_label_images() {
     let gray = GrayImage::new([2, 2, 1], frame(), vec![0.0, 1.0, 2.0, 3.0]).unwrap();
     let image = gray.label_image(&[1.5], None).unwrap();
-    let error = Oracle::new(&image, Surface { sigma: Some(1.0), ..Surface::default() }, &|| Ok(())).unwrap_err();
+    let error = Oracle::new(&image, Surface { sigma: Some(1.0), ..Surface::default() }, &|| Ok(()))
+        .unwrap_err();
     assert!(
-        matches!(&error, Error::InvalidArgument(message) if message.starts_with("sigma 1 smooths label images only"))
+        matches!(&error, Error::InvalidArgument(message) if message.starts_with("sigma 1 smooths \
+            label images only"))
     );
     // The voxel model takes the labels alone.
     let oracle = Oracle::new(&image, SurfaceModel::Voxel, &|| Ok(())).unwrap();
     assert_eq!(oracle.label(image.frame().to_world(DVec3::new(0.0, 1.4, 0.0))), 1);
 }
 
-/// With a smooth border what lies beyond the image is background, and what has a voxel at the border ends half a voxel beyond its
-/// centre: as a segmentation does whose labels weigh the same.
+/// With a smooth border what lies beyond the image is background, and what has a voxel at the
+/// border ends half a voxel beyond its centre: as a segmentation does whose labels weigh the same.
 #[test]
 fn a_smooth_border_is_half_a_voxel_beyond_the_centres() {
     let smooth = |image: &LabelImage, sigma| {
-        Oracle::new(image, Surface { sigma, border: ImageBorder::Smooth, ..Surface::default() }, &|| Ok(())).unwrap()
+        Oracle::new(
+            image,
+            Surface { sigma, border: ImageBorder::Smooth, ..Surface::default() },
+            &|| Ok(()),
+        )
+        .unwrap()
     };
     let check = |image: &LabelImage, oracle: &Oracle, what: &str| {
         let dims = image.dims();
@@ -241,7 +294,8 @@ fn a_smooth_border_is_half_a_voxel_beyond_the_centres() {
         for (n, &id) in image.ids().iter().enumerate() {
             let at = [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
             for (axis, &along) in DVec3::AXES.iter().enumerate() {
-                for (is_end, way) in [(at[axis] == 0, -along), (at[axis] == dims[axis] - 1, along)] {
+                for (is_end, way) in [(at[axis] == 0, -along), (at[axis] == dims[axis] - 1, along)]
+                {
                     if !is_end {
                         continue;
                     }
@@ -249,7 +303,11 @@ fn a_smooth_border_is_half_a_voxel_beyond_the_centres() {
                     let label = |far: f64| oracle.label(image.frame().to_world(center + far * way));
                     assert_eq!(label(0.0), id, "{what}: voxel {at:?}");
                     assert_eq!(label(0.49) == 0, id == 0, "{what}: voxel {at:?} along {way}");
-                    assert_eq!((label(0.51), label(0.99), label(1.5)), (0, 0, 0), "{what}: voxel {at:?} along {way}");
+                    assert_eq!(
+                        (label(0.51), label(0.99), label(1.5)),
+                        (0, 0, 0),
+                        "{what}: voxel {at:?} along {way}"
+                    );
                     ends += u32::from(id != 0);
                 }
             }
@@ -265,13 +323,18 @@ fn a_smooth_border_is_half_a_voxel_beyond_the_centres() {
         if let Ok(image) = gray.label_image(&[-0.8, 0.3, 0.9], None) {
             ends[0] += check(&image, &smooth(&image, None), "intensities");
         }
-        let maps: Vec<Vec<f32>> =
-            (0..3).map(|_| random.volume(dims, 0.15).iter().map(|x| (x + 0.17).clamp(0.0, 0.33)).collect()).collect();
-        let image = ProbabilityImage::new(dims, frame(), maps, &[5, -3, 9]).unwrap().label_image().unwrap();
+        let maps: Vec<Vec<f32>> = (0..3)
+            .map(|_| {
+                random.volume(dims, 0.15).iter().map(|x| (x + 0.17).clamp(0.0, 0.33)).collect()
+            })
+            .collect();
+        let image =
+            ProbabilityImage::new(dims, frame(), maps, &[5, -3, 9]).unwrap().label_image().unwrap();
         if !image.is_all_background() {
             ends[1] += check(&image, &smooth(&image, None), "probabilities");
         }
-        let ids: Vec<u16> = random.volume(dims, 1.0).iter().map(|x| ((x + 1.0) * 1.6) as u16).collect();
+        let ids: Vec<u16> =
+            random.volume(dims, 1.0).iter().map(|x| ((x + 1.0) * 1.6) as u16).collect();
         let image = LabelImage::from_ids(dims, frame(), ids, vec![0, 4, 7, 8, 9]).unwrap();
         ends[2] += check(&image, &smooth(&image, Some(1.0)), "smoothed labels");
     }
@@ -287,9 +350,16 @@ fn what_smoothing_loses_is_told() {
         let dims = [0; 3].map(|_: i32| 6 + (random.unit() * 6.0) as usize);
         let part = [0.01, 0.05, 0.2][seed as usize % 3];
         let count: usize = dims.iter().product();
-        let ids: Vec<u16> =
-            (0..count).map(|_| if random.unit() < part { 1 + (random.unit() * 3.0) as u16 } else { 0 }).collect();
-        let image = LabelImage::from_ids(dims, Frame::axis_aligned([1.0; 3]).unwrap(), ids, vec![0, 1, 2, 3]).unwrap();
+        let ids: Vec<u16> = (0..count)
+            .map(|_| if random.unit() < part { 1 + (random.unit() * 3.0) as u16 } else { 0 })
+            .collect();
+        let image = LabelImage::from_ids(
+            dims,
+            Frame::axis_aligned([1.0; 3]).unwrap(),
+            ids,
+            vec![0, 1, 2, 3],
+        )
+        .unwrap();
         if image.is_all_background() {
             continue;
         }
@@ -311,11 +381,16 @@ fn what_smoothing_loses_is_told() {
                 }
             }
         }
-        let vanished = components(&image).iter().filter(|voxels| voxels.iter().all(|&v| !is_met[v])).count() as u64;
+        let vanished =
+            components(&image).iter().filter(|voxels| voxels.iter().all(|&v| !is_met[v])).count()
+                as u64;
         let certificate = &report.certificate;
         let lost = certificate.labels.iter().map(|row| row.components_lost).sum::<u64>();
         let told = lost + certificate.small_lost.count;
-        assert!(vanished <= told, "{seed}: {vanished} components have no tet near, {told} are told");
+        assert!(
+            vanished <= told,
+            "{seed}: {vanished} components have no tet near, {told} are told"
+        );
         assert_eq!(certificate.small_lost.count > 0, certificate.small_lost.first.is_some());
         vanished_in_all += vanished;
     }

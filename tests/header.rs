@@ -1,5 +1,6 @@
-//! `include/lapd.h` is generated from `src/capi` and committed; this test fails when it is stale. Its documentation says of every
-//! function what a caller must know and names nothing that is not there, and `include/lapd.hpp` uses all functions.
+//! `include/lapd.h` is generated from `src/capi` and committed; this test fails when it is stale.
+//! Its documentation says of every function what a caller must know and names nothing that is not
+//! there, and `include/lapd.hpp` uses all functions.
 //!
 //! To bring it up to date: `LAPD_UPDATE_HEADER=1 cargo test --test header`.
 
@@ -32,29 +33,36 @@ const HEAD: &str = "\
  * Made by cbindgen from src/capi; do not edit.
  *
  * Conventions
- * - Handles (lapd_context, lapd_image, lapd_params, lapd_mesh) are opaque. What a create, read or mesh function hands out belongs
- *   to the caller, who frees it once with the lapd_..._free function of its type.
+ * - Handles (lapd_context, lapd_image, lapd_params, lapd_mesh) are opaque. What a create, read or
+ *   mesh function hands out belongs to the caller, who frees it once with the lapd_..._free
+ *   function of its type.
  * - Functions return a lapd_status; 0 is success. Out-parameters are written on success only.
- * - A function that takes a context leaves one line there about what went wrong: lapd_context_last_error. Functions without one
- *   fail only for their own arguments, which the status tells. There is no global state.
- * - NULL is refused with LAPD_ERROR_INVALID_ARGUMENT wherever the text does not allow it; so are numbers that are no value of
- *   their enum, which is why enums are passed as int32_t.
- * - Strings are UTF-8 and end with NUL. Lengths are in the world units of the image, angles in degrees.
- * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and programs and libraries of different
- *   versions understand each other. What the library does not know yet reads 0.
- * - Images and meshes never change and may be used by any number of threads at once. Parameters may be read by many threads as
- *   long as none changes them. A context belongs to one thread at a time, but for lapd_context_cancel.
- * - The library prints nothing, reads no environment, installs no signal handler, and does not end the process: memory
- *   that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, but for small tables and within the pool of threads, where Rust's standard
- *   library aborts.
+ * - A function that takes a context leaves one line there about what went wrong:
+ *   lapd_context_last_error. Functions without one fail only for their own arguments, which the
+ *   status tells. There is no global state.
+ * - NULL is refused with LAPD_ERROR_INVALID_ARGUMENT wherever the text does not allow it; so are
+ *   numbers that are no value of their enum, which is why enums are passed as int32_t.
+ * - Strings are UTF-8 and end with NUL. Lengths are in the world units of the image, angles in
+ *   degrees.
+ * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and
+ *   programs and libraries of different versions understand each other. What the library does not
+ *   know yet reads 0.
+ * - Images and meshes never change and may be used by any number of threads at once. Parameters
+ *   may be read by many threads as long as none changes them. A context belongs to one thread at
+ *   a time, but for lapd_context_cancel.
+ * - The library prints nothing, reads no environment, installs no signal handler, and does not
+ *   end the process: memory that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, but for small
+ *   tables and within the pool of threads, where Rust's standard library aborts.
  */";
 
 fn generate(root: &Path) -> String {
-    let mut config = cbindgen::Config::from_file(root.join("cbindgen.toml")).expect("cbindgen.toml is valid");
+    let mut config =
+        cbindgen::Config::from_file(root.join("cbindgen.toml")).expect("cbindgen.toml is valid");
     config.header = Some(HEAD.into());
     config.after_includes = Some(format!(
         "\n/* The version of this header; lapd_version() is that of the library. */\n\
-         #define LAPD_VERSION_MAJOR {}\n#define LAPD_VERSION_MINOR {}\n#define LAPD_VERSION_PATCH {}\n#define LAPD_VERSION \"{}\"",
+         #define LAPD_VERSION_MAJOR {}\n#define LAPD_VERSION_MINOR {}\n\
+         #define LAPD_VERSION_PATCH {}\n#define LAPD_VERSION \"{}\"",
         env!("CARGO_PKG_VERSION_MAJOR"),
         env!("CARGO_PKG_VERSION_MINOR"),
         env!("CARGO_PKG_VERSION_PATCH"),
@@ -67,7 +75,9 @@ fn generate(root: &Path) -> String {
     let mut header = Vec::new();
     builder.generate().expect("src/capi can be parsed").write(&mut header);
     // cbindgen writes the cast without the parentheses that a macro needs.
-    String::from_utf8(header).expect("the header is UTF-8").replace(" (size_t)-1\n", " ((size_t)-1)\n")
+    String::from_utf8(header)
+        .expect("the header is UTF-8")
+        .replace(" (size_t)-1\n", " ((size_t)-1)\n")
 }
 
 #[test]
@@ -83,7 +93,8 @@ fn header_is_up_to_date() {
     let first = committed.lines().zip(fresh.lines()).position(|(a, b)| a != b);
     assert!(
         committed == fresh,
-        "include/lapd.h is stale (first difference: line {first:?}); run LAPD_UPDATE_HEADER=1 cargo test --test header"
+        "include/lapd.h is stale (first difference: line {first:?}); run LAPD_UPDATE_HEADER=1 \
+         cargo test --test header"
     );
 }
 
@@ -96,7 +107,11 @@ fn every_exported_function_and_constant_is_in_the_header() {
         let source = std::fs::read_to_string(entry.unwrap().path()).unwrap();
         // The attribute stands right before its function.
         for item in source.split("#[unsafe(no_mangle)]\n").skip(1) {
-            let name = item.split("fn ").nth(1).and_then(|rest| rest.split('(').next()).expect("a function follows");
+            let name = item
+                .split("fn ")
+                .nth(1)
+                .and_then(|rest| rest.split('(').next())
+                .expect("a function follows");
             assert!(header.contains(&format!("{name}(")), "{name} is not in the header");
             exported += 1;
         }
@@ -108,7 +123,10 @@ fn every_exported_function_and_constant_is_in_the_header() {
         // It leaves out enums that no function names, too, because they are passed as int32_t.
         for item in source.split("\npub enum ").skip(1) {
             let name = item.split(' ').next().expect("a name follows");
-            assert!(header.contains(&format!("}} {name};")), "{name} is not in the header: cbindgen.toml must list it");
+            assert!(
+                header.contains(&format!("}} {name};")),
+                "{name} is not in the header: cbindgen.toml must list it"
+            );
         }
     }
     assert!(exported > 50, "only {exported} exported functions found");
@@ -137,14 +155,19 @@ fn comments_name_what_is_declared() {
     let (comments, code) = comments_and_code(&header);
     let declared: HashSet<&str> = words(&code).collect();
     let mut named = 0;
-    for word in words(&comments).filter(|word| word.starts_with("lapd_") || word.starts_with("LAPD_")) {
+    for word in
+        words(&comments).filter(|word| word.starts_with("lapd_") || word.starts_with("LAPD_"))
+    {
         // "lapd_params_set_..." and "lapd_params_set_*" stand for all that begin so.
         let known = match word.ends_with('_') {
             true => declared.iter().any(|name| name.starts_with(word)),
             false => declared.contains(word),
         };
         // What lapd_status_name says of a number that is no status.
-        assert!(known || word == "LAPD_UNKNOWN_STATUS", "a comment names {word}, which the header does not declare");
+        assert!(
+            known || word == "LAPD_UNKNOWN_STATUS",
+            "a comment names {word}, which the header does not declare"
+        );
         named += 1;
     }
     assert!(named > 200, "only {named} names found in comments");
@@ -152,7 +175,8 @@ fn comments_name_what_is_declared() {
 
 /// The functions of the header: the text before each, in one line, and its declaration.
 fn functions(header: &str) -> Vec<(String, &str)> {
-    let declarations = header.split_once("extern \"C\" {").expect("the functions stand in a block").1;
+    let declarations =
+        header.split_once("extern \"C\" {").expect("the functions stand in a block").1;
     let mut found = Vec::new();
     // Every declaration ends with ");", what precedes it since the last one is its comment.
     for piece in declarations.split_inclusive(");\n").filter(|piece| piece.ends_with(");\n")) {
@@ -196,7 +220,8 @@ fn every_function_says_what_a_caller_must_know() {
         if lends && !text.contains("belongs to") && !text.contains("is static") {
             wanted.push("how long what it returns is valid (\"belongs to ...\")");
         }
-        let array = name.starts_with("lapd_mesh_get_") && declaration.contains("size_t *count") && lends;
+        let array =
+            name.starts_with("lapd_mesh_get_") && declaration.contains("size_t *count") && lends;
         if array && !text.contains("is [count]") {
             wanted.push("the shape of the array (\"is [count][3]\")");
         }

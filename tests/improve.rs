@@ -1,4 +1,5 @@
-//! Slivers go, and nothing else: angles, topology, interfaces, walls, and the same mesh on any number of threads.
+//! Slivers go, and nothing else: angles, topology, interfaces, walls, and the same mesh on any
+//! number of threads.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -26,7 +27,10 @@ use lapd::refine::team::Schedule;
 fn noise(dims: [usize; 3], spacing: [f64; 3], labels: u64, seed: u64) -> LabelImage {
     sampled(dims, spacing, |p| {
         let cell = (p / 2.1).floor();
-        let mut state = seed ^ (cell.x as i64 as u64) ^ (cell.y as i64 as u64) << 20 ^ (cell.z as i64 as u64) << 40;
+        let mut state = seed
+            ^ (cell.x as i64 as u64)
+            ^ (cell.y as i64 as u64) << 20
+            ^ (cell.z as i64 as u64) << 40;
         for _ in 0..3 {
             state = (state ^ state >> 31).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         }
@@ -38,8 +42,12 @@ fn noise(dims: [usize; 3], spacing: [f64; 3], labels: u64, seed: u64) -> LabelIm
 fn subjects() -> Vec<(&'static str, LabelImage, f64)> {
     let oblique = {
         let (s, c) = 0.4_f64.sin_cos();
-        let frame =
-            Frame::new([3.0, -2.0, 5.0], [0.8, 1.0, 1.3], [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).unwrap();
+        let frame = Frame::new(
+            [3.0, -2.0, 5.0],
+            [0.8, 1.0, 1.3],
+            [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]],
+        )
+        .unwrap();
         LabelImage::from_fn([16, 18, 14], frame, |p: DVec3| {
             1 + i32::from(p.x + 0.3 * p.y > 6.0) + 2 * i32::from(p.z > 13.0 + 0.2 * p.x)
         })
@@ -79,7 +87,8 @@ fn refined(image: &LabelImage, params: &MeshParams) -> Refined {
     let mut order = triangulation.tets_by_place(|| Ok(())).unwrap();
     let label = |t| rules.label(t);
     let Extracted { mesh, .. } =
-        extract(&triangulation, &mut order, label, image.labels(), Background::Last, &monitor).unwrap();
+        extract(&triangulation, &mut order, label, image.labels(), Background::Last, &monitor)
+            .unwrap();
     let sizing = Sizing::uniform(params.delta);
     drop(rules);
     let box_volume = (upper - lower).element_product();
@@ -107,8 +116,8 @@ fn improved(
     (mesh, improvement, ended)
 }
 
-/// Asserts that a mesh that still has its background is what it says: neighbours of each other, all tets positive, together
-/// as large as the box. So they cover it once, and no two facets cross.
+/// Asserts that a mesh that still has its background is what it says: neighbours of each other, all
+/// tets positive, together as large as the box. So they cover it once, and no two facets cross.
 fn check_cover(mesh: &TetMesh, box_volume: f64, what: &str) {
     let mut volume = 0.0;
     for (t, tet) in mesh.tets.iter().enumerate().filter(|(_, tet)| tet[0] != NONE) {
@@ -118,14 +127,21 @@ fn check_cover(mesh: &TetMesh, box_volume: f64, what: &str) {
         for (i, &n) in mesh.neighbors[t].iter().enumerate().filter(|&(_, &n)| n != NONE) {
             let other = mesh.tets[n as usize];
             assert!(other[0] != NONE, "{what}: tet {t} has a neighbour that is gone");
-            assert!((0..4).all(|j| j == i || other.contains(&tet[j])), "{what}: tets {t} and {n} share no facet");
-            assert!(mesh.neighbors[n as usize].contains(&(t as u32)), "{what}: tet {n} does not know {t}");
+            assert!(
+                (0..4).all(|j| j == i || other.contains(&tet[j])),
+                "{what}: tets {t} and {n} share no facet"
+            );
+            assert!(
+                mesh.neighbors[n as usize].contains(&(t as u32)),
+                "{what}: tet {n} does not know {t}"
+            );
         }
     }
     assert!((volume / box_volume - 1.0).abs() < 1e-9, "{what}: {volume} is not {box_volume}");
 }
 
-/// Smallest and largest dihedral angle, by projections along the edges: another formula than the library's.
+/// Smallest and largest dihedral angle, by projections along the edges: another formula than the
+/// library's.
 fn angle_range(p: [DVec3; 4]) -> [f64; 2] {
     let mut range = [180.0_f64, 0.0];
     for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
@@ -143,20 +159,26 @@ fn angle_range(p: [DVec3; 4]) -> [f64; 2] {
 fn the_same_bytes_on_any_number_of_threads() {
     for (name, image, delta) in subjects() {
         let refined = refined(&image, &params(delta));
-        for (mode, target) in [(Improve::Full, 15.0), (Improve::Full, 20.0), (Improve::Interior, 15.0)] {
+        for (mode, target) in
+            [(Improve::Full, 15.0), (Improve::Full, 20.0), (Improve::Interior, 15.0)]
+        {
             let on = |threads| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                 pool.install(|| {
                     let (mesh, improvement, ended) = improved(&refined, mode, target, &|| Ok(()));
                     assert!(ended.is_none());
-                    let bits: Vec<u64> = mesh.points.iter().flatten().map(|x| x.to_bits()).collect();
+                    let bits: Vec<u64> =
+                        mesh.points.iter().flatten().map(|x| x.to_bits()).collect();
                     (bits, mesh.tets, mesh.neighbors, mesh.labels, improvement)
                 })
             };
             let one = on(1);
             assert!(one.4.counts.operations() > 0, "{name}: nothing to do");
             for threads in [2, 3, 8] {
-                assert!(one == on(threads), "{name}, {mode:?}, {target}: {threads} threads differ from one");
+                assert!(
+                    one == on(threads),
+                    "{name}, {mode:?}, {target}: {threads} threads differ from one"
+                );
             }
         }
     }
@@ -175,7 +197,8 @@ fn all_tets_are_positive_and_cover_the_box() {
     for seed in 0..12 {
         let image = noise([9, 8, 10], [1.0, 0.7, 1.4], 2 + seed % 4, seed);
         let refined = refined(&image, &params(0.8 + 0.1 * seed as f64));
-        let (mesh, ..) = improved(&refined, Improve::Full, 10.0 + 2.0 * (seed % 6) as f64, &|| Ok(()));
+        let (mesh, ..) =
+            improved(&refined, Improve::Full, 10.0 + 2.0 * (seed % 6) as f64, &|| Ok(()));
         check_cover(&mesh, refined.box_volume, &format!("noise {seed}"));
     }
 }
@@ -194,7 +217,10 @@ fn an_early_end_leaves_a_valid_mesh() {
         };
         let (mesh, improvement, ended) = improved(&refined, Improve::Full, 20.0, &check_time);
         check_cover(&mesh, refined.box_volume, "ended early");
-        assert!(matches!(ended, Some(Error::TimeLimit(_))) || improvement == complete, "{looks}: {ended:?}");
+        assert!(
+            matches!(ended, Some(Error::TimeLimit(_))) || improvement == complete,
+            "{looks}: {ended:?}"
+        );
         assert!(improvement.counts.operations() >= reached, "{looks}");
         reached = improvement.counts.operations();
     }
@@ -215,12 +241,19 @@ fn check_promises(name: &str, [before, after]: &[Meshing; 2], most_left: usize) 
 }
 
 /// The same, where the volume of a label of 1000 voxels or more may change by so much of it.
-fn check_promises_within(name: &str, [before, after]: [&Meshing; 2], most_left: usize, most_change: f64) {
+fn check_promises_within(
+    name: &str,
+    [before, after]: [&Meshing; 2],
+    most_left: usize,
+    most_change: f64,
+) {
     let of = |meshing: &Meshing| {
-        let Certificate { labels, inverted_tets, orphan_vertices, open_edges, .. } = &meshing.report.certificate;
+        let Certificate { labels, inverted_tets, orphan_vertices, open_edges, .. } =
+            &meshing.report.certificate;
         assert_eq!([*inverted_tets, *orphan_vertices, *open_edges], [0; 3], "{name}");
         let rows = labels.iter().map(|row| {
-            let topology = [row.components_mesh, row.pieces, row.pinched_edges, row.pinched_vertices];
+            let topology =
+                [row.components_mesh, row.pieces, row.pinched_edges, row.pinched_vertices];
             (row.label, topology, row.euler_mesh, row.components_lost, row.components_merged)
         });
         rows.collect::<Vec<_>>()
@@ -229,29 +262,51 @@ fn check_promises_within(name: &str, [before, after]: [&Meshing; 2], most_left: 
     let improvement = &after.report.improvement;
     for (a, b) in before.report.certificate.labels.iter().zip(&after.report.certificate.labels) {
         let change = improvement.counts.volume_of(a.label);
-        assert!((b.mesh_volume - a.mesh_volume - change).abs() <= 1e-9 * a.mesh_volume, "{name}: label {}", a.label);
+        assert!(
+            (b.mesh_volume - a.mesh_volume - change).abs() <= 1e-9 * a.mesh_volume,
+            "{name}: label {}",
+            a.label
+        );
         let most = if a.image_voxels >= 1000 { most_change } else { 2e-2 };
-        assert!(change.abs() <= most * a.mesh_volume, "{name}: label {}: {change} of {}", a.label, a.mesh_volume);
+        assert!(
+            change.abs() <= most * a.mesh_volume,
+            "{name}: label {}: {change} of {}",
+            a.label,
+            a.mesh_volume
+        );
     }
     // Angles, but for those that are listed as they are.
     let mesh = &after.mesh;
     let target = improvement.target;
     let left: BTreeMap<u32, _> = improvement.left.iter().map(|left| (left.tet, left)).collect();
-    assert!(left.len() <= most_left, "{name}: {} tets are left: {:?}", left.len(), improvement.left);
+    assert!(
+        left.len() <= most_left,
+        "{name}: {} tets are left: {:?}",
+        left.len(),
+        improvement.left
+    );
     for (t, tet) in mesh.tets.iter().enumerate().filter(|&(t, _)| mesh.labels[t] != 0) {
         let p = tet.map(|v| mesh.point(v));
         let [least, largest] = angle_range(p);
         let is_below = least < target - 1e-6 || largest > 180.0 - target + 1e-6;
         match left.get(&(t as u32)) {
             Some(left) => {
-                assert!((left.angles[0] - least).abs() < 1e-4 && (left.angles[1] - largest).abs() < 1e-4, "{name}");
+                assert!(
+                    (left.angles[0] - least).abs() < 1e-4
+                        && (left.angles[1] - largest).abs() < 1e-4,
+                    "{name}"
+                );
                 let centroid = p.iter().sum::<DVec3>() / 4.0;
                 assert!(DVec3::from_array(left.position).distance(centroid) < 1e-9, "{name}");
             }
             None => assert!(!is_below, "{name}: tet {t} has angles of {least} to {largest}"),
         }
     }
-    assert!(after.report.quality.min_facet_angle >= 30.0 - 1e-9, "{name}: {}", after.report.quality.min_facet_angle);
+    assert!(
+        after.report.quality.min_facet_angle >= 30.0 - 1e-9,
+        "{name}: {}",
+        after.report.quality.min_facet_angle
+    );
     assert!(after.mesh.tets.len() <= before.mesh.tets.len(), "{name}: more tets than before");
     check_distance(name, before, after);
 }
@@ -279,12 +334,16 @@ fn check_distance(name: &str, before: &Meshing, after: &Meshing) {
     for facet in &after.mesh.facets {
         for p in facet.map(|v| after.mesh.point(v)) {
             let near = cells.get(&cell(p).to_array()).map_or(&[][..], Vec::as_slice);
-            let distances = near.iter().map(|&f| closest_point(&corners(&before.mesh, f), p).distance(p));
+            let distances =
+                near.iter().map(|&f| closest_point(&corners(&before.mesh, f), p).distance(p));
             farthest = farthest.max(distances.fold(f64::INFINITY, f64::min));
         }
     }
     // Flips may have changed the facets beside a vertex before it was moved.
-    assert!(farthest <= 1.5 * most, "{name}: a vertex is {farthest} from the interface, {most} are allowed");
+    assert!(
+        farthest <= 1.5 * most,
+        "{name}: a vertex is {farthest} from the interface, {most} are allowed"
+    );
 }
 
 #[test]
@@ -293,7 +352,8 @@ fn promises_are_kept() {
         // Contacts and corners everywhere, and nothing else: more is left.
         let most_left = if name == "noise" { 400 } else { 10 };
         check_promises(name, &both(&image, &params(delta), Improve::Full), most_left);
-        // Where facets are large for what they bound, a flip changes its volume by more: the shells by 0.25 %.
+        // Where facets are large for what they bound, a flip changes its volume by more: the shells
+        // by 0.25 %.
         let [before, after] = both(&image, &params(3.0 * delta), Improve::Full);
         check_promises_within(name, [&before, &after], most_left, 4e-3);
     }
@@ -321,7 +381,12 @@ fn interfaces_stay_bit_for_bit_where_only_the_interior_is_improved() {
         };
         assert!(facets(&before) == facets(&after), "{name}: the interfaces differ");
         let below = |meshing: &Meshing| meshing.report.quality.dihedral_histogram[0];
-        assert!(below(&after) * 5 < below(&before), "{name}: {} and {}", below(&before), below(&after));
+        assert!(
+            below(&after) * 5 < below(&before),
+            "{name}: {} and {}",
+            below(&before),
+            below(&after)
+        );
         assert_eq!(after.report.improvement.counts.interface_flips, 0);
     }
 }
@@ -329,11 +394,14 @@ fn interfaces_stay_bit_for_bit_where_only_the_interior_is_improved() {
 #[test]
 fn walls_stay_flat() {
     // An object that fills its image: six walls, twelve edges, and interfaces that end at them.
-    let image = sampled([12, 10, 11], [1.0, 1.1, 0.9], |p| 1 + i32::from(p.x + 0.4 * p.y > 0.3)).unwrap();
+    let image =
+        sampled([12, 10, 11], [1.0, 1.1, 0.9], |p| 1 + i32::from(p.x + 0.4 * p.y > 0.3)).unwrap();
     let [before, after] = both(&image, &params(1.3), Improve::Full);
     let bounds = |mesh: &TetMesh| {
         let points = mesh.points.iter().map(|&p| DVec3::from_array(p));
-        points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+        points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| {
+            [low.min(p), high.max(p)]
+        })
     };
     let [low, high] = bounds(&before.mesh);
     assert_eq!(bounds(&after.mesh), [low, high]);
@@ -342,7 +410,11 @@ fn walls_stay_flat() {
         let outer = (0..mesh.facets.len()).filter(|&f| mesh.facet_labels[f][1] == 0);
         let corners = outer.map(|f| mesh.facets[f].map(|v| mesh.point(v)));
         let is_on = |corners: &[DVec3; 3], a: usize, x: f64| corners.iter().all(|p| p[a] == x);
-        corners.filter(|corners| !(0..3).any(|a| is_on(corners, a, low[a]) || is_on(corners, a, high[a]))).count()
+        corners
+            .filter(|corners| {
+                !(0..3).any(|a| is_on(corners, a, low[a]) || is_on(corners, a, high[a]))
+            })
+            .count()
     };
     assert!(off_walls(&after.mesh) <= off_walls(&before.mesh) && off_walls(&before.mesh) < 10);
     let volume = |meshing: &Meshing| meshing.report.certificate.mesh_volume();
@@ -370,7 +442,8 @@ fn background_that_is_kept_does_not_change_the_object() {
         let params = MeshParams { background, ..params(1.2) };
         let mesh = mesh_image(&image, &params, &Monitor::silent()).unwrap().mesh;
         let bits = |v: u32| mesh.points[v as usize].map(f64::to_bits);
-        let mut tets: Vec<_> = mesh.tets.iter().zip(&mesh.labels).filter(|&(_, &label)| label != 0).collect();
+        let mut tets: Vec<_> =
+            mesh.tets.iter().zip(&mesh.labels).filter(|&(_, &label)| label != 0).collect();
         tets.sort_unstable();
         let mut corners: Vec<_> = tets.into_iter().map(|(tet, _)| tet.map(bits)).collect();
         corners.iter_mut().for_each(|tet| tet.sort_unstable());
@@ -395,6 +468,9 @@ fn bad_targets_are_refused() {
         let params = MeshParams { target_dihedral, ..params(1.0) };
         let error = mesh_image(&image, &params, &Monitor::silent()).unwrap_err();
         let message = error.to_string();
-        assert!(matches!(error, Error::InvalidArgument(_)) && message.contains("target dihedral"), "{message}");
+        assert!(
+            matches!(error, Error::InvalidArgument(_)) && message.contains("target dihedral"),
+            "{message}"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Junctions in meshes: lines where three labels or more meet, points where more do, and the sharp edges where the image cuts the object off.
+//! Junctions in meshes: lines where three labels or more meet, points where more do, and the sharp
+//! edges where the image cuts the object off.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -84,17 +85,21 @@ fn junction_points(oracle: &Oracle) -> Vec<(JunctionKind, DVec3)> {
     points
 }
 
-/// Lines of a cell that mirror each other are cut by one plane in points that do, too, and by the next one again: four points in one plane and on one circle.
+/// Lines of a cell that mirror each other are cut by one plane in points that do, too, and by the
+/// next one again: four points in one plane and on one circle.
 #[test]
 fn points_of_lines_lie_on_no_common_planes() {
     const N: usize = 8;
-    let noise = (0..(N * N * N) as u64).map(|at| 1 + (at.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 62) as u16);
+    let noise =
+        (0..(N * N * N) as u64).map(|at| 1 + (at.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 62) as u16);
     let frame = Frame::axis_aligned([1.0; 3]).unwrap();
     let image = LabelImage::from_ids([N; 3], frame, noise.collect(), (0..5).collect()).unwrap();
     let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
     // At walls lines follow the grid.
-    let is_inside = |p: &DVec3| p.cmpgt(DVec3::splat(1.0)).all() && p.cmplt(DVec3::splat(N as f64 - 2.0)).all();
-    let lines = junction_points(&oracle).into_iter().filter(|(kind, _)| *kind == JunctionKind::Line);
+    let is_inside =
+        |p: &DVec3| p.cmpgt(DVec3::splat(1.0)).all() && p.cmplt(DVec3::splat(N as f64 - 2.0)).all();
+    let lines =
+        junction_points(&oracle).into_iter().filter(|(kind, _)| *kind == JunctionKind::Line);
     let points: Vec<DVec3> = lines.map(|(_, p)| p).filter(is_inside).collect();
     assert!(points.len() > 500, "{} points", points.len());
     for axis in 0..3 {
@@ -112,7 +117,8 @@ fn along([p, q]: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
 
 fn run(image: &LabelImage, params: &MeshParams) -> Meshing {
     let meshing = mesh_image(image, params, &Monitor::silent()).unwrap_or_else(|e| panic!("{e}"));
-    // Points on both sides of a right edge mirror each other: four of them may lie in one plane and on one circle, but for rounding.
+    // Points on both sides of a right edge mirror each other: four of them may lie in one plane and
+    // on one circle, but for rounding.
     let [r1, r2, r3, r4, r5, r6] = meshing.report.unmet;
     assert_eq!([r1, r2, r3, r5, r6], [0; 5], "unmet rules");
     assert!(r4 <= 1, "R4 is unmet {r4} times");
@@ -132,15 +138,25 @@ fn frames() -> [Frame; 3] {
     let turn = glam::DMat3::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -0.7).to_cols_array_2d();
     [
         Frame::axis_aligned([1.0; 3]).unwrap(),
-        Frame::new([-3.3, 7.7, 0.1], [0.7, 0.9, 1.3], [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]).unwrap(),
+        Frame::new(
+            [-3.3, 7.7, 0.1],
+            [0.7, 0.9, 1.3],
+            [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]],
+        )
+        .unwrap(),
         Frame::new([10.0, -20.0, 5.0], [1.0, 0.8, 0.9], turn).unwrap(),
     ]
 }
 
-/// Octants of a box of `n` voxels along each axis, which fill the image; labels 1 to 8, by bits: x, y, z in the upper half.
+/// Octants of a box of `n` voxels along each axis, which fill the image; labels 1 to 8, by bits: x,
+/// y, z in the upper half.
 fn octants(n: usize, frame: Frame) -> LabelImage {
-    let ids = (0..n * n * n)
-        .map(|at| 1 + [at % n, at / n % n, at / n / n].iter().rev().fold(0, |id, &c| 2 * id + u16::from(2 * c >= n)));
+    let ids = (0..n * n * n).map(|at| {
+        1 + [at % n, at / n % n, at / n / n]
+            .iter()
+            .rev()
+            .fold(0, |id, &c| 2 * id + u16::from(2 * c >= n))
+    });
     LabelImage::from_ids([n; 3], frame, ids.collect(), (0..9).collect()).unwrap()
 }
 
@@ -155,7 +171,8 @@ fn eight_cubes_meet_at_a_point() {
             let half = 0.5 * N as f64;
             // From the centre, in voxels.
             let place = |p: DVec3| frame.to_index(p) - (half - 0.5);
-            let nearest = mesh.points.iter().map(|&p| place(p.into()).length()).fold(f64::INFINITY, f64::min);
+            let nearest =
+                mesh.points.iter().map(|&p| place(p.into()).length()).fold(f64::INFINITY, f64::min);
             assert!(nearest < 0.02, "the nearest vertex is {nearest} voxels from the centre");
             let (mut worst, mut inner) = (0.0_f64, 0.0);
             for edge in junction_edges(&mesh) {
@@ -172,13 +189,22 @@ fn eight_cubes_meet_at_a_point() {
                 }
             }
             println!(
-                "delta {delta}: edges with three labels up to {worst} voxels off lines, {inner} long along axes; volume off by {:e}",
+                "delta {delta}: edges with three labels up to {worst} voxels off lines, {inner} \
+                 long along axes; volume off by {:e}",
                 volume(&mesh) / (frame.spacing().element_product() * (N * N * N) as f64) - 1.0
             );
             assert!(worst < 0.03, "an edge with three labels is {worst} voxels from all lines");
-            assert!((inner - 6.0 * half).abs() < 0.02, "mesh edges along the six lines: {inner} voxels");
+            assert!(
+                (inner - 6.0 * half).abs() < 0.02,
+                "mesh edges along the six lines: {inner} voxels"
+            );
             for row in &report.certificate.labels {
-                assert_eq!((row.components_image, row.components_mesh), (1, 1), "parts of label {}", row.label);
+                assert_eq!(
+                    (row.components_image, row.components_mesh),
+                    (1, 1),
+                    "parts of label {}",
+                    row.label
+                );
                 assert_eq!(row.euler_mesh, 2, "Euler characteristic of label {}", row.label);
             }
         }
@@ -192,36 +218,47 @@ fn sectors_meet_in_a_chain_of_edges() {
     let cloud = Cloud::new(1.0, junction_points(&oracle).into_iter().map(|(_, p)| p));
     for delta in [1.0, 2.0] {
         let Meshing { mesh, .. } = run(&image, &params(delta));
-        let mut off: Vec<f64> =
-            junction_edges(&mesh).into_iter().flat_map(along).map(|p| cloud.distance(p, 10.0) / delta).collect();
+        let mut off: Vec<f64> = junction_edges(&mesh)
+            .into_iter()
+            .flat_map(along)
+            .map(|p| cloud.distance(p, 10.0) / delta)
+            .collect();
         off.sort_by(f64::total_cmp);
         let (most, worst) = (off[off.len() * 19 / 20], off[off.len() - 1]);
-        println!("delta {delta}: edges with three labels up to {most} deltas off lines, the worst {worst}");
+        println!(
+            "delta {delta}: edges with three labels up to {most} deltas off lines, the worst \
+             {worst}"
+        );
         assert!(most < 0.2 && worst < 0.55, "{most} deltas off lines, the worst {worst}");
     }
 }
 
 /// The mesh of a box that fills its image.
 fn assert_box(dims: [usize; 3], frame: Frame, params: &MeshParams) {
-    let image = LabelImage::from_ids(dims, frame, vec![1; dims.iter().product()], vec![0, 7]).unwrap();
+    let image =
+        LabelImage::from_ids(dims, frame, vec![1; dims.iter().product()], vec![0, 7]).unwrap();
     let Meshing { mesh, report, .. } = run(&image, params);
     let size = DVec3::from(dims.map(|n| n as f64));
     let place = |v: u32| frame.to_index(mesh.point(v)) + 0.5;
-    let on_walls = |x: DVec3| (0..3).filter(|&a| x[a].abs() < 1e-9 || (x[a] - size[a]).abs() < 1e-9).count();
+    let on_walls =
+        |x: DVec3| (0..3).filter(|&a| x[a].abs() < 1e-9 || (x[a] - size[a]).abs() < 1e-9).count();
     // Mesh edges along the edges of the box, each beside two facets.
     let mut edges = BTreeMap::new();
     let mut corners = BTreeSet::new();
     for facet in &mesh.facets {
         let at = facet.map(place);
-        let flat =
-            (0..3).any(|a| at.iter().all(|x| x[a].abs() < 1e-9) || at.iter().all(|x| (x[a] - size[a]).abs() < 1e-9));
+        let flat = (0..3).any(|a| {
+            at.iter().all(|x| x[a].abs() < 1e-9) || at.iter().all(|x| (x[a] - size[a]).abs() < 1e-9)
+        });
         assert!(flat, "a facet is on no wall: {at:?}");
         for n in 0..3 {
             let (p, q) = (at[n], at[(n + 1) % 3]);
             if on_walls(p) == 3 {
                 corners.insert(facet[n]);
             }
-            let common = |a: usize| (p[a] - q[a]).abs() < 1e-9 && (p[a].abs() < 1e-9 || (p[a] - size[a]).abs() < 1e-9);
+            let common = |a: usize| {
+                (p[a] - q[a]).abs() < 1e-9 && (p[a].abs() < 1e-9 || (p[a] - size[a]).abs() < 1e-9)
+            };
             if (0..3).filter(|&a| common(a)).count() == 2 {
                 let mut edge = [facet[n], facet[(n + 1) % 3]];
                 edge.sort_unstable();
@@ -231,7 +268,10 @@ fn assert_box(dims: [usize; 3], frame: Frame, params: &MeshParams) {
     }
     assert_eq!(corners.len(), 8, "corners of the box");
     let total: f64 = edges.values().sum();
-    assert!((total / (4.0 * size.element_sum()) - 1.0).abs() < 1e-9, "{total} voxels of {size} along edges");
+    assert!(
+        (total / (4.0 * size.element_sum()) - 1.0).abs() < 1e-9,
+        "{total} voxels of {size} along edges"
+    );
     let exact = frame.spacing().element_product() * size.element_product();
     assert!((volume(&mesh) / exact - 1.0).abs() < 1e-9, "volume {} of {exact}", volume(&mesh));
     assert_eq!(report.certificate.labels[0].euler_mesh, 2);
@@ -263,7 +303,10 @@ fn cut_ball(radius: f64, frame: Frame) -> LabelImage {
 #[test]
 fn a_cut_ball_has_a_flat_wall_with_a_sharp_rim() {
     const RADIUS: f64 = 9.0;
-    for frame in [frames()[0], Frame::new([0.0; 3], [1.0; 3], frames()[2].direction().to_cols_array_2d()).unwrap()] {
+    for frame in [
+        frames()[0],
+        Frame::new([0.0; 3], [1.0; 3], frames()[2].direction().to_cols_array_2d()).unwrap(),
+    ] {
         let image = cut_ball(RADIUS, frame);
         for delta in [1.0, 1.5] {
             let Meshing { mesh, report, .. } = run(&image, &params(delta));
@@ -285,9 +328,15 @@ fn a_cut_ball_has_a_flat_wall_with_a_sharp_rim() {
             );
             assert!(tilted < 1e-9, "the wall deviates by {tilted} voxels");
             if frame.direction() == glam::DMat3::IDENTITY {
-                assert!(mesh.points.iter().all(|p| p[0] == -0.5 || p[0] > -0.45), "vertices beside the wall");
+                assert!(
+                    mesh.points.iter().all(|p| p[0] == -0.5 || p[0] > -0.45),
+                    "vertices beside the wall"
+                );
             }
-            assert!((area / disc - 1.0).abs() < 0.03, "area of the wall: {area}, of the disc {disc}");
+            assert!(
+                (area / disc - 1.0).abs() < 0.03,
+                "area of the wall: {area}, of the disc {disc}"
+            );
             assert_eq!(report.certificate.labels[0].euler_mesh, 2);
         }
     }
@@ -299,7 +348,11 @@ fn a_smooth_border_rounds_the_box() {
     let image = LabelImage::from_ids([8; 3], frame, vec![1; 512], vec![0, 1]).unwrap();
     let smooth = MeshParams { border: ImageBorder::Smooth, ..params(1.0) };
     let Meshing { mesh, report, .. } = run(&image, &smooth);
-    let corner = mesh.points.iter().map(|&p| DVec3::from(p).distance(DVec3::splat(-0.5))).fold(f64::INFINITY, f64::min);
+    let corner = mesh
+        .points
+        .iter()
+        .map(|&p| DVec3::from(p).distance(DVec3::splat(-0.5)))
+        .fold(f64::INFINITY, f64::min);
     assert!(corner > 0.2, "a vertex {corner} from the corner");
     assert!((volume(&mesh) / 512.0 - 1.0).abs() < 0.03, "volume {}", volume(&mesh));
     assert_eq!(report.certificate.labels[0].euler_mesh, 2);
@@ -309,8 +362,10 @@ fn a_smooth_border_rounds_the_box() {
 #[test]
 #[ignore = "a minute or more for each: the figures of docs/design-notes.md"]
 fn figures_of_the_atlases() {
-    let images = std::env::var_os("LAPD_IMAGES")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"), PathBuf::from);
+    let images = std::env::var_os("LAPD_IMAGES").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"),
+        PathBuf::from,
+    );
     let paths = [
         images.join("spl/brain.nrrd"),
         images.join("spl/abdomen.nrrd"),
@@ -330,28 +385,41 @@ fn figures_of_the_atlases() {
         for voxels in [1.0, 2.0] {
             let delta = voxels * voxel;
             let params = MeshParams { delta, size: 2.0 * delta, ..MeshParams::default() };
-            let Meshing { mesh, report, .. } = mesh_image(&image, &params, &Monitor::silent()).unwrap();
+            let Meshing { mesh, report, .. } =
+                mesh_image(&image, &params, &Monitor::silent()).unwrap();
             let edges = junction_edges(&mesh);
-            let mut far: Vec<f64> =
-                edges.iter().flat_map(|&edge| along(edge)).map(|p| cloud.distance(p, 10.0 * voxel) / voxel).collect();
+            let mut far: Vec<f64> = edges
+                .iter()
+                .flat_map(|&edge| along(edge))
+                .map(|p| cloud.distance(p, 10.0 * voxel) / voxel)
+                .collect();
             far.sort_by(f64::total_cmp);
             let mean = far.iter().sum::<f64>() / far.len() as f64;
             let quantile = |q: f64| far[(q * (far.len() - 1) as f64) as usize];
             let mesh_cloud = Cloud::new(
                 voxel,
-                edges.iter().flat_map(|&[p, q]| (0..=16).map(move |n| p.lerp(q, f64::from(n) / 16.0))),
+                edges
+                    .iter()
+                    .flat_map(|&[p, q]| (0..=16).map(move |n| p.lerp(q, f64::from(n) / 16.0))),
             );
-            let mut back: Vec<f64> =
-                points.iter().step_by(7).map(|&p| mesh_cloud.distance(p, 10.0 * voxel) / voxel).collect();
+            let mut back: Vec<f64> = points
+                .iter()
+                .step_by(7)
+                .map(|&p| mesh_cloud.distance(p, 10.0 * voxel) / voxel)
+                .collect();
             back.sort_by(f64::total_cmp);
             let back_mean = back.iter().sum::<f64>() / back.len() as f64;
             let off = |p: DVec3| cloud.distance(p, voxel) > 0.06 * voxel;
-            let count = |n: usize| edges.iter().filter(|e| e.iter().filter(|&&p| off(p)).count() == n).count();
+            let count = |n: usize| {
+                edges.iter().filter(|e| e.iter().filter(|&&p| off(p)).count() == n).count()
+            };
             println!("edges with 0, 1, 2 ends off lines: {} {} {}", count(0), count(1), count(2));
             let certificate = &report.certificate;
             println!(
-                "{} delta {voxels}: {} tets, {} facets, {} junction edges; to lines: mean {mean:.3} median {:.3} 90% {:.3} 99% {:.3} max {:.3}; \
-                 from lines: mean {back_mean:.3} 90% {:.3} 99% {:.3}; unmet {:?} angles {:.2} {:.2} ratio {:.3} refine {:.2} s defects {} mesh->image {:.3} {:.3}  image->mesh {:.3} {:.3}",
+                "{} delta {voxels}: {} tets, {} facets, {} junction edges; to lines: mean \
+                 {mean:.3} median {:.3} 90% {:.3} 99% {:.3} max {:.3}; from lines: mean \
+                 {back_mean:.3} 90% {:.3} 99% {:.3}; unmet {:?} angles {:.2} {:.2} ratio {:.3} \
+                 refine {:.2} s defects {} mesh->image {:.3} {:.3}  image->mesh {:.3} {:.3}",
                 path.file_name().unwrap().display(),
                 mesh.tets.len(),
                 mesh.facets.len(),

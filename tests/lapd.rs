@@ -1,5 +1,7 @@
-//! LAPD under stress, as `tests/podm.rs` does it for PODM: what the threads of several memory nodes make against what one thread makes, on synthetic machines with many more cores than
-//! there are processors; every way in which a run can end early; one memory node; and where the memory was that operations visited.
+//! LAPD under stress, as `tests/podm.rs` does it for PODM: what the threads of several memory nodes
+//! make against what one thread makes, on synthetic machines with many more cores than there are
+//! processors; every way in which a run can end early; one memory node; and where the memory was
+//! that operations visited.
 
 mod refining;
 
@@ -32,8 +34,10 @@ fn accesses(outcome: &Outcome) -> Accesses {
 fn many_short_runs_on_several_nodes_end_in_clean_meshes() {
     let _watchdog = Watchdog::new("many_short_runs_on_several_nodes_end_in_clean_meshes");
     let subjects = small_subjects();
-    let alone: Vec<Outcome> = subjects.iter().map(|subject| outcome(subject, &Schedule::solo(), true)).collect();
-    let runs = std::env::var("LAPD_STRESS_RUNS").map_or(RUNS, |runs| runs.parse().expect("LAPD_STRESS_RUNS: a number"));
+    let alone: Vec<Outcome> =
+        subjects.iter().map(|subject| outcome(subject, &Schedule::solo(), true)).collect();
+    let runs = std::env::var("LAPD_STRESS_RUNS")
+        .map_or(RUNS, |runs| runs.parse().expect("LAPD_STRESS_RUNS: a number"));
     let mut lost = Overhead::default();
     for run in 0..runs {
         let (nodes, rest) = ([2, 4, 8][run % 3], run / 3);
@@ -57,10 +61,12 @@ fn many_short_runs_on_several_nodes_end_in_clean_meshes() {
 
 #[test]
 fn several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory() {
-    let _watchdog = Watchdog::new("several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory");
+    let _watchdog =
+        Watchdog::new("several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory");
     let subject = large_subject();
     let alone = outcome(&subject, &Schedule::solo(), true);
-    // At most half of PODM's usual share, which depends on which threads the system lets run; that of LAPD does so only where it keeps some off the processors for long, hence several tries.
+    // At most half of PODM's usual share, which depends on which threads the system lets run; that
+    // of LAPD does so only where it keeps some off the processors for long, hence several tries.
     for (name, machine, threads, most) in [
         ("2 nodes of 2", Machine::uniform(2, 2), 4, 12.0),
         ("4 nodes of 2", Machine::uniform(4, 2), 8, 19.0),
@@ -70,8 +76,11 @@ fn several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory() {
     ] {
         let share = |algorithm| {
             let machine = machine.clone();
-            let schedule =
-                Schedule { algorithm, count_accesses: true, ..team(machine, threads, Contention::default()) };
+            let schedule = Schedule {
+                algorithm,
+                count_accesses: true,
+                ..team(machine, threads, Contention::default())
+            };
             let together = outcome(&subject, &schedule, true);
             assert_alike(subject.name, &alone, &together, 0.03, 0.3);
             let ratio = alone.quality.mean_radius_edge / together.quality.mean_radius_edge;
@@ -100,10 +109,12 @@ fn nodes_insert_the_samples_of_their_regions() {
         let schedule = Schedule { halving, ..team(Machine::uniform(4, 1), 4, Contention::Local) };
         let together = outcome(&subject, &schedule, true);
         assert_alike(subject.name, &alone, &together, 0.02, 0.25);
-        let parts: Vec<u64> = together.refinement.threads.iter().map(|thread| thread.work.by_rule[0]).collect();
+        let parts: Vec<u64> =
+            together.refinement.threads.iter().map(|thread| thread.work.by_rule[0]).collect();
         let mean = parts.iter().sum::<u64>() as f64 / 4.0;
         println!("halving {halving}: samples by node: {parts:?}");
-        // Those that each pair of nodes may share are a quarter, those that all may share a part of the rest.
+        // Those that each pair of nodes may share are a quarter, those that all may share a part of
+        // the rest.
         let spread = if halving { 0.8 } else { 0.3 };
         assert!(parts.iter().all(|&part| (part as f64 / mean - 1.0).abs() < spread), "{parts:?}");
     }
@@ -114,7 +125,13 @@ fn on_one_node_it_is_podm() {
     let Subject { image, params, .. } = &small_subjects()[0];
     let mesh = |params: &MeshParams| {
         let made = mesh_image(image, params, &Monitor::silent()).unwrap();
-        (made.mesh.points, made.mesh.tets, made.mesh.labels, made.report.operations, made.report.work)
+        (
+            made.mesh.points,
+            made.mesh.tets,
+            made.mesh.labels,
+            made.report.operations,
+            made.report.work,
+        )
     };
     let podm = mesh(params);
     let machine = Some(Machine::uniform(4, 2));
@@ -145,7 +162,8 @@ fn visits_are_counted_by_hops_when_asked() {
     let sum = accesses(&counted);
     let counters = counted.refinement.counters;
     assert_eq!(sum.by_hops.len(), 4);
-    // The first and the last node are neighbours of each other too; all tets that are tested and made are visited, and their vertices.
+    // The first and the last node are neighbours of each other too; all tets that are tested and
+    // made are visited, and their vertices.
     assert!(sum.by_hops.iter().all(|&visits| visits > 0), "{sum:?}");
     assert!(sum.local() + sum.remote() > counters.in_sphere_tests + counters.created);
     assert!(sum.remote() <= sum.hops() && sum.hops() <= 3 * sum.remote());

@@ -1,4 +1,5 @@
-//! The oracle against definitions evaluated by brute force, on random images: anisotropic, rotated, cut by the border, both models.
+//! The oracle against definitions evaluated by brute force, on random images: anisotropic, rotated,
+//! cut by the border, both models.
 
 use glam::{DMat3, DVec3};
 use lapd::{
@@ -14,7 +15,8 @@ struct Random(u64);
 
 impl Random {
     fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1_u64 << 53) as f64
     }
 
@@ -33,7 +35,12 @@ impl Random {
     }
 
     fn frame(&mut self) -> Frame {
-        let turn = DMat3::from_euler(glam::EulerRot::XYZ, self.unit() * 6.0, self.unit() * 6.0, self.unit() * 6.0);
+        let turn = DMat3::from_euler(
+            glam::EulerRot::XYZ,
+            self.unit() * 6.0,
+            self.unit() * 6.0,
+            self.unit() * 6.0,
+        );
         let mut axes = turn.to_cols_array_2d();
         if self.unit() < 0.5 {
             axes[2] = axes[2].map(|c| -c);
@@ -42,7 +49,8 @@ impl Random {
         Frame::new((self.point() * 100.0 - 50.0).to_array(), spacing, axes).unwrap()
     }
 
-    /// Blocks of labels with noise on top: flat interfaces, lines and points where labels meet, single voxels; up to the border.
+    /// Blocks of labels with noise on top: flat interfaces, lines and points where labels meet,
+    /// single voxels; up to the border.
     fn image(&mut self) -> LabelImage {
         let dims = [0; 3].map(|_: i32| 1 + self.below(8));
         let cut = [0; 3].map(|_: i32| self.below(8));
@@ -51,7 +59,8 @@ impl Random {
         for z in 0..dims[2] {
             for y in 0..dims[1] {
                 for x in 0..dims[0] {
-                    let block = u16::from(x > cut[0]) + u16::from(y > cut[1]) + u16::from(z > cut[2]);
+                    let block =
+                        u16::from(x > cut[0]) + u16::from(y > cut[1]) + u16::from(z > cut[2]);
                     ids.push(if self.unit() < noise { self.below(5) as u16 } else { block });
                 }
             }
@@ -70,15 +79,21 @@ fn voxel(image: &LabelImage, at: [i64; 3]) -> u16 {
     image.ids()[(at[0] + dims[0] * (at[1] + dims[1] * at[2])) as usize]
 }
 
-/// By how much the indicator of the voxel at corner `own` is raised in its octant of a cell: near the centres of faces around which two labels alternate, and of cells whose faces do not join a label's corners as a tree.
+/// By how much the indicator of the voxel at corner `own` is raised in its octant of a cell: near
+/// the centres of faces around which two labels alternate, and of cells whose faces do not join a
+/// label's corners as a tree.
 fn bonus(corners: &[u16; 8], own: usize, f: DVec3) -> f64 {
     let alternates = |axis: usize, side: usize| {
         let [c, u, v] = [side << axis, 1 << ((axis + 1) % 3), 1 << ((axis + 2) % 3)];
-        corners[c] == corners[c | u | v] && corners[c | u] == corners[c | v] && corners[c] != corners[c | u]
+        corners[c] == corners[c | u | v]
+            && corners[c | u] == corners[c | v]
+            && corners[c] != corners[c | u]
     };
     // From 0 at the voxel's centre to 1 at the cell's.
     let near = [0, 1, 2].map(|a| 2.0 * f[a].min(1.0 - f[a]));
-    let at_face = |axis: usize| (0..3).map(|a| if a == axis { 1.0 - near[a] } else { near[a] }).product::<f64>();
+    let at_face = |axis: usize| {
+        (0..3).map(|a| if a == axis { 1.0 - near[a] } else { near[a] }).product::<f64>()
+    };
     let faces = (0..3).filter(|&axis| alternates(axis, own >> axis & 1)).map(at_face).sum::<f64>();
     let needs_center = |label: u16| {
         let pairs = || {
@@ -96,11 +111,14 @@ fn bonus(corners: &[u16; 8], own: usize, f: DVec3) -> f64 {
         // Across a face, of which the other two corners have other labels.
         let across = |[c, d]: [usize; 2]| {
             let e = (c ^ d) & (c ^ d).wrapping_neg();
-            ((c ^ d).count_ones() == 2 && pieces[c] != pieces[d]).then(|| [corners[c ^ e], corners[d ^ e]])
+            ((c ^ d).count_ones() == 2 && pieces[c] != pieces[d])
+                .then(|| [corners[c ^ e], corners[d ^ e]])
         };
-        let is_joined = |pair| across(pair).is_some_and(|[x, y]| x != label && y != label && x != y);
+        let is_joined =
+            |pair| across(pair).is_some_and(|[x, y]| x != label && y != label && x != y);
         pairs().filter(|&pair| is_joined(pair)).for_each(|pair| join(&mut set, pair));
-        for pair in pairs().filter(|&pair| across(pair).is_some_and(|[x, y]| x != label && x == y)) {
+        for pair in pairs().filter(|&pair| across(pair).is_some_and(|[x, y]| x != label && x == y))
+        {
             if set[pair[0]] == set[pair[1]] {
                 return true;
             }
@@ -112,7 +130,8 @@ fn bonus(corners: &[u16; 8], own: usize, f: DVec3) -> f64 {
     4.0 * (faces + if center { near.iter().product::<f64>() } else { 0.0 })
 }
 
-/// The label by definition, and by how much it is ahead of the next (smooth), or how far the next voxel is (voxel model, without weights; in voxels).
+/// The label by definition, and by how much it is ahead of the next (smooth), or how far the next
+/// voxel is (voxel model, without weights; in voxels).
 fn naive(image: &LabelImage, weights: &[f32], p: DVec3) -> (u16, f64) {
     let x = image.frame().to_index(p);
     if weights.is_empty() {
@@ -120,7 +139,8 @@ fn naive(image: &LabelImage, weights: &[f32], p: DVec3) -> (u16, f64) {
         let ahead = (0..3).map(|a| (at[a] - at[a].round()).abs()).fold(1.0, f64::min);
         return (voxel(image, [0, 1, 2].map(|a| at[a].floor() as i64)), ahead);
     }
-    // The image ends half a voxel beyond its outermost centres; up to there a point has the label of its projection onto these.
+    // The image ends half a voxel beyond its outermost centres; up to there a point has the label
+    // of its projection onto these.
     let last = DVec3::from(image.dims().map(|n| n as f64 - 1.0));
     let inside = (x + 0.5).min(last + 0.5 - x).min_element();
     if inside < 0.0 {
@@ -135,7 +155,9 @@ fn naive(image: &LabelImage, weights: &[f32], p: DVec3) -> (u16, f64) {
         let weight: f64 = (0..3).map(|a| if bit[a] == 1 { f[a] } else { 1.0 - f[a] }).product();
         sums[usize::from(voxel(image, [0, 1, 2].map(|a| low[a] as i64 + bit[a])))] += weight;
     }
-    let corners = std::array::from_fn(|c| voxel(image, [0, 1, 2].map(|a| low[a] as i64 + (c >> a & 1) as i64)));
+    let corners = std::array::from_fn(|c| {
+        voxel(image, [0, 1, 2].map(|a| low[a] as i64 + (c >> a & 1) as i64))
+    });
     let own = (0..3).fold(0, |own, a| own | usize::from(f[a] > 0.5) << a);
     sums[usize::from(corners[own])] += bonus(&corners, own, f);
     sums.iter_mut().zip(weights).for_each(|(sum, &w)| *sum *= f64::from(w));
@@ -169,7 +191,8 @@ fn surface_points(
         let (a, b) = (random.near(image, 1.0), random.near(image, 1.0));
         let steps = 200;
         for n in 0..steps {
-            let (mut p, mut q) = (a.lerp(b, n as f64 / steps as f64), a.lerp(b, (n + 1) as f64 / steps as f64));
+            let (mut p, mut q) =
+                (a.lerp(b, n as f64 / steps as f64), a.lerp(b, (n + 1) as f64 / steps as f64));
             let from = label(p);
             if label(q) != from {
                 for _ in 0..30 {
@@ -208,7 +231,9 @@ fn labels_are_the_definition() {
     });
 }
 
-/// Where the oracle's label changes a voxel is near that has another label than one beside it: weights, and what is done around contacts, move no interface into the middle of a label's voxels.
+/// Where the oracle's label changes a voxel is near that has another label than one beside it:
+/// weights, and what is done around contacts, move no interface into the middle of a label's
+/// voxels.
 #[test]
 fn every_change_of_label_has_a_surface_voxel_within_half_a_diagonal() {
     let mut points = 0;
@@ -220,7 +245,11 @@ fn every_change_of_label_has_a_surface_voxel_within_half_a_diagonal() {
             let near = image.frame().to_index(x).round();
             let mut nearest = f64::INFINITY;
             for c in 0..27 {
-                let v = [near.x as i64 + c % 3 - 1, near.y as i64 + c / 3 % 3 - 1, near.z as i64 + c / 9 - 1];
+                let v = [
+                    near.x as i64 + c % 3 - 1,
+                    near.y as i64 + c / 3 % 3 - 1,
+                    near.z as i64 + c / 9 - 1,
+                ];
                 let differs = (0..6).any(|n| {
                     let mut w = v;
                     w[n / 2] += if n % 2 == 0 { 1 } else { -1 };
@@ -237,7 +266,8 @@ fn every_change_of_label_has_a_surface_voxel_within_half_a_diagonal() {
     assert!(points > 1000, "{points} changes of label");
 }
 
-/// Whether a cell at most `rings` cells away from the cell of `p` along each axis has several labels.
+/// Whether a cell at most `rings` cells away from the cell of `p` along each axis has several
+/// labels.
 fn has_surface(image: &LabelImage, p: DVec3, rings: i64) -> bool {
     let cell = image.frame().to_index(p).floor().as_i64vec3().to_array();
     let block = |a: usize| cell[a] - rings..=cell[a] + 1 + rings;
@@ -273,7 +303,10 @@ fn clearance_is_a_lower_bound_and_not_a_poor_one() {
             let least = (0..3).find(|&rings| has_surface(image, p, rings)).unwrap_or(3) - 1;
             if is_in_region(image, p) {
                 let spacing = image.frame().spacing().min_element();
-                assert!(clearance >= least as f64 * spacing - 1e-6, "{model:?}: clearance {clearance}, {least} cells");
+                assert!(
+                    clearance >= least as f64 * spacing - 1e-6,
+                    "{model:?}: clearance {clearance}, {least} cells"
+                );
             }
         }
     });
@@ -297,7 +330,10 @@ fn first_crossings_are_the_first_change_of_label() {
             let Some(crossing) = found else {
                 if let Some(t) = change {
                     let (_, ahead) = naive(image, oracle.weights(), a.lerp(b, t));
-                    assert!(ahead < 1e-4, "{model:?}: a change at {t} was missed, ahead by {ahead}");
+                    assert!(
+                        ahead < 1e-4,
+                        "{model:?}: a change at {t} was missed, ahead by {ahead}"
+                    );
                 }
                 assert_eq!(oracle.label(b), from);
                 continue;
@@ -306,7 +342,11 @@ fn first_crossings_are_the_first_change_of_label() {
             assert!((a.lerp(b, t) - crossing.point).length() < 1e-9);
             assert_eq!(crossing.from, from);
             assert_ne!(crossing.to, from);
-            assert!(is_on_surface(oracle, image, crossing.point, 1e-3), "{model:?}: {a} {b} gave {}", crossing.point);
+            assert!(
+                is_on_surface(oracle, image, crossing.point, 1e-3),
+                "{model:?}: {a} {b} gave {}",
+                crossing.point
+            );
             match change {
                 Some(change) if (change - t).abs() * voxels <= 5e-3 => {}
                 Some(change) if change < t => {
@@ -318,7 +358,9 @@ fn first_crossings_are_the_first_change_of_label() {
         }
     });
     // Shorter stays than the samples resolve are found too.
-    println!("{segments} segments, {earlier} with a crossing that sampling at 1/300 voxel did not see");
+    println!(
+        "{segments} segments, {earlier} with a crossing that sampling at 1/300 voxel did not see"
+    );
     assert!(earlier * 200 < segments);
 }
 
@@ -327,7 +369,8 @@ fn segments_that_end_in_another_label_always_cross() {
     cases(60, |random, image, _, oracle| {
         let frame = image.frame();
         // Points on voxel centres, faces, edges and corners, where ties are.
-        let mut snapped = || frame.to_world((frame.to_index(random.near(image, 2.0)) * 2.0).round() / 2.0);
+        let mut snapped =
+            || frame.to_world((frame.to_index(random.near(image, 2.0)) * 2.0).round() / 2.0);
         for _ in 0..200 {
             let (a, b) = (snapped(), snapped());
             let crossing = oracle.first_crossing(a, b);
@@ -365,15 +408,24 @@ fn far_and_broken_points_are_answered() {
 
 #[test]
 fn one_label_to_the_border_is_a_box() {
-    let image = LabelImage::from_ids([4, 3, 2], Frame::axis_aligned([1.0, 2.0, 3.0]).unwrap(), vec![1; 24], vec![0, 7])
-        .unwrap();
+    let image = LabelImage::from_ids(
+        [4, 3, 2],
+        Frame::axis_aligned([1.0, 2.0, 3.0]).unwrap(),
+        vec![1; 24],
+        vec![0, 7],
+    )
+    .unwrap();
     for model in MODELS {
         let oracle = Oracle::new(&image, model, &|| Ok(())).unwrap();
-        let crossing = oracle.first_crossing(DVec3::new(1.0, 2.0, 1.5), DVec3::new(11.0, 2.0, 1.5)).unwrap();
+        let crossing =
+            oracle.first_crossing(DVec3::new(1.0, 2.0, 1.5), DVec3::new(11.0, 2.0, 1.5)).unwrap();
         assert!((crossing.point.x - 3.5).abs() < 1e-9, "{model:?}: {}", crossing.point);
         assert_eq!((crossing.from, crossing.to), (1, 0));
         let [low, high] = oracle.bounds();
-        assert!(low.cmple(DVec3::new(-0.5, -1.0, -1.5)).all() && high.cmpge(DVec3::new(3.5, 5.0, 4.5)).all());
+        assert!(
+            low.cmple(DVec3::new(-0.5, -1.0, -1.5)).all()
+                && high.cmpge(DVec3::new(3.5, 5.0, 4.5)).all()
+        );
     }
 }
 
@@ -381,7 +433,13 @@ fn one_label_to_the_border_is_a_box() {
 fn empty_images_and_cancelling_are_errors() {
     let frame = Frame::axis_aligned([1.0; 3]).unwrap();
     let empty = LabelImage::from_ids([3, 3, 3], frame, vec![0; 27], vec![0]).unwrap();
-    assert!(matches!(Oracle::new(&empty, SurfaceModel::Smooth, &|| Ok(())), Err(Error::EmptyImage)));
+    assert!(matches!(
+        Oracle::new(&empty, SurfaceModel::Smooth, &|| Ok(())),
+        Err(Error::EmptyImage)
+    ));
     let full = LabelImage::from_ids([3, 3, 3], frame, vec![1; 27], vec![0, 1]).unwrap();
-    assert!(matches!(Oracle::new(&full, SurfaceModel::Smooth, &|| Err(Error::Cancelled)), Err(Error::Cancelled)));
+    assert!(matches!(
+        Oracle::new(&full, SurfaceModel::Smooth, &|| Err(Error::Cancelled)),
+        Err(Error::Cancelled)
+    ));
 }

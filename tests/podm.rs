@@ -1,10 +1,13 @@
-//! Parallel refinement under stress: many threads on few processors, every contention manager, both begging schemes, on small phantoms; what several threads make against what one
-//! makes; and every way in which a run can end early.
+//! Parallel refinement under stress: many threads on few processors, every contention manager, both
+//! begging schemes, on small phantoms; what several threads make against what one makes; and every
+//! way in which a run can end early.
 //!
-//! After each run the validator goes over the triangulation, no tet may be owned, no rule unmet, and the certificate of the mesh must be clean.
+//! After each run the validator goes over the triangulation, no tet may be owned, no rule unmet,
+//! and the certificate of the mesh must be clean.
 //!
-//! With the feature `force-conflicts` the same tests run while locks are refused at random at every step of an operation. `LAPD_STRESS_RUNS` is the number of
-//! runs of the stress test, for builds that are slow (`verification/run.sh`).
+//! With the feature `force-conflicts` the same tests run while locks are refused at random at every
+//! step of an operation. `LAPD_STRESS_RUNS` is the number of runs of the stress test, for builds
+//! that are slow (`verification/run.sh`).
 
 mod refining;
 
@@ -25,15 +28,23 @@ const SCHEMES: [Begging; 2] = [Begging::ByLevel, Begging::Flat];
 
 fn team(threads: usize, contention: Contention, begging: Begging) -> Schedule {
     // Two nodes, so that begging has levels.
-    Schedule { threads, contention, begging, machine: Machine::uniform(2, threads.div_ceil(2)), ..Schedule::solo() }
+    Schedule {
+        threads,
+        contention,
+        begging,
+        machine: Machine::uniform(2, threads.div_ceil(2)),
+        ..Schedule::solo()
+    }
 }
 
 #[test]
 fn many_short_runs_end_in_clean_meshes() {
     let _watchdog = Watchdog::new("many_short_runs_end_in_clean_meshes");
     let subjects = small_subjects();
-    let alone: Vec<Outcome> = subjects.iter().map(|subject| outcome(subject, &Schedule::solo(), true)).collect();
-    let runs = std::env::var("LAPD_STRESS_RUNS").map_or(RUNS, |runs| runs.parse().expect("LAPD_STRESS_RUNS: a number"));
+    let alone: Vec<Outcome> =
+        subjects.iter().map(|subject| outcome(subject, &Schedule::solo(), true)).collect();
+    let runs = std::env::var("LAPD_STRESS_RUNS")
+        .map_or(RUNS, |runs| runs.parse().expect("LAPD_STRESS_RUNS: a number"));
     let mut lost = Overhead::default();
     let mut ratios = vec![Vec::new(); subjects.len()];
     for run in 0..runs {
@@ -43,7 +54,8 @@ fn many_short_runs_end_in_clean_meshes() {
         let (scheme, rest) = (SCHEMES[rest % 2], rest / 2);
         let which = (rest + run) % subjects.len();
         let together = outcome(&subjects[which], &team(threads, manager, scheme), true);
-        // Of few vertices a few more are many, and the largest distance is that of one corner that got a vertex or not.
+        // Of few vertices a few more are many, and the largest distance is that of one corner that
+        // got a vertex or not.
         assert_alike(subjects[which].name, &alone[which], &together, 0.2, 0.5);
         ratios[which].push(together.vertices as f64 / alone[which].vertices as f64);
         lost.add(&together.overhead());
@@ -51,14 +63,24 @@ fn many_short_runs_end_in_clean_meshes() {
     println!("{runs} runs: {lost:?}");
     for (subject, ratios) in subjects.iter().zip(ratios).filter(|(_, ratios)| !ratios.is_empty()) {
         let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
-        let range = ratios.iter().fold([f64::INFINITY, 0.0_f64], |[low, high], &r| [low.min(r), high.max(r)]);
+        let range = ratios
+            .iter()
+            .fold([f64::INFINITY, 0.0_f64], |[low, high], &r| [low.min(r), high.max(r)]);
         println!("{}: vertices {mean:.3} times those of one thread, {range:.3?}", subject.name);
-        assert!(ratios.len() < 10 || (mean - 1.0).abs() < 0.06, "{}: {mean} times the vertices", subject.name);
+        assert!(
+            ratios.len() < 10 || (mean - 1.0).abs() < 0.06,
+            "{}: {mean} times the vertices",
+            subject.name
+        );
     }
     if cfg!(feature = "force-conflicts") {
         // R2 is next to never the first that applies, and few samples are inserted by one thread.
         let [.., r3, r4, r5, r6] = lost.rollbacks;
-        assert!([r3, r4, r5, r6].iter().all(|&count| count > 0), "a rule met no conflict: {:?}", lost.rollbacks);
+        assert!(
+            [r3, r4, r5, r6].iter().all(|&count| count > 0),
+            "a rule met no conflict: {:?}",
+            lost.rollbacks
+        );
     }
 }
 
@@ -93,21 +115,31 @@ fn several_threads_insert_the_samples() {
     let _watchdog = Watchdog::new("several_threads_insert_the_samples");
     let subject = sampled_subject();
     let alone = outcome(&subject, &Schedule::solo(), true);
-    for (threads, manager) in
-        [(2, Contention::Local), (4, Contention::Aggressive), (4, Contention::Local), (4, Contention::Global)]
-    {
+    for (threads, manager) in [
+        (2, Contention::Local),
+        (4, Contention::Aggressive),
+        (4, Contention::Local),
+        (4, Contention::Global),
+    ] {
         let together = outcome(&subject, &team(threads, manager, Begging::ByLevel), true);
-        println!("{threads} threads, {manager:?}: {} vertices, {} with one", together.vertices, alone.vertices);
+        println!(
+            "{threads} threads, {manager:?}: {} vertices, {} with one",
+            together.vertices, alone.vertices
+        );
         assert_alike(subject.name, &alone, &together, 0.02, 0.25);
         let parts = together.refinement.threads.iter().map(|thread| thread.work.by_rule[0]);
         let shares = parts.filter(|&samples| samples > 0).count();
         assert_eq!(shares, threads, "threads that inserted samples");
         let conflicts = together.overhead().rollbacks[0];
-        assert!(!cfg!(feature = "force-conflicts") || conflicts > 1000, "{conflicts} conflicts of samples");
+        assert!(
+            !cfg!(feature = "force-conflicts") || conflicts > 1000,
+            "{conflicts} conflicts of samples"
+        );
     }
 }
 
-/// Many more threads than processors slow each other down by little: who waits leaves the processor to others.
+/// Many more threads than processors slow each other down by little: who waits leaves the processor
+/// to others.
 #[test]
 fn more_threads_than_processors_do_not_crawl() {
     let _watchdog = Watchdog::new("more_threads_than_processors_do_not_crawl");
@@ -115,12 +147,16 @@ fn more_threads_than_processors_do_not_crawl() {
     let alone = outcome(&subject, &Schedule::solo(), true).seconds;
     for manager in MANAGERS {
         // The best of three: the machine may have other work.
-        let runs = (0..3).map(|_| outcome(&subject, &team(16, manager, Begging::ByLevel), true).seconds);
+        let runs =
+            (0..3).map(|_| outcome(&subject, &team(16, manager, Begging::ByLevel), true).seconds);
         let together = runs.fold(f64::INFINITY, f64::min);
         println!("{manager:?}: {together:.3} s with 16 threads, {alone:.3} s with one");
         // Those who are refused by force wait for no reason.
         let bound = if cfg!(feature = "force-conflicts") { 40.0 } else { 4.0 };
-        assert!(together < bound * alone, "{manager:?}: {together} s with 16 threads, {alone} s with one");
+        assert!(
+            together < bound * alone,
+            "{manager:?}: {together} s with 16 threads, {alone} s with one"
+        );
     }
 }
 
@@ -132,7 +168,8 @@ fn a_limit_of_vertices_is_never_exceeded() {
     for most in [500, 7000, 15_000] {
         for threads in [1, 2, 8] {
             let limits = Limits { max_vertices: Some(most), ..Limits::default() };
-            let schedule = Schedule { limits, ..team(threads, Contention::Local, Begging::ByLevel) };
+            let schedule =
+                Schedule { limits, ..team(threads, Contention::Local, Begging::ByLevel) };
             let ended = outcome(&subject, &schedule, false);
             assert!(matches!(ended.refinement.ended_by, Some(Error::LimitReached(_))));
             let vertices = ended.vertices as usize;
@@ -153,7 +190,8 @@ fn limits_of_time_and_memory_end_all_threads() {
     let alone = outcome(&subject, &Schedule::solo(), true).seconds;
     for threads in [2, 8] {
         for part in [0.01, 0.05, 0.1] {
-            let deadline = Some((Instant::now() + Duration::from_secs_f64(part * alone), part * alone));
+            let deadline =
+                Some((Instant::now() + Duration::from_secs_f64(part * alone), part * alone));
             let limits = Limits { deadline, ..Limits::default() };
             let schedule = Schedule { limits, ..team(threads, Contention::Global, Begging::Flat) };
             let ended = outcome(&subject, &schedule, false);
@@ -191,7 +229,8 @@ fn a_cancel_ends_all_threads() {
     }
 }
 
-/// Those that refine have the cores of their places while they do; no other thread of the run ever has, nor has the caller afterwards.
+/// Those that refine have the cores of their places while they do; no other thread of the run ever
+/// has, nor has the caller afterwards.
 #[cfg(target_os = "linux")]
 #[test]
 fn threads_are_bound_while_they_refine() {
@@ -201,8 +240,13 @@ fn threads_are_bound_while_they_refine() {
     let places = Places::new(&Machine::of_system()).unwrap();
     let Subject { image, params, .. } = large_subject();
     for threads in [1, 4] {
-        let params =
-            MeshParams { threads, bind: true, delta: 0.5 * params.delta, size: params.delta, ..params.clone() };
+        let params = MeshParams {
+            threads,
+            bind: true,
+            delta: 0.5 * params.delta,
+            size: params.delta,
+            ..params.clone()
+        };
         let mut seen = Vec::new();
         let mut look = |progress: Progress| {
             seen.push((progress.phase, progress.tets, allowed().unwrap()));
@@ -210,14 +254,23 @@ fn threads_are_bound_while_they_refine() {
         };
         mesh_image(&image, &params, &Monitor::new(Some(&mut look), None)).unwrap();
         assert_eq!(allowed().unwrap(), before);
-        let (refining, others): (Vec<_>, Vec<_>) = seen.into_iter().partition(|(phase, _, _)| *phase == Phase::Refine);
+        let (refining, others): (Vec<_>, Vec<_>) =
+            seen.into_iter().partition(|(phase, _, _)| *phase == Phase::Refine);
         assert!(others.iter().all(|(_, _, processors)| *processors == before), "{others:?}");
-        let bound = |processors: &[usize]| (0..threads).any(|worker| places.of_worker(worker) == processors);
+        let bound = |processors: &[usize]| {
+            (0..threads).any(|worker| places.of_worker(worker) == processors)
+        };
         // Before there are tets, the image is sampled, by threads that are not bound.
-        let sampling = |tets: u64, processors: &[usize]| tets == 0 && !bound(processors) && processors == before;
-        let sampled = refining.iter().take_while(|(_, tets, processors)| sampling(*tets, processors)).count();
+        let sampling = |tets: u64, processors: &[usize]| {
+            tets == 0 && !bound(processors) && processors == before
+        };
+        let sampled =
+            refining.iter().take_while(|(_, tets, processors)| sampling(*tets, processors)).count();
         assert!(sampled < refining.len(), "refinement reports often enough");
-        assert!(refining[sampled..].iter().all(|(_, _, processors)| bound(processors)), "{refining:?}");
+        assert!(
+            refining[sampled..].iter().all(|(_, _, processors)| bound(processors)),
+            "{refining:?}"
+        );
     }
 }
 

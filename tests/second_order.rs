@@ -1,4 +1,5 @@
-//! Meshes of second order: nodes in the middles of edges, on the interfaces where asked for, in tets that stay valid.
+//! Meshes of second order: nodes in the middles of edges, on the interfaces where asked for, in
+//! tets that stay valid.
 
 use std::collections::HashMap;
 
@@ -39,7 +40,9 @@ fn determinant(mesh: &TetMesh, t: usize, at: [f64; 4]) -> f64 {
     let gradients = [DVec3::NEG_ONE, DVec3::X, DVec3::Y, DVec3::Z];
     let nodes = mesh.tet_nodes(t).map(|v| mesh.point(v));
     let mut rows = [DVec3::ZERO; 3];
-    let mut add = |gradient: DVec3, point: DVec3| (0..3).for_each(|axis| rows[axis] += gradient[axis] * point);
+    let mut add = |gradient: DVec3, point: DVec3| {
+        (0..3).for_each(|axis| rows[axis] += gradient[axis] * point)
+    };
     (0..4).for_each(|i| add((4.0 * at[i] - 1.0) * gradients[i], nodes[i]));
     for (e, [i, j]) in TET_EDGES.into_iter().enumerate() {
         add(4.0 * (at[j] * gradients[i] + at[i] * gradients[j]), nodes[4 + e]);
@@ -67,17 +70,27 @@ fn tets_of_second_order_are_valid_and_fit_together() {
         for curved in [false, true] {
             let Meshing { mesh, report, .. } = run(&image, &params(delta, curved));
             let nodes = mesh.mid_nodes.as_ref().unwrap();
-            assert_eq!(mesh.points.len(), nodes.vertices + report.second_order.nodes as usize, "{name}");
+            assert_eq!(
+                mesh.points.len(),
+                nodes.vertices + report.second_order.nodes as usize,
+                "{name}"
+            );
             let mut of_edge: HashMap<[u32; 2], u32> = HashMap::new();
             let mut least = f64::INFINITY;
             for t in 0..mesh.tets.len() {
                 let corners = mesh.tets[t];
                 for ([i, j], node) in TET_EDGES.into_iter().zip(nodes.tets[t]) {
                     let edge = [corners[i].min(corners[j]), corners[i].max(corners[j])];
-                    assert_eq!(*of_edge.entry(edge).or_insert(node), node, "{name}: one node for each edge");
+                    assert_eq!(
+                        *of_edge.entry(edge).or_insert(node),
+                        node,
+                        "{name}: one node for each edge"
+                    );
                     let middle = (mesh.point(corners[i]) + mesh.point(corners[j])) * 0.5;
-                    let (off, length) =
-                        (mesh.point(node).distance(middle), mesh.point(edge[0]).distance(mesh.point(edge[1])));
+                    let (off, length) = (
+                        mesh.point(node).distance(middle),
+                        mesh.point(edge[0]).distance(mesh.point(edge[1])),
+                    );
                     assert!(off <= if curved { 0.25 * length } else { 0.0 }, "{name}");
                 }
                 let [a, b, c, d] = corners.map(|v| mesh.point(v));
@@ -89,7 +102,10 @@ fn tets_of_second_order_are_valid_and_fit_together() {
             assert_eq!(of_edge.len() as u64, report.second_order.nodes, "{name}");
             let curving = &report.second_order.curving;
             assert!(least > 0.09, "{name}: {least}");
-            assert!(!curved || least >= curving.least_jacobian - 1e-9, "{name}: {least} {curving:?}");
+            assert!(
+                !curved || least >= curving.least_jacobian - 1e-9,
+                "{name}: {least} {curving:?}"
+            );
             assert_eq!(curved, curving.curved > 0, "{name}");
             // Half of the nodes at least have room to go all the way.
             assert!(2 * curving.shortened <= curving.curved, "{name}: {curving:?}");
@@ -114,11 +130,13 @@ fn nodes_are_on_the_interfaces() {
                 let at = mesh.point(node);
                 let off = 0.02 * normal;
                 all += 1;
-                on += u32::from(oracle.label(at - off) == first && oracle.label(at + off) == second);
+                on +=
+                    u32::from(oracle.label(at - off) == first && oracle.label(at + off) == second);
             }
         }
         // All but shortened ones and those on lines, beside which other labels may be.
-        let shortened = report.second_order.curving.shortened as f64 / report.second_order.curving.curved as f64;
+        let shortened = report.second_order.curving.shortened as f64
+            / report.second_order.curving.curved as f64;
         let part = f64::from(on) / f64::from(all);
         println!("{name}: {part:.3} on, {shortened:.3} shortened");
         assert!(part >= 1.0 - shortened - 0.2, "{name}: {part}, {shortened}");
@@ -154,11 +172,12 @@ fn image_box(image: &LabelImage) -> (DVec3, DVec3) {
     (image.frame().to_world(DVec3::splat(-0.5)), image.frame().to_world(last))
 }
 
-/// The volume of a ball converges with the square of delta by straight tets, and by one order faster at least by curved ones.
+/// The volume of a ball converges with the square of delta by straight tets, and by one order
+/// faster at least by curved ones.
 #[test]
 fn the_volume_of_a_ball_converges_faster() {
-    // Interpolated between voxels the squared distance is a sum of functions of one coordinate each, so that the volume
-    // within is known.
+    // Interpolated between voxels the squared distance is a sum of functions of one coordinate
+    // each, so that the volume within is known.
     const RADIUS: f64 = 24.0;
     let n = 56;
     let center = DVec3::splat(f64::from(n - 1) / 2.0) + DVec3::new(0.13, -0.21, 0.08);
@@ -167,7 +186,8 @@ fn the_volume_of_a_ball_converges_faster() {
         let square = |x: f64| x * x;
         move |c: f64| square(low - c) * (1.0 - part) + square(low + 1.0 - c) * part
     };
-    let squared = |p: DVec3| between(p.x)(center.x) + between(p.y)(center.y) + between(p.z)(center.z);
+    let squared =
+        |p: DVec3| between(p.x)(center.x) + between(p.y)(center.y) + between(p.z)(center.z);
     let mut voxels = Vec::new();
     for k in 0..n {
         for j in 0..n {
@@ -177,25 +197,33 @@ fn the_volume_of_a_ball_converges_faster() {
             }
         }
     }
-    let frame = Frame::new([0.0; 3], [1.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).unwrap();
-    let image = GrayImage::new([n as usize; 3], frame, voxels).unwrap().label_image(&[0.0], None).unwrap();
+    let frame = Frame::new([0.0; 3], [1.0; 3], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        .unwrap();
+    let image =
+        GrayImage::new([n as usize; 3], frame, voxels).unwrap().label_image(&[0.0], None).unwrap();
     // By rays from the center in evenly spread directions.
     let rays = 200_000;
     let cubes = (0..rays).map(|i| {
         let z: f64 = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(rays);
         let angle = 2.399_963_229_728_653 * f64::from(i);
-        let way = DVec3::new((1.0 - z * z).sqrt() * angle.cos(), (1.0 - z * z).sqrt() * angle.sin(), z);
+        let way =
+            DVec3::new((1.0 - z * z).sqrt() * angle.cos(), (1.0 - z * z).sqrt() * angle.sin(), z);
         let (mut low, mut high) = (RADIUS - 2.0, RADIUS + 2.0);
         for _ in 0..50 {
             let middle = (low + high) * 0.5;
-            if squared(center + middle * way) < RADIUS * RADIUS { low = middle } else { high = middle }
+            if squared(center + middle * way) < RADIUS * RADIUS {
+                low = middle
+            } else {
+                high = middle
+            }
         }
         low.powi(3)
     });
     let wanted = 4.0 / 3.0 * std::f64::consts::PI * cubes.sum::<f64>() / f64::from(rays);
     let errors: Vec<[f64; 2]> = [12.0, 6.0, 3.0]
         .map(|delta| {
-            let Meshing { report, .. } = run(&image, &MeshParams { adaptive: false, ..params(delta, true) });
+            let Meshing { report, .. } =
+                run(&image, &MeshParams { adaptive: false, ..params(delta, true) });
             let flat: f64 = report.certificate.labels.iter().map(|row| row.mesh_volume).sum();
             let curved = report.second_order.curving.volume;
             [flat, curved].map(|volume| (volume / wanted - 1.0).abs())
@@ -226,9 +254,18 @@ fn bad_asks_are_one_clear_error() {
         Err(Error::InvalidArgument(message)) => message,
         other => panic!("{:?}", other.map(|_| ())),
     };
-    assert_eq!(message(MeshParams { order: 3, ..params(2.0, false) }), "order must be 1 or 2, got 3");
-    assert_eq!(message(MeshParams { order: 0, ..params(2.0, false) }), "order must be 1 or 2, got 0");
-    assert_eq!(message(MeshParams { order: 1, ..params(2.0, true) }), "curved tets need order 2, got 1");
+    assert_eq!(
+        message(MeshParams { order: 3, ..params(2.0, false) }),
+        "order must be 1 or 2, got 3"
+    );
+    assert_eq!(
+        message(MeshParams { order: 0, ..params(2.0, false) }),
+        "order must be 1 or 2, got 0"
+    );
+    assert_eq!(
+        message(MeshParams { order: 1, ..params(2.0, true) }),
+        "curved tets need order 2, got 1"
+    );
     let folder = tempfile::tempdir().unwrap();
     let mesh = run(&image, &params(2.0, false)).mesh;
     let error = lapd::io::write_mesh(&mesh, &folder.path().join("a.node")).unwrap_err().to_string();

@@ -1,6 +1,7 @@
 //! The smooth model keeps the volume of every label: phantoms, and atlases when they are there.
 //!
-//! Volumes of the model are measured here on points of their own: jittered, `EDGE`^3 in every cell of several labels.
+//! Volumes of the model are measured here on points of their own: jittered, `EDGE`^3 in every cell
+//! of several labels.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -27,7 +28,8 @@ fn jitter(seed: usize) -> f64 {
     ((h ^ h >> 32) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Volume of each dense id in the model, in voxels. What lies outside the grid is background and not counted, so a label must not be cut by the border.
+/// Volume of each dense id in the model, in voxels. What lies outside the grid is background and
+/// not counted, so a label must not be cut by the border.
 fn volumes(image: &LabelImage, oracle: &Oracle) -> Vec<f64> {
     let [nx, ny, nz] = image.dims();
     let labels = image.labels().len();
@@ -38,17 +40,22 @@ fn volumes(image: &LabelImage, oracle: &Oracle) -> Vec<f64> {
             let mut counts = vec![0_u64; labels];
             for (y, x) in (0..ny - 1).flat_map(|y| (0..nx - 1).map(move |x| (y, x))) {
                 let first = x + nx * (y + ny * z);
-                let corner = |c: usize| image.ids()[first + (c & 1) + nx * ((c >> 1 & 1) + ny * (c >> 2))];
+                let corner =
+                    |c: usize| image.ids()[first + (c & 1) + nx * ((c >> 1 & 1) + ny * (c >> 2))];
                 if (1..8).all(|c| corner(c) == corner(0)) {
                     counts[usize::from(corner(0))] += samples as u64;
                     continue;
                 }
                 for s in 0..samples {
                     let place = |stride: usize, axis: usize| {
-                        ((s / stride % EDGE) as f64 + jitter(3 * (first * samples + s) + axis)) / EDGE as f64
+                        ((s / stride % EDGE) as f64 + jitter(3 * (first * samples + s) + axis))
+                            / EDGE as f64
                     };
-                    let at =
-                        DVec3::new(x as f64 + place(1, 0), y as f64 + place(EDGE, 1), z as f64 + place(EDGE * EDGE, 2));
+                    let at = DVec3::new(
+                        x as f64 + place(1, 0),
+                        y as f64 + place(EDGE, 1),
+                        z as f64 + place(EDGE * EDGE, 2),
+                    );
                     counts[usize::from(oracle.label(image.frame().to_world(at)))] += 1;
                 }
             }
@@ -61,12 +68,19 @@ fn volumes(image: &LabelImage, oracle: &Oracle) -> Vec<f64> {
 /// Relative errors of the volumes of the labels above 0, with their voxels.
 fn errors(image: &LabelImage, oracle: &Oracle) -> Vec<(f64, u64)> {
     let targets = image.voxel_counts();
-    volumes(image, oracle).iter().zip(targets).skip(1).map(|(&v, n)| (v / n as f64 - 1.0, n)).collect()
+    volumes(image, oracle)
+        .iter()
+        .zip(targets)
+        .skip(1)
+        .map(|(&v, n)| (v / n as f64 - 1.0, n))
+        .collect()
 }
 
 #[test]
 fn phantoms_keep_their_volumes() {
-    let tube = |radius: f64| move |p: DVec3| i32::from(p.truncate().length() <= radius && p.z.abs() < 14.0);
+    let tube = |radius: f64| {
+        move |p: DVec3| i32::from(p.truncate().length() <= radius && p.z.abs() < 14.0)
+    };
     let images = [
         ("ball of radius 3", phantom::ball([12; 3], [1.0; 3], 3.0)),
         ("flat voxels", phantom::ball([16, 16, 8], [0.5, 0.5, 1.25], 3.0)),
@@ -81,8 +95,16 @@ fn phantoms_keep_their_volumes() {
         let image = image.unwrap();
         let oracle = smooth(&image);
         for (error, voxels) in errors(&image, &oracle) {
-            println!("{name}: {voxels} voxels, {:.3} %, weights {:?}", 100.0 * error, oracle.weights());
-            assert!(error.abs() < 0.01, "{name}: {voxels} voxels, volume off by {:.2} %", 100.0 * error);
+            println!(
+                "{name}: {voxels} voxels, {:.3} %, weights {:?}",
+                100.0 * error,
+                oracle.weights()
+            );
+            assert!(
+                error.abs() < 0.01,
+                "{name}: {voxels} voxels, volume off by {:.2} %",
+                100.0 * error
+            );
         }
     }
 }
@@ -113,8 +135,10 @@ fn weights_are_bounded_and_do_not_depend_on_threads() {
 
 #[test]
 fn atlases_keep_their_volumes() {
-    let folder = std::env::var_os("LAPD_IMAGES")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"), PathBuf::from);
+    let folder = std::env::var_os("LAPD_IMAGES").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"),
+        PathBuf::from,
+    );
     let paths = [
         folder.join("spl/abdomen.nrrd"),
         folder.join("spl/brain.nrrd"),
@@ -132,10 +156,16 @@ fn atlases_keep_their_volumes() {
         let voxel = start.elapsed().as_secs_f64();
         let start = Instant::now();
         let oracle = smooth(&image);
-        println!("{name}: oracle in {:.2} s, the voxel model's in {voxel:.2} s", start.elapsed().as_secs_f64());
+        println!(
+            "{name}: oracle in {:.2} s, the voxel model's in {voxel:.2} s",
+            start.elapsed().as_secs_f64()
+        );
         let mut sorted = oracle.weights().to_vec();
         sorted.sort_by(f32::total_cmp);
-        println!("weights: {:?}", [0, 5, 25, 50, 75, 95, 100].map(|p| (p, sorted[(sorted.len() - 1) * p / 100])));
+        println!(
+            "weights: {:?}",
+            [0, 5, 25, 50, 75, 95, 100].map(|p| (p, sorted[(sorted.len() - 1) * p / 100]))
+        );
         let mut errors = errors(&image, &oracle);
         errors.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
         println!("worst, of any size: {:?}", &errors[..8.min(errors.len())]);

@@ -15,7 +15,8 @@ struct Random(u64);
 
 impl Random {
     fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1_u64 << 53) as f64
     }
 
@@ -75,7 +76,8 @@ fn outer_facets(mesh: &TetMesh, frame: &Frame) -> Vec<[DVec3; 3]> {
     outer.map(|(facet, _)| facet.map(|v| frame.to_index(mesh.point(v)))).collect()
 }
 
-/// The area of the facets on each of the six walls, lower ones first, and how many facets are on none.
+/// The area of the facets on each of the six walls, lower ones first, and how many facets are on
+/// none.
 fn walls(mesh: &TetMesh, image: &LabelImage) -> ([f64; 6], usize) {
     let (mut areas, mut off) = ([0.0; 6], 0);
     for [a, b, c] in outer_facets(mesh, image.frame()) {
@@ -95,13 +97,18 @@ fn walls(mesh: &TetMesh, image: &LabelImage) -> ([f64; 6], usize) {
 
 /// Meshes an image that its object fills: all of the box, and nothing else.
 fn fills_its_box(image: &LabelImage, delta: f64, what: &str) -> Meshing {
-    let meshing = mesh_image(image, &params(delta), &Monitor::silent()).unwrap_or_else(|e| panic!("{what}: {e}"));
+    let meshing = mesh_image(image, &params(delta), &Monitor::silent())
+        .unwrap_or_else(|e| panic!("{what}: {e}"));
     let (areas, off) = walls(&meshing.mesh, image);
     assert_eq!(off, 0, "{what}: outer facets on no wall");
     let dims = image.dims().map(|n| n as f64);
     for wall in 0..6 {
         let whole = dims[(wall + 1) % 3] * dims[(wall + 2) % 3];
-        assert!((areas[wall] / whole - 1.0).abs() < 1e-9, "{what}: wall {wall} has {} of {whole}", areas[wall]);
+        assert!(
+            (areas[wall] / whole - 1.0).abs() < 1e-9,
+            "{what}: wall {wall} has {} of {whole}",
+            areas[wall]
+        );
     }
     let certificate = &meshing.report.certificate;
     let part = certificate.mesh_volume() / dims.iter().product::<f64>();
@@ -113,13 +120,21 @@ fn fills_its_box(image: &LabelImage, delta: f64, what: &str) -> Meshing {
 
 const DELTAS: [f64; 3] = [0.75, 1.5, 3.0];
 
-/// Facets of interfaces and walls are asked to have angles of 30 degrees. Where an interface meets an
-/// edge of the box, at a delta of several voxels, a few have less.
+/// Facets of interfaces and walls are asked to have angles of 30 degrees. Where an interface meets
+/// an edge of the box, at a delta of several voxels, a few have less.
 fn most_have_their_angles(least: &mut [f64], most_below: usize) {
     least.sort_by(f64::total_cmp);
     let below = least.iter().filter(|&&angle| angle < 30.0 - 1e-9).count();
-    println!("{below} of {} meshes have a facet angle below 30, the least is {}", least.len(), least[0]);
-    assert!(below <= most_below, "{below} meshes have facets with angles below 30: {:?}", &least[..below]);
+    println!(
+        "{below} of {} meshes have a facet angle below 30, the least is {}",
+        least.len(),
+        least[0]
+    );
+    assert!(
+        below <= most_below,
+        "{below} meshes have facets with angles below 30: {:?}",
+        &least[..below]
+    );
 }
 
 #[test]
@@ -131,7 +146,8 @@ fn two_labels_fill_their_box() {
         let center = 0.5 * DVec3::from(dims.map(|n| n as f64)) + random.between(-2.0, 2.0);
         let ids = volume(dims, |x| u16::from(normal.dot(x - center) > 0.0) + 1);
         let image = LabelImage::from_ids(dims, frame, ids, vec![0, 1, 2]).unwrap();
-        let meshing = fills_its_box(&image, DELTAS[seed as usize % 3], &format!("half-spaces {seed}"));
+        let meshing =
+            fills_its_box(&image, DELTAS[seed as usize % 3], &format!("half-spaces {seed}"));
         least.push(meshing.report.quality.min_facet_angle);
     }
     most_have_their_angles(&mut least, 6);
@@ -145,13 +161,22 @@ fn voronoi_cells_fill_their_box() {
         let (dims, frame) = (random.dims(), random.frame(seed));
         let count = random.between(3.0, 9.0) as usize;
         let size = DVec3::from(dims.map(|n| n as f64));
-        let points: Vec<DVec3> =
-            (0..count).map(|_| DVec3::new(random.unit(), random.unit(), random.unit()) * size).collect();
+        let points: Vec<DVec3> = (0..count)
+            .map(|_| DVec3::new(random.unit(), random.unit(), random.unit()) * size)
+            .collect();
         let nearest = |x: DVec3| {
-            (0..count).min_by(|&a, &b| points[a].distance(x).total_cmp(&points[b].distance(x))).unwrap() as u16
+            (0..count)
+                .min_by(|&a, &b| points[a].distance(x).total_cmp(&points[b].distance(x)))
+                .unwrap() as u16
         };
-        let image = LabelImage::from_ids(dims, frame, volume(dims, |x| nearest(x) + 1), (0..=count as i32).collect());
-        let meshing = fills_its_box(&image.unwrap(), DELTAS[seed as usize % 3], &format!("cells {seed}"));
+        let image = LabelImage::from_ids(
+            dims,
+            frame,
+            volume(dims, |x| nearest(x) + 1),
+            (0..=count as i32).collect(),
+        );
+        let meshing =
+            fills_its_box(&image.unwrap(), DELTAS[seed as usize % 3], &format!("cells {seed}"));
         least.push(meshing.report.quality.min_facet_angle);
     }
     most_have_their_angles(&mut least, 6);
@@ -164,8 +189,9 @@ fn fields_fill_their_box() {
         let mut random = Random(2000 + seed);
         let (dims, frame) = (random.dims(), random.frame(seed));
         let size = DVec3::from(dims.map(|n| n as f64));
-        let points: Vec<DVec3> =
-            (0..3).map(|_| DVec3::new(random.unit(), random.unit(), random.unit()) * size).collect();
+        let points: Vec<DVec3> = (0..3)
+            .map(|_| DVec3::new(random.unit(), random.unit(), random.unit()) * size)
+            .collect();
         let part = |x: DVec3, k: usize| {
             let near = |p: DVec3| (-0.02 * p.distance_squared(x)).exp();
             (near(points[k]) / points.iter().map(|&p| near(p)).sum::<f64>()) as f32
@@ -200,7 +226,11 @@ fn tubes_have_their_caps() {
         dims[axis] = random.between(8.0, 16.0) as usize;
         let frame = random.frame(seed);
         let radius = random.between(4.5, 7.0);
-        let mut way = DVec3::from([random.between(-0.3, 0.3), random.between(-0.3, 0.3), random.between(-0.3, 0.3)]);
+        let mut way = DVec3::from([
+            random.between(-0.3, 0.3),
+            random.between(-0.3, 0.3),
+            random.between(-0.3, 0.3),
+        ]);
         way[axis] = 1.0;
         let way = way.normalize();
         let center = 0.5 * (DVec3::from(dims.map(|n| n as f64)) - 1.0)
@@ -216,7 +246,8 @@ fn tubes_have_their_caps() {
         // Of voxels the cap has those of the outermost slice.
         let in_slice = |end: usize| {
             let at = volume(dims, |x| x[axis] as usize);
-            ids.iter().zip(at).filter(|&(&id, at)| id == 1 && at == end * (dims[axis] - 1)).count() as f64
+            ids.iter().zip(at).filter(|&(&id, at)| id == 1 && at == end * (dims[axis] - 1)).count()
+                as f64
         };
         let ellipse = PI * radius * radius / way[axis];
         let kinds = [

@@ -1,4 +1,5 @@
-//! The writers: bytes of a small mesh against committed files, and what other programs' readers make of it; timelines as a JSON parser reads them.
+//! The writers: bytes of a small mesh against committed files, and what other programs' readers
+//! make of it; timelines as a JSON parser reads them.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -37,14 +38,19 @@ fn golden() -> PathBuf {
 #[test]
 fn small_mesh_gives_the_committed_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    let golden_names = "small.vtk small.mesh small.node small.ele small.face small.msh small.msh2 small.inp small.stl small.ply small.off";
+    let golden_names = "small.vtk small.mesh small.node small.ele small.face small.msh small.msh2 \
+     small.inp small.stl small.ply small.off";
     for name in golden_names.split(' ') {
         write_mesh(&mesh(), &folder.path().join(name)).unwrap();
     }
     for name in golden_names.split(' ') {
         let written = std::fs::read(folder.path().join(name)).unwrap();
         let committed = std::fs::read(golden().join(name)).unwrap();
-        assert!(written == committed, "{name} differs from tests/golden: {}", String::from_utf8_lossy(&written));
+        assert!(
+            written == committed,
+            "{name} differs from tests/golden: {}",
+            String::from_utf8_lossy(&written)
+        );
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 11, "temporary files are gone");
 }
@@ -74,7 +80,9 @@ fn any_number_of_threads_writes_the_same_bytes() {
 
 /// The uncompressed bytes of the appended array at `offset`.
 fn appended(data: &[u8], offset: usize) -> Vec<u8> {
-    let word = |i: usize| u64::from_le_bytes(data[offset + 8 * i..offset + 8 * (i + 1)].try_into().unwrap()) as usize;
+    let word = |i: usize| {
+        u64::from_le_bytes(data[offset + 8 * i..offset + 8 * (i + 1)].try_into().unwrap()) as usize
+    };
     let blocks = word(0);
     let mut at = offset + 8 * (3 + blocks);
     let mut bytes = Vec::new();
@@ -84,7 +92,10 @@ fn appended(data: &[u8], offset: usize) -> Vec<u8> {
         at += size;
     }
     let last = word(2);
-    assert_eq!(bytes.len(), if last == 0 { blocks * word(1) } else { (blocks - 1) * word(1) + last });
+    assert_eq!(
+        bytes.len(),
+        if last == 0 { blocks * word(1) } else { (blocks - 1) * word(1) + last }
+    );
     bytes
 }
 
@@ -113,37 +124,66 @@ fn vtu_holds_the_arrays() {
             appended(&file[data..], offset.parse().unwrap())
         };
         let n = repeated.tets.len();
-        assert!(xml.contains(&format!("NumberOfPoints=\"{}\" NumberOfCells=\"{n}\"", repeated.points.len())));
-        assert_eq!(array("label"), repeated.labels.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>());
-        assert_eq!(array("Points"), repeated.points.iter().flatten().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>());
+        assert!(xml.contains(&format!(
+            "NumberOfPoints=\"{}\" NumberOfCells=\"{n}\"",
+            repeated.points.len()
+        )));
+        assert_eq!(
+            array("label"),
+            repeated.labels.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>()
+        );
+        assert_eq!(
+            array("Points"),
+            repeated.points.iter().flatten().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>()
+        );
         assert_eq!(
             array("connectivity"),
-            repeated.tets.iter().flatten().flat_map(|&v| i64::from(v).to_le_bytes()).collect::<Vec<_>>()
+            repeated
+                .tets
+                .iter()
+                .flatten()
+                .flat_map(|&v| i64::from(v).to_le_bytes())
+                .collect::<Vec<_>>()
         );
-        assert_eq!(array("offsets"), (1..=n as i64).flat_map(|i| (4 * i).to_le_bytes()).collect::<Vec<_>>());
+        assert_eq!(
+            array("offsets"),
+            (1..=n as i64).flat_map(|i| (4 * i).to_le_bytes()).collect::<Vec<_>>()
+        );
         assert_eq!(array("types"), vec![10; n]);
         assert!(file.ends_with(b"\n</AppendedData>\n</VTKFile>\n"));
     }
 }
 
-/// What the world axes mean is said where it is known, in all formats but OFF, which has no place for it.
+/// What the world axes mean is said where it is known, in all formats but OFF, which has no place
+/// for it.
 #[test]
 fn files_tell_their_world_axes() {
     let folder = tempfile::tempdir().unwrap();
-    for (world, text) in [(WorldAxes::Lps, "SPACE=LPS"), (WorldAxes::Ras, "SPACE=RAS"), (WorldAxes::Las, "SPACE=LAS")] {
+    for (world, text) in [
+        (WorldAxes::Lps, "SPACE=LPS"),
+        (WorldAxes::Ras, "SPACE=RAS"),
+        (WorldAxes::Las, "SPACE=LAS"),
+    ] {
         let options = WriteOptions { world: Some(world), ..WriteOptions::default() };
         for ending in ["vtk", "mesh", "node", "ele", "face", "msh", "msh2", "inp", "stl", "ply"] {
             let path = folder.path().join(format!("a.{ending}"));
             write_mesh_watching(&mesh(), &path, options, None).unwrap();
             let file = std::fs::read(&path).unwrap();
-            let count = file.windows(text.len()).filter(|window| window == &text.as_bytes()).count();
+            let count =
+                file.windows(text.len()).filter(|window| window == &text.as_bytes()).count();
             assert_eq!(count, 1, "{ending}");
         }
-        assert_eq!(std::fs::read(folder.path().join("a.stl")).unwrap().len(), 84 + 50 * mesh().facets.len());
+        assert_eq!(
+            std::fs::read(folder.path().join("a.stl")).unwrap().len(),
+            84 + 50 * mesh().facets.len()
+        );
         let path = folder.path().join("a.vtu");
         write_mesh_watching(&mesh(), &path, options, None).unwrap();
         let codes: Vec<String> = text.bytes().skip(6).map(|byte| byte.to_string()).collect();
-        let field = format!("Name=\"SPACE\" NumberOfTuples=\"3\" format=\"ascii\">{}</DataArray>", codes.join(" "));
+        let field = format!(
+            "Name=\"SPACE\" NumberOfTuples=\"3\" format=\"ascii\">{}</DataArray>",
+            codes.join(" ")
+        );
         assert!(String::from_utf8_lossy(&std::fs::read(&path).unwrap()).contains(&field));
     }
 }
@@ -151,7 +191,9 @@ fn files_tell_their_world_axes() {
 #[test]
 fn empty_mesh_makes_whole_files() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["a.vtu", "a.vtk", "a.mesh", "a.ele", "a.msh", "a.msh2", "a.inp", "a.stl", "a.ply", "a.off"] {
+    for name in
+        ["a.vtu", "a.vtk", "a.mesh", "a.ele", "a.msh", "a.msh2", "a.inp", "a.stl", "a.ply", "a.off"]
+    {
         write_mesh(&TetMesh::default(), &folder.path().join(name)).unwrap();
     }
     assert_eq!(std::fs::read(folder.path().join("a.stl")).unwrap().len(), 84);
@@ -171,7 +213,10 @@ fn endings_tell_the_version_of_msh() {
         ("a.msh22", "$MeshFormat\n2.2 1 8\n"),
     ] {
         write_mesh(&mesh(), &folder.path().join(name)).unwrap();
-        assert!(std::fs::read(folder.path().join(name)).unwrap().starts_with(start.as_bytes()), "{name}");
+        assert!(
+            std::fs::read(folder.path().join(name)).unwrap().starts_with(start.as_bytes()),
+            "{name}"
+        );
     }
 }
 
@@ -190,12 +235,17 @@ fn errors_leave_nothing_behind() {
 /// What an independent reader (meshio) sees.
 #[test]
 fn meshio_reads_what_was_written() {
-    if !Command::new("python3").args(["-c", "import meshio"]).output().is_ok_and(|output| output.status.success()) {
+    if !Command::new("python3")
+        .args(["-c", "import meshio"])
+        .output()
+        .is_ok_and(|output| output.status.success())
+    {
         println!("SKIPPED: meshio_reads_what_was_written needs python3 with meshio");
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    let names = "small.vtu small.vtk small.mesh small.node small.msh small.msh2 small.inp small.stl small.off";
+    let names = "small.vtu small.vtk small.mesh small.node small.msh small.msh2 small.inp \
+     small.stl small.off";
     for name in names.split(' ') {
         write_mesh(&mesh(), &folder.path().join(name)).unwrap();
     }
@@ -211,8 +261,10 @@ fn meshio_reads_what_was_written() {
 
 /// A thread whose spans follow each other without gaps, at times that are no binary fractions.
 fn thread(spans: usize, step: f64) -> ThreadReport {
-    const ALL: [Doing; 5] = [Doing::Sampling, Doing::Refining, Doing::RollingBack, Doing::Waiting, Doing::Begging];
-    let span = |i: usize| Span { doing: ALL[i % 5], start: i as f64 * step, end: (i + 1) as f64 * step };
+    const ALL: [Doing; 5] =
+        [Doing::Sampling, Doing::Refining, Doing::RollingBack, Doing::Waiting, Doing::Begging];
+    let span =
+        |i: usize| Span { doing: ALL[i % 5], start: i as f64 * step, end: (i + 1) as f64 * step };
     ThreadReport { timeline: (0..spans).map(span).collect(), ..ThreadReport::default() }
 }
 
@@ -226,7 +278,8 @@ fn timelines_are_json_in_the_order_of_time() {
     let trace: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     let events = trace["traceEvents"].as_array().unwrap();
 
-    let rows: Vec<_> = events.iter().filter(|e| e["name"] == "thread_name").map(|e| &e["args"]["name"]).collect();
+    let rows: Vec<_> =
+        events.iter().filter(|e| e["name"] == "thread_name").map(|e| &e["args"]["name"]).collect();
     assert_eq!(rows, ["thread 0", "thread 1", "thread 2"]);
     for (row, thread) in threads.iter().enumerate() {
         let spans: Vec<_> = events.iter().filter(|e| e["ph"] == "X" && e["tid"] == row).collect();
@@ -236,7 +289,10 @@ fn timelines_are_json_in_the_order_of_time() {
             let [start, duration] = ["ts", "dur"].map(|key| event[key].as_f64().unwrap());
             assert_eq!(event["name"], names[i % 5]);
             // Microseconds, to the nearest nanosecond.
-            assert!((start - 1e6 * span.start).abs() < 6e-4 && (start + duration - 1e6 * span.end).abs() < 6e-4);
+            assert!(
+                (start - 1e6 * span.start).abs() < 6e-4
+                    && (start + duration - 1e6 * span.end).abs() < 6e-4
+            );
             assert!((start - last_end).abs() < 1e-6, "a gap or an overlap at {start}");
             last_end = start + duration;
         }

@@ -1,4 +1,5 @@
-//! Insertion and removal, for points spread evenly: nanoseconds per vertex. As in refinement, nothing walks: the tet to start from is known.
+//! Insertion and removal, for points spread evenly: nanoseconds per vertex. As in refinement,
+//! nothing walks: the tet to start from is known.
 
 use criterion::{BatchSize, Criterion, Throughput};
 use glam::DVec3;

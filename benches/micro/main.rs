@@ -1,8 +1,11 @@
-//! What the parts of a run cost: predicates, insertion and removal, the oracle and its queries, extraction. One thread, on
-//! phantoms; where an image is needed, LAPD_BENCH_IMAGE names another one.
+//! What the parts of a run cost: predicates, insertion and removal, the oracle and its queries,
+//! extraction. One thread, on phantoms; where an image is needed, LAPD_BENCH_IMAGE names another
+//! one.
 //!
-//! `cargo bench --bench micro` runs all in some two minutes, `cargo bench --bench micro -- oracle/smooth` what has that in its name. Criterion
-//! says by how much a figure has changed since the run before. `cargo test --bench micro` tries everything once.
+//! `cargo bench --bench micro` runs all in some two minutes,
+//! `cargo bench --bench micro -- oracle/smooth` what has that in its name. Criterion says by how
+//! much a figure has changed since the run before. `cargo test --bench micro` tries everything
+//! once.
 
 mod delaunay;
 mod geometry;
@@ -47,7 +50,8 @@ struct Random(u64);
 impl Random {
     /// From 0 to 1, both excluded.
     fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         ((self.0 >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
     }
 
@@ -67,10 +71,13 @@ impl Random {
     }
 }
 
-/// Sorts points so that neighbours follow each other: along the Morton curve of the box from `lower` to `upper`.
+/// Sorts points so that neighbours follow each other: along the Morton curve of the box from
+/// `lower` to `upper`.
 fn sort_along_curve(points: &mut [DVec3], [lower, upper]: [DVec3; 2]) {
     points.sort_by_cached_key(|p| {
         let cell = ((p - lower) / (upper - lower) * f64::from(1 << 20)).as_u64vec3().to_array();
-        (0..20).fold(0, |key, bit| (0..3).fold(key, |key, axis| key | (cell[axis] >> bit & 1) << (3 * bit + axis)))
+        (0..20).fold(0, |key, bit| {
+            (0..3).fold(key, |key, axis| key | (cell[axis] >> bit & 1) << (3 * bit + axis))
+        })
     });
 }

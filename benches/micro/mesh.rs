@@ -1,5 +1,6 @@
-//! Extraction, per tet of the whole triangulation, of which six in ten are kept. Points are inserted in random order: slots of neighbours are
-//! farther apart than refinement leaves them. Freeing the mesh is not in the figure.
+//! Extraction, per tet of the whole triangulation, of which six in ten are kept. Points are
+//! inserted in random order: slots of neighbours are farther apart than refinement leaves them.
+//! Freeing the mesh is not in the figure.
 
 use criterion::{Criterion, Throughput};
 use glam::DVec3;

@@ -1,4 +1,5 @@
-//! The cost of the oracle per voxel of the image, and of its queries at points near the interfaces, where most circumcenters are: in random order, and coherent, so that neighbours follow each
+//! The cost of the oracle per voxel of the image, and of its queries at points near the interfaces,
+//! where most circumcenters are: in random order, and coherent, so that neighbours follow each
 //! other as refinement makes them. Freeing the oracle is not in the figure.
 
 use std::hint::black_box;
@@ -38,16 +39,22 @@ pub fn run(criterion: &mut Criterion, image: &LabelImage) -> Result<()> {
                 sort_along_curve(&mut ends, oracle.bounds());
             }
             // Segments of about the length of the dual of a facet.
-            let segments: Vec<[DVec3; 2]> =
-                ends.iter().map(|&p| [p, p + random.direction() * LONGEST * voxel * random.unit()]).collect();
+            let segments: Vec<[DVec3; 2]> = ends
+                .iter()
+                .map(|&p| [p, p + random.direction() * LONGEST * voxel * random.unit()])
+                .collect();
             let mut bench = |query: &str, ask: &dyn Fn([DVec3; 2]) -> f64| {
                 group.bench_function(format!("{query}/{order}"), |bencher| {
-                    bencher.iter(|| black_box(&segments).iter().map(|&segment| ask(segment)).sum::<f64>());
+                    bencher.iter(|| {
+                        black_box(&segments).iter().map(|&segment| ask(segment)).sum::<f64>()
+                    });
                 });
             };
             bench("label", &|[p, _]| f64::from(oracle.label(p)));
             bench("clearance", &|[p, _]| oracle.clearance(p));
-            bench("first crossing", &|[p, q]| oracle.first_crossing(p, q).map_or(0.0, |crossing| crossing.point.x));
+            bench("first crossing", &|[p, q]| {
+                oracle.first_crossing(p, q).map_or(0.0, |crossing| crossing.point.x)
+            });
         }
         group.finish();
     }

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Builds what the benches beside it and ../threads.sh run: our library and mesh_image, as users install them, under build/; with `peers`, CGAL's programs too.
+# Builds what the benches beside it and ../threads.sh run: our library and mesh_image, as users
+# install them, under build/; with `peers`, CGAL's programs too.
 #
 #   sh benches/peers/build.sh [peers | hwloc]
 #
@@ -45,17 +46,20 @@ if [ "${1:-}" = hwloc ]; then
     header libudev.h libudev-dev
     hwloc=ON
 fi
-quietly cmake -S "$root" -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release -DCMAKE_INSTALL_PREFIX="$build/install" -DCMAKE_INSTALL_LIBDIR=lib \
+quietly cmake -S "$root" -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release \
+    -DCMAKE_INSTALL_PREFIX="$build/install" -DCMAKE_INSTALL_LIBDIR=lib \
     -DLAPD_CARGO_TARGET_DIR="$root/target" -DLAPD_HWLOC=$hwloc
 quietly cmake --build "$build/cmake"
 quietly cmake --install "$build/cmake"
-quietly cmake -S "$root/examples" -B "$build/examples" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$build/install" \
+quietly cmake -S "$root/examples" -B "$build/examples" -DCMAKE_BUILD_TYPE=Release \
+    -DCMAKE_PREFIX_PATH="$build/install" \
     -DCMAKE_RUNTIME_OUTPUT_DIRECTORY="$build/bin"
 quietly cmake --build "$build/examples" --target mesh_image
 
 if [ "${1:-}" = peers ]; then
     header CGAL/version.h libcgal-dev
     header tbb/version.h libtbb-dev
-    quietly cmake -S "$root/benches/peers" -B "$build/peers" -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH="$build/install"
+    quietly cmake -S "$root/benches/peers" -B "$build/peers" -DCMAKE_BUILD_TYPE=Release \
+        -DCMAKE_PREFIX_PATH="$build/install"
     quietly cmake --build "$build/peers"
 fi

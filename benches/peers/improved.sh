@@ -1,8 +1,10 @@
 #!/bin/sh
-# Our mesher with its removal of slivers against CGAL's Mesh_3 with its perturbation and exudation, both as they come; docs/benchmarks.md
-# has the tables. Images are looked for in LAPD_IMAGES or in ../shared/images.
+# Our mesher with its removal of slivers against CGAL's Mesh_3 with its perturbation and exudation,
+# both as they come; docs/benchmarks.md has the tables. Images are looked for in LAPD_IMAGES or in
+# ../shared/images.
 #
-#   sh benches/peers/improved.sh [--images aal,brain,abdomen] [--threads 1] [--tets 500000] [--print-only]
+#   sh benches/peers/improved.sh [--images aal,brain,abdomen] [--threads 1] [--tets 500000]
+#       [--print-only]
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 command -v python3 >/dev/null 2>&1 || {

@@ -1,10 +1,16 @@
-//! Simulated refinements, one line of JSON for each; `study.py` beside this file runs it and draws what comes out. docs/scaling.md says what it means.
+//! Simulated refinements, one line of JSON for each; `study.py` beside this file runs it and draws
+//! what comes out. docs/scaling.md says what it means.
 //!
-//!     simulate IMAGE --tets N --workers P,P,... [--machine one|blacklight|NODESxCORES|SOCKETSxNODESxCORES] [--algorithm podm|lapd] [--contention local] [--begging flat|levels]
-//!         [--set NAME=VALUE,...] [--level NODES:NANOSECONDS,...] [--delta D] [--real]
+//!     simulate IMAGE --tets N --workers P,P,...
+//!         [--machine one|blacklight|NODESxCORES|SOCKETSxNODESxCORES] [--algorithm podm|lapd]
+//!         [--contention local] [--begging flat|levels] [--set NAME=VALUE,...]
+//!         [--level NODES:NANOSECONDS,...] [--delta D] [--real]
 //!
-//! `--tets` is for each worker: delta is searched, by real refinements, until their number is within 3 % of P times N, unless `--delta` gives it. `--set` changes costs by name, `hop` and `cached` among them; `--level` gives the routers of groups of nodes.
-//! Nodes are 1 hop apart, in another socket 2. `--real` measures a real refinement with P threads as well, which the image is sampled by, too. Every line but for that, and for `wall_s`, is the same in every run.
+//! `--tets` is for each worker: delta is searched, by real refinements, until their number is
+//! within 3 % of P times N, unless `--delta` gives it. `--set` changes costs by name, `hop` and
+//! `cached` among them; `--level` gives the routers of groups of nodes. Nodes are 1 hop apart, in
+//! another socket 2. `--real` measures a real refinement with P threads as well, which the image is
+//! sampled by, too. Every line but for that, and for `wall_s`, is the same in every run.
 
 use std::path::Path;
 use std::time::Instant;
@@ -91,7 +97,9 @@ fn set(options: &mut Options, word: &str, value: &str) -> Result<(), Failure> {
     match word {
         "--tets" => options.tets = value.parse()?,
         "--delta" => options.delta = Some(value.parse()?),
-        "--workers" => options.workers = value.split(',').map(str::parse).collect::<Result<_, _>>()?,
+        "--workers" => {
+            options.workers = value.split(',').map(str::parse).collect::<Result<_, _>>()?
+        }
         "--machine" => options.machine = value.into(),
         "--algorithm" => {
             options.algorithm = match value {
@@ -118,14 +126,19 @@ fn set(options: &mut Options, word: &str, value: &str) -> Result<(), Failure> {
         }
         "--set" => {
             for pair in value.split(',') {
-                let (name, number) = pair.split_once('=').ok_or(format!("{pair} is no NAME=VALUE"))?;
+                let (name, number) =
+                    pair.split_once('=').ok_or(format!("{pair} is no NAME=VALUE"))?;
                 set_cost(options, name, number.parse()?)?;
             }
         }
         "--level" => {
             for pair in value.split(',') {
-                let (nodes, service) = pair.split_once(':').ok_or(format!("{pair} is no NODES:NANOSECONDS"))?;
-                options.network.levels.push(Level { nodes: nodes.parse()?, service: service.parse()? });
+                let (nodes, service) =
+                    pair.split_once(':').ok_or(format!("{pair} is no NODES:NANOSECONDS"))?;
+                options
+                    .network
+                    .levels
+                    .push(Level { nodes: nodes.parse()?, service: service.parse()? });
             }
         }
         _ => return Err(format!("no option {word}").into()),
@@ -169,7 +182,8 @@ fn machine(name: &str, workers: usize) -> Result<Machine, Failure> {
                 [nodes, cores] => Machine::uniform(nodes, cores),
                 [sockets, nodes, cores] => {
                     let all = sockets * nodes;
-                    let hops = |a: usize, b: usize| u32::from(a != b) + u32::from(a / nodes != b / nodes);
+                    let hops =
+                        |a: usize, b: usize| u32::from(a != b) + u32::from(a / nodes != b / nodes);
                     let hops = (0..all).map(|a| (0..all).map(|b| hops(a, b)).collect()).collect();
                     Machine::new(vec![cores; all], hops)?
                 }
@@ -205,7 +219,9 @@ impl Subject {
     /// The delta that makes so many tets, near to `guess`.
     fn find_delta(&self, wanted: f64, guess: f64) -> Result<f64, Failure> {
         // One thread makes the same mesh in every run.
-        let count = |delta| self.with_rules(delta, |rules| refine(rules, &Schedule::solo(), &Monitor::silent()));
+        let count = |delta| {
+            self.with_rules(delta, |rules| refine(rules, &Schedule::solo(), &Monitor::silent()))
+        };
         let (mut delta, mut exponent) = (guess, EXPONENT);
         let mut before: Option<(f64, f64)> = None;
         for _ in 0..TRIES {
@@ -247,7 +263,13 @@ fn study(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-fn run(options: &Options, subject: &Subject, delta: f64, workers: usize, platform: &Platform) -> Result<(), Failure> {
+fn run(
+    options: &Options,
+    subject: &Subject,
+    delta: f64,
+    workers: usize,
+    platform: &Platform,
+) -> Result<(), Failure> {
     let schedule = Schedule {
         threads: workers,
         contention: options.contention,
@@ -273,8 +295,8 @@ fn run(options: &Options, subject: &Subject, delta: f64, workers: usize, platfor
         Value::Null
     };
     let clock = Instant::now();
-    let (simulated, tets) =
-        subject.with_rules(delta, |rules| simulate(rules, &schedule, platform, &Monitor::silent()))?;
+    let (simulated, tets) = subject
+        .with_rules(delta, |rules| simulate(rules, &schedule, platform, &Monitor::silent()))?;
     let mut line = report(&simulated);
     line["workers"] = workers.into();
     line["delta"] = delta.into();
@@ -287,7 +309,8 @@ fn run(options: &Options, subject: &Subject, delta: f64, workers: usize, platfor
 
 fn report(simulated: &Simulated) -> Value {
     let Simulated { refinement, seconds, course: _, traffic, served, tally } = simulated;
-    let course: Vec<Value> = (0..=MARKS).map(|at| mark(&simulated.mark_at(at as f64 / MARKS as f64))).collect();
+    let course: Vec<Value> =
+        (0..=MARKS).map(|at| mark(&simulated.mark_at(at as f64 / MARKS as f64))).collect();
     let mut lost = Overhead::default();
     refinement.threads.iter().for_each(|thread| lost.add(&thread.overhead));
     let by_hops = |of: fn(&Traffic) -> &Vec<u64>| {
@@ -318,8 +341,9 @@ fn report(simulated: &Simulated) -> Value {
         "visits_by_hops": by_hops(|one| &one.visits_by_hops),
         "fetched_by_hops": by_hops(|one| &one.fetched_by_hops),
         "tally": {
-            "operations": tally.operations, "tets": tally.tets, "vertices": tally.vertices, "exact": tally.exact,
-            "fills": tally.fills, "pairs": tally.pairs, "looks": tally.looks, "labels": tally.labels,
+            "operations": tally.operations, "tets": tally.tets, "vertices": tally.vertices,
+            "exact": tally.exact, "fills": tally.fills, "pairs": tally.pairs,
+            "looks": tally.looks, "labels": tally.labels,
             "crossings": tally.crossings, "claims": tally.claims,
         },
     })
@@ -328,7 +352,8 @@ fn report(simulated: &Simulated) -> Value {
 /// Until a moment, or between two; what workers did in the order of `Doing`.
 fn mark(mark: &Mark) -> Value {
     json!({
-        "seconds": mark.seconds, "made": mark.made, "fetched": mark.fetched, "travel_s": mark.travel_seconds, "queue_s": mark.queue_seconds,
+        "seconds": mark.seconds, "made": mark.made, "fetched": mark.fetched,
+        "travel_s": mark.travel_seconds, "queue_s": mark.queue_seconds,
         "doing_s": mark.doing,
     })
 }

@@ -1,9 +1,13 @@
-"""Simulated scaling: runs the example `simulate`, fits what is fitted, writes docs/scaling.md's tables and plots. run.sh says how.
+"""Simulated scaling: runs the example `simulate`, fits what is fitted, writes docs/scaling.md's
+tables and plots. run.sh says how.
 
-Efficiency, after equation 1 of D. Feng, A. Chernikov, N. Chrisochoides, Two-level locality-aware parallel Delaunay image-to-mesh conversion, 2016: tets per second of p workers over p times
-those of one worker. One worker's rate is that for the same mesh: it changes by up to a tenth with the size of a mesh, up or down, which is no matter of scaling. Tets and seconds are those of the whole run, or of its
-steady state, the middle of it (src/simulation/course.rs).
+Efficiency, after equation 1 of D. Feng, A. Chernikov, N. Chrisochoides, Two-level locality-aware
+parallel Delaunay image-to-mesh conversion, 2016: tets per second of p workers over p times those of
+one worker. One worker's rate is that for the same mesh: it changes by up to a tenth with the size
+of a mesh, up or down, which is no matter of scaling. Tets and seconds are those of the whole run,
+or of its steady state, the middle of it (src/simulation/course.rs).
 """
+
 import argparse
 import hashlib
 import json
@@ -28,24 +32,43 @@ PICTURES = ROOT / "docs/pictures"
 
 THREADS = [32, 64, 128, 144, 160, 176, 192]
 # Millions of elements, of both algorithms, and seconds.
-ELEMENTS = {"abdomen": [96.96, 186.80, 374.09, 419.65, 467.01, 513.81, 559.20], "brain": [64.32, 128.61, 257.30, 289.46, 321.72, 353.78, 385.94]}
+ELEMENTS = {
+    "abdomen": [96.96, 186.80, 374.09, 419.65, 467.01, 513.81, 559.20],
+    "brain": [64.32, 128.61, 257.30, 289.46, 321.72, 353.78, 385.94],
+}
 SECONDS = {
-    "PODM": {"abdomen": [26.07, 27.02, 35.97, 47.24, 57.24, 74.20, 92.77], "brain": [17.73, 18.72, 22.88, 29.91, 39.73, 49.69, 57.78]},
-    "LAPD": {"abdomen": [26.18, 26.90, 31.26, 34.04, 36.27, 37.82, 39.63], "brain": [18.48, 18.83, 21.66, 24.01, 25.18, 27.08, 28.48]},
+    "PODM": {
+        "abdomen": [26.07, 27.02, 35.97, 47.24, 57.24, 74.20, 92.77],
+        "brain": [17.73, 18.72, 22.88, 29.91, 39.73, 49.69, 57.78],
+    },
+    "LAPD": {
+        "abdomen": [26.18, 26.90, 31.26, 34.04, 36.27, 37.82, 39.63],
+        "brain": [18.48, 18.83, 21.66, 24.01, 25.18, 27.08, 28.48],
+    },
 }
 # Of single-threaded PODM.
 RATE_ALONE = {"abdomen": 3.09e6 / 27.78, "brain": 2.01e6 / 18.29}
-# The efficiencies as printed; of Table 1b the rows of 160 to 192 threads are illegible in part. The abdomen's are a hundredth higher than equation 1 gives: they were divided by a rate that is rounded
-# to two digits, 0.11 M elements per second.
+# The efficiencies as printed; of Table 1b the rows of 160 to 192 threads are illegible in part. The
+# abdomen's are a hundredth higher than equation 1 gives: they were divided by a rate that is
+# rounded to two digits, 0.11 M elements per second.
 PRINTED = {
-    "PODM": {"abdomen": [1.06, 0.98, 0.74, 0.56, 0.46, 0.36, 0.29], "brain": [1.03, 0.98, 0.80, 0.61, 0.46, 0.37, 0.32]},
-    "LAPD": {"abdomen": [1.06, 0.99, 0.85, 0.78, 0.72, 0.70, 0.67], "brain": [0.99, 0.97, 0.84, 0.76, 0.73, 0.68, 0.65]},
+    "PODM": {
+        "abdomen": [1.06, 0.98, 0.74, 0.56, 0.46, 0.36, 0.29],
+        "brain": [1.03, 0.98, 0.80, 0.61, 0.46, 0.37, 0.32],
+    },
+    "LAPD": {
+        "abdomen": [1.06, 0.99, 0.85, 0.78, 0.72, 0.70, 0.67],
+        "brain": [0.99, 0.97, 0.84, 0.76, 0.73, 0.68, 0.65],
+    },
 }
 
 
 def published(name, image):
     """Efficiencies by equation 1, of an algorithm's rows."""
-    return [elements * 1e6 / seconds / p / RATE_ALONE[image] for p, elements, seconds in zip(THREADS, ELEMENTS[image], SECONDS[name][image])]
+    return [
+        elements * 1e6 / seconds / p / RATE_ALONE[image]
+        for p, elements, seconds in zip(THREADS, ELEMENTS[image], SECONDS[name][image])
+    ]
 
 
 # Blades of a router, and of a rack unit.
@@ -53,12 +76,15 @@ ROUTER, UNIT = 8, 16
 
 # Rows by which the network's constants are fitted: with fewer threads routers are hardly in use.
 FITTED = [128, 144, 160, 176, 192]
-# Constants to begin with: nanoseconds of a hop, and of a record in a router and between the routers of a unit. The hop is the least that counts as one: the rows of 32 and 64 threads, published as 0.97 to 1.05, are met
-# the better the shorter it is, and the time in a router, beside it, is long enough to be all of a record's way.
+# Constants to begin with: nanoseconds of a hop, and of a record in a router and between the routers
+# of a unit. The hop is the least that counts as one: the rows of 32 and 64 threads, published as
+# 0.97 to 1.05, are met the better the shorter it is, and the time in a router, beside it, is long
+# enough to be all of a record's way.
 START = (1.0, 42.8, 362.0)
 # What another fit must be predicted to take off the largest error, to be tried.
 WORTH = 0.01
-# Deltas of the meshes that a row is the mean of, in parts of the first one's. One run's efficiency changes by 0.03 when a few conflicts fall out in another order, as another delta makes them do.
+# Deltas of the meshes that a row is the mean of, in parts of the first one's. One run's efficiency
+# changes by 0.03 when a few conflicts fall out in another order, as another delta makes them do.
 NUDGE = 1.002
 
 
@@ -66,7 +92,8 @@ NUDGE = 1.002
 
 
 class Runs:
-    """Simulated runs, kept by what they were asked for. Those that time real threads beside are made anew: machines differ, and so does what else they do."""
+    """Simulated runs, kept by what they were asked for. Those that time real threads beside are
+    made anew: machines differ, and so does what else they do."""
 
     def __init__(self, images, jobs):
         self.images, self.pool = images, ThreadPoolExecutor(jobs)
@@ -90,13 +117,22 @@ class Runs:
         return json.loads(path.read_text())
 
     def alone(self, image, tets):
-        """One worker on a mesh of about so many tets; its delta is that of the others on the same mesh."""
+        """One worker on a mesh of about so many tets; its delta is that of the others on the
+        same mesh."""
         return self.one(image, 1, "--tets", tets)
 
     def alones(self, image, tets, meshes):
         """One worker on each of some meshes that hardly differ, of about so many tets."""
         first = self.alone(image, tets)
-        return [first, *self.many([(image, 1, "--delta", f"{first['delta'] * NUDGE**mesh:.6g}") for mesh in range(1, meshes)])]
+        return [
+            first,
+            *self.many(
+                [
+                    (image, 1, "--delta", f"{first['delta'] * NUDGE**mesh:.6g}")
+                    for mesh in range(1, meshes)
+                ]
+            ),
+        ]
 
     def many(self, asked):
         """As `one`, for each of a list, the longest first."""
@@ -111,7 +147,8 @@ def rate(run):
 
 
 def whole_efficiency(run, alone, slowdown=1.0):
-    """Of the whole run; `alone` is one worker's run for the same mesh, on a core that is not slowed down."""
+    """Of the whole run; `alone` is one worker's run for the same mesh, on a core that is not
+    slowed down."""
     return rate(run) / run["workers"] / (rate(alone) / slowdown)
 
 
@@ -131,7 +168,9 @@ def waited(run):
 
 
 def shares(run):
-    """Parts of all workers' time in the steady state: rolled back, contention, idle, communication. Who waits for data does so within an operation, which may be rolled back: the last and the first overlap."""
+    """Parts of all workers' time in the steady state: rolled back, contention, idle,
+    communication. Who waits for data does so within an operation, which may be rolled back: the
+    last and the first overlap."""
     whole = run["workers"] * run["steady"]["seconds"]
     return [seconds / whole for seconds in (*run["steady"]["doing_s"][2:], waited(run))]
 
@@ -150,41 +189,66 @@ def remote(run):
 
 
 def waits_for_data(run, between, constants):
-    """Seconds that a worker waits for a record, by mean value analysis (P. Schweitzer's approximation, 1979) of a closed network: p workers, each of which asks for a record, is served by
-    the routers in the parts that the run's records took, and asks again after `between` seconds."""
+    """Seconds that a worker waits for a record, by mean value analysis (P. Schweitzer's
+    approximation, 1979) of a closed network: p workers, each of which asks for a record, is
+    served by the routers in the parts that the run's records took, and asks again after
+    `between` seconds."""
     hop, *services = constants
     fetched, workers = sum(run["fetched_by_hops"]), run["workers"]
-    way = hop * 1e-9 * sum(hops * count for hops, count in enumerate(run["fetched_by_hops"])) / fetched
-    centers = [(count / fetched, service * 1e-9) for level, service in zip(run["served"], services) for count in level if count]
+    way = (
+        hop
+        * 1e-9
+        * sum(hops * count for hops, count in enumerate(run["fetched_by_hops"]))
+        / fetched
+    )
+    centers = [
+        (count / fetched, service * 1e-9)
+        for level, service in zip(run["served"], services)
+        for count in level
+        if count
+    ]
     queues = [0.0] * len(centers)
     waits = 0.0
     for _ in range(500):
-        stays = [service * (1 + (workers - 1) / workers * queue) for (_, service), queue in zip(centers, queues)]
+        stays = [
+            service * (1 + (workers - 1) / workers * queue)
+            for (_, service), queue in zip(centers, queues)
+        ]
         waits = sum(visits * stay for (visits, _), stay in zip(centers, stays))
         throughput = workers / (between + way + waits)
-        queues = [0.5 * (queue + throughput * visits * stay) for queue, (visits, _), stay in zip(queues, centers, stays)]
+        queues = [
+            0.5 * (queue + throughput * visits * stay)
+            for queue, (visits, _), stay in zip(queues, centers, stays)
+        ]
     return way + waits
 
 
 def time_between(run, constants):
-    """Seconds between two records of a worker such that the analysis gives what the run, simulated with these constants, waited. Records come in bursts: it is less than the mean."""
+    """Seconds between two records of a worker such that the analysis gives what the run,
+    simulated with these constants, waited. Records come in bursts: it is less than the mean."""
     mean = waited(run) / run["steady"]["fetched"]
     low, high = 1e-9, 1.0
     for _ in range(50):
         middle = math.sqrt(low * high)
-        low, high = (middle, high) if waits_for_data(run, middle, constants) > mean else (low, middle)
+        low, high = (
+            (middle, high) if waits_for_data(run, middle, constants) > mean else (low, middle)
+        )
     return low
 
 
 def predicted(run, work, others, between, constants):
-    """The efficiency under other constants than those of the run: one worker's seconds over these, what is waited for data, and the other losses, which are as long as operations are."""
+    """The efficiency under other constants than those of the run: one worker's seconds over
+    these, what is waited for data, and the other losses, which are as long as operations are."""
     waits = run["steady"]["fetched"] * waits_for_data(run, between, constants)
     return work / ((work + waits) * others)
 
 
 def fit(rows, simulated):
-    """Constants that bring the predicted efficiencies nearest to the published ones of PODM, by steps along each axis that halve; and the largest error by which these are predicted to differ, before and
-    after. `rows`: lists of runs, on one mesh each, simulated with the constants `simulated`; their efficiencies; and that published, of which theirs are to be the mean."""
+    """Constants that bring the predicted efficiencies nearest to the published ones of PODM, by
+    steps along each axis that halve; and the largest error by which these are predicted to differ,
+    before and after. `rows`: lists of runs, on one mesh each, simulated with the constants
+    `simulated`; their efficiencies; and that published, of which theirs are to be the mean.
+    """
     known = []
     for of_row, found, published in rows:
         cases = []
@@ -195,7 +259,10 @@ def fit(rows, simulated):
         known.append((cases, published))
 
     def errors(constants):
-        return [abs(mean(predicted(*case, constants) for case in cases) - published) for cases, published in known]
+        return [
+            abs(mean(predicted(*case, constants) for case in cases) - published)
+            for cases, published in known
+        ]
 
     def error(constants):
         # Such powers have the largest count, and are smooth.
@@ -222,14 +289,35 @@ def blacklight(runs, options):
     """The paper's tables."""
     images = [image for image in ELEMENTS if image in runs.images]
     # All rows refine the same meshes.
-    alone = {image: runs.alones(image, options.tets * THREADS[-1], options.meshes) for image in images}
+    alone = {
+        image: runs.alones(image, options.tets * THREADS[-1], options.meshes) for image in images
+    }
     slow = {image: mean(map(rate, alone[image])) / RATE_ALONE[image] for image in images}
 
     def sweep(algorithm, constants, threads):
         """For each image and number of threads one run for each mesh."""
         hop, router, unit = constants
-        asked = [(image, p, "--delta", mesh["delta"], "--machine", "blacklight", "--algorithm", algorithm, "--begging", "flat" if algorithm == "podm" else "levels",
-                  "--set", f"slowdown={slow[image]:.4g},hop={hop:g}", "--level", f"{ROUTER}:{router:g},{UNIT}:{unit:g}") for image in images for p in threads for mesh in alone[image]]
+        asked = [
+            (
+                image,
+                p,
+                "--delta",
+                mesh["delta"],
+                "--machine",
+                "blacklight",
+                "--algorithm",
+                algorithm,
+                "--begging",
+                "flat" if algorithm == "podm" else "levels",
+                "--set",
+                f"slowdown={slow[image]:.4g},hop={hop:g}",
+                "--level",
+                f"{ROUTER}:{router:g},{UNIT}:{unit:g}",
+            )
+            for image in images
+            for p in threads
+            for mesh in alone[image]
+        ]
         found = iter(runs.many(asked))
         return {image: [[next(found) for _ in alone[image]] for _ in threads] for image in images}
 
@@ -241,29 +329,84 @@ def blacklight(runs, options):
         podm, rows = sweep("podm", constants, FITTED), []
         for image in images:
             wanted = dict(zip(THREADS, published("PODM", image)))
-            rows += [(row, efficiencies(steady_efficiency, image, row), wanted[row[0]["workers"]]) for row in podm[image]]
+            rows += [
+                (row, efficiencies(steady_efficiency, image, row), wanted[row[0]["workers"]])
+                for row in podm[image]
+            ]
         fitted, before, after = fit(rows, constants)
-        say(f"    router {constants[1]} ns, unit {constants[2]} ns: largest error {before:.3f}; {after:.3f} is predicted for {fitted[1]} and {fitted[2]} ns")
+        say(
+            f"    router {constants[1]} ns, unit {constants[2]} ns: largest error {before:.3f}; "
+            f"{after:.3f} is predicted for {fitted[1]} and {fitted[2]} ns"
+        )
         best = min(best, (before, constants))
         if before - after < WORTH:
             break
         constants = fitted
     constants = best[1]
-    simulated = {"PODM": sweep("podm", constants, THREADS), "LAPD": sweep("lapd", constants, THREADS)}
-    used = [[image, ", ".join(str(one["tets"]) for one in alone[image]), f"{slow[image]:.2f}", *(f"{value:g}" for value in constants)] for image in images]
-    text = [markdown(["image", "tets", "slowdown", "hop, ns", "router, ns a record", "unit, ns a record"], used)]
-    head = ["image", "threads", "algorithm", "printed", "published", "simulated", "error", "against printed", "least, largest", "whole run", "rolled back, %", "contention, %", "idle, %",
-            "communication, %", "remote visits, %", "fetched per tet"]
+    simulated = {
+        "PODM": sweep("podm", constants, THREADS),
+        "LAPD": sweep("lapd", constants, THREADS),
+    }
+    used = [
+        [
+            image,
+            ", ".join(str(one["tets"]) for one in alone[image]),
+            f"{slow[image]:.2f}",
+            *(f"{value:g}" for value in constants),
+        ]
+        for image in images
+    ]
+    text = [
+        markdown(
+            ["image", "tets", "slowdown", "hop, ns", "router, ns a record", "unit, ns a record"],
+            used,
+        )
+    ]
+    head = [
+        "image",
+        "threads",
+        "algorithm",
+        "printed",
+        "published",
+        "simulated",
+        "error",
+        "against printed",
+        "least, largest",
+        "whole run",
+        "rolled back, %",
+        "contention, %",
+        "idle, %",
+        "communication, %",
+        "remote visits, %",
+        "fetched per tet",
+    ]
     table = []
     for image in images:
         for name in simulated:
-            for p, row, paper, printed in zip(THREADS, simulated[name][image], published(name, image), PRINTED[name][image]):
+            for p, row, paper, printed in zip(
+                THREADS, simulated[name][image], published(name, image), PRINTED[name][image]
+            ):
                 found = efficiencies(steady_efficiency, image, row)
                 whole = mean(efficiencies(whole_efficiency, image, row))
                 lost = [mean(parts) for parts in zip(*map(shares, row))]
                 fetched = mean(sum(run["fetched_by_hops"]) / run["tets"] for run in row)
-                table.append([image, str(p), name, f"{printed:.2f}", f"{paper:.3f}", f"{mean(found):.3f}", f"{mean(found) - paper:+.3f}", f"{mean(found) - printed:+.3f}",
-                              f"{min(found):.2f}, {max(found):.2f}", f"{whole:.2f}", *percent(lost), f"{mean(map(remote, row)):.1f}", f"{fetched:.2f}"])
+                table.append(
+                    [
+                        image,
+                        str(p),
+                        name,
+                        f"{printed:.2f}",
+                        f"{paper:.3f}",
+                        f"{mean(found):.3f}",
+                        f"{mean(found) - paper:+.3f}",
+                        f"{mean(found) - printed:+.3f}",
+                        f"{min(found):.2f}, {max(found):.2f}",
+                        f"{whole:.2f}",
+                        *percent(lost),
+                        f"{mean(map(remote, row)):.1f}",
+                        f"{fetched:.2f}",
+                    ]
+                )
     text.append(markdown(head, table))
     if not options.print_only:
         plot_blacklight(images, simulated, efficiencies)
@@ -272,26 +415,63 @@ def blacklight(runs, options):
 
 def plot_blacklight(images, simulated, efficiencies):
     import matplotlib
+
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+
     figure, axes = plt.subplots(2, len(images), figsize=(5 * len(images), 8), squeeze=False)
     for column, image in enumerate(images):
         above, below = axes[0][column], axes[1][column]
         above.plot([0, 192], [0, 192], color="grey", lw=0.8, label="ideal")
         for name, color in (("PODM", "tab:blue"), ("LAPD", "tab:red")):
-            above.plot(THREADS, [p * e for p, e in zip(THREADS, published(name, image))], "o--", color=color, mfc="none", label=f"{name}, published")
-            for style, what, of in (("s-", "steady state", steady_efficiency), (":", "whole run", whole_efficiency)):
-                speedups = [p * mean(efficiencies(of, image, row)) for p, row in zip(THREADS, simulated[name][image])]
-                above.plot(THREADS, speedups, style, color=color, label=f"{name}, simulated, {what}")
+            above.plot(
+                THREADS,
+                [p * e for p, e in zip(THREADS, published(name, image))],
+                "o--",
+                color=color,
+                mfc="none",
+                label=f"{name}, published",
+            )
+            for style, what, of in (
+                ("s-", "steady state", steady_efficiency),
+                (":", "whole run", whole_efficiency),
+            ):
+                speedups = [
+                    p * mean(efficiencies(of, image, row))
+                    for p, row in zip(THREADS, simulated[name][image])
+                ]
+                above.plot(
+                    THREADS, speedups, style, color=color, label=f"{name}, simulated, {what}"
+                )
         above.set(title=image, xlabel="threads", ylabel="speedup")
         above.legend(fontsize=7)
         for offset, name, alpha in ((-3, "PODM", 1.0), (3, "LAPD", 0.6)):
             bottom = [0.0] * len(THREADS)
-            for index, (what, color) in enumerate((("rolled back", "tab:orange"), ("contention", "tab:purple"), ("idle", "tab:green"), ("communication", "tab:blue"))):
-                heights = [100 * mean(shares(run)[index] for run in row) for row in simulated[name][image]]
-                below.bar([p + offset for p in THREADS], heights, 5, bottom=bottom, color=color, alpha=alpha, label=what if offset < 0 else None)
+            for index, (what, color) in enumerate(
+                (
+                    ("rolled back", "tab:orange"),
+                    ("contention", "tab:purple"),
+                    ("idle", "tab:green"),
+                    ("communication", "tab:blue"),
+                )
+            ):
+                heights = [
+                    100 * mean(shares(run)[index] for run in row) for row in simulated[name][image]
+                ]
+                below.bar(
+                    [p + offset for p in THREADS],
+                    heights,
+                    5,
+                    bottom=bottom,
+                    color=color,
+                    alpha=alpha,
+                    label=what if offset < 0 else None,
+                )
                 bottom = [a + b for a, b in zip(bottom, heights)]
-        below.set(xlabel="threads; left PODM, right LAPD", ylabel="% of the time of all threads, steady state")
+        below.set(
+            xlabel="threads; left PODM, right LAPD",
+            ylabel="% of the time of all threads, steady state",
+        )
         below.legend(fontsize=7)
     figure.tight_layout()
     figure.savefig(PICTURES / "scaling-blacklight.png", dpi=110)
@@ -302,15 +482,42 @@ def plot_blacklight(images, simulated, efficiencies):
 
 def check(runs, options):
     """Simulated beside real, as far as there are cores."""
-    text = "Real seconds are those of refinement, with as many threads in the sampling of the image, which takes no virtual time; one run each."
+    text = (
+        "Real seconds are those of refinement, with as many threads in the sampling of the image, "
+        "which takes no virtual time; one run each."
+    )
     rows = []
     for image in runs.images:
         for tets in (250_000, 1_000_000):
-            alone, pair = [runs.one(image, p, "--tets", tets // p, "--machine", f"1x{p}", "--real") for p in (1, 2)]
+            alone, pair = [
+                runs.one(image, p, "--tets", tets // p, "--machine", f"1x{p}", "--real")
+                for p in (1, 2)
+            ]
             cells = [f"{run['real']['seconds']:.3f}, {run['seconds']:.3f}" for run in (alone, pair)]
             real = [run["real"]["tets"] / run["real"]["seconds"] for run in (alone, pair)]
-            rows.append([image, str(alone["tets"]), *cells, f"{real[1] / real[0]:.2f}", f"{rate(pair) / rate(alone):.2f}"])
-    return [text, markdown(["image", "tets", "one: real, simulated, s", "two: real, simulated, s", "real speedup", "simulated speedup"], rows)]
+            rows.append(
+                [
+                    image,
+                    str(alone["tets"]),
+                    *cells,
+                    f"{real[1] / real[0]:.2f}",
+                    f"{rate(pair) / rate(alone):.2f}",
+                ]
+            )
+    return [
+        text,
+        markdown(
+            [
+                "image",
+                "tets",
+                "one: real, simulated, s",
+                "two: real, simulated, s",
+                "real speedup",
+                "simulated speedup",
+            ],
+            rows,
+        ),
+    ]
 
 
 def losses(runs, name, machine_words, algorithms, meshes, workers, constants):
@@ -319,29 +526,89 @@ def losses(runs, name, machine_words, algorithms, meshes, workers, constants):
     for image, tets in ((image, tets) for image in runs.images for tets in meshes):
         alone = runs.alone(image, tets)
         for algorithm, p in ((algorithm, p) for algorithm in algorithms for p in workers):
-            asked.append((image, p, "--delta", alone["delta"], "--algorithm", algorithm, *machine_words, *constants))
+            asked.append(
+                (
+                    image,
+                    p,
+                    "--delta",
+                    alone["delta"],
+                    "--algorithm",
+                    algorithm,
+                    *machine_words,
+                    *constants,
+                )
+            )
             alones.append(alone)
     rows = []
     for words, run, alone in zip(asked, runs.many(asked), alones):
         steady, whole = steady_efficiency(run, alone), whole_efficiency(run, alone)
-        rows.append([words[0], words[5].upper(), str(run["workers"]), str(run["tets"] // run["workers"]), f"{run['workers'] * steady:.1f}", f"{steady:.2f}", f"{whole:.2f}", *percent(shares(run)),
-                     f"{remote(run):.1f}"])
-    head = ["image", "algorithm", "workers", "tets per worker", "speedup", "efficiency", "whole run", "rolled back, %", "contention, %", "idle, %", "communication, %", "remote visits, %"]
+        rows.append(
+            [
+                words[0],
+                words[5].upper(),
+                str(run["workers"]),
+                str(run["tets"] // run["workers"]),
+                f"{run['workers'] * steady:.1f}",
+                f"{steady:.2f}",
+                f"{whole:.2f}",
+                *percent(shares(run)),
+                f"{remote(run):.1f}",
+            ]
+        )
+    head = [
+        "image",
+        "algorithm",
+        "workers",
+        "tets per worker",
+        "speedup",
+        "efficiency",
+        "whole run",
+        "rolled back, %",
+        "contention, %",
+        "idle, %",
+        "communication, %",
+        "remote visits, %",
+    ]
     return [name, markdown(head, rows)]
 
 
-# A memory node as near as in one socket of a machine of today, and twice as far in another one; caches pass a line in some 100 ns. Assumed, not measured.
+# A memory node as near as in one socket of a machine of today, and twice as far in another one;
+# caches pass a line in some 100 ns. Assumed, not measured.
 TODAY = ("--set", "hop=110", "--level", "8:0.4,64:1")
 
 
 def size(runs, options):
-    return losses(runs, "One memory node of 16 cores, PODM:", ("--machine", "1x16"), ["podm"], [16 * tets for tets in (2500, 10_000, 40_000, 160_000)], [16], ())
+    return losses(
+        runs,
+        "One memory node of 16 cores, PODM:",
+        ("--machine", "1x16"),
+        ["podm"],
+        [16 * tets for tets in (2500, 10_000, 40_000, 160_000)],
+        [16],
+        (),
+    )
 
 
 def today(runs, options):
     both, meshes = ["podm", "lapd"], [256 * options.tets]
-    text = losses(runs, "Two sockets of 8 memory nodes, 256 cores:", ("--machine", "2x8x16"), both, meshes, [64, 256], TODAY)
-    return text + losses(runs, "Eight such sockets, 1024 cores:", ("--machine", "8x8x16"), both, meshes, [1024], TODAY)
+    text = losses(
+        runs,
+        "Two sockets of 8 memory nodes, 256 cores:",
+        ("--machine", "2x8x16"),
+        both,
+        meshes,
+        [64, 256],
+        TODAY,
+    )
+    return text + losses(
+        runs,
+        "Eight such sockets, 1024 cores:",
+        ("--machine", "8x8x16"),
+        both,
+        meshes,
+        [1024],
+        TODAY,
+    )
 
 
 PARTS = {"check": check, "blacklight": blacklight, "size": size, "today": today}
@@ -362,9 +629,27 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("parts", nargs="*", help=", ".join(PARTS))
     parser.add_argument("--images", default="abdomen,brain")
-    parser.add_argument("--tets", type=int, default=32_000, help="for each of the 192 or 256 workers of the largest row; all rows refine the same mesh")
-    parser.add_argument("--meshes", type=int, default=3, help="that hardly differ, of each image; a row of blacklight is the mean of their runs")
-    parser.add_argument("--rounds", type=int, default=3, help="most fits of Blacklight's constants, one after the other; fewer where another would gain nothing")
+    parser.add_argument(
+        "--tets",
+        type=int,
+        default=32_000,
+        help="for each of the 192 or 256 workers of the largest row; all rows refine the same mesh",
+    )
+    parser.add_argument(
+        "--meshes",
+        type=int,
+        default=3,
+        help="that hardly differ, of each image; a row of blacklight is the mean of their runs",
+    )
+    parser.add_argument(
+        "--rounds",
+        type=int,
+        default=3,
+        help=(
+            "most fits of Blacklight's constants, one after the other; fewer where another would "
+            "gain nothing"
+        ),
+    )
     parser.add_argument("--jobs", type=int, default=max(1, len(os.sched_getaffinity(0))))
     parser.add_argument("--print-only", action="store_true")
     options = parser.parse_args()

@@ -1,11 +1,14 @@
 #!/bin/sh
-# The binary interface against that of the last release: what was in it must still be there, unchanged; additions are fine.
+# The binary interface against that of the last release: what was in it must still be there,
+# unchanged; additions are fine.
 #
-#   sh abi.sh check SOURCE INSTALLED WORK    compares, and proves that the comparison notices what it should
-#   sh abi.sh update SOURCE INSTALLED WORK   at a release: writes the dump c-tests/abi/lapd-MAJOR.MINOR.abi, to be committed
+#   sh abi.sh check SOURCE INSTALLED WORK    compares, and proves that the comparison notices what
+#                                            it should
+#   sh abi.sh update SOURCE INSTALLED WORK   at a release: writes the dump
+#                                            c-tests/abi/lapd-MAJOR.MINOR.abi, to be committed
 #
-# The dumps come from a stub library made of the header (see stub.awk); that the real library exports the same functions is checked
-# beside.
+# The dumps come from a stub library made of the header (see stub.awk); that the real library
+# exports the same functions is checked beside.
 set -eu
 command=$1 source=$2 installed=$3 work=$4
 here=$source/c-tests/abi
@@ -14,7 +17,8 @@ mkdir -p "$work"
 
 for tool in abidw abidiff; do
     command -v $tool >/dev/null 2>&1 || {
-        echo "SKIPPED: the comparison of binary interfaces, $tool is missing (Debian: abigail-tools)"
+        echo "SKIPPED: the comparison of binary interfaces;" \
+            "$tool is missing (Debian: abigail-tools)"
         exit 0
     }
 done
@@ -38,7 +42,8 @@ stub() {
         awk -f "$here/trim.awk" "$dump" "$work/$1/lapd.h" >"$work/$1/released/lapd.h"
     fi
     # By relative names: the dump holds them.
-    (cd "$work/$1" && cc -std=c11 -g -fPIC -shared -w -Ireleased stub.c -Wl,-soname,"$soname" -o liblapd.so)
+    (cd "$work/$1" && cc -std=c11 -g -fPIC -shared -w -Ireleased stub.c -Wl,-soname,"$soname" -o \
+        liblapd.so)
 }
 
 # compare NAME: abidiff's answer about it.
@@ -55,10 +60,12 @@ functions() {
     exit 1
 }
 mkdir "$work/now"
-# One line for each function, for the changes below: where cbindgen breaks lines depends on the comments.
+# One line for each function, for the changes below: where cbindgen breaks lines depends on the
+# comments.
 awk '
     joined == "" && /^[a-z].*lapd_[a-z0-9_]*\(/ && !/;$/ { joined = $0; next }
-    joined != "" { sub(/^ */, " "); joined = joined $0; if (/;$/) { print joined; joined = "" }; next }
+    joined != "" { sub(/^ */, " "); joined = joined $0; if (/;$/) { print joined; joined = "" }; \
+        next }
     { print }' "$installed/include/lapd.h" >"$work/now/lapd.h"
 stub now
 functions "$work/now/liblapd.so" >"$work/declared"
@@ -69,17 +76,20 @@ diff "$work/declared" "$work/exported" || {
 }
 
 if [ "$command" = update ]; then
-    abidw --no-show-locs --no-comp-dir-path --no-corpus-path --type-id-style hash "$work/now/liblapd.so" >"$dump"
+    abidw --no-show-locs --no-comp-dir-path --no-corpus-path --type-id-style hash \
+        "$work/now/liblapd.so" >"$dump"
     echo "wrote $dump"
     exit 0
 fi
 
 compare now || {
-    echo "the binary interface is not that of $dump any more; programs linked against $version would break"
+    echo "the binary interface is not that of $dump any more;" \
+            "programs linked against $version would break"
     exit 1
 }
 
-# The comparison is worth something only if it notices. change NAME SED_SCRIPT: the header with a change in it.
+# The comparison is worth something only if it notices. change NAME SED_SCRIPT: the header with a
+# change in it.
 change() {
     mkdir "$work/$1"
     sed "$2" "$work/now/lapd.h" >"$work/$1/lapd.h"
@@ -114,9 +124,11 @@ must_fail return_type 's/^void lapd_mesh_free/int lapd_mesh_free/'
 must_fail function_removed '/^lapd_status lapd_params_set_delta/d'
 must_fail enum_value 's/LAPD_VOXEL_I16 = 3/LAPD_VOXEL_I16 = 30/'
 must_fail enum_value_removed '/LAPD_ERROR_BUSY = 11/d'
-must_fail callback_type 's/int32_t (\*lapd_progress_fn)(void \*user/int64_t (*lapd_progress_fn)(void *user/'
+must_fail callback_type \
+    's/int32_t (\*lapd_progress_fn)(void \*user/int64_t (*lapd_progress_fn)(void *user/'
 must_pass function_added 's/^void lapd_mesh_free/int lapd_mesh_new(void);\n&/'
 must_pass enum_value_added 's/LAPD_ERROR_BUSY = 11,/& LAPD_ERROR_NEW = 99,/'
 must_pass member_added 's/^} lapd_counts;/  uint64_t more;\n&/'
-must_fail member_added_and_changed 's/^} lapd_counts;/  uint64_t more;\n&/; s/^  uint64_t tissue_tets;/  uint32_t tissue_tets;/'
+must_fail member_added_and_changed \
+    's/^} lapd_counts;/  uint64_t more;\n&/; s/^  uint64_t tissue_tets;/  uint32_t tissue_tets;/'
 must_pass type_added 's/^} lapd_counts;/&\ntypedef struct {\n  int value;\n} lapd_new;/'

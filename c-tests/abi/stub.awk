@@ -1,8 +1,10 @@
-# Turns lapd.h into C whose debug information holds the whole interface: every function with an empty body, and a pointer to
-# every type, so that types which no function names (enums are passed as int32_t) are reached too. Rust's own debug information would
-# not do: the release build has line tables only.
+# Turns lapd.h into C whose debug information holds the whole interface: every function with an
+# empty body, and a pointer to every type, so that types which no function names (enums are passed
+# as int32_t) are reached too. Rust's own debug information would not do: the release build has line
+# tables only.
 #
-# It relies on the header's form, which cbindgen gives it: comments on lines of their own, declarations that begin in column 1.
+# It relies on the header's form, which cbindgen gives it: comments on lines of their own,
+# declarations that begin in column 1.
 
 /^\/\*/ { comment = 1 }
 comment { if (/\*\//) comment = 0; next }

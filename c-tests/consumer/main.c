@@ -21,7 +21,8 @@ int main(void) {
     size_t count = 0;
     lapd_status status = lapd_context_create(&context);
     if (status == LAPD_OK)
-        status = lapd_image_create(context, voxels, LAPD_VOXEL_U8, dims, NULL, origin, spacing, NULL, &image);
+        status = lapd_image_create(context, voxels, LAPD_VOXEL_U8, dims, NULL, origin, spacing,
+                                   NULL, &image);
     if (status == LAPD_OK)
         status = lapd_params_create(&params);
     if (status == LAPD_OK)

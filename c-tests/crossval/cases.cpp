@@ -87,19 +87,21 @@ lapd_image *Meshing::make_image(const std::string &name) const {
         return unit_image(context_.get(), voxels.data(), N);
     }
     if (name == "three" || name == "turned") {
-        // Turned about z by the angle of a 3-4-5 triangle, with unequal spacing: a mesh whose coordinates are round
-        // numbers no more.
+        // Turned about z by the angle of a 3-4-5 triangle, with unequal spacing: a mesh whose
+        // coordinates are round numbers no more.
         const double turn[9] = {0.6, -0.8, 0, 0.8, 0.6, 0, 0, 0, 1};
         const auto voxels = owned(three_label_voxels(N, RADIUS));
         if (name == "turned") {
             origin = {-3, 5, 100};
             spacing = {1, 0.7, 1.3};
         }
-        require(lapd_image_create(context_.get(), voxels.get(), LAPD_VOXEL_I16, dims.data(), nullptr, origin.data(),
-                                  spacing.data(), name == "turned" ? turn : nullptr, &image));
+        require(lapd_image_create(context_.get(), voxels.get(), LAPD_VOXEL_I16, dims.data(),
+                                  nullptr, origin.data(), spacing.data(),
+                                  name == "turned" ? turn : nullptr, &image));
         return image;
     }
-    require(lapd_image_read(context_.get(), image_path(name).c_str(), LAPD_WORLD_AS_STORED, &image));
+    require(
+        lapd_image_read(context_.get(), image_path(name).c_str(), LAPD_WORLD_AS_STORED, &image));
     return image;
 }
 
@@ -116,9 +118,10 @@ Meshing::Meshing(const std::string &name, double delta, double size, bool improv
     require(lapd_params_set_delta(context, made, delta));
     require(lapd_params_set_size(context, made, size));
     require(lapd_params_set_background(context, made, 1));
-    require(lapd_params_set_improve(context, made, improved ? LAPD_IMPROVE_FULL : LAPD_IMPROVE_NONE));
-    // One spacing: what is thin in an atlas would make millions of tets whatever delta is, and take minutes of the
-    // others' time.
+    require(
+        lapd_params_set_improve(context, made, improved ? LAPD_IMPROVE_FULL : LAPD_IMPROVE_NONE));
+    // One spacing: what is thin in an atlas would make millions of tets whatever delta is, and take
+    // minutes of the others' time.
     require(lapd_params_set_adaptive(context, made, 0));
     if (name == "cube") {
         require(lapd_params_set_surface(context, made, LAPD_SURFACE_VOXEL));
@@ -139,7 +142,8 @@ Meshing::Meshing(const std::string &name, double delta, double size, bool improv
     require(lapd_mesh_get_counts(mesh, &reported));
     check(improved || (reported.all_vertices == point_count_ && reported.all_tets == tet_count_),
           "the whole triangulation is kept");
-    std::printf("%s, delta %g, size %g: %zu vertices, %zu tets (%llu of them tissue), %zu interface facets\n",
+    std::printf("%s, delta %g, size %g: %zu vertices, %zu tets (%llu of them tissue), %zu "
+                "interface facets\n",
                 name.c_str(), delta, size, point_count_, tet_count_,
                 static_cast<unsigned long long>(reported.tissue_tets), facet_count_);
 }

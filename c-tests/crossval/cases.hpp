@@ -1,5 +1,5 @@
-// The meshes that the cross-validation looks at, and how its programs report. Uses the C interface only, nothing of
-// CGAL or TetGen.
+// The meshes that the cross-validation looks at, and how its programs report. Uses the C interface
+// only, nothing of CGAL or TetGen.
 #ifndef CROSSVAL_CASES_HPP
 #define CROSSVAL_CASES_HPP
 
@@ -28,17 +28,20 @@ bool check(bool condition, const std::string &what);
 // Checks that |value - wanted| <= relative * |wanted|.
 bool near(double value, double wanted, double relative, const std::string &what);
 
-// Runs a program's checks on its arguments; the exit status is 0 when everything held or was skipped.
+// Runs a program's checks on its arguments; the exit status is 0 when everything held or was
+// skipped.
 int run(int argc, char **argv, const std::function<void(int, char **)> &checks);
 
-// The path of an image: "aal", "brain", "abdomen", or a path. Throws Skipped when there is no such file.
+// The path of an image: "aal", "brain", "abdomen", or a path. Throws Skipped when there is no such
+// file.
 std::string image_path(const std::string &name);
 
-// An image, and its whole triangulation as lapd meshes it with background kept. The arrays live as long as this.
+// An image, and its whole triangulation as lapd meshes it with background kept. The arrays live as
+// long as this.
 class Meshing {
   public:
-    // `name` is a phantom ("ball", "three", "turned", "cube") or what image_path takes. As refinement leaves it, or
-    // `improved`. Prints one line about the mesh.
+    // `name` is a phantom ("ball", "three", "turned", "cube") or what image_path takes. As
+    // refinement leaves it, or `improved`. Prints one line about the mesh.
     Meshing(const std::string &name, double delta, double size, bool improved = false);
 
     std::size_t vertices() const {

@@ -1,9 +1,11 @@
-// delaunay NAME DELTA SIZE: the whole triangulation against CGAL's Delaunay_triangulation_3 of the same vertices and
-// CGAL's exact predicates, and our quality report against every tet measured once more.
+// delaunay NAME DELTA SIZE: the whole triangulation against CGAL's Delaunay_triangulation_3 of the
+// same vertices and CGAL's exact predicates, and our quality report against every tet measured once
+// more.
 //
-// CGAL and lapd break ties of the in-sphere test by the same symbolic perturbation (Devillers and Teillaud 2003), in
-// the lexicographic order of points. So the sets of tets are equal even where vertices are cospherical, as the four
-// corners of a side of the box are, and the test insists on it.
+// CGAL and lapd break ties of the in-sphere test by the same symbolic perturbation (Devillers and
+// Teillaud 2003), in the lexicographic order of points. So the sets of tets are equal even where
+// vertices are cospherical, as the four corners of a side of the box are, and the test insists on
+// it.
 
 #include "cases.hpp"
 #include "cells.hpp"
@@ -21,7 +23,8 @@ namespace {
 using namespace crossval;
 
 using VertexBase = CGAL::Triangulation_vertex_base_with_info_3<std::uint32_t, Kernel>;
-using Tds = CGAL::Triangulation_data_structure_3<VertexBase, CGAL::Delaunay_triangulation_cell_base_3<Kernel>>;
+using Tds = CGAL::Triangulation_data_structure_3<VertexBase,
+                                                 CGAL::Delaunay_triangulation_cell_base_3<Kernel>>;
 using Delaunay = CGAL::Delaunay_triangulation_3<Kernel, Tds>;
 
 // To this part our figures and those measured here must agree.
@@ -61,10 +64,11 @@ void check_predicates(const Meshing &mesh, const std::vector<Point> &points) {
     }
     check(inverted == 0, std::to_string(inverted) + " tets are inverted");
     check(not_delaunay == 0, std::to_string(not_delaunay) + " facets are not Delaunay");
-    check(inside_box == 0, std::to_string(inside_box) + " facets without a neighbour are not on the box");
-    std::printf(
-        "CGAL's predicates: %zu tets positive, all facets Delaunay; %zu facets are exact ties of the in-sphere test\n",
-        mesh.tets() - inverted, ties / 2);
+    check(inside_box == 0,
+          std::to_string(inside_box) + " facets without a neighbour are not on the box");
+    std::printf("CGAL's predicates: %zu tets positive, all facets Delaunay; %zu facets are exact "
+                "ties of the in-sphere test\n",
+                mesh.tets() - inverted, ties / 2);
 }
 
 void compare_with_cgal(const Meshing &mesh, const std::vector<Point> &points) {
@@ -80,12 +84,14 @@ void compare_with_cgal(const Meshing &mesh, const std::vector<Point> &points) {
     check(triangulation.number_of_vertices() == points.size(), "CGAL takes every vertex");
     std::vector<Tet> theirs;
     theirs.reserve(triangulation.number_of_finite_cells());
-    for (auto cell = triangulation.finite_cells_begin(); cell != triangulation.finite_cells_end(); ++cell) {
-        theirs.push_back(
-            {cell->vertex(0)->info(), cell->vertex(1)->info(), cell->vertex(2)->info(), cell->vertex(3)->info()});
+    for (auto cell = triangulation.finite_cells_begin(); cell != triangulation.finite_cells_end();
+         ++cell) {
+        theirs.push_back({cell->vertex(0)->info(), cell->vertex(1)->info(), cell->vertex(2)->info(),
+                          cell->vertex(3)->info()});
     }
     triangulation.clear();
-    check(compare_tets(points, sorted_tets(mesh), std::move(theirs), "CGAL") == 0, "the set of tets is CGAL's");
+    check(compare_tets(points, sorted_tets(mesh), std::move(theirs), "CGAL") == 0,
+          "the set of tets is CGAL's");
 }
 
 void check_quality(const Meshing &mesh) {
@@ -121,7 +127,8 @@ void check_quality(const Meshing &mesh) {
     }
     for (std::size_t f = 0; f < mesh.facets(); ++f) {
         const auto [a, b, c] = mesh.facet(f);
-        for (const Real angle : triangle_angles(vector(mesh.point(a)), vector(mesh.point(b)), vector(mesh.point(c)))) {
+        for (const Real angle :
+             triangle_angles(vector(mesh.point(a)), vector(mesh.point(b)), vector(mesh.point(c)))) {
             facet_angle = std::min(facet_angle, angle);
         }
     }
@@ -144,11 +151,12 @@ void check_quality(const Meshing &mesh) {
         meshed += row.tets > 0;
     }
     check(labels.size() == rows, "every label of a tet has its row");
-    std::printf("quality: dihedral angles %.6g to %.8g degrees, radius-edge %.6g, facet angles from %.6g degrees, "
+    std::printf("quality: dihedral angles %.6g to %.8g degrees, radius-edge %.6g, facet angles "
+                "from %.6g degrees, "
                 "volumes of %zu labels: as measured "
                 "here\n",
-                reported.min_dihedral, reported.max_dihedral, reported.max_radius_edge, reported.min_facet_angle,
-                meshed);
+                reported.min_dihedral, reported.max_dihedral, reported.max_radius_edge,
+                reported.min_facet_angle, meshed);
 }
 
 void checks(int argc, char **argv) {

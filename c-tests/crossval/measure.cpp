@@ -1,18 +1,19 @@
-// measure IMAGE OURS.mesh THEIRS.mesh [REPORT.json]: two meshes of one label image side by side, both measured by the
-// same code from MEDIT files.
+// measure IMAGE OURS.mesh THEIRS.mesh [REPORT.json]: two meshes of one label image side by side,
+// both measured by the same code from MEDIT files.
 //
-// OURS lies in the world, as lapd writes it; THEIRS along the axes of the image with the first voxel's centre at the
-// origin, as benches/peers/cgal_mesh_3 writes it. Interfaces are found anew: facets between two labels, or between a
-// label and nothing.
+// OURS lies in the world, as lapd writes it; THEIRS along the axes of the image with the first
+// voxel's centre at the origin, as benches/peers/cgal_mesh_3 writes it. Interfaces are found anew:
+// facets between two labels, or between a label and nothing.
 //
 // Surface distance, from samples of one side to the exact nearest point of the other:
-// - mesh to image: facets are cut into triangles with edges of at most half a voxel; samples are their centroids,
-// weighted by area;
-// - image to mesh: samples are the centres of faces between voxels of different label, weighted by area.
-// lapd's own certificate measures much the same; nothing of its code is used here. With REPORT.json, the report of
-// mesh_image on ours, the two are compared.
+// - mesh to image: facets are cut into triangles with edges of at most half a voxel; samples are
+// their centroids, weighted by area;
+// - image to mesh: samples are the centres of faces between voxels of different label, weighted by
+// area. lapd's own certificate measures much the same; nothing of its code is used here. With
+// REPORT.json, the report of mesh_image on ours, the two are compared.
 //
-// Exit status 0 when ours loses no more labels than theirs and its mean surface distances are no larger, 1 otherwise.
+// Exit status 0 when ours loses no more labels than theirs and its mean surface distances are no
+// larger, 1 otherwise.
 
 #include "cases.hpp"
 #include "shape.hpp"
@@ -75,16 +76,17 @@ struct Image {
     }
     // The label of a voxel; 0 outside of the grid. Indices below 0 wrap to large ones.
     std::int32_t at(std::size_t i, std::size_t j, std::size_t k) const {
-        return i < dims[0] && j < dims[1] && k < dims[2] ? voxels[i + dims[0] * (j + dims[1] * k)] : 0;
+        return i < dims[0] && j < dims[1] && k < dims[2] ? voxels[i + dims[0] * (j + dims[1] * k)]
+                                                         : 0;
     }
-    // From the world to the frame in which voxel (i, j, k) fills [i, i + 1] x [j, j + 1] x [k, k + 1] times the
-    // spacing.
+    // From the world to the frame in which voxel (i, j, k) fills [i, i + 1] x [j, j + 1] x [k, k +
+    // 1] times the spacing.
     Vec local(const Vec &world) const {
         const Vec d = minus(world, origin);
         Vec p;
         for (int axis = 0; axis < 3; ++axis) {
-            p[axis] =
-                direction[axis] * d[0] + direction[3 + axis] * d[1] + direction[6 + axis] * d[2] + 0.5 * spacing[axis];
+            p[axis] = direction[axis] * d[0] + direction[3 + axis] * d[1] +
+                      direction[6 + axis] * d[2] + 0.5 * spacing[axis];
         }
         return p;
     }
@@ -99,8 +101,8 @@ struct Grid {
     std::array<long, 3> cell_of(const Vec &p) const {
         std::array<long, 3> c;
         for (int axis = 0; axis < 3; ++axis) {
-            c[axis] = std::clamp(static_cast<long>(std::floor((p[axis] - low[axis]) / cell[axis])), 0L,
-                                 static_cast<long>(dims[axis]) - 1);
+            c[axis] = std::clamp(static_cast<long>(std::floor((p[axis] - low[axis]) / cell[axis])),
+                                 0L, static_cast<long>(dims[axis]) - 1);
         }
         return c;
     }
@@ -108,8 +110,9 @@ struct Grid {
         return static_cast<std::size_t>(i) +
                dims[0] * (static_cast<std::size_t>(j) + dims[1] * static_cast<std::size_t>(k));
     }
-    // Squared distance from p to the nearest thing; `nearest(cell, best)` lowers `best` by what is in a cell. Whatever
-    // reaches into a block of cells must be found in one of them, except for what only touches its upper sides.
+    // Squared distance from p to the nearest thing; `nearest(cell, best)` lowers `best` by what is
+    // in a cell. Whatever reaches into a block of cells must be found in one of them, except for
+    // what only touches its upper sides.
     template <class Nearest> double search(const Vec &p, const Nearest &nearest) const {
         const auto c = cell_of(p);
         double best = std::numeric_limits<double>::infinity();
@@ -119,8 +122,9 @@ struct Grid {
                 for (long j = c[1] - r; j <= c[1] + r; ++j) {
                     const bool rim = std::abs(k - c[2]) == r || std::abs(j - c[1]) == r;
                     for (long i = c[0] - r; i <= c[0] + r; i += rim || r == 0 ? 1 : 2 * r) {
-                        const bool valid = i >= 0 && j >= 0 && k >= 0 && i < static_cast<long>(dims[0]) &&
-                                           j < static_cast<long>(dims[1]) && k < static_cast<long>(dims[2]);
+                        const bool valid =
+                            i >= 0 && j >= 0 && k >= 0 && i < static_cast<long>(dims[0]) &&
+                            j < static_cast<long>(dims[1]) && k < static_cast<long>(dims[2]);
                         if (valid) {
                             inside = true;
                             nearest(index(i, j, k), best);
@@ -131,8 +135,10 @@ struct Grid {
             // Nothing outside of the block looked at is nearer than its sides.
             double side = std::numeric_limits<double>::infinity();
             for (int axis = 0; axis < 3; ++axis) {
-                side = std::min(side, p[axis] - (low[axis] + static_cast<double>(c[axis] - r) * cell[axis]));
-                side = std::min(side, low[axis] + static_cast<double>(c[axis] + r + 1) * cell[axis] - p[axis]);
+                side = std::min(
+                    side, p[axis] - (low[axis] + static_cast<double>(c[axis] - r) * cell[axis]));
+                side = std::min(
+                    side, low[axis] + static_cast<double>(c[axis] + r + 1) * cell[axis] - p[axis]);
             }
             if (!inside || (side > 0 && best <= side * side)) {
                 return best;
@@ -197,12 +203,15 @@ class VoxelFaces {
   private:
     Vec corner(std::size_t n) const {
         const auto &d = grid_.dims;
-        const auto scaled = [&](std::size_t i, int axis) { return static_cast<double>(i) * image_.spacing[axis]; };
+        const auto scaled = [&](std::size_t i, int axis) {
+            return static_cast<double>(i) * image_.spacing[axis];
+        };
         return {scaled(n % d[0], 0), scaled(n / d[0] % d[1], 1), scaled(n / d[0] / d[1], 2)};
     }
     const Image &image_;
     Grid grid_;
-    std::vector<std::uint8_t> masks_; // bit `axis`: the lower face along the axis is one between two labels
+    std::vector<std::uint8_t>
+        masks_; // bit `axis`: the lower face along the axis is one between two labels
 };
 
 // ---- Triangles ----
@@ -219,14 +228,16 @@ double squared_distance_to_segment(const Vec &p, const Vec &a, const Vec &b) {
 // The foot of the perpendicular if it lies inside, an edge otherwise.
 double squared_distance_to_triangle(const Vec &p, const Triangle &t) {
     const Vec u = minus(t[1], t[0]), v = minus(t[2], t[0]), w = minus(p, t[0]);
-    const double uu = inner(u, u), uv = inner(u, v), vv = inner(v, v), wu = inner(w, u), wv = inner(w, v);
+    const double uu = inner(u, u), uv = inner(u, v), vv = inner(v, v), wu = inner(w, u),
+                 wv = inner(w, v);
     const double det = uu * vv - uv * uv;
     const double s = wu * vv - wv * uv, r = wv * uu - wu * uv;
     if (det > 0 && s >= 0 && r >= 0 && s + r <= det) {
         const Vec e = minus(along(along(w, -s / det, u), -r / det, v), Vec{0, 0, 0});
         return inner(e, e);
     }
-    return std::min({squared_distance_to_segment(p, t[0], t[1]), squared_distance_to_segment(p, t[1], t[2]),
+    return std::min({squared_distance_to_segment(p, t[0], t[1]),
+                     squared_distance_to_segment(p, t[1], t[2]),
                      squared_distance_to_segment(p, t[2], t[0])});
 }
 
@@ -260,7 +271,9 @@ class Triangles {
         }
         members_.resize(first_.back());
         std::vector<std::size_t> next(first_.begin(), first_.end() - 1);
-        each_cell([&](std::size_t cell, std::size_t t) { members_[next[cell]++] = static_cast<std::uint32_t>(t); });
+        each_cell([&](std::size_t cell, std::size_t t) {
+            members_[next[cell]++] = static_cast<std::uint32_t>(t);
+        });
     }
     double squared_distance(const Vec &p) const {
         return grid_.search(p, [&](std::size_t cell, double &best) {
@@ -305,7 +318,8 @@ struct MeditMesh {
 
     explicit MeditMesh(const std::string &path) {
         std::ifstream file(path, std::ios::binary);
-        const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+        const std::string text{std::istreambuf_iterator<char>(file),
+                               std::istreambuf_iterator<char>()};
         const auto section = [&](const char *name) {
             const std::size_t at = text.find(std::string("\n") + name);
             if (at == std::string::npos) {
@@ -329,7 +343,8 @@ struct MeditMesh {
             for (std::uint32_t &v : tets[t]) {
                 v = static_cast<std::uint32_t>(std::strtoul(end, &end, 10) - 1);
                 if (v >= points.size()) {
-                    throw std::runtime_error(path + ": tet " + std::to_string(t) + " has no vertex");
+                    throw std::runtime_error(path + ": tet " + std::to_string(t) +
+                                             " has no vertex");
                 }
             }
             labels[t] = static_cast<std::int32_t>(std::strtol(end, &end, 10));
@@ -347,10 +362,12 @@ struct MeditMesh {
             Tet v = tets[t];
             std::sort(v.begin(), v.end());
             for (int i = 0; i < 4; ++i) {
-                sides.push_back({{v[i < 1 ? 1 : 0], v[i < 2 ? 2 : 1], v[i < 3 ? 3 : 2]}, labels[t]});
+                sides.push_back(
+                    {{v[i < 1 ? 1 : 0], v[i < 2 ? 2 : 1], v[i < 3 ? 3 : 2]}, labels[t]});
             }
         }
-        std::sort(sides.begin(), sides.end(), [](const Side &a, const Side &b) { return a.facet < b.facet; });
+        std::sort(sides.begin(), sides.end(),
+                  [](const Side &a, const Side &b) { return a.facet < b.facet; });
         std::vector<Facet> found;
         for (std::size_t i = 0; i < sides.size();) {
             const bool two = i + 1 < sides.size() && sides[i + 1].facet == sides[i].facet;
@@ -398,18 +415,22 @@ class Mean {
     double max_ = 0;
 };
 
-Distance mesh_to_image(const std::vector<Triangle> &triangles, const VoxelFaces &faces, double edge) {
+Distance mesh_to_image(const std::vector<Triangle> &triangles, const VoxelFaces &faces,
+                       double edge) {
     Mean mean;
     for (const Triangle &t : triangles) {
         const Vec u = minus(t[1], t[0]), v = minus(t[2], t[0]), w = minus(t[2], t[1]);
         const double longest = std::sqrt(std::max({inner(u, u), inner(v, v), inner(w, w)}));
-        const double area = std::sqrt(std::max(0.0, inner(u, u) * inner(v, v) - inner(u, v) * inner(u, v))) / 2;
+        const double area =
+            std::sqrt(std::max(0.0, inner(u, u) * inner(v, v) - inner(u, v) * inner(u, v))) / 2;
         const int n = std::max(1, static_cast<int>(std::ceil(longest / edge)));
         // The centroids of the n * n triangles, in units of a third of their edges.
         for (int a = 0; a < n; ++a) {
             for (int b = 0; a + b < n; ++b) {
-                for (int upside_down = 0; upside_down < 2 && a + b + upside_down < n; ++upside_down) {
-                    const double s = (3 * a + 1 + upside_down) / (3.0 * n), r = (3 * b + 1 + upside_down) / (3.0 * n);
+                for (int upside_down = 0; upside_down < 2 && a + b + upside_down < n;
+                     ++upside_down) {
+                    const double s = (3 * a + 1 + upside_down) / (3.0 * n),
+                                 r = (3 * b + 1 + upside_down) / (3.0 * n);
                     mean.add(area / (static_cast<double>(n) * n),
                              faces.squared_distance(along(along(t[0], s, u), r, v)));
                 }
@@ -432,7 +453,8 @@ Measured measure(const MeditMesh &mesh, const Image &image, const VoxelFaces &fa
         const TetShape shape = tet_shape(p);
         volumes[mesh.labels[t]] += std::abs(shape.volume);
         m.max_radius_edge = std::max(m.max_radius_edge, shape.radius_edge);
-        const auto [low, high] = std::minmax_element(shape.dihedrals.begin(), shape.dihedrals.end());
+        const auto [low, high] =
+            std::minmax_element(shape.dihedrals.begin(), shape.dihedrals.end());
         m.min_dihedral = std::min(m.min_dihedral, *low);
         m.max_dihedral = std::max(m.max_dihedral, *high);
         m.slivers += *low < SLIVER || *high > 180 - SLIVER;
@@ -448,7 +470,8 @@ Measured measure(const MeditMesh &mesh, const Image &image, const VoxelFaces &fa
     const double voxel = image.spacing[0] * image.spacing[1] * image.spacing[2];
     double all = 0, meshed = 0;
     for (const auto &[label, count] : voxels) {
-        const double wanted = static_cast<double>(count) * voxel, volume = static_cast<double>(volumes[label]);
+        const double wanted = static_cast<double>(count) * voxel,
+                     volume = static_cast<double>(volumes[label]);
         m.lost += volume == 0;
         all += wanted;
         meshed += volume;
@@ -470,15 +493,18 @@ Measured measure(const MeditMesh &mesh, const Image &image, const VoxelFaces &fa
     for (const Facet &f : mesh.interfaces()) {
         triangles.push_back({mesh.points[f[0]], mesh.points[f[1]], mesh.points[f[2]]});
         const Triangle &t = triangles.back();
-        for (const Real angle : triangle_angles(vector(t[0].data()), vector(t[1].data()), vector(t[2].data()))) {
+        for (const Real angle :
+             triangle_angles(vector(t[0].data()), vector(t[1].data()), vector(t[2].data()))) {
             m.min_facet_angle = std::min(m.min_facet_angle, angle);
         }
     }
     m.interface_facets = triangles.size();
-    m.to_image = mesh_to_image(triangles, faces, 0.5 * *std::min_element(image.spacing.begin(), image.spacing.end()));
+    m.to_image = mesh_to_image(triangles, faces,
+                               0.5 * *std::min_element(image.spacing.begin(), image.spacing.end()));
     const Triangles tree(triangles);
     Mean mean;
-    faces.each([&](const Vec &centre, double area) { mean.add(area, tree.squared_distance(centre)); });
+    faces.each(
+        [&](const Vec &centre, double area) { mean.add(area, tree.squared_distance(centre)); });
     m.to_mesh = mean.get();
     return m;
 }
@@ -490,8 +516,9 @@ void print(const Measured &a, const Measured &b) {
         std::snprintf(y, sizeof y, format, theirs);
         std::printf("| %-52s | %15s | %15s |\n", name, x, y);
     };
-    std::printf("| %-52s | %15s | %15s |\n|%s|%s:|%s:|\n", "", "lapd", "CGAL Mesh_3", std::string(54, '-').c_str(),
-                std::string(16, '-').c_str(), std::string(16, '-').c_str());
+    std::printf("| %-52s | %15s | %15s |\n|%s|%s:|%s:|\n", "", "lapd", "CGAL Mesh_3",
+                std::string(54, '-').c_str(), std::string(16, '-').c_str(),
+                std::string(16, '-').c_str());
     row("tets", "%zu", a.tets, b.tets);
     row("vertices", "%zu", a.vertices, b.vertices);
     row("interface facets", "%zu", a.interface_facets, b.interface_facets);
@@ -503,11 +530,14 @@ void print(const Measured &a, const Measured &b) {
     row("tets with an angle below 10 or above 170 degrees", "%.2f %%", percent(a.slivers, a.tets),
         percent(b.slivers, b.tets));
     row("largest radius-edge ratio", "%.4f", double(a.max_radius_edge), double(b.max_radius_edge));
-    row("smallest angle of interface facets, degrees", "%.3f", double(a.min_facet_angle), double(b.min_facet_angle));
+    row("smallest angle of interface facets, degrees", "%.3f", double(a.min_facet_angle),
+        double(b.min_facet_angle));
     row("labels lost", "%zu", a.lost, b.lost);
     row("volume error, all labels together", "%+.3f %%", 100 * a.total_error, 100 * b.total_error);
-    row("volume error, sum of the labels' amounts", "%.3f %%", 100 * a.sum_of_errors, 100 * b.sum_of_errors);
-    row("volume error, worst label of 1000 voxels or more", "%+.2f %%", 100 * a.worst_large, 100 * b.worst_large);
+    row("volume error, sum of the labels' amounts", "%.3f %%", 100 * a.sum_of_errors,
+        100 * b.sum_of_errors);
+    row("volume error, worst label of 1000 voxels or more", "%+.2f %%", 100 * a.worst_large,
+        100 * b.worst_large);
     row("  that label", "%d", a.worst_large_label, b.worst_large_label);
     row("volume error, worst label", "%+.2f %%", 100 * a.worst, 100 * b.worst);
     row("  that label", "%d", a.worst_label, b.worst_label);
@@ -517,8 +547,8 @@ void print(const Measured &a, const Measured &b) {
     row("image to mesh, largest", "%.3f", a.to_mesh.max, b.to_mesh.max);
 }
 
-// lapd's certificate against what was measured here. Samples of the image are the same; those of the mesh are not, so
-// that its mean differs a little.
+// lapd's certificate against what was measured here. Samples of the image are the same; those of
+// the mesh are not, so that its mean differs a little.
 void check_certificate(const std::string &path, const Image &image, const Measured &ours) {
     std::ifstream file(path);
     const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
@@ -533,8 +563,8 @@ void check_certificate(const std::string &path, const Image &image, const Measur
          "certificate: mean distance from the image to the mesh");
     near(number("mean_mesh_to_image"), ours.to_image.mean, 0.05,
          "certificate: mean distance from the mesh to the image");
-    // The first is promised to a hundredth of the smallest spacing. The second has more samples: corners of voxel faces
-    // too.
+    // The first is promised to a hundredth of the smallest spacing. The second has more samples:
+    // corners of voxel faces too.
     const double tolerance = 0.01 * *std::min_element(image.spacing.begin(), image.spacing.end());
     check(number("hausdorff_mesh_to_image") >= ours.to_image.max - tolerance,
           "certificate: largest distance from the mesh to the image");
@@ -562,8 +592,10 @@ void checks(int argc, char **argv) {
         check_certificate(argv[4], image, ours);
     }
     check(ours.lost <= theirs.lost, "ours loses no more labels");
-    check(ours.to_image.mean <= theirs.to_image.mean, "ours has no larger mean distance from the mesh to the image");
-    check(ours.to_mesh.mean <= theirs.to_mesh.mean, "ours has no larger mean distance from the image to the mesh");
+    check(ours.to_image.mean <= theirs.to_image.mean,
+          "ours has no larger mean distance from the mesh to the image");
+    check(ours.to_mesh.mean <= theirs.to_mesh.mean,
+          "ours has no larger mean distance from the image to the mesh");
 }
 
 } // namespace

@@ -1,5 +1,5 @@
-// Shape of tets and triangles, measured once more: by other formulas than the library's, in extended precision where
-// the machine has it.
+// Shape of tets and triangles, measured once more: by other formulas than the library's, in
+// extended precision where the machine has it.
 #ifndef CROSSVAL_SHAPE_HPP
 #define CROSSVAL_SHAPE_HPP
 
@@ -46,8 +46,8 @@ struct TetShape {
     std::array<Real, 6> dihedrals; // degrees
 };
 
-// Dihedral angles between the outward normals of faces; the circumradius from the products of opposite edges (Crelle
-// 1821): 24 R V = sqrt((p + q + r)(p + q - r)(p - q + r)(q + r - p)).
+// Dihedral angles between the outward normals of faces; the circumradius from the products of
+// opposite edges (Crelle 1821): 24 R V = sqrt((p + q + r)(p + q - r)(p - q + r)(q + r - p)).
 inline TetShape tet_shape(const std::array<Vector, 4> &p) {
     TetShape shape{};
     shape.volume = dot(cross(p[1] - p[0], p[2] - p[0]), p[3] - p[0]) / 6;
@@ -69,12 +69,13 @@ inline TetShape tet_shape(const std::array<Vector, 4> &p) {
     const Real b = length(p[2] - p[0]) * length(p[3] - p[1]);
     const Real c = length(p[3] - p[0]) * length(p[2] - p[1]);
     const Real product = (a + b + c) * (a + b - c) * (a - b + c) * (b + c - a);
-    shape.radius_edge = std::sqrt(std::max(product, Real(0))) / (24 * std::abs(shape.volume)) / shortest;
+    shape.radius_edge =
+        std::sqrt(std::max(product, Real(0))) / (24 * std::abs(shape.volume)) / shortest;
     return shape;
 }
 
-// Counts angles below thresholds, and says how far rounding may move a count: an angle closer to a threshold than this
-// may fall on either side.
+// Counts angles below thresholds, and says how far rounding may move a count: an angle closer to a
+// threshold than this may fall on either side.
 class Histogram {
   public:
     Histogram(std::vector<double> thresholds, Real tolerance)
@@ -88,8 +89,8 @@ class Histogram {
         }
         ++count_;
     }
-    // Whether bins, the first one from below the first threshold and the last one from the last threshold on, count the
-    // same angles.
+    // Whether bins, the first one from below the first threshold and the last one from the last
+    // threshold on, count the same angles.
     template <class Bins> bool agrees(const Bins &bins) const {
         std::size_t below = 0;
         for (std::size_t i = 0; i < thresholds_.size(); ++i) {

@@ -1,14 +1,19 @@
-// surfaces NAME DELTA SIZE [EDGE | improved]: the interfaces are closed, and our MEDIT file gives CGAL the mesh that we
-// have.
+// surfaces NAME DELTA SIZE [EDGE | improved]: the interfaces are closed, and our MEDIT file gives
+// CGAL the mesh that we have.
 //
-// - Around every label its facets, turned outwards, form a cycle: each edge is used as often in one direction as
-//   in the other, so an even number of times. The volume inside, by the divergence theorem, is that of the
-//   label's tets.
-// - CGAL builds a Mesh_complex_3_in_triangulation_3 from our MEDIT file: its triangulation is valid, cells of
-//   every subdomain and facets of every pair of labels are as many as ours, and no edge is the border of a surface.
-// - With "improved", slivers are removed first, and the dihedral angles, measured by CGAL, are those that were asked
+// - Around every label its facets, turned outwards, form a cycle: each edge is used as often in one
+// direction as
+//   in the other, so an even number of times. The volume inside, by the divergence theorem, is that
+//   of the label's tets.
+// - CGAL builds a Mesh_complex_3_in_triangulation_3 from our MEDIT file: its triangulation is
+// valid, cells of
+//   every subdomain and facets of every pair of labels are as many as ours, and no edge is the
+//   border of a surface.
+// - With "improved", slivers are removed first, and the dihedral angles, measured by CGAL, are
+// those that were asked
 //   for, but for the tets that are listed.
-// - With EDGE, CGAL's tetrahedral_isotropic_remeshing takes the mesh to this edge length, and every label keeps
+// - With EDGE, CGAL's tetrahedral_isotropic_remeshing takes the mesh to this edge length, and every
+// label keeps
 //   its volume.
 
 #include "cases.hpp"
@@ -56,7 +61,8 @@ void check_closed(const Meshing &mesh) {
         const Facet facet = mesh.facet(f);
         const auto labels = mesh.facet_labels(f);
         misordered += labels[0] <= labels[1];
-        const Vector p[3] = {vector(mesh.point(facet[0])) - origin, vector(mesh.point(facet[1])) - origin,
+        const Vector p[3] = {vector(mesh.point(facet[0])) - origin,
+                             vector(mesh.point(facet[1])) - origin,
                              vector(mesh.point(facet[2])) - origin};
         const Real cone = dot(cross(p[0], p[1]), p[2]) / 6;
         for (int side = 0; side < 2; ++side) {
@@ -65,20 +71,22 @@ void check_closed(const Meshing &mesh) {
             inside[labels[side]] += sign * cone;
             for (int i = 0; i < 3; ++i) {
                 const std::uint32_t a = facet[i], b = facet[(i + 1) % 3];
-                uses.push_back({labels[side], std::min(a, b), std::max(a, b), a < b ? sign : -sign});
+                uses.push_back(
+                    {labels[side], std::min(a, b), std::max(a, b), a < b ? sign : -sign});
             }
         }
     }
     check(misordered == 0, "the larger label comes first");
-    std::sort(uses.begin(), uses.end(),
-              [](const Use &x, const Use &y) { return std::tie(x.label, x.a, x.b) < std::tie(y.label, y.a, y.b); });
+    std::sort(uses.begin(), uses.end(), [](const Use &x, const Use &y) {
+        return std::tie(x.label, x.a, x.b) < std::tie(y.label, y.a, y.b);
+    });
     std::size_t open = 0, crossings = 0, edges = 0;
     for (std::size_t i = 0; i < uses.size();) {
         int sum = 0;
         std::size_t n = 0;
         for (const Use &first = uses[i];
-             i + n < uses.size() &&
-             std::tie(uses[i + n].label, uses[i + n].a, uses[i + n].b) == std::tie(first.label, first.a, first.b);
+             i + n < uses.size() && std::tie(uses[i + n].label, uses[i + n].a, uses[i + n].b) ==
+                                        std::tie(first.label, first.a, first.b);
              ++n) {
             sum += uses[i + n].direction;
         }
@@ -87,7 +95,8 @@ void check_closed(const Meshing &mesh) {
         ++edges;
         i += n;
     }
-    check(open == 0, std::to_string(open) + " edges where the surface of a label is open or turns over");
+    check(open == 0,
+          std::to_string(open) + " edges where the surface of a label is open or turns over");
 
     for (std::size_t t = 0; t < mesh.tets(); ++t) {
         std::array<Vector, 4> p;
@@ -98,10 +107,12 @@ void check_closed(const Meshing &mesh) {
     }
     for (const auto &[label, volume] : volumes) {
         if (label != 0) {
-            near(inside[label], volume, 1e-9, "volume inside the surface of label " + std::to_string(label));
+            near(inside[label], volume, 1e-9,
+                 "volume inside the surface of label " + std::to_string(label));
         }
     }
-    std::printf("surfaces of %zu labels: closed, consistently oriented, and their insides have the volumes of the "
+    std::printf("surfaces of %zu labels: closed, consistently oriented, and their insides have the "
+                "volumes of the "
                 "tets; %zu edges, %zu of them on more than "
                 "two facets of a label\n",
                 inside.size(), edges, crossings);
@@ -110,7 +121,8 @@ void check_closed(const Meshing &mesh) {
 // Volume and number of the cells of each subdomain.
 std::map<int, std::pair<std::size_t, double>> subdomains(const Triangulation &triangulation) {
     std::map<int, std::pair<std::size_t, double>> sums;
-    for (auto cell = triangulation.finite_cells_begin(); cell != triangulation.finite_cells_end(); ++cell) {
+    for (auto cell = triangulation.finite_cells_begin(); cell != triangulation.finite_cells_end();
+         ++cell) {
         auto &[count, volume] = sums[cell->subdomain_index()];
         ++count;
         volume += triangulation.tetrahedron(cell).volume();
@@ -122,7 +134,8 @@ void load(const Meshing &mesh, Triangulation &triangulation) {
     const std::string path = "crossval-" + std::to_string(getpid()) + ".mesh";
     mesh.write(path);
     std::ifstream file(path);
-    const bool built = CGAL::build_triangulation_from_file<Triangulation, false>(file, triangulation);
+    const bool built =
+        CGAL::build_triangulation_from_file<Triangulation, false>(file, triangulation);
     std::remove(path.c_str());
     if (!built) {
         throw std::runtime_error("CGAL builds no triangulation from our MEDIT file");
@@ -135,7 +148,8 @@ void check_complex(const Meshing &mesh) {
     complex.rescan_after_load_of_triangulation();
     const Triangulation &triangulation = complex.triangulation();
     check(triangulation.is_valid(), "CGAL's triangulation from our MEDIT file is valid");
-    check(triangulation.number_of_vertices() == mesh.vertices(), "vertices in CGAL's triangulation");
+    check(triangulation.number_of_vertices() == mesh.vertices(),
+          "vertices in CGAL's triangulation");
     check(triangulation.number_of_finite_cells() == mesh.tets(), "cells in CGAL's triangulation");
 
     std::map<int, std::size_t> tets;
@@ -158,9 +172,12 @@ void check_complex(const Meshing &mesh) {
     }
     std::map<std::pair<int, int>, int> patches;
     std::size_t wrong = 0;
-    for (auto facet = triangulation.finite_facets_begin(); facet != triangulation.finite_facets_end(); ++facet) {
+    for (auto facet = triangulation.finite_facets_begin();
+         facet != triangulation.finite_facets_end(); ++facet) {
         const auto mirror = triangulation.mirror_facet(*facet);
-        const auto subdomain = [&](auto cell) { return triangulation.is_infinite(cell) ? 0 : cell->subdomain_index(); };
+        const auto subdomain = [&](auto cell) {
+            return triangulation.is_infinite(cell) ? 0 : cell->subdomain_index();
+        };
         const int a = subdomain(facet->first), b = subdomain(mirror.first);
         wrong += (a != b) != complex.is_in_complex(*facet);
         if (a != b) {
@@ -170,20 +187,23 @@ void check_complex(const Meshing &mesh) {
             wrong += patches.emplace(pair, patch).first->second != patch;
         }
     }
-    check(wrong == 0, std::to_string(wrong) +
-                          " facets are in the complex but between equal labels, or otherwise, or of another patch");
+    check(wrong == 0, std::to_string(wrong) + " facets are in the complex but between equal "
+                                              "labels, or otherwise, or of another patch");
     check(pairs == loaded_pairs, "facets of every pair of labels");
 
     std::map<Complex::Face_status, std::size_t> edges;
-    for (auto edge = triangulation.finite_edges_begin(); edge != triangulation.finite_edges_end(); ++edge) {
+    for (auto edge = triangulation.finite_edges_begin(); edge != triangulation.finite_edges_end();
+         ++edge) {
         ++edges[complex.face_status(*edge)];
     }
     check(edges[Complex::BOUNDARY] == 0, "no edge of the complex is a border");
     check(edges[Complex::ISOLATED] == 0, "no edge of the complex is alone");
-    std::printf("C3t3 from our MEDIT file: %zu cells in %zu subdomains, %zu facets in %zu patches, edges with two "
+    std::printf("C3t3 from our MEDIT file: %zu cells in %zu subdomains, %zu facets in %zu patches, "
+                "edges with two "
                 "facets %zu, with more %zu, with one "
                 "%zu\n",
-                static_cast<std::size_t>(complex.number_of_cells_in_complex()), tets.size() - tets.count(0),
+                static_cast<std::size_t>(complex.number_of_cells_in_complex()),
+                tets.size() - tets.count(0),
                 static_cast<std::size_t>(complex.number_of_facets_in_complex()), patches.size(),
                 edges[Complex::REGULAR], edges[Complex::SINGULAR], edges[Complex::BOUNDARY]);
 }
@@ -197,12 +217,15 @@ void check_remeshing(const Meshing &mesh, double edge) {
     const auto after = subdomains(triangulation);
     for (const auto &[label, sum] : before) {
         const auto found = after.find(label);
-        if (label != 0 && check(found != after.end(), "remeshing keeps label " + std::to_string(label))) {
+        if (label != 0 &&
+            check(found != after.end(), "remeshing keeps label " + std::to_string(label))) {
             near(found->second.second, sum.second, 0.05,
                  "volume of label " + std::to_string(label) + " after remeshing");
         }
     }
-    std::printf("CGAL's tetrahedral remeshing to edges of %g: valid, every label there, volumes within 5 %%\n", edge);
+    std::printf("CGAL's tetrahedral remeshing to edges of %g: valid, every label there, volumes "
+                "within 5 %%\n",
+                edge);
 }
 
 // The dihedral angles of tissue by CGAL.
@@ -238,8 +261,8 @@ void check_angles(const Meshing &mesh) {
             beyond += angle < target - 1e-4 || angle > 180 - target + 1e-4;
         }
     }
-    std::printf("dihedral angles by CGAL: %.4f to %.4f degrees, %zu tets listed as left\n", least, largest,
-                listed.size());
+    std::printf("dihedral angles by CGAL: %.4f to %.4f degrees, %zu tets listed as left\n", least,
+                largest, listed.size());
     check(beyond == 0, std::to_string(beyond) + " angles beyond the target");
     check(listed.size() <= 10, std::to_string(listed.size()) + " tets are left");
 }

@@ -1,9 +1,9 @@
-// tetgen NAME DELTA SIZE: the whole triangulation against TetGen's Delaunay tetrahedralisation of the same vertices,
-// and our mesh read into TetGen, which checks its consistency and measures it.
+// tetgen NAME DELTA SIZE: the whole triangulation against TetGen's Delaunay tetrahedralisation of
+// the same vertices, and our mesh read into TetGen, which checks its consistency and measures it.
 //
-// TetGen breaks ties of the in-sphere test in the order of its vertex numbers, lapd in the lexicographic order of
-// coordinates. So tets may differ, but only inside groups of exactly cospherical vertices; exact predicates (CGAL's)
-// tell whether they do.
+// TetGen breaks ties of the in-sphere test in the order of its vertex numbers, lapd in the
+// lexicographic order of coordinates. So tets may differ, but only inside groups of exactly
+// cospherical vertices; exact predicates (CGAL's) tell whether they do.
 
 #include "cases.hpp"
 #include "cells.hpp"
@@ -48,7 +48,8 @@ std::string tetrahedralized(const std::string &switches, tetgenio &in, tetgenio 
         printed += static_cast<char>(c);
     }
     if (error != 0) {
-        throw std::runtime_error("TetGen gave up with error " + std::to_string(error) + ": " + printed);
+        throw std::runtime_error("TetGen gave up with error " + std::to_string(error) + ": " +
+                                 printed);
     }
     return printed;
 }
@@ -73,7 +74,8 @@ void compare_with_tetgen(const Meshing &mesh, const std::vector<Point> &points) 
     compare_tets(points, sorted_tets(mesh), std::move(theirs), "TetGen");
 }
 
-// Our tets, all of them or those of the tissues, with the interface facets where asked for, as TetGen's input.
+// Our tets, all of them or those of the tissues, with the interface facets where asked for, as
+// TetGen's input.
 struct Input {
     tetgenio io;
     std::vector<std::uint32_t> vertices; // which of ours each vertex is
@@ -142,14 +144,17 @@ std::vector<std::size_t> dihedral_counts(const std::string &printed) {
 }
 
 struct Figures {
-    Real smallest_volume = std::numeric_limits<double>::max(), largest_volume = 0, smallest_dihedral = 180,
-         largest_dihedral = 0, smallest_face_angle = 180, largest_face_angle = 0;
+    Real smallest_volume = std::numeric_limits<double>::max(), largest_volume = 0,
+         smallest_dihedral = 180, largest_dihedral = 0, smallest_face_angle = 180,
+         largest_face_angle = 0;
 };
 
-// TetGen's statistics of a mesh against the same figures measured here, to the digits that it prints.
+// TetGen's statistics of a mesh against the same figures measured here, to the digits that it
+// prints.
 Figures check_statistics(const std::string &printed, const Input &input) {
     Figures figures;
-    Histogram histogram({5, 10, 20, 30, 40, 50, 60, 70, 80, 110, 120, 130, 140, 150, 160, 170, 175}, 1e-6L);
+    Histogram histogram({5, 10, 20, 30, 40, 50, 60, 70, 80, 110, 120, 130, 140, 150, 160, 170, 175},
+                        1e-6L);
     for (int t = 0; t < input.io.numberoftetrahedra; ++t) {
         std::array<Vector, 4> p;
         for (int i = 0; i < 4; ++i) {
@@ -164,7 +169,8 @@ Figures check_statistics(const std::string &printed, const Input &input) {
             histogram.add(dihedral);
         }
         for (int i = 0; i < 4; ++i) {
-            for (const Real angle : triangle_angles(p[(i + 1) % 4], p[(i + 2) % 4], p[(i + 3) % 4])) {
+            for (const Real angle :
+                 triangle_angles(p[(i + 1) % 4], p[(i + 2) % 4], p[(i + 3) % 4])) {
                 figures.smallest_face_angle = std::min(figures.smallest_face_angle, angle);
                 figures.largest_face_angle = std::max(figures.largest_face_angle, angle);
             }
@@ -172,14 +178,18 @@ Figures check_statistics(const std::string &printed, const Input &input) {
     }
     // Five digits, or four after the point.
     const double digits = 1e-4, places = 1e-4;
-    near(number_after(printed, "Smallest volume:"), figures.smallest_volume, digits, "TetGen's smallest volume");
-    near(number_after(printed, "Largest volume:"), figures.largest_volume, digits, "TetGen's largest volume");
+    near(number_after(printed, "Smallest volume:"), figures.smallest_volume, digits,
+         "TetGen's smallest volume");
+    near(number_after(printed, "Largest volume:"), figures.largest_volume, digits,
+         "TetGen's largest volume");
     near(number_after(printed, "Smallest facangle:"), figures.smallest_face_angle, digits,
          "TetGen's smallest face angle");
-    near(number_after(printed, "Largest facangle:"), figures.largest_face_angle, digits, "TetGen's largest face angle");
+    near(number_after(printed, "Largest facangle:"), figures.largest_face_angle, digits,
+         "TetGen's largest face angle");
     near(number_after(printed, "Largest dihedral:"), figures.largest_dihedral, digits,
          "TetGen's largest dihedral angle");
-    // TetGen takes its angles from cosines, which tell small ones no better than to some 1e-6 degrees.
+    // TetGen takes its angles from cosines, which tell small ones no better than to some 1e-6
+    // degrees.
     check(std::abs(number_after(printed, "Smallest dihedral:") - figures.smallest_dihedral) <=
               digits * figures.smallest_dihedral + places,
           "TetGen's smallest dihedral angle");
@@ -188,9 +198,12 @@ Figures check_statistics(const std::string &printed, const Input &input) {
     return figures;
 }
 
-// The facets that TetGen's check calls non-Delaunay are ties that it breaks otherwise, each of them exact.
-void check_complaints(const std::string &printed, const Input &input, const std::vector<Point> &points) {
-    static const std::regex line("Non-locally Delaunay \\(([0-9]+), ([0-9]+), ([0-9]+)\\) - ([0-9]+), ([0-9]+)");
+// The facets that TetGen's check calls non-Delaunay are ties that it breaks otherwise, each of them
+// exact.
+void check_complaints(const std::string &printed, const Input &input,
+                      const std::vector<Point> &points) {
+    static const std::regex line(
+        "Non-locally Delaunay \\(([0-9]+), ([0-9]+), ([0-9]+)\\) - ([0-9]+), ([0-9]+)");
     std::size_t complaints = 0, ties = 0;
     for (std::sregex_iterator m(printed.begin(), printed.end(), line), end; m != end; ++m) {
         std::array<std::uint32_t, 5> v;
@@ -206,19 +219,21 @@ void check_complaints(const std::string &printed, const Input &input, const std:
         says(printed, ("Found " + std::to_string(complaints) + " non-Delaunay faces.").c_str());
     }
     check(ties == complaints, "facets that TetGen finds not Delaunay are exact ties");
-    std::printf("TetGen -rCC: consistent and Delaunay, but for %zu facets that are exact ties\n", complaints);
+    std::printf("TetGen -rCC: consistent and Delaunay, but for %zu facets that are exact ties\n",
+                complaints);
 }
 
-// We hand over no segments; TetGen infers them from the angles between facets, and takes a vertex with two of them in
-// line for one that it once put on a segment itself. It expects these two to run in one direction, and complains where
-// they do not. That is the only complaint allowed here.
+// We hand over no segments; TetGen infers them from the angles between facets, and takes a vertex
+// with two of them in line for one that it once put on a segment itself. It expects these two to
+// run in one direction, and complains where they do not. That is the only complaint allowed here.
 void check_segments(const std::string &printed) {
     static const std::regex complaint("\n  !! ([^\n]*)");
     std::size_t complaints = 0;
     for (std::sregex_iterator m(printed.begin(), printed.end(), complaint), end; m != end; ++m) {
         const std::string text = (*m)[1];
         if (text.rfind("!! !! !! Found", 0) != 0) {
-            check(text.rfind("Wrong seg-seg connection at point", 0) == 0, "TetGen complains: " + text);
+            check(text.rfind("Wrong seg-seg connection at point", 0) == 0,
+                  "TetGen complains: " + text);
             ++complaints;
         }
     }
@@ -227,14 +242,17 @@ void check_segments(const std::string &printed) {
         return;
     }
     const double inferred = number_after(printed, "Steiner points on segments:");
-    check(static_cast<double>(complaints) <= inferred, "complaints are about vertices that TetGen puts on segments");
-    std::printf("TetGen -rC: complains about the direction of segments at %zu of the %g vertices that it takes for "
+    check(static_cast<double>(complaints) <= inferred,
+          "complaints are about vertices that TetGen puts on segments");
+    std::printf("TetGen -rC: complains about the direction of segments at %zu of the %g vertices "
+                "that it takes for "
                 "points put on segments\n",
                 complaints, inferred);
 }
 
 void check_ours(const Meshing &mesh, const std::vector<Point> &points) {
-    // -r reads a mesh, -O0 leaves it as it is, -C checks it, -CC its Delaunay property too, -V measures it.
+    // -r reads a mesh, -O0 leaves it as it is, -C checks it, -CC its Delaunay property too, -V
+    // measures it.
     {
         // With the interfaces, which must be facets of tets.
         Input input(mesh, true, true);
@@ -243,10 +261,12 @@ void check_ours(const Meshing &mesh, const std::vector<Point> &points) {
         says(printed, "In my studied opinion, the mesh appears to be consistent.");
         says(printed, "Mesh boundaries connected correctly.");
         check_segments(printed);
-        check(printed.find("is missing") == std::string::npos, "TetGen finds every interface facet");
+        check(printed.find("is missing") == std::string::npos,
+              "TetGen finds every interface facet");
         check(printed.find("Warning") == std::string::npos,
               "TetGen reads the mesh without a warning: " + printed.substr(0, 2000));
-        check(out.numberoftetrahedra == input.io.numberoftetrahedra && out.numberofpoints == input.io.numberofpoints,
+        check(out.numberoftetrahedra == input.io.numberoftetrahedra &&
+                  out.numberofpoints == input.io.numberofpoints,
               "TetGen keeps the mesh as it is");
         check_statistics(printed, input);
     }
@@ -270,10 +290,12 @@ void check_ours(const Meshing &mesh, const std::vector<Point> &points) {
         check(lapd_mesh_get_quality(mesh.mesh(), &reported) == LAPD_OK, "quality");
         near(figures.smallest_dihedral, reported.min_dihedral, 1e-9, "our smallest dihedral angle");
         near(figures.largest_dihedral, reported.max_dihedral, 1e-9, "our largest dihedral angle");
-        std::printf("TetGen's statistics of the tissues: dihedral angles %g to %g degrees, volumes from %g to %g: ours "
-                    "to its digits\n",
-                    number_after(printed, "Smallest dihedral:"), number_after(printed, "Largest dihedral:"),
-                    number_after(printed, "Smallest volume:"), number_after(printed, "Largest volume:"));
+        std::printf(
+            "TetGen's statistics of the tissues: dihedral angles %g to %g degrees, volumes from %g "
+            "to %g: ours "
+            "to its digits\n",
+            number_after(printed, "Smallest dihedral:"), number_after(printed, "Largest dihedral:"),
+            number_after(printed, "Smallest volume:"), number_after(printed, "Largest volume:"));
     }
 }
 

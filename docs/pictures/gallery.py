@@ -1,12 +1,16 @@
 #!/usr/bin/env python3
-"""Makes the pictures of docs/gallery.md: builds the phantoms, meshes them and the real images that are given, and draws them.
+"""Makes the pictures of docs/gallery.md: builds the phantoms, meshes them and the real images that
+are given, and draws them.
 
-usage: gallery.py [--mesh-image build/bin/mesh_image] [-o docs/pictures] [--work build/gallery] [--brain brain.nrrd] [--abdomen abdomen.nrrd]
+usage: gallery.py [--mesh-image build/bin/mesh_image] [-o docs/pictures] [--work build/gallery]
+[--brain brain.nrrd] [--abdomen abdomen.nrrd]
                   [--only sheet junction helix brain abdomen]
 
-Phantoms come from the formulas below, so anyone can make their pictures; those of the atlases are left as they are when their image is not given. Needs what render.py
-needs, and `mesh_image`, which `sh examples/quickstart.sh` builds.
+Phantoms come from the formulas below, so anyone can make their pictures; those of the atlases are
+left as they are when their image is not given. Needs what render.py needs, and `mesh_image`, which
+`sh examples/quickstart.sh` builds.
 """
+
 import argparse
 import pathlib
 import subprocess
@@ -40,7 +44,9 @@ def helix():
     image = np.zeros((40, 40, 46), np.int16)
     for turn in np.linspace(0, 2.75, 4000):
         angle = 2 * np.pi * turn
-        at = np.rint([19 + 14 * np.cos(angle), 19 + 14 * np.sin(angle), 4 + 13.3 * turn]).astype(int)
+        at = np.rint([19 + 14 * np.cos(angle), 19 + 14 * np.sin(angle), 4 + 13.3 * turn]).astype(
+            int
+        )
         image[at[0] : at[0] + 2, at[1] : at[1] + 2, at[2] : at[2] + 2] = 1
     return image
 
@@ -48,7 +54,10 @@ def helix():
 def write_nrrd(path, image):
     """Voxels of 1 mm, x fastest."""
     sizes = " ".join(map(str, image.shape))
-    header = f"NRRD0004\ntype: short\ndimension: 3\nsizes: {sizes}\nspacings: 1 1 1\nencoding: raw\nendian: little\n\n"
+    header = (
+        f"NRRD0004\ntype: short\ndimension: 3\nsizes: {sizes}\nspacings: 1 1 1\nencoding: raw\n"
+        "endian: little\n\n"
+    )
     path.write_bytes(header.encode() + image.astype("<i2").tobytes(order="F"))
 
 
@@ -69,7 +78,9 @@ def voxels(image, rgb):
             # Along the axis, and along the two others in their order.
             plane = np.empty((len(at), 4, 3))
             plane[..., 0] = at[:, None, 0] - 0.5
-            plane[..., 1:] = at[:, None, 1:] + np.array([[-1.5, -1.5], [-0.5, -1.5], [-0.5, -0.5], [-1.5, -0.5]])
+            plane[..., 1:] = at[:, None, 1:] + np.array(
+                [[-1.5, -1.5], [-0.5, -1.5], [-0.5, -0.5], [-1.5, -0.5]]
+            )
             points.append(np.insert(plane[..., 1:], axis, plane[..., 0], axis=2))
             colours.append(rgb[high[tuple(at.T)]])
     points = np.concatenate(points)
@@ -128,23 +139,39 @@ def apart(tool, work, path):
 
 def cut(tool, work, path, name, image, delta, axis, at, view, up):
     """Draws the tets of an atlas behind a plane, whole."""
-    points, tets, labels = mesh(tool, image, work / f"{name}.vtu", "--delta", delta, "--size", 2 * delta)
+    points, tets, labels = mesh(
+        tool, image, work / f"{name}.vtu", "--delta", delta, "--size", 2 * delta
+    )
     direction, upwards = render.towards(*view, up)
     along = points[..., axis]
     plane = along[tets].min() + at * np.ptp(along[tets])
     heights = along[tets].mean(axis=1)
     far = heights < plane if direction[axis] > 0 else heights > plane
-    render.draw(path, outside(points, tets[far], labels[far], coloured(labels)), direction, upwards, edge_opacity=0.35)
+    render.draw(
+        path,
+        outside(points, tets[far], labels[far], coloured(labels)),
+        direction,
+        upwards,
+        edge_opacity=0.35,
+    )
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--mesh-image", default="build/bin/mesh_image", metavar="PROGRAM")
-    parser.add_argument("-o", default="docs/pictures", metavar="FOLDER", help="where the pictures go")
-    parser.add_argument("--work", default="build/gallery", metavar="FOLDER", help="where images and meshes go")
+    parser.add_argument(
+        "-o", default="docs/pictures", metavar="FOLDER", help="where the pictures go"
+    )
+    parser.add_argument(
+        "--work", default="build/gallery", metavar="FOLDER", help="where images and meshes go"
+    )
     parser.add_argument("--brain", metavar="IMAGE", help="SPL-PNL brain atlas")
     parser.add_argument("--abdomen", metavar="IMAGE", help="SPL abdominal atlas")
-    parser.add_argument("--only", nargs="+", choices=["sheet", "junction", "helix", "brain", "abdomen"])
+    parser.add_argument(
+        "--only", nargs="+", choices=["sheet", "junction", "helix", "brain", "abdomen"]
+    )
     args = parser.parse_args()
     out, work, tool = pathlib.Path(args.o), pathlib.Path(args.work), args.mesh_image
     work.mkdir(parents=True, exist_ok=True)
@@ -153,13 +180,17 @@ def main():
         "junction": lambda path: apart(tool, work, path),
         "helix": lambda path: image_and_mesh(tool, work, path, "helix", helix(), (35, 22)),
         "brain": lambda path: cut(tool, work, path, "brain", args.brain, 2, 2, 0.52, (65, 40), "z"),
-        "abdomen": lambda path: cut(tool, work, path, "abdomen", args.abdomen, 2.5, 1, 0.52, (65, 30), "z"),
+        "abdomen": lambda path: cut(
+            tool, work, path, "abdomen", args.abdomen, 2.5, 1, 0.52, (65, 30), "z"
+        ),
     }
     for name, drawing in drawings.items():
         if args.only and name not in args.only:
             continue
         if name in ("brain", "abdomen") and not getattr(args, name):
-            print(f"{name}: no image given (--{name}), its picture is left as it is", file=sys.stderr)
+            print(
+                f"{name}: no image given (--{name}), its picture is left as it is", file=sys.stderr
+            )
             continue
         drawing(str(out / f"gallery-{name}.png"))
 

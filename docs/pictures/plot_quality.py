@@ -3,9 +3,11 @@
 
 usage: plot_quality.py REPORT.json [NAME=REPORT.json ...] [-o quality.png]
 
-Reads `quality.dihedral_histogram` (18 bins of 10 degrees, all six angles of every tet) of `mesh_image --report` and `cgal_mesh_3 --report`,
-and draws each as its share of all angles. NAME labels a curve; without it, the file's name does. Needs `pip install matplotlib`.
+Reads `quality.dihedral_histogram` (18 bins of 10 degrees, all six angles of every tet) of
+`mesh_image --report` and `cgal_mesh_3 --report`, and draws each as its share of all angles. NAME
+labels a curve; without it, the file's name does. Needs `pip install matplotlib`.
 """
+
 import argparse
 import json
 import pathlib
@@ -20,7 +22,9 @@ COLOURS = ["#2f6db5", "#e0803c", "#3f9b64", "#b24a72", "#7d6bb3", "#8a7a3d"]
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("reports", nargs="+", metavar="[NAME=]REPORT.json")
     parser.add_argument("-o", default="quality.png", metavar="OUT.png")
     args = parser.parse_args()
@@ -33,9 +37,21 @@ def main():
         quality = report["quality"]
         counts = np.asarray(quality["dihedral_histogram"], float)
         edges = np.linspace(0, 180, len(counts) + 1)
-        text = f"{name or pathlib.Path(path).stem}: {report['tets']:,} tets, {quality['min_dihedral']:.2f}° to {quality['max_dihedral']:.2f}°"
+        text = (
+            f"{name or pathlib.Path(path).stem}: {report['tets']:,} tets, "
+            f"{quality['min_dihedral']:.2f}° to {quality['max_dihedral']:.2f}°"
+        )
         share = 100 * counts / max(counts.sum(), 1)
-        axes.bar(edges[:-1] + width * i, share, width, align="edge", color=COLOURS[i % len(COLOURS)], edgecolor="white", linewidth=0.6, label=text)
+        axes.bar(
+            edges[:-1] + width * i,
+            share,
+            width,
+            align="edge",
+            color=COLOURS[i % len(COLOURS)],
+            edgecolor="white",
+            linewidth=0.6,
+            label=text,
+        )
     axes.set(xlim=(0, 180), xlabel="dihedral angle (degrees)", ylabel="share of angles (%)")
     axes.set_xticks(range(0, 181, 20))
     axes.spines[["top", "right"]].set_visible(False)

@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""Draws the worst tets of meshes of one image, side by side: a row for each mesh, the tet with the worst angle first.
+"""Draws the worst tets of meshes of one image, side by side: a row for each mesh, the tet with the
+worst angle first.
 
 usage: worst_tets.py NAME=MESH.vtu [NAME=MESH.vtu ...] [-n COUNT] [-o worst.png]
 
-A tet's worst angle is the dihedral angle that is nearest to 0 or 180 degrees. Each tet is scaled to the same length of its longest edge
-and seen along the direction in which it is thinnest, turned a little. Needs `pip install meshio matplotlib`.
+A tet's worst angle is the dihedral angle that is nearest to 0 or 180 degrees. Each tet is scaled to
+the same length of its longest edge and seen along the direction in which it is thinnest, turned a
+little. Needs `pip install meshio matplotlib`.
 """
+
 import argparse
 
 import matplotlib
@@ -25,7 +28,9 @@ def dihedral_angles(corners):
     angles = []
     for i, j, k, l in EDGES:
         edge = corners[:, j] - corners[:, i]
-        n, m = np.cross(edge, corners[:, k] - corners[:, i]), np.cross(edge, corners[:, l] - corners[:, i])
+        n, m = np.cross(edge, corners[:, k] - corners[:, i]), np.cross(
+            edge, corners[:, l] - corners[:, i]
+        )
         cosine = np.einsum("ij,ij->i", n, m) / np.linalg.norm(n, axis=1) / np.linalg.norm(m, axis=1)
         angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
     return np.stack(angles, axis=1)
@@ -36,7 +41,13 @@ def draw(axes, corners, angles):
     centered /= max(np.linalg.norm(a - b) for a in centered for b in centered)
     # The thinnest direction is the last axis of the points' spread: it is to point up.
     turned = centered @ np.linalg.svd(centered)[2].T
-    faces = Poly3DCollection([turned[facet] for facet in FACETS], facecolor="#8db4dd", edgecolor="#1f3f66", alpha=0.55, linewidth=0.8)
+    faces = Poly3DCollection(
+        [turned[facet] for facet in FACETS],
+        facecolor="#8db4dd",
+        edgecolor="#1f3f66",
+        alpha=0.55,
+        linewidth=0.8,
+    )
     axes.add_collection3d(faces)
     axes.set(xlim=(-0.5, 0.5), ylim=(-0.5, 0.5), zlim=(-0.5, 0.5))
     axes.set_box_aspect((1, 1, 1), zoom=1.3)
@@ -46,7 +57,9 @@ def draw(axes, corners, angles):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("meshes", nargs="+", metavar="NAME=MESH.vtu")
     parser.add_argument("-n", type=int, default=8, metavar="COUNT")
     parser.add_argument("-o", default="worst.png", metavar="OUT.png")
@@ -60,7 +73,11 @@ def main():
         angles = dihedral_angles(corners)
         worst = np.argsort(np.minimum(angles, 180 - angles).min(axis=1))[: args.n]
         for column, t in enumerate(worst):
-            draw(figure.add_subplot(rows, args.n, row * args.n + column + 1, projection="3d"), corners[t], angles[t])
+            draw(
+                figure.add_subplot(rows, args.n, row * args.n + column + 1, projection="3d"),
+                corners[t],
+                angles[t],
+            )
         figure.text(0.005, 1 - (row + 0.5) / rows, name, rotation=90, va="center", fontsize=9)
     figure.subplots_adjust(left=0.03, right=1, top=0.95, bottom=0, wspace=0, hspace=0.1)
     figure.savefig(args.o)

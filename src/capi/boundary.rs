@@ -1,7 +1,8 @@
 //! What stands between C and Rust: panics, pointers, failures.
 //!
-//! A panic must not unwind into C, and the default panic hook would print it on the host's stderr. [`catch`] therefore keeps both
-//! away; the process's own hook still gets every panic that happens outside of it.
+//! A panic must not unwind into C, and the default panic hook would print it on the host's stderr.
+//! [`catch`] therefore keeps both away; the process's own hook still gets every panic that happens
+//! outside of it.
 
 use std::ffi::{CStr, c_char};
 
@@ -61,7 +62,10 @@ fn check_pointer<T>(pointer: *const T, name: &str) -> Outcome<()> {
         return Err(Failure::invalid(format!("{name} is NULL")));
     }
     if !pointer.is_aligned() {
-        return Err(Failure::invalid(format!("{name} is not aligned to {} bytes", align_of::<T>())));
+        return Err(Failure::invalid(format!(
+            "{name} is not aligned to {} bytes",
+            align_of::<T>()
+        )));
     }
     Ok(())
 }
@@ -109,7 +113,10 @@ pub(super) unsafe fn slice<'a, T>(pointer: *const T, count: usize, name: &str) -
 ///
 /// # Safety
 /// As [`slice`], with `N` values.
-pub(super) unsafe fn array<T: Copy, const N: usize>(pointer: *const T, name: &str) -> Outcome<[T; N]> {
+pub(super) unsafe fn array<T: Copy, const N: usize>(
+    pointer: *const T,
+    name: &str,
+) -> Outcome<[T; N]> {
     // SAFETY: the caller's promise; arrays are aligned as their elements.
     unsafe { borrow(pointer.cast::<[T; N]>(), name) }.copied()
 }
@@ -134,12 +141,14 @@ impl<T> Out<T> {
     }
 
     pub fn set(self, value: T) {
-        // SAFETY: checked and promised in `new`. The old value is plain data of the caller's and is not dropped.
+        // SAFETY: checked and promised in `new`. The old value is plain data of the caller's and is
+        // not dropped.
         unsafe { self.0.write(value) }
     }
 }
 
-/// A plain struct that may grow at its end in later versions; its first field is `struct_size: u64`, set by the caller.
+/// A plain struct that may grow at its end in later versions; its first field is
+/// `struct_size: u64`, set by the caller.
 ///
 /// # Safety
 /// `repr(C)`, plain data, `struct_size: u64` first.
@@ -151,16 +160,20 @@ pub(super) unsafe trait Growing: Copy {
 /// Above this, `struct_size` was forgotten and holds garbage.
 const LARGEST_STRUCT: u64 = 1 << 16;
 
-/// Fills a caller's struct: as much of `value` as its version of the struct holds; what only a later version knows becomes 0.
+/// Fills a caller's struct: as much of `value` as its version of the struct holds; what only a
+/// later version knows becomes 0.
 ///
 /// # Safety
-/// `out` is NULL or points to `struct_size` writable bytes, `struct_size` being its first eight bytes.
+/// `out` is NULL or points to `struct_size` writable bytes, `struct_size` being its first eight
+/// bytes.
 pub(super) unsafe fn fill_struct<T: Growing>(out: *mut T, value: T, name: &str) -> Outcome<()> {
     check_pointer(out, name)?;
     // SAFETY: not NULL, aligned; `Growing` says that a u64 stands first.
     let size = unsafe { out.cast::<u64>().read() };
     if !(T::FIRST_SIZE..=LARGEST_STRUCT).contains(&size) {
-        return Err(Failure::invalid(format!("{name}->struct_size must be sizeof *{name}, got {size}")));
+        return Err(Failure::invalid(format!(
+            "{name}->struct_size must be sizeof *{name}, got {size}"
+        )));
     }
     let known = (size_of::<T>() as u64).min(size) as usize;
     // SAFETY: the caller promises `size` bytes; `value` has at least `known`.
@@ -208,7 +221,10 @@ mod tests {
         unsafe { fill_struct(newer.as_mut_ptr(), value, "out") }.unwrap();
         assert_eq!(
             newer,
-            [Grown { struct_size: 48, first: 1, later: 2 }, Grown { struct_size: 0, first: 0, later: 0 }]
+            [
+                Grown { struct_size: 48, first: 1, later: 2 },
+                Grown { struct_size: 0, first: 0, later: 0 }
+            ]
         );
 
         for wrong in [0, 15, u64::MAX] {
@@ -222,7 +238,10 @@ mod tests {
     fn null_and_misaligned_pointers_are_refused() {
         assert!(unsafe { borrow::<u32>(std::ptr::null(), "p") }.is_err());
         assert!(
-            unsafe { borrow::<u32>(std::ptr::without_provenance(2), "p") }.unwrap_err().message.contains("aligned")
+            unsafe { borrow::<u32>(std::ptr::without_provenance(2), "p") }
+                .unwrap_err()
+                .message
+                .contains("aligned")
         );
         assert!(unsafe { slice::<u32>(&1, usize::MAX, "p") }.is_err());
     }

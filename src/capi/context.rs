@@ -1,4 +1,5 @@
-//! The context of calls: where their error message is kept, whom a run reports to, how it is cancelled.
+//! The context of calls: where their error message is kept, whom a run reports to, how it is
+//! cancelled.
 
 use std::ffi::{CString, c_char, c_void};
 use std::ptr;
@@ -9,10 +10,11 @@ use super::boundary::{Failure, Out, Outcome, borrow, catch, status_of, value_or}
 use super::status::lapd_status;
 use crate::monitor::{CancelFlag, Level, Phase, Progress};
 
-/// What a call reports to. Holds the message of the last call that failed, the callbacks for progress and log lines, and the
-/// cancel flag.
+/// What a call reports to. Holds the message of the last call that failed, the callbacks for
+/// progress and log lines, and the cancel flag.
 ///
-/// Use one context per thread that makes calls. Only lapd_context_cancel may be called while another thread uses the context.
+/// Use one context per thread that makes calls. Only lapd_context_cancel may be called while
+/// another thread uses the context.
 pub struct lapd_context {
     pub(super) cancel: CancelFlag,
     running: AtomicBool,
@@ -79,15 +81,20 @@ impl From<Level> for lapd_log_level {
     }
 }
 
-/// Receives progress on the thread that called lapd_mesh_image. Returns 0 to go on, anything else to cancel the run. `progress`
-/// is valid during the call only. Must not throw, nor leave by longjmp; must not free the context.
-pub type lapd_progress_fn = Option<unsafe extern "C" fn(user: *mut c_void, progress: *const lapd_progress) -> i32>;
+/// Receives progress on the thread that called lapd_mesh_image. Returns 0 to go on, anything else
+/// to cancel the run. `progress` is valid during the call only. Must not throw, nor leave by
+/// longjmp; must not free the context.
+pub type lapd_progress_fn =
+    Option<unsafe extern "C" fn(user: *mut c_void, progress: *const lapd_progress) -> i32>;
 
-/// Receives a log line (UTF-8, without a line end) of a lapd_log_level, on the thread that made the call. `message` is valid
-/// during the call only. Must not throw, nor leave by longjmp; must not free the context.
-pub type lapd_log_fn = Option<unsafe extern "C" fn(user: *mut c_void, level: i32, message: *const c_char)>;
+/// Receives a log line (UTF-8, without a line end) of a lapd_log_level, on the thread that made the
+/// call. `message` is valid during the call only. Must not throw, nor leave by longjmp; must not
+/// free the context.
+pub type lapd_log_fn =
+    Option<unsafe extern "C" fn(user: *mut c_void, level: i32, message: *const c_char)>;
 
-/// The caller's functions; copied out of the context for the time of a run, so that they may be called without a lock.
+/// The caller's functions; copied out of the context for the time of a run, so that they may be
+/// called without a lock.
 #[derive(Clone, Copy)]
 pub(super) struct Callbacks {
     progress: lapd_progress_fn,
@@ -97,7 +104,12 @@ pub(super) struct Callbacks {
 }
 
 impl Callbacks {
-    const NONE: Self = Self { progress: None, progress_user: ptr::null_mut(), log: None, log_user: ptr::null_mut() };
+    const NONE: Self = Self {
+        progress: None,
+        progress_user: ptr::null_mut(),
+        log: None,
+        log_user: ptr::null_mut(),
+    };
 
     pub fn has_progress(&self) -> bool {
         self.progress.is_some()
@@ -138,7 +150,8 @@ impl lapd_context {
 
     /// Marks the context as used by a run until the guard is dropped.
     pub(super) fn start_run(&self) -> Outcome<RunGuard<'_>> {
-        // Acquire and release: what the callbacks of one run did is seen by the next one, on whatever thread.
+        // Acquire and release: what the callbacks of one run did is seen by the next one, on
+        // whatever thread.
         if self.running.swap(true, Ordering::Acquire) {
             return Err(Failure::new(
                 lapd_status::LAPD_ERROR_BUSY,
@@ -157,7 +170,8 @@ impl Drop for RunGuard<'_> {
     }
 }
 
-/// A panic while a lock is held leaves complete values behind: both mutexes guard single assignments.
+/// A panic while a lock is held leaves complete values behind: both mutexes guard single
+/// assignments.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -201,8 +215,8 @@ pub unsafe extern "C" fn lapd_context_create(context: *mut *mut lapd_context) ->
     })
 }
 
-/// Frees a context. NULL is allowed and does nothing. No other thread may use the context, nor a call be under way with it.
-/// Images, parameters and meshes made with it live on.
+/// Frees a context. NULL is allowed and does nothing. No other thread may use the context, nor a
+/// call be under way with it. Images, parameters and meshes made with it live on.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_context_free(context: *mut lapd_context) {
     value_or((), || {
@@ -213,11 +227,11 @@ pub unsafe extern "C" fn lapd_context_free(context: *mut lapd_context) {
     });
 }
 
-/// The message of the last call that failed with this context: one line, UTF-8; empty when none failed yet. Calls that succeed
-/// leave it as it is. For NULL a message that says so.
+/// The message of the last call that failed with this context: one line, UTF-8; empty when none
+/// failed yet. Calls that succeed leave it as it is. For NULL a message that says so.
 ///
-/// The string belongs to the context and is valid until the next failing call with it, or until it is freed. No other thread may
-/// use the context meanwhile.
+/// The string belongs to the context and is valid until the next failing call with it, or until it
+/// is freed. No other thread may use the context meanwhile.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_context_last_error(context: *const lapd_context) -> *const c_char {
     value_or(c"internal error: no message".as_ptr(), || {
@@ -229,11 +243,11 @@ pub unsafe extern "C" fn lapd_context_last_error(context: *const lapd_context) -
     })
 }
 
-/// Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means none. Takes effect with the next
-/// lapd_mesh_image.
+/// Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means
+/// none. Takes effect with the next lapd_mesh_image.
 ///
-/// The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed. No other thread may
-/// use the context meanwhile.
+/// The library keeps `user` but never looks at it; both must stay valid until replaced or the
+/// context is freed. No other thread may use the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
 #[unsafe(no_mangle)]
@@ -253,10 +267,11 @@ pub unsafe extern "C" fn lapd_context_set_progress(
     }
 }
 
-/// Sets the function that receives log lines, and the pointer handed to it. A NULL `callback` means none.
+/// Sets the function that receives log lines, and the pointer handed to it. A NULL `callback` means
+/// none.
 ///
-/// The library keeps `user` but never looks at it; both must stay valid until replaced or the context is freed. No other thread may
-/// use the context meanwhile.
+/// The library keeps `user` but never looks at it; both must stay valid until replaced or the
+/// context is freed. No other thread may use the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
 #[unsafe(no_mangle)]
@@ -276,18 +291,22 @@ pub unsafe extern "C" fn lapd_context_set_log(
     }
 }
 
-/// Asks the run of this context to end, or the writing of a mesh with it; the call returns LAPD_ERROR_CANCELLED within 100 ms, as long
-/// as the run holds less than some 500 MB: the system takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk
-/// when a file is complete, comes on top. The calls that obey are lapd_mesh_image, lapd_mesh_write and lapd_mesh_write_timeline; all
-/// others, those that make or read an image too, run to their end. The request stays until lapd_context_reset_cancel: without a call
-/// under way that obeys, the next one ends at once, so that no request is ever lost.
+/// Asks the run of this context to end, or the writing of a mesh with it; the call returns
+/// LAPD_ERROR_CANCELLED within 100 ms, as long as the run holds less than some 500 MB: the system
+/// takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk when a file is
+/// complete, comes on top. The calls that obey are lapd_mesh_image, lapd_mesh_write and
+/// lapd_mesh_write_timeline; all others, those that make or read an image too, run to their end.
+/// The request stays until lapd_context_reset_cancel: without a call under way that obeys, the next
+/// one ends at once, so that no request is ever lost.
 ///
-/// May be called from any thread at any time in the life of the context, from its callbacks, and from a signal handler.
+/// May be called from any thread at any time in the life of the context, from its callbacks, and
+/// from a signal handler.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_context_cancel(context: *const lapd_context) -> lapd_status {
-    // One atomic store and no boundary: nothing here can panic, and nothing else would be safe in a signal handler.
+    // One atomic store and no boundary: nothing here can panic, and nothing else would be safe in a
+    // signal handler.
     if context.is_null() || !context.is_aligned() {
         return lapd_status::LAPD_ERROR_INVALID_ARGUMENT;
     }
@@ -296,10 +315,11 @@ pub unsafe extern "C" fn lapd_context_cancel(context: *const lapd_context) -> la
     lapd_status::LAPD_OK
 }
 
-/// Takes back what lapd_context_cancel asked for, so that the context can be used for another run. No other thread may use the
-/// context meanwhile.
+/// Takes back what lapd_context_cancel asked for, so that the context can be used for another run.
+/// No other thread may use the context meanwhile.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL; LAPD_ERROR_BUSY while a run is under way.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL; LAPD_ERROR_BUSY while a run is under
+/// way.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_context_reset_cancel(context: *mut lapd_context) -> lapd_status {
     // SAFETY: the caller's promise.

@@ -6,7 +6,9 @@ use std::ptr;
 
 use glam::DMat3;
 
-use super::boundary::{Failure, Out, Outcome, array, borrow, c_str, check_buffer, slice, status_of, value_or};
+use super::boundary::{
+    Failure, Out, Outcome, array, borrow, c_str, check_buffer, slice, status_of, value_or,
+};
 use super::context::{lapd_context, lapd_log_level, with_context};
 use super::params::unknown;
 use super::status::lapd_status;
@@ -14,8 +16,8 @@ use crate::image::readers::{LabelValues, ReadOptions, WorldAxes, WorldFrame, rea
 use crate::image::volume::packed_strides;
 use crate::image::{Frame, LabelImage, Voxels, numbered_voxels};
 
-/// A label image: a grid of integer labels, and its place in the world. Label 0 is the background. Never changes after it was
-/// made, so any number of threads may use it at once.
+/// A label image: a grid of integer labels, and its place in the world. Label 0 is the background.
+/// Never changes after it was made, so any number of threads may use it at once.
 pub struct lapd_image {
     pub(super) image: LabelImage,
     /// As far as a file said.
@@ -49,12 +51,13 @@ pub enum lapd_voxel_type {
     LAPD_VOXEL_I64 = 7,
 }
 
-/// The frame of world coordinates that an image from a file, and so its mesh, is to have. LPS and RAS differ by a half turn about z: x and y
-/// change their signs.
+/// The frame of world coordinates that an image from a file, and so its mesh, is to have. LPS and
+/// RAS differ by a half turn about z: x and y change their signs.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_world_frame {
-    /// Coordinates as the file gives them: RAS for NIfTI, LPS for MetaImage, what `space` says for NRRD; INRIMAGE does not say.
+    /// Coordinates as the file gives them: RAS for NIfTI, LPS for MetaImage, what `space` says for
+    /// NRRD; INRIMAGE does not say.
     LAPD_WORLD_AS_STORED = 0,
     /// x, y, z grow towards the patient's left, posterior, superior: DICOM, ITK.
     LAPD_WORLD_LPS = 1,
@@ -62,8 +65,8 @@ pub enum lapd_world_frame {
     LAPD_WORLD_RAS = 2,
 }
 
-/// What becomes of voxels of a label image that are no whole numbers. Those within 1e-3 of one are always rounded, with a
-/// warning.
+/// What becomes of voxels of a label image that are no whole numbers. Those within 1e-3 of one are
+/// always rounded, with a warning.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_label_values {
@@ -71,8 +74,8 @@ pub enum lapd_label_values {
     LAPD_LABELS_WHOLE = 0,
     /// They are rounded, with a warning.
     LAPD_LABELS_ROUNDED = 1,
-    /// Each distinct value becomes a label, those of 64-bit integers, too: 0 stays 0, the others become 1, 2, ...
-    /// in increasing order. lapd_image_get_value tells which is which.
+    /// Each distinct value becomes a label, those of 64-bit integers, too: 0 stays 0, the others
+    /// become 1, 2, ... in increasing order. lapd_image_get_value tells which is which.
     LAPD_LABELS_DISTINCT = 2,
 }
 
@@ -127,12 +130,14 @@ impl lapd_voxel_type {
         ]
         .into_iter()
         .find(|&known| known as i32 == number)
-        .ok_or_else(|| Failure::invalid(format!("voxel_type must be a lapd_voxel_type, got {number}")))
+        .ok_or_else(|| {
+            Failure::invalid(format!("voxel_type must be a lapd_voxel_type, got {number}"))
+        })
     }
 }
 
-/// The elements a strided image touches: how far the first one lies before voxel (0, 0, 0), and how many there are from the first
-/// to the last.
+/// The elements a strided image touches: how far the first one lies before voxel (0, 0, 0), and how
+/// many there are from the first to the last.
 fn extent(dims: [usize; 3], strides: [isize; 3]) -> Option<(usize, usize)> {
     let (mut before, mut after) = (0_usize, 0_usize);
     for (dim, stride) in dims.into_iter().zip(strides) {
@@ -143,17 +148,26 @@ fn extent(dims: [usize; 3], strides: [isize; 3]) -> Option<(usize, usize)> {
     Some((before, before.checked_add(after)?.checked_add(1)?))
 }
 
-/// As [`extent`], with a failure for more voxels than u32 can number and for what does not fit in memory; and the strides, which for NULL are those of packed voxels.
-pub(super) fn strided(dims: [usize; 3], strides: Option<[isize; 3]>) -> Outcome<(usize, usize, [isize; 3])> {
+/// As [`extent`], with a failure for more voxels than u32 can number and for what does not fit in
+/// memory; and the strides, which for NULL are those of packed voxels.
+pub(super) fn strided(
+    dims: [usize; 3],
+    strides: Option<[isize; 3]>,
+) -> Outcome<(usize, usize, [isize; 3])> {
     if let Some(axis) = dims.iter().position(|&n| n == 0) {
         return Err(Failure::invalid(format!("dims[{axis}] must be at least 1, got 0")));
     }
-    let too_large = || Failure::invalid(format!("an image of {dims:?} voxels is too large: at most 2^32 - 1 voxels"));
+    let too_large = || {
+        Failure::invalid(format!(
+            "an image of {dims:?} voxels is too large: at most 2^32 - 1 voxels"
+        ))
+    };
     // Where addresses have 32 bits the latter is the smaller one.
     numbered_voxels(dims).filter(|&voxels| voxels <= isize::MAX as usize).ok_or_else(too_large)?;
     let strides = strides.unwrap_or_else(|| packed_strides(dims));
-    let (before, count) = extent(dims, strides)
-        .ok_or_else(|| Failure::invalid(format!("strides {strides:?} of {dims:?} voxels do not fit in memory")))?;
+    let (before, count) = extent(dims, strides).ok_or_else(|| {
+        Failure::invalid(format!("strides {strides:?} of {dims:?} voxels do not fit in memory"))
+    })?;
     Ok((before, count, strides))
 }
 
@@ -161,19 +175,27 @@ pub(super) fn strided(dims: [usize; 3], strides: Option<[isize; 3]>) -> Outcome<
 ///
 /// # Safety
 /// As [`array`], `direction` may be NULL.
-pub(super) unsafe fn frame_of(origin: *const f64, spacing: *const f64, direction: *const f64) -> Outcome<Frame> {
+pub(super) unsafe fn frame_of(
+    origin: *const f64,
+    spacing: *const f64,
+    direction: *const f64,
+) -> Outcome<Frame> {
     // SAFETY: passed on to the caller.
     unsafe {
         let origin = array(origin, "origin")?;
         let spacing = array(spacing, "spacing")?;
-        let direction =
-            if direction.is_null() { DMat3::IDENTITY } else { rows_to_matrix(array(direction, "direction")?) };
+        let direction = if direction.is_null() {
+            DMat3::IDENTITY
+        } else {
+            rows_to_matrix(array(direction, "direction")?)
+        };
         Ok(Frame::new(origin, spacing, direction.to_cols_array_2d())?)
     }
 }
 
 /// # Safety
-/// `data` is NULL or points to voxel (0, 0, 0) of an image of `voxel_type` with these dimensions and strides.
+/// `data` is NULL or points to voxel (0, 0, 0) of an image of `voxel_type` with these dimensions
+/// and strides.
 unsafe fn copy_voxels(
     data: *const c_void,
     voxel_type: lapd_voxel_type,
@@ -183,8 +205,13 @@ unsafe fn copy_voxels(
 ) -> Outcome<LabelImage> {
     let (before, count, _) = strided(dims, strides)?;
 
-    // SAFETY: the caller's promise about `data`; `strided` says which elements around it belong to the image.
-    unsafe fn elements<'a, T>(data: *const c_void, before: usize, count: usize) -> Outcome<&'a [T]> {
+    // SAFETY: the caller's promise about `data`; `strided` says which elements around it belong to
+    // the image.
+    unsafe fn elements<'a, T>(
+        data: *const c_void,
+        before: usize,
+        count: usize,
+    ) -> Outcome<&'a [T]> {
         if data.is_null() {
             return Err(Failure::invalid("data is NULL"));
         }
@@ -207,26 +234,31 @@ unsafe fn copy_voxels(
     Ok(LabelImage::from_voxels(voxels, dims, strides, before, frame)?)
 }
 
-/// Makes an image from a caller's buffer. The voxels are copied (into dense ids of 2 bytes each), so the buffer may be freed or
-/// changed as soon as the call returns.
+/// Makes an image from a caller's buffer. The voxels are copied (into dense ids of 2 bytes each),
+/// so the buffer may be freed or changed as soon as the call returns.
 ///
-/// - `data` points to voxel (0, 0, 0), aligned for its type, which `voxel_type` (a lapd_voxel_type) names.
+/// - `data` points to voxel (0, 0, 0), aligned for its type, which `voxel_type` (a lapd_voxel_type)
+///   names.
 /// - `dims`: 3 values, voxels along x, y, z; at least 1 each, and at most 2^32 - 1 voxels in all.
-/// - `strides`: 3 values, the distance from a voxel to the next one along x, y, z, counted in elements (not bytes); negative ones
-///   are allowed. NULL means packed, x fastest: 1, dims[0], dims[0] * dims[1].
+/// - `strides`: 3 values, the distance from a voxel to the next one along x, y, z, counted in
+///   elements (not bytes); negative ones are allowed. NULL means packed, x fastest: 1, dims[0],
+///   dims[0] * dims[1].
 /// - `origin`: 3 values, the world position of the centre of voxel (0, 0, 0).
 /// - `spacing`: 3 values, the distance between voxel centres along x, y, z; above 0.
-/// - `direction`: 9 values, row by row; column k is the world direction of image axis k. Must be orthonormal; reflections are
-///   allowed, and tets have positive volumes all the same. NULL means the identity.
+/// - `direction`: 9 values, row by row; column k is the world direction of image axis k. Must be
+///   orthonormal; reflections are allowed, and tets have positive volumes all the same. NULL means
+///   the identity.
 ///
-/// World position of voxel (i, j, k): origin + direction * (i * spacing[0], j * spacing[1], k * spacing[2]). Lengths are in one
-/// unit, millimetres for medical images, and so are those of the mesh.
+/// World position of voxel (i, j, k): origin + direction * (i * spacing[0], j * spacing[1], k *
+/// spacing[2]). Lengths are in one unit, millimetres for medical images, and so are those of the
+/// mesh.
 ///
 /// The caller owns `*image` and frees it with lapd_image_free. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer other than `strides` and `direction` is NULL, for an unknown voxel type, a
-/// dimension of 0, more than 2^32 - 1 voxels, strides beyond the address space, a spacing not above 0, a value that is not finite, axes that
-/// are sheared, a label that does not fit int32_t, more than 65534 labels besides 0; LAPD_ERROR_OUT_OF_MEMORY.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer other than `strides` and `direction` is NULL,
+/// for an unknown voxel type, a dimension of 0, more than 2^32 - 1 voxels, strides beyond the
+/// address space, a spacing not above 0, a value that is not finite, axes that are sheared, a label
+/// that does not fit int32_t, more than 65534 labels besides 0; LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_create(
     context: *mut lapd_context,
@@ -255,9 +287,19 @@ pub unsafe extern "C" fn lapd_image_create(
 }
 
 /// What the caller owns; warnings with a zero byte, of which C has no string, are left out.
-pub(super) fn handle(image: LabelImage, world: Option<WorldAxes>, warnings: Vec<String>) -> *mut lapd_image {
+pub(super) fn handle(
+    image: LabelImage,
+    world: Option<WorldAxes>,
+    warnings: Vec<String>,
+) -> *mut lapd_image {
     let warnings = warnings.into_iter().filter_map(|line| CString::new(line).ok()).collect();
-    Box::into_raw(Box::new(lapd_image { image, world, warnings, values: Vec::new(), names: Vec::new() }))
+    Box::into_raw(Box::new(lapd_image {
+        image,
+        world,
+        warnings,
+        values: Vec::new(),
+        names: Vec::new(),
+    }))
 }
 
 /// Hands warnings to the log.
@@ -279,18 +321,21 @@ fn rows_to_matrix(rows: [f64; 9]) -> DMat3 {
     DMat3::from_cols_array(&rows).transpose()
 }
 
-/// Reads an image file; its format is told by the end of its name: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz.
+/// Reads an image file; its format is told by the end of its name: .nrrd .nhdr .nii .nii.gz .mha
+/// .mhd .inr .inr.gz.
 ///
-/// `path` is UTF-8; on Unix any bytes that name a file are taken. `world` is the frame that the image is to have, a lapd_world_frame. The
-/// coordinates of a file that does not say its own stay as stored, with a warning; lapd_image_get_world_axes tells what the axes of the
-/// image mean. What a file says ambiguously goes to the log callback, and is kept with the image (lapd_image_get_warning).
+/// `path` is UTF-8; on Unix any bytes that name a file are taken. `world` is the frame that the
+/// image is to have, a lapd_world_frame. The coordinates of a file that does not say its own stay
+/// as stored, with a warning; lapd_image_get_world_axes tells what the axes of the image mean. What
+/// a file says ambiguously goes to the log callback, and is kept with the image
+/// (lapd_image_get_warning).
 ///
-/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one. lapd_context_cancel
-/// does not end the call.
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
+/// this one. lapd_context_cancel does not end the call.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `world` is unknown, or no format has this ending; LAPD_ERROR_IO when
-/// the file cannot be read; LAPD_ERROR_FORMAT when it is not a valid image, is cut off, or uses what this version does not read;
-/// LAPD_ERROR_OUT_OF_MEMORY.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `world` is unknown, or no format
+/// has this ending; LAPD_ERROR_IO when the file cannot be read; LAPD_ERROR_FORMAT when it is not a
+/// valid image, is cut off, or uses what this version does not read; LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_read(
     context: *mut lapd_context,
@@ -306,15 +351,16 @@ pub unsafe extern "C" fn lapd_image_read(
 /// As lapd_image_read, with choices.
 ///
 /// - `values`: what becomes of voxels that are no whole numbers, a lapd_label_values.
-/// - `layer_order`: for segmentations of 3D Slicer with several layers, whose segments may overlap: the `layer_count`
-///   layers of the file, counted from 0, each once. Where segments overlap, that of the later layer of this order counts.
-///   NULL for the order of the file.
+/// - `layer_order`: for segmentations of 3D Slicer with several layers, whose segments may overlap:
+///   the `layer_count` layers of the file, counted from 0, each once. Where segments overlap, that
+///   of the later layer of this order counts. NULL for the order of the file.
 ///
-/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on this one.
-/// lapd_context_cancel does not end the call.
+/// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
+/// this one. lapd_context_cancel does not end the call.
 ///
-/// Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown, when `layer_order` does not
-/// name each layer once or the file has no layers, and for LAPD_LABELS_DISTINCT of several layers.
+/// Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown, when
+/// `layer_order` does not name each layer once or the file has no layers, and for
+/// LAPD_LABELS_DISTINCT of several layers.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_read_labels(
     context: *mut lapd_context,
@@ -346,9 +392,11 @@ pub unsafe extern "C" fn lapd_image_read_labels(
             tell(context, &read.warnings);
             let image = handle(read.image, read.world, read.warnings);
             // What the caller will own, and nobody else knows yet.
-            (*image).values = read.values.into_iter().filter_map(|text| CString::new(text).ok()).collect();
+            (*image).values =
+                read.values.into_iter().filter_map(|text| CString::new(text).ok()).collect();
             let names = read.names.into_iter();
-            (*image).names = names.filter_map(|(label, name)| Some((label, CString::new(name).ok()?))).collect();
+            (*image).names =
+                names.filter_map(|(label, name)| Some((label, CString::new(name).ok()?))).collect();
             out.set(image);
             Ok(())
         })
@@ -366,7 +414,8 @@ pub(super) fn to_path(path: &CStr) -> Outcome<&Path> {
     path.to_str().map(Path::new).map_err(|_| Failure::invalid("path is not UTF-8"))
 }
 
-/// Frees an image. NULL is allowed and does nothing. Any thread; no call may be using it. Meshes made from it live on.
+/// Frees an image. NULL is allowed and does nothing. Any thread; no call may be using it. Meshes
+/// made from it live on.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_free(image: *mut lapd_image) {
     value_or((), || {
@@ -381,7 +430,10 @@ pub unsafe extern "C" fn lapd_image_free(image: *mut lapd_image) {
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_image_get_dims(image: *const lapd_image, dims: *mut usize) -> lapd_status {
+pub unsafe extern "C" fn lapd_image_get_dims(
+    image: *const lapd_image,
+    dims: *mut usize,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(dims.cast::<[usize; 3]>(), "dims")?;
@@ -394,7 +446,10 @@ pub unsafe extern "C" fn lapd_image_get_dims(image: *const lapd_image, dims: *mu
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_image_get_origin(image: *const lapd_image, origin: *mut f64) -> lapd_status {
+pub unsafe extern "C" fn lapd_image_get_origin(
+    image: *const lapd_image,
+    origin: *mut f64,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(origin.cast::<[f64; 3]>(), "origin")?;
@@ -407,7 +462,10 @@ pub unsafe extern "C" fn lapd_image_get_origin(image: *const lapd_image, origin:
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_image_get_spacing(image: *const lapd_image, spacing: *mut f64) -> lapd_status {
+pub unsafe extern "C" fn lapd_image_get_spacing(
+    image: *const lapd_image,
+    spacing: *mut f64,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(spacing.cast::<[f64; 3]>(), "spacing")?;
@@ -416,12 +474,15 @@ pub unsafe extern "C" fn lapd_image_get_spacing(image: *const lapd_image, spacin
     })
 }
 
-/// The direction matrix, row by row; column k is the world direction of image axis k. `direction` has room for 9 values. The
-/// rounding of file headers is taken out of it. Any thread.
+/// The direction matrix, row by row; column k is the world direction of image axis k. `direction`
+/// has room for 9 values. The rounding of file headers is taken out of it. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_image_get_direction(image: *const lapd_image, direction: *mut f64) -> lapd_status {
+pub unsafe extern "C" fn lapd_image_get_direction(
+    image: *const lapd_image,
+    direction: *mut f64,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(direction.cast::<[f64; 9]>(), "direction")?;
@@ -430,12 +491,16 @@ pub unsafe extern "C" fn lapd_image_get_direction(image: *const lapd_image, dire
     })
 }
 
-/// What the world axes of the image mean, a lapd_world_axes: those of the frame that its file was read in. LAPD_AXES_UNKNOWN for images made from
-/// memory, and for files that do not say. Any thread.
+/// What the world axes of the image mean, a lapd_world_axes: those of the frame that its file was
+/// read in. LAPD_AXES_UNKNOWN for images made from memory, and for files that do not say. Any
+/// thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_image_get_world_axes(image: *const lapd_image, axes: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_image_get_world_axes(
+    image: *const lapd_image,
+    axes: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(axes, "axes")?;
@@ -446,7 +511,8 @@ pub unsafe extern "C" fn lapd_image_get_world_axes(image: *const lapd_image, axe
 
 /// The labels of the image other than 0, in increasing order, and how many they are.
 ///
-/// `*labels` belongs to the image and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+/// `*labels` belongs to the image and is valid until it is freed; with a count of 0 it must not be
+/// read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -466,10 +532,11 @@ pub unsafe extern "C" fn lapd_image_get_labels(
     })
 }
 
-/// Copies the label of every voxel, x fastest and packed, into a buffer with room for `capacity` values; as many as there are voxels
-/// are needed. Any thread.
+/// Copies the label of every voxel, x fastest and packed, into a buffer with room for `capacity`
+/// values; as many as there are voxels are needed. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_BUFFER_TOO_SMALL, and nothing was written.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_BUFFER_TOO_SMALL, and
+/// nothing was written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_copy_voxels(
     image: *const lapd_image,
@@ -488,7 +555,8 @@ pub unsafe extern "C" fn lapd_image_copy_voxels(
     })
 }
 
-/// The value that a label stands for in an image read with LAPD_LABELS_DISTINCT, as text with all its digits.
+/// The value that a label stands for in an image read with LAPD_LABELS_DISTINCT, as text with all
+/// its digits.
 ///
 /// `*value` belongs to the image and is valid until it is freed. Any thread.
 ///
@@ -504,13 +572,17 @@ pub unsafe extern "C" fn lapd_image_get_value(
         let out = Out::new(value, "value")?;
         let values = &borrow(image, "image")?.values;
         let known = usize::try_from(i64::from(label) - 1).ok().and_then(|n| values.get(n));
-        out.set(known.ok_or_else(|| Failure::invalid(format!("label {label} stands for no value")))?.as_ptr());
+        out.set(
+            known
+                .ok_or_else(|| Failure::invalid(format!("label {label} stands for no value")))?
+                .as_ptr(),
+        );
         Ok(())
     })
 }
 
-/// The name that the file of an image gives to a label, as 3D Slicer's segmentations do; `*name` is NULL where it gives
-/// none.
+/// The name that the file of an image gives to a label, as 3D Slicer's segmentations do; `*name` is
+/// NULL where it gives none.
 ///
 /// `*name` belongs to the image and is valid until it is freed. Any thread.
 ///
@@ -535,7 +607,10 @@ pub unsafe extern "C" fn lapd_image_get_label_name(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_image_get_warning_count(image: *const lapd_image, count: *mut usize) -> lapd_status {
+pub unsafe extern "C" fn lapd_image_get_warning_count(
+    image: *const lapd_image,
+    count: *mut usize,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(count, "count")?;
@@ -559,7 +634,9 @@ pub unsafe extern "C" fn lapd_image_get_warning(
     status_of(|| unsafe {
         let out = Out::new(warning, "warning")?;
         let warnings = &borrow(image, "image")?.warnings;
-        let line = warnings.get(index).ok_or_else(|| Failure::invalid(format!("there is no warning {index}")))?;
+        let line = warnings
+            .get(index)
+            .ok_or_else(|| Failure::invalid(format!("there is no warning {index}")))?;
         out.set(line.as_ptr());
         Ok(())
     })
@@ -586,6 +663,11 @@ mod tests {
             "an image of [65536, 65536, 1] voxels is too large: at most 2^32 - 1 voxels"
         );
         assert!(message([usize::MAX, 2, 1]).ends_with("at most 2^32 - 1 voxels"));
-        assert!(strided([3, 1, 1], Some([isize::MIN, 0, 0])).unwrap_err().message.starts_with("strides [-"));
+        assert!(
+            strided([3, 1, 1], Some([isize::MIN, 0, 0]))
+                .unwrap_err()
+                .message
+                .starts_with("strides [-")
+        );
     }
 }

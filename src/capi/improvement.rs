@@ -6,8 +6,8 @@ use super::report::{fill, own_size};
 use super::status::lapd_status;
 use crate::improve::Cause;
 
-/// What the removal of slivers did. Set struct_size to sizeof(lapd_improvement) before the call. All is 0 with
-/// LAPD_IMPROVE_NONE.
+/// What the removal of slivers did. Set struct_size to sizeof(lapd_improvement) before the call.
+/// All is 0 with LAPD_IMPROVE_NONE.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_improvement {
@@ -79,8 +79,8 @@ pub struct lapd_left {
     pub max_dihedral: f64,
 }
 
-// SAFETY of both: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of the first version that had it and
-// stays when fields are appended.
+// SAFETY of both: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of the first
+// version that had it and stays when fields are appended.
 unsafe impl Growing for lapd_improvement {
     const FIRST_SIZE: u64 = 120;
 }
@@ -90,7 +90,8 @@ unsafe impl Growing for lapd_left {
 
 /// What the removal of slivers did. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+/// known version.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_improvement(
     mesh: *const lapd_mesh,
@@ -126,7 +127,10 @@ pub unsafe extern "C" fn lapd_mesh_get_improvement(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_left_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_get_left_count(
+    mesh: *const lapd_mesh,
+    count: *mut usize,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(count, "count")?;
@@ -137,15 +141,20 @@ pub unsafe extern "C" fn lapd_mesh_get_left_count(mesh: *const lapd_mesh, count:
 
 /// Tet `index` (from 0) of those that are left below the target. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
-/// known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
+/// struct_size is not that of a known version.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_left(mesh: *const lapd_mesh, index: usize, left: *mut lapd_left) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_get_left(
+    mesh: *const lapd_mesh,
+    index: usize,
+    left: *mut lapd_left,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let meshing = &borrow(mesh, "mesh")?.meshing;
         let found = meshing.report.improvement.left.get(index);
-        let found = found.ok_or_else(|| Failure::invalid(format!("there is no tet {index} that is left")))?;
+        let found = found
+            .ok_or_else(|| Failure::invalid(format!("there is no tet {index} that is left")))?;
         let cause = match found.cause {
             Cause::Contact => lapd_left_cause::LAPD_LEFT_CONTACT,
             Cause::Wall => lapd_left_cause::LAPD_LEFT_WALL,

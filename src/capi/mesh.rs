@@ -14,10 +14,11 @@ use crate::mesh::TetMesh;
 use crate::mesh::quality::TetMeasure;
 use crate::mesher::Meshing;
 
-/// A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was made, so any number of threads may
-/// use it at once.
+/// A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was
+/// made, so any number of threads may use it at once.
 ///
-/// Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the one opposite to its vertex i.
+/// Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the
+/// one opposite to its vertex i.
 pub struct lapd_mesh {
     pub(super) meshing: Meshing,
     /// What the world axes of its image mean.
@@ -29,8 +30,8 @@ pub const LAPD_NO_TET: u32 = u32::MAX;
 
 const _: () = assert!(LAPD_NO_TET == crate::mesh::NONE);
 
-/// Frees a mesh. NULL is allowed and does nothing. Any thread; no call may be using it, and every array got from it is invalid from
-/// now on.
+/// Frees a mesh. NULL is allowed and does nothing. Any thread; no call may be using it, and every
+/// array got from it is invalid from now on.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_free(mesh: *mut lapd_mesh) {
     value_or((), || {
@@ -41,12 +42,16 @@ pub unsafe extern "C" fn lapd_mesh_free(mesh: *mut lapd_mesh) {
     });
 }
 
-/// The limit that ended the refinement of a partial mesh (see lapd_params_set_partial): LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT or
-/// LAPD_ERROR_MEMORY_LIMIT; LAPD_OK for a mesh whose refinement came to its end. Any thread.
+/// The limit that ended the refinement of a partial mesh (see lapd_params_set_partial):
+/// LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT or LAPD_ERROR_MEMORY_LIMIT; LAPD_OK for a mesh
+/// whose refinement came to its end. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_limit_reached(mesh: *const lapd_mesh, limit: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_get_limit_reached(
+    mesh: *const lapd_mesh,
+    limit: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(limit, "limit")?;
@@ -56,12 +61,16 @@ pub unsafe extern "C" fn lapd_mesh_get_limit_reached(mesh: *const lapd_mesh, lim
     })
 }
 
-/// Checks that lapd_mesh_write knows the end of this name, so that another one can be refused before a mesh is made for it. Nothing is opened: whether the
-/// file can be written is seen when it is. Any thread.
+/// Checks that lapd_mesh_write knows the end of this name, so that another one can be refused
+/// before a mesh is made for it. Nothing is opened: whether the file can be written is seen when it
+/// is. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_check_path(context: *mut lapd_context, path: *const c_char) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_check_path(
+    context: *mut lapd_context,
+    path: *const c_char,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         with_context(context, |_| {
@@ -75,27 +84,33 @@ pub unsafe extern "C" fn lapd_mesh_check_path(context: *mut lapd_context, path: 
 /// - .vtu: VTK XML; .vtk: VTK legacy, binary; cell array "label";
 /// - .mesh: MEDIT; references of tets are labels, those of triangles stand for pairs of labels;
 /// - .node .ele .face: TetGen, always all three; first attribute and boundary marker likewise;
-/// - .msh .msh4 .msh41: Gmsh MSH 4.1; .msh2 .msh22: MSH 2.2; both binary; a volume and a physical group for each label, as
-///   "label_7", a surface and a physical group for each pair of labels, as "interface_7_3". Tags are labels where these are
-///   positive; labels of 0 and below get the numbers after the largest label, 0 first;
-/// - .inp: Abaqus; an element set for each label, an element-based surface for each pair, names as above;
-/// - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label and second_label.
+/// - .msh .msh4 .msh41: Gmsh MSH 4.1; .msh2 .msh22: MSH 2.2; both binary; a volume and a physical
+///   group for each label, as "label_7", a surface and a physical group for each pair of labels, as
+///   "interface_7_3". Tags are labels where these are positive; labels of 0 and below get the
+///   numbers after the largest label, 0 first;
+/// - .inp: Abaqus; an element set for each label, an element-based surface for each pair, names as
+///   above;
+/// - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label
+///   and second_label.
 ///
-/// Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and TrianglesP2, Gmsh's types 11
-/// and 9, C3D10. TetGen's files can't hold them; surfaces hold their flat facets.
+/// Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and
+/// TrianglesP2, Gmsh's types 11 and 9, C3D10. TetGen's files can't hold them; surfaces hold their
+/// flat facets.
 ///
-/// Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as SPACE=LPS, RAS or LAS: in the
-/// head of .vtk and .stl and in a comment of .ply, where 3D Slicer looks for it, in comments of .mesh, .node, .ele, .face, .msh,
-/// .msh2, .inp, and in .vtu as the field array SPACE of character codes. .off has no place for it.
+/// Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as
+/// SPACE=LPS, RAS or LAS: in the head of .vtk and .stl and in a comment of .ply, where 3D Slicer
+/// looks for it, in comments of .mesh, .node, .ele, .face, .msh, .msh2, .inp, and in .vtu as the
+/// field array SPACE of character codes. .off has no place for it.
 ///
-/// `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any thread; several may write the
-/// same mesh at once, to different files. The work is shared by as many threads as the calling one may use processors; they are
-/// joined at return.
+/// `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any
+/// thread; several may write the same mesh at once, to different files. The work is shared by as
+/// many threads as the calling one may use processors; they are joined at return.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the format has no tets of the
-/// mesh's order; LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_LIMIT_REACHED when the mesh has more
-/// vertices or tets than the format can number; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an
-/// existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the
+/// format has no tets of the mesh's order; LAPD_ERROR_IO when the file cannot be written;
+/// LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number;
+/// LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is;
+/// LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_write(
     context: *mut lapd_context,
@@ -129,10 +144,12 @@ unsafe fn write_file(
     }
 }
 
-/// As lapd_mesh_write, for a .vtu file, which gets a cell array (Float32) for each lapd_tet_measure beside the labels:
-/// min_dihedral, max_dihedral, scaled_jacobian, edge_ratio, radius_ratio, radius_edge.
+/// As lapd_mesh_write, for a .vtu file, which gets a cell array (Float32) for each lapd_tet_measure
+/// beside the labels: min_dihedral, max_dihedral, scaled_jacobian, edge_ratio, radius_ratio,
+/// radius_edge.
 ///
-/// Any thread, as lapd_mesh_write. Errors: those of lapd_mesh_write; LAPD_ERROR_INVALID_ARGUMENT for another ending.
+/// Any thread, as lapd_mesh_write. Errors: those of lapd_mesh_write; LAPD_ERROR_INVALID_ARGUMENT
+/// for another ending.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_write_with_measures(
     context: *mut lapd_context,
@@ -143,19 +160,23 @@ pub unsafe extern "C" fn lapd_mesh_write_with_measures(
     unsafe { write_file(context, mesh, path, true) }
 }
 
-/// Writes what each thread of the refinement did when, for a mesh whose parameters asked for it (lapd_params_set_timeline): JSON in
-/// Chrome's trace format, which chrome://tracing and ui.perfetto.dev show as one row for each thread.
+/// Writes what each thread of the refinement did when, for a mesh whose parameters asked for it
+/// (lapd_params_set_timeline): JSON in Chrome's trace format, which chrome://tracing and
+/// ui.perfetto.dev show as one row for each thread.
 ///
-/// Each span of time is an event with "ph": "X"; "tid" is the thread's number as in lapd_mesh_get_thread_report, "ts" and "dur" are
-/// microseconds since the refinement began. "name" is "sampling" (inserting samples of the interfaces), "refining", "rolling back" (work
-/// on an operation that was given up), "waiting" (after a conflict) or "begging" (without work). The events of a thread stand in the
-/// order of time.
+/// Each span of time is an event with "ph": "X"; "tid" is the thread's number as in
+/// lapd_mesh_get_thread_report, "ts" and "dur" are microseconds since the refinement began. "name"
+/// is "sampling" (inserting samples of the interfaces), "refining", "rolling back" (work on an
+/// operation that was given up), "waiting" (after a conflict) or "begging" (without work). The
+/// events of a thread stand in the order of time.
 ///
-/// `path` is as in lapd_mesh_write, with any ending. An existing file is replaced. Any thread; several may write at once, to
-/// different files. The work is shared by threads as that of lapd_mesh_write.
+/// `path` is as in lapd_mesh_write, with any ending. An existing file is replaced. Any thread;
+/// several may write at once, to different files. The work is shared by threads as that of
+/// lapd_mesh_write.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no timeline was kept; LAPD_ERROR_IO when the file cannot be
-/// written; LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no timeline was kept;
+/// LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_CANCELLED after lapd_context_cancel,
+/// which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_write_timeline(
     context: *mut lapd_context,
@@ -218,10 +239,11 @@ fn tet_labels(mesh: &TetMesh) -> &[[i32; 1]] {
     mesh.labels.as_chunks().0
 }
 
-/// The positions of the vertices in world units: `*points` is [count][3]. In a mesh of order 2 the nodes in the middles of edges
-/// come behind them.
+/// The positions of the vertices in world units: `*points` is [count][3]. In a mesh of order 2 the
+/// nodes in the middles of edges come behind them.
 ///
-/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+/// read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -236,7 +258,8 @@ pub unsafe extern "C" fn lapd_mesh_get_points(
 
 /// The vertices of the tets, as row numbers of the points: `*tets` is [count][4].
 ///
-/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+/// read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -251,7 +274,8 @@ pub unsafe extern "C" fn lapd_mesh_get_tets(
 
 /// The label of every tet: `*labels` is [count]. 0 stands for the background, where that was kept.
 ///
-/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+/// read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -266,7 +290,8 @@ pub unsafe extern "C" fn lapd_mesh_get_labels(
 
 /// The neighbours of the tets across their four facets, or LAPD_NO_TET: `*neighbors` is [count][4].
 ///
-/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+/// read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -279,10 +304,11 @@ pub unsafe extern "C" fn lapd_mesh_get_neighbors(
     unsafe { lend(mesh, neighbors, count, |m| &m.neighbors) }
 }
 
-/// The vertices of the interface facets, those between two labels: `*facets` is [count][3]. The normal (b - a) x (c - a) points
-/// from the facet's first label to its second one.
+/// The vertices of the interface facets, those between two labels: `*facets` is [count][3]. The
+/// normal (b - a) x (c - a) points from the facet's first label to its second one.
 ///
-/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+/// read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -295,9 +321,11 @@ pub unsafe extern "C" fn lapd_mesh_get_facets(
     unsafe { lend(mesh, facets, count, |m| &m.facets) }
 }
 
-/// The labels on the two sides of the interface facets, the larger one first: `*labels` is [count][2].
+/// The labels on the two sides of the interface facets, the larger one first: `*labels` is
+/// [count][2].
 ///
-/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+/// read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -310,10 +338,11 @@ pub unsafe extern "C" fn lapd_mesh_get_facet_labels(
     unsafe { lend(mesh, labels, count, |m| &m.facet_labels) }
 }
 
-/// The tets on the two sides of the interface facets, in the order of their labels: `*tets` is [count][2]. LAPD_NO_TET where that
-/// side is background that was not kept.
+/// The tets on the two sides of the interface facets, in the order of their labels: `*tets` is
+/// [count][2]. LAPD_NO_TET where that side is background that was not kept.
 ///
-/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+/// read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -326,13 +355,15 @@ pub unsafe extern "C" fn lapd_mesh_get_facet_tets(
     unsafe { lend(mesh, tets, count, |m| &m.facet_tets) }
 }
 
-/// The nodes in the middles of the edges of the tets, as row numbers of the points: `*nodes` is [count][6]; of a tet (a, b, c, d)
-/// they are those of its edges ab, bc, ca, ad, bd, cd, as in VTK. The count is 0 for a mesh of order 1 (see
-/// lapd_params_set_order).
+/// The nodes in the middles of the edges of the tets, as row numbers of the points: `*nodes` is
+/// [count][6]; of a tet (a, b, c, d) they are those of its edges ab, bc, ca, ad, bd, cd, as in VTK.
+/// The count is 0 for a mesh of order 1 (see lapd_params_set_order).
 ///
-/// Of the points those of the vertices come first, as many as lapd_counts.vertices tells; then these nodes.
+/// Of the points those of the vertices come first, as many as lapd_counts.vertices tells; then
+/// these nodes.
 ///
-/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+/// read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -345,10 +376,12 @@ pub unsafe extern "C" fn lapd_mesh_get_tet_mid_nodes(
     unsafe { lend(mesh, nodes, count, |m| m.mid_nodes.as_ref().map_or(&[], |nodes| &nodes.tets)) }
 }
 
-/// The nodes in the middles of the edges of the interface facets: `*nodes` is [count][3]; of a facet (a, b, c) they are those of
-/// its edges ab, bc, ca. Otherwise as lapd_mesh_get_tet_mid_nodes.
+/// The nodes in the middles of the edges of the interface facets: `*nodes` is [count][3]; of a
+/// facet (a, b, c) they are those of its edges ab, bc, ca. Otherwise as
+/// lapd_mesh_get_tet_mid_nodes.
 ///
-/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be read. Any thread.
+/// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
+/// read. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -378,7 +411,11 @@ pub unsafe extern "C" fn lapd_mesh_copy_points(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_copy_tets(mesh: *const lapd_mesh, buffer: *mut u32, capacity: usize) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_copy_tets(
+    mesh: *const lapd_mesh,
+    buffer: *mut u32,
+    capacity: usize,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { copy(mesh, buffer, capacity, |m| &m.tets) }
 }
@@ -396,7 +433,8 @@ pub unsafe extern "C" fn lapd_mesh_copy_labels(
     unsafe { copy(mesh, buffer, capacity, tet_labels) }
 }
 
-/// Copies the neighbours of the tets into a buffer of `capacity` values, 4 for each tet. Any thread.
+/// Copies the neighbours of the tets into a buffer of `capacity` values, 4 for each tet. Any
+/// thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
 #[unsafe(no_mangle)]
@@ -422,7 +460,8 @@ pub unsafe extern "C" fn lapd_mesh_copy_facets(
     unsafe { copy(mesh, buffer, capacity, |m| &m.facets) }
 }
 
-/// Copies the labels of the interface facets into a buffer of `capacity` values, 2 for each facet. Any thread.
+/// Copies the labels of the interface facets into a buffer of `capacity` values, 2 for each facet.
+/// Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
 #[unsafe(no_mangle)]
@@ -435,7 +474,8 @@ pub unsafe extern "C" fn lapd_mesh_copy_facet_labels(
     unsafe { copy(mesh, buffer, capacity, |m| &m.facet_labels) }
 }
 
-/// Copies the tets beside the interface facets into a buffer of `capacity` values, 2 for each facet. Any thread.
+/// Copies the tets beside the interface facets into a buffer of `capacity` values, 2 for each
+/// facet. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_BUFFER_TOO_SMALL.
 #[unsafe(no_mangle)]
@@ -456,18 +496,20 @@ pub enum lapd_tet_measure {
     LAPD_MEASURE_MIN_DIHEDRAL = 0,
     /// The largest dihedral angle, degrees.
     LAPD_MEASURE_MAX_DIHEDRAL = 1,
-    /// The Jacobian over the largest product of the three edges of a vertex, times the root of 2: 1 for a regular tet, 0 for a
-    /// flat one.
+    /// The Jacobian over the largest product of the three edges of a vertex, times the root of 2: 1
+    /// for a regular tet, 0 for a flat one.
     LAPD_MEASURE_SCALED_JACOBIAN = 2,
     /// The longest edge over the shortest one: 1 for a regular tet.
     LAPD_MEASURE_EDGE_RATIO = 3,
     /// The circumradius over three times the inradius: 1 for a regular tet.
     LAPD_MEASURE_RADIUS_RATIO = 4,
-    /// The circumradius over the shortest edge, which Delaunay refinement bounds: 0.61 for a regular tet.
+    /// The circumradius over the shortest edge, which Delaunay refinement bounds: 0.61 for a
+    /// regular tet.
     LAPD_MEASURE_RADIUS_EDGE = 5,
 }
 
-/// Writes a measure of every tet, a lapd_tet_measure, into a buffer of `capacity` values, one for each tet. Any thread.
+/// Writes a measure of every tet, a lapd_tet_measure, into a buffer of `capacity` values, one for
+/// each tet. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or `measure` is no lapd_tet_measure;
 /// LAPD_ERROR_BUFFER_TOO_SMALL.
@@ -484,7 +526,9 @@ pub unsafe extern "C" fn lapd_mesh_copy_measure(
         let measure = match measure {
             m if m == lapd_tet_measure::LAPD_MEASURE_MIN_DIHEDRAL as i32 => TetMeasure::MinDihedral,
             m if m == lapd_tet_measure::LAPD_MEASURE_MAX_DIHEDRAL as i32 => TetMeasure::MaxDihedral,
-            m if m == lapd_tet_measure::LAPD_MEASURE_SCALED_JACOBIAN as i32 => TetMeasure::ScaledJacobian,
+            m if m == lapd_tet_measure::LAPD_MEASURE_SCALED_JACOBIAN as i32 => {
+                TetMeasure::ScaledJacobian
+            }
             m if m == lapd_tet_measure::LAPD_MEASURE_EDGE_RATIO as i32 => TetMeasure::EdgeRatio,
             m if m == lapd_tet_measure::LAPD_MEASURE_RADIUS_RATIO as i32 => TetMeasure::RadiusRatio,
             m if m == lapd_tet_measure::LAPD_MEASURE_RADIUS_EDGE as i32 => TetMeasure::RadiusEdge,

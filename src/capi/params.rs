@@ -1,6 +1,8 @@
-//! Parameters of a run; those of its labels are in [`labels`](super::labels), those of its threads in [`threads`](super::threads).
+//! Parameters of a run; those of its labels are in [`labels`](super::labels), those of its threads
+//! in [`threads`](super::threads).
 //!
-//! Every setter tries its value on a copy and lets [`MeshParams::validate`] judge, so that ranges are stated in one place.
+//! Every setter tries its value on a copy and lets [`MeshParams::validate`] judge, so that ranges
+//! are stated in one place.
 
 use std::ffi::CString;
 
@@ -9,7 +11,8 @@ use super::context::{lapd_context, with_context};
 use super::status::lapd_status;
 use crate::params::{Algorithm, ImageBorder, Improve, MeshParams, SurfaceModel};
 
-/// Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a run takes a copy.
+/// Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a
+/// run takes a copy.
 pub struct lapd_params {
     pub(super) params: MeshParams,
     /// The description of the machine in `params`; empty where that is the one at hand.
@@ -20,7 +23,8 @@ pub struct lapd_params {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_surface {
-    /// The label whose indicator, interpolated trilinearly, is largest; of images made of intensities or probabilities, these are interpolated. The default.
+    /// The label whose indicator, interpolated trilinearly, is largest; of images made of
+    /// intensities or probabilities, these are interpolated. The default.
     LAPD_SURFACE_SMOOTH = 0,
     /// The label of the nearest voxel: interfaces are voxel faces.
     LAPD_SURFACE_VOXEL = 1,
@@ -32,7 +36,8 @@ pub enum lapd_surface {
 pub enum lapd_border {
     /// By flat walls with sharp edges, the outer faces of the outermost voxels. The default.
     LAPD_BORDER_FLAT = 0,
-    /// By the smooth surface, as if one more layer of background lay around the image. With LAPD_SURFACE_VOXEL the same as LAPD_BORDER_FLAT.
+    /// By the smooth surface, as if one more layer of background lay around the image. With
+    /// LAPD_SURFACE_VOXEL the same as LAPD_BORDER_FLAT.
     LAPD_BORDER_SMOOTH = 1,
 }
 
@@ -40,10 +45,11 @@ pub enum lapd_border {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_algorithm {
-    /// Speculative refinement of one triangulation by all threads, each where it comes to. The default.
+    /// Speculative refinement of one triangulation by all threads, each where it comes to. The
+    /// default.
     LAPD_ALGORITHM_PODM = 0,
-    /// The same, with a region for the threads of each memory node, whose memory they visit most of the time. On a machine of one memory node
-    /// the same as LAPD_ALGORITHM_PODM.
+    /// The same, with a region for the threads of each memory node, whose memory they visit most of
+    /// the time. On a machine of one memory node the same as LAPD_ALGORITHM_PODM.
     LAPD_ALGORITHM_LAPD = 1,
 }
 
@@ -55,7 +61,8 @@ pub enum lapd_improve {
     LAPD_IMPROVE_NONE = 0,
     /// What lies inside of the labels. Their interfaces stay bit for bit as refinement leaves them.
     LAPD_IMPROVE_INTERIOR = 1,
-    /// Interfaces, too: edges on them are flipped, and vertices move along what they belong to. The default.
+    /// Interfaces, too: edges on them are flipped, and vertices move along what they belong to. The
+    /// default.
     LAPD_IMPROVE_FULL = 2,
 }
 
@@ -112,8 +119,9 @@ pub(super) unsafe fn read<T>(
     })
 }
 
-/// Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30 degrees, slivers removed to a dihedral angle of
-/// 15 degrees, smooth surfaces, flat walls at the border of the image, all labels, no background, 1 thread, no limits.
+/// Creates parameters with the defaults: delta 1, size 2, radius-edge bound 2, facet angle 30
+/// degrees, slivers removed to a dihedral angle of 15 degrees, smooth surfaces, flat walls at the
+/// border of the image, all labels, no background, 1 thread, no limits.
 ///
 /// The caller owns `*params` and frees it with lapd_params_free. Any thread.
 ///
@@ -123,7 +131,10 @@ pub unsafe extern "C" fn lapd_params_create(params: *mut *mut lapd_params) -> la
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(params, "params")?;
-        out.set(Box::into_raw(Box::new(lapd_params { params: MeshParams::default(), topology: CString::default() })));
+        out.set(Box::into_raw(Box::new(lapd_params {
+            params: MeshParams::default(),
+            topology: CString::default(),
+        })));
         Ok(())
     })
 }
@@ -139,8 +150,8 @@ pub unsafe extern "C" fn lapd_params_free(params: *mut lapd_params) {
     });
 }
 
-/// Sets the distance between samples on the interfaces, in world units; above 0. Smaller means closer to the image. No other thread
-/// may use `params` or the context meanwhile.
+/// Sets the distance between samples on the interfaces, in world units; above 0. Smaller means
+/// closer to the image. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -162,12 +173,16 @@ pub unsafe extern "C" fn lapd_params_set_delta(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_delta(params: *const lapd_params, delta: *mut f64) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_delta(
+    params: *const lapd_params,
+    delta: *mut f64,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, delta, "delta", |p| p.delta) }
 }
 
-/// Sets the largest circumradius of tets, in world units; above 0. No other thread may use `params` or the context meanwhile.
+/// Sets the largest circumradius of tets, in world units; above 0. No other thread may use `params`
+/// or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -189,13 +204,17 @@ pub unsafe extern "C" fn lapd_params_set_size(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_size(params: *const lapd_params, size: *mut f64) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_size(
+    params: *const lapd_params,
+    size: *mut f64,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, size, "size", |p| p.size) }
 }
 
-/// Sets the largest circumradius of the tets of one label (after merging), in world units; above 0. A second call for the label replaces the first.
-/// lapd_mesh_image refuses a label that the image does not have. No other thread may use `params` or the context meanwhile.
+/// Sets the largest circumradius of the tets of one label (after merging), in world units; above 0.
+/// A second call for the label replaces the first. lapd_mesh_image refuses a label that the image
+/// does not have. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -215,7 +234,8 @@ pub unsafe extern "C" fn lapd_params_set_label_size(
     }
 }
 
-/// The largest circumradius of the tets of a label: its own, or that of all. Any thread, unless another one changes `params`.
+/// The largest circumradius of the tets of a label: its own, or that of all. Any thread, unless
+/// another one changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
@@ -224,8 +244,9 @@ pub unsafe extern "C" fn lapd_params_get_label_size(
     label: i32,
     size: *mut f64,
 ) -> lapd_status {
-    let size_of_label =
-        |p: &MeshParams| p.label_sizes.iter().find(|&&(known, _)| known == label).map_or(p.size, |&(_, s)| s);
+    let size_of_label = |p: &MeshParams| {
+        p.label_sizes.iter().find(|&&(known, _)| known == label).map_or(p.size, |&(_, s)| s)
+    };
     // SAFETY: see the module's head.
     unsafe { read(params, size, "size", size_of_label) }
 }
@@ -247,8 +268,8 @@ pub unsafe extern "C" fn lapd_params_clear_label_sizes(
     }
 }
 
-/// Sets the largest ratio of circumradius to shortest edge of tets; at least 2 (below, refinement need not end). No other thread
-/// may use `params` or the context meanwhile.
+/// Sets the largest ratio of circumradius to shortest edge of tets; at least 2 (below, refinement
+/// need not end). No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -266,17 +287,21 @@ pub unsafe extern "C" fn lapd_params_set_radius_edge(
     }
 }
 
-/// The largest ratio of circumradius to shortest edge. Any thread, unless another one changes `params`.
+/// The largest ratio of circumradius to shortest edge. Any thread, unless another one changes
+/// `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_radius_edge(params: *const lapd_params, radius_edge: *mut f64) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_radius_edge(
+    params: *const lapd_params,
+    radius_edge: *mut f64,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, radius_edge, "radius_edge", |p| p.radius_edge) }
 }
 
-/// Sets the smallest planar angle of interface facets, in degrees; 0 to 30 (above, refinement need not end). No other thread may
-/// use `params` or the context meanwhile.
+/// Sets the smallest planar angle of interface facets, in degrees; 0 to 30 (above, refinement need
+/// not end). No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -294,19 +319,24 @@ pub unsafe extern "C" fn lapd_params_set_facet_angle(
     }
 }
 
-/// The smallest planar angle of interface facets, in degrees. Any thread, unless another one changes `params`.
+/// The smallest planar angle of interface facets, in degrees. Any thread, unless another one
+/// changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_facet_angle(params: *const lapd_params, degrees: *mut f64) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_facet_angle(
+    params: *const lapd_params,
+    degrees: *mut f64,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, degrees, "degrees", |p| p.facet_angle) }
 }
 
-/// Sets the surface model, a lapd_surface. No other thread may use `params` or the context meanwhile.
+/// Sets the surface model, a lapd_surface. No other thread may use `params` or the context
+/// meanwhile.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is unknown, or it is LAPD_SURFACE_VOXEL and labels are to be smoothed
-/// (lapd_params_set_sigma).
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, the value is unknown, or it is
+/// LAPD_SURFACE_VOXEL and labels are to be smoothed (lapd_params_set_sigma).
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_set_surface(
     context: *mut lapd_context,
@@ -330,7 +360,10 @@ pub unsafe extern "C" fn lapd_params_set_surface(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_surface(params: *const lapd_params, surface: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_surface(
+    params: *const lapd_params,
+    surface: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         read(params, surface, "surface", |p| match p.surface {
@@ -340,7 +373,8 @@ pub unsafe extern "C" fn lapd_params_get_surface(params: *const lapd_params, sur
     }
 }
 
-/// Sets how the object is closed at the border of the image, a lapd_border. No other thread may use `params` or the context meanwhile.
+/// Sets how the object is closed at the border of the image, a lapd_border. No other thread may use
+/// `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
 #[unsafe(no_mangle)]
@@ -362,11 +396,15 @@ pub unsafe extern "C" fn lapd_params_set_border(
     }
 }
 
-/// How the object is closed at the border of the image, a lapd_border. Any thread, unless another one changes `params`.
+/// How the object is closed at the border of the image, a lapd_border. Any thread, unless another
+/// one changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_border(params: *const lapd_params, border: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_border(
+    params: *const lapd_params,
+    border: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         read(params, border, "border", |p| match p.border {
@@ -376,8 +414,8 @@ pub unsafe extern "C" fn lapd_params_get_border(params: *const lapd_params, bord
     }
 }
 
-/// Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of the object have label 0. No
-/// other thread may use `params` or the context meanwhile.
+/// Whether to keep the whole triangulation (1) or the tissues alone (0). When kept, tets outside of
+/// the object have label 0. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]
@@ -395,18 +433,22 @@ pub unsafe extern "C" fn lapd_params_set_background(
     }
 }
 
-/// Whether the whole triangulation is kept, 1 or 0. Any thread, unless another one changes `params`.
+/// Whether the whole triangulation is kept, 1 or 0. Any thread, unless another one changes
+/// `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_background(params: *const lapd_params, background: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_background(
+    params: *const lapd_params,
+    background: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, background, "background", |p| i32::from(p.background)) }
 }
 
-/// Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED, or with a partial mesh where
-/// lapd_params_set_partial allows it. 0 means no limit. No other thread may use `params` or the
-/// context meanwhile.
+/// Sets the largest number of vertices; a run that needs more ends with LAPD_ERROR_LIMIT_REACHED,
+/// or with a partial mesh where lapd_params_set_partial allows it. 0 means no limit. No other
+/// thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
@@ -436,13 +478,16 @@ pub unsafe extern "C" fn lapd_params_get_max_vertices(
     unsafe { read(params, max_vertices, "max_vertices", |p| p.max_vertices.unwrap_or(0)) }
 }
 
-/// Sets a limit of time, in wall-clock seconds from the call of lapd_mesh_image on; above 0, or 0 for no limit. A run whose refinement
-/// has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
+/// Sets a limit of time, in wall-clock seconds from the call of lapd_mesh_image on; above 0, or 0
+/// for no limit. A run whose refinement has not ended by then ends with LAPD_ERROR_TIME_LIMIT, or
+/// with a partial mesh where lapd_params_set_partial allows it.
 ///
-/// The limit ends the preparation of the image and refinement, within some ten milliseconds. What follows is not cut short:
-/// collecting and certifying the mesh takes up to twice as long. No other thread may use `params` or the context meanwhile.
+/// The limit ends the preparation of the image and refinement, within some ten milliseconds. What
+/// follows is not cut short: collecting and certifying the mesh takes up to twice as long. No other
+/// thread may use `params` or the context meanwhile.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not finite.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is negative or not
+/// finite.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_set_time_limit(
     context: *mut lapd_context,
@@ -458,21 +503,27 @@ pub unsafe extern "C" fn lapd_params_set_time_limit(
     }
 }
 
-/// The limit of time in seconds, 0 for none. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The limit of time in seconds, 0 for none. Any thread, unless another one changes `params`.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_time_limit(params: *const lapd_params, seconds: *mut f64) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_time_limit(
+    params: *const lapd_params,
+    seconds: *mut f64,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, seconds, "seconds", |p| p.time_limit.unwrap_or(0.0)) }
 }
 
-/// Sets a limit of memory in bytes, 0 for none. A run that needs more ends with LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where
-/// lapd_params_set_partial allows it.
+/// Sets a limit of memory in bytes, 0 for none. A run that needs more ends with
+/// LAPD_ERROR_MEMORY_LIMIT, or with a partial mesh where lapd_params_set_partial allows it.
 ///
-/// Counted are the tables of the run that grow with the image or the mesh: those made of the image's labels, also to find what is thin, of the
-/// triangulation and the work that waits, and in advance those of the mesh to come and what its certificate asks of the image, so that the limit holds to the end of the run.
-/// Not counted are the caller's image, the samples from which the smooth surface's label weights are found (gone before the
-/// refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the context
-/// meanwhile.
+/// Counted are the tables of the run that grow with the image or the mesh: those made of the
+/// image's labels, also to find what is thin, of the triangulation and the work that waits, and in
+/// advance those of the mesh to come and what its certificate asks of the image, so that the limit
+/// holds to the end of the run. Not counted are the caller's image, the samples from which the
+/// smooth surface's label weights are found (gone before the refinement begins; on a brain atlas of
+/// 256^3 voxels 70 MB), threads, and some 10 MB beside. No other thread may use `params` or the
+/// context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
@@ -490,20 +541,26 @@ pub unsafe extern "C" fn lapd_params_set_max_memory(
     }
 }
 
-/// The limit of memory in bytes, 0 for none. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// The limit of memory in bytes, 0 for none. Any thread, unless another one changes `params`.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_max_memory(params: *const lapd_params, bytes: *mut u64) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_max_memory(
+    params: *const lapd_params,
+    bytes: *mut u64,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, bytes, "bytes", |p| p.max_memory.unwrap_or(0)) }
 }
 
-/// Whether a run whose refinement is ended by a limit (of vertices, time or memory) hands out the mesh of what there is by then (1), or
-/// none (0, the default). Either way lapd_mesh_image returns the status of the limit, which lapd_mesh_get_limit_reached gives later.
+/// Whether a run whose refinement is ended by a limit (of vertices, time or memory) hands out the
+/// mesh of what there is by then (1), or none (0, the default). Either way lapd_mesh_image returns
+/// the status of the limit, which lapd_mesh_get_limit_reached gives later.
 ///
-/// A partial mesh is a valid Delaunay mesh whose labels are those at the circumcenters of its tets, and whose interfaces are closed. It
-/// is coarser than asked for, may be far from the image and miss labels; its certificate says how much, and counts the rules that
-/// are still unmet. A limit reached before the object has any tet gives no mesh. A cancelled run never gives a mesh. No other
-/// thread may use `params` or the context meanwhile.
+/// A partial mesh is a valid Delaunay mesh whose labels are those at the circumcenters of its tets,
+/// and whose interfaces are closed. It is coarser than asked for, may be far from the image and
+/// miss labels; its certificate says how much, and counts the rules that are still unmet. A limit
+/// reached before the object has any tet gives no mesh. A cancelled run never gives a mesh. No
+/// other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]
@@ -521,15 +578,19 @@ pub unsafe extern "C" fn lapd_params_set_partial(
     }
 }
 
-/// Whether a partial mesh is allowed, 1 or 0. Any thread, unless another one changes `params`. Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// Whether a partial mesh is allowed, 1 or 0. Any thread, unless another one changes `params`.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_partial(params: *const lapd_params, partial: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_partial(
+    params: *const lapd_params,
+    partial: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, partial, "partial", |p| i32::from(p.partial)) }
 }
 
-/// Sets the algorithm, a lapd_algorithm. Which memory nodes there are is read from the machine, or given by lapd_params_set_topology.
-/// No other thread may use `params` or the context meanwhile.
+/// Sets the algorithm, a lapd_algorithm. Which memory nodes there are is read from the machine, or
+/// given by lapd_params_set_topology. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
 #[unsafe(no_mangle)]
@@ -555,7 +616,10 @@ pub unsafe extern "C" fn lapd_params_set_algorithm(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_algorithm(params: *const lapd_params, algorithm: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_algorithm(
+    params: *const lapd_params,
+    algorithm: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         read(params, algorithm, "algorithm", |p| match p.algorithm {
@@ -565,8 +629,9 @@ pub unsafe extern "C" fn lapd_params_get_algorithm(params: *const lapd_params, a
     }
 }
 
-/// Sets what may be changed to remove slivers, a lapd_improve. Topology, labels and the angles of interface facets
-/// (lapd_params_set_facet_angle) are kept in any case. No other thread may use `params` or the context meanwhile.
+/// Sets what may be changed to remove slivers, a lapd_improve. Topology, labels and the angles of
+/// interface facets (lapd_params_set_facet_angle) are kept in any case. No other thread may use
+/// `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is no lapd_improve.
 #[unsafe(no_mangle)]
@@ -589,11 +654,15 @@ pub unsafe extern "C" fn lapd_params_set_improve(
     }
 }
 
-/// What may be changed to remove slivers, a lapd_improve. Any thread, unless another one changes `params`.
+/// What may be changed to remove slivers, a lapd_improve. Any thread, unless another one changes
+/// `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_improve(params: *const lapd_params, improve: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_improve(
+    params: *const lapd_params,
+    improve: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         read(params, improve, "improve", |p| match p.improve {
@@ -604,9 +673,10 @@ pub unsafe extern "C" fn lapd_params_get_improve(params: *const lapd_params, imp
     }
 }
 
-/// Sets the dihedral angle that tets are to have at least, in degrees; none is to be above 180 less this, either. Above 0 and at
-/// most 30. With the default, 15, interfaces move by at most 0.1 of the smallest side of a voxel; with 20 and more, by 0.2. What
-/// can't be reached is listed: lapd_mesh_get_left. No other thread may use `params` or the context meanwhile.
+/// Sets the dihedral angle that tets are to have at least, in degrees; none is to be above 180 less
+/// this, either. Above 0 and at most 30. With the default, 15, interfaces move by at most 0.1 of
+/// the smallest side of a voxel; with 20 and more, by 0.2. What can't be reached is listed:
+/// lapd_mesh_get_left. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -624,17 +694,22 @@ pub unsafe extern "C" fn lapd_params_set_target_dihedral(
     }
 }
 
-/// The dihedral angle that tets are to have at least, in degrees. Any thread, unless another one changes `params`.
+/// The dihedral angle that tets are to have at least, in degrees. Any thread, unless another one
+/// changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_target_dihedral(params: *const lapd_params, degrees: *mut f64) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_target_dihedral(
+    params: *const lapd_params,
+    degrees: *mut f64,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, degrees, "degrees", |p| p.target_dihedral) }
 }
 
-/// Sets the order of tets: 1, the default, for four nodes each, or 2 for ten, one more in the middle of each edge. See
-/// lapd_mesh_get_tet_mid_nodes. No other thread may use `params` or the context meanwhile.
+/// Sets the order of tets: 1, the default, for four nodes each, or 2 for ten, one more in the
+/// middle of each edge. See lapd_mesh_get_tet_mid_nodes. No other thread may use `params` or the
+/// context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]
@@ -646,8 +721,8 @@ pub unsafe extern "C" fn lapd_params_set_order(
     // SAFETY: see the module's head.
     unsafe {
         change(context, params, |p| {
-            p.order =
-                u32::try_from(order).map_err(|_| Failure::invalid(format!("order must be 1 or 2, got {order}")))?;
+            p.order = u32::try_from(order)
+                .map_err(|_| Failure::invalid(format!("order must be 1 or 2, got {order}")))?;
             Ok(())
         })
     }
@@ -657,14 +732,18 @@ pub unsafe extern "C" fn lapd_params_set_order(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_order(params: *const lapd_params, order: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_order(
+    params: *const lapd_params,
+    order: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, order, "order", |p| p.order as i32) }
 }
 
-/// Sets whether (1) or not (0, the default) the nodes in the middle of edges of interface facets go from there to where the image
-/// has the interface, as far as tets stay valid: the determinant of the Jacobian is positive in all of each tet. Needs order 2
-/// when the mesh is made. See lapd_mesh_get_second_order. No other thread may use `params` or the context meanwhile.
+/// Sets whether (1) or not (0, the default) the nodes in the middle of edges of interface facets go
+/// from there to where the image has the interface, as far as tets stay valid: the determinant of
+/// the Jacobian is positive in all of each tet. Needs order 2 when the mesh is made. See
+/// lapd_mesh_get_second_order. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]
@@ -682,12 +761,15 @@ pub unsafe extern "C" fn lapd_params_set_curved(
     }
 }
 
-/// Whether nodes in the middle of edges of interface facets go to the image's interface. Any thread, unless another one changes
-/// `params`.
+/// Whether nodes in the middle of edges of interface facets go to the image's interface. Any
+/// thread, unless another one changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_curved(params: *const lapd_params, curved: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_curved(
+    params: *const lapd_params,
+    curved: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, curved, "curved", |p| i32::from(p.curved)) }
 }

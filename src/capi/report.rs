@@ -1,4 +1,5 @@
-//! The report of a run, as plain structs that may grow; the tables of its certificate are in [`tables`](super::tables).
+//! The report of a run, as plain structs that may grow; the tables of its certificate are in
+//! [`tables`](super::tables).
 
 use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
@@ -20,7 +21,8 @@ pub struct lapd_counts {
     pub tissue_tets: u64,
     /// Facets between two labels.
     pub interface_facets: u64,
-    /// Vertices of the whole triangulation, when refinement ended, the corners of the box around it included.
+    /// Vertices of the whole triangulation, when refinement ended, the corners of the box around it
+    /// included.
     pub all_vertices: u64,
     /// Tets of the whole triangulation, when refinement ended.
     pub all_tets: u64,
@@ -28,7 +30,8 @@ pub struct lapd_counts {
     pub oracle_bytes: u64,
 }
 
-/// Wall-clock seconds of the phases of a run. Set struct_size to sizeof(lapd_timings) before the call.
+/// Wall-clock seconds of the phases of a run. Set struct_size to sizeof(lapd_timings) before the
+/// call.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_timings {
@@ -46,7 +49,8 @@ pub struct lapd_timings {
     pub improve: f64,
 }
 
-/// What refinement did, all threads together. Set struct_size to sizeof(lapd_operations) before the call.
+/// What refinement did, all threads together. Set struct_size to sizeof(lapd_operations) before the
+/// call.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_operations {
@@ -56,7 +60,8 @@ pub struct lapd_operations {
     pub insertions: u64,
     /// Vertices removed.
     pub removals: u64,
-    /// Operations given up because of a conflict with another thread: 0 with 1 thread. lapd_thread_report has more about them.
+    /// Operations given up because of a conflict with another thread: 0 with 1 thread.
+    /// lapd_thread_report has more about them.
     pub rollbacks: u64,
     /// Predicates that floating point could not decide.
     pub exact_predicates: u64,
@@ -76,8 +81,8 @@ pub struct lapd_operations {
     pub by_rule: [u64; 6],
 }
 
-/// Shape of the tets with a label other than 0, and of the interface facets. Set struct_size to sizeof(lapd_quality) before the
-/// call.
+/// Shape of the tets with a label other than 0, and of the interface facets. Set struct_size to
+/// sizeof(lapd_quality) before the call.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_quality {
@@ -93,7 +98,8 @@ pub struct lapd_quality {
     pub min_facet_angle: f64,
     /// Dihedral angles, six for each tet, in bins of 10 degrees.
     pub dihedral_histogram: [u64; 18],
-    /// Least scaled Jacobian: 1 for a regular tet, 0 for a flat one. This and the measures below are those of Verdict and VTK.
+    /// Least scaled Jacobian: 1 for a regular tet, 0 for a flat one. This and the measures below
+    /// are those of Verdict and VTK.
     pub min_scaled_jacobian: f64,
     /// Largest scaled Jacobian.
     pub max_scaled_jacobian: f64,
@@ -113,14 +119,16 @@ pub struct lapd_quality {
     pub radius_ratio_histogram: [u64; 20],
 }
 
-/// What was checked on the finished mesh. Set struct_size to sizeof(lapd_certificate) before the call. Lengths are in world units.
+/// What was checked on the finished mesh. Set struct_size to sizeof(lapd_certificate) before the
+/// call. Lengths are in world units.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_certificate {
     /// sizeof(lapd_certificate), set by the caller.
     pub struct_size: u64,
-    /// Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic, as refinement left the mesh: 0, as that
-    /// is Delaunay. lapd_improvement tells of the mesh without slivers.
+    /// Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic, as
+    /// refinement left the mesh: 0, as that is Delaunay. lapd_improvement tells of the mesh without
+    /// slivers.
     pub non_delaunay_facets: u64,
     /// Tets without positive volume, by exact arithmetic.
     pub inverted_tets: u64,
@@ -132,22 +140,25 @@ pub struct lapd_certificate {
     pub unmet: [u64; 6],
     /// Mean distance from the mesh's interfaces to those of the image.
     pub mesh_to_image_mean: f64,
-    /// Largest distance from the mesh's interfaces to those of the image, to within a hundredth of the smallest spacing.
+    /// Largest distance from the mesh's interfaces to those of the image, to within a hundredth of
+    /// the smallest spacing.
     pub mesh_to_image_max: f64,
     /// Mean distance from the image's interfaces to those of the mesh.
     pub image_to_mesh_mean: f64,
     /// Largest distance from the image's interfaces to those of the mesh.
     pub image_to_mesh_max: f64,
-    /// Mean distance from the mesh's interfaces to the smooth ones: from the centroids of facets along their normals, two largest spacings at most.
+    /// Mean distance from the mesh's interfaces to the smooth ones: from the centroids of facets
+    /// along their normals, two largest spacings at most.
     pub mesh_to_surface_mean: f64,
     /// The largest such distance.
     pub mesh_to_surface_max: f64,
-    /// Mean distance from the smooth interfaces, where they cross the edges between voxel centres, to those of the mesh.
+    /// Mean distance from the smooth interfaces, where they cross the edges between voxel centres,
+    /// to those of the mesh.
     pub surface_to_mesh_mean: f64,
     /// The largest such distance.
     pub surface_to_mesh_max: f64,
-    /// Outer facets that should lie on a wall, a face of the image's box where it cuts the object off,
-    /// and do not.
+    /// Outer facets that should lie on a wall, a face of the image's box where it cuts the object
+    /// off, and do not.
     pub facets_off_walls: u64,
     /// Components of the image, of fewer than LAPD_LEAST_VOXELS, in which the mesh has no tet.
     pub small_components_lost: u64,
@@ -155,9 +166,11 @@ pub struct lapd_certificate {
     pub small_component_lost_at: [f64; 3],
 }
 
-/// What one thread of the refinement did, and with what it lost time. Set struct_size to sizeof(lapd_thread_report) before the call.
+/// What one thread of the refinement did, and with what it lost time. Set struct_size to
+/// sizeof(lapd_thread_report) before the call.
 ///
-/// Of the seconds that refinement took (lapd_timings) a thread worked those that it did not lose. With 1 thread none are lost.
+/// Of the seconds that refinement took (lapd_timings) a thread worked those that it did not lose.
+/// With 1 thread none are lost.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_thread_report {
@@ -187,7 +200,8 @@ pub struct lapd_thread_report {
     pub begs: u64,
     /// How often it gave work to another thread.
     pub gifts: u64,
-    /// Tets and vertices that its operations visited in the memory of its own node; 0 where accesses were not counted (lapd_params_set_count_accesses).
+    /// Tets and vertices that its operations visited in the memory of its own node; 0 where
+    /// accesses were not counted (lapd_params_set_count_accesses).
     pub local_accesses: u64,
     /// Those that they visited in the memory of other nodes.
     pub remote_accesses: u64,
@@ -201,8 +215,8 @@ pub const LAPD_ALL_THREADS: usize = -1_isize as usize;
 // cbindgen knows no usize::MAX.
 const _: () = assert!(LAPD_ALL_THREADS == usize::MAX);
 
-// SAFETY of all six: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of version 0.1 and stays when fields are
-// appended.
+// SAFETY of all six: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of version
+// 0.1 and stays when fields are appended.
 unsafe impl Growing for lapd_counts {
     const FIRST_SIZE: u64 = 56;
 }
@@ -245,9 +259,13 @@ pub(super) unsafe fn fill<T: Growing>(
 
 /// How large the mesh is. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+/// known version.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_counts(mesh: *const lapd_mesh, counts: *mut lapd_counts) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_get_counts(
+    mesh: *const lapd_mesh,
+    counts: *mut lapd_counts,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         fill(mesh, counts, "counts", |meshing| lapd_counts {
@@ -265,9 +283,13 @@ pub unsafe extern "C" fn lapd_mesh_get_counts(mesh: *const lapd_mesh, counts: *m
 
 /// How long the run took. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+/// known version.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_timings(mesh: *const lapd_mesh, timings: *mut lapd_timings) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_get_timings(
+    mesh: *const lapd_mesh,
+    timings: *mut lapd_timings,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         fill(mesh, timings, "timings", |meshing| {
@@ -284,9 +306,11 @@ pub unsafe extern "C" fn lapd_mesh_get_timings(mesh: *const lapd_mesh, timings: 
     }
 }
 
-/// What refinement did, all threads together; lapd_mesh_get_thread_report tells what each of them did. Any thread.
+/// What refinement did, all threads together; lapd_mesh_get_thread_report tells what each of them
+/// did. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+/// known version.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_operations(
     mesh: *const lapd_mesh,
@@ -316,9 +340,13 @@ pub unsafe extern "C" fn lapd_mesh_get_operations(
 
 /// The quality of the mesh. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+/// known version.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_quality(mesh: *const lapd_mesh, quality: *mut lapd_quality) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_get_quality(
+    mesh: *const lapd_mesh,
+    quality: *mut lapd_quality,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         fill(mesh, quality, "quality", |meshing| {
@@ -346,7 +374,8 @@ pub unsafe extern "C" fn lapd_mesh_get_quality(mesh: *const lapd_mesh, quality: 
 
 /// The certificate of the mesh. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
+/// known version.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_certificate(
     mesh: *const lapd_mesh,
@@ -373,7 +402,10 @@ pub unsafe extern "C" fn lapd_mesh_get_certificate(
                 surface_to_mesh_max: certificate.surface_to_mesh.max,
                 facets_off_walls: certificate.facets_off_walls,
                 small_components_lost: certificate.small_lost.count,
-                small_component_lost_at: certificate.small_lost.first.map_or([0.0; 3], |(_, position)| position),
+                small_component_lost_at: certificate
+                    .small_lost
+                    .first
+                    .map_or([0.0; 3], |(_, position)| position),
             }
         })
     }
@@ -383,7 +415,10 @@ pub unsafe extern "C" fn lapd_mesh_get_certificate(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_thread_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_get_thread_count(
+    mesh: *const lapd_mesh,
+    count: *mut usize,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(count, "count")?;
@@ -399,13 +434,20 @@ fn all_threads(report: &RunReport) -> ThreadReport {
         overhead.add(&thread.overhead);
         accesses.add(&thread.accesses);
     }
-    ThreadReport { operations: report.operations, work: report.work, overhead, accesses, timeline: Vec::new() }
+    ThreadReport {
+        operations: report.operations,
+        work: report.work,
+        overhead,
+        accesses,
+        timeline: Vec::new(),
+    }
 }
 
-/// What thread `index` (from 0) of the refinement did, or, for LAPD_ALL_THREADS, the sum of what all of them did. Any thread.
+/// What thread `index` (from 0) of the refinement did, or, for LAPD_ALL_THREADS, the sum of what
+/// all of them did. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is neither below the count nor LAPD_ALL_THREADS, or
-/// struct_size is not that of a known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is neither below the count
+/// nor LAPD_ALL_THREADS, or struct_size is not that of a known version.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_thread_report(
     mesh: *const lapd_mesh,
@@ -420,7 +462,9 @@ pub unsafe extern "C" fn lapd_mesh_get_thread_report(
             sum = all_threads(run);
             &sum
         } else {
-            run.threads.get(index).ok_or_else(|| Failure::invalid(format!("there is no thread {index}")))?
+            run.threads
+                .get(index)
+                .ok_or_else(|| Failure::invalid(format!("there is no thread {index}")))?
         };
         let (operations, overhead) = (&found.operations, &found.overhead);
         let value = lapd_thread_report {

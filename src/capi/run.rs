@@ -1,8 +1,9 @@
 //! One run, on threads of its own.
 //!
-//! The work is done by a thread pool that exists during the call only, so that whatever the engine spawns through rayon is counted
-//! by `threads` and joined at return; the caller's thread, which is not changed in any way, waits and runs the callbacks: the
-//! worker hands each progress report over and waits for the answer.
+//! The work is done by a thread pool that exists during the call only, so that whatever the engine
+//! spawns through rayon is counted by `threads` and joined at return; the caller's thread, which is
+//! not changed in any way, waits and runs the callbacks: the worker hands each progress report over
+//! and waits for the answer.
 
 use std::sync::mpsc;
 
@@ -21,23 +22,31 @@ use crate::params::MeshParams;
 
 /// Meshes an image.
 ///
-/// The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes with LAPD_OK; a partial one, where
-/// lapd_params_set_partial asks for it, with the status of the limit. With any other status `*mesh` stays as it is. Progress and log
-/// callbacks of the context are called on this thread. The work is done by threads that are all joined at return; the calling
-/// thread is neither pinned nor moved. Any number of runs may go on at once, in different threads, each with its own context; they
-/// may share the image and the parameters. With 1 thread the same image and parameters give the same mesh, byte for byte, unless a
-/// limit of time ended it; with more they do not, see lapd_params_set_threads.
+/// The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes with
+/// LAPD_OK; a partial one, where lapd_params_set_partial asks for it, with the status of the limit.
+/// With any other status `*mesh` stays as it is. Progress and log callbacks of the context are
+/// called on this thread. The work is done by threads that are all joined at return; the calling
+/// thread is neither pinned nor moved. Any number of runs may go on at once, in different threads,
+/// each with its own context; they may share the image and the parameters. With 1 thread the same
+/// image and parameters give the same mesh, byte for byte, unless a limit of time ended it; with
+/// more they do not, see lapd_params_set_threads.
 ///
-/// The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to live on.
+/// The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to
+/// live on.
 ///
 /// No other thread may use the context meanwhile, but to cancel, nor change `params`.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a label is to be merged, the background, kept, or of a size of its own that the image does
-/// not have, label 0 occurs beside another background, merging makes more than 65534 labels besides 0, sigma is above 0 or small components are to be left
-/// out (lapd_params_set_sigma, lapd_params_set_least_voxels) of an image made of intensities or probabilities, the box of the object, a voxel more on each side, has more than
-/// 2^32 - 1 voxels, or delta is so coarse that no tet lies in the object; LAPD_ERROR_UNSUPPORTED when threads are to be bound to cores and cannot be, see lapd_params_set_bind; LAPD_ERROR_EMPTY_IMAGE when there is no label
-/// to mesh; LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT, see lapd_params_set_partial;
-/// LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by a run.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a label is to be merged, the
+/// background, kept, or of a size of its own that the image does not have, label 0 occurs beside
+/// another background, merging makes more than 65534 labels besides 0, sigma is above 0 or small
+/// components are to be left out (lapd_params_set_sigma, lapd_params_set_least_voxels) of an image
+/// made of intensities or probabilities, the box of the object, a voxel more on each side, has more
+/// than 2^32 - 1 voxels, or delta is so coarse that no tet lies in the object;
+/// LAPD_ERROR_UNSUPPORTED when threads are to be bound to cores and cannot be, see
+/// lapd_params_set_bind; LAPD_ERROR_EMPTY_IMAGE when there is no label to mesh;
+/// LAPD_ERROR_CANCELLED; LAPD_ERROR_LIMIT_REACHED, LAPD_ERROR_TIME_LIMIT, LAPD_ERROR_MEMORY_LIMIT,
+/// see lapd_params_set_partial; LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in
+/// use by a run.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_image(
     context: *mut lapd_context,
@@ -69,20 +78,27 @@ enum Message {
     Log(Level, String),
 }
 
-fn run(image: &LabelImage, params: &MeshParams, cancel: &CancelFlag, callbacks: &Callbacks) -> Outcome<Meshing> {
+fn run(
+    image: &LabelImage,
+    params: &MeshParams,
+    cancel: &CancelFlag,
+    callbacks: &Callbacks,
+) -> Outcome<Meshing> {
     let (sender, messages) = mpsc::channel::<Message>();
     let (answer, answer_receiver) = mpsc::channel::<bool>();
     let (listening, logging) = (callbacks.has_progress(), callbacks.has_log());
     let job = move || {
         // Dropped at the end of the job, by unwinding too: that ends the loop below.
         let log_sender = sender.clone();
-        let mut tell = move |p| sender.send(Message::Progress(p)).is_ok() && answer_receiver.recv().unwrap_or(false);
+        let mut tell = move |p| {
+            sender.send(Message::Progress(p)).is_ok() && answer_receiver.recv().unwrap_or(false)
+        };
         let mut log = move |level, line: &str| {
             // The receiver stays until the last sender has gone.
             let _ = log_sender.send(Message::Log(level, line.to_owned()));
         };
-        let monitor =
-            Monitor::new(listening.then_some(&mut tell as _), Some(cancel)).with_log(logging.then_some(&mut log as _));
+        let monitor = Monitor::new(listening.then_some(&mut tell as _), Some(cancel))
+            .with_log(logging.then_some(&mut log as _));
         mesh_image(image, params, &monitor).map_err(Failure::from)
     };
     let mut result = None;

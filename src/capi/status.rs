@@ -5,7 +5,8 @@ use std::ffi::{CStr, c_char};
 use super::boundary::value_or;
 use crate::Error;
 
-/// What a function came to. The numbers are stable: none will ever change its meaning, new ones may be added. 0 is success.
+/// What a function came to. The numbers are stable: none will ever change its meaning, new ones may
+/// be added. 0 is success.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_status {
@@ -13,15 +14,18 @@ pub enum lapd_status {
     LAPD_OK = 0,
     /// An argument is NULL, out of its range, or not a value of its enum.
     LAPD_ERROR_INVALID_ARGUMENT = 1,
-    /// The value exists in this interface, but not yet in this version of the library, in this build, or on this system.
+    /// The value exists in this interface, but not yet in this version of the library, in this
+    /// build, or on this system.
     LAPD_ERROR_UNSUPPORTED = 2,
     /// A file could not be opened, read or written.
     LAPD_ERROR_IO = 3,
-    /// A file was read, but it holds no valid image of its format, or uses what this version does not read.
+    /// A file was read, but it holds no valid image of its format, or uses what this version does
+    /// not read.
     LAPD_ERROR_FORMAT = 4,
     /// The image holds no label to mesh.
     LAPD_ERROR_EMPTY_IMAGE = 5,
-    /// The caller's limit of vertices was reached, or one of the library's own: that of the ids, or of what a file format can number.
+    /// The caller's limit of vertices was reached, or one of the library's own: that of the ids, or
+    /// of what a file format can number.
     LAPD_ERROR_LIMIT_REACHED = 6,
     /// The run was cancelled by its progress callback or by lapd_context_cancel.
     LAPD_ERROR_CANCELLED = 7,
@@ -85,12 +89,18 @@ impl lapd_status {
     fn message(self) -> &'static CStr {
         match self {
             LAPD_OK => c"success",
-            LAPD_ERROR_INVALID_ARGUMENT => c"an argument is NULL, out of its range, or not a value of its enum",
+            LAPD_ERROR_INVALID_ARGUMENT => {
+                c"an argument is NULL, out of its range, or not a value of its enum"
+            }
             LAPD_ERROR_UNSUPPORTED => c"not supported by this version of lapd",
             LAPD_ERROR_IO => c"a file could not be opened, read or written",
-            LAPD_ERROR_FORMAT => c"the file holds no valid image of its format, or one that this version does not read",
+            LAPD_ERROR_FORMAT => {
+                c"the file holds no valid image of its format, or one that lapd does not read"
+            }
             LAPD_ERROR_EMPTY_IMAGE => c"the image holds no label to mesh",
-            LAPD_ERROR_LIMIT_REACHED => c"the limit of vertices, or one of the library's own, was reached",
+            LAPD_ERROR_LIMIT_REACHED => {
+                c"the limit of vertices, or one of the library's own, was reached"
+            }
             LAPD_ERROR_CANCELLED => c"cancelled",
             LAPD_ERROR_OUT_OF_MEMORY => c"out of memory",
             LAPD_ERROR_INTERNAL => c"an invariant broke; this is a bug of lapd",
@@ -120,7 +130,8 @@ impl From<&Error> for lapd_status {
     }
 }
 
-/// The version of the library that runs, as "MAJOR.MINOR.PATCH". LAPD_VERSION is that of the header the caller was compiled with.
+/// The version of the library that runs, as "MAJOR.MINOR.PATCH". LAPD_VERSION is that of the header
+/// the caller was compiled with.
 ///
 /// The string is static. May be called from any thread.
 #[unsafe(no_mangle)]
@@ -128,23 +139,26 @@ pub extern "C" fn lapd_version() -> *const c_char {
     concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
 }
 
-/// The name of a status code, such as "LAPD_ERROR_IO"; "LAPD_UNKNOWN_STATUS" for a number that is none.
+/// The name of a status code, such as "LAPD_ERROR_IO"; "LAPD_UNKNOWN_STATUS" for a number that is
+/// none.
 ///
 /// The string is static. May be called from any thread.
 #[unsafe(no_mangle)]
 pub extern "C" fn lapd_status_name(status: i32) -> *const c_char {
     let unknown = c"LAPD_UNKNOWN_STATUS";
-    value_or(unknown, || lapd_status::from_number(status).map_or(unknown, lapd_status::name)).as_ptr()
+    value_or(unknown, || lapd_status::from_number(status).map_or(unknown, lapd_status::name))
+        .as_ptr()
 }
 
-/// What a status code means, in one line; "unknown status" for a number that is none. lapd_context_last_error() says more about
-/// the call that failed.
+/// What a status code means, in one line; "unknown status" for a number that is none.
+/// lapd_context_last_error() says more about the call that failed.
 ///
 /// The string is static. May be called from any thread.
 #[unsafe(no_mangle)]
 pub extern "C" fn lapd_status_message(status: i32) -> *const c_char {
     let unknown = c"unknown status";
-    value_or(unknown, || lapd_status::from_number(status).map_or(unknown, lapd_status::message)).as_ptr()
+    value_or(unknown, || lapd_status::from_number(status).map_or(unknown, lapd_status::message))
+        .as_ptr()
 }
 
 #[cfg(test)]

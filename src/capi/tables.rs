@@ -7,7 +7,8 @@ use super::status::lapd_status;
 use crate::mesh::certificate::{Certificate, LEAST_VOXELS};
 use crate::mesh::{DefectKind, Fate};
 
-/// One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call. Volumes are in cubic world units.
+/// One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call.
+/// Volumes are in cubic world units.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_label_row {
@@ -29,13 +30,17 @@ pub struct lapd_label_row {
     pub components_mesh: u64,
     /// Components of the image, of LAPD_LEAST_VOXELS or more, in which it has no tet.
     pub components_lost: u64,
-    /// Components of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another one.
+    /// Components of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another
+    /// one.
     pub components_merged: u64,
-    /// Components of the mesh that are torn off from the one they belong to, or lie in none of the image.
+    /// Components of the mesh that are torn off from the one they belong to, or lie in none of the
+    /// image.
     pub pieces: u64,
-    /// Euler characteristic of its boundary in the image, whose voxels are joined with all 26 around them.
+    /// Euler characteristic of its boundary in the image, whose voxels are joined with all 26
+    /// around them.
     pub euler_image: i64,
-    /// Euler characteristic of its boundary in the mesh, of a surface just inside: 2 for a ball, 0 for a torus, added up over all parts.
+    /// Euler characteristic of its boundary in the mesh, of a surface just inside: 2 for a ball, 0
+    /// for a torus, added up over all parts.
     pub euler_mesh: i64,
     /// Edges at which more than two facets of its boundary meet.
     pub pinched_edges: u64,
@@ -45,23 +50,28 @@ pub struct lapd_label_row {
     pub mesh_to_image_mean: f64,
     /// Largest distance from its boundary in the mesh to that in the image.
     pub mesh_to_image_max: f64,
-    /// Mean distance from its boundary in the image to that in the mesh; infinite when it has no tet.
+    /// Mean distance from its boundary in the image to that in the mesh; infinite when it has no
+    /// tet.
     pub image_to_mesh_mean: f64,
-    /// Largest distance from its boundary in the image to that in the mesh; infinite when it has no tet.
+    /// Largest distance from its boundary in the image to that in the mesh; infinite when it has no
+    /// tet.
     pub image_to_mesh_max: f64,
     /// Mean distance from its boundary in the mesh to the smooth interfaces.
     pub mesh_to_surface_mean: f64,
     /// Largest distance from its boundary in the mesh to the smooth interfaces.
     pub mesh_to_surface_max: f64,
-    /// Mean distance from the smooth interfaces around it to its boundary in the mesh; infinite when it has no tet.
+    /// Mean distance from the smooth interfaces around it to its boundary in the mesh; infinite
+    /// when it has no tet.
     pub surface_to_mesh_mean: f64,
-    /// Largest distance from the smooth interfaces around it to its boundary in the mesh; infinite when it has no tet.
+    /// Largest distance from the smooth interfaces around it to its boundary in the mesh; infinite
+    /// when it has no tet.
     pub surface_to_mesh_max: f64,
     /// By how much its volume grew when slivers were removed.
     pub volume_change: f64,
 }
 
-/// Components of the image with fewer voxels have no row of their own, and are not listed when they are lost or merged.
+/// Components of the image with fewer voxels have no row of their own, and are not listed when they
+/// are lost or merged.
 pub const LAPD_LEAST_VOXELS: u64 = 8;
 
 const _: () = assert!(LAPD_LEAST_VOXELS == LEAST_VOXELS);
@@ -78,9 +88,11 @@ pub enum lapd_fate {
     LAPD_FATE_LOST = 2,
 }
 
-/// One component of the image that has LAPD_LEAST_VOXELS or more. Set struct_size to sizeof(lapd_component_row) before the call.
+/// One component of the image that has LAPD_LEAST_VOXELS or more. Set struct_size to
+/// sizeof(lapd_component_row) before the call.
 ///
-/// Voxels are joined with all 26 around them, tets where they share a facet, an edge or a vertex. Volumes are in cubic world units, positions and distances in world units.
+/// Voxels are joined with all 26 around them, tets where they share a facet, an edge or a vertex.
+/// Volumes are in cubic world units, positions and distances in world units.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_component_row {
@@ -106,19 +118,23 @@ pub struct lapd_component_row {
     pub euler_image: i64,
     /// That of the components of the mesh that belong to it, of a surface just inside, added up.
     pub euler_mesh: i64,
-    /// Mean distance from the boundary of the components of the mesh that belong to it to that of its label in the image.
+    /// Mean distance from the boundary of the components of the mesh that belong to it to that of
+    /// its label in the image.
     pub mesh_to_image_mean: f64,
     /// The largest such distance.
     pub mesh_to_image_max: f64,
-    /// Mean distance from its boundary to that of its label in the mesh; infinite when the label has no tet.
+    /// Mean distance from its boundary to that of its label in the mesh; infinite when the label
+    /// has no tet.
     pub image_to_mesh_mean: f64,
     /// The largest such distance.
     pub image_to_mesh_max: f64,
-    /// Mean distance from the boundary of the components of the mesh that belong to it to the smooth interfaces.
+    /// Mean distance from the boundary of the components of the mesh that belong to it to the
+    /// smooth interfaces.
     pub mesh_to_surface_mean: f64,
     /// The largest such distance.
     pub mesh_to_surface_max: f64,
-    /// Mean distance from the smooth interfaces around it to its label's boundary in the mesh; infinite when the label has no tet.
+    /// Mean distance from the smooth interfaces around it to its label's boundary in the mesh;
+    /// infinite when the label has no tet.
     pub surface_to_mesh_mean: f64,
     /// The largest such distance.
     pub surface_to_mesh_max: f64,
@@ -130,9 +146,11 @@ pub struct lapd_component_row {
 pub enum lapd_defect_kind {
     /// A component of the image, of LAPD_LEAST_VOXELS or more, in which no tet of its label lies.
     LAPD_DEFECT_LOST = 0,
-    /// A component of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another one of its label.
+    /// A component of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another
+    /// one of its label.
     LAPD_DEFECT_MERGED = 1,
-    /// A component of the mesh that is torn off from the one that stands for its component of the image.
+    /// A component of the mesh that is torn off from the one that stands for its component of the
+    /// image.
     LAPD_DEFECT_TORN = 2,
     /// A component of the mesh that lies in no component of its label.
     LAPD_DEFECT_STRAY = 3,
@@ -140,12 +158,13 @@ pub enum lapd_defect_kind {
     LAPD_DEFECT_PINCHED_EDGE = 4,
     /// A vertex, on no such edge, at which more than one sheet of the label's boundary meet.
     LAPD_DEFECT_PINCHED_VERTEX = 5,
-    /// A component of the image that was left out for its size, as asked (lapd_params_set_least_voxels).
+    /// A component of the image that was left out for its size, as asked
+    /// (lapd_params_set_least_voxels).
     LAPD_DEFECT_DROPPED = 6,
 }
 
-/// A place where the topology of a label in the mesh is not that of a solid, or not that of the image. Set struct_size to sizeof(lapd_defect) before the
-/// call.
+/// A place where the topology of a label in the mesh is not that of a solid, or not that of the
+/// image. Set struct_size to sizeof(lapd_defect) before the call.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_defect {
@@ -155,13 +174,15 @@ pub struct lapd_defect {
     pub kind: i64,
     /// The label.
     pub label: i64,
-    /// Where, in world units: the centre of the component's first voxel, the centroid of its first tet, the middle of the edge, the vertex.
+    /// Where, in world units: the centre of the component's first voxel, the centroid of its first
+    /// tet, the middle of the edge, the vertex.
     pub position: [f64; 3],
     /// Voxels of the component of the image, tets of that of the mesh; 0 for a pinch.
     pub size: u64,
 }
 
-// SAFETY of all three: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of the first version that had it and stays when fields are appended.
+// SAFETY of all three: repr(C), numbers only, `struct_size: u64` first. FIRST_SIZE is that of the
+// first version that had it and stays when fields are appended.
 unsafe impl Growing for lapd_label_row {
     const FIRST_SIZE: u64 = 64;
 }
@@ -196,19 +217,23 @@ fn row_of<'a, T>(rows: &'a [T], index: usize, what: &str) -> Outcome<&'a T> {
     rows.get(index).ok_or_else(|| Failure::invalid(format!("there is no {what} {index}")))
 }
 
-/// The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any thread.
+/// The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any
+/// thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_label_row_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_get_label_row_count(
+    mesh: *const lapd_mesh,
+    count: *mut usize,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe { count_rows(mesh, count, |certificate| certificate.labels.len()) })
 }
 
 /// Row `index` (from 0) of the table of labels. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
-/// known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
+/// struct_size is not that of a known version.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_label_row(
     mesh: *const lapd_mesh,
@@ -249,19 +274,23 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
     })
 }
 
-/// The number of rows that lapd_mesh_get_component_row has: one for each component of the image that has LAPD_LEAST_VOXELS or more. Any thread.
+/// The number of rows that lapd_mesh_get_component_row has: one for each component of the image
+/// that has LAPD_LEAST_VOXELS or more. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_component_row_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_get_component_row_count(
+    mesh: *const lapd_mesh,
+    count: *mut usize,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe { count_rows(mesh, count, |certificate| certificate.components.len()) })
 }
 
 /// Row `index` (from 0) of the table of components. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
-/// known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
+/// struct_size is not that of a known version.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_component_row(
     mesh: *const lapd_mesh,
@@ -305,15 +334,19 @@ pub unsafe extern "C" fn lapd_mesh_get_component_row(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_defect_count(mesh: *const lapd_mesh, count: *mut usize) -> lapd_status {
+pub unsafe extern "C" fn lapd_mesh_get_defect_count(
+    mesh: *const lapd_mesh,
+    count: *mut usize,
+) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe { count_rows(mesh, count, |certificate| certificate.defects.len()) })
 }
 
-/// Place `index` (from 0) where the topology of a label is at fault; they are in the order of lapd_defect_kind. Any thread.
+/// Place `index` (from 0) where the topology of a label is at fault; they are in the order of
+/// lapd_defect_kind. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or struct_size is not that of a
-/// known version.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
+/// struct_size is not that of a known version.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_defect(
     mesh: *const lapd_mesh,

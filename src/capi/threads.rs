@@ -14,13 +14,16 @@ pub const LAPD_MAX_THREADS: usize = 254;
 
 const _: () = assert!(LAPD_MAX_THREADS == crate::params::MAX_THREADS);
 
-/// What a thread does after it met another one: it needed a vertex that the other one was using, and has given its operation up.
+/// What a thread does after it met another one: it needed a vertex that the other one was using,
+/// and has given its operation up.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_contention {
-    /// It waits until the thread that it met has made some progress, unless that one waits itself. The default.
+    /// It waits until the thread that it met has made some progress, unless that one waits itself.
+    /// The default.
     LAPD_CONTENTION_LOCAL = 0,
-    /// It waits, in one list for all threads, until others have made some progress; the last one that works never waits.
+    /// It waits, in one list for all threads, until others have made some progress; the last one
+    /// that works never waits.
     LAPD_CONTENTION_GLOBAL = 1,
     /// After some conflicts in sequence it waits for a random time.
     LAPD_CONTENTION_RANDOM = 2,
@@ -32,7 +35,8 @@ pub enum lapd_contention {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_begging {
-    /// The threads of its own cache, then those of its processor, then those of the machine. The default.
+    /// The threads of its own cache, then those of its processor, then those of the machine. The
+    /// default.
     LAPD_BEGGING_BY_LEVEL = 0,
     /// All threads alike.
     LAPD_BEGGING_FLAT = 1,
@@ -41,11 +45,12 @@ pub enum lapd_begging {
 use lapd_begging::*;
 use lapd_contention::*;
 
-/// Sets the number of threads of a run, 1 (the default) to LAPD_MAX_THREADS. lapd_mesh_image starts them and joins them before it
-/// returns. More than there are processors work, but do not help.
+/// Sets the number of threads of a run, 1 (the default) to LAPD_MAX_THREADS. lapd_mesh_image starts
+/// them and joins them before it returns. More than there are processors work, but do not help.
 ///
-/// With 1 the mesh is the same in every run. With more it is not, because it depends on which thread is first; what the
-/// certificate and the bounds on quality promise holds all the same. No other thread may use `params` or the context meanwhile.
+/// With 1 the mesh is the same in every run. With more it is not, because it depends on which
+/// thread is first; what the certificate and the bounds on quality promise holds all the same. No
+/// other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is out of range.
 #[unsafe(no_mangle)]
@@ -67,13 +72,16 @@ pub unsafe extern "C" fn lapd_params_set_threads(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_threads(params: *const lapd_params, threads: *mut usize) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_threads(
+    params: *const lapd_params,
+    threads: *mut usize,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, threads, "threads", |p| p.threads) }
 }
 
-/// Sets what threads do after conflicts, a lapd_contention. With 1 thread there are none. No other thread may use `params` or the
-/// context meanwhile.
+/// Sets what threads do after conflicts, a lapd_contention. With 1 thread there are none. No other
+/// thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
 #[unsafe(no_mangle)]
@@ -97,11 +105,15 @@ pub unsafe extern "C" fn lapd_params_set_contention(
     }
 }
 
-/// What threads do after conflicts, a lapd_contention. Any thread, unless another one changes `params`.
+/// What threads do after conflicts, a lapd_contention. Any thread, unless another one changes
+/// `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_contention(params: *const lapd_params, contention: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_contention(
+    params: *const lapd_params,
+    contention: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         read(params, contention, "contention", |p| match p.contention {
@@ -113,8 +125,8 @@ pub unsafe extern "C" fn lapd_params_get_contention(params: *const lapd_params, 
     }
 }
 
-/// Sets whom threads without work ask for some first, a lapd_begging. With 1 thread there is nobody to ask. No other thread may
-/// use `params` or the context meanwhile.
+/// Sets whom threads without work ask for some first, a lapd_begging. With 1 thread there is nobody
+/// to ask. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is unknown.
 #[unsafe(no_mangle)]
@@ -136,11 +148,15 @@ pub unsafe extern "C" fn lapd_params_set_begging(
     }
 }
 
-/// Whom threads without work ask for some first, a lapd_begging. Any thread, unless another one changes `params`.
+/// Whom threads without work ask for some first, a lapd_begging. Any thread, unless another one
+/// changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_begging(params: *const lapd_params, begging: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_begging(
+    params: *const lapd_params,
+    begging: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         read(params, begging, "begging", |p| match p.begging {
@@ -150,13 +166,15 @@ pub unsafe extern "C" fn lapd_params_get_begging(params: *const lapd_params, beg
     }
 }
 
-/// Sets the machine that the threads are taken to run on, for LAPD_ALGORITHM_LAPD and LAPD_BEGGING_BY_LEVEL, by one of hwloc's synthetic descriptions, such as
-/// "numa:4 core:4 pu:1": four memory nodes of four cores each. An empty text (the default) means the machine at hand.
+/// Sets the machine that the threads are taken to run on, for LAPD_ALGORITHM_LAPD and
+/// LAPD_BEGGING_BY_LEVEL, by one of hwloc's synthetic descriptions, such as "numa:4 core:4 pu:1":
+/// four memory nodes of four cores each. An empty text (the default) means the machine at hand.
 ///
-/// It serves tests and planning. The text is copied. No other thread may use `params` or the context meanwhile.
+/// It serves tests and planning. The text is copied. No other thread may use `params` or the
+/// context meanwhile.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or hwloc does not understand the text; LAPD_ERROR_UNSUPPORTED when
-/// the library was built without its feature hwloc.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or hwloc does not understand the
+/// text; LAPD_ERROR_UNSUPPORTED when the library was built without its feature hwloc.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_set_topology(
     context: *mut lapd_context,
@@ -171,7 +189,9 @@ pub unsafe extern "C" fn lapd_params_set_topology(
             params.params.machine = if description.is_empty() {
                 None
             } else {
-                let text = description.to_str().map_err(|_| Failure::invalid("description is not UTF-8"))?;
+                let text = description
+                    .to_str()
+                    .map_err(|_| Failure::invalid("description is not UTF-8"))?;
                 Some(Machine::synthetic(text)?)
             };
             params.topology = description.to_owned();
@@ -180,10 +200,11 @@ pub unsafe extern "C" fn lapd_params_set_topology(
     }
 }
 
-/// The description of the machine that the threads are taken to run on; empty for the machine at hand.
+/// The description of the machine that the threads are taken to run on; empty for the machine at
+/// hand.
 ///
-/// `*description` belongs to the parameters and is valid until they are changed or freed. Any thread, unless another one changes
-/// `params`.
+/// `*description` belongs to the parameters and is valid until they are changed or freed. Any
+/// thread, unless another one changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -199,12 +220,14 @@ pub unsafe extern "C" fn lapd_params_get_topology(
     })
 }
 
-/// Whether to bind each thread of the refinement to a core of its own (1) or not (0, the default). Cores are taken memory node by
-/// memory node, among those that the calling thread may use; more threads than cores share them. The caller's thread itself is
-/// never bound. No other thread may use `params` or the context meanwhile.
+/// Whether to bind each thread of the refinement to a core of its own (1) or not (0, the default).
+/// Cores are taken memory node by memory node, among those that the calling thread may use; more
+/// threads than cores share them. The caller's thread itself is never bound. No other thread may
+/// use `params` or the context meanwhile.
 ///
-/// Where threads cannot be bound, lapd_mesh_image fails with LAPD_ERROR_UNSUPPORTED: on other systems than Linux, where a machine has more
-/// than 1024 processors, and where the calling thread may use none of them. The feature hwloc is not needed.
+/// Where threads cannot be bound, lapd_mesh_image fails with LAPD_ERROR_UNSUPPORTED: on other
+/// systems than Linux, where a machine has more than 1024 processors, and where the calling thread
+/// may use none of them. The feature hwloc is not needed.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]
@@ -226,13 +249,17 @@ pub unsafe extern "C" fn lapd_params_set_bind(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_bind(params: *const lapd_params, bind: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_bind(
+    params: *const lapd_params,
+    bind: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, bind, "bind", |p| i32::from(p.bind)) }
 }
 
-/// Whether to count, for lapd_mesh_get_thread_report, the tets and vertices that each thread visits in the memory of its own and of other
-/// nodes (1), or not (0, the default). Counting takes some percent of the time. No other thread may use `params` or the context meanwhile.
+/// Whether to count, for lapd_mesh_get_thread_report, the tets and vertices that each thread visits
+/// in the memory of its own and of other nodes (1), or not (0, the default). Counting takes some
+/// percent of the time. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]
@@ -262,9 +289,9 @@ pub unsafe extern "C" fn lapd_params_get_count_accesses(
     unsafe { read(params, count_accesses, "count_accesses", |p| i32::from(p.count_accesses)) }
 }
 
-/// Whether to keep what each thread did when (1), for lapd_mesh_write_timeline, or not (0, the default). It takes memory while the mesh
-/// lives, some ten bytes for each time that a thread begins something else. No other thread may use `params` or the context
-/// meanwhile.
+/// Whether to keep what each thread did when (1), for lapd_mesh_write_timeline, or not (0, the
+/// default). It takes memory while the mesh lives, some ten bytes for each time that a thread
+/// begins something else. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
 #[unsafe(no_mangle)]
@@ -286,7 +313,10 @@ pub unsafe extern "C" fn lapd_params_set_timeline(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_timeline(params: *const lapd_params, timeline: *mut i32) -> lapd_status {
+pub unsafe extern "C" fn lapd_params_get_timeline(
+    params: *const lapd_params,
+    timeline: *mut i32,
+) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { read(params, timeline, "timeline", |p| i32::from(p.timeline)) }
 }

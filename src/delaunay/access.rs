@@ -1,7 +1,8 @@
 //! Who may touch a tet: the policy under which a worker operates, a type parameter of the kernel.
 //!
-//! An operation asks to own every tet that it will destroy, and looks whose the tets around are, before it writes anything (invariant 4). A refusal ends the operation
-//! with *blocked* and nothing changed. Nobody waits while owning. The protocol is told in `ownership`.
+//! An operation asks to own every tet that it will destroy, and looks whose the tets around are,
+//! before it writes anything (invariant 4). A refusal ends the operation with *blocked* and nothing
+//! changed. Nobody waits while owning. The protocol is told in `ownership`.
 
 use super::counted::Visits;
 #[cfg(feature = "force-conflicts")]
@@ -12,7 +13,8 @@ use super::{TetId, VertexId};
 #[cfg(feature = "simulation")]
 use crate::simulation::hooks;
 
-/// What an operation, or a look, consists of beside visits, as policies are told that keep account of it.
+/// What an operation, or a look, consists of beside visits, as policies are told that keep account
+/// of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
     /// An insertion or removal begins.
@@ -38,7 +40,8 @@ pub trait Access {
     /// Whether others may operate at the same time: what was read without owning is to be checked.
     const SHARED: bool;
 
-    /// Whether it wants to be told of visits: what would be done only to tell it is left out otherwise.
+    /// Whether it wants to be told of visits: what would be done only to tell it is left out
+    /// otherwise.
     const HEARS: bool = true;
 
     /// Asks for the tet with this `owner`: [`Holder::Nobody`]: it is the worker's now.
@@ -69,12 +72,16 @@ pub trait Access {
     /// The number of the worker that caused the last refusal, from 0; `None`: there was none.
     fn met(&self) -> Option<usize>;
 
-    /// Told of each tet to which an operation comes: on a walk; tested against the point of a cavity, once for each facet through which that happens; in the star of a vertex
-    /// to be removed or across its link; written. Nothing happens, and nothing is compiled, unless a policy counts.
+    /// Told of each tet to which an operation comes: on a walk; tested against the point of a
+    /// cavity, once for each facet through which that happens; in the star of a vertex to be
+    /// removed or across its link; written. Nothing happens, and nothing is compiled, unless a
+    /// policy counts.
     #[inline(always)]
     fn visit_tet(&mut self, _: TetId) {}
 
-    /// Told of each vertex whose record an operation comes to, once in each of its parts: on a walk, taken into a cavity, on the boundary when the star is filled, in the link of a vertex to be removed.
+    /// Told of each vertex whose record an operation comes to, once in each of its parts: on a
+    /// walk, taken into a cavity, on the boundary when the star is filled, in the link of a vertex
+    /// to be removed.
     #[inline(always)]
     fn visit_vertex(&mut self, _: VertexId) {}
 
@@ -87,7 +94,8 @@ pub trait Access {
 /// The name of one who works alone.
 const LONE: OwnerId = 1;
 
-/// Nobody else is there: one thread refines, and that a tet is owned means that it is in the cavity.
+/// Nobody else is there: one thread refines, and that a tet is owned means that it is in the
+/// cavity.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Solo;
 

@@ -1,5 +1,6 @@
-//! Digging: the cavity of a point is the set of tets whose circumball holds it. It is connected and star-shaped around the point
-//! (Bowyer 1981, Watson 1981); with the symbolic perturbation this holds exactly, whatever the degeneracy.
+//! Digging: the cavity of a point is the set of tets whose circumball holds it. It is connected and
+//! star-shaped around the point (Bowyer 1981, Watson 1981); with the symbolic perturbation this
+//! holds exactly, whatever the degeneracy.
 
 use glam::DVec3;
 
@@ -22,11 +23,13 @@ pub struct CavityFacet {
 /// What came of digging.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dig {
-    /// `cavity` and `boundary` of the worker are filled, the tets of the cavity owned, and those beside it nobody's.
+    /// `cavity` and `boundary` of the worker are filled, the tets of the cavity owned, and those
+    /// beside it nobody's.
     Done,
     /// Another worker owns a tet of the cavity, or one beside it.
     Blocked,
-    /// The tet to start from is no longer what the caller took it for, or another one changed meanwhile.
+    /// The tet to start from is no longer what the caller took it for, or another one changed
+    /// meanwhile.
     Stale,
     /// The tet to start from is not in conflict with the point.
     NotInConflict,
@@ -35,24 +38,37 @@ pub enum Dig {
 }
 
 impl<A: Access> Worker<A> {
-    /// Whether `p` is in conflict with a tet: the cached sphere first, then the exact predicate. `None` when `p` is a vertex of it.
+    /// Whether `p` is in conflict with a tet: the cached sphere first, then the exact predicate.
+    /// `None` when `p` is a vertex of it.
     #[inline(always)]
-    fn conflict(&mut self, triangulation: &Triangulation, tet: &TetRecord, p: DVec3) -> Option<bool> {
+    fn conflict(
+        &mut self,
+        triangulation: &Triangulation,
+        tet: &TetRecord,
+        p: DVec3,
+    ) -> Option<bool> {
         self.counters.in_sphere_tests += 1;
         let answer = tet.sphere().contains(p);
         if answer.is_some() { answer } else { self.exact_conflict(triangulation, tet, p) }
     }
 
     #[cold]
-    fn exact_conflict(&mut self, triangulation: &Triangulation, tet: &TetRecord, p: DVec3) -> Option<bool> {
+    fn exact_conflict(
+        &mut self,
+        triangulation: &Triangulation,
+        tet: &TetRecord,
+        p: DVec3,
+    ) -> Option<bool> {
         self.counters.exact_predicates += 1;
         self.access.spend(Effort::Exact(1));
         let corners = triangulation.corners(tet.vertices());
         (!corners.contains(&p)).then(|| in_sphere_perturbed(corners, p))
     }
 
-    /// Finds the cavity of `p`, starting from a tet in conflict with it. Its tets are owned then, and are not if it ends otherwise. With others at work, `holds` is asked, when
-    /// the first tet is owned and its neighbours cannot change either, whether what the caller knows of them is still true.
+    /// Finds the cavity of `p`, starting from a tet in conflict with it. Its tets are owned then,
+    /// and are not if it ends otherwise. With others at work, `holds` is asked, when the first tet
+    /// is owned and its neighbours cannot change either, whether what the caller knows of them is
+    /// still true.
     pub(super) fn dig(
         &mut self,
         triangulation: &Triangulation,
@@ -74,7 +90,13 @@ impl<A: Access> Worker<A> {
     }
 
     /// Comes to own the first tet; see `ownership`, the way in.
-    fn come_in(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3, holds: impl FnOnce() -> bool) -> Dig {
+    fn come_in(
+        &mut self,
+        triangulation: &Triangulation,
+        start: TetId,
+        p: DVec3,
+        holds: impl FnOnce() -> bool,
+    ) -> Dig {
         let first = triangulation.tet(start);
         let holder = self.access.try_own(first.owner());
         if holder != Holder::Nobody {
@@ -91,7 +113,8 @@ impl<A: Access> Worker<A> {
                 if outside.is_none() {
                     continue;
                 }
-                let holder = self.look_across(first, index, outside, triangulation.tet(outside.tet()));
+                let holder =
+                    self.look_across(first, index, outside, triangulation.tet(outside.tet()));
                 if holder != Holder::Nobody {
                     return given_up(holder);
                 }
@@ -108,7 +131,9 @@ impl<A: Access> Worker<A> {
         }
     }
 
-    /// Whose the tet `other` across facet `index` of an owned one is, to which the link `outside` leads. If it is nobody's, neither the tet nor the link changes as long as the first is owned.
+    /// Whose the tet `other` across facet `index` of an owned one is, to which the link `outside`
+    /// leads. If it is nobody's, neither the tet nor the link changes as long as the first is
+    /// owned.
     #[inline(always)]
     pub(super) fn look_across(
         &mut self,
@@ -123,7 +148,8 @@ impl<A: Access> Worker<A> {
         if changed { Holder::Changed } else { holder }
     }
 
-    /// Digs from a first tet of the cavity, breadth first: between its mark and its turn a tet's neighbours come into the cache.
+    /// Digs from a first tet of the cavity, breadth first: between its mark and its turn a tet's
+    /// neighbours come into the cache.
     fn spread(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3) -> Dig {
         // Facet 0 of the first tet is looked through here.
         let mut end = self.look_through(triangulation, triangulation.tet(start), 0, p);
@@ -141,9 +167,16 @@ impl<A: Access> Worker<A> {
         end
     }
 
-    /// Asks the tet across facet `index` of a tet of the cavity of `p`: either it is one of the cavity too, or the facet one of the boundary.
+    /// Asks the tet across facet `index` of a tet of the cavity of `p`: either it is one of the
+    /// cavity too, or the facet one of the boundary.
     #[inline(always)]
-    fn look_through(&mut self, triangulation: &Triangulation, record: &TetRecord, index: usize, p: DVec3) -> Dig {
+    fn look_through(
+        &mut self,
+        triangulation: &Triangulation,
+        record: &TetRecord,
+        index: usize,
+        p: DVec3,
+    ) -> Dig {
         let outside = record.neighbor(index);
         if !outside.is_none() {
             // Looked up once: the compiler may not assume that a second time would give the same.
@@ -179,7 +212,8 @@ impl<A: Access> Worker<A> {
     /// Takes `tet`, which is owned, into the cavity; it was found through facet `entry` of it.
     #[inline(always)]
     fn take_in(&mut self, triangulation: &Triangulation, entry: Facet, tet: &TetRecord) {
-        // The neighbours are tested when the tet's turn comes, the rest is needed when the star is filled.
+        // The neighbours are tested when the tet's turn comes, the rest is needed when the star is
+        // filled.
         triangulation.prefetch_neighbors(tet);
         triangulation.prefetch_rest(tet, entry.index());
         self.cavity.push(entry);

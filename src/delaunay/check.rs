@@ -1,9 +1,11 @@
-//! The validator: checks the invariants of the module exactly. Runs in tests after operations, and as a part of every certificate.
+//! The validator: checks the invariants of the module exactly. Runs in tests after operations, and
+//! as a part of every certificate.
 //!
-//! Checking every facet against the vertex across it suffices: a triangulation of a convex box that is locally Delaunay at each facet is
-//! Delaunay (Delaunay 1934).
+//! Checking every facet against the vertex across it suffices: a triangulation of a convex box that
+//! is locally Delaunay at each facet is Delaunay (Delaunay 1934).
 //!
-//! Runs in the current rayon pool, tet by tet in the order of their places, so that neighbours are at hand; the counts do not depend on the number of threads. Linear.
+//! Runs in the current rayon pool, tet by tet in the order of their places, so that neighbours are
+//! at hand; the counts do not depend on the number of threads. Linear.
 
 use rayon::prelude::*;
 
@@ -16,10 +18,12 @@ use crate::geometry::sphere::Circumsphere;
 /// Tets, or vertices, between two questions whether to go on: one piece of work.
 pub const CHECK_EVERY: usize = 1 << 12;
 
-/// A sweep fetches the tet this many places ahead: more than there are in a few cells, so that most neighbours are there before they are asked for.
+/// A sweep fetches the tet this many places ahead: more than there are in a few cells, so that most
+/// neighbours are there before they are asked for.
 pub(crate) const AHEAD: usize = 96;
 
-/// It fetches what the tet this many places ahead leads to, vertices and neighbours; its own record is there by then.
+/// It fetches what the tet this many places ahead leads to, vertices and neighbours; its own record
+/// is there by then.
 pub(crate) const AHEAD_AROUND: usize = 32;
 
 /// What the validator counted. All but `tets` and `vertices` are 0 for a sound triangulation.
@@ -42,7 +46,8 @@ pub struct Check {
 impl Check {
     /// Whether every invariant holds.
     pub fn is_sound(&self) -> bool {
-        self.inverted_tets + self.broken_adjacency + self.non_delaunay_facets + self.broken_stars == 0
+        self.inverted_tets + self.broken_adjacency + self.non_delaunay_facets + self.broken_stars
+            == 0
     }
 
     fn merged(self, other: Self) -> Self {
@@ -64,15 +69,22 @@ impl Triangulation {
     /// When there is no memory for the order of the tets.
     pub fn check(&self) -> Check {
         let order = self.tets_by_place(|| Ok(()));
-        order.and_then(|order| self.check_in(&order, |_| Ok(()))).expect("memory for the order of the tets")
+        order
+            .and_then(|order| self.check_in(&order, |_| Ok(())))
+            .expect("memory for the order of the tets")
     }
 
-    /// As [`Self::check`], by the `order` of [`Self::tets_by_place`]. Shows each piece of [`CHECK_EVERY`] tets to `look` after it was checked, while it is in the cache, on any thread of the pool; and as often no tets
-    /// while it goes through the vertices.
+    /// As [`Self::check`], by the `order` of [`Self::tets_by_place`]. Shows each piece of
+    /// [`CHECK_EVERY`] tets to `look` after it was checked, while it is in the cache, on any thread
+    /// of the pool; and as often no tets while it goes through the vertices.
     ///
     /// # Errors
     /// Those of `look`.
-    pub fn check_in(&self, order: &[TetId], look: impl Fn(&[TetId]) -> Result<()> + Sync) -> Result<Check> {
+    pub fn check_in(
+        &self,
+        order: &[TetId],
+        look: impl Fn(&[TetId]) -> Result<()> + Sync,
+    ) -> Result<Check> {
         let tets = order.par_chunks(CHECK_EVERY).map(|tets| {
             let mut check = Check { tets: tets.len() as u64, ..Check::default() };
             let mut stars = 0;
@@ -85,7 +97,8 @@ impl Triangulation {
             Ok((check, stars))
         });
         // Counts: their sums do not depend on the order.
-        let (mut check, stars) = tets.try_reduce(Default::default, |a, b| Ok((a.0.merged(b.0), a.1 + b.1)))?;
+        let (mut check, stars) =
+            tets.try_reduce(Default::default, |a, b| Ok((a.0.merged(b.0), a.1 + b.1)))?;
         let bound = self.vertex_bound();
         let vertices = (0..bound.div_ceil(CHECK_EVERY as u32)).into_par_iter().map(|piece| {
             look(&[])?;
@@ -106,9 +119,11 @@ impl Triangulation {
         let records = vertices.map(|v| self.vertex(v));
         let is_removed = |vertex: &&VertexRecord| vertex.kind() == VertexKind::Removed;
         check.broken_stars += u64::from(records.iter().any(is_removed));
-        *stars += records.iter().filter(|vertex| !is_removed(vertex) && vertex.star() == t).count() as u64;
+        *stars += records.iter().filter(|vertex| !is_removed(vertex) && vertex.star() == t).count()
+            as u64;
         let [a, b, c, d] = corners;
-        // The sphere made anew: what the tet keeps is not trusted here. It is certain only of tets that are positive by more than the error of the determinant.
+        // The sphere made anew: what the tet keeps is not trusted here. It is certain only of tets
+        // that are positive by more than the error of the determinant.
         let sphere = Circumsphere::of_tet(a, b, c, d);
         if !sphere.is_certain() && orient(a, b, c, d) <= 0.0 {
             check.inverted_tets += 1;
@@ -117,12 +132,17 @@ impl Triangulation {
             let twin = self.tet(t).neighbor(i);
             if twin.is_none() {
                 let [a, b, c] = FACET[i].map(|k| corners[k]);
-                let on_box = (0..3)
-                    .any(|x| a[x] == b[x] && b[x] == c[x] && (a[x] == self.lower()[x] || a[x] == self.upper()[x]));
+                let on_box = (0..3).any(|x| {
+                    a[x] == b[x]
+                        && b[x] == c[x]
+                        && (a[x] == self.lower()[x] || a[x] == self.upper()[x])
+                });
                 check.broken_adjacency += u64::from(!on_box);
                 continue;
             }
-            if !self.is_living(twin.tet()) || self.tet(twin.tet()).neighbor(twin.index()) != Facet::new(t, i) {
+            if !self.is_living(twin.tet())
+                || self.tet(twin.tet()).neighbor(twin.index()) != Facet::new(t, i)
+            {
                 check.broken_adjacency += 1;
                 continue;
             }
@@ -131,19 +151,22 @@ impl Triangulation {
                 continue;
             }
             let other = self.tet(twin.tet()).vertices();
-            if !is_same_facet(FACET[i].map(|k| vertices[k]), FACET[twin.index()].map(|k| other[k])) {
+            if !is_same_facet(FACET[i].map(|k| vertices[k]), FACET[twin.index()].map(|k| other[k]))
+            {
                 check.broken_adjacency += 1;
                 continue;
             }
             let across = self.position(other[twin.index()]);
             // The bounds of the sphere are proved, so an answer is the exact one.
-            let inside = sphere.contains(across).unwrap_or_else(|| in_sphere_perturbed(corners, across));
+            let inside =
+                sphere.contains(across).unwrap_or_else(|| in_sphere_perturbed(corners, across));
             check.non_delaunay_facets += u64::from(inside);
         }
     }
 }
 
-/// Whether two facets have the same vertices, in any order. A facet of a positive tet has three different ones.
+/// Whether two facets have the same vertices, in any order. A facet of a positive tet has three
+/// different ones.
 fn is_same_facet(facet: [VertexId; 3], across: [VertexId; 3]) -> bool {
     facet.map(|v| across.map(|w| u32::from(v == w)).iter().sum::<u32>()) == [1; 3]
 }
@@ -205,7 +228,9 @@ mod tests {
     #[test]
     fn the_check_ends_when_told_to() {
         let left = AtomicU32::new(1);
-        let stop = |_: &[TetId]| if left.fetch_sub(1, Relaxed) == 0 { Err(Error::Cancelled) } else { Ok(()) };
+        let stop = |_: &[TetId]| {
+            if left.fetch_sub(1, Relaxed) == 0 { Err(Error::Cancelled) } else { Ok(()) }
+        };
         let triangulation = triangulation();
         let order = triangulation.tets_by_place(|| Ok(())).unwrap();
         assert!(matches!(triangulation.check_in(&order, stop), Err(Error::Cancelled)));

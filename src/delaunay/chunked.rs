@@ -1,12 +1,16 @@
-//! An array that grows without moving: fixed-size chunks, each made once, found through a fixed table.
+//! An array that grows without moving: fixed-size chunks, each made once, found through a fixed
+//! table.
 //!
 //! Any number of threads may read existing chunks while one makes another.
 //!
-//! **Placement.** Chunks are parts of blocks of fresh pages of the system, which read as zeros. The system takes a page from the node of the thread that touches it first, and that is the worker that
-//! claimed the chunk. An allocator is not asked: for records aligned to cache lines it would write the zeros itself, at once, and it extends the heaps of threads little by little,
-//! which halts the page faults of all other threads.
+//! **Placement.** Chunks are parts of blocks of fresh pages of the system, which read as zeros. The
+//! system takes a page from the node of the thread that touches it first, and that is the worker
+//! that claimed the chunk. An allocator is not asked: for records aligned to cache lines it would
+//! write the zeros itself, at once, and it extends the heaps of threads little by little, which
+//! halts the page faults of all other threads.
 //!
-//! Cost: one access is two dependent loads, the first of them always hot, and a test that the chunk exists.
+//! Cost: one access is two dependent loads, the first of them always hot, and a test that the chunk
+//! exists.
 
 use std::ops::Range;
 use std::sync::Mutex;
@@ -22,7 +26,8 @@ use crate::{Error, Result};
 /// Elements of one chunk; a power of two.
 pub const CHUNK: usize = 1 << 14;
 
-/// Most chunks of one block; a power of two. What is not used of a block is address space, not memory; so that it is not much of that either, the first blocks are smaller.
+/// Most chunks of one block; a power of two. What is not used of a block is address space, not
+/// memory; so that it is not much of that either, the first blocks are smaller.
 const BLOCK: usize = 16;
 
 /// The chunks of the block of chunk `chunk`: 1, 1, 2, 4, and so on, then [`BLOCK`] each.
@@ -40,12 +45,15 @@ fn block_of(chunk: usize) -> Range<usize> {
     }
 }
 
-/// Entries of the table: any u32 finds its chunk without a test of bounds. The table is zeroed memory, of which only the used part is ever touched.
+/// Entries of the table: any u32 finds its chunk without a test of bounds. The table is zeroed
+/// memory, of which only the used part is ever touched.
 const TABLE: usize = (1 << 32) / CHUNK;
 
-/// The array. `T` holds atomics, so that shared references suffice to write; nothing of it is ever dropped.
+/// The array. `T` holds atomics, so that shared references suffice to write; nothing of it is ever
+/// dropped.
 pub struct Chunked<T> {
-    /// Null, or the first element of a chunk, which is a part of a block; never changes once it is not null.
+    /// Null, or the first element of a chunk, which is a part of a block; never changes once it is
+    /// not null.
     chunks: Box<[AtomicPtr<T>; TABLE]>,
     max_chunks: usize,
     /// What the chunks are parts of.
@@ -60,7 +68,11 @@ impl<T: Zeroable + Sync> Chunked<T> {
     pub fn with_capacity(capacity: usize) -> Result<Self> {
         const { assert!(!std::mem::needs_drop::<T>() && size_of::<T>() > 0) };
         let chunks = zeroed_box("bytes for a table of chunks")?;
-        Ok(Self { chunks, max_chunks: capacity.div_ceil(CHUNK).min(TABLE), blocks: Mutex::new(Vec::new()) })
+        Ok(Self {
+            chunks,
+            max_chunks: capacity.div_ceil(CHUNK).min(TABLE),
+            blocks: Mutex::new(Vec::new()),
+        })
     }
 
     /// Bytes of one chunk.
@@ -77,7 +89,11 @@ impl<T: Zeroable + Sync> Chunked<T> {
     /// [`Error::OutOfMemory`].
     #[inline]
     pub fn make_chunk(&self, chunk: usize) -> Result<()> {
-        if self.chunks[chunk].load(Ordering::Acquire).is_null() { self.make_block(chunk) } else { Ok(()) }
+        if self.chunks[chunk].load(Ordering::Acquire).is_null() {
+            self.make_block(chunk)
+        } else {
+            Ok(())
+        }
     }
 
     #[cold]
@@ -91,7 +107,9 @@ impl<T: Zeroable + Sync> Chunked<T> {
         let chunks = block_of(chunk);
         let count = chunks.len() * Self::CHUNK_BYTES;
         let lack = Error::OutOfMemory { count, what: "bytes for the triangulation" };
-        let (Ok(mut block), Ok(())) = (MmapMut::map_anon(count), blocks.try_reserve(1)) else { return Err(lack) };
+        let (Ok(mut block), Ok(())) = (MmapMut::map_anon(count), blocks.try_reserve(1)) else {
+            return Err(lack);
+        };
         let made = block.as_mut_ptr().cast::<T>();
         blocks.push(block);
         for (i, slot) in self.chunks[chunks].iter().enumerate() {
@@ -101,14 +119,17 @@ impl<T: Zeroable + Sync> Chunked<T> {
         Ok(())
     }
 
-    /// Asks the processor to fetch element `index`, which is looked at soon. Does nothing when there is no such element.
+    /// Asks the processor to fetch element `index`, which is looked at soon. Does nothing when
+    /// there is no such element.
     #[inline(always)]
     pub fn prefetch(&self, index: u32) {
         let chunk = self.chunks[index as usize / CHUNK].load(Ordering::Relaxed);
         prefetch(chunk.wrapping_add(index as usize % CHUNK));
     }
 
-    /// Asks the system for the pages of elements `elements` of one chunk, which are about to be written for the first time, at once: that costs less than a fault for each. Where the system does not know how, they come by faults.
+    /// Asks the system for the pages of elements `elements` of one chunk, which are about to be
+    /// written for the first time, at once: that costs less than a fault for each. Where the system
+    /// does not know how, they come by faults.
     #[cfg_attr(not(target_os = "linux"), allow(unused_variables))]
     pub fn populate(&self, elements: Range<u32>) {
         #[cfg(target_os = "linux")]
@@ -118,10 +139,15 @@ impl<T: Zeroable + Sync> Chunked<T> {
             let first = elements.start % CHUNK;
             let count = elements.len().min(CHUNK - first);
             if !chunk.is_null() {
-                // SAFETY: first + count <= CHUNK, so these are bytes of one chunk, which stays mapped as long as self; their contents do not change.
+                // SAFETY: first + count <= CHUNK, so these are bytes of one chunk, which stays
+                // mapped as long as self; their contents do not change.
                 unsafe {
                     let pages = chunk.add(first).cast();
-                    let _ = rustix::mm::madvise(pages, count * size_of::<T>(), rustix::mm::Advice::LinuxPopulateWrite);
+                    let _ = rustix::mm::madvise(
+                        pages,
+                        count * size_of::<T>(),
+                        rustix::mm::Advice::LinuxPopulateWrite,
+                    );
                 }
             }
         }
@@ -139,8 +165,9 @@ impl<T: Zeroable + Sync> Chunked<T> {
         if chunk.is_null() {
             missing_chunk();
         }
-        // SAFETY: a pointer that is not null is a chunk of CHUNK zeroed, hence valid elements of a block that is unmapped with self, and not reached by another way;
-        // index % CHUNK < CHUNK. T is Sync, so sharing it is fine.
+        // SAFETY: a pointer that is not null is a chunk of CHUNK zeroed, hence valid elements of a
+        // block that is unmapped with self, and not reached by another way; index % CHUNK < CHUNK.
+        // T is Sync, so sharing it is fine.
         unsafe { &*chunk.add(index % CHUNK) }
     }
 }

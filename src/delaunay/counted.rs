@@ -1,6 +1,8 @@
-//! A policy that counts: how many tets and vertices a worker's operations visited, by the memory node where these are at home (paper, sections 3 and 5.2: remote memory accesses).
+//! A policy that counts: how many tets and vertices a worker's operations visited, by the memory
+//! node where these are at home (paper, sections 3 and 5.2: remote memory accesses).
 //!
-//! What is a visit is said at [`Access::visit_tet`]. Looking, which is no part of an operation, is not counted, nor is what an operation reads a second time while it has it at hand.
+//! What is a visit is said at [`Access::visit_tet`]. Looking, which is no part of an operation, is
+//! not counted, nor is what an operation reads a second time while it has it at hand.
 //!
 //! Cost: a byte of a small table read and a number added to for each visit.
 

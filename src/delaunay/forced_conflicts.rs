@@ -1,9 +1,12 @@
-//! Conflicts by force: in a build with the feature `force-conflicts` every lock step of an operation is refused now and then, as if another worker owned the tet or, one in four,
-//! as if the tet had changed.
+//! Conflicts by force: in a build with the feature `force-conflicts` every lock step of an
+//! operation is refused now and then, as if another worker owned the tet or, one in four, as if the
+//! tet had changed.
 //!
-//! Real conflicts are rare, and those at the last of eighty steps rarer. Here every third operation is refused at a step drawn at random, the first to the 80th at which it asks
-//! for a tet or looks whose one is: at the way in, in the middle of a cavity, at the last tet of a star. An operation of fewer steps completes. So any refusal that leaves
-//! an owned tet or a half-written one behind shows in the tests that refine with this feature (`tests/podm.rs`). It is for these alone.
+//! Real conflicts are rare, and those at the last of eighty steps rarer. Here every third operation
+//! is refused at a step drawn at random, the first to the 80th at which it asks for a tet or looks
+//! whose one is: at the way in, in the middle of a cavity, at the last tet of a star. An operation
+//! of fewer steps completes. So any refusal that leaves an owned tet or a half-written one behind
+//! shows in the tests that refine with this feature (`tests/podm.rs`). It is for these alone.
 
 use super::ownership::{Holder, OwnerId};
 
@@ -15,14 +18,16 @@ const MOST: u64 = 80;
 pub(super) struct ForcedConflicts {
     me: OwnerId,
     random: u64,
-    /// Steps that this operation may still make, this one included, until it is refused; 0: it is not refused any more.
+    /// Steps that this operation may still make, this one included, until it is refused; 0: it is
+    /// not refused any more.
     left: u64,
 }
 
 impl ForcedConflicts {
     /// For worker `me`.
     pub fn new(me: OwnerId) -> Self {
-        let mut forced = Self { me, random: u64::from(me).wrapping_mul(0x9E37_79B9_7F4A_7C15), left: 0 };
+        let mut forced =
+            Self { me, random: u64::from(me).wrapping_mul(0x9E37_79B9_7F4A_7C15), left: 0 };
         forced.next_operation();
         forced
     }
@@ -35,7 +40,8 @@ impl ForcedConflicts {
         self.random >> 8
     }
 
-    /// Whether this step is refused, and in whose name: any of the workers before this one, which exist; for the first it is the second.
+    /// Whether this step is refused, and in whose name: any of the workers before this one, which
+    /// exist; for the first it is the second.
     pub fn refuses(&mut self) -> Option<Holder> {
         self.left = self.left.checked_sub(1)?;
         if self.left > 0 {
@@ -66,7 +72,9 @@ mod tests {
         let mut refused = [0; MOST as usize];
         let mut changed = 0;
         for _ in 0..100_000 {
-            if let Some((step, holder)) = (0..MOST as usize).find_map(|step| Some((step, forced.refuses()?))) {
+            if let Some((step, holder)) =
+                (0..MOST as usize).find_map(|step| Some((step, forced.refuses()?)))
+            {
                 refused[step] += 1;
                 match holder {
                     Holder::Changed => changed += 1,

@@ -1,11 +1,16 @@
-//! Homes: the memory node of each chunk of tets and vertices, that of the worker that claimed it and first wrote to it (`chunked`).
+//! Homes: the memory node of each chunk of tets and vertices, that of the worker that claimed it
+//! and first wrote to it (`chunked`).
 //!
-//! **Slots sent home.** A worker uses the slots of a cavity again at once, whoever claimed them. Where the region of one node was meshed by others before, its tets would so stay in
-//! their memory for ever: an insertion frees some 18 slots and takes the same 18 and 6 more. A worker that keeps to its home (paper, section 4.2: new elements are stored in the
-//! memory of the node that made them) sends a slot of another node back to that node, and takes one of its own instead. Slots wait here until a worker of their node needs some.
+//! **Slots sent home.** A worker uses the slots of a cavity again at once, whoever claimed them.
+//! Where the region of one node was meshed by others before, its tets would so stay in their memory
+//! for ever: an insertion frees some 18 slots and takes the same 18 and 6 more. A worker that keeps
+//! to its home (paper, section 4.2: new elements are stored in the memory of the node that made
+//! them) sends a slot of another node back to that node, and takes one of its own instead. Slots
+//! wait here until a worker of their node needs some.
 //!
-//! Thread safety: a chunk's home is written before its ids are given out, by whoever claims it, and never changes. The slots sent home are behind a lock for each node; who takes
-//! one sees all that was done to it before.
+//! Thread safety: a chunk's home is written before its ids are given out, by whoever claims it, and
+//! never changes. The slots sent home are behind a lock for each node; who takes one sees all that
+//! was done to it before.
 //!
 //! Cost: a byte for each chunk that there may be, 80 KiB; 4 bytes for each slot that waits.
 
@@ -58,13 +63,18 @@ impl Homes {
         };
         let mut returned = room(MAX_NODES, "memory nodes")?;
         returned.resize_with(MAX_NODES, Returned::default);
-        Ok(Self { tets: chunks(MAX_TETS / CHUNK)?, vertices: chunks(MAX_VERTICES / CHUNK)?, returned })
+        Ok(Self {
+            tets: chunks(MAX_TETS / CHUNK)?,
+            vertices: chunks(MAX_VERTICES / CHUNK)?,
+            returned,
+        })
     }
 
     /// The home of a slot.
     #[inline(always)]
     pub fn of_tet(&self, t: TetId) -> NodeId {
-        // Relaxed: who knows the id knows the chunk, and the home was written before both were given out.
+        // Relaxed: who knows the id knows the chunk, and the home was written before both were
+        // given out.
         self.tets[t as usize / CHUNK].load(Relaxed)
     }
 
@@ -97,7 +107,8 @@ impl Homes {
         Ok(())
     }
 
-    /// Takes slots that were sent home to `node`, at most a chunk's, and puts them behind `free`; `false`: there were none.
+    /// Takes slots that were sent home to `node`, at most a chunk's, and puts them behind `free`;
+    /// `false`: there were none.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
@@ -124,7 +135,10 @@ mod tests {
     fn slots_come_home_once() {
         let homes = Homes::new().unwrap();
         homes.set_tets(3, 7);
-        assert_eq!((homes.of_tet(3 * CHUNK as u32 + 5), homes.of_tet(5), homes.of_vertex(5)), (7, 0, 0));
+        assert_eq!(
+            (homes.of_tet(3 * CHUNK as u32 + 5), homes.of_tet(5), homes.of_vertex(5)),
+            (7, 0, 0)
+        );
         let mut sent: Vec<TetId> = (0..CHUNK as u32 + 10).collect();
         homes.give_back(7, &mut sent).unwrap();
         assert!(sent.is_empty());

@@ -1,7 +1,8 @@
-//! Filling: Bowyer-Watson insertion. The cavity's tets give way to the star of the new vertex, one tet per boundary facet.
+//! Filling: Bowyer-Watson insertion. The cavity's tets give way to the star of the new vertex, one
+//! tet per boundary facet.
 //!
-//! Cost: proportional to the cavity (about 18 tets out, 24 in), some 50 ns for each new tet, half of that for digging; no walk when the caller knows a tet in conflict, as
-//! refinement does.
+//! Cost: proportional to the cavity (about 18 tets out, 24 in), some 50 ns for each new tet, half
+//! of that for digging; no walk when the caller knows a tet in conflict, as refinement does.
 
 use glam::DVec3;
 
@@ -30,7 +31,8 @@ pub enum Insertion {
 }
 
 impl<A: Access> Worker<A> {
-    /// Inserts `p`, which must lie strictly inside the box, starting from `start`, a living tet whose circumball holds `p`.
+    /// Inserts `p`, which must lie strictly inside the box, starting from `start`, a living tet
+    /// whose circumball holds `p`.
     ///
     /// # Errors
     /// [`crate::Error::LimitReached`] when ids run out; nothing changed then.
@@ -44,8 +46,9 @@ impl<A: Access> Worker<A> {
         self.insert_if(triangulation, start, p, kind, || true, |_, _| Ok(()))
     }
 
-    /// As [`Self::insert`], with others at work. `holds` is asked, once `start` is owned and its neighbours cannot change either, whether what the caller found out about them
-    /// is still true; `note` is told the vertex and its tets while nobody else can have come to them.
+    /// As [`Self::insert`], with others at work. `holds` is asked, once `start` is owned and its
+    /// neighbours cannot change either, whether what the caller found out about them is still true;
+    /// `note` is told the vertex and its tets while nobody else can have come to them.
     ///
     /// # Errors
     /// As [`Self::insert`]. Those of `note`; the vertex is in then.
@@ -70,7 +73,9 @@ impl<A: Access> Worker<A> {
             Dig::Duplicate => return Ok(Insertion::Duplicate),
         }
         let count = self.boundary.len();
-        if let Err(error) = self.star.reserve(count).and_then(|()| self.reserve(triangulation, count)) {
+        if let Err(error) =
+            self.star.reserve(count).and_then(|()| self.reserve(triangulation, count))
+        {
             self.roll_back(triangulation);
             return Err(error);
         }
@@ -83,7 +88,8 @@ impl<A: Access> Worker<A> {
     /// Puts `p` in, for whose star there is room, in place of the cavity.
     fn fill_star(&mut self, triangulation: &Triangulation, p: DVec3, kind: VertexKind) -> VertexId {
         let apex = self.take_vertex(triangulation, p, kind);
-        // What is still needed of the dead tets stands in the boundary records, so that their slots serve the new ones.
+        // What is still needed of the dead tets stands in the boundary records, so that their slots
+        // serve the new ones.
         self.counters.cavity_tets += self.cavity.len() as u64;
         self.exchange_slots(triangulation, self.boundary.len());
         triangulation.vertex(apex).set_star(self.created[0]);
@@ -97,7 +103,8 @@ impl<A: Access> Worker<A> {
     }
 }
 
-/// Numbers of one byte, one of them to spare: most vertices of a cavity's boundary that are numbered.
+/// Numbers of one byte, one of them to spare: most vertices of a cavity's boundary that are
+/// numbered.
 const MOST_LOCALS: usize = u8::MAX as usize;
 const TABLE: usize = (MOST_LOCALS + 1) * (MOST_LOCALS + 1);
 
@@ -108,20 +115,25 @@ fn vertices_of(facets: usize) -> usize {
 
 /// Scratch of filling, empty until it is first needed.
 ///
-/// The boundary of a cavity is a closed surface without handles: F facets have F / 2 + 2 vertices, and every directed edge is in one of them, its opposite in the
-/// neighbour. Vertices are numbered as they are met, and each new facet is noted in a table under its three directed edges; a second pass finds its neighbours there.
-/// Number l of a vertex counts when it is below the number of vertices met and `locals[l]` is the vertex. So neither numbers nor table are ever
-/// cleared: every entry that is read was written in the same operation, if each vertex has one number.
+/// The boundary of a cavity is a closed surface without handles: F facets have F / 2 + 2 vertices,
+/// and every directed edge is in one of them, its opposite in the neighbour. Vertices are numbered
+/// as they are met, and each new facet is noted in a table under its three directed edges; a second
+/// pass finds its neighbours there. Number l of a vertex counts when it is below the number of
+/// vertices met and `locals[l]` is the vertex. So neither numbers nor table are ever cleared: every
+/// entry that is read was written in the same operation, if each vertex has one number.
 ///
-/// A vertex's number stands in its record, on a line that is read and written anyway. Another worker may operate beside the same vertex, and write a number of its own there. What counts is right all the same; but the vertex
-/// gets a second number, and then there are more numbers than the facets have vertices. So this is seen, and the facets are joined without numbers.
+/// A vertex's number stands in its record, on a line that is read and written anyway. Another
+/// worker may operate beside the same vertex, and write a number of its own there. What counts is
+/// right all the same; but the vertex gets a second number, and then there are more numbers than
+/// the facets have vertices. So this is seen, and the facets are joined without numbers.
 pub struct StarScratch {
     locals: [VertexId; MOST_LOCALS + 1],
     /// The new facet over directed edge (a, b) of the boundary, at a << shift | b.
     sides: Vec<Facet>,
     /// The numbers of each boundary facet's vertices.
     numbers: Vec<[u8; 3]>,
-    /// The new facet over each edge, its smaller vertex in the upper half: where numbers will not do.
+    /// The new facet over each edge, its smaller vertex in the upper half: where numbers will not
+    /// do.
     edges: Vec<(u64, Facet)>,
     spheres: StarSpheres,
 }
@@ -151,7 +163,8 @@ impl StarScratch {
         self.spheres.reserve(count)
     }
 
-    /// Writes the tets between the boundary's facets and vertex `apex` at `p` into `slots`, one for each facet: (facet, apex). There is [room](Self::reserve) for them. `access` is told of the
+    /// Writes the tets between the boundary's facets and vertex `apex` at `p` into `slots`, one for
+    /// each facet: (facet, apex). There is [room](Self::reserve) for them. `access` is told of the
     /// boundary's vertices, of each once unless it gets more than one number.
     #[inline(never)]
     fn fill(
@@ -167,7 +180,8 @@ impl StarScratch {
         let numbered = vertices <= MOST_LOCALS;
         let shift = vertices.next_power_of_two().trailing_zeros();
         // Of one length that the table has, so that no index needs a test.
-        let sides: &mut [Facet; TABLE] = self.sides.as_mut_slice().try_into().expect("made of that length");
+        let sides: &mut [Facet; TABLE] =
+            self.sides.as_mut_slice().try_into().expect("made of that length");
         let at = |a: u8, b: u8| (usize::from(a) << shift | usize::from(b)) % TABLE;
         // Numbers given; and the last one's, which may run out.
         let (mut given, mut met) = (0, 0_u8);
@@ -198,7 +212,9 @@ impl StarScratch {
         }
         debug_assert!(!numbered || given >= vertices);
         self.spheres.compute(boundary.len(), p);
-        for (i, ((facet, &t), &[a, b, c])) in boundary.iter().zip(slots).zip(&self.numbers).enumerate() {
+        for (i, ((facet, &t), &[a, b, c])) in
+            boundary.iter().zip(slots).zip(&self.numbers).enumerate()
+        {
             let record = triangulation.tet(t);
             let [v0, v1, v2] = facet.vertices;
             record.fill([v0, v1, v2, apex], &self.spheres.get(i), mark, access.owner_of_new());
@@ -207,22 +223,31 @@ impl StarScratch {
             record.set_neighbor(2, sides[at(b, a)]);
             record.set_neighbor(3, facet.outside);
             if !facet.outside.is_none() {
-                triangulation.tet(facet.outside.tet()).set_neighbor(facet.outside.index(), Facet::new(t, 3));
+                triangulation
+                    .tet(facet.outside.tet())
+                    .set_neighbor(facet.outside.index(), Facet::new(t, 3));
             }
         }
         if given != vertices || !numbered {
-            // A vertex has two numbers, or numbers ran out and were given twice: what the table said is wrong.
+            // A vertex has two numbers, or numbers ran out and were given twice: what the table
+            // said is wrong.
             self.join_by_sorting(triangulation, boundary, slots);
         }
     }
 
     /// Makes the new tets neighbours over the boundary's edges, each of which two of them share.
     #[cold]
-    fn join_by_sorting(&mut self, triangulation: &Triangulation, boundary: &[CavityFacet], slots: &[TetId]) {
+    fn join_by_sorting(
+        &mut self,
+        triangulation: &Triangulation,
+        boundary: &[CavityFacet],
+        slots: &[TetId],
+    ) {
         for (facet, &t) in boundary.iter().zip(slots) {
             for index in 0..3 {
                 let (a, b) = (facet.vertices[(index + 1) % 3], facet.vertices[(index + 2) % 3]);
-                self.edges.push((u64::from(a.min(b)) << 32 | u64::from(a.max(b)), Facet::new(t, index)));
+                self.edges
+                    .push((u64::from(a.min(b)) << 32 | u64::from(a.max(b)), Facet::new(t, index)));
             }
         }
         self.edges.sort_unstable_by_key(|&(edge, _)| edge);

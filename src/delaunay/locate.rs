@@ -1,4 +1,5 @@
-//! Walking to the tet that holds a point, for callers that know none in conflict with it: samples. Circumcenters need no walk.
+//! Walking to the tet that holds a point, for callers that know none in conflict with it: samples.
+//! Circumcenters need no walk.
 
 use glam::DVec3;
 
@@ -9,10 +10,12 @@ use super::worker::Worker;
 use crate::geometry::predicates::orient;
 
 impl Triangulation {
-    /// The tet that holds `p`, by a visibility walk from `start`: through a facet that separates the tet from `p`, the facets tried
-    /// from the one after that through which the walk came. In a Delaunay triangulation the visibility walk ends (Edelsbrunner 1990, acyclicity of the
-    /// in-front relation). `p` must lie inside the box. While others operate the walk may meet records that are being rewritten, and its answer is a hint: whether
-    /// the tet's circumball holds `p` is to be asked again when it is owned.
+    /// The tet that holds `p`, by a visibility walk from `start`: through a facet that separates
+    /// the tet from `p`, the facets tried from the one after that through which the walk came. In a
+    /// Delaunay triangulation the visibility walk ends (Edelsbrunner 1990, acyclicity of the
+    /// in-front relation). `p` must lie inside the box. While others operate the walk may meet
+    /// records that are being rewritten, and its answer is a hint: whether the tet's circumball
+    /// holds `p` is to be asked again when it is owned.
     pub fn locate(&self, start: TetId, p: DVec3) -> TetId {
         self.walk(start, p, &mut Solo)
     }
@@ -29,7 +32,8 @@ impl Triangulation {
             self.prefetch_neighbors(record);
             let vertices = record.vertices();
             if is_free(vertices) {
-                // Another worker has just freed the slot: the caller finds that out, and begins elsewhere.
+                // Another worker has just freed the slot: the caller finds that out, and begins
+                // elsewhere.
                 return t;
             }
             if A::HEARS {
@@ -43,7 +47,8 @@ impl Triangulation {
             let corners = self.corners(vertices);
             let arms = corners.map(|corner| corner - p);
             let reach = arms.iter().fold(0.0_f64, |reach, arm| reach.max(arm.abs().max_element()));
-            // Six products of three rounded differences, each with at most 8 roundings, 48 units; a third more for the terms of higher order.
+            // Six products of three rounded differences, each with at most 8 roundings, 48 units; a
+            // third more for the terms of higher order.
             let error = 32.0 * f64::EPSILON * reach * reach * reach;
             for k in tries {
                 let i = (entry + k) & 3;

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`chunked`] | memory in chunks that never move |
 //! | [`tet`] | records of tets and vertices, ids, the facet notation |
-//! | [`ownership`] | who owns which tets, and the protocol: why there is no deadlock, and which memory order |
+//! | [`ownership`] | who owns which tets: why there is no deadlock, and which memory order |
 //! | [`access`] | who may touch a tet: the locking policy, a type parameter |
 //! | [`counted`] | a policy that counts the visits of tets and vertices by memory node |
 //! | [`homes`] | the memory node of each chunk; slots on their way home |
@@ -19,15 +19,17 @@
 //! | [`check`] | the validator: every invariant below, exactly |
 //!
 //! # Invariants
-//! 1. Every tet is positive (`geometry`), and its circumball is empty under the symbolic perturbation, so that the triangulation is a function of
-//!    its vertex set.
+//! 1. Every tet is positive (`geometry`), and its circumball is empty under the symbolic
+//!    perturbation, so that the triangulation is a function of its vertex set.
 //! 2. Adjacency is mutual; a facet without a neighbour lies on the box.
 //! 3. Every vertex that is not removed names one tet of its star.
-//! 4. An operation writes only to tets that its worker owns, to the adjacency slots that face these tets, and of the vertices around only which tet is of their star and a number of the moment. An owned tet keeps
-//!    all others from changing the tets across its facets (`ownership`).
+//! 4. An operation writes only to tets that its worker owns, to the adjacency slots that face these
+//!    tets, and of the vertices around only which tet is of their star and a number of the moment.
+//!    An owned tet keeps all others from changing the tets across its facets (`ownership`).
 //! 5. An operation either completes or changes nothing.
 //!
-//! All shared words are atomics: a race is a logic error that the ownership protocol excludes, never undefined behaviour.
+//! All shared words are atomics: a race is a logic error that the ownership protocol excludes,
+//! never undefined behaviour.
 
 pub mod access;
 pub mod cavity;

@@ -1,11 +1,16 @@
-//! Tets and vertices by place, so that who goes through them meets neighbours one soon after the other.
+//! Tets and vertices by place, so that who goes through them meets neighbours one soon after the
+//! other.
 //!
-//! Slots and ids are given out as the refinement goes: it ends with neighbours anywhere in memory, and a sweep that looks at each tet's neighbours and vertices waits
-//! for memory most of the time. In the order of their places what one needs the next one has in the cache.
+//! Slots and ids are given out as the refinement goes: it ends with neighbours anywhere in memory,
+//! and a sweep that looks at each tet's neighbours and vertices waits for memory most of the time.
+//! In the order of their places what one needs the next one has in the cache.
 //!
-//! Places are cells of a grid over the box, along Morton's curve ([`morton`]); within a cell the order is that of the numbers. So the order depends on the triangulation alone, not on the number of threads.
+//! Places are cells of a grid over the box, along Morton's curve ([`morton`]); within a cell the
+//! order is that of the numbers. So the order depends on the triangulation alone, not on the number
+//! of threads.
 //!
-//! A radix sort of two digits, linear and stable, parallel in the current rayon pool. Not to be used while others operate.
+//! A radix sort of two digits, linear and stable, parallel in the current rayon pool. Not to be
+//! used while others operate.
 
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -18,10 +23,12 @@ use crate::Result;
 use crate::geometry::morton;
 use crate::memory::{parts, room, zeroed};
 
-/// Consecutive numbers of one piece of work, which has counters of its own: some hundred microseconds, between two questions whether to go on.
+/// Consecutive numbers of one piece of work, which has counters of its own: some hundred
+/// microseconds, between two questions whether to go on.
 const STRETCH: usize = 1 << 15;
 
-/// As many numbers come to a cell at least, on average; in the object, which fills a part of the box, some more.
+/// As many numbers come to a cell at least, on average; in the object, which fills a part of the
+/// box, some more.
 const PER_CELL: u32 = 4;
 
 /// Most bits of a cell's place along an axis.
@@ -70,21 +77,23 @@ impl Triangulation {
         };
         // The cell of each number, from 1 on; 0 for one without a place.
         let mut cells: Vec<u32> = zeroed(bound as usize, "cells of tets")?;
-        // Block by block of cells, then the cells of a block: counters that stay in the cache, and that no two threads share.
+        // Block by block of cells, then the cells of a block: counters that stay in the cache, and
+        // that no two threads share.
         let low = 3 * bits / 2;
         let block = |own: u32| ((own - 1) >> low) as usize;
         let blocks = 1 << (3 * bits - low);
-        let counts = cells.par_chunks_mut(STRETCH).enumerate().with_max_len(1).map(|(stretch, cells)| {
-            go_on()?;
-            let mut counts: Vec<u32> = zeroed(blocks, "blocks of cells")?;
-            for (own, number) in cells.iter_mut().zip((stretch * STRETCH) as u32..) {
-                if let Some(p) = place(number) {
-                    *own = 1 + cell(p);
-                    counts[block(*own)] += 1;
+        let counts =
+            cells.par_chunks_mut(STRETCH).enumerate().with_max_len(1).map(|(stretch, cells)| {
+                go_on()?;
+                let mut counts: Vec<u32> = zeroed(blocks, "blocks of cells")?;
+                for (own, number) in cells.iter_mut().zip((stretch * STRETCH) as u32..) {
+                    if let Some(p) = place(number) {
+                        *own = 1 + cell(p);
+                        counts[block(*own)] += 1;
+                    }
                 }
-            }
-            Ok(counts)
-        });
+                Ok(counts)
+            });
         let mut starts: Vec<Vec<u32>> = counts.collect::<Result<_>>()?;
         let mut end = 0;
         let mut ends: Vec<u32> = zeroed(blocks, "blocks of cells")?;
@@ -99,7 +108,9 @@ impl Triangulation {
         let stretches = cells.par_chunks(STRETCH).zip(starts).enumerate().with_max_len(1);
         stretches.try_for_each(|(stretch, (cells, mut starts))| {
             go_on()?;
-            for (&own, number) in cells.iter().zip((stretch * STRETCH) as u32..).filter(|&(&own, _)| own > 0) {
+            for (&own, number) in
+                cells.iter().zip((stretch * STRETCH) as u32..).filter(|&(&own, _)| own > 0)
+            {
                 let at = &mut starts[block(own)];
                 sorted[*at as usize].store(number, Relaxed);
                 *at += 1;
@@ -110,7 +121,11 @@ impl Triangulation {
         let lengths = ends.iter().map(|&end| (end - std::mem::replace(&mut start, end)) as usize);
         parts(&mut sorted, lengths, "blocks of tets")?.into_par_iter().try_for_each(|numbers| {
             go_on()?;
-            sort_block(numbers, |number| (cells[number as usize] - 1) as usize % (1 << low), 1 << low)
+            sort_block(
+                numbers,
+                |number| (cells[number as usize] - 1) as usize % (1 << low),
+                1 << low,
+            )
         })?;
         Ok(sorted.into_iter().map(AtomicU32::into_inner).collect())
     }
@@ -148,7 +163,8 @@ mod tests {
             // Far from the one before.
             let p = DVec3::new(0.754_877_666, 0.569_840_290_998, 0.430_159_709) * f64::from(i + 1);
             start = triangulation.locate(start, p.fract());
-            let inserted = worker.insert(&triangulation, start, p.fract(), VertexKind::Free).unwrap();
+            let inserted =
+                worker.insert(&triangulation, start, p.fract(), VertexKind::Free).unwrap();
             let Insertion::Done(v) = inserted else { panic!("{inserted:?}") };
             if i % 5 == 4 {
                 assert_eq!(worker.remove(&triangulation, v - 2).unwrap(), Removal::Done);

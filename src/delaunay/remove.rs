@@ -1,12 +1,15 @@
-//! Removal of a vertex: its star is taken out and the hole filled with tets of the Delaunay triangulation of its link.
+//! Removal of a vertex: its star is taken out and the hole filled with tets of the Delaunay
+//! triangulation of its link.
 //!
-//! Every tet that fills the hole has its vertices in the link (Devillers and Teillaud 2003), so the hole is filled by wrapping: for an
-//! open facet, of all link vertices on its inner side, the one whose circumsphere through the facet holds none of the others. The perturbation makes that vertex
-//! unique, and the tets of all facets fit together.
+//! Every tet that fills the hole has its vertices in the link (Devillers and Teillaud 2003), so the
+//! hole is filled by wrapping: for an open facet, of all link vertices on its inner side, the one
+//! whose circumsphere through the facet holds none of the others. The perturbation makes that
+//! vertex unique, and the tets of all facets fit together.
 //!
 //! # Finding the apex
-//! Spheres through a facet have their centres on its axis, at o + s n (o: circumcenter of the facet, n: its inward normal); the empty one
-//! has the smallest s. For a link vertex e, q = e - a: s = (|q|^2 - 2 q . (o - a)) / (2 n . q). Each s is computed with an error bound; vertices whose
+//! Spheres through a facet have their centres on its axis, at o + s n (o: circumcenter of the
+//! facet, n: its inward normal); the empty one has the smallest s. For a link vertex e, q = e - a:
+//! s = (|q|^2 - 2 q . (o - a)) / (2 n . q). Each s is computed with an error bound; vertices whose
 //! intervals overlap the best go to the exact predicates.
 //!
 //! Cost: facets times link vertices, some 20 times 15 pairs of a few nanoseconds.
@@ -39,7 +42,8 @@ enum Side {
     New { tet: usize, index: usize },
 }
 
-/// A facet of the hole that no new tet touches yet. Vertices are indices into the link, the normal points into the hole.
+/// A facet of the hole that no new tet touches yet. Vertices are indices into the link, the normal
+/// points into the hole.
 #[derive(Clone, Copy)]
 struct OpenFacet {
     vertices: [usize; 3],
@@ -62,7 +66,8 @@ pub struct LinkScratch {
     close_calls: Vec<usize>,
 }
 
-/// The same for a facet's vertices in any order, and another for any other facet: indices into a link are far below 2^21, as ids of tets are below 2^32.
+/// The same for a facet's vertices in any order, and another for any other facet: indices into a
+/// link are far below 2^21, as ids of tets are below 2^32.
 fn key(vertices: [usize; 3]) -> u64 {
     let mut sorted = vertices;
     sorted.sort_unstable();
@@ -88,21 +93,26 @@ impl LinkScratch {
         let (u, v) = (b - a, c - a);
         let n = u.cross(v);
         let (uu, vv, nn) = (u.length_squared(), v.length_squared(), n.length_squared());
-        // A facet too thin for f64 leaves its vertices' order to the exact predicates: every interval is then infinite.
+        // A facet too thin for f64 leaves its vertices' order to the exact predicates: every
+        // interval is then infinite.
         let o = (uu * v.cross(n) + vv * n.cross(u)) * (0.5 / nn);
         let condition = uu * vv / nn;
         let (o_length, n_error) = (o.length() * condition, 16.0 * UNIT * (uu * vv).sqrt());
         let mut best = f64::INFINITY;
         self.close_calls.clear();
         let (squared_o, squared_n_error) = (o_length * o_length, n_error * n_error);
-        // Whether e is certainly outside of the best sphere, that is s > best, multiplied by 2 dot to be spared a root and a quotient. The numerator's error is at most 128 UNIT |q| (|q| + o_length), and what that of the
-        // dot product makes of the other side is a FAR-th of it; where that side is the larger one by far, the difference is as large.
+        // Whether e is certainly outside of the best sphere, that is s > best, multiplied by 2 dot
+        // to be spared a root and a quotient. The numerator's error is at most 128 UNIT |q| (|q| +
+        // o_length), and what that of the dot product makes of the other side is a FAR-th of it;
+        // where that side is the larger one by far, the difference is as large.
         let is_outside = |q: DVec3, best: f64| {
             const FAR: f64 = (1_u64 << 20) as f64;
             let (dot, qq) = (n.dot(q), q.length_squared());
             let numerator = qq - 2.0 * q.dot(o);
             let error = 128.0 * UNIT * (2.0 * qq + squared_o) + (8.0 / FAR) * numerator.abs();
-            dot > 0.0 && dot * dot > FAR * FAR * squared_n_error * qq && numerator - 2.0 * best * dot > error
+            dot > 0.0
+                && dot * dot > FAR * FAR * squared_n_error * qq
+                && numerator - 2.0 * best * dot > error
         };
         let bounds = |q: DVec3| -> Option<(f64, f64)> {
             let (dot, q_length) = (n.dot(q), q.length());
@@ -112,8 +122,10 @@ impl LinkScratch {
             }
             let numerator = q_length * q_length - 2.0 * q.dot(o);
             let s = numerator / (2.0 * dot);
-            let error = (64.0 * UNIT * q_length * (q_length + o_length) + 2.0 * s.abs() * dot_error) / dot;
-            // Written so that a NaN (thin facet) and a point near the facet's plane give the infinite interval.
+            let error =
+                (64.0 * UNIT * q_length * (q_length + o_length) + 2.0 * s.abs() * dot_error) / dot;
+            // Written so that a NaN (thin facet) and a point near the facet's plane give the
+            // infinite interval.
             if dot > 4.0 * dot_error && error.is_finite() {
                 Some((s - error, s + error))
             } else {
@@ -163,7 +175,9 @@ impl LinkScratch {
         while let Some(facet) = self.open.pop() {
             let apex = self.apex(facet.vertices, exact_predicates);
             let (Some(apex), true) = (apex, self.tets.len() < limit) else {
-                return Err(Error::Internal("the link of a removed vertex has no Delaunay triangulation".into()));
+                return Err(Error::Internal(
+                    "the link of a removed vertex has no Delaunay triangulation".into(),
+                ));
             };
             let tet = self.tets.len();
             let [a, b, c] = facet.vertices;
@@ -199,12 +213,14 @@ impl<A: Access> Worker<A> {
     /// Removes vertex `v`, no corner of the box.
     ///
     /// # Errors
-    /// [`Error::LimitReached`] when ids run out, [`Error::Internal`] when the link cannot be triangulated; nothing changed then.
+    /// [`Error::LimitReached`] when ids run out, [`Error::Internal`] when the link cannot be
+    /// triangulated; nothing changed then.
     pub fn remove(&mut self, triangulation: &Triangulation, v: VertexId) -> Result<Removal> {
         self.remove_and(triangulation, v, |_| {})
     }
 
-    /// As [`Self::remove`], with others at work: `note` is told the tets that fill the place while nobody else can have come to them.
+    /// As [`Self::remove`], with others at work: `note` is told the tets that fill the place while
+    /// nobody else can have come to them.
     ///
     /// # Errors
     /// As [`Self::remove`].
@@ -227,7 +243,8 @@ impl<A: Access> Worker<A> {
                     self.counters.rollbacks += 1;
                     return Ok(Removal::Blocked);
                 }
-                // Others have rewritten the star, or what is around it: the vertex names another tet, or has been removed.
+                // Others have rewritten the star, or what is around it: the vertex names another
+                // tet, or has been removed.
                 Holder::Changed => self.roll_back(triangulation),
                 Holder::Own => {
                     self.roll_back(triangulation);
@@ -237,8 +254,9 @@ impl<A: Access> Worker<A> {
         }
         let mut link = std::mem::take(&mut self.link);
         let exact = self.counters.exact_predicates;
-        let filled =
-            link.wrap(&mut self.counters.exact_predicates).and_then(|()| self.reserve(triangulation, link.tets.len()));
+        let filled = link
+            .wrap(&mut self.counters.exact_predicates)
+            .and_then(|()| self.reserve(triangulation, link.tets.len()));
         self.access.spend(Effort::Exact(self.counters.exact_predicates - exact));
         self.access.spend(Effort::Pairs(2 * link.tets.len() * link.positions.len()));
         self.access.spend(Effort::Fill(link.tets.len()));
@@ -256,8 +274,9 @@ impl<A: Access> Worker<A> {
         filled.map(|()| Removal::Done)
     }
 
-    /// Collects the star of `v` into `cavity`, owning its tets, and its link into the scratch. [`Holder::Nobody`]: all are owned, and the tets around are nobody's. Otherwise the star is not
-    /// complete, and what is owned of it is in `cavity`.
+    /// Collects the star of `v` into `cavity`, owning its tets, and its link into the scratch.
+    /// [`Holder::Nobody`]: all are owned, and the tets around are nobody's. Otherwise the star is
+    /// not complete, and what is owned of it is in `cavity`.
     fn gather_star(&mut self, triangulation: &Triangulation, v: VertexId) -> Holder {
         self.cavity.clear();
         let mut link = std::mem::take(&mut self.link);
@@ -270,7 +289,12 @@ impl<A: Access> Worker<A> {
         holder
     }
 
-    fn gather(&mut self, triangulation: &Triangulation, v: VertexId, link: &mut LinkScratch) -> Holder {
+    fn gather(
+        &mut self,
+        triangulation: &Triangulation,
+        v: VertexId,
+        link: &mut LinkScratch,
+    ) -> Holder {
         let start = triangulation.vertex(v).star();
         let holder = self.access.try_own(triangulation.owner(start));
         if holder != Holder::Nobody {
@@ -307,7 +331,11 @@ impl<A: Access> Worker<A> {
                 }
                 if is_of_link {
                     let facet = FACET[index].map(|k| link.index_of(triangulation, vertices[k]));
-                    link.open.push(OpenFacet { vertices: facet, key: key(facet), behind: Side::Outside(neighbor) });
+                    link.open.push(OpenFacet {
+                        vertices: facet,
+                        key: key(facet),
+                        behind: Side::Outside(neighbor),
+                    });
                 }
             }
         }
@@ -333,7 +361,9 @@ impl<A: Access> Worker<A> {
                     && !outside.is_none()
                 {
                     self.access.visit_tet(outside.tet());
-                    triangulation.tet(outside.tet()).set_neighbor(outside.index(), Facet::new(t, index));
+                    triangulation
+                        .tet(outside.tet())
+                        .set_neighbor(outside.index(), Facet::new(t, index));
                 }
             }
             for v in vertices {

@@ -11,7 +11,8 @@
 //!          \ | /          is a positive tet: the facet's normal points inwards
 //!            1
 //! ```
-//! One tet is one 64-byte cache line: vertices, neighbours, circumcenter, squared radius with its slack, words for the layer above, and whose it is.
+//! One tet is one 64-byte cache line: vertices, neighbours, circumcenter, squared radius with its
+//! slack, words for the layer above, and whose it is.
 
 use std::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, AtomicU64, Ordering::*};
 
@@ -27,7 +28,8 @@ pub type VertexId = u32;
 
 /// The corners of the virtual box are the vertices before this one.
 pub const BOX_VERTICES: VertexId = 8;
-/// Index of a tet's slot. Slots are used again; a [`TetStamp`] tells whether the tet is still the same.
+/// Index of a tet's slot. Slots are used again; a [`TetStamp`] tells whether the tet is still the
+/// same.
 pub type TetId = u32;
 
 /// No vertex; as the last vertex of a tet it marks a slot that was freed.
@@ -39,7 +41,8 @@ pub fn is_free(vertices: [VertexId; 4]) -> bool {
     vertices[3] == NO_VERTEX
 }
 
-/// Whether these are the vertices of a tet, and not what stands in a slot that was freed, or in one that was never used, where all are 0. Of a triangulation at rest.
+/// Whether these are the vertices of a tet, and not what stands in a slot that was freed, or in one
+/// that was never used, where all are 0. Of a triangulation at rest.
 #[inline(always)]
 pub fn is_tet(vertices: [VertexId; 4]) -> bool {
     !is_free(vertices) && vertices[0] != vertices[1]
@@ -94,7 +97,8 @@ pub struct TetRecord {
     center: [AtomicU64; 3],
     /// Both bounds of the sphere, see [`pack_bounds`].
     bounds: AtomicU32,
-    /// Two words of the layer above, apart from the owner because the mark is written without owning the tet.
+    /// Two words of the layer above, apart from the owner because the mark is written without
+    /// owning the tet.
     tag: AtomicU16,
     mark: AtomicU8,
     owner: Owner,
@@ -106,15 +110,18 @@ pub const NO_TAG: u16 = u16::MAX;
 /// The lowest bits of the packed outside bound, in which the slack stands.
 const SLACK: u32 = 15;
 
-/// The bounds of a sphere in one word. It is an f32, the outside bound, made larger by less than 4 millionths: rounded up to what the last four bits leave. These, c, tell the inside bound: outside * (1 - 2^-2c), rounded down; c = 0 is
-/// certain of nothing.
+/// The bounds of a sphere in one word. It is an f32, the outside bound, made larger by less than 4
+/// millionths: rounded up to what the last four bits leave. These, c, tell the inside bound:
+/// outside * (1 - 2^-2c), rounded down; c = 0 is certain of nothing.
 #[inline(always)]
 fn pack_bounds(sphere: &Circumsphere) -> u32 {
     let rounded = (sphere.outside.to_bits() + SLACK) & !SLACK;
     // Of the largest bound that it may become.
     let slack = 1.0 - sphere.inside / f32::from_bits(rounded | SLACK);
-    // A power of two at least as large as the slack: the exponent above that of the slack. NaN and slack >= 1/2 give 0.
-    let exponent = if slack < 0.5 { 126 - (slack.max(f32::MIN_POSITIVE).to_bits() >> 23) } else { 0 };
+    // A power of two at least as large as the slack: the exponent above that of the slack. NaN and
+    // slack >= 1/2 give 0.
+    let exponent =
+        if slack < 0.5 { 126 - (slack.max(f32::MIN_POSITIVE).to_bits() >> 23) } else { 0 };
     rounded | (exponent / 2).min(SLACK)
 }
 
@@ -141,9 +148,16 @@ impl TetRecord {
         self.vertices[i].load(Acquire)
     }
 
-    /// Makes this the record of a new tet with tag [`NO_TAG`], the given mark and owner; its neighbours follow by [`Self::set_neighbor`].
+    /// Makes this the record of a new tet with tag [`NO_TAG`], the given mark and owner; its
+    /// neighbours follow by [`Self::set_neighbor`].
     #[inline(always)]
-    pub(super) fn fill(&self, vertices: [VertexId; 4], sphere: &Circumsphere, mark: u8, owner: OwnerId) {
+    pub(super) fn fill(
+        &self,
+        vertices: [VertexId; 4],
+        sphere: &Circumsphere,
+        mark: u8,
+        owner: OwnerId,
+    ) {
         for (slot, v) in self.vertices.iter().zip(vertices) {
             // Release: who reads the id finds the chunk of the vertex.
             slot.store(v, Release);
@@ -172,7 +186,8 @@ impl TetRecord {
 
     #[inline(always)]
     pub(super) fn set_neighbor(&self, i: usize, facet: Facet) {
-        // Release: who comes through the link finds a chunk, and a record that was filled or is all zeros (`ownership`, memory order).
+        // Release: who comes through the link finds a chunk, and a record that was filled or is all
+        // zeros (`ownership`, memory order).
         self.neighbors[i].store(facet.0, Release);
     }
 
@@ -180,7 +195,9 @@ impl TetRecord {
     #[inline(always)]
     pub fn sphere(&self) -> Circumsphere {
         let (inside, outside) = unpack_bounds(self.bounds.load(Relaxed));
-        let center = DVec3::from_array([0, 1, 2].map(|i: usize| f64::from_bits(self.center[i].load(Relaxed))));
+        let center = DVec3::from_array(
+            [0, 1, 2].map(|i: usize| f64::from_bits(self.center[i].load(Relaxed))),
+        );
         Circumsphere { center, inside, outside }
     }
 
@@ -217,9 +234,11 @@ impl TetRecord {
 
 /// A tet as it was when the stamp was taken: stale when the slot is free or holds another one.
 ///
-/// The last vertex tells. Where an insertion made the tet that is the new vertex, whose id is never used again: no other insertion gives it to the slot. A removal makes tets of old vertices, and may give a slot
-/// the last vertex that it had before; then a stamp of the former tet is taken for one of the new one. What is looked at for such a stamp is looked at once too often; what was found out about the former
-/// tet is to be compared with the new one.
+/// The last vertex tells. Where an insertion made the tet that is the new vertex, whose id is never
+/// used again: no other insertion gives it to the slot. A removal makes tets of old vertices, and
+/// may give a slot the last vertex that it had before; then a stamp of the former tet is taken for
+/// one of the new one. What is looked at for such a stamp is looked at once too often; what was
+/// found out about the former tet is to be compared with the new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TetStamp {
     /// The slot.
@@ -249,7 +268,8 @@ pub struct VertexRecord {
     /// A tet of the star.
     star: AtomicU32,
     kind: AtomicU8,
-    /// A number that the vertex has within an operation, see `insert`; means nothing between operations, and others may write theirs meanwhile.
+    /// A number that the vertex has within an operation, see `insert`; means nothing between
+    /// operations, and others may write theirs meanwhile.
     local: AtomicU8,
     /// A word of the layer above.
     tag: AtomicU8,
@@ -340,7 +360,8 @@ mod tests {
         // The packed bounds never claim more than the sphere did, and not much less.
         #[test]
         fn packed_bounds_contain_the_bounds(outside in 1e-6..1e6_f32, slack in 1e-7..1.5_f32) {
-            let sphere = Circumsphere { center: DVec3::ZERO, inside: outside * (1.0 - slack), outside };
+            let sphere =
+                Circumsphere { center: DVec3::ZERO, inside: outside * (1.0 - slack), outside };
             let (inside_packed, outside_packed) = unpack_bounds(pack_bounds(&sphere));
             prop_assert!(outside <= outside_packed && outside_packed <= outside * (1.0 + 4e-6));
             // One unit of f32, which the widening of the bounds covers.

@@ -1,6 +1,7 @@
 //! The shared structure: all tets and vertices, and the virtual box they live in.
 //!
-//! The box's eight corners are vertices like others, so every facet has two sides or lies on the box and no case for infinity exists.
+//! The box's eight corners are vertices like others, so every facet has two sides or lies on the
+//! box and no case for infinity exists.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::*};
@@ -12,8 +13,8 @@ use super::chunked::{CHUNK, Chunked};
 use super::homes::{Homes, NodeId};
 use super::ownership::{FREE, NOBODY, Owner, OwnerId};
 use super::tet::{
-    FACET, Facet, MAX_TETS, MAX_VERTICES, TetId, TetRecord, TetStamp, VertexId, VertexKind, VertexRecord, is_free,
-    is_tet,
+    FACET, Facet, MAX_TETS, MAX_VERTICES, TetId, TetRecord, TetStamp, VertexId, VertexKind,
+    VertexRecord, is_free, is_tet,
 };
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
@@ -43,7 +44,9 @@ impl Triangulation {
     /// [`Error::InvalidArgument`] when the box is empty or not finite; [`Error::OutOfMemory`].
     pub fn new(lower: DVec3, upper: DVec3) -> Result<Self> {
         if !(lower.is_finite() && upper.is_finite() && lower.cmplt(upper).all()) {
-            return Err(Error::InvalidArgument(format!("the box from {lower} to {upper} is empty or not finite")));
+            return Err(Error::InvalidArgument(format!(
+                "the box from {lower} to {upper} is empty or not finite"
+            )));
         }
         let triangulation = Self {
             tets: Chunked::with_capacity(MAX_TETS)?,
@@ -59,14 +62,15 @@ impl Triangulation {
         Ok(triangulation)
     }
 
-    /// The perturbed Delaunay triangulation of eight cospherical points, by its definition: of all positive tets of corners, those in
-    /// conflict with no other corner.
+    /// The perturbed Delaunay triangulation of eight cospherical points, by its definition: of all
+    /// positive tets of corners, those in conflict with no other corner.
     fn triangulate_box(&self) -> Result<()> {
         let first_tet = self.claim_tets(0)?.start;
         let first_vertex = self.claim_vertices(0)?.start;
         debug_assert!(first_tet == 0 && first_vertex == 0);
         let corners: [DVec3; 8] = std::array::from_fn(|i| {
-            let pick = |axis: usize| if i >> axis & 1 == 0 { self.lower[axis] } else { self.upper[axis] };
+            let pick =
+                |axis: usize| if i >> axis & 1 == 0 { self.lower[axis] } else { self.upper[axis] };
             DVec3::new(pick(0), pick(1), pick(2))
         });
         for (i, &corner) in corners.iter().enumerate() {
@@ -78,7 +82,8 @@ impl Triangulation {
                 continue;
             }
             let mut ids: Vec<u32> = (0..8).filter(|i| subset >> i & 1 == 1).collect();
-            let points = |ids: &[u32]| -> [DVec3; 4] { std::array::from_fn(|k| corners[ids[k] as usize]) };
+            let points =
+                |ids: &[u32]| -> [DVec3; 4] { std::array::from_fn(|k| corners[ids[k] as usize]) };
             let [a, b, c, d] = points(&ids);
             let sign = orient(a, b, c, d);
             if sign == 0.0 {
@@ -155,8 +160,9 @@ impl Triangulation {
         self.tets.prefetch(t);
     }
 
-    /// Fetches the record of a slot that a sweep in the order of slots, which is at slot `t`, comes to in the time of some accesses to memory: not every machine sees by itself that lines are read one
-    /// after the other.
+    /// Fetches the record of a slot that a sweep in the order of slots, which is at slot `t`, comes
+    /// to in the time of some accesses to memory: not every machine sees by itself that lines are
+    /// read one after the other.
     #[inline(always)]
     pub fn prefetch_next(&self, t: TetId) {
         const AHEAD: u32 = 24;
@@ -171,7 +177,9 @@ impl Triangulation {
         (0..4).for_each(|i| self.vertices.prefetch(record.vertex(i)));
     }
 
-    /// Fetches what an operation that destroys a tet needs of it besides its record: the vertex opposite to facet `entry`, through which the tet was found. The other three are those of the tet before it.
+    /// Fetches what an operation that destroys a tet needs of it besides its record: the vertex
+    /// opposite to facet `entry`, through which the tet was found. The other three are those of the
+    /// tet before it.
     #[inline]
     pub(super) fn prefetch_rest(&self, tet: &TetRecord, entry: usize) {
         self.vertices.prefetch(tet.vertex(entry));
@@ -203,10 +211,16 @@ impl Triangulation {
     /// Where the vertices of a tet are.
     #[inline(always)]
     pub fn corners(&self, vertices: [VertexId; 4]) -> [DVec3; 4] {
-        [self.position(vertices[0]), self.position(vertices[1]), self.position(vertices[2]), self.position(vertices[3])]
+        [
+            self.position(vertices[0]),
+            self.position(vertices[1]),
+            self.position(vertices[2]),
+            self.position(vertices[3]),
+        ]
     }
 
-    /// Whether the tet that the stamp was taken of still lives; [`TetStamp`] tells of the exception.
+    /// Whether the tet that the stamp was taken of still lives; [`TetStamp`] tells of the
+    /// exception.
     #[inline(always)]
     pub fn is_current(&self, stamp: TetStamp) -> bool {
         self.tet(stamp.tet).vertex(3) == stamp.last
@@ -229,7 +243,8 @@ impl Triangulation {
         is_tet(self.tet(t).vertices())
     }
 
-    /// Tets and slots that a worker owns, and free slots that do not say so: 0 when no operation is under way. Not to be used while others operate.
+    /// Tets and slots that a worker owns, and free slots that do not say so: 0 when no operation is
+    /// under way. Not to be used while others operate.
     pub fn left_over(&self) -> usize {
         let is_left_over = |t: &TetId| {
             let record = self.tet(*t);
@@ -251,7 +266,8 @@ impl Triangulation {
     /// Bytes of all chunks.
     pub fn bytes(&self) -> u64 {
         u64::from(self.tet_chunks.load(Relaxed)) * Chunked::<TetRecord>::CHUNK_BYTES as u64
-            + u64::from(self.vertex_chunks.load(Relaxed)) * Chunked::<VertexRecord>::CHUNK_BYTES as u64
+            + u64::from(self.vertex_chunks.load(Relaxed))
+                * Chunked::<VertexRecord>::CHUNK_BYTES as u64
     }
 
     /// Ids below this may be vertices.
@@ -278,7 +294,9 @@ impl Triangulation {
         let _growing = self.growing();
         let chunk = self.tet_chunks.load(Relaxed);
         if chunk as usize >= self.tets.max_chunks() {
-            return Err(Error::LimitReached(format!("the triangulation would exceed {MAX_TETS} tets")));
+            return Err(Error::LimitReached(format!(
+                "the triangulation would exceed {MAX_TETS} tets"
+            )));
         }
         self.tets.make_chunk(chunk as usize)?;
         self.homes.set_tets(chunk as usize, node);
@@ -298,7 +316,9 @@ impl Triangulation {
         let _growing = self.growing();
         let chunk = self.vertex_chunks.load(Relaxed);
         if chunk as usize >= self.vertices.max_chunks() {
-            return Err(Error::LimitReached(format!("the triangulation would exceed {MAX_VERTICES} vertices")));
+            return Err(Error::LimitReached(format!(
+                "the triangulation would exceed {MAX_VERTICES} vertices"
+            )));
         }
         self.vertices.make_chunk(chunk as usize)?;
         self.homes.set_vertices(chunk as usize, node);

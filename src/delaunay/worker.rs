@@ -1,4 +1,5 @@
-//! One thread's view of the triangulation: its policy, its free slots, its scratch memory, its counters.
+//! One thread's view of the triangulation: its policy, its free slots, its scratch memory, its
+//! counters.
 
 use std::ops::Range;
 
@@ -25,7 +26,8 @@ pub struct Counters {
     pub rollbacks: u64,
     /// In-sphere tests of insertions: a tet of a cavity or around it against the point.
     pub in_sphere_tests: u64,
-    /// Of these, and of the in-sphere and orientation tests of removals, those that their error bound in floating point left undecided.
+    /// Of these, and of the in-sphere and orientation tests of removals, those that their error
+    /// bound in floating point left undecided.
     pub exact_predicates: u64,
     /// Tets created, living or not.
     pub created: u64,
@@ -46,11 +48,13 @@ pub fn mark_of(number: usize) -> u8 {
 /// Slots of one other node that a worker frees before it sends them home.
 const PARCEL: usize = 64;
 
-/// Slots whose pages a worker asks for at once: 64 KiB, so that hardly any memory is held before it is used.
+/// Slots whose pages a worker asks for at once: 64 KiB, so that hardly any memory is held before it
+/// is used.
 const POPULATED: u32 = 1024;
 const _: () = assert!((CHUNK as u32).is_multiple_of(POPULATED));
 
-/// A worker. Slots that it frees it uses again at once, last in first out: a cavity's new tets land on the lines that are hot.
+/// A worker. Slots that it frees it uses again at once, last in first out: a cavity's new tets land
+/// on the lines that are hot.
 pub struct Worker<A> {
     /// The policy, which knows whom the worker met.
     pub access: A,
@@ -113,7 +117,8 @@ impl<A: Access> Worker<A> {
         }
     }
 
-    /// The same worker on memory node `node`; it is to have no memory yet. `keeps_home`: it uses only slots of its node (`homes`).
+    /// The same worker on memory node `node`; it is to have no memory yet. `keeps_home`: it uses
+    /// only slots of its node (`homes`).
     pub fn at_node(self, node: NodeId, keeps_home: bool) -> Self {
         Self { node, foreign: keeps_home.then(Vec::new), ..self }
     }
@@ -161,11 +166,14 @@ impl<A: Access> Worker<A> {
         self.mark
     }
 
-    /// The slots of tets that this worker claimed, other workers' tets in them or not, but for those that nobody has used yet: to read these would map pages that the first tet in them then makes the system map
-    /// anew, which halts all other threads.
+    /// The slots of tets that this worker claimed, other workers' tets in them or not, but for
+    /// those that nobody has used yet: to read these would map pages that the first tet in them
+    /// then makes the system map anew, which halts all other threads.
     pub fn used_slots(&self) -> impl Iterator<Item = Range<TetId>> {
         let fresh = &self.fresh_tets;
-        self.claimed.iter().map(|slots| if slots.end == fresh.end { slots.start..fresh.start } else { slots.clone() })
+        self.claimed.iter().map(|slots| {
+            if slots.end == fresh.end { slots.start..fresh.start } else { slots.clone() }
+        })
     }
 
     /// The tets that the last completed operation made.
@@ -178,10 +186,13 @@ impl<A: Access> Worker<A> {
         (self.free.capacity() * size_of::<TetId>()) as u64
     }
 
-    /// Makes sure that the next `count` tets and one vertex can be had without failing: an operation asks before it writes (invariant 5).
+    /// Makes sure that the next `count` tets and one vertex can be had without failing: an
+    /// operation asks before it writes (invariant 5).
     pub(super) fn reserve(&mut self, triangulation: &Triangulation, count: usize) -> Result<()> {
         while self.free.len() + self.fresh_tets.len() < count {
-            if self.foreign.is_some() && triangulation.homes().take_returned(self.node, &mut self.free)? {
+            if self.foreign.is_some()
+                && triangulation.homes().take_returned(self.node, &mut self.free)?
+            {
                 continue;
             }
             // For what is left of the range, and for most of what is freed until the next one.
@@ -247,7 +258,9 @@ impl<A: Access> Worker<A> {
         }
     }
 
-    /// Exchanges the tets of the cavity for `count` new ones, listed in `created`: the slots stay, without a way through the free list. Those that are too many, or other nodes', are freed by [`Self::end_operation`].
+    /// Exchanges the tets of the cavity for `count` new ones, listed in `created`: the slots stay,
+    /// without a way through the free list. Those that are too many, or other nodes', are freed by
+    /// [`Self::end_operation`].
     pub(super) fn exchange_slots(&mut self, triangulation: &Triangulation, count: usize) {
         self.created.clear();
         self.counters.destroyed += self.cavity.len() as u64;
@@ -271,7 +284,8 @@ impl<A: Access> Worker<A> {
         }
     }
 
-    /// Gives back what a completed operation made, when all of it is written, and frees the slots that it has no use for.
+    /// Gives back what a completed operation made, when all of it is written, and frees the slots
+    /// that it has no use for.
     pub(super) fn end_operation(&mut self, triangulation: &Triangulation) {
         self.access.end_operation();
         if A::SHARED {
@@ -294,7 +308,12 @@ impl<A: Access> Worker<A> {
         }
     }
 
-    pub(super) fn take_vertex(&mut self, triangulation: &Triangulation, position: DVec3, kind: VertexKind) -> VertexId {
+    pub(super) fn take_vertex(
+        &mut self,
+        triangulation: &Triangulation,
+        position: DVec3,
+        kind: VertexKind,
+    ) -> VertexId {
         let v = self.fresh_vertices.next().expect("reserve() keeps a vertex ready");
         triangulation.vertex(v).fill(position, kind);
         v

@@ -1,4 +1,5 @@
-//! The curve of G. M. Morton ("A computer oriented geodetic data base", 1966) through the cells of a grid: cells that follow on each other along it are mostly near in space.
+//! The curve of G. M. Morton ("A computer oriented geodetic data base", 1966) through the cells of
+//! a grid: cells that follow on each other along it are mostly near in space.
 
 /// Bits of a coordinate.
 pub const BITS: u32 = 10;

@@ -1,4 +1,5 @@
-//! Triangles and edges: the measures that the refinement rules ask for, and the point of a triangle closest to another.
+//! Triangles and edges: the measures that the refinement rules ask for, and the point of a triangle
+//! closest to another.
 
 use glam::DVec3;
 
@@ -9,12 +10,15 @@ pub fn shortest_squared_edge(v: [DVec3; 4]) -> f64 {
     edge(0, 1).min(edge(0, 2)).min(edge(0, 3)).min(edge(1, 2)).min(edge(1, 3)).min(edge(2, 3))
 }
 
-/// Whether the smallest planar angle of a triangle, at most 60 degrees, has a squared cosine above `cosine_squared`. True when two corners coincide.
+/// Whether the smallest planar angle of a triangle, at most 60 degrees, has a squared cosine above
+/// `cosine_squared`. True when two corners coincide.
 #[inline]
 pub fn has_angle_below(a: DVec3, b: DVec3, c: DVec3, cosine_squared: f64) -> bool {
-    let (bc, ca, ab) = ((c - b).length_squared(), (a - c).length_squared(), (b - a).length_squared());
+    let (bc, ca, ab) =
+        ((c - b).length_squared(), (a - c).length_squared(), (b - a).length_squared());
     let shortest = bc.min(ca).min(ab);
-    // Law of cosines at the corner opposite to the shortest edge, between the two longer ones, whose squared lengths multiply to bc * ca * ab / shortest.
+    // Law of cosines at the corner opposite to the shortest edge, between the two longer ones,
+    // whose squared lengths multiply to bc * ca * ab / shortest.
     let twice = bc + ca + ab - 2.0 * shortest;
     twice * twice * shortest > 4.0 * cosine_squared * bc * ca * ab || shortest == 0.0
 }
@@ -32,8 +36,8 @@ pub fn triangle_circumcircle(a: DVec3, b: DVec3, c: DVec3) -> Option<(DVec3, f64
     Some((a + x, x.length_squared()))
 }
 
-/// The point of triangle (a, b, c) closest to `p`, by the Voronoi region of the feature that holds it
-/// (C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5).
+/// The point of triangle (a, b, c) closest to `p`, by the Voronoi region of the feature that holds
+/// it (C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5).
 pub fn closest_point(&[a, b, c]: &[DVec3; 3], p: DVec3) -> DVec3 {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
@@ -56,8 +60,12 @@ pub fn closest_point(&[a, b, c]: &[DVec3; 3], p: DVec3) -> DVec3 {
     if va > 0.0 && vb > 0.0 && vc > 0.0 && area > 0.0 {
         return a + (ab * vb + ac * vc) / area;
     }
-    let candidates = [closest_on_segment(a, b, p), closest_on_segment(b, c, p), closest_on_segment(c, a, p)];
-    candidates.into_iter().min_by(|q, r| p.distance_squared(*q).total_cmp(&p.distance_squared(*r))).unwrap_or(a)
+    let candidates =
+        [closest_on_segment(a, b, p), closest_on_segment(b, c, p), closest_on_segment(c, a, p)];
+    candidates
+        .into_iter()
+        .min_by(|q, r| p.distance_squared(*q).total_cmp(&p.distance_squared(*r)))
+        .unwrap_or(a)
 }
 
 fn closest_on_segment(a: DVec3, b: DVec3, p: DVec3) -> DVec3 {
@@ -76,12 +84,14 @@ mod tests {
     use super::*;
 
     fn point() -> impl Strategy<Value = DVec3> {
-        [-4..=4i32, -4..=4, -4..=4].prop_map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()) * 0.5)
+        [-4..=4i32, -4..=4, -4..=4]
+            .prop_map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()) * 0.5)
     }
 
     proptest! {
-        /// The closest point is on the triangle and no point of a fine sampling is closer. Small integer coordinates meet every
-        /// degenerate case: coinciding vertices, vertices on a line, query points on the triangle.
+        /// The closest point is on the triangle and no point of a fine sampling is closer. Small
+        /// integer coordinates meet every degenerate case: coinciding vertices, vertices on a line,
+        /// query points on the triangle.
         #[test]
         fn closest_point_against_samples(t in [point(), point(), point()], p in point()) {
             let q = closest_point(&t, p);
@@ -112,7 +122,9 @@ mod tests {
 
     #[test]
     fn a_needle_has_a_small_angle() {
-        let below = |angle: f64| has_angle_below(DVec3::ZERO, DVec3::X, DVec3::new(1.0, 0.1, 0.0), angle.cos().powi(2));
+        let below = |angle: f64| {
+            has_angle_below(DVec3::ZERO, DVec3::X, DVec3::new(1.0, 0.1, 0.0), angle.cos().powi(2))
+        };
         assert!(below(0.1_f64.atan() + 1e-9) && !below(0.1_f64.atan() - 1e-9));
         assert!(has_angle_below(DVec3::ZERO, DVec3::ZERO, DVec3::X, 1.0));
     }

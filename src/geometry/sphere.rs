@@ -1,26 +1,36 @@
 //! Circumspheres with a guaranteed error bound: the fast in-sphere test.
 //!
-//! Refinement needs every circumcenter anyway. Kept beside the tet it turns the in-sphere test into one distance:
-//! `|p - center|^2 < inside` is certainly inside, `> outside` certainly outside, between the two the exact predicate decides.
+//! Refinement needs every circumcenter anyway. Kept beside the tet it turns the in-sphere test into
+//! one distance: `|p - center|^2 < inside` is certainly inside, `> outside` certainly outside,
+//! between the two the exact predicate decides.
 //!
 //! # Why the two bounds hold
 //! Let c be the true circumcenter, c' = c + e the computed one, a a vertex. For any p
-//! |p - c'|^2 - |a - c'|^2 = (|p - c|^2 - |a - c|^2) + 2 e . (a - p), so the sign of the left side is the exact in-sphere sign
-//! wherever its magnitude exceeds 2 |e| |a - p|. When |p - c'| <= 2 r' then |a - p| <= 3 r' and 6 |e| r' bounds the error; when p
-//! is farther, the left side exceeds 3/4 |p - c'|^2 while the error is at most 3 |e| |p - c'|, smaller for |e| < r'/4.
-//! Rounding of the two squared lengths is a few units in the last place of f64; the bounds are kept as f32, rounded
-//! away from each other by 2^-22, which covers it a millionfold.
+//!
+//! ```text
+//! |p - c'|^2 - |a - c'|^2 = (|p - c|^2 - |a - c|^2) + 2 e . (a - p),
+//! ```
+//!
+//! so the sign of the left side is the exact in-sphere sign
+//! wherever its magnitude exceeds 2 |e| |a - p|. When |p - c'| <= 2 r' then |a - p| <= 3 r' and 6
+//! |e| r' bounds the error; when p is farther, the left side exceeds 3/4 |p - c'|^2 while the error
+//! is at most 3 |e| |p - c'|, smaller for |e| < r'/4. Rounding of the two squared lengths is a few
+//! units in the last place of f64; the bounds are kept as f32, rounded away from each other by
+//! 2^-22, which covers it a millionfold.
 //!
 //! # The bound on |e|
-//! It is the forward error of the formula below: sums of products of exactly rounded differences, divided by the determinant. With D the
-//! determinant, L the longest of the three edges, r the true radius and d = 32 units L^3, the error of D is at most d, that of the numerator 3/2 L d. With k = d / D,
-//! and t for the rounding of the sum of the vertex and its offset to the centre, |e| <= (3/2 L + r') k + t. The edges are chords, L <= 2 r <= 2 (r' + |e|), so
+//! It is the forward error of the formula below: sums of products of exactly rounded differences,
+//! divided by the determinant. With D the determinant, L the longest of the three edges, r the true
+//! radius and d = 32 units L^3, the error of D is at most d, that of the numerator 3/2 L d. With k
+//! = d / D, and t for the rounding of the sum of the vertex and its offset to the centre, |e| <=
+//! (3/2 L + r') k + t. The edges are chords, L <= 2 r <= 2 (r' + |e|), so
 //! |e| (1 - 3 k) <= 4 r' k + t, and for k <= 1/16
 //!
 //! |e| <= 5 r' k + 5/4 t,  6 |e| r' <= 30 r'^2 k + 15/2 t r',
 //!
-//! where t is below 2 units of the largest coordinate of vertex plus that of the centre, the latter below the former plus r'. No square root is taken for a bound:
-//! where L and r' stand alone, any upper bound serves, at the price of a wider gap.
+//! where t is below 2 units of the largest coordinate of vertex plus that of the centre, the latter
+//! below the former plus r'. No square root is taken for a bound: where L and r' stand alone, any
+//! upper bound serves, at the price of a wider gap.
 
 use glam::DVec3;
 
@@ -30,10 +40,12 @@ const UNIT: f64 = f64::EPSILON / 2.0;
 const ROUNDINGS: f64 = 32.0;
 /// Widening of the bounds when they are rounded to f32.
 const WIDEN: f64 = 1.0 / 4_194_304.0;
-/// Squared radii for which f32 keeps its full precision and no product of the formula overflows or underflows.
+/// Squared radii for which f32 keeps its full precision and no product of the formula overflows or
+/// underflows.
 const RANGE: std::ops::Range<f64> = 1e-30..1e30;
 
-/// A circumsphere: centre and the two squared radii that bound the exact one for the in-sphere test.
+/// A circumsphere: centre and the two squared radii that bound the exact one for the in-sphere
+/// test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Circumsphere {
     /// The computed circumcenter.
@@ -63,15 +75,17 @@ impl Origin {
         Self { at, reach: 2.0 * at.abs().max_element(), scale, per_scale: 1.0 / scale }
     }
 
-    /// An upper bound of the length whose square is `squared`, a good one when `scale` is about as long: the arithmetic mean of
-    /// squared / scale and scale is above the geometric one. The sixteenth covers its roundings.
+    /// An upper bound of the length whose square is `squared`, a good one when `scale` is about as
+    /// long: the arithmetic mean of squared / scale and scale is above the geometric one. The
+    /// sixteenth covers its roundings.
     #[inline(always)]
     fn length_bound(&self, squared: f64) -> f64 {
         0.5625 * (squared * self.per_scale + self.scale)
     }
 }
 
-/// Centre, inside and outside bound of the positive tet (origin, origin + u, origin + v, origin + w). Selects instead of branches, so that loops over tets vectorise.
+/// Centre, inside and outside bound of the positive tet (origin, origin + u, origin + v, origin +
+/// w). Selects instead of branches, so that loops over tets vectorise.
 #[inline(always)]
 pub(super) fn relative_to(origin: &Origin, u: DVec3, v: DVec3, w: DVec3) -> [f64; 5] {
     let larger = |x: f64, y: f64| if x > y { x } else { y };
@@ -102,7 +116,8 @@ pub(super) fn relative_to(origin: &Origin, u: DVec3, v: DVec3, w: DVec3) -> [f64
 }
 
 impl Circumsphere {
-    /// The circumsphere of a positive tet. When the tet is too flat for f64 the result is centred at its centroid and certain of nothing.
+    /// The circumsphere of a positive tet. When the tet is too flat for f64 the result is centred
+    /// at its centroid and certain of nothing.
     #[inline]
     pub fn of_tet(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> Self {
         Self::from_row(relative_to(&Origin::new(a, b), b - a, c - a, d - a))
@@ -119,13 +134,15 @@ impl Circumsphere {
         self.outside.is_finite()
     }
 
-    /// The squared circumradius: the outside bound, above the exact one by its error (below 1e-6 of it unless the tet is nearly flat; as a tet's record keeps it, up to 4e-6 more);
-    /// infinite when the tet is too flat.
+    /// The squared circumradius: the outside bound, above the exact one by its error (below 1e-6 of
+    /// it unless the tet is nearly flat; as a tet's record keeps it, up to 4e-6 more); infinite
+    /// when the tet is too flat.
     pub fn squared_radius(&self) -> f64 {
         f64::from(self.outside)
     }
 
-    /// `Some(true)` certainly inside, `Some(false)` certainly outside, `None` ask the exact predicate.
+    /// `Some(true)` certainly inside, `Some(false)` certainly outside, `None` ask the exact
+    /// predicate.
     #[inline]
     pub fn contains(&self, p: DVec3) -> Option<bool> {
         let squared = (p - self.center).length_squared();
@@ -151,10 +168,14 @@ mod tests {
     }
 
     proptest! {
-        // Points chosen close to the sphere, on tets down to nearly flat, far from the origin as image coordinates are.
+        // Points chosen close to the sphere, on tets down to nearly flat, far from the origin as
+        // image coordinates are.
         #[test]
         fn a_certain_answer_is_the_exact_one(
-            p in prop::array::uniform4(point(1.0)), flatten in 0..14_i32, dir in prop::array::uniform3(-1.0..1.0_f64), off in -1e-6..1e-6_f64,
+            p in prop::array::uniform4(point(1.0)),
+            flatten in 0..14_i32,
+            dir in prop::array::uniform3(-1.0..1.0_f64),
+            off in -1e-6..1e-6_f64,
         ) {
             let [a, b, c, mut d] = p;
             let n = (b - a).cross(c - a).normalize();

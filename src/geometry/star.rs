@@ -1,8 +1,10 @@
-//! Circumspheres of all tets of a star at once, by vector instructions: 60 multiplications and additions and one division each, for two or four
-//! tets side by side. The formula is that of [`sphere`](super::sphere).
+//! Circumspheres of all tets of a star at once, by vector instructions: 60 multiplications and
+//! additions and one division each, for two or four tets side by side. The formula is that of
+//! [`sphere`](super::sphere).
 //!
-//! The loop is written so that the compiler vectorises it: coordinate by coordinate, selects instead of branches, no two arrays that might overlap. On x86-64
-//! a second instance for AVX2 is chosen when the program runs. Neither contracts a product and a sum to one rounding, so that the
+//! The loop is written so that the compiler vectorises it: coordinate by coordinate, selects
+//! instead of branches, no two arrays that might overlap. On x86-64 a second instance for AVX2 is
+//! chosen when the program runs. Neither contracts a product and a sum to one rounding, so that the
 //! spheres are the same bits on every machine.
 
 use glam::DVec3;
@@ -22,7 +24,8 @@ pub struct StarSpheres {
     blocks: Vec<Block>,
 }
 
-/// Aligned, so that no vector of a row lies in two cache lines: an allocator may put one worker's block so and another's otherwise.
+/// Aligned, so that no vector of a row lies in two cache lines: an allocator may put one worker's
+/// block so and another's otherwise.
 #[repr(align(64))]
 struct Block {
     corners: Corners,
@@ -31,7 +34,8 @@ struct Block {
 
 type Corners = [[[f64; BLOCK]; 3]; 3];
 
-/// Centre, inside and outside bounds: one array of one type, so that the compiler can tell that no two rows overlap.
+/// Centre, inside and outside bounds: one array of one type, so that the compiler can tell that no
+/// two rows overlap.
 type Spheres = [[f64; BLOCK]; 5];
 
 impl StarSpheres {
@@ -44,7 +48,10 @@ impl StarSpheres {
         let (blocks, made) = (count.div_ceil(BLOCK), self.blocks.len());
         if made < blocks {
             reserve(&mut self.blocks, blocks - made, "circumspheres of a star")?;
-            self.blocks.resize_with(blocks, || Block { corners: [[[0.0; BLOCK]; 3]; 3], spheres: [[0.0; BLOCK]; 5] });
+            self.blocks.resize_with(blocks, || Block {
+                corners: [[[0.0; BLOCK]; 3]; 3],
+                spheres: [[0.0; BLOCK]; 5],
+            });
         }
         Ok(())
     }
@@ -62,7 +69,12 @@ impl StarSpheres {
     pub fn compute(&mut self, count: usize, apex: DVec3) {
         for (k, block) in self.blocks[..count.div_ceil(BLOCK)].iter_mut().enumerate() {
             let first = DVec3::from_array(block.corners[0].map(|row| row[0]));
-            compute(&block.corners, &mut block.spheres, (count - k * BLOCK).min(BLOCK), &Origin::new(apex, first));
+            compute(
+                &block.corners,
+                &mut block.spheres,
+                (count - k * BLOCK).min(BLOCK),
+                &Origin::new(apex, first),
+            );
         }
     }
 
@@ -86,7 +98,8 @@ fn compute(corners: &Corners, spheres: &mut Spheres, count: usize, origin: &Orig
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn compute_avx2(corners: &Corners, spheres: &mut Spheres, count: usize, origin: &Origin) {
-    // There are more values than registers, and the compiler aligns a frame for vectors only if something in it that cannot be left out asks for that.
+    // There are more values than registers, and the compiler aligns a frame for vectors only if
+    // something in it that cannot be left out asks for that.
     let aligned = std::hint::black_box(LineAligned(*origin));
     compute_block(corners, spheres, count, &aligned.0);
 }
@@ -106,8 +119,9 @@ fn compute_portably(corners: &Corners, spheres: &mut Spheres, count: usize, orig
 fn compute_block(corners: &Corners, spheres: &mut Spheres, count: usize, origin: &Origin) {
     // What lies beyond the last tet is what lay there before, computed in vain.
     for i in 0..count.next_multiple_of(STEP).min(BLOCK) {
-        let [a, b, c] =
-            [0, 1, 2].map(|k: usize| DVec3::new(corners[k][0][i], corners[k][1][i], corners[k][2][i]) - origin.at);
+        let [a, b, c] = [0, 1, 2].map(|k: usize| {
+            DVec3::new(corners[k][0][i], corners[k][1][i], corners[k][2][i]) - origin.at
+        });
         // (a, b, c, origin) is positive, and so is (origin, b, a, c).
         let sphere = relative_to(origin, b, a, c);
         for row in 0..5 {
@@ -121,15 +135,18 @@ mod tests {
     use super::*;
     use crate::geometry::predicates::orient;
 
-    /// A number in [0, 1) for each index, equally distributed (Weyl); squares, so that points in sequence are not in line.
+    /// A number in [0, 1) for each index, equally distributed (Weyl); squares, so that points in
+    /// sequence are not in line.
     fn weyl(i: usize) -> f64 {
         ((i * i) as f64 * 0.618_033_988_749_894_9).fract()
     }
 
     /// Positive tets of a star around `apex`, more than one block of them, each tenth one flat.
     fn tets(apex: DVec3) -> Vec<[DVec3; 3]> {
-        let point = |i| apex + DVec3::new(weyl(i) - 0.5, weyl(7 * i + 1) - 0.5, weyl(31 * i + 2) - 0.5);
-        let mut tets: Vec<[DVec3; 3]> = (0..100).map(|i| [point(3 * i), point(3 * i + 1), point(3 * i + 2)]).collect();
+        let point =
+            |i| apex + DVec3::new(weyl(i) - 0.5, weyl(7 * i + 1) - 0.5, weyl(31 * i + 2) - 0.5);
+        let mut tets: Vec<[DVec3; 3]> =
+            (0..100).map(|i| [point(3 * i), point(3 * i + 1), point(3 * i + 2)]).collect();
         for tet in &mut tets {
             if orient(tet[0], tet[1], tet[2], apex) < 0.0 {
                 tet.swap(0, 1);
@@ -157,7 +174,9 @@ mod tests {
             assert_eq!(one.center, other.center);
             // The two take their lengths for upper bounds from different vertices.
             assert_eq!(one.is_certain(), other.is_certain());
-            assert!(!one.is_certain() || (one.outside - other.outside).abs() <= 1e-6 * other.outside);
+            assert!(
+                !one.is_certain() || (one.outside - other.outside).abs() <= 1e-6 * other.outside
+            );
         }
     }
 
@@ -180,6 +199,9 @@ mod tests {
         compute_portably(&corners, &mut portable, BLOCK, &origin);
         // SAFETY: the processor has AVX2, see above.
         unsafe { compute_avx2(&corners, &mut vector, BLOCK, &origin) };
-        assert_eq!(portable.map(|row| row.map(f64::to_bits)), vector.map(|row| row.map(f64::to_bits)));
+        assert_eq!(
+            portable.map(|row| row.map(f64::to_bits)),
+            vector.map(|row| row.map(f64::to_bits))
+        );
     }
 }

@@ -1,16 +1,18 @@
 //! Turns a stream of labels into dense ids in one pass.
 //!
-//! Ids are handed out in order of first appearance while the stream lasts, and put in order of label at its end by one pass over the
-//! ids. Memory: 2 bytes per voxel, one table of 192 KiB for the common labels, a hash map for the others. Cost: linear; equal
-//! neighbours, the usual case in a segmentation, cost one look-up per run. One thread suffices: the pass is bound by memory (a few
-//! ns per voxel), and most streams come out of a decompressor that is slower.
+//! Ids are handed out in order of first appearance while the stream lasts, and put in order of
+//! label at its end by one pass over the ids. Memory: 2 bytes per voxel, one table of 192 KiB for
+//! the common labels, a hash map for the others. Cost: linear; equal neighbours, the usual case in
+//! a segmentation, cost one look-up per run. One thread suffices: the pass is bound by memory (a
+//! few ns per voxel), and most streams come out of a decompressor that is slower.
 
 use std::collections::HashMap;
 
 use super::{Frame, LabelImage, MAX_IDS};
 use crate::{Error, Result};
 
-/// Labels from `TABLE_FIRST` on, `TABLE_LEN` of them (all of i16 and u16), are looked up in a table.
+/// Labels from `TABLE_FIRST` on, `TABLE_LEN` of them (all of i16 and u16), are looked up in a
+/// table.
 const TABLE_FIRST: i32 = i16::MIN as i32;
 const TABLE_LEN: usize = 3 << 15;
 
@@ -49,14 +51,21 @@ pub(super) struct LabelBuilder {
 }
 
 impl LabelBuilder {
-    /// A builder for an image of `dims`; room for `reserve` voxels is made at once, the rest as labels come.
+    /// A builder for an image of `dims`; room for `reserve` voxels is made at once, the rest as
+    /// labels come.
     ///
     /// # Errors
     /// [`Error::InvalidArgument`] for impossible `dims`, [`Error::OutOfMemory`].
     pub(super) fn new(dims: [usize; 3], reserve: usize) -> Result<Self> {
         let total = voxel_count(dims)?;
-        let mut builder =
-            Self { dims, total, ids: Vec::new(), labels: vec![0], table: vec![0; TABLE_LEN], rare: HashMap::new() };
+        let mut builder = Self {
+            dims,
+            total,
+            ids: Vec::new(),
+            labels: vec![0],
+            table: vec![0; TABLE_LEN],
+            rare: HashMap::new(),
+        };
         builder.grow(reserve.min(total))?;
         Ok(builder)
     }
@@ -87,7 +96,11 @@ impl LabelBuilder {
     /// The finished image. All voxels must have been pushed.
     pub(super) fn finish(mut self, frame: Frame) -> Result<LabelImage> {
         if self.ids.len() != self.total {
-            return Err(Error::Internal(format!("{} of {} voxels were given", self.ids.len(), self.total)));
+            return Err(Error::Internal(format!(
+                "{} of {} voxels were given",
+                self.ids.len(),
+                self.total
+            )));
         }
         if !self.labels[1..].is_sorted() {
             let mut order: Vec<usize> = (1..self.labels.len()).collect();
@@ -114,7 +127,9 @@ impl LabelBuilder {
         if label == 0 {
             return Ok(0);
         }
-        let slot = usize::try_from(i64::from(label) - i64::from(TABLE_FIRST)).ok().and_then(|i| self.table.get_mut(i));
+        let slot = usize::try_from(i64::from(label) - i64::from(TABLE_FIRST))
+            .ok()
+            .and_then(|i| self.table.get_mut(i));
         let known = match &slot {
             Some(id) => **id,
             None => self.rare.get(&label).copied().unwrap_or(0),
@@ -124,7 +139,8 @@ impl LabelBuilder {
         }
         if self.labels.len() == MAX_IDS {
             return Err(Error::InvalidArgument(format!(
-                "more than {} different labels: is this a segmentation, and not an intensity image?",
+                "more than {} different labels: is this a segmentation, and not an intensity \
+                 image?",
                 MAX_IDS - 1
             )));
         }

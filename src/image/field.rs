@@ -1,9 +1,13 @@
-//! What an image knows beside the labels of its voxels: values at the voxel centres, from which the labels come and between which the smooth surface model interpolates.
+//! What an image knows beside the labels of its voxels: values at the voxel centres, from which the
+//! labels come and between which the smooth surface model interpolates.
 //!
-//! A field has *classes*, each with a label: the intervals of an intensity between isovalues, or probability maps. The label of a voxel is that of its class; merging and
-//! selecting labels is done by giving classes other labels. Several maps of one label count as one, their sum: the probability of "one or the other".
+//! A field has *classes*, each with a label: the intervals of an intensity between isovalues, or
+//! probability maps. The label of a voxel is that of its class; merging and selecting labels is
+//! done by giving classes other labels. Several maps of one label count as one, their sum: the
+//! probability of "one or the other".
 //!
-//! Values are shared between images that differ in the labels of classes only. Never changes, so any number of threads may read it.
+//! Values are shared between images that differ in the labels of classes only. Never changes, so
+//! any number of threads may read it.
 
 use std::sync::Arc;
 
@@ -14,9 +18,11 @@ use crate::Result;
 /// Values at the voxel centres, x fastest, with the labels of their classes.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Field {
-    /// A voxel of intensity x belongs to the class whose number is that of the isovalues that are not above x. `labels` has one element more than `isovalues`, which increase.
+    /// A voxel of intensity x belongs to the class whose number is that of the isovalues that are
+    /// not above x. `labels` has one element more than `isovalues`, which increase.
     Intensities { voxels: Arc<Vec<f32>>, isovalues: Vec<f32>, labels: Vec<i32> },
-    /// A voxel belongs to the label of the largest value, on a tie to the background or else the smallest label.
+    /// A voxel belongs to the label of the largest value, on a tie to the background or else the
+    /// smallest label.
     Probabilities(Maps),
 }
 
@@ -25,8 +31,8 @@ pub(crate) enum Field {
 pub enum MapValues {
     /// Probabilities. Several maps of one label count as their sum, values below 0 as 0.
     Probabilities,
-    /// Level sets: functions above 0 inside of their label, such as signed distances. Several maps of one
-    /// label count as the largest of them.
+    /// Level sets: functions above 0 inside of their label, such as signed distances. Several maps
+    /// of one label count as the largest of them.
     LevelSets,
 }
 
@@ -35,8 +41,8 @@ pub enum MapValues {
 pub(crate) struct Maps {
     values: MapValues,
     maps: Arc<Vec<Vec<f32>>>,
-    /// The label of each map, and at the end, where it counts, of what all of them leave to 1, or of the
-    /// level 0.
+    /// The label of each map, and at the end, where it counts, of what all of them leave to 1, or
+    /// of the level 0.
     labels: Vec<i32>,
     /// The different ones of `labels`, 0 first, the others increasing.
     pub(crate) distinct: Vec<i32>,
@@ -52,8 +58,9 @@ impl Maps {
         // 0 before all others: as ids are ordered.
         distinct.sort_unstable_by_key(|&label| (label != 0, label));
         distinct.dedup();
-        let place =
-            |&label: &i32| distinct.binary_search_by_key(&(label != 0, label), |&known| (known != 0, known)).ok();
+        let place = |&label: &i32| {
+            distinct.binary_search_by_key(&(label != 0, label), |&known| (known != 0, known)).ok()
+        };
         let places = labels.iter().filter_map(place).collect();
         Self { values, maps, labels, distinct, places }
     }
@@ -79,8 +86,8 @@ impl Maps {
 }
 
 impl Maps {
-    /// The levels of a voxel less the smallest of them. The same is taken from all labels, so that the
-    /// largest one stays the largest, between voxel centres too.
+    /// The levels of a voxel less the smallest of them. The same is taken from all labels, so that
+    /// the largest one stays the largest, between voxel centres too.
     fn levels_of_voxel(&self, voxel: usize, shares: &mut Vec<f32>) {
         shares.clear();
         shares.resize(self.distinct.len(), f32::NEG_INFINITY);
@@ -100,9 +107,11 @@ impl Field {
     pub(super) fn relabelled(&self, new: impl Fn(i32) -> i32) -> Self {
         let renew = |labels: &[i32]| labels.iter().map(|&label| new(label)).collect();
         match self {
-            Self::Intensities { voxels, isovalues, labels } => {
-                Self::Intensities { voxels: voxels.clone(), isovalues: isovalues.clone(), labels: renew(labels) }
-            }
+            Self::Intensities { voxels, isovalues, labels } => Self::Intensities {
+                voxels: voxels.clone(),
+                isovalues: isovalues.clone(),
+                labels: renew(labels),
+            },
             Self::Probabilities(maps) => {
                 Self::Probabilities(Maps::new(maps.values, maps.maps.clone(), renew(&maps.labels)))
             }
@@ -127,7 +136,8 @@ impl Field {
                 Self::Probabilities(maps) => {
                     for (i, slot) in row.iter_mut().enumerate() {
                         maps.of_voxel(first + i, &mut shares);
-                        let best = (1..shares.len()).fold(0, |best, n| if shares[n] > shares[best] { n } else { best });
+                        let best = (1..shares.len())
+                            .fold(0, |best, n| if shares[n] > shares[best] { n } else { best });
                         *slot = maps.distinct[best];
                     }
                 }

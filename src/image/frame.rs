@@ -6,11 +6,12 @@ use glam::{DMat3, DVec3};
 
 use crate::{Error, Result};
 
-/// How far a direction matrix may be from orthonormal before it counts as shear. Headers store single precision and
-/// rounded decimals.
+/// How far a direction matrix may be from orthonormal before it counts as shear. Headers store
+/// single precision and rounded decimals.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-3;
 
-/// Origin, spacing and direction of a voxel grid. The direction is orthonormal: a rotation, or a rotation and a reflection.
+/// Origin, spacing and direction of a voxel grid. The direction is orthonormal: a rotation, or a
+/// rotation and a reflection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     origin: DVec3,
@@ -30,7 +31,8 @@ impl Frame {
     /// `direction[k]` is the world direction of image axis `k` (a column of the direction matrix).
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`] when a value is not finite, a spacing is not above 0, or the axes are not orthonormal (sheared).
+    /// [`Error::InvalidArgument`] when a value is not finite, a spacing is not above 0, or the axes
+    /// are not orthonormal (sheared).
     pub fn new(origin: [f64; 3], spacing: [f64; 3], direction: [[f64; 3]; 3]) -> Result<Self> {
         for (axis, &s) in spacing.iter().enumerate() {
             if !(s.is_finite() && s > 0.0) {
@@ -40,20 +42,28 @@ impl Frame {
             }
         }
         if let Some(x) = origin.iter().chain(direction.iter().flatten()).find(|x| !x.is_finite()) {
-            return Err(Error::InvalidArgument(format!("origin and direction must be finite, got {x}")));
+            return Err(Error::InvalidArgument(format!(
+                "origin and direction must be finite, got {x}"
+            )));
         }
         let direction = DMat3::from_cols_array_2d(&direction);
         let gram = direction.transpose() * direction;
-        let skew = (gram - DMat3::IDENTITY).to_cols_array().iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let skew =
+            (gram - DMat3::IDENTITY).to_cols_array().iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         if skew > ORTHONORMAL_TOLERANCE {
             return Err(Error::InvalidArgument(format!(
-                "image axes must be orthonormal (no shear, no scale), got direction columns {:?} {:?} {:?}",
+                "image axes must be orthonormal (no shear, no scale), got direction columns {:?} \
+                 {:?} {:?}",
                 direction.x_axis.to_array(),
                 direction.y_axis.to_array(),
                 direction.z_axis.to_array()
             )));
         }
-        Ok(Self { origin: DVec3::from(origin), spacing: DVec3::from(spacing), direction: orthonormalized(direction) })
+        Ok(Self {
+            origin: DVec3::from(origin),
+            spacing: DVec3::from(spacing),
+            direction: orthonormalized(direction),
+        })
     }
 
     /// World position of the centre of voxel (0, 0, 0).
@@ -84,7 +94,8 @@ impl Frame {
     }
 }
 
-/// Removes the rounding of headers: exact signed axis permutations stay what they are, others are orthonormalized (Gram-Schmidt).
+/// Removes the rounding of headers: exact signed axis permutations stay what they are, others are
+/// orthonormalized (Gram-Schmidt).
 fn orthonormalized(m: DMat3) -> DMat3 {
     let rounded = DMat3::from_cols(m.x_axis.round(), m.y_axis.round(), m.z_axis.round());
     let off = (m - rounded).to_cols_array().iter().fold(0.0_f64, |a, x| a.max(x.abs()));
@@ -108,9 +119,12 @@ mod tests {
 
     #[test]
     fn the_origin_is_the_centre_of_the_first_voxel() {
-        let frame =
-            Frame::new([10.0, 20.0, 30.0], [1.0, 2.0, 3.0], [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-                .unwrap();
+        let frame = Frame::new(
+            [10.0, 20.0, 30.0],
+            [1.0, 2.0, 3.0],
+            [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        )
+        .unwrap();
         assert_eq!(frame.to_world(DVec3::ZERO), DVec3::new(10.0, 20.0, 30.0));
         assert_eq!(frame.to_world(DVec3::X), DVec3::new(10.0, 20.0, 31.0));
         assert_eq!(frame.to_world(DVec3::Y), DVec3::new(8.0, 20.0, 30.0));
@@ -121,10 +135,15 @@ mod tests {
     fn a_reflection_is_a_direction_and_shear_is_not() {
         let mut reflected = IDENTITY;
         reflected[1][1] = -1.0;
-        assert_eq!(Frame::new([0.0; 3], [1.0; 3], reflected).unwrap().direction().determinant(), -1.0);
+        assert_eq!(
+            Frame::new([0.0; 3], [1.0; 3], reflected).unwrap().direction().determinant(),
+            -1.0
+        );
         let mut sheared = IDENTITY;
         sheared[1][0] = 0.01;
-        assert!(Frame::new([0.0; 3], [1.0; 3], sheared).unwrap_err().to_string().contains("no shear"));
+        assert!(
+            Frame::new([0.0; 3], [1.0; 3], sheared).unwrap_err().to_string().contains("no shear")
+        );
         assert!(Frame::new([0.0; 3], [1.0; 3], [[1.0, 0.0, 0.0]; 3]).is_err());
     }
 
@@ -132,32 +151,51 @@ mod tests {
     fn refuses_what_is_not_a_place() {
         for spacing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let message = Frame::axis_aligned([1.0, spacing, 1.0]).unwrap_err().to_string();
-            assert_eq!(message, format!("spacing of axis 1 must be a finite number above 0, got {spacing}"));
+            assert_eq!(
+                message,
+                format!("spacing of axis 1 must be a finite number above 0, got {spacing}")
+            );
         }
         assert!(Frame::new([f64::NAN, 0.0, 0.0], [1.0; 3], IDENTITY).is_err());
-        assert!(Frame::new([0.0; 3], [1.0; 3], [[f64::INFINITY, 0.0, 0.0], IDENTITY[1], IDENTITY[2]]).is_err());
+        assert!(
+            Frame::new([0.0; 3], [1.0; 3], [[f64::INFINITY, 0.0, 0.0], IDENTITY[1], IDENTITY[2]])
+                .is_err()
+        );
     }
 
     #[test]
     fn rounding_of_headers_is_removed() {
         let (sin, cos) = (0.7_f64.sin() as f32 as f64, 0.7_f64.cos() as f32 as f64);
-        let frame =
-            Frame::new([0.0; 3], [1.0; 3], [[cos, sin, 0.0], [-sin, cos + 1e-5, 0.0], [0.0, 1e-5, 1.0]]).unwrap();
+        let frame = Frame::new(
+            [0.0; 3],
+            [1.0; 3],
+            [[cos, sin, 0.0], [-sin, cos + 1e-5, 0.0], [0.0, 1e-5, 1.0]],
+        )
+        .unwrap();
         let gram = frame.direction().transpose() * frame.direction();
         assert!((gram - DMat3::IDENTITY).to_cols_array().iter().all(|x| x.abs() < 1e-15));
-        let exact = Frame::new([0.0; 3], [1.0; 3], [[1.0, 1e-12, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]).unwrap();
+        let exact =
+            Frame::new([0.0; 3], [1.0; 3], [[1.0, 1e-12, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
+                .unwrap();
         assert_eq!(exact.direction(), DMat3::from_diagonal(DVec3::new(1.0, -1.0, 1.0)));
     }
 
     proptest! {
         #[test]
         fn world_and_index_are_inverse(
-            angles in prop::array::uniform3(-3.0..3.0_f64), spacing in prop::array::uniform3(0.1..5.0_f64),
-            origin in prop::array::uniform3(-500.0..500.0_f64), index in prop::array::uniform3(-10.0..600.0_f64), mirror in any::<bool>(),
+            angles in prop::array::uniform3(-3.0..3.0_f64),
+            spacing in prop::array::uniform3(0.1..5.0_f64),
+            origin in prop::array::uniform3(-500.0..500.0_f64),
+            index in prop::array::uniform3(-10.0..600.0_f64),
+            mirror in any::<bool>(),
         ) {
-            let rotation = DMat3::from_rotation_x(angles[0]) * DMat3::from_rotation_y(angles[1]) * DMat3::from_rotation_z(angles[2]);
+            let rotation = DMat3::from_rotation_x(angles[0])
+                * DMat3::from_rotation_y(angles[1])
+                * DMat3::from_rotation_z(angles[2]);
             let mut direction = rotation.to_cols_array_2d();
-            if mirror { direction[2] = direction[2].map(|x| -x); }
+            if mirror {
+                direction[2] = direction[2].map(|x| -x);
+            }
             let frame = Frame::new(origin, spacing, direction).unwrap();
             let index = DVec3::from(index);
             prop_assert!((frame.to_index(frame.to_world(index)) - index).length() < 1e-9);

@@ -35,17 +35,25 @@ enum Known {
 }
 
 impl LabelImage {
-    /// The image in which each component of fewer than `least` voxels has become a part of the label that most voxels around it have, background included (the smaller label on a tie), and these
-    /// components. Labels of which nothing is left are gone. `go_on` is asked for each row of voxels, and every some thousand voxels of a component.
+    /// The image in which each component of fewer than `least` voxels has become a part of the
+    /// label that most voxels around it have, background included (the smaller label on a tie), and
+    /// these components. Labels of which nothing is left are gone. `go_on` is asked for each row of
+    /// voxels, and every some thousand voxels of a component.
     ///
     /// Linear in the voxels and in those of small components.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`] for an image made of intensities or probabilities; [`Error::OutOfMemory`]; those of `go_on`.
-    pub fn without_islands(&self, least: u64, go_on: impl Fn() -> Result<()>) -> Result<(Self, Vec<Island>)> {
+    /// [`Error::InvalidArgument`] for an image made of intensities or probabilities;
+    /// [`Error::OutOfMemory`]; those of `go_on`.
+    pub fn without_islands(
+        &self,
+        least: u64,
+        go_on: impl Fn() -> Result<()>,
+    ) -> Result<(Self, Vec<Island>)> {
         if self.field().is_some() {
             return Err(Error::InvalidArgument(format!(
-                "components of fewer than {least} voxels can be left out of label images only, not of those made of intensities or probabilities"
+                "components of fewer than {least} voxels can be left out of label images only, not \
+                 of those made of intensities or probabilities"
             )));
         }
         let [nx, ny, _] = self.dims();
@@ -62,11 +70,17 @@ impl LabelImage {
                 continue;
             }
             let is_small = self.reach(first, least, &mut known, &mut reached, &go_on)?;
-            reached.iter().for_each(|&v| known[v] = if is_small { Known::Small } else { Known::Large });
+            reached
+                .iter()
+                .for_each(|&v| known[v] = if is_small { Known::Small } else { Known::Large });
             if is_small {
                 let around = self.most_around(&reached);
                 reached.iter().for_each(|&v| ids[v] = around);
-                let center = DVec3::new((first % nx) as f64, (first / nx % ny) as f64, (first / (nx * ny)) as f64);
+                let center = DVec3::new(
+                    (first % nx) as f64,
+                    (first / nx % ny) as f64,
+                    (first / (nx * ny)) as f64,
+                );
                 reserve(&mut islands, 1, "small components")?;
                 islands.push(Island {
                     label: self.labels()[usize::from(self.ids()[first])],
@@ -79,7 +93,8 @@ impl LabelImage {
         Ok((image, islands))
     }
 
-    /// Reaches voxels of the component of `first` until there are no more, which is told, or it is not small.
+    /// Reaches voxels of the component of `first` until there are no more, which is told, or it is
+    /// not small.
     fn reach(
         &self,
         first: usize,
@@ -131,7 +146,8 @@ impl LabelImage {
     fn around(&self, v: usize) -> impl Iterator<Item = usize> + use<> {
         let [nx, ny, nz] = self.dims();
         let at = [v % nx, v / nx % ny, v / (nx * ny)];
-        let range = |axis: usize, count: usize| at[axis].saturating_sub(1)..(at[axis] + 2).min(count);
+        let range =
+            |axis: usize, count: usize| at[axis].saturating_sub(1)..(at[axis] + 2).min(count);
         let (xs, ys) = (range(0, nx), range(1, ny));
         range(2, nz)
             .flat_map(move |z| {
@@ -149,12 +165,15 @@ mod tests {
 
     #[test]
     fn small_components_become_what_is_around_them() {
-        // A block of label 5 with a voxel of label 7 in it, two voxels of label 7 that touch in a corner beside it, and one at the corner of the image.
-        let image = sampled([12, 9, 9], [2.0, 1.0, 1.0], |p| match (p / DVec3::new(2.0, 1.0, 1.0)).to_array() {
-            [-0.5, 0.0, 0.0] | [-5.5, -4.0, -4.0] => 7,
-            [3.5, 2.0, 2.0] | [4.5, 3.0, 3.0] => 7,
-            [x, y, z] if x.abs() < 2.0 && y.abs() < 2.5 && z.abs() < 2.5 => 5,
-            _ => 0,
+        // A block of label 5 with a voxel of label 7 in it, two voxels of label 7 that touch in a
+        // corner beside it, and one at the corner of the image.
+        let image = sampled([12, 9, 9], [2.0, 1.0, 1.0], |p| {
+            match (p / DVec3::new(2.0, 1.0, 1.0)).to_array() {
+                [-0.5, 0.0, 0.0] | [-5.5, -4.0, -4.0] => 7,
+                [3.5, 2.0, 2.0] | [4.5, 3.0, 3.0] => 7,
+                [x, y, z] if x.abs() < 2.0 && y.abs() < 2.5 && z.abs() < 2.5 => 5,
+                _ => 0,
+            }
         })
         .unwrap();
         assert_eq!(image.voxel_counts(), [12 * 81 - 103, 99, 4]);
@@ -162,7 +181,10 @@ mod tests {
         assert_eq!(without.labels(), [0, 5, 7]);
         assert_eq!(without.voxel_counts(), [12 * 81 - 102, 100, 2]);
         let expected = [([-11.0, -4.0, -4.0], 1), ([-1.0, 0.0, 0.0], 1)];
-        assert_eq!(islands, expected.map(|(position, voxels)| Island { label: 7, position, voxels }));
+        assert_eq!(
+            islands,
+            expected.map(|(position, voxels)| Island { label: 7, position, voxels })
+        );
         let (without, islands) = image.without_islands(3, || Ok(())).unwrap();
         assert_eq!((without.labels(), islands.len()), ([0, 5].as_slice(), 3));
         let (same, none) = image.without_islands(1, || Ok(())).unwrap();

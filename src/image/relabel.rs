@@ -9,22 +9,30 @@ use crate::memory::room;
 use crate::{Error, Result};
 
 impl LabelImage {
-    /// The image in which each first label of `merge` has become the second, all at once (so labels can be exchanged), and in which label
-    /// `background` then counts as background. The second labels need not occur. 0 is a label like any other here: as a first one it gives voxels of
+    /// The image in which each first label of `merge` has become the second, all at once (so labels
+    /// can be exchanged), and in which label `background` then counts as background. The second
+    /// labels need not occur. 0 is a label like any other here: as a first one it gives voxels of
     /// label 0 a label to be meshed with, as a second one it makes a label background.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`], naming the label: one that does not occur in the image, one that is to become two different ones, one that does not fit
-    /// into the table of labels, or label 0 beside another background, which would leave two of them.
+    /// [`Error::InvalidArgument`], naming the label: one that does not occur in the image, one that
+    /// is to become two different ones, one that does not fit into the table of labels, or label 0
+    /// beside another background, which would leave two of them.
     pub fn merged(&self, merge: &[(i32, i32)], background: i32) -> Result<Self> {
         let mut label_of: Vec<Option<i32>> = vec![None; self.labels().len()];
         for &(from, to) in merge {
-            let id = self.id_of(from).filter(|&id| id != 0 || self.ids().contains(&0)).ok_or_else(|| {
-                Error::InvalidArgument(format!("label {from} is to become {to}, but does not occur in the image"))
-            })?;
+            let id = self.id_of(from).filter(|&id| id != 0 || self.ids().contains(&0)).ok_or_else(
+                || {
+                    Error::InvalidArgument(format!(
+                        "label {from} is to become {to}, but does not occur in the image"
+                    ))
+                },
+            )?;
             match label_of[usize::from(id)].replace(to) {
                 Some(other) if other != to => {
-                    return Err(Error::InvalidArgument(format!("label {from} is to become both {other} and {to}")));
+                    return Err(Error::InvalidArgument(format!(
+                        "label {from} is to become both {other} and {to}"
+                    )));
                 }
                 _ => {}
             }
@@ -41,7 +49,8 @@ impl LabelImage {
         };
         if merged.ids().contains(&0) {
             return Err(Error::InvalidArgument(format!(
-                "label 0 occurs beside the background label {background}: merge it into {background} or into another label"
+                "label 0 occurs beside the background label {background}: merge it into \
+                 {background} or into another label"
             )));
         }
         let mut labels = merged.labels().to_vec();
@@ -57,7 +66,9 @@ impl LabelImage {
         let mut labels = vec![0; self.labels().len()];
         for &label in keep {
             let id = self.id_of(label).ok_or_else(|| {
-                Error::InvalidArgument(format!("label {label} is to be kept, but does not occur in the image"))
+                Error::InvalidArgument(format!(
+                    "label {label} is to be kept, but does not occur in the image"
+                ))
             })?;
             labels[usize::from(id)] = label;
         }
@@ -67,7 +78,8 @@ impl LabelImage {
     /// The image in which id `i` has become label `label_of[i]`.
     fn with_labels(&self, label_of: Vec<i32>) -> Result<Self> {
         if let Some(field) = self.field() {
-            // A class whose label has no voxel keeps it: the sums of others only grow, so it stays without.
+            // A class whose label has no voxel keeps it: the sums of others only grow, so it stays
+            // without.
             let new = |label: i32| self.id_of(label).map_or(label, |id| label_of[usize::from(id)]);
             return field.relabelled(new).label_image(self.dims(), *self.frame());
         }
@@ -82,11 +94,13 @@ impl LabelImage {
                 MAX_IDS - 1
             )));
         }
-        let new_id = |label: &i32| labels[1..].binary_search(label).map_or(0, |place| (place + 1) as u16);
+        let new_id =
+            |label: &i32| labels[1..].binary_search(label).map_or(0, |place| (place + 1) as u16);
         let new_ids: Vec<u16> = label_of.iter().map(new_id).collect();
         let mut ids = room(self.ids().len(), "voxels of an image")?;
         ids.par_extend(self.ids().par_iter().map(|&id| new_ids[usize::from(id)]));
-        // Each label is that of some voxels: all ids but 0 were, and 0 becomes another label only where it was.
+        // Each label is that of some voxels: all ids but 0 were, and 0 becomes another label only
+        // where it was.
         Ok(Self::assembled(ids, labels, self.dims(), *self.frame()))
     }
 }
@@ -125,10 +139,16 @@ mod tests {
         assert_eq!(merged(&[]).unwrap(), labels_of(&image));
         assert_eq!(merged(&[(3, 10), (4, 10)]).unwrap(), [0, i32::MAX, 10, 10, i32::MIN, 10]);
         assert_eq!(merged(&[(3, 4), (4, 3), (3, 4)]).unwrap(), [0, i32::MAX, 4, 3, i32::MIN, 4]);
-        assert_eq!(merged(&[(i32::MIN, i32::MAX), (0, i32::MIN)]).unwrap(), [i32::MIN, i32::MAX, 3, 4, i32::MAX, 3]);
+        assert_eq!(
+            merged(&[(i32::MIN, i32::MAX), (0, i32::MIN)]).unwrap(),
+            [i32::MIN, i32::MAX, 3, 4, i32::MAX, 3]
+        );
         assert_eq!(merged(&[(3, 0)]).unwrap(), [0, i32::MAX, 0, 4, i32::MIN, 0]);
         let message = |merge: &[(i32, i32)]| merged(merge).unwrap_err().to_string();
-        assert_eq!(message(&[(3, 4), (5, 4)]), "label 5 is to become 4, but does not occur in the image");
+        assert_eq!(
+            message(&[(3, 4), (5, 4)]),
+            "label 5 is to become 4, but does not occur in the image"
+        );
         assert_eq!(message(&[(3, 4), (3, 5)]), "label 3 is to become both 4 and 5");
     }
 
@@ -137,9 +157,17 @@ mod tests {
         let image = image(&[7, -2, 7, 9]);
         assert_eq!(labels_of(&image.merged(&[], 7).unwrap()), [0, -2, 0, 9]);
         assert_eq!(labels_of(&image.merged(&[(9, 7)], 7).unwrap()), [0, -2, 0, 0]);
-        let message = |merge: &[(i32, i32)], background| image.merged(merge, background).unwrap_err().to_string();
-        assert_eq!(message(&[], 3), "label 3 is to be the background, but does not occur in the image");
-        assert_eq!(message(&[(0, 1)], 0), "label 0 is to become 1, but does not occur in the image");
+        let message = |merge: &[(i32, i32)], background| {
+            image.merged(merge, background).unwrap_err().to_string()
+        };
+        assert_eq!(
+            message(&[], 3),
+            "label 3 is to be the background, but does not occur in the image"
+        );
+        assert_eq!(
+            message(&[(0, 1)], 0),
+            "label 0 is to become 1, but does not occur in the image"
+        );
         assert!(message(&[(9, 0)], 7).starts_with("label 0 occurs beside the background label 7"));
         let both = self::image(&[0, 7, 1]);
         assert_eq!(labels_of(&both.merged(&[(0, 5)], 7).unwrap()), [5, 0, 1]);

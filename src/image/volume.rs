@@ -1,7 +1,7 @@
 //! The voxels of a label image, as dense ids.
 //!
-//! A [`LabelImage`] is immutable once made and may be shared between threads. It takes 2 bytes per voxel; making one is linear in the
-//! voxels (see the builder beside this file).
+//! A [`LabelImage`] is immutable once made and may be shared between threads. It takes 2 bytes per
+//! voxel; making one is linear in the voxels (see the builder beside this file).
 
 use std::fmt::Display;
 use std::sync::Arc;
@@ -27,11 +27,12 @@ pub enum Voxels<'a> {
     I64(&'a [i64]),
 }
 
-/// A label image. Labels are kept as dense ids (u16): id 0 is label 0, the background; ids are handed out to the other labels in
-/// increasing order of label. Voxel (i, j, k) is `ids()[i + nx * (j + ny * k)]`.
+/// A label image. Labels are kept as dense ids (u16): id 0 is label 0, the background; ids are
+/// handed out to the other labels in increasing order of label. Voxel (i, j, k) is
+/// `ids()[i + nx * (j + ny * k)]`.
 ///
-/// Made of a [`GrayImage`](super::GrayImage) or a [`ProbabilityImage`](super::ProbabilityImage) it also holds their values, between which the smooth surface model then
-/// interpolates.
+/// Made of a [`GrayImage`](super::GrayImage) or a [`ProbabilityImage`](super::ProbabilityImage) it
+/// also holds their values, between which the smooth surface model then interpolates.
 ///
 /// Every id but 0 occurs; there are fewer than 2^32 voxels, so that u32 numbers them.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,12 +46,14 @@ pub struct LabelImage {
 }
 
 impl LabelImage {
-    /// Copies a caller's voxels. `strides[axis]` is the distance in elements between neighbours along the axis (may be negative;
-    /// then `offset` is where voxel (0, 0, 0) lies); `None` is x fastest, packed.
+    /// Copies a caller's voxels. `strides[axis]` is the distance in elements between neighbours
+    /// along the axis (may be negative; then `offset` is where voxel (0, 0, 0) lies); `None` is x
+    /// fastest, packed.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`]: a dimension of 0, 2^32 voxels or more, a slice too short for dims and strides, a label that does
-    /// not fit i32, more than 65534 different labels besides 0. [`Error::OutOfMemory`].
+    /// [`Error::InvalidArgument`]: a dimension of 0, 2^32 voxels or more, a slice too short for
+    /// dims and strides, a label that does not fit i32, more than 65534 different labels besides 0.
+    /// [`Error::OutOfMemory`].
     pub fn from_voxels(
         voxels: Voxels<'_>,
         dims: [usize; 3],
@@ -88,24 +91,42 @@ impl LabelImage {
         builder.finish(frame)
     }
 
-    /// Takes over dense ids, x fastest, and the label of each. Ids that do not occur are dropped from the table.
+    /// Takes over dense ids, x fastest, and the label of each. Ids that do not occur are dropped
+    /// from the table.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`]: dims that are impossible or differ from the number of ids, an id without label, `labels[0]` other
-    /// than 0, labels after it that are 0, not increasing, or more than 65534.
-    pub fn from_ids(dims: [usize; 3], frame: Frame, mut ids: Vec<u16>, mut labels: Vec<i32>) -> Result<Self> {
+    /// [`Error::InvalidArgument`]: dims that are impossible or differ from the number of ids, an id
+    /// without label, `labels[0]` other than 0, labels after it that are 0, not increasing, or more
+    /// than 65534.
+    pub fn from_ids(
+        dims: [usize; 3],
+        frame: Frame,
+        mut ids: Vec<u16>,
+        mut labels: Vec<i32>,
+    ) -> Result<Self> {
         let count = voxel_count(dims)?;
         if ids.len() != count {
-            return Err(Error::InvalidArgument(format!("{count} voxels need as many ids, got {}", ids.len())));
+            return Err(Error::InvalidArgument(format!(
+                "{count} voxels need as many ids, got {}",
+                ids.len()
+            )));
         }
         if labels.first() != Some(&0) {
-            return Err(Error::InvalidArgument(format!("the label of id 0 must be 0, got {:?}", labels.first())));
+            return Err(Error::InvalidArgument(format!(
+                "the label of id 0 must be 0, got {:?}",
+                labels.first()
+            )));
         }
         if labels[1..].contains(&0) || !labels[1..].is_sorted_by(|a, b| a < b) {
-            return Err(Error::InvalidArgument("labels of ids above 0 must increase and differ from 0".into()));
+            return Err(Error::InvalidArgument(
+                "labels of ids above 0 must increase and differ from 0".into(),
+            ));
         }
         if labels.len() > MAX_IDS {
-            return Err(Error::InvalidArgument(format!("labels of {} ids are more than {MAX_IDS}", labels.len())));
+            return Err(Error::InvalidArgument(format!(
+                "labels of {} ids are more than {MAX_IDS}",
+                labels.len()
+            )));
         }
         // All ids that u16 can hold, so that an id without label is found and not indexed with.
         let mut occurs = vec![false; usize::from(u16::MAX) + 1];
@@ -138,7 +159,12 @@ impl LabelImage {
     }
 
     /// Puts together what the builder made; the invariants above must hold.
-    pub(super) fn assembled(ids: Vec<u16>, labels: Vec<i32>, dims: [usize; 3], frame: Frame) -> Self {
+    pub(super) fn assembled(
+        ids: Vec<u16>,
+        labels: Vec<i32>,
+        dims: [usize; 3],
+        frame: Frame,
+    ) -> Self {
         Self { dims, frame, ids, labels, field: None }
     }
 
@@ -189,7 +215,8 @@ impl LabelImage {
     pub fn label_at(&self, index: [usize; 3]) -> Option<i32> {
         let [nx, ny, _] = self.dims;
         let inside = (0..3).all(|axis| index[axis] < self.dims[axis]);
-        inside.then(|| self.labels[usize::from(self.ids[index[0] + nx * (index[1] + ny * index[2])])])
+        inside
+            .then(|| self.labels[usize::from(self.ids[index[0] + nx * (index[1] + ny * index[2])])])
     }
 
     /// Voxels of each id; a pass over the image.
@@ -228,7 +255,8 @@ fn check_extent(len: usize, dims: [usize; 3], strides: [isize; 3], offset: usize
     }
     if first < 0 || last >= len as i128 {
         return Err(Error::InvalidArgument(format!(
-            "voxels {dims:?} with strides {strides:?} and offset {offset} reach from element {first} to {last}, but the buffer has {len}"
+            "voxels {dims:?} with strides {strides:?} and offset {offset} reach from element \
+             {first} to {last}, but the buffer has {len}"
         )));
     }
     Ok(())
@@ -292,9 +320,13 @@ mod tests {
     proptest! {
         #[test]
         fn dense_ids_give_every_label_back_in_increasing_order(
-            labels in prop::collection::vec(prop_oneof![Just(0), -3..4_i32, 60_000..70_000_i32, any::<i32>()], 60)
+            labels in prop::collection::vec(
+                prop_oneof![Just(0), -3..4_i32, 60_000..70_000_i32, any::<i32>()],
+                60,
+            ),
         ) {
-            let image = LabelImage::from_voxels(Voxels::I32(&labels), [3, 4, 5], None, 0, unit()).unwrap();
+            let image =
+                LabelImage::from_voxels(Voxels::I32(&labels), [3, 4, 5], None, 0, unit()).unwrap();
             prop_assert_eq!(&labels_of(&image), &labels);
             let distinct: BTreeSet<i32> = labels.iter().copied().filter(|&l| l != 0).collect();
             let expected: Vec<i32> = std::iter::once(0).chain(distinct).collect();
@@ -307,7 +339,10 @@ mod tests {
         }
 
         #[test]
-        fn strides_address_what_the_caller_means(flips in prop::array::uniform3(any::<bool>()), order in 0..6_usize) {
+        fn strides_address_what_the_caller_means(
+            flips in prop::array::uniform3(any::<bool>()),
+            order in 0..6_usize,
+        ) {
             let dims = [4, 3, 2];
             let axes = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]][order];
             let mut strides = [0_isize; 3];
@@ -324,14 +359,37 @@ mod tests {
                 }
             }
             let at = |i: usize, j: usize, k: usize| {
-                (offset + i as isize * strides[0] + j as isize * strides[1] + k as isize * strides[2]) as usize
+                (offset
+                    + i as isize * strides[0]
+                    + j as isize * strides[1]
+                    + k as isize * strides[2]) as usize
             };
             let mut buffer = vec![0_u16; 24];
-            for k in 0..2 { for j in 0..3 { for i in 0..4 { buffer[at(i, j, k)] = (i + 10 * j + 100 * k) as u16; } } }
-            let image = LabelImage::from_voxels(Voxels::U16(&buffer), dims, Some(strides), offset as usize, unit()).unwrap();
-            for k in 0..2 { for j in 0..3 { for i in 0..4 {
-                prop_assert_eq!(image.label_at([i, j, k]), Some((i + 10 * j + 100 * k) as i32));
-            } } }
+            for k in 0..2 {
+                for j in 0..3 {
+                    for i in 0..4 {
+                        buffer[at(i, j, k)] = (i + 10 * j + 100 * k) as u16;
+                    }
+                }
+            }
+            let image = LabelImage::from_voxels(
+                Voxels::U16(&buffer),
+                dims,
+                Some(strides),
+                offset as usize,
+                unit(),
+            )
+            .unwrap();
+            for k in 0..2 {
+                for j in 0..3 {
+                    for i in 0..4 {
+                        prop_assert_eq!(
+                            image.label_at([i, j, k]),
+                            Some((i + 10 * j + 100 * k) as i32)
+                        );
+                    }
+                }
+            }
         }
     }
 
@@ -341,23 +399,33 @@ mod tests {
 
     #[test]
     fn refuses_what_it_cannot_hold() {
-        let from =
-            |v: Voxels<'_>, dims, strides, offset| error(LabelImage::from_voxels(v, dims, strides, offset, unit()));
+        let from = |v: Voxels<'_>, dims, strides, offset| {
+            error(LabelImage::from_voxels(v, dims, strides, offset, unit()))
+        };
         assert_eq!(from(Voxels::U8(&[]), [0, 1, 1], None, 0), "image axis 0 has 0 voxels");
         assert!(from(Voxels::U8(&[1]), [1 << 16, 1 << 16, 1], None, 0).contains("too large"));
         assert!(from(Voxels::U8(&[1]), [usize::MAX, usize::MAX, 2], None, 0).contains("too large"));
         assert!(from(Voxels::U8(&[1; 7]), [2, 2, 2], None, 0).contains("buffer has 7"));
         assert!(from(Voxels::U8(&[1; 8]), [2, 2, 2], None, 1).contains("to 8"));
-        assert!(from(Voxels::U8(&[1; 8]), [2, 2, 2], Some([-1, 2, 4]), 0).contains("from element -1"));
-        assert!(from(Voxels::U8(&[1; 8]), [2, 2, 2], Some([isize::MAX; 3]), usize::MAX).contains("buffer has 8"));
-        assert!(from(Voxels::U32(&[1, u32::MAX]), [1, 2, 1], None, 0).contains("label 4294967295 of voxel (0, 1, 0)"));
+        assert!(
+            from(Voxels::U8(&[1; 8]), [2, 2, 2], Some([-1, 2, 4]), 0).contains("from element -1")
+        );
+        assert!(
+            from(Voxels::U8(&[1; 8]), [2, 2, 2], Some([isize::MAX; 3]), usize::MAX)
+                .contains("buffer has 8")
+        );
+        assert!(
+            from(Voxels::U32(&[1, u32::MAX]), [1, 2, 1], None, 0)
+                .contains("label 4294967295 of voxel (0, 1, 0)")
+        );
         assert!(from(Voxels::I64(&[i64::MIN]), [1, 1, 1], None, 0).contains("does not fit"));
     }
 
     #[test]
     fn as_many_labels_as_ids_and_not_one_more() {
         let mut labels: Vec<i32> = (0..65_535).rev().map(|i| i * 3).collect();
-        let image = LabelImage::from_voxels(Voxels::I32(&labels), [65_535, 1, 1], None, 0, unit()).unwrap();
+        let image =
+            LabelImage::from_voxels(Voxels::I32(&labels), [65_535, 1, 1], None, 0, unit()).unwrap();
         assert_eq!(image.labels().len(), 65_535);
         assert_eq!(labels_of(&image), labels);
         labels.push(-1);
@@ -366,12 +434,17 @@ mod tests {
                 .contains("more than 65534")
         );
         let increasing: Vec<i32> = (0..65_536).collect();
-        assert!(error(LabelImage::from_ids([1, 1, 1], unit(), vec![0], increasing)).contains("more than 65535"));
+        assert!(
+            error(LabelImage::from_ids([1, 1, 1], unit(), vec![0], increasing))
+                .contains("more than 65535")
+        );
     }
 
     #[test]
     fn ids_are_checked_and_unused_ones_dropped() {
-        let from = |ids: &[u16], labels: &[i32]| LabelImage::from_ids([2, 1, 1], unit(), ids.to_vec(), labels.to_vec());
+        let from = |ids: &[u16], labels: &[i32]| {
+            LabelImage::from_ids([2, 1, 1], unit(), ids.to_vec(), labels.to_vec())
+        };
         let image = from(&[3, 1], &[0, -2, 5, 9]).unwrap();
         assert_eq!((image.ids(), image.labels()), (&[2, 1][..], &[0, -2, 9][..]));
         assert!(error(from(&[2, 0], &[0, 1])).contains("id 2 occurs"));
@@ -383,7 +456,8 @@ mod tests {
 
     #[test]
     fn without_background_id_0_still_stands_for_label_0() {
-        let image = LabelImage::from_voxels(Voxels::U8(&[4; 8]), [2, 2, 2], None, 0, unit()).unwrap();
+        let image =
+            LabelImage::from_voxels(Voxels::U8(&[4; 8]), [2, 2, 2], None, 0, unit()).unwrap();
         assert_eq!((image.labels(), image.voxel_counts()), (&[0, 4][..], vec![0, 8]));
         assert_eq!(image.label_at([2, 0, 0]), None);
     }

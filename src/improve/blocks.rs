@@ -1,22 +1,26 @@
-//! Who may change what: blocks of space that are improved side by side, with the same result on any number of threads.
+//! Who may change what: blocks of space that are improved side by side, with the same result on any
+//! number of threads.
 //!
-//! Space is cut into cubes, the *blocks*. At the start of a round each vertex belongs to the block where it lies, and
-//! keeps to it until the round ends, wherever it is moved. **A block owns the tets with at least three vertices in it.**
-//! A block works alone, one operation after the other, and an operation may only
+//! Space is cut into cubes, the *blocks*. At the start of a round each vertex belongs to the block
+//! where it lies, and keeps to it until the round ends, wherever it is moved. **A block owns the
+//! tets with at least three vertices in it.** A block works alone, one operation after the other,
+//! and an operation may only
 //! - replace tets that the block owns by others that it owns,
 //! - move a vertex all of whose tets it owns.
 //!
 //! What follows, and why blocks can work at the same time without locks:
 //! 1. No tet is owned by two blocks: they would share two of its four vertices.
-//! 2. A tet of one block never shares a facet with a tet of another. One has two of the facet's three vertices at least
-//!    in its block, and so has the other in its own. So the tets beside an owned one are the block's own or nobody's.
-//! 3. Nobody changes the vertices or the label of a tet that nobody owns. So a block may read those beside its own. When
-//!    it replaces one of its tets it writes the number of the new one into the tet on the other side of the facet. That
-//!    is one word, which belongs to this facet alone.
+//! 2. A tet of one block never shares a facet with a tet of another. One has two of the facet's
+//!    three vertices at least in its block, and so has the other in its own. So the tets beside an
+//!    owned one are the block's own or nobody's.
+//! 3. Nobody changes the vertices or the label of a tet that nobody owns. So a block may read those
+//!    beside its own. When it replaces one of its tets it writes the number of the new one into the
+//!    tet on the other side of the facet. That is one word, which belongs to this facet alone.
 //! 4. A moved vertex is in tets of the block alone, so nobody else reads where it is.
 //!
-//! So what a block does depends on nothing that happens in another block during the round. The blocks, the tets that
-//! each begins with and the slots that it may fill are the same on any number of threads. Hence the same bytes.
+//! So what a block does depends on nothing that happens in another block during the round. The
+//! blocks, the tets that each begins with and the slots that it may fill are the same on any number
+//! of threads. Hence the same bytes.
 //!
 //! What lies on the border of a block has to wait. In the next round the blocks are shifted.
 
@@ -27,16 +31,18 @@ use crate::Result;
 use crate::memory::zeroed;
 use crate::mesh::TetMesh;
 
-/// Tets of the object in a block, about: enough that few lie at its border, few enough that all threads have some.
+/// Tets of the object in a block, about: enough that few lie at its border, few enough that all
+/// threads have some.
 const TETS_PER_BLOCK: f64 = 30_000.0;
 /// Most blocks along an axis; their numbers fit in 32 bits.
 const MAX_ALONG: f64 = 1000.0;
 /// Vertices per piece of work.
 const CHUNK: usize = 1 << 14;
-/// By how much of a block's edge the blocks of a round are shifted against those of the round before, along each axis:
-/// powers of the root of x^4 = x + 1, so that no border comes near an earlier one soon (M. Roberts, "The unreasonable
-/// effectiveness of quasirandom sequences", 2018).
-const SHIFT: DVec3 = DVec3::new(0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3);
+/// By how much of a block's edge the blocks of a round are shifted against those of the round
+/// before, along each axis: powers of the root of x^4 = x + 1, so that no border comes near an
+/// earlier one soon (M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018).
+const SHIFT: DVec3 =
+    DVec3::new(0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3);
 
 /// The blocks of all rounds.
 pub(super) struct Blocks {
@@ -78,13 +84,15 @@ impl Blocks {
     pub fn of_vertices(&self, mesh: &TetMesh, round: u32) -> Result<Vec<u32>> {
         let mut blocks = zeroed(mesh.points.len(), "blocks of vertices")?;
         let shift = (SHIFT * f64::from(round)).fract();
-        blocks.par_chunks_mut(CHUNK).zip(mesh.points.par_chunks(CHUNK)).for_each(|(blocks, points)| {
-            for (block, &p) in blocks.iter_mut().zip(points) {
-                let at = ((DVec3::from_array(p) - self.lower) / self.edge + shift).floor();
-                let at = at.max(DVec3::ZERO).min(self.along - 1.0);
-                *block = (at.x + self.along.x * (at.y + self.along.y * at.z)) as u32;
-            }
-        });
+        blocks.par_chunks_mut(CHUNK).zip(mesh.points.par_chunks(CHUNK)).for_each(
+            |(blocks, points)| {
+                for (block, &p) in blocks.iter_mut().zip(points) {
+                    let at = ((DVec3::from_array(p) - self.lower) / self.edge + shift).floor();
+                    let at = at.max(DVec3::ZERO).min(self.along - 1.0);
+                    *block = (at.x + self.along.x * (at.y + self.along.y * at.z)) as u32;
+                }
+            },
+        );
         Ok(blocks)
     }
 }

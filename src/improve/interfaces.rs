@@ -1,4 +1,5 @@
-//! What improvement asks about the interfaces: how far they may change, and where a moved vertex belongs.
+//! What improvement asks about the interfaces: how far they may change, and where a moved vertex
+//! belongs.
 
 use glam::DVec3;
 
@@ -13,7 +14,8 @@ pub(super) struct Interfaces<'a> {
     /// The label of each id of the oracle.
     pub labels: &'a [i32],
     pub sizing: &'a Sizing,
-    /// How far a vertex of an interface may be moved in all, and how far a facet may be from those it replaces.
+    /// How far a vertex of an interface may be moved in all, and how far a facet may be from those
+    /// it replaces.
     pub tolerance: f64,
     /// The squared cosine of the smallest angle of an interface facet.
     pub facet_cosine_squared: f64,
@@ -27,8 +29,9 @@ impl Interfaces<'_> {
         self.labels[usize::from(self.oracle.label(p))]
     }
 
-    /// Whether a facet between two labels is where the image has that interface: has the first label below it and the
-    /// second one above, in the direction of (b - a) x (c - a), within the facet distance of refinement (rule R3).
+    /// Whether a facet between two labels is where the image has that interface: has the first
+    /// label below it and the second one above, in the direction of (b - a) x (c - a), within the
+    /// facet distance of refinement (rule R3).
     pub fn holds_facet(&self, [a, b, c]: [DVec3; 3], [below, above]: [i32; 2]) -> bool {
         let center = (a + b + c) / 3.0;
         let normal = (b - a).cross(c - a).normalize_or_zero();
@@ -41,18 +44,20 @@ impl Interfaces<'_> {
         !has_angle_below(a, b, c, self.facet_cosine_squared)
     }
 
-    /// The point of the interface near `p`, along `normal`, that has the first label below and the second one above, both at
-    /// a distance of `reach`.
+    /// The point of the interface near `p`, along `normal`, that has the first label below and the
+    /// second one above, both at a distance of `reach`.
     pub fn project(&self, p: DVec3, normal: DVec3, reach: f64, pair: [i32; 2]) -> Option<DVec3> {
         self.oracle.project(p, normal, reach, pair, self.labels)
     }
 
-    /// Whether `to` is no farther from the interface than `from`, measured along the line through both.
+    /// Whether `to` is no farther from the interface than `from`, measured along the line through
+    /// both.
     pub fn is_closer(&self, to: DVec3, from: DVec3, up: DVec3, labels: [i32; 2]) -> bool {
         let way = (to - from).normalize_or_zero();
         let normal = if way.dot(up) < 0.0 { -way } else { way };
         let reach = to.distance(from) + self.tolerance;
-        self.project(to, normal, reach, labels).is_some_and(|at| at.distance_squared(to) <= at.distance_squared(from))
+        self.project(to, normal, reach, labels)
+            .is_some_and(|at| at.distance_squared(to) <= at.distance_squared(from))
     }
 
     /// The walls that all three points are on.

@@ -1,13 +1,16 @@
-//! How good a tet is: the square of the sine of its worst dihedral angle, or less where it is long and thin.
+//! How good a tet is: the square of the sine of its worst dihedral angle, or less where it is long
+//! and thin.
 //!
-//! The sine falls to 0 as an angle goes to 0 and as it goes to 180 degrees, so one number tells of both. All six are at
-//! least sin^2(15 degrees) when all angles lie between 15 and 165. At an edge of length l between facets of areas A and
-//! B, in a tet of volume V, the sine is 3 V l / (2 A B) (J. R. Shewchuk, "What is a good linear finite element?",
-//! 2002). Its square takes no root, which is why it is what tets are compared by.
+//! The sine falls to 0 as an angle goes to 0 and as it goes to 180 degrees, so one number tells of
+//! both. All six are at least sin^2(15 degrees) when all angles lie between 15 and 165. At an edge
+//! of length l between facets of areas A and B, in a tet of volume V, the sine is 3 V l / (2 A B)
+//! (J. R. Shewchuk, "What is a good linear finite element?", 2002). Its square takes no root, which
+//! is why it is what tets are compared by.
 //!
-//! A needle can have good dihedral angles. So the ratio of circumradius to shortest edge counts, too, which refinement keeps
-//! below 2: a tet whose ratio is [`WORST_RATIO`] times as large measures as much as one that is just at the target. So no operation makes
-//! a tet with a larger ratio while it has another way.
+//! A needle can have good dihedral angles. So the ratio of circumradius to shortest edge counts,
+//! too, which refinement keeps below 2: a tet whose ratio is [`WORST_RATIO`] times as large
+//! measures as much as one that is just at the target. So no operation makes a tet with a larger
+//! ratio while it has another way.
 
 use glam::DVec3;
 
@@ -23,8 +26,8 @@ pub fn degrees_of(measure: f64) -> f64 {
     measure.clamp(0.0, 1.0).sqrt().asin().to_degrees()
 }
 
-/// A tet is below the target if its ratio of circumradius to shortest edge is more than this many times what refinement
-/// was asked for.
+/// A tet is below the target if its ratio of circumradius to shortest edge is more than this many
+/// times what refinement was asked for.
 pub const WORST_RATIO: f64 = 1.25;
 /// The same where nothing else helps.
 pub const LAST_RATIO: f64 = 2.0;
@@ -39,14 +42,17 @@ pub struct Measure {
 }
 
 impl Measure {
-    /// For dihedral angles of so many degrees and more, after a refinement with that bound of the ratio.
+    /// For dihedral angles of so many degrees and more, after a refinement with that bound of the
+    /// ratio.
     pub fn new(degrees: f64, radius_edge: f64) -> Self {
-        // A little more than is asked for, so that rounding in another program's angles does not matter.
+        // A little more than is asked for, so that rounding in another program's angles does not
+        // matter.
         let target = measure_of(degrees) * (1.0 + 1e-6);
         Self { target, ratio: 4.0 * target * (WORST_RATIO * radius_edge).powi(2) }
     }
 
-    /// Whether a tet measures more than `bound`: the same comparison, but for rounding, without the divisions.
+    /// Whether a tet measures more than `bound`: the same comparison, but for rounding, without the
+    /// divisions.
     #[inline]
     pub fn exceeds(&self, &[a, b, c, d]: &[DVec3; 4], bound: f64) -> bool {
         let (u, v, w) = (b - a, c - a, d - a);
@@ -76,7 +82,8 @@ impl Measure {
         Self { ratio: self.ratio * (LAST_RATIO / WORST_RATIO).powi(2), ..self }
     }
 
-    /// The measure of a tet; 0 where the computed volume is not above 0. At most 8/9, that of a regular tet.
+    /// The measure of a tet; 0 where the computed volume is not above 0. At most 8/9, that of a
+    /// regular tet.
     #[inline]
     pub fn of(&self, &[a, b, c, d]: &[DVec3; 4]) -> f64 {
         let (u, v, w) = (b - a, c - a, d - a);
@@ -112,7 +119,8 @@ impl Measure {
 pub fn is_positive(&[a, b, c, d]: &[DVec3; 4]) -> bool {
     let (u, v, w) = (b - a, c - a, d - a);
     let det = u.dot(v.cross(w));
-    // The error of the determinant is below 30 roundings of |u| |v| |w|, 4e-15 of it. What is far above that has its sign.
+    // The error of the determinant is below 30 roundings of |u| |v| |w|, 4e-15 of it. What is far
+    // above that has its sign.
     let scale = u.length_squared() * v.length_squared() * w.length_squared();
     if det * det > 1e-24 * scale { det > 0.0 } else { orient(a, b, c, d) > 0.0 }
 }
@@ -127,19 +135,32 @@ mod tests {
     proptest! {
         /// Against the six angles themselves.
         #[test]
-        fn the_measure_is_that_of_the_worst_angle_or_the_ratio(p in prop::array::uniform4(prop::array::uniform3(-1.0..1.0_f64))) {
+        fn the_measure_is_that_of_the_worst_angle_or_the_ratio(
+            p in prop::array::uniform4(prop::array::uniform3(-1.0..1.0_f64)),
+        ) {
             let [a, b, c, d] = p.map(DVec3::from_array);
             let [a, b] = if orient(a, b, c, d) > 0.0 { [a, b] } else { [b, a] };
             let p = [a, b, c, d];
             prop_assume!(orient(a, b, c, d) > 1e-6);
             prop_assert!(is_positive(&p) && !is_positive(&[b, a, c, d]));
-            let worst = dihedral_angles(&p).into_iter().map(|angle| angle.min(180.0 - angle)).fold(90.0, f64::min);
+            let worst = dihedral_angles(&p)
+                .into_iter()
+                .map(|angle| angle.min(180.0 - angle))
+                .fold(90.0, f64::min);
             let measure = Measure::new(15.0, 2.0);
-            let expected = measure_of(worst).min(measure.target * (2.0 * WORST_RATIO / radius_edge_ratio(&p)).powi(2));
-            prop_assert!((measure.of(&p) - expected).abs() < 1e-9, "{} is not {expected}", measure.of(&p));
+            let expected = measure_of(worst)
+                .min(measure.target * (2.0 * WORST_RATIO / radius_edge_ratio(&p)).powi(2));
+            prop_assert!(
+                (measure.of(&p) - expected).abs() < 1e-9,
+                "{} is not {expected}",
+                measure.of(&p)
+            );
             prop_assert_eq!(measure.of(&[b, a, c, d]), 0.0);
             let value = measure.of(&p);
-            prop_assert!(measure.exceeds(&p, value * (1.0 - 1e-9)) && !measure.exceeds(&p, value * (1.0 + 1e-9)));
+            prop_assert!(
+                measure.exceeds(&p, value * (1.0 - 1e-9))
+                    && !measure.exceeds(&p, value * (1.0 + 1e-9))
+            );
             prop_assert!(!measure.exceeds(&[b, a, c, d], 0.0));
             prop_assert!((degrees_of(measure_of(worst)) - worst).abs() < 1e-9);
         }

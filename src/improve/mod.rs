@@ -1,26 +1,29 @@
 //! Mesh improvement: slivers go, the interfaces stay.
 //!
-//! Delaunay refinement bounds the ratio of circumradius to shortest edge, which flat tets (slivers) can satisfy. Solvers
-//! need dihedral angles that are neither small nor near 180 degrees. So the finished mesh is changed where it is worse than
-//! the target, and nowhere else. It is no longer Delaunay there.
+//! Delaunay refinement bounds the ratio of circumradius to shortest edge, which flat tets (slivers)
+//! can satisfy. Solvers need dihedral angles that are neither small nor near 180 degrees. So the
+//! finished mesh is changed where it is worse than the target, and nowhere else. It is no longer
+//! Delaunay there.
 //!
 //! These operations are tried in this order, worst tet first:
 //! 1. Edge removal, inside of a label and on interfaces (`removal`, `ring`).
 //! 2. Smoothing of the vertices, each along what it belongs to (`smoothing`, `star`).
 //! 3. Splits of edges inside of labels (`split`).
 //!
-//! An operation is carried out only if the least measure of the tets that it changes rises (`measure`), and if every new
-//! tet is positive by its exact sign. So nothing is ever inverted, and the work ends. Labels, their topology and the places
-//! of interfaces are kept; each operation's file says how.
+//! An operation is carried out only if the least measure of the tets that it changes rises
+//! (`measure`), and if every new tet is positive by its exact sign. So nothing is ever inverted,
+//! and the work ends. Labels, their topology and the places of interfaces are kept; each
+//! operation's file says how.
 //!
-//! The tets of the background around the object take part: they must stay positive, so that no two parts of the object ever
-//! meet. They are dropped at the end.
+//! The tets of the background around the object take part: they must stay positive, so that no two
+//! parts of the object ever meet. They are dropped at the end.
 //!
-//! The mesh is divided into blocks that are improved side by side (`blocks`). **The result is the same on any number of
-//! threads**, given the same refined mesh.
+//! The mesh is divided into blocks that are improved side by side (`blocks`). **The result is the
+//! same on any number of threads**, given the same refined mesh.
 //!
-//! Sources: L. A. Freitag and C. Ollivier-Gooch, "Tetrahedral mesh improvement using swapping and smoothing", 1997; B. M.
-//! Klingner and J. R. Shewchuk, "Aggressive tetrahedral mesh improvement", 2007. docs/improvement.md has the measurements.
+//! Sources: L. A. Freitag and C. Ollivier-Gooch, "Tetrahedral mesh improvement using swapping and
+//! smoothing", 1997; B. M. Klingner and J. R. Shewchuk, "Aggressive tetrahedral mesh improvement",
+//! 2007. docs/improvement.md has the measurements.
 //!
 //! | file | what |
 //! |---|---|
@@ -71,8 +74,8 @@ use star::Star;
 
 /// Tets per piece of work.
 const CHUNK: usize = 1 << 12;
-/// How far interfaces may be moved, in parts of the smallest side of a voxel: for targets up to that many degrees, and for
-/// the largest ones.
+/// How far interfaces may be moved, in parts of the smallest side of a voxel: for targets up to
+/// that many degrees, and for the largest ones.
 const TOLERANCE: f64 = 0.1;
 const TOLERANCE_UP_TO: f64 = 15.0;
 const MAX_TOLERANCE: f64 = 0.2;
@@ -98,9 +101,9 @@ pub struct Settings<'a> {
     pub check_time: &'a (dyn Fn() -> Result<()> + Sync),
 }
 
-/// Improves `mesh`, which has the tets of the background around the object, too. Slots of tets that are gone are left empty:
-/// their first vertex is [`NONE`]. Returns besides what ended the work early; the mesh is valid then as well, improved as far
-/// as it came.
+/// Improves `mesh`, which has the tets of the background around the object, too. Slots of tets that
+/// are gone are left empty: their first vertex is [`NONE`]. Returns besides what ended the work
+/// early; the mesh is valid then as well, improved as far as it came.
 ///
 /// # Errors
 /// [`OutOfMemory`](Error::OutOfMemory), with the mesh valid.
@@ -118,13 +121,17 @@ pub fn improve(
         facet_cosine_squared: settings.facet_angle.to_radians().cos().powi(2),
         change: settings.improve == Improve::Full,
     };
-    let mut improvement =
-        Improvement { target: settings.target, tolerance: interfaces.tolerance, ..Improvement::default() };
+    let mut improvement = Improvement {
+        target: settings.target,
+        tolerance: interfaces.tolerance,
+        ..Improvement::default()
+    };
     let queue = match below(mesh, measure, interfaces.change, monitor) {
         Err(cancelled @ Error::Cancelled) => return Ok((improvement, Some(cancelled))),
         queue => queue?,
     };
-    improvement.below_before = queue.iter().filter(|&&t| mesh.labels[t as usize] != 0).count() as u64;
+    improvement.below_before =
+        queue.iter().filter(|&&t| mesh.labels[t as usize] != 0).count() as u64;
     if let Err(cancelled) = monitor.enter(Step::Improve, queue.len()) {
         return Ok((improvement, Some(cancelled)));
     }
@@ -147,7 +154,8 @@ pub fn improve(
     Ok((improvement, ended))
 }
 
-/// How far interfaces may be moved for a target in degrees, in parts of the smallest side of a voxel.
+/// How far interfaces may be moved for a target in degrees, in parts of the smallest side of a
+/// voxel.
 pub fn tolerance(target: f64) -> f64 {
     (TOLERANCE + TOLERANCE_PER_DEGREE * (target - TOLERANCE_UP_TO)).clamp(TOLERANCE, MAX_TOLERANCE)
 }
@@ -155,10 +163,13 @@ pub fn tolerance(target: f64) -> f64 {
 /// Whether a slot has a tet of the object below the target.
 fn is_below(mesh: &TetMesh, t: u32, measure: Measure) -> bool {
     let tet = mesh.tets[t as usize];
-    tet[0] != NONE && mesh.labels[t as usize] != 0 && !measure.exceeds(&tet.map(|v| mesh.point(v)), measure.target)
+    tet[0] != NONE
+        && mesh.labels[t as usize] != 0
+        && !measure.exceeds(&tet.map(|v| mesh.point(v)), measure.target)
 }
 
-/// Whether a slot has a tet of the background below the target that closes the angle between two facets of the object.
+/// Whether a slot has a tet of the background below the target that closes the angle between two
+/// facets of the object.
 fn is_flat_background(mesh: &TetMesh, t: u32, measure: Measure) -> bool {
     let t = t as usize;
     let is_object = |&n: &u32| n != NONE && mesh.labels[n as usize] != 0;
@@ -168,8 +179,14 @@ fn is_flat_background(mesh: &TetMesh, t: u32, measure: Measure) -> bool {
 }
 
 /// The tets to be improved, in order.
-fn below(mesh: &TetMesh, measure: Measure, background: bool, monitor: &Monitor<'_>) -> Result<Vec<u32>> {
-    let is_wanted = |t: u32| is_below(mesh, t, measure) || background && is_flat_background(mesh, t, measure);
+fn below(
+    mesh: &TetMesh,
+    measure: Measure,
+    background: bool,
+    monitor: &Monitor<'_>,
+) -> Result<Vec<u32>> {
+    let is_wanted =
+        |t: u32| is_below(mesh, t, measure) || background && is_flat_background(mesh, t, measure);
     let count = mesh.tets.len();
     let chunks = (0..count.div_ceil(CHUNK)).into_par_iter().map(|chunk| {
         monitor.check_cancelled()?;
@@ -189,7 +206,12 @@ fn below(mesh: &TetMesh, measure: Measure, background: bool, monitor: &Monitor<'
 }
 
 /// What is to be told of those of the tets `left` that have angles beyond the target.
-fn describe(mesh: &mut TetMesh, left: &[u32], target: f64, interfaces: &Interfaces<'_>) -> Result<Vec<Left>> {
+fn describe(
+    mesh: &mut TetMesh,
+    left: &[u32],
+    target: f64,
+    interfaces: &Interfaces<'_>,
+) -> Result<Vec<Left>> {
     let mut described = Vec::new();
     reserve(&mut described, left.len(), "tets that are left")?;
     let mut changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
@@ -199,7 +221,8 @@ fn describe(mesh: &mut TetMesh, left: &[u32], target: f64, interfaces: &Interfac
         let vertices = shared.tet(tet);
         let corners = shared.corners(vertices);
         let angles = dihedral_angles(&corners);
-        let angles = [angles.into_iter().fold(180.0, f64::min), angles.into_iter().fold(0.0, f64::max)];
+        let angles =
+            [angles.into_iter().fold(180.0, f64::min), angles.into_iter().fold(0.0, f64::max)];
         if angles[0] >= target && angles[1] <= 180.0 - target {
             continue;
         }
@@ -235,7 +258,8 @@ fn max_move(mesh: &TetMesh, refined: &[[f64; 3]]) -> f64 {
 
 /// Facets between tets of the object that are not locally Delaunay. Only changed tets have such.
 fn non_delaunay_facets(mesh: &TetMesh, changed: &[u8]) -> u64 {
-    let is_kept = |t: u32| t != NONE && mesh.tets[t as usize][0] != NONE && mesh.labels[t as usize] != 0;
+    let is_kept =
+        |t: u32| t != NONE && mesh.tets[t as usize][0] != NONE && mesh.labels[t as usize] != 0;
     let count = |t: u32| {
         if changed[t as usize] == 0 || !is_kept(t) {
             return 0;
@@ -243,7 +267,8 @@ fn non_delaunay_facets(mesh: &TetMesh, changed: &[u8]) -> u64 {
         let tet = mesh.tets[t as usize];
         let [a, b, c, d] = tet.map(|v| mesh.point(v));
         let sphere = Circumsphere::of_tet(a, b, c, d);
-        let is_inside = |p: DVec3| sphere.contains(p).unwrap_or_else(|| in_sphere(a, b, c, d, p) > 0.0);
+        let is_inside =
+            |p: DVec3| sphere.contains(p).unwrap_or_else(|| in_sphere(a, b, c, d, p) > 0.0);
         let facets = (0..4).filter(|&i| {
             let other = mesh.neighbors[t as usize][i];
             // Each facet once.

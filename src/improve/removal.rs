@@ -2,19 +2,23 @@
 //!
 //! *Inside* a label any division of the ring will do (see [`ring`](super::ring)).
 //!
-//! *On an interface*, where just two of the facets around edge ab are interface facets, abc and abd, these become acd and
-//! bcd: the edge is flipped on the interface. The ring's polygon is divided along the chord cd, and each of its two parts
-//! keeps its label. A part with a single tet vanishes. That is the case that matters most: two nearly coplanar interface
-//! facets, closed by one flat tet, that no change inside of a label can help.
+//! *On an interface*, where just two of the facets around edge ab are interface facets, abc and
+//! abd, these become acd and bcd: the edge is flipped on the interface. The ring's polygon is
+//! divided along the chord cd, and each of its two parts keeps its label. A part with a single tet
+//! vanishes. That is the case that matters most: two nearly coplanar interface facets, closed by
+//! one flat tet, that no change inside of a label can help.
 //!
 //! What keeps the interface where it is:
-//! - ab and cd are no farther apart than the tolerance, or cd is closer to the image's interface than ab was;
+//! - ab and cd are no farther apart than the tolerance, or cd is closer to the image's interface
+//!   than ab was;
 //! - the new facets have the angles that were asked for;
-//! - the image has the two labels on the two sides of the new facets, within the facet distance of refinement;
+//! - the image has the two labels on the two sides of the new facets, within the facet distance of
+//!   refinement;
 //! - both old facets lie on the same walls of the image, or on none: edges of walls stay.
 //!
-//! What keeps the topology: where a part has a single tet, cd was an edge before. No interface may pass through it, or the
-//! two would touch there. Anywhere else cd cannot have been an edge, because it runs through the ring.
+//! What keeps the topology: where a part has a single tet, cd was an edge before. No interface may
+//! pass through it, or the two would touch there. Anywhere else cd cannot have been an edge,
+//! because it runs through the ring.
 
 use glam::DVec3;
 
@@ -23,7 +27,8 @@ use super::star::Collected;
 use super::worker::{Outcome, Worker};
 use crate::mesh::NONE;
 
-/// A flip farther than the tolerance, but toward the image's interface, may be this many times as far.
+/// A flip farther than the tolerance, but toward the image's interface, may be this many times as
+/// far.
 const FARTHEST_FLIP: f64 = 5.0;
 
 /// A way to do without an edge.
@@ -35,13 +40,14 @@ struct Removal {
 }
 
 impl Worker<'_, '_> {
-    /// Removes the edge of a tet with whose removal the tets around it get best, if they get better than they are: the first
-    /// edge by which they reach the target.
+    /// Removes the edge of a tet with whose removal the tets around it get best, if they get better
+    /// than they are: the first edge by which they reach the target.
     pub fn reconnect(&mut self, t: u32) -> Outcome {
         let is_background = self.round.shared.label(t) == 0;
         let mut outcome = Outcome::Failed;
         let mut rings: [Option<Ring>; 6] = [None; 6];
-        // Most edges are removed with all tets at the target: how good those around them are does not matter then.
+        // Most edges are removed with all tets at the target: how good those around them are does
+        // not matter then.
         for (edge, to) in self.edges_by_angle(t).into_iter().zip(&mut rings) {
             let ring = match ring::around(&self.round.shared, t, edge, |tet| self.owns(tet)) {
                 Around::Ring(ring) => ring,
@@ -80,8 +86,8 @@ impl Worker<'_, '_> {
         }
     }
 
-    /// Reconnects flat tets of the background around the vertices of a tet, so that these can be moved: no tet of the
-    /// background may be inverted.
+    /// Reconnects flat tets of the background around the vertices of a tet, so that these can be
+    /// moved: no tet of the background may be inverted.
     pub fn make_way(&mut self, t: u32) -> Outcome {
         let mut star = std::mem::take(&mut self.star);
         let mut outcome = Outcome::Failed;
@@ -108,14 +114,20 @@ impl Worker<'_, '_> {
         outcome
     }
 
-    /// Removes an edge of a tet of the background inside of it, if that makes the tets there better.
+    /// Removes an edge of a tet of the background inside of it, if that makes the tets there
+    /// better.
     fn reconnect_background(&mut self, t: u32) -> bool {
         for edge in self.edges_by_angle(t) {
-            let Around::Ring(ring) = ring::around(&self.round.shared, t, edge, |tet| self.owns(tet)) else { continue };
+            let Around::Ring(ring) =
+                ring::around(&self.round.shared, t, edge, |tet| self.owns(tet))
+            else {
+                continue;
+            };
             if ring.labels[..ring.len].iter().any(|&label| label != 0) {
                 continue;
             }
-            let old = (0..ring.len).map(|i| self.measure_of(ring.tets[i])).fold(f64::INFINITY, f64::min);
+            let old =
+                (0..ring.len).map(|i| self.measure_of(ring.tets[i])).fold(f64::INFINITY, f64::min);
             let places: [u8; MAX_RING] = std::array::from_fn(|i| i as u8);
             let points = RingPoints::new(&self.round.shared, &ring, self.round.measure);
             let division = points.divide(&places[..ring.len], true, self.to_exceed(old));
@@ -128,11 +140,13 @@ impl Worker<'_, '_> {
         false
     }
 
-    /// The edges of a tet, that with the largest dihedral angle first: around it are the fewest other tets.
+    /// The edges of a tet, that with the largest dihedral angle first: around it are the fewest
+    /// other tets.
     pub fn edges_by_angle(&self, t: u32) -> [usize; 6] {
         let [a, b, c, d] = self.round.shared.corners(self.round.shared.tet(t));
         let (u, v, w) = (b - a, c - a, d - a);
-        let normals = [(c - b).cross(d - b), w.cross(v), u.cross(w), v.cross(u)].map(|n| n.normalize_or_zero());
+        let normals = [(c - b).cross(d - b), w.cross(v), u.cross(w), v.cross(u)]
+            .map(|n| n.normalize_or_zero());
         let mut edges = [0, 1, 2, 3, 4, 5].map(|edge| {
             let [.., k, l] = EDGES[edge];
             // The cosine of the angle is the negative of this.
@@ -152,21 +166,29 @@ impl Worker<'_, '_> {
             }
             None => {
                 let places: [u8; MAX_RING] = std::array::from_fn(|i| i as u8);
-                let division = points.divide(&places[..ring.len], true, above).ok_or(Outcome::Failed)?;
+                let division =
+                    points.divide(&places[..ring.len], true, above).ok_or(Outcome::Failed)?;
                 Ok(Removal { ring: *ring, division, chord: None })
             }
         }
     }
 
-    /// The flip by which tet `t` of the background vanishes from a ring, if that brings the interface closer to the image's,
-    /// makes no tet of the object worse, and gives a label back some of the volume that it lost in this block.
+    /// The flip by which tet `t` of the background vanishes from a ring, if that brings the
+    /// interface closer to the image's, makes no tet of the object worse, and gives a label back
+    /// some of the volume that it lost in this block.
     fn background_removal(&self, ring: &Ring, t: u32) -> Result<Removal, Outcome> {
         let chord = changes_of(ring).flatten().ok_or(Outcome::Failed)?;
         let is_alone = ring.labels[..ring.len].iter().filter(|&&label| label == 0).count() == 1;
-        if !is_alone || !ring.tets[..ring.len].iter().zip(&ring.labels).any(|(&at, &label)| at == t && label == 0) {
+        if !is_alone
+            || !ring.tets[..ring.len]
+                .iter()
+                .zip(&ring.labels)
+                .any(|(&at, &label)| at == t && label == 0)
+        {
             return Err(Outcome::Failed);
         }
-        let gains = ring.labels[..ring.len].iter().find(|&&label| label != 0).ok_or(Outcome::Failed)?;
+        let gains =
+            ring.labels[..ring.len].iter().find(|&&label| label != 0).ok_or(Outcome::Failed)?;
         if self.counts.volume_of(*gains) >= 0.0 {
             return Err(Outcome::Failed);
         }
@@ -181,8 +203,8 @@ impl Worker<'_, '_> {
         counting.map(|i| self.measure_of(ring.tets[i])).fold(f64::INFINITY, f64::min)
     }
 
-    /// The flip of an interface edge, see the module's head; edges `near` each other may be farther from the image's interface
-    /// than before.
+    /// The flip of an interface edge, see the module's head; edges `near` each other may be farther
+    /// from the image's interface than before.
     fn flip(
         &self,
         ring: &Ring,
@@ -210,8 +232,15 @@ impl Worker<'_, '_> {
         Ok(Removal { ring: *ring, division, chord: Some(chord) })
     }
 
-    /// Whether the edge of a ring may be flipped on the interface: all conditions but that on an edge that was there before.
-    fn may_flip(&self, ring: &Ring, points: &RingPoints, [from, to]: [usize; 2], near: f64) -> bool {
+    /// Whether the edge of a ring may be flipped on the interface: all conditions but that on an
+    /// edge that was there before.
+    fn may_flip(
+        &self,
+        ring: &Ring,
+        points: &RingPoints,
+        [from, to]: [usize; 2],
+        near: f64,
+    ) -> bool {
         let interfaces = self.round.interfaces;
         let [a, b] = points.ends;
         let [c, d] = [points.ring[from], points.ring[to]];
@@ -242,21 +271,26 @@ impl Worker<'_, '_> {
         facets.iter().all(|&facet| interfaces.holds_facet(facet, labels))
     }
 
-    /// Whether no interface passes through the edge that a part of the ring with a single tet, at place `at`, leaves.
+    /// Whether no interface passes through the edge that a part of the ring with a single tet, at
+    /// place `at`, leaves.
     fn check_chord(&self, ring: &Ring, at: usize) -> Result<(), Outcome> {
         let (t, c, d) = (ring.tets[at], ring.vertices[at], ring.vertices[(at + 1) % ring.len]);
         let tet = self.round.shared.tet(t);
         let is_chord = |edge: &usize| EDGES[*edge][..2].iter().all(|&i| tet[i] == c || tet[i] == d);
         let edge = (0..6).find(is_chord).ok_or(Outcome::Failed)?;
         match ring::around(&self.round.shared, t, edge, |tet| self.owns(tet)) {
-            Around::Ring(around) if around.labels[..around.len].iter().all(|&l| l == ring.labels[at]) => Ok(()),
+            Around::Ring(around)
+                if around.labels[..around.len].iter().all(|&l| l == ring.labels[at]) =>
+            {
+                Ok(())
+            }
             Around::Foreign => Err(Outcome::Foreign),
             _ => Err(Outcome::Failed),
         }
     }
 
-    /// Replaces the tets of a ring; `false`, with nothing changed, if the new tets would not be the block's own or there is no
-    /// room for them.
+    /// Replaces the tets of a ring; `false`, with nothing changed, if the new tets would not be the
+    /// block's own or there is no room for them.
     fn carry_out(&mut self, removal: &Removal) -> bool {
         let Removal { ring, division, chord } = removal;
         let shared = &self.round.shared;
@@ -274,7 +308,8 @@ impl Worker<'_, '_> {
         if len + self.room() < 2 * triangles.len() {
             return false;
         }
-        // What lies beyond the ring: across the facet opposite to a, and to b, the tet there and its facet.
+        // What lies beyond the ring: across the facet opposite to a, and to b, the tet there and
+        // its facet.
         let mut beyond = [[(NONE, 0); 2]; MAX_RING];
         for i in 0..len {
             let t = ring.tets[i];
@@ -329,7 +364,8 @@ impl Worker<'_, '_> {
                 };
                 if let Some(at) = outside {
                     // The upper tet has b, so it lies across the facet opposite to a.
-                    for (side, (slot, facet)) in [upper, lower].into_iter().zip(facets).enumerate() {
+                    for (side, (slot, facet)) in [upper, lower].into_iter().zip(facets).enumerate()
+                    {
                         let (other, back) = beyond[at][side];
                         shared.set_neighbor(slot, facet, other);
                         if other != NONE {
@@ -355,8 +391,8 @@ impl Worker<'_, '_> {
                 }
             }
         }
-        // A part with a single tet leaves the tets beyond it beside those of the other part, which the loop above has
-        // done: its chord is a side of the polygon.
+        // A part with a single tet leaves the tets beyond it beside those of the other part, which
+        // the loop above has done: its chord is a side of the polygon.
         rest.into_iter().for_each(|t| self.give_slot(t));
         match chord {
             Some(_) => self.counts.interface_flips += 1,
@@ -381,7 +417,8 @@ impl Worker<'_, '_> {
     }
 }
 
-/// The places in a ring where the label changes, if there are just two; `Some(None)` if there are none.
+/// The places in a ring where the label changes, if there are just two; `Some(None)` if there are
+/// none.
 fn changes_of(ring: &Ring) -> Option<Option<[usize; 2]>> {
     let (mut changes, mut count) = ([0; 2], 0);
     for i in 0..ring.len {
@@ -396,7 +433,8 @@ fn changes_of(ring: &Ring) -> Option<Option<[usize; 2]>> {
     Some((count == 2).then_some(changes))
 }
 
-/// The points of the lines through two edges where these are nearest to each other, if they are on the edges.
+/// The points of the lines through two edges where these are nearest to each other, if they are on
+/// the edges.
 fn nearest_points([a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) -> Option<[DVec3; 2]> {
     let (u, v, w) = (b - a, d - c, c - a);
     let normal = u.cross(v);

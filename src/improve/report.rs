@@ -17,7 +17,8 @@ pub struct Counts {
     pub splits: u64,
     /// The largest distance between an interface edge and the one that replaced it.
     pub max_flip: f64,
-    /// The largest distance of a moved vertex on an interface from where refinement put the interface around it.
+    /// The largest distance of a moved vertex on an interface from where refinement put the
+    /// interface around it.
     pub max_interface_move: f64,
     /// By how much the volume of labels grew, in the order in which they were changed first.
     pub volumes: Vec<(i32, f64)>,
@@ -57,7 +58,8 @@ impl Counts {
     }
 }
 
-/// Why a tet is left below the target: what its vertices belong to, the first of these that one belongs to.
+/// Why a tet is left below the target: what its vertices belong to, the first of these that one
+/// belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Cause {
     /// A contact of voxels, where a boundary touches itself, is within a voxel.
@@ -102,6 +104,7 @@ pub struct Improvement {
     pub rounds: u32,
     /// Facets between tets of the object that are not Delaunay afterwards.
     pub non_delaunay_facets: u64,
-    /// The largest distance of a vertex from where refinement put it; those inside of labels may move far.
+    /// The largest distance of a vertex from where refinement put it; those inside of labels may
+    /// move far.
     pub max_move: f64,
 }

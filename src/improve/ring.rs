@@ -1,12 +1,13 @@
 //! The tets around an edge, and the ways to fill their place without the edge.
 //!
-//! **Ring.** The tets around edge ab are (a, b, r_0, r_1), (a, b, r_1, r_2), ..., all positive. The vertices r_i form a
-//! closed polygon around the edge, counterclockwise as seen from b.
+//! **Ring.** The tets around edge ab are (a, b, r_0, r_1), (a, b, r_1, r_2), ..., all positive. The
+//! vertices r_i form a closed polygon around the edge, counterclockwise as seen from b.
 //!
-//! **Edge removal** (L. A. Freitag, C. Ollivier-Gooch, "Tetrahedral mesh improvement using swapping and smoothing", 1997).
-//! The polygon is divided into triangles, and each triangle (r_i, r_j, r_k) with i < j < k makes two tets: one with b, one
-//! with a. If all are positive they fill the same place as the ring. The best division is found by dynamic programming
-//! (G. T. Klincsek, "Minimal triangulations of polygonal domains", 1980): a part of the polygon between r_i and r_k is
+//! **Edge removal** (L. A. Freitag, C. Ollivier-Gooch, "Tetrahedral mesh improvement using swapping
+//! and smoothing", 1997). The polygon is divided into triangles, and each triangle (r_i, r_j, r_k)
+//! with i < j < k makes two tets: one with b, one with a. If all are positive they fill the same
+//! place as the ring. The best division is found by dynamic programming (G. T. Klincsek, "Minimal
+//! triangulations of polygonal domains", 1980): a part of the polygon between r_i and r_k is
 //! divided by the best triangle on its closing side.
 
 use glam::DVec3;
@@ -15,10 +16,12 @@ use super::measure::{Measure, is_positive};
 use super::shared::Shared;
 use crate::mesh::NONE;
 
-/// Rings of more tets are left as they are: their edge is hardly ever worth removing, and the number of ways grows fast.
+/// Rings of more tets are left as they are: their edge is hardly ever worth removing, and the
+/// number of ways grows fast.
 pub(super) const MAX_RING: usize = 10;
 
-/// Vertices of the edges of a tet and the two others, in an order that is an even permutation: (a, b, c, d) is positive.
+/// Vertices of the edges of a tet and the two others, in an order that is an even permutation: (a,
+/// b, c, d) is positive.
 pub(super) const EDGES: [[usize; 4]; 6] =
     [[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 2, 0], [2, 3, 0, 1]];
 
@@ -47,12 +50,24 @@ pub(super) enum Around {
     Open,
 }
 
-/// Collects the tets around edge `edge` (a number in [`EDGES`]) of tet `t`, all of which must be owned.
-pub(super) fn around(shared: &Shared<'_>, t: u32, edge: usize, is_owned: impl Fn([u32; 4]) -> bool) -> Around {
+/// Collects the tets around edge `edge` (a number in [`EDGES`]) of tet `t`, all of which must be
+/// owned.
+pub(super) fn around(
+    shared: &Shared<'_>,
+    t: u32,
+    edge: usize,
+    is_owned: impl Fn([u32; 4]) -> bool,
+) -> Around {
     let tet = shared.tet(t);
     let [i, j, k, l] = EDGES[edge];
     let [a, b] = [tet[i], tet[j]];
-    let mut ring = Ring { ends: [a, b], len: 0, tets: [0; MAX_RING], vertices: [0; MAX_RING], labels: [0; MAX_RING] };
+    let mut ring = Ring {
+        ends: [a, b],
+        len: 0,
+        tets: [0; MAX_RING],
+        vertices: [0; MAX_RING],
+        labels: [0; MAX_RING],
+    };
     let (mut at, mut leave, mut next) = (t, k, tet[l]);
     let mut from = tet[k];
     loop {
@@ -125,31 +140,40 @@ pub(super) struct RingPoints {
 
 impl RingPoints {
     pub fn new(shared: &Shared<'_>, ring: &Ring, measure: Measure) -> Self {
-        let mut points = Self { measure, ends: ring.ends.map(|v| shared.point(v)), ring: [DVec3::ZERO; MAX_RING] };
+        let mut points = Self {
+            measure,
+            ends: ring.ends.map(|v| shared.point(v)),
+            ring: [DVec3::ZERO; MAX_RING],
+        };
         for (p, &v) in points.ring.iter_mut().zip(&ring.vertices[..ring.len]) {
             *p = shared.point(v);
         }
         points
     }
 
-    /// The lesser measure of the two tets that a triangle makes; 0 if one does not measure more than `above`. Tets that do
-    /// not `count` need only be positive.
+    /// The lesser measure of the two tets that a triangle makes; 0 if one does not measure more
+    /// than `above`. Tets that do not `count` need only be positive.
     #[inline]
     fn of_triangle(&self, [i, j, k]: [u8; 3], counts: bool, above: f64) -> f64 {
         let [p, q, r] = [i, j, k].map(|n| self.ring[usize::from(n)]);
         let tets = [[p, q, r, self.ends[1]], [q, p, r, self.ends[0]]];
         if counts {
             let exceeds = tets.iter().all(|tet| self.measure.exceeds(tet, above));
-            return if exceeds { self.measure.of(&tets[0]).min(self.measure.of(&tets[1])) } else { 0.0 };
+            return if exceeds {
+                self.measure.of(&tets[0]).min(self.measure.of(&tets[1]))
+            } else {
+                0.0
+            };
         }
         if tets.iter().all(is_positive) { f64::INFINITY } else { 0.0 }
     }
 
-    /// The best division of the polygon of these places in a ring, in their order, all of whose tets measure more than
-    /// `above`.
+    /// The best division of the polygon of these places in a ring, in their order, all of whose
+    /// tets measure more than `above`.
     pub fn divide(&self, places: &[u8], counts: bool, above: f64) -> Option<Division> {
         let n = places.len();
-        // Of the part from place i to place k: the best least measure, and its triangle's third place.
+        // Of the part from place i to place k: the best least measure, and its triangle's third
+        // place.
         let mut best = [[f64::INFINITY; MAX_RING]; MAX_RING];
         let mut apex = [[0_u8; MAX_RING]; MAX_RING];
         for width in 2..n {
@@ -194,7 +218,8 @@ impl RingPoints {
     }
 }
 
-/// The same triangle with its least place first; if the places are in the order of the ring, they then rise.
+/// The same triangle with its least place first; if the places are in the order of the ring, they
+/// then rise.
 fn rotated([i, j, k]: [u8; 3]) -> [u8; 3] {
     match () {
         () if i < j && i < k => [i, j, k],
@@ -211,9 +236,14 @@ mod tests {
     fn points(n: usize) -> RingPoints {
         let mut ring = [DVec3::ZERO; MAX_RING];
         for (i, p) in ring.iter_mut().enumerate().take(n) {
-            let angle = std::f64::consts::TAU * (i as f64 + 0.2 * ((i * 5 % 7) as f64 / 7.0)) / n as f64;
+            let angle =
+                std::f64::consts::TAU * (i as f64 + 0.2 * ((i * 5 % 7) as f64 / 7.0)) / n as f64;
             let radius = 1.0 + 0.3 * ((i * 3 % 5) as f64 / 5.0);
-            *p = DVec3::new(radius * angle.cos(), radius * angle.sin(), 0.2 * ((i * 2 % 3) as f64 - 1.0));
+            *p = DVec3::new(
+                radius * angle.cos(),
+                radius * angle.sin(),
+                0.2 * ((i * 2 % 3) as f64 - 1.0),
+            );
         }
         RingPoints { measure: Measure::new(15.0, 2.0), ends: [-DVec3::Z, DVec3::Z], ring }
     }
@@ -240,8 +270,8 @@ mod tests {
             let division = points.divide(&places, true, 0.0).expect("the polygon is nearly convex");
             assert_eq!((division.least, division.len), (best, n - 2), "{n}");
             assert!(points.divide(&places, true, best).is_none());
-            // Its triangles fill the polygon: each has the places of the ring in rising order, all their tets are positive,
-            // and volumes add up.
+            // Its triangles fill the polygon: each has the places of the ring in rising order, all
+            // their tets are positive, and volumes add up.
             let volume = |p: [DVec3; 4]| (p[1] - p[0]).cross(p[2] - p[0]).dot(p[3] - p[0]);
             let mut sum = 0.0;
             for &[i, j, k] in division.triangles() {
@@ -253,7 +283,8 @@ mod tests {
                 }
             }
             let [a, b] = points.ends;
-            let ring: f64 = (0..n).map(|i| volume([a, b, points.ring[i], points.ring[(i + 1) % n]])).sum();
+            let ring: f64 =
+                (0..n).map(|i| volume([a, b, points.ring[i], points.ring[(i + 1) % n]])).sum();
             assert!((sum - ring).abs() < 1e-12);
         }
     }

@@ -16,12 +16,14 @@ use crate::{Error, Result};
 
 /// Most rounds with one measure.
 const MAX_ROUNDS: u32 = 30;
-/// Rounds in sequence in which nothing helped: enough that each tet was inside of a block in one of them.
+/// Rounds in sequence in which nothing helped: enough that each tet was inside of a block in one of
+/// them.
 const MAX_IDLE: u32 = 4;
-/// So few tets are improved in one block that holds all: there are no borders then, at which some would have to wait.
+/// So few tets are improved in one block that holds all: there are no borders then, at which some
+/// would have to wait.
 const ALONE: usize = 500;
-/// Surroundings are relaxed only for so few tets in all: it takes milliseconds for each. Where more are left, as in slabs
-/// that are thinner than tets can be, that would not end within minutes.
+/// Surroundings are relaxed only for so few tets in all: it takes milliseconds for each. Where more
+/// are left, as in slabs that are thinner than tets can be, that would not end within minutes.
 const MAX_RELAXED: usize = 1000;
 /// Slots of new tets that a block gets, and those that it gets for each tet to be improved.
 const SLOTS: u32 = 16;
@@ -74,7 +76,19 @@ impl<'m, 'a> Run<'m, 'a> {
         let changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
         let (left, counts, rounds) = (Vec::new(), Counts::default(), 0);
         let last = LastResorts::default();
-        Ok(Self { mesh, interfaces, measure, last, look_around, refined, changed, queue, left, counts, rounds })
+        Ok(Self {
+            mesh,
+            interfaces,
+            measure,
+            last,
+            look_around,
+            refined,
+            changed,
+            queue,
+            left,
+            counts,
+            rounds,
+        })
     }
 
     /// Works until nothing helps any more. Returns what ended the work early.
@@ -118,7 +132,8 @@ impl<'m, 'a> Run<'m, 'a> {
         Ok(None)
     }
 
-    /// Improves what is in the queue, block by block. Afterwards the queue has what is to be tried again.
+    /// Improves what is in the queue, block by block. Afterwards the queue has what is to be tried
+    /// again.
     fn round(&mut self, blocks: &Blocks) -> Result<Option<Error>> {
         let mut of_vertices = if self.queue.len() <= ALONE {
             zeroed(self.mesh.points.len(), "blocks of vertices")?
@@ -127,7 +142,8 @@ impl<'m, 'a> Run<'m, 'a> {
         };
         self.rounds += 1;
         let mut jobs = self.jobs(&of_vertices)?;
-        let (mut slots, mut vertices) = (self.mesh.tets.len() as u32, self.mesh.points.len() as u32);
+        let (mut slots, mut vertices) =
+            (self.mesh.tets.len() as u32, self.mesh.points.len() as u32);
         for job in &mut jobs {
             let count = job.tets.len() as f64;
             job.slots = slots..slots + SLOTS + (SLOTS_PER_TET * count) as u32;
@@ -149,7 +165,12 @@ impl<'m, 'a> Run<'m, 'a> {
         let work = |job: Job| {
             let mut worker = Worker::new(&round, job.block, job.slots, job.vertices);
             let done = worker.run(&job.tets);
-            Done { counts: worker.counts, deferred: worker.deferred, left: worker.left, ended: done.err() }
+            Done {
+                counts: worker.counts,
+                deferred: worker.deferred,
+                left: worker.left,
+                ended: done.err(),
+            }
         };
         let done: Vec<Done> = jobs.into_par_iter().with_max_len(1).map(work).collect();
         let mut ended = None;
@@ -164,7 +185,8 @@ impl<'m, 'a> Run<'m, 'a> {
         Ok(ended)
     }
 
-    /// What each block has to do, in an order that depends on the mesh alone; keeps in the queue what no block owns.
+    /// What each block has to do, in an order that depends on the mesh alone; keeps in the queue
+    /// what no block owns.
     fn jobs(&mut self, of_vertices: &[u32]) -> Result<Vec<Job>> {
         let mut owned: Vec<(u32, u32)> = zeroed(self.queue.len(), "tets to be improved")?;
         let tets = &self.mesh.tets;

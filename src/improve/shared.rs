@@ -1,8 +1,9 @@
 //! The arrays of a mesh as several threads see them while they improve it.
 //!
-//! Every element is an atomic, read and written with relaxed order. So no access can be a data race, and none needs
-//! `unsafe`. Relaxed order is enough: which thread may touch which element is settled before the threads start (see
-//! [`blocks`](super::blocks)), and they are joined before anybody reads what another one wrote.
+//! Every element is an atomic, read and written with relaxed order. So no access can be a data
+//! race, and none needs `unsafe`. Relaxed order is enough: which thread may touch which element is
+//! settled before the threads start (see [`blocks`](super::blocks)), and they are joined before
+//! anybody reads what another one wrote.
 
 use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, Ordering::Relaxed};
 
@@ -13,14 +14,15 @@ use crate::mesh::{NONE, TetMesh};
 /// A type that is the atomic form of another one.
 ///
 /// # Safety
-/// `Self` must have the size, the alignment and the valid bits of `Plain`, and allow changes through a shared
-/// reference.
+/// `Self` must have the size, the alignment and the valid bits of `Plain`, and allow changes
+/// through a shared reference.
 unsafe trait Atomic {
     /// The plain form.
     type Plain;
 }
 
-// SAFETY: the standard library promises the same size, alignment and bit validity for each of these pairs.
+// SAFETY: the standard library promises the same size, alignment and bit validity for each of these
+// pairs.
 unsafe impl Atomic for AtomicU8 {
     type Plain = u8;
 }
@@ -35,9 +37,13 @@ unsafe impl Atomic for AtomicI32 {
 
 /// Lets many threads use values that one thread owns.
 fn atomic<A: Atomic>(values: &mut [A::Plain]) -> &[A] {
-    const { assert!(size_of::<A>() == size_of::<A::Plain>() && align_of::<A>() == align_of::<A::Plain>()) };
-    // SAFETY: the layouts agree by the trait's contract. The exclusive borrow lasts as long as the result, so nobody
-    // reads or writes the values by plain accesses meanwhile.
+    const {
+        assert!(
+            size_of::<A>() == size_of::<A::Plain>() && align_of::<A>() == align_of::<A::Plain>()
+        )
+    };
+    // SAFETY: the layouts agree by the trait's contract. The exclusive borrow lasts as long as the
+    // result, so nobody reads or writes the values by plain accesses meanwhile.
     unsafe { std::slice::from_raw_parts(std::ptr::from_mut(values).cast::<A>(), values.len()) }
 }
 
@@ -65,7 +71,9 @@ impl<'m> Shared<'m> {
 
     #[inline(always)]
     pub fn point(&self, v: u32) -> DVec3 {
-        DVec3::from_array(self.points[v as usize].each_ref().map(|x| f64::from_bits(x.load(Relaxed))))
+        DVec3::from_array(
+            self.points[v as usize].each_ref().map(|x| f64::from_bits(x.load(Relaxed))),
+        )
     }
 
     pub fn set_point(&self, v: u32, p: DVec3) {
@@ -127,9 +135,14 @@ impl<'m> Shared<'m> {
 
 /// Coordinates as their bits, for all threads.
 fn bits_of(coordinates: &mut [f64]) -> &[AtomicU64] {
-    // SAFETY: f64 and u64 have the same size and alignment, and every bit pattern is valid for both. AtomicU64 has the
-    // layout of u64. The exclusive borrow lasts as long as the result.
-    unsafe { std::slice::from_raw_parts(std::ptr::from_mut(coordinates).cast::<AtomicU64>(), coordinates.len()) }
+    // SAFETY: f64 and u64 have the same size and alignment, and every bit pattern is valid for
+    // both. AtomicU64 has the layout of u64. The exclusive borrow lasts as long as the result.
+    unsafe {
+        std::slice::from_raw_parts(
+            std::ptr::from_mut(coordinates).cast::<AtomicU64>(),
+            coordinates.len(),
+        )
+    }
 }
 
 const _: () = assert!(align_of::<AtomicU64>() == align_of::<f64>());
@@ -156,7 +169,10 @@ mod tests {
         shared.set_neighbor(0, 2, 9);
         shared.put(0, [3, 2, 1, 0], 8);
         assert_eq!((mesh.points[1], mesh.points[2]), ([3.25; 3], [0.5, -1.0, 2.0]));
-        assert_eq!((mesh.tets[0], mesh.labels[0], mesh.neighbors[0]), ([3, 2, 1, 0], 8, [NONE, 4, 9, 6]));
+        assert_eq!(
+            (mesh.tets[0], mesh.labels[0], mesh.neighbors[0]),
+            ([3, 2, 1, 0], 8, [NONE, 4, 9, 6])
+        );
         assert_eq!(changed, [1]);
     }
 }

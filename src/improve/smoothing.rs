@@ -1,17 +1,18 @@
 //! Smoothing: a vertex is moved so that the worst tet around it gets better.
 //!
-//! The least measure of the tets around a vertex is a function of where the vertex is, with kinks where another tet becomes
-//! the worst. It rises fastest along the shortest vector in the convex hull of the gradients of the worst tets (L. A.
-//! Freitag, M. Jones, P. Plassmann, "An efficient parallel algorithm for mesh smoothing", 1995). Along this direction the
-//! step is halved until the least measure rises.
+//! The least measure of the tets around a vertex is a function of where the vertex is, with kinks
+//! where another tet becomes the worst. It rises fastest along the shortest vector in the convex
+//! hull of the gradients of the worst tets (L. A. Freitag, M. Jones, P. Plassmann, "An efficient
+//! parallel algorithm for mesh smoothing", 1995). Along this direction the step is halved until the
+//! least measure rises.
 //!
 //! A vertex keeps to what it belongs to:
 //!
 //! | vertex | where it may go |
 //! |---|---|
 //! | inside of a label | anywhere |
-//! | on an interface of two labels | along it: each step ends where the image has the change of label |
-//! | on a line, where three labels meet or an interface meets a wall | along it: each step ends on the line |
+//! | on an interface of two labels | along it: each step ends at the image's change of label |
+//! | on a line (of three labels, or in a wall) | along it: each step ends on the line |
 //! | at any other junction, or where the image's lines are not known | anywhere near |
 //! | in a wall, on an edge of the image | in this wall, along this edge |
 //! | at a contact of voxels | nowhere; those around it by half of the tolerance |
@@ -45,16 +46,18 @@ const DIFFERENCE: f64 = 1e-6;
 const SHORTEST_STEP: f64 = 0.1;
 /// A vertex inside moves by no more than this part of its shortest edge in a step.
 const MAX_STEP: f64 = 0.5;
-/// An interface facet shapes the direction, too, if the squared sine of its least angle is below the bound by this factor.
+/// An interface facet shapes the direction, too, if the squared sine of its least angle is below
+/// the bound by this factor.
 const TIGHT: f64 = 1.03;
-/// Along interfaces and lines vertices may go this many tolerances, if they stay as near as the tolerance to where refinement
-/// put the interface.
+/// Along interfaces and lines vertices may go this many tolerances, if they stay as near as the
+/// tolerance to where refinement put the interface.
 const FARTHEST: f64 = 2.0;
 /// The same around tets that nothing else helps.
 const FARTHEST_LAST: f64 = 4.0;
 /// The step by which the tangents of an interface are found, in tolerances.
 const PROBE: f64 = 0.5;
-/// What would leave the tolerance ends at this part of it, so that its way back to the interface does not leave it.
+/// What would leave the tolerance ends at this part of it, so that its way back to the interface
+/// does not leave it.
 const TO_BORDER: f64 = 0.97;
 /// How far points around contacts may go, in parts of the tolerance.
 const AROUND_CONTACTS: f64 = 0.5;
@@ -63,7 +66,8 @@ const AROUND_CONTACTS: f64 = 0.5;
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Home {
     Inside,
-    /// On the interface of two labels, whose normal leads from the first to the second; as far off it as refinement put it.
+    /// On the interface of two labels, whose normal leads from the first to the second; as far off
+    /// it as refinement put it.
     Interface {
         labels: [i32; 2],
         normal: DVec3,
@@ -105,17 +109,17 @@ impl Worker<'_, '_> {
         outcome
     }
 
-    /// Moves the vertices of the tets that keep those of tet `t` from moving: the ones around it that are hardly above the
-    /// target, to well above it.
+    /// Moves the vertices of the tets that keep those of tet `t` from moving: the ones around it
+    /// that are hardly above the target, to well above it.
     pub fn relax(&mut self, t: u32) -> Outcome {
         let mut star = std::mem::take(&mut self.star);
         let mut tight: Vec<u32> = Vec::new();
         for v in self.round.shared.tet(t) {
             if star.collect(&self.round.shared, t, v, |tet| self.owns(tet)) == Collected::Star {
                 let bound = RELAXED * self.round.measure.target;
-                tight.extend(
-                    star.tets.iter().filter(|&&at| self.round.shared.label(at) != 0 && self.measure_of(at) < bound),
-                );
+                tight.extend(star.tets.iter().filter(|&&at| {
+                    self.round.shared.label(at) != 0 && self.measure_of(at) < bound
+                }));
             }
         }
         tight.sort_unstable();
@@ -172,7 +176,8 @@ impl Worker<'_, '_> {
         Outcome::Failed
     }
 
-    /// Where a vertex inside of a label makes the least measure of its star exceed `above`, from `start` on.
+    /// Where a vertex inside of a label makes the least measure of its star exceed `above`, from
+    /// `start` on.
     pub fn best_inside(&self, star: &Star, start: DVec3, above: f64) -> Option<DVec3> {
         let (mut at, mut least) = (start, least_at(star, self.round.measure, start));
         for _ in 0..MAX_STEPS_INSIDE {
@@ -187,7 +192,8 @@ impl Worker<'_, '_> {
         (least > above && is_valid(star, at)).then_some(at)
     }
 
-    /// Where the vertex of a star may go: first along what it belongs to, then, for junctions, anywhere near.
+    /// Where the vertex of a star may go: first along what it belongs to, then, for junctions,
+    /// anywhere near.
     fn homes(&self, star: &Star, at: DVec3, walls: &Walls) -> [Home; 2] {
         let interfaces = self.round.interfaces;
         if star.facets.is_empty() {
@@ -205,7 +211,8 @@ impl Worker<'_, '_> {
             return [if is_contact { Home::Fixed } else { Home::Near }, Home::Fixed];
         }
         if walls.count() > 0 {
-            let is_in_walls = |v: u32| walls.common(&interfaces.oracle.walls_at(self.point(v))) == *walls;
+            let is_in_walls =
+                |v: u32| walls.common(&interfaces.oracle.walls_at(self.point(v))) == *walls;
             let all_in_walls = star.facets.iter().flat_map(|facet| facet.others).all(is_in_walls);
             return match () {
                 () if all_in_walls && is_surface => [Home::Walls, Home::Fixed],
@@ -218,13 +225,22 @@ impl Worker<'_, '_> {
                     let [p, q] = facet.others.map(|v| self.point(v) - at);
                     p.cross(q)
                 });
-                [self.on_interface(star, at, normal.sum::<DVec3>().normalize_or_zero(), [inner, outer]), Home::Fixed]
+                [
+                    self.on_interface(
+                        star,
+                        at,
+                        normal.sum::<DVec3>().normalize_or_zero(),
+                        [inner, outer],
+                    ),
+                    Home::Fixed,
+                ]
             }
             _ => [self.line_of(&ends, lines), Home::Near],
         }
     }
 
-    /// The home of a vertex on the interface of two labels; `normal` is that of the facets around it.
+    /// The home of a vertex on the interface of two labels; `normal` is that of the facets around
+    /// it.
     fn on_interface(&self, star: &Star, at: DVec3, normal: DVec3, labels: [i32; 2]) -> Home {
         let interfaces = self.round.interfaces;
         let project = |p: DVec3| interfaces.project(p, normal, interfaces.tolerance, labels);
@@ -248,22 +264,34 @@ impl Worker<'_, '_> {
         Home::Line(way.normalize_or_zero())
     }
 
-    /// One step uphill from `at`, where the least measure is `least`: where to, and what it is there.
-    fn step(&self, star: &Star, home: Home, walls: &Walls, at: DVec3, least: f64) -> Option<(DVec3, f64)> {
+    /// One step uphill from `at`, where the least measure is `least`: where to, and what it is
+    /// there.
+    fn step(
+        &self,
+        star: &Star,
+        home: Home,
+        walls: &Walls,
+        at: DVec3,
+        least: f64,
+    ) -> Option<(DVec3, f64)> {
         let facets = self.tight_facets(star, home, at);
-        let (way, rate) = ascent(star, self.round.measure, at, least, &facets, |gradient| match home {
-            Home::Interface { normal, .. } => gradient - normal * normal.dot(gradient),
-            Home::Line(way) => way * way.dot(gradient),
-            Home::Fixed => DVec3::ZERO,
-            Home::Inside | Home::Near | Home::Walls => gradient,
-        })?;
+        let (way, rate) =
+            ascent(star, self.round.measure, at, least, &facets, |gradient| match home {
+                Home::Interface { normal, .. } => gradient - normal * normal.dot(gradient),
+                Home::Line(way) => way * way.dot(gradient),
+                Home::Fixed => DVec3::ZERO,
+                Home::Inside | Home::Near | Home::Walls => gradient,
+            })?;
         let most = match home {
             Home::Inside => MAX_STEP * star.shortest_edge(at),
-            Home::Interface { .. } | Home::Line(_) => self.farthest() * self.round.interfaces.tolerance,
+            Home::Interface { .. } | Home::Line(_) => {
+                self.farthest() * self.round.interfaces.tolerance
+            }
             _ => self.round.interfaces.tolerance,
         };
-        // To where the worst tet would reach a little more than the target, if it went on so. Places on interfaces are found
-        // to less than a hundredth of the tolerance, so a step is longer than that.
+        // To where the worst tet would reach a little more than the target, if it went on so.
+        // Places on interfaces are found to less than a hundredth of the tolerance, so a step is
+        // longer than that.
         let shortest = SHORTEST_STEP * self.round.interfaces.tolerance;
         let mut length = (1.2 * (self.aim - least) / rate).max(shortest).min(most);
         for _ in 0..MAX_HALVINGS {
@@ -287,12 +315,14 @@ impl Worker<'_, '_> {
         let mut most = interfaces.tolerance;
         let refined = DVec3::from_array(self.round.refined[star.vertex as usize]);
         // What would leave the tolerance goes along its border.
-        let within = |p: DVec3, most: f64| refined + (p - refined).clamp_length_max(TO_BORDER * most);
+        let within =
+            |p: DVec3, most: f64| refined + (p - refined).clamp_length_max(TO_BORDER * most);
         let p = match home {
             Home::Inside | Home::Fixed => return None,
             Home::Interface { labels, normal, off } => {
                 most = self.farthest() * interfaces.tolerance;
-                interfaces.project(within(p, most) - off, normal, interfaces.tolerance, labels)? + off
+                interfaces.project(within(p, most) - off, normal, interfaces.tolerance, labels)?
+                    + off
             }
             Home::Line(_) => {
                 most = self.farthest() * interfaces.tolerance;
@@ -307,7 +337,10 @@ impl Worker<'_, '_> {
         };
         let p = interfaces.oracle.onto_walls(p, *walls);
         let is_near = p.distance_squared(refined) <= most * most;
-        let is_kept = || self.keeps_facets(star, p) && self.distance_from_refined(star, p) <= interfaces.tolerance;
+        let is_kept = || {
+            self.keeps_facets(star, p)
+                && self.distance_from_refined(star, p) <= interfaces.tolerance
+        };
         (is_near && is_kept()).then_some(p)
     }
 
@@ -322,7 +355,8 @@ impl Worker<'_, '_> {
         squares.fold(at.distance_squared(own), f64::min).sqrt()
     }
 
-    /// The other vertices of the interface facets whose angles are hardly larger than what was asked for.
+    /// The other vertices of the interface facets whose angles are hardly larger than what was
+    /// asked for.
     fn tight_facets(&self, star: &Star, home: Home, at: DVec3) -> Tight {
         let mut tight = Tight { count: 0, others: [[DVec3::ZERO; 2]; MAX_ACTIVE] };
         if home == Home::Inside {
@@ -339,7 +373,8 @@ impl Worker<'_, '_> {
         tight
     }
 
-    /// Whether the interface facets around a vertex that is moved keep the angles that were asked for.
+    /// Whether the interface facets around a vertex that is moved keep the angles that were asked
+    /// for.
     fn keeps_facets(&self, star: &Star, at: DVec3) -> bool {
         star.facets.iter().all(|facet| {
             let [p, q] = facet.others.map(|v| self.point(v));
@@ -399,8 +434,8 @@ fn is_valid(star: &Star, p: DVec3) -> bool {
     star.points.iter().all(|&[x, y, z]| is_positive(&[p, x, y, z]))
 }
 
-/// The direction in which the least measure rises fastest, and how fast; `None` where it rises in none in which the angles
-/// of the `tight` facets do not fall.
+/// The direction in which the least measure rises fastest, and how fast; `None` where it rises in
+/// none in which the angles of the `tight` facets do not fall.
 fn ascent(
     star: &Star,
     measure: Measure,
@@ -410,9 +445,12 @@ fn ascent(
     allowed: impl Fn(DVec3) -> DVec3,
 ) -> Option<(DVec3, f64)> {
     let bound = ACTIVE * least + GAIN;
-    let mut active: [(f64, [DVec3; 3]); MAX_ACTIVE] = [(f64::INFINITY, [DVec3::ZERO; 3]); MAX_ACTIVE];
+    let mut active: [(f64, [DVec3; 3]); MAX_ACTIVE] =
+        [(f64::INFINITY, [DVec3::ZERO; 3]); MAX_ACTIVE];
     let mut count = 0;
-    for (_, &others @ [x, y, z]) in star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0) {
+    for (_, &others @ [x, y, z]) in
+        star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0)
+    {
         let value = measure.of(&[at, x, y, z]);
         if value > bound {
             continue;
@@ -431,13 +469,17 @@ fn ascent(
     }
     let mut gradients = [DVec3::ZERO; 2 * MAX_ACTIVE];
     for (gradient, &(value, others)) in gradients.iter_mut().zip(&active[..count]) {
-        *gradient = allowed(gradient_of(at, others[0], value, |p| measure.of(&[p, others[0], others[1], others[2]])));
+        *gradient = allowed(gradient_of(at, others[0], value, |p| {
+            measure.of(&[p, others[0], others[1], others[2]])
+        }));
     }
     let steepest = gradients[..count].iter().map(|g| g.length()).fold(0.0, f64::max);
     // Only the directions of these matter.
     for others in &tight.others[..tight.count] {
-        gradients[count] = allowed(gradient_of(at, others[0], facet_measure(at, others), |p| facet_measure(p, others)))
-            .normalize_or_zero()
+        gradients[count] = allowed(gradient_of(at, others[0], facet_measure(at, others), |p| {
+            facet_measure(p, others)
+        }))
+        .normalize_or_zero()
             * steepest;
         count += 1;
     }
@@ -453,8 +495,8 @@ fn ascent(
     (rate > 0.0).then_some((way, rate))
 }
 
-/// The gradient of a function that has `value` at a place, by differences; `other` is some point as far away as what the
-/// function depends on.
+/// The gradient of a function that has `value` at a place, by differences; `other` is some point as
+/// far away as what the function depends on.
 fn gradient_of(at: DVec3, other: DVec3, value: f64, of: impl Fn(DVec3) -> f64) -> DVec3 {
     let step = DIFFERENCE * (other - at).length();
     DVec3::from([DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (of(at + axis * step) - value) / step))
@@ -467,13 +509,16 @@ fn facet_measure(a: DVec3, &[b, c]: &[DVec3; 2]) -> f64 {
     (b - a).cross(c - a).length_squared() * u.min(v).min(w) / (u * v * w)
 }
 
-/// The point of the convex hull of some vectors that is nearest to zero, nearly (E. G. Gilbert, "An iterative procedure for
-/// computing the minimum of a quadratic form on a convex set", 1966).
+/// The point of the convex hull of some vectors that is nearest to zero, nearly (E. G. Gilbert, "An
+/// iterative procedure for computing the minimum of a quadratic form on a convex set", 1966).
 fn nearest_to_zero(vectors: &[DVec3]) -> DVec3 {
     let Some(&first) = vectors.first() else { return DVec3::ZERO };
     let mut nearest = first;
     for _ in 0..24 {
-        let Some(&far) = vectors.iter().min_by(|a, b| a.dot(nearest).total_cmp(&b.dot(nearest))) else { break };
+        let Some(&far) = vectors.iter().min_by(|a, b| a.dot(nearest).total_cmp(&b.dot(nearest)))
+        else {
+            break;
+        };
         let way = far - nearest;
         let gain = -nearest.dot(way);
         if gain <= 1e-6 * nearest.length_squared() {

@@ -1,12 +1,14 @@
 //! Splits: an edge inside of a label gets a vertex, which then moves where it helps.
 //!
-//! Where four vertices of an interface nearly lie in a plane, the tet between them is flat, and nothing that keeps the
-//! vertices can help: three of its vertices would have to move. A new vertex on the one edge that is not on the interface,
-//! moved away from it, does. So it is for other tets that no reconnection helps (the rare insertions of B. M. Klingner and J. R.
-//! Shewchuk, "Aggressive tetrahedral mesh improvement", 2007).
+//! Where four vertices of an interface nearly lie in a plane, the tet between them is flat, and
+//! nothing that keeps the vertices can help: three of its vertices would have to move. A new vertex
+//! on the one edge that is not on the interface, moved away from it, does. So it is for other tets
+//! that no reconnection helps (the rare insertions of B. M. Klingner and J. R. Shewchuk,
+//! "Aggressive tetrahedral mesh improvement", 2007).
 //!
-//! The ring of the edge, n tets, becomes 2 n tets around the new vertex. The vertex starts in the middle of the edge and is
-//! moved as in [`smoothing`](super::smoothing); if the least measure does not rise above that of the ring, nothing is done.
+//! The ring of the edge, n tets, becomes 2 n tets around the new vertex. The vertex starts in the
+//! middle of the edge and is moved as in [`smoothing`](super::smoothing); if the least measure does
+//! not rise above that of the ring, nothing is done.
 
 use glam::DVec3;
 
@@ -16,7 +18,8 @@ use super::worker::{Outcome, Worker};
 use crate::mesh::NONE;
 
 impl Worker<'_, '_> {
-    /// Splits the edge of a tet by which the tets around it get best, if they get better than they are.
+    /// Splits the edge of a tet by which the tets around it get best, if they get better than they
+    /// are.
     pub fn split(&mut self, t: u32) -> Outcome {
         let mut star = std::mem::take(&mut self.star);
         let mut outcome = Outcome::Failed;
@@ -46,7 +49,8 @@ impl Worker<'_, '_> {
     }
 
     fn split_ring(&mut self, ring: &Ring, star: &mut Star) -> Outcome {
-        let old = (0..ring.len).map(|i| self.measure_of(ring.tets[i])).fold(f64::INFINITY, f64::min);
+        let old =
+            (0..ring.len).map(|i| self.measure_of(ring.tets[i])).fold(f64::INFINITY, f64::min);
         self.star_of_split(ring, star);
         let [a, b] = ring.ends.map(|v| self.point(v));
         let middle = (a + b) / 2.0;
@@ -54,7 +58,8 @@ impl Worker<'_, '_> {
         let center = ring_points.sum::<DVec3>() / ring.len as f64;
         let starts = [middle.lerp(center, 0.5), middle, center];
         let above = self.to_exceed(old);
-        let Some(at) = starts.into_iter().find_map(|start| self.best_inside(star, start, above)) else {
+        let Some(at) = starts.into_iter().find_map(|start| self.best_inside(star, start, above))
+        else {
             return Outcome::Failed;
         };
         if self.room() < ring.len {
@@ -80,7 +85,8 @@ impl Worker<'_, '_> {
         }
     }
 
-    /// Replaces the tets (a, b, r, s) of a ring by (a, m, r, s) in the same slot and (m, b, r, s) in another one.
+    /// Replaces the tets (a, b, r, s) of a ring by (a, m, r, s) in the same slot and (m, b, r, s)
+    /// in another one.
     fn carry_out_split(&mut self, ring: &Ring, m: u32) {
         let [a, b] = ring.ends;
         let mut upper = [NONE; MAX_RING];
@@ -101,8 +107,11 @@ impl Worker<'_, '_> {
             let [before, after] = [(i + ring.len - 1) % ring.len, (i + 1) % ring.len];
             shared.put(t, [a, m, r, s], ring.labels[i]);
             shared.put(new, [m, b, r, s], ring.labels[i]);
-            // Opposite to a, m, r, s; the tet after this one in the ring is across the facet without r.
-            for (facet, other) in [new, below, ring.tets[after], ring.tets[before]].into_iter().enumerate() {
+            // Opposite to a, m, r, s; the tet after this one in the ring is across the facet
+            // without r.
+            for (facet, other) in
+                [new, below, ring.tets[after], ring.tets[before]].into_iter().enumerate()
+            {
                 shared.set_neighbor(t, facet, other);
             }
             for (facet, other) in [beyond, t, upper[after], upper[before]].into_iter().enumerate() {

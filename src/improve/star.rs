@@ -8,11 +8,12 @@ use crate::mesh::NONE;
 /// Vertices of more tets stay where they are.
 const MAX_TETS: usize = 160;
 
-/// The three other vertices of a tet seen from vertex i, in an order that makes (i, x, y, z) positive.
+/// The three other vertices of a tet seen from vertex i, in an order that makes (i, x, y, z)
+/// positive.
 const SEEN_FROM: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [3, 0, 1], [2, 1, 0]];
 
-/// An interface facet at the vertex v of a star: (v, p, q), where (p - v) x (q - v) points from the side with the larger
-/// label to the other one.
+/// An interface facet at the vertex v of a star: (v, p, q), where (p - v) x (q - v) points from the
+/// side with the larger label to the other one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StarFacet {
     pub others: [u32; 2],
@@ -55,7 +56,13 @@ impl Star {
     }
 
     /// Collects the tets around vertex `v`, one of which is `t`; all must be owned.
-    pub fn collect(&mut self, shared: &Shared<'_>, t: u32, v: u32, is_owned: impl Fn([u32; 4]) -> bool) -> Collected {
+    pub fn collect(
+        &mut self,
+        shared: &Shared<'_>,
+        t: u32,
+        v: u32,
+        is_owned: impl Fn([u32; 4]) -> bool,
+    ) -> Collected {
         self.clear(v);
         self.tets.push(t);
         let mut next = 0;
@@ -101,7 +108,8 @@ impl Star {
         (same && self.labels.iter().all(|label| first.contains(label))).then_some(first)
     }
 
-    /// The ends of the edges at the vertex where not just two interface facets meet: edges of lines. At most three.
+    /// The ends of the edges at the vertex where not just two interface facets meet: edges of
+    /// lines. At most three.
     pub fn line_edges(&self) -> ([u32; 3], usize) {
         let (mut ends, mut count) = ([NONE; 3], 0);
         for facet in &self.facets {
@@ -116,8 +124,8 @@ impl Star {
         (ends, count)
     }
 
-    /// Whether the interface facets form one fan around the vertex, so that the interface is a surface there. For stars of
-    /// two labels.
+    /// Whether the interface facets form one fan around the vertex, so that the interface is a
+    /// surface there. For stars of two labels.
     pub fn is_one_fan(&self) -> bool {
         let Some(first) = self.facets.first() else { return false };
         let (mut at, mut steps) = (first.others[1], 1);

@@ -1,9 +1,10 @@
 //! What works in one block: a queue of the tets that are to be improved, the worst first.
 //!
-//! Each tet below the target is reconnected if that helps (`removal`). What can't be helped so waits until nothing is left
-//! to reconnect; then its vertices are moved (`smoothing`), at last an edge is split (`split`). After each change the tets
-//! that changed are looked at again if they are below the target. Every change raises the least measure of the tets that
-//! it changes by [`GAIN`] at least, so the work ends.
+//! Each tet below the target is reconnected if that helps (`removal`). What can't be helped so
+//! waits until nothing is left to reconnect; then its vertices are moved (`smoothing`), at last an
+//! edge is split (`split`). After each change the tets that changed are looked at again if they are
+//! below the target. Every change raises the least measure of the tets that it changes by [`GAIN`]
+//! at least, so the work ends.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -88,16 +89,22 @@ pub(super) struct Worker<'r, 'a> {
     /// Tets that nothing helped.
     pub left: Vec<u32>,
     pub counts: Counts,
-    /// The measure at which a vertex need not be moved any farther: the target, or more while the surroundings of a tet that
-    /// nothing helped are relaxed.
+    /// The measure at which a vertex need not be moved any farther: the target, or more while the
+    /// surroundings of a tet that nothing helped are relaxed.
     pub aim: f64,
     /// The star at hand.
     pub star: Star,
 }
 
 impl<'r, 'a> Worker<'r, 'a> {
-    /// The worker of block `me`, which may fill the slots `fresh` and use the numbers `fresh_vertices`.
-    pub fn new(round: &'r Round<'a>, me: u32, fresh: Range<u32>, fresh_vertices: Range<u32>) -> Self {
+    /// The worker of block `me`, which may fill the slots `fresh` and use the numbers
+    /// `fresh_vertices`.
+    pub fn new(
+        round: &'r Round<'a>,
+        me: u32,
+        fresh: Range<u32>,
+        fresh_vertices: Range<u32>,
+    ) -> Self {
         let (queue, late) = (BinaryHeap::new(), BinaryHeap::new());
         let (free, deferred, left) = (Vec::new(), Vec::new(), Vec::new());
         let (counts, star) = (Counts::default(), Star::default());
@@ -217,12 +224,16 @@ impl<'r, 'a> Worker<'r, 'a> {
         if !self.round.measure.exceeds(&corners, self.round.measure.target) {
             let measure = self.round.measure.of(&corners);
             // Measures are not negative, so their bits are in their order.
-            self.queue.push(Entry { measure: Reverse(measure.to_bits()), tet: Reverse(t), vertices });
+            self.queue.push(Entry {
+                measure: Reverse(measure.to_bits()),
+                tet: Reverse(t),
+                vertices,
+            });
         }
     }
 
-    /// What the least measure of the tets that an operation changes must exceed, if it was `old`. To reach the target is
-    /// enough.
+    /// What the least measure of the tets that an operation changes must exceed, if it was `old`.
+    /// To reach the target is enough.
     #[inline]
     pub fn to_exceed(&self, old: f64) -> f64 {
         (old + GAIN).min(self.aim.next_down())

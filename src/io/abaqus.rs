@@ -1,13 +1,15 @@
-//! Abaqus input file, read by CalculiX and others too (Dassault Systemes, "Abaqus Keywords Guide": *NODE, *ELEMENT, *SURFACE).
+//! Abaqus input file, read by CalculiX and others too (Dassault Systemes, "Abaqus Keywords Guide":
+//! *NODE, *ELEMENT, *SURFACE).
 //!
-//! The tets of each label are an element set, `label_7`, of elements C3D4, or C3D10 in a mesh of second order, whose nodes on edges come
-//! in the mesh's own order. Each pair of labels is an element-based surface,
-//! `interface_7_3`, of faces of tets of the first label, so that its normals point to the second one; where the first label is background that was
-//! not kept (which takes a negative second one), of faces of tets of the second. The number of a node is its index + 1, that of an
-//! element the tet's index + 1.
+//! The tets of each label are an element set, `label_7`, of elements C3D4, or C3D10 in a mesh of
+//! second order, whose nodes on edges come in the mesh's own order. Each pair of labels is an
+//! element-based surface, `interface_7_3`, of faces of tets of the first label, so that its normals
+//! point to the second one; where the first label is background that was not kept (which takes a
+//! negative second one), of faces of tets of the second. The number of a node is its index + 1,
+//! that of an element the tet's index + 1.
 //!
-//! Programs read no more than 20 characters of a number, so longer ones are rounded to fit. That concerns only numbers below 0.1 in size, and
-//! changes them by less than 1e-11 of their size.
+//! Programs read no more than 20 characters of a number, so longer ones are rounded to fit. That
+//! concerns only numbers below 0.1 in size, and changes them by less than 1e-11 of their size.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -38,7 +40,8 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) ->
         }
         bytes.push(b'\n');
     })?;
-    let (nodes, kind) = (mesh.nodes_per_tet(), if mesh.mid_nodes.is_some() { "C3D10" } else { "C3D4" });
+    let (nodes, kind) =
+        (mesh.nodes_per_tet(), if mesh.mid_nodes.is_some() { "C3D10" } else { "C3D4" });
     for (label, tets) in Groups::new(&mesh.labels).map_err(io::Error::other)?.iter() {
         writeln!(out, "*ELEMENT, TYPE={kind}, ELSET={}", label_name(label))?;
         write_records(out, tets.len(), |i, bytes| {
@@ -65,7 +68,8 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) ->
     Ok(())
 }
 
-/// The number of the face of `tet` that is `facet`: faces 1 to 4 are opposite to the vertices 3, 2, 0, 1.
+/// The number of the face of `tet` that is `facet`: faces 1 to 4 are opposite to the vertices 3, 2,
+/// 0, 1.
 fn face(tet: &[u32; 4], facet: &[u32; 3]) -> i64 {
     match tet.iter().position(|v| !facet.contains(v)) {
         Some(3) => 1,
@@ -102,7 +106,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn numbers_are_short_and_near(value in any::<f64>().prop_filter("finite", |x| x.is_finite())) {
+        fn numbers_are_short_and_near(
+            value in any::<f64>().prop_filter("finite", |x| x.is_finite()),
+        ) {
             let mut bytes = Vec::new();
             push_short_float(&mut bytes, value);
             prop_assert!(bytes.len() <= WIDTH);

@@ -1,21 +1,27 @@
-//! Gmsh's MSH files, versions 4.1 and 2.2, binary (Geuzaine, Remacle, "Gmsh: a 3-D finite element mesh generator with built-in pre- and
-//! post-processing facilities", IJNME 79, 2009; its reference manual, "MSH file format").
+//! Gmsh's MSH files, versions 4.1 and 2.2, binary (Geuzaine, Remacle, "Gmsh: a 3-D finite element
+//! mesh generator with built-in pre- and post-processing facilities", IJNME 79, 2009; its reference
+//! manual, "MSH file format").
 //!
-//! Each label is one volume entity and one physical group of dimension 3, named `label_7`; each pair of labels that meet is one surface
-//! entity and one physical group of dimension 2, named `interface_7_3`, its triangles with normals from the first label to the second.
-//! An entity and its physical group have the same tag. The tag of a volume is its label. Gmsh's tags must be positive, so that labels
-//! of 0 and below (0 is the background, where it was kept) get numbers that no label has; their names tell the label. Surfaces are numbered
-//! from 1, as in all our files.
+//! Each label is one volume entity and one physical group of dimension 3, named `label_7`; each
+//! pair of labels that meet is one surface entity and one physical group of dimension 2, named
+//! `interface_7_3`, its triangles with normals from the first label to the second. An entity and
+//! its physical group have the same tag. The tag of a volume is its label. Gmsh's tags must be
+//! positive, so that labels of 0 and below (0 is the background, where it was kept) get numbers
+//! that no label has; their names tell the label. Surfaces are numbered from 1, as in all our
+//! files.
 //!
-//! The tag of a node is its index + 1, that of a tet its index + 1, triangles are counted on from there. Version 2.2 keeps the order of
-//! the mesh. Version 4.1 has its nodes and elements by entity, in the order of the mesh within each; volumes list the surfaces that
-//! bound them, a surface with normals into the volume negative. A node on interfaces belongs to the surface of the smallest
-//! number among them (Gmsh would make curves where three labels meet; we have none), any other to its volume.
+//! The tag of a node is its index + 1, that of a tet its index + 1, triangles are counted on from
+//! there. Version 2.2 keeps the order of the mesh. Version 4.1 has its nodes and elements by
+//! entity, in the order of the mesh within each; volumes list the surfaces that bound them, a
+//! surface with normals into the volume negative. A node on interfaces belongs to the surface of
+//! the smallest number among them (Gmsh would make curves where three labels meet; we have none),
+//! any other to its volume.
 //!
-//! In a mesh of second order elements have types 11 and 9. Of the nodes on the edges of a tet (a, b, c, d) Gmsh has that of cd
-//! before that of bd; those of facets come in the mesh's own order.
+//! In a mesh of second order elements have types 11 and 9. Of the nodes on the edges of a tet (a,
+//! b, c, d) Gmsh has that of cd before that of bd; those of facets come in the mesh's own order.
 //!
-//! Memory: beside the mesh, 4 bytes per tet and facet and 12 bytes per vertex for the order of version 4.1.
+//! Memory: beside the mesh, 4 bytes per tet and facet and 12 bytes per vertex for the order of
+//! version 4.1.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -56,7 +62,9 @@ impl<'m> Elements<'m> {
     /// Calls `push` for the nodes of a tet. Gmsh has the last two edges the other way round.
     fn nodes_of_tet(&self, t: usize, push: &mut dyn FnMut(u32)) {
         let [a, b, c, d, ab, bc, ca, ad, bd, cd] = self.mesh.tet_nodes(t);
-        [a, b, c, d, ab, bc, ca, ad, cd, bd][..self.mesh.nodes_per_tet()].iter().for_each(|&node| push(node));
+        [a, b, c, d, ab, bc, ca, ad, cd, bd][..self.mesh.nodes_per_tet()]
+            .iter()
+            .for_each(|&node| push(node));
     }
 
     /// Calls `push` for the nodes of a facet.
@@ -72,13 +80,16 @@ type Nodes<'a> = dyn Fn(usize, &mut dyn FnMut(u32)) + Sync + 'a;
 const SURFACE: i32 = 2;
 const VOLUME: i32 = 3;
 
-/// The tags of labels, which are in increasing order: a positive label itself, for others, from 0 downwards, the numbers after the largest
-/// label. Should these run out, the smallest numbers that no label has.
+/// The tags of labels, which are in increasing order: a positive label itself, for others, from 0
+/// downwards, the numbers after the largest label. Should these run out, the smallest numbers that
+/// no label has.
 fn label_tags(labels: &[i32]) -> Vec<i32> {
     let positive = labels.partition_point(|&label| label <= 0);
     let largest = labels.last().map_or(0, |&label| label.max(0));
-    let free =
-        (largest..=i32::MAX).skip(1).chain(1..largest).filter(|tag| labels[positive..].binary_search(tag).is_err());
+    let free = (largest..=i32::MAX)
+        .skip(1)
+        .chain(1..largest)
+        .filter(|tag| labels[positive..].binary_search(tag).is_err());
     let mut tags: Vec<i32> = free.take(positive).collect();
     tags.reverse();
     tags.extend_from_slice(&labels[positive..]);
@@ -116,7 +127,11 @@ pub(super) fn check_limits_2_2(mesh: &TetMesh, path: &Path) -> Result<()> {
     check_count(path, format, "tets and facets", mesh.tets.len() + mesh.facets.len(), most)
 }
 
-pub(super) fn write_2_2(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
+pub(super) fn write_2_2(
+    mesh: &TetMesh,
+    options: &WriteOptions,
+    out: &mut Output,
+) -> io::Result<()> {
     let (labels, pairs) = (distinct(&mesh.labels), LabelPairs::new(mesh));
     let tags = label_tags(&labels);
     write_head(out, options, "2.2", &labels, &tags, &pairs.0)?;
@@ -132,11 +147,19 @@ pub(super) fn write_2_2(mesh: &TetMesh, options: &WriteOptions, out: &mut Output
     write_block_2_2(out, elements.kind_of_tets(), 0, mesh.tets.len(), &tets, tag_of_tet)?;
     let tag_of_facet = |f: usize| pairs.number(&mesh.facet_labels[f]) as i32;
     let facets = |f: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_facet(f, push);
-    write_block_2_2(out, elements.kind_of_facets(), mesh.tets.len(), mesh.facets.len(), &facets, tag_of_facet)?;
+    write_block_2_2(
+        out,
+        elements.kind_of_facets(),
+        mesh.tets.len(),
+        mesh.facets.len(),
+        &facets,
+        tag_of_facet,
+    )?;
     out.write_all(b"\n$EndElements\n")
 }
 
-/// Elements of one type: type, count, number of tags; then of each its number, physical and elementary tag, and nodes.
+/// Elements of one type: type, count, number of tags; then of each its number, physical and
+/// elementary tag, and nodes.
 fn write_block_2_2(
     out: &mut Output,
     kind: i32,
@@ -156,7 +179,11 @@ fn write_block_2_2(
     })
 }
 
-pub(super) fn write_4_1(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
+pub(super) fn write_4_1(
+    mesh: &TetMesh,
+    options: &WriteOptions,
+    out: &mut Output,
+) -> io::Result<()> {
     let volumes = Groups::new(&mesh.labels).map_err(io::Error::other)?;
     let surfaces = Groups::new(&mesh.facet_labels).map_err(io::Error::other)?;
     let (labels, pairs) = (volumes.keys(), surfaces.keys());
@@ -180,13 +207,20 @@ pub(super) fn write_4_1(mesh: &TetMesh, options: &WriteOptions, out: &mut Output
 
     let owners = owners(mesh, &tags, &volumes, &surfaces).map_err(io::Error::other)?;
     let nodes = Groups::new(&owners).map_err(io::Error::other)?;
-    write_longs(out, &[nodes.iter().len(), mesh.points.len(), 1.min(mesh.points.len()), mesh.points.len()])?;
+    write_longs(
+        out,
+        &[nodes.iter().len(), mesh.points.len(), 1.min(mesh.points.len()), mesh.points.len()],
+    )?;
     for ([dimension, tag], vertices) in nodes.iter() {
         // The third integer says that the nodes have no parameters on their entity.
         write_ints(out, &[dimension, tag, 0])?;
         write_longs(out, &[vertices.len()])?;
-        write_records(out, vertices.len(), |i, bytes| push_long(bytes, u64::from(vertices[i]) + 1))?;
-        write_records(out, vertices.len(), |i, bytes| push_point(bytes, &mesh.points[vertices[i] as usize]))?;
+        write_records(out, vertices.len(), |i, bytes| {
+            push_long(bytes, u64::from(vertices[i]) + 1)
+        })?;
+        write_records(out, vertices.len(), |i, bytes| {
+            push_point(bytes, &mesh.points[vertices[i] as usize])
+        })?;
     }
     out.write_all(b"\n$EndNodes\n$Elements\n")?;
 
@@ -195,7 +229,13 @@ pub(super) fn write_4_1(mesh: &TetMesh, options: &WriteOptions, out: &mut Output
     let elements = Elements::new(mesh);
     let nodes = |f: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_facet(f, push);
     for (number, (_, members)) in (1..).zip(surfaces.iter()) {
-        write_block_4_1(out, [SURFACE, number, elements.kind_of_facets()], mesh.tets.len(), &nodes, members)?;
+        write_block_4_1(
+            out,
+            [SURFACE, number, elements.kind_of_facets()],
+            mesh.tets.len(),
+            &nodes,
+            members,
+        )?;
     }
     let nodes = |t: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_tet(t, push);
     for (&tag, (_, members)) in tags.iter().zip(volumes.iter()) {
@@ -213,7 +253,8 @@ fn write_entity(
     boundary: &[i32],
 ) -> io::Result<()> {
     let nowhere = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let (low, high) = vertices.map(|v| mesh.point(v)).fold(nowhere, |(low, high), p| (low.min(p), high.max(p)));
+    let (low, high) =
+        vertices.map(|v| mesh.point(v)).fold(nowhere, |(low, high), p| (low.min(p), high.max(p)));
     write_ints(out, &[tag])?;
     for x in [low, high].into_iter().flat_map(|corner| corner.to_array()) {
         out.write_all(&x.to_le_bytes())?;
@@ -228,21 +269,32 @@ fn write_entity(
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`].
-fn owners(mesh: &TetMesh, tags: &[i32], volumes: &Groups<i32>, surfaces: &Groups<[i32; 2]>) -> Result<Vec<[i32; 2]>> {
+fn owners(
+    mesh: &TetMesh,
+    tags: &[i32],
+    volumes: &Groups<i32>,
+    surfaces: &Groups<[i32; 2]>,
+) -> Result<Vec<[i32; 2]>> {
     // A vertex of no tet has to be somewhere as well.
     let nowhere = [VOLUME, tags.first().copied().unwrap_or(1)];
     let mut owners = filled(mesh.points.len(), nowhere, "owners of vertices", || Ok(()))?;
     for (&tag, (_, tets)) in tags.iter().zip(volumes.iter()) {
-        tets.iter().flat_map(|&t| mesh.nodes_of_tet(t)).for_each(|v| owners[v as usize] = [VOLUME, tag]);
+        tets.iter()
+            .flat_map(|&t| mesh.nodes_of_tet(t))
+            .for_each(|v| owners[v as usize] = [VOLUME, tag]);
     }
     for (i, (_, facets)) in surfaces.iter().enumerate().rev() {
         let number = i as i32 + 1;
-        facets.iter().flat_map(|&f| mesh.nodes_of_facet(f)).for_each(|v| owners[v as usize] = [SURFACE, number]);
+        facets
+            .iter()
+            .flat_map(|&f| mesh.nodes_of_facet(f))
+            .for_each(|v| owners[v as usize] = [SURFACE, number]);
     }
     Ok(owners)
 }
 
-/// Elements of one entity: dimension and tag of the entity, type, count; then of each element its tag and nodes.
+/// Elements of one entity: dimension and tag of the entity, type, count; then of each element its
+/// tag and nodes.
 fn write_block_4_1(
     out: &mut Output,
     kind: [i32; 3],

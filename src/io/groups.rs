@@ -1,7 +1,8 @@
-//! Things sorted into groups of equal keys: the tets of each label, the facets of each pair of labels.
+//! Things sorted into groups of equal keys: the tets of each label, the facets of each pair of
+//! labels.
 //!
-//! Keys are in increasing order, the things of a group in their own order. A counting sort: two passes with a binary search per thing
-//! among the keys, which are few; 4 bytes per thing.
+//! Keys are in increasing order, the things of a group in their own order. A counting sort: two
+//! passes with a binary search per thing among the keys, which are few; 4 bytes per thing.
 
 use crate::Result;
 use crate::memory::zeroed;
@@ -64,7 +65,10 @@ impl<K: Copy + Ord> Groups<K> {
 
     /// Each key with the indices of its things.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = (K, &[u32])> + ExactSizeIterator {
-        self.keys.iter().enumerate().map(|(g, &key)| (key, &self.order[self.starts[g]..self.starts[g + 1]]))
+        self.keys
+            .iter()
+            .enumerate()
+            .map(|(g, &key)| (key, &self.order[self.starts[g]..self.starts[g + 1]]))
     }
 }
 

@@ -1,10 +1,13 @@
-//! MEDIT ascii file (Frey, "MEDIT: an interactive mesh visualization software", INRIA RT-0253, 2001).
+//! MEDIT ascii file (Frey, "MEDIT: an interactive mesh visualization software", INRIA RT-0253,
+//! 2001).
 //!
-//! The reference of a tet is its label, that of a triangle the number of its pair of labels, that of every vertex 0. Comment lines before
-//! the triangles say which labels a number stands for. Indices start at 1.
+//! The reference of a tet is its label, that of a triangle the number of its pair of labels, that
+//! of every vertex 0. Comment lines before the triangles say which labels a number stands for.
+//! Indices start at 1.
 //!
-//! In a mesh of second order they are `TetrahedraP2` and `TrianglesP2`, with the nodes on edges in the mesh's own order
-//! (libMeshb's default). Orders of nodes are not declared: readers other than libMeshb's do not know these sections.
+//! In a mesh of second order they are `TetrahedraP2` and `TrianglesP2`, with the nodes on edges in
+//! the mesh's own order (libMeshb's default). Orders of nodes are not declared: readers other than
+//! libMeshb's do not know these sections.
 
 use std::io::{self, Write};
 
@@ -14,7 +17,8 @@ use super::{LabelPairs, WriteOptions};
 use crate::mesh::TetMesh;
 
 pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
-    // Version 2 is double precision. Some readers take these two lines by position, so nothing may stand between them.
+    // Version 2 is double precision. Some readers take these two lines by position, so nothing may
+    // stand between them.
     write!(out, "MeshVersionFormatted 2\nDimension 3\nVertices\n{}\n", mesh.points.len())?;
     write_records(out, mesh.points.len(), |v, bytes| {
         for &x in &mesh.points[v] {
@@ -33,7 +37,11 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) ->
     out.write_all(options.space("# ", "\n").as_bytes())?;
     write!(out, "{}Triangles{suffix}\n{}\n", pairs.comments(), mesh.facets.len())?;
     write_records(out, mesh.facets.len(), |f, bytes| {
-        push_line(bytes, &mesh.facet_nodes(f)[..of_facet], pairs.number(&mesh.facet_labels[f]) as i64);
+        push_line(
+            bytes,
+            &mesh.facet_nodes(f)[..of_facet],
+            pairs.number(&mesh.facet_labels[f]) as i64,
+        );
     })?;
     out.write_all(b"End\n")
 }

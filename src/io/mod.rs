@@ -4,31 +4,38 @@
 //! |---|---|---|---|
 //! | `.vtu` | VTK XML, appended raw data in zlib blocks | cell array `label` | no |
 //! | `.vtk` | VTK legacy 4.2, binary | cell scalars `label` | no |
-//! | `.mesh` | MEDIT, ascii | reference is the label | reference per pair of labels |
-//! | `.node`, `.ele`, `.face` | TetGen; any of the three names gives all three | first attribute is the label | boundary marker per pair of labels |
-//! | `.msh`, `.msh4`, `.msh41` | Gmsh MSH 4.1, binary | volume entity and physical group per label | surface entity and physical group per pair of labels |
+//! | `.mesh` | MEDIT, ascii | reference is the label | reference per pair |
+//! | `.node`, `.ele`, `.face` | TetGen; all three files | first attribute | marker per pair |
+//! | `.msh`, `.msh4`, `.msh41` | Gmsh MSH 4.1, binary | group per label | group per pair |
 //! | `.msh2`, `.msh22` | Gmsh MSH 2.2, binary | the same | the same |
-//! | `.inp` | Abaqus, ascii | C3D4, element set per label | element-based surface per pair of labels |
+//! | `.inp` | Abaqus, ascii | C3D4, element set per label | element-based surface per pair |
 //! | `.stl` | binary STL | no | all |
 //! | `.ply` | PLY, binary | no | all, properties `first_label` and `second_label` |
 //! | `.off` | OFF, ascii | no | all |
 //!
-//! Pairs of labels are numbered from 1 in increasing order of (first label, second label); the files that use the numbers list them,
-//! in comment lines or as the names of physical groups. Names are `label_7` for a label and `interface_7_-2` for the pair of 7 and -2.
-//! Labels may be any 32-bit integers. Only Gmsh's tags must be positive: there the tag of a positive label is the label, labels of 0 and below
-//! get the numbers after the largest label, 0 first, then -1 and so on, and the names of the physical groups tell which label it is.
+//! Pairs of labels are numbered from 1 in increasing order of (first label, second label); the
+//! files that use the numbers list them, in comment lines or as the names of physical groups. Names
+//! are `label_7` for a label and `interface_7_-2` for the pair of 7 and -2. Labels may be any
+//! 32-bit integers. Only Gmsh's tags must be positive: there the tag of a positive label is the
+//! label, labels of 0 and below get the numbers after the largest label, 0 first, then -1 and so
+//! on, and the names of the physical groups tell which label it is.
 //!
-//! Meshes of second order go to `.vtu`, `.vtk`, `.mesh`, `.msh`, `.msh2`, `.inp`, with all nodes of tets and facets; the nodes on edges come in the order of
-//! [`MidNodes`](crate::mesh::MidNodes) but in Gmsh's files, where the last two of a tet change places. STL, PLY and OFF hold the
-//! flat facets between vertices. TetGen's files are refused.
+//! Meshes of second order go to `.vtu`, `.vtk`, `.mesh`, `.msh`, `.msh2`, `.inp`, with all nodes of
+//! tets and facets; the nodes on edges come in the order of [`MidNodes`](crate::mesh::MidNodes) but
+//! in Gmsh's files, where the last two of a tet change places. STL, PLY and OFF hold the flat
+//! facets between vertices. TetGen's files are refused.
 //!
-//! The order of the vertices of tets is that of [`TetMesh`] in every format, normals of facets point from the first to the
-//! second label. Coordinates are the mesh's; binary formats hold them as they are (STL in single precision), ascii ones in the shortest form
-//! that reads back to the same number (Abaqus in at most 20 characters). STL, PLY and OFF leave out what is no vertex of a facet.
+//! The order of the vertices of tets is that of [`TetMesh`] in every format, normals of facets
+//! point from the first to the second label. Coordinates are the mesh's; binary formats hold them
+//! as they are (STL in single precision), ascii ones in the shortest form that reads back to the
+//! same number (Abaqus in at most 20 characters). STL, PLY and OFF leave out what is no vertex of a
+//! facet.
 //!
-//! Data go to a temporary file in the folder of the target, are synced, and take the target's name in the end, so that a file of that
-//! name is always whole: the new one, or after an error the old one. Records are made in parallel batches and written in order;
-//! nothing is held in memory but a few batches, and, where a format wants things by label, their order. Equal meshes give equal bytes.
+//! Data go to a temporary file in the folder of the target, are synced, and take the target's name
+//! in the end, so that a file of that name is always whole: the new one, or after an error the old
+//! one. Records are made in parallel batches and written in order; nothing is held in memory but a
+//! few batches, and, where a format wants things by label, their order. Equal meshes give equal
+//! bytes.
 //!
 //! [`write_timeline`] writes in the same way what the threads of a run did when.
 
@@ -103,19 +110,24 @@ const ENDINGS: [(&str, MeshFormat); 15] = [
 ];
 
 impl MeshFormat {
-    /// The format that the ending of `path` stands for, upper or lower case. Nothing is opened, so a bad name can be refused before
-    /// any work is done.
+    /// The format that the ending of `path` stands for, upper or lower case. Nothing is opened, so
+    /// a bad name can be refused before any work is done.
     ///
     /// # Errors
     /// [`Error::InvalidArgument`] for another ending, naming those that are known.
     pub fn from_path(path: &Path) -> Result<Self> {
         let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-        ENDINGS.iter().find(|(known, _)| known.eq_ignore_ascii_case(ending)).map(|&(_, format)| format).ok_or_else(
-            || {
+        ENDINGS
+            .iter()
+            .find(|(known, _)| known.eq_ignore_ascii_case(ending))
+            .map(|&(_, format)| format)
+            .ok_or_else(|| {
                 let known = ENDINGS.map(|(known, _)| format!(".{known}")).join(" ");
-                Error::InvalidArgument(format!("{}: unknown ending for a mesh, known are {known}", path.display()))
-            },
-        )
+                Error::InvalidArgument(format!(
+                    "{}: unknown ending for a mesh, known are {known}",
+                    path.display()
+                ))
+            })
     }
 }
 
@@ -123,31 +135,37 @@ impl MeshFormat {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
     /// In `.vtu`: the measures of the tets, a cell array for each of
-    /// [`TetMeasure::ALL`](crate::mesh::quality::TetMeasure::ALL). Other formats have no place for them.
+    /// [`TetMeasure::ALL`](crate::mesh::quality::TetMeasure::ALL). Other formats have no place for
+    /// them.
     pub measures: bool,
-    /// What the world axes mean, where that is known. It is told as `SPACE=LPS`: in the head of `.vtk` and `.stl` and in a
-    /// comment of `.ply`, where 3D Slicer looks for it; in a comment of `.mesh`, `.node`, `.ele`, `.face` and `.inp`; in a
-    /// section of comments of `.msh` and `.msh2`; and in `.vtu` as the field array `SPACE` of its characters' codes.
+    /// What the world axes mean, where that is known. It is told as `SPACE=LPS`: in the head of
+    /// `.vtk` and `.stl` and in a comment of `.ply`, where 3D Slicer looks for it; in a comment of
+    /// `.mesh`, `.node`, `.ele`, `.face` and `.inp`; in a section of comments of `.msh` and
+    /// `.msh2`; and in `.vtu` as the field array `SPACE` of its characters' codes.
     pub world: Option<WorldAxes>,
 }
 
 impl WriteOptions {
     /// `SPACE=LPS`, with something before and behind it; nothing where the axes are not known.
     fn space(&self, before: &str, behind: &str) -> String {
-        self.world.map_or_else(String::new, |world| format!("{before}SPACE={}{behind}", world.name()))
+        self.world
+            .map_or_else(String::new, |world| format!("{before}SPACE={}{behind}", world.name()))
     }
 }
 
-/// Writes `mesh` to `path` in the format of its ending; see the module's table. An existing file is replaced.
+/// Writes `mesh` to `path` in the format of its ending; see the module's table. An existing file is
+/// replaced.
 ///
 /// # Errors
-/// [`Error::InvalidArgument`] for an unknown ending; [`Error::LimitReached`] when the mesh has more vertices or tets than the
-/// format can number; [`Error::OutOfMemory`]; [`Error::Io`]. The temporary files are gone then and no file is half written.
+/// [`Error::InvalidArgument`] for an unknown ending; [`Error::LimitReached`] when the mesh has more
+/// vertices or tets than the format can number; [`Error::OutOfMemory`]; [`Error::Io`]. The
+/// temporary files are gone then and no file is half written.
 pub fn write_mesh(mesh: &TetMesh, path: &Path) -> Result<()> {
     write_mesh_watching(mesh, path, WriteOptions::default(), None)
 }
 
-/// As [`write_mesh`], with options, until a flag is raised. Only the wait for the disk at the end is not cut short.
+/// As [`write_mesh`], with options, until a flag is raised. Only the wait for the disk at the end
+/// is not cut short.
 ///
 /// # Errors
 /// Those of [`write_mesh`]; [`Error::Cancelled`].
@@ -158,7 +176,10 @@ pub fn write_mesh_watching(
     cancel: Option<&CancelFlag>,
 ) -> Result<()> {
     if options.measures && MeshFormat::from_path(path)? != MeshFormat::Vtu {
-        return Err(Error::InvalidArgument(format!("{}: only .vtu files can hold measures of tets", path.display())));
+        return Err(Error::InvalidArgument(format!(
+            "{}: only .vtu files can hold measures of tets",
+            path.display()
+        )));
     }
     let single = |write: &dyn Fn(&TetMesh, &WriteOptions, &mut Output) -> std::io::Result<()>| {
         let mut output = Output::create(path)?.watching(cancel);
@@ -227,11 +248,10 @@ impl LabelPairs {
 
     /// The table, a comment line for each number.
     fn comments(&self) -> String {
-        let lines = self
-            .0
-            .iter()
-            .enumerate()
-            .map(|(i, [first, second])| format!("# facets {}: labels {first} {second}\n", i + 1));
+        let lines =
+            self.0.iter().enumerate().map(|(i, [first, second])| {
+                format!("# facets {}: labels {first} {second}\n", i + 1)
+            });
         lines.collect()
     }
 }
@@ -246,7 +266,8 @@ mod tests {
         for bad in ["a.msh1", "a", "vtu", "a.vtu/b", ""] {
             let message = MeshFormat::from_path(Path::new(bad)).unwrap_err().to_string();
             assert!(
-                message.starts_with(bad) && message.contains(".vtu .vtk .mesh .node .ele .face .msh "),
+                message.starts_with(bad)
+                    && message.contains(".vtu .vtk .mesh .node .ele .face .msh "),
                 "{message}"
             );
             assert!(!message.contains('\n'));
@@ -263,9 +284,15 @@ mod tests {
 
     #[test]
     fn pairs_are_numbered_in_order() {
-        let mesh = TetMesh { facet_labels: vec![[3, 1], [2, 0], [3, 1], [1, 0], [3, 0]], ..TetMesh::default() };
+        let mesh = TetMesh {
+            facet_labels: vec![[3, 1], [2, 0], [3, 1], [1, 0], [3, 0]],
+            ..TetMesh::default()
+        };
         let pairs = LabelPairs::new(&mesh);
-        assert_eq!(mesh.facet_labels.iter().map(|pair| pairs.number(pair)).collect::<Vec<_>>(), [4, 2, 4, 1, 3]);
+        assert_eq!(
+            mesh.facet_labels.iter().map(|pair| pairs.number(pair)).collect::<Vec<_>>(),
+            [4, 2, 4, 1, 3]
+        );
         assert_eq!(pairs.comments().lines().nth(3), Some("# facets 4: labels 3 1"));
     }
 }

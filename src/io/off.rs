@@ -1,6 +1,7 @@
 //! OFF of all interface facets, ascii (Geomview manual, "OFF files").
 //!
-//! Every facet stands once, vertices are shared. The format has no place for labels; the order of facets is the mesh's.
+//! Every facet stands once, vertices are shared. The format has no place for labels; the order of
+//! facets is the mesh's.
 
 use std::io::{self, Write};
 

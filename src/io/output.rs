@@ -37,9 +37,11 @@ impl<'a> Output<'a> {
         // Temporary files are private by default; a mesh gets what the user's umask says.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        // The error of the builder names the temporary file, which tells a user nothing; the kind tells all.
+        // The error of the builder names the temporary file, which tells a user nothing; the kind
+        // tells all.
         let file = builder.tempfile_in(folder).map_err(|error| {
-            let message = format!("no file can be created in folder {}: {}", folder.display(), error.kind());
+            let message =
+                format!("no file can be created in folder {}: {}", folder.display(), error.kind());
             Error::io(path, io::Error::new(error.kind(), message))
         })?;
         Ok(Self { writer: BufWriter::with_capacity(BUFFER, file), target, cancel: None })
@@ -54,22 +56,26 @@ impl<'a> Output<'a> {
         self.cancel.is_some_and(CancelFlag::is_cancelled)
     }
 
-    /// Lets `write` write, and names the target in its error; errors of the library that it wraps come out as they are.
+    /// Lets `write` write, and names the target in its error; errors of the library that it wraps
+    /// come out as they are.
     pub fn fill(&mut self, write: impl FnOnce(&mut Self) -> io::Result<()>) -> Result<()> {
         let result = write(self);
         if self.is_cancelled() {
             return Err(Error::Cancelled);
         }
-        result.map_err(|error| error.downcast().unwrap_or_else(|error| Error::io(&self.target, error)))
+        result.map_err(|error| {
+            error.downcast().unwrap_or_else(|error| Error::io(&self.target, error))
+        })
     }
 
-    /// Gives all files their names, after all are on the disk. If a renaming fails, the files before it have their names already; each
-    /// of them is whole.
+    /// Gives all files their names, after all are on the disk. If a renaming fails, the files
+    /// before it have their names already; each of them is whole.
     pub fn commit(outputs: Vec<Self>) -> Result<()> {
         let mut ready = Vec::with_capacity(outputs.len());
         for Self { mut writer, target, .. } in outputs {
             let synced = writer.flush().and_then(|()| writer.get_ref().as_file().sync_data());
-            let file = synced.and_then(|()| writer.into_inner().map_err(|error| error.into_error()));
+            let file =
+                synced.and_then(|()| writer.into_inner().map_err(|error| error.into_error()));
             ready.push((file.map_err(|error| Error::io(&target, error))?, target));
         }
         for (file, target) in ready {
@@ -103,8 +109,10 @@ mod tests {
     use super::*;
 
     fn names(folder: &Path) -> Vec<String> {
-        let mut names: Vec<_> =
-            fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        let mut names: Vec<_> = fs::read_dir(folder)
+            .unwrap()
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
         names.sort();
         names
     }
@@ -128,7 +136,8 @@ mod tests {
     fn a_raised_flag_ends_the_writing() {
         let folder = tempfile::tempdir().unwrap();
         let flag = CancelFlag::default();
-        let mut output = Output::create(&folder.path().join("a.vtu")).unwrap().watching(Some(&flag));
+        let mut output =
+            Output::create(&folder.path().join("a.vtu")).unwrap().watching(Some(&flag));
         output.fill(|out| out.write_all(b"before")).unwrap();
         let result = output.fill(|out| {
             flag.cancel();
@@ -159,7 +168,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let missing = folder.path().join("no/such/folder.vtu");
         let error = Output::create(&missing).err().unwrap().to_string();
-        assert!(error.starts_with(missing.to_str().unwrap()) && !error.contains(".lapd-"), "{error}");
+        assert!(
+            error.starts_with(missing.to_str().unwrap()) && !error.contains(".lapd-"),
+            "{error}"
+        );
         let error = Output::create(folder.path()).err().unwrap().to_string();
         assert!(error.ends_with("exists and is no regular file"), "{error}");
     }

@@ -1,7 +1,9 @@
-//! Binary PLY of all interface facets, little-endian (Turk, "The PLY polygon file format", Stanford, 1994).
+//! Binary PLY of all interface facets, little-endian (Turk, "The PLY polygon file format",
+//! Stanford, 1994).
 //!
-//! Every facet stands once; `first_label` and `second_label` are the labels behind and before it. Neighbouring facets share their vertices,
-//! and where more than two labels meet, an edge has more than two facets.
+//! Every facet stands once; `first_label` and `second_label` are the labels behind and before it.
+//! Neighbouring facets share their vertices, and where more than two labels meet, an edge has more
+//! than two facets.
 
 use std::io::{self, Write};
 
@@ -15,19 +17,26 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) ->
     let vertices = SurfaceVertices::new(mesh).map_err(io::Error::other)?;
     write!(
         out,
-        "ply\nformat binary_little_endian 1.0\ncomment interfaces of a lapd mesh, normals point from first_label to second_label\n{}\
+        "ply\nformat binary_little_endian 1.0\n\
+         comment interfaces of a lapd mesh, normals point from first_label to second_label\n{}\
          element vertex {}\nproperty double x\nproperty double y\nproperty double z\n\
-         element face {}\nproperty list uchar int vertex_indices\nproperty int first_label\nproperty int second_label\nend_header\n",
+         element face {}\nproperty list uchar int vertex_indices\n\
+         property int first_label\nproperty int second_label\nend_header\n",
         options.space("comment ", "\n"),
         vertices.used.len(),
         mesh.facets.len()
     )?;
     write_records(out, vertices.used.len(), |i, bytes| {
-        mesh.points[vertices.used[i] as usize].iter().for_each(|x| bytes.extend_from_slice(&x.to_le_bytes()));
+        mesh.points[vertices.used[i] as usize]
+            .iter()
+            .for_each(|x| bytes.extend_from_slice(&x.to_le_bytes()));
     })?;
     write_records(out, mesh.facets.len(), |f, bytes| {
         bytes.push(3);
-        vertices.facet(&mesh.facets[f]).iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        vertices
+            .facet(&mesh.facets[f])
+            .iter()
+            .for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
         mesh.facet_labels[f].iter().for_each(|label| bytes.extend_from_slice(&label.to_le_bytes()));
     })
 }

@@ -1,9 +1,12 @@
-//! Batches of bytes made in parallel and written in order, records in them, and the numbers in those.
+//! Batches of bytes made in parallel and written in order, records in them, and the numbers in
+//! those.
 //!
-//! While one round of batches is written, the next one is made. Rounds are as large as the pool, so memory is a few batches for each thread;
-//! what is written does not depend on the number of threads.
+//! While one round of batches is written, the next one is made. Rounds are as large as the pool, so
+//! memory is a few batches for each thread; what is written does not depend on the number of
+//! threads.
 //!
-//! Shortest decimal forms come from `zmij` and `itoa`, several times as fast as the standard formatter.
+//! Shortest decimal forms come from `zmij` and `itoa`, several times as fast as the standard
+//! formatter.
 
 use std::io::{self, Write};
 
@@ -12,10 +15,12 @@ use rayon::prelude::*;
 /// Records of one batch.
 const CHUNK: usize = 8192;
 
-/// Batches of one round, for each thread: enough to keep all threads busy, few enough that memory stays small.
+/// Batches of one round, for each thread: enough to keep all threads busy, few enough that memory
+/// stays small.
 const BATCHES: usize = 4;
 
-/// Calls `make(batch, bytes)`, which appends the bytes of a batch, for all numbers below `count`, and `write` with the bytes in this order.
+/// Calls `make(batch, bytes)`, which appends the bytes of a batch, for all numbers below `count`,
+/// and `write` with the bytes in this order.
 pub(super) fn write_batches(
     count: usize,
     make: impl Fn(usize, &mut Vec<u8>) -> io::Result<()> + Sync,
@@ -43,7 +48,8 @@ pub(super) fn write_batches(
     Ok(())
 }
 
-/// Calls `record(i, bytes)`, which appends record `i`, for all `i` below `count`, and writes the bytes in this order.
+/// Calls `record(i, bytes)`, which appends record `i`, for all `i` below `count`, and writes the
+/// bytes in this order.
 pub(super) fn write_records(
     out: &mut (impl Write + Send),
     count: usize,
@@ -89,9 +95,14 @@ mod tests {
     fn records_keep_their_order() {
         for count in [0, 1, CHUNK, 70 * CHUNK + 3] {
             let mut bytes = Vec::new();
-            write_records(&mut bytes, count, |i, bytes| bytes.extend_from_slice(&(i as u32).to_le_bytes())).unwrap();
-            let values: Vec<u32> =
-                bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+            write_records(&mut bytes, count, |i, bytes| {
+                bytes.extend_from_slice(&(i as u32).to_le_bytes())
+            })
+            .unwrap();
+            let values: Vec<u32> = bytes
+                .chunks_exact(4)
+                .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+                .collect();
             assert!(values.iter().copied().eq(0..count as u32));
         }
     }

@@ -1,7 +1,9 @@
-//! Binary STL of all interface facets (3D Systems, StereoLithography Interface Specification, 1989).
+//! Binary STL of all interface facets (3D Systems, StereoLithography Interface Specification,
+//! 1989).
 //!
-//! One solid with every facet once. Normals point from the facet's first label to its second one: outwards on the outside of the
-//! object, from the larger label to the smaller one inside. STL has no place for labels, and single precision only.
+//! One solid with every facet once. Normals point from the facet's first label to its second one:
+//! outwards on the outside of the object, from the larger label to the smaller one inside. STL has
+//! no place for labels, and single precision only.
 
 use std::io::{self, Write};
 

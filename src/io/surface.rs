@@ -4,7 +4,8 @@ use crate::Result;
 use crate::memory::{filled, room};
 use crate::mesh::{NONE, TetMesh};
 
-/// The vertices of facets, in the order of the mesh. 4 bytes per vertex of the mesh and per vertex here.
+/// The vertices of facets, in the order of the mesh. 4 bytes per vertex of the mesh and per vertex
+/// here.
 pub(super) struct SurfaceVertices {
     /// Indices in the mesh.
     pub used: Vec<u32>,
@@ -19,7 +20,8 @@ impl SurfaceVertices {
         let mut places = filled(mesh.points.len(), NONE, "places of vertices", || Ok(()))?;
         mesh.facets.iter().flatten().for_each(|&v| places[v as usize] = 0);
         let is_used = |&place: &u32| place != NONE;
-        let mut used: Vec<u32> = room(places.iter().copied().filter(is_used).count(), "vertices of interfaces")?;
+        let mut used: Vec<u32> =
+            room(places.iter().copied().filter(is_used).count(), "vertices of interfaces")?;
         used.extend((0..).zip(&places).filter(|&(_, place)| is_used(place)).map(|(v, _)| v));
         (0..).zip(&used).for_each(|(place, &v)| places[v as usize] = place);
         Ok(Self { used, places })
@@ -37,9 +39,16 @@ mod tests {
 
     #[test]
     fn inner_vertices_are_left_out() {
-        let mesh = TetMesh { points: vec![[0.0; 3]; 7], facets: vec![[5, 1, 3], [3, 1, 6]], ..TetMesh::default() };
+        let mesh = TetMesh {
+            points: vec![[0.0; 3]; 7],
+            facets: vec![[5, 1, 3], [3, 1, 6]],
+            ..TetMesh::default()
+        };
         let vertices = SurfaceVertices::new(&mesh).unwrap();
         assert_eq!(vertices.used, [1, 3, 5, 6]);
-        assert_eq!(mesh.facets.iter().map(|facet| vertices.facet(facet)).collect::<Vec<_>>(), [[2, 0, 1], [1, 0, 3]]);
+        assert_eq!(
+            mesh.facets.iter().map(|facet| vertices.facet(facet)).collect::<Vec<_>>(),
+            [[2, 0, 1], [1, 0, 3]]
+        );
     }
 }

@@ -1,7 +1,9 @@
-//! TetGen's .node, .ele and .face files (Si, "TetGen, a Delaunay-based quality tetrahedral mesh generator", ACM TOMS 41, 2015; its manual, "File formats").
+//! TetGen's .node, .ele and .face files (Si, "TetGen, a Delaunay-based quality tetrahedral mesh
+//! generator", ACM TOMS 41, 2015; its manual, "File formats").
 //!
-//! Indices start at 0. The first attribute of a tet is its label; the boundary marker of a face is the number of its pair of labels, listed
-//! in comment lines at the end of the .face file. TetGen itself writes tets with (b - a) x (c - a) . (d - a) > 0, as ours are.
+//! Indices start at 0. The first attribute of a tet is its label; the boundary marker of a face is
+//! the number of its pair of labels, listed in comment lines at the end of the .face file. TetGen
+//! itself writes tets with (b - a) x (c - a) . (d - a) > 0, as ours are.
 
 use std::io::Write;
 use std::path::Path;
@@ -14,10 +16,16 @@ use crate::monitor::CancelFlag;
 use crate::{Error, Result};
 
 /// Writes the three files that `path`, with any of their endings, stands for.
-pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, path: &Path, cancel: Option<&CancelFlag>) -> Result<()> {
+pub(super) fn write(
+    mesh: &TetMesh,
+    options: &WriteOptions,
+    path: &Path,
+    cancel: Option<&CancelFlag>,
+) -> Result<()> {
     if mesh.mid_nodes.is_some() {
         return Err(Error::InvalidArgument(format!(
-            "{}: TetGen's files are written for tets of order 1 only; .vtu .vtk .msh .inp .mesh have order 2",
+            "{}: TetGen's files are written for tets of order 1 only; .vtu .vtk .msh .inp .mesh \
+             have order 2",
             path.display()
         )));
     }
@@ -38,7 +46,9 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, path: &Path, cancel:
     })?;
     ele.fill(|out| {
         writeln!(out, "{} 4 1", mesh.tets.len())?;
-        write_records(out, mesh.tets.len(), |t, bytes| push_line(bytes, t, &mesh.tets[t], i64::from(mesh.labels[t])))?;
+        write_records(out, mesh.tets.len(), |t, bytes| {
+            push_line(bytes, t, &mesh.tets[t], i64::from(mesh.labels[t]))
+        })?;
         out.write_all(space.as_bytes())
     })?;
     let pairs = LabelPairs::new(mesh);

@@ -1,8 +1,11 @@
-//! What threads did when, in Chrome's trace format ("Trace Event Format", JSON object form), which chrome://tracing and ui.perfetto.dev open.
+//! What threads did when, in Chrome's trace format ("Trace Event Format", JSON object form), which
+//! chrome://tracing and ui.perfetto.dev open.
 //!
-//! One row for each thread; each span is a complete event (`"ph":"X"`), its name what the thread did, its times in microseconds since the
-//! refinement began. They are written to the nanosecond, both ends of a span rounded before they are subtracted: spans that follow each other do so
-//! in the file too, and the events of a row stand in the order of time. Cost: about 70 bytes of file per span.
+//! One row for each thread; each span is a complete event (`"ph":"X"`), its name what the thread
+//! did, its times in microseconds since the refinement began. They are written to the nanosecond,
+//! both ends of a span rounded before they are subtracted: spans that follow each other do so in
+//! the file too, and the events of a row stand in the order of time. Cost: about 70 bytes of file
+//! per span.
 //!
 //! Thread safety: reads only.
 
@@ -15,12 +18,18 @@ use crate::monitor::CancelFlag;
 use crate::refine::activity::{Doing, Span, ThreadReport};
 use crate::{Error, Result};
 
-/// Writes the timelines of `threads` to `path`, whatever its ending, until a flag is raised. An existing file is replaced.
+/// Writes the timelines of `threads` to `path`, whatever its ending, until a flag is raised. An
+/// existing file is replaced.
 ///
 /// # Errors
-/// [`Error::InvalidArgument`] when no thread has a timeline, because none was asked for; [`Error::Io`]; [`Error::Cancelled`]. The temporary file is gone
-/// then, and an existing file as it was.
-pub fn write_timeline(threads: &[ThreadReport], path: &Path, cancel: Option<&CancelFlag>) -> Result<()> {
+/// [`Error::InvalidArgument`] when no thread has a timeline, because none was asked for;
+/// [`Error::Io`]; [`Error::Cancelled`]. The temporary file is gone then, and an existing file as it
+/// was.
+pub fn write_timeline(
+    threads: &[ThreadReport],
+    path: &Path,
+    cancel: Option<&CancelFlag>,
+) -> Result<()> {
     if threads.iter().all(|thread| thread.timeline.is_empty()) {
         return Err(Error::InvalidArgument(format!(
             "{}: there is no timeline to write, the run was not asked to keep one",
@@ -35,11 +44,14 @@ pub fn write_timeline(threads: &[ThreadReport], path: &Path, cancel: Option<&Can
         for row in 0..threads.len() {
             write!(
                 out,
-                ",\n{{\"ph\":\"M\",\"pid\":0,\"tid\":{row},\"name\":\"thread_name\",\"args\":{{\"name\":\"thread {row}\"}}}}"
+                ",\n{{\"ph\":\"M\",\"pid\":0,\"tid\":{row},\"name\":\"thread_name\",\
+                 \"args\":{{\"name\":\"thread {row}\"}}}}"
             )?;
         }
         for (row, thread) in threads.iter().enumerate() {
-            write_records(out, thread.timeline.len(), |i, bytes| push_event(bytes, row, &thread.timeline[i]))?;
+            write_records(out, thread.timeline.len(), |i, bytes| {
+                push_event(bytes, row, &thread.timeline[i]);
+            })?;
         }
         out.write_all(b"\n]}\n")
     })?;
@@ -93,9 +105,13 @@ mod tests {
     #[test]
     fn times_have_three_decimals() {
         let mut bytes = Vec::new();
-        push_event(&mut bytes, 3, &Span { doing: Doing::RollingBack, start: 1.000_000_042, end: 1.000_123 });
-        let expected =
-            ",\n{\"ph\":\"X\",\"pid\":0,\"tid\":3,\"name\":\"rolling back\",\"ts\":1000000.042,\"dur\":122.958}";
+        push_event(
+            &mut bytes,
+            3,
+            &Span { doing: Doing::RollingBack, start: 1.000_000_042, end: 1.000_123 },
+        );
+        let expected = ",\n{\"ph\":\"X\",\"pid\":0,\"tid\":3,\"name\":\"rolling \
+         back\",\"ts\":1000000.042,\"dur\":122.958}";
         assert_eq!(String::from_utf8(bytes).unwrap(), expected);
     }
 
@@ -104,7 +120,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("timeline.json");
         let error = write_timeline(&[ThreadReport::default()], &path, None).unwrap_err();
-        assert!(matches!(error, Error::InvalidArgument(_)) && error.to_string().contains("timeline.json"), "{error}");
+        assert!(
+            matches!(error, Error::InvalidArgument(_))
+                && error.to_string().contains("timeline.json"),
+            "{error}"
+        );
         let flag = CancelFlag::default();
         flag.cancel();
         let timeline = vec![Span { doing: Doing::Waiting, start: 0.0, end: 1.0 }];

@@ -1,7 +1,8 @@
 //! VTK legacy file, version 4.2, binary (The VTK User's Guide, "Simple legacy formats").
 //!
-//! Version 4.2 rather than 5.1: every reader knows it. Its data are big-endian and its indices 32 bits wide; the five integers per tet
-//! (eleven in a mesh of second order) are counted in 32 bits by some readers, which bounds the tets.
+//! Version 4.2 rather than 5.1: every reader knows it. Its data are big-endian and its indices 32
+//! bits wide; the five integers per tet (eleven in a mesh of second order) are counted in 32 bits
+//! by some readers, which bounds the tets.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -27,7 +28,8 @@ pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
     let most_tets = most / (mesh.nodes_per_tet() + 1);
     if mesh.points.len() > most || mesh.tets.len() > most_tets {
         return Err(Error::LimitReached(format!(
-            "{}: {} nodes and {} tets are too many for a legacy VTK file ({most} and {most_tets}); .vtu has no such limit",
+            "{}: {} nodes and {} tets are too many for a legacy VTK file ({most} and {most_tets}); \
+             .vtu has no such limit",
             path.display(),
             mesh.points.len(),
             mesh.tets.len()
@@ -39,7 +41,10 @@ pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
 pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
     let (points, tets) = (mesh.points.len(), mesh.tets.len());
     let space = options.space(" ", "");
-    write!(out, "# vtk DataFile Version 4.2\nlapd mesh{space}\nBINARY\nDATASET UNSTRUCTURED_GRID\n")?;
+    write!(
+        out,
+        "# vtk DataFile Version 4.2\nlapd mesh{space}\nBINARY\nDATASET UNSTRUCTURED_GRID\n"
+    )?;
     writeln!(out, "POINTS {points} double")?;
     write_records(out, points, |v, bytes| {
         mesh.points[v].iter().for_each(|x| bytes.extend_from_slice(&x.to_be_bytes()));
@@ -51,7 +56,9 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) ->
         mesh.tet_nodes(t)[..nodes].iter().for_each(|v| bytes.extend_from_slice(&v.to_be_bytes()));
     })?;
     write!(out, "\nCELL_TYPES {tets}\n")?;
-    write_records(out, tets, |_, bytes| bytes.extend_from_slice(&u32::from(cell_type(mesh)).to_be_bytes()))?;
+    write_records(out, tets, |_, bytes| {
+        bytes.extend_from_slice(&u32::from(cell_type(mesh)).to_be_bytes())
+    })?;
     write!(out, "\nCELL_DATA {tets}\nSCALARS label int 1\nLOOKUP_TABLE default\n")?;
     write_records(out, tets, |t, bytes| bytes.extend_from_slice(&mesh.labels[t].to_be_bytes()))?;
     out.write_all(b"\n")

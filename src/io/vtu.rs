@@ -1,12 +1,15 @@
-//! VTK XML unstructured grid: data appended raw, compressed in blocks by zlib, 64-bit block headers (The VTK User's Guide, "XML file formats").
+//! VTK XML unstructured grid: data appended raw, compressed in blocks by zlib, 64-bit block headers
+//! (The VTK User's Guide, "XML file formats").
 //!
 //! Where asked for, cell arrays (Float32) tell measures of the tets.
 //!
-//! The cell array `label` (Int32) stands first: readers that take one integer array for the material take the first. An array is
-//! stored as the number of blocks, the size of a block, the size of the last one if that is smaller (else 0), the compressed size of each
-//! block, then the blocks. Offsets in the XML and sizes in the headers are known only when the blocks are written; room is left for them
-//! and filled in afterwards, so that nothing is held in memory but the blocks at work. Blocks are compressed in parallel, each on its own, so the bytes do not
-//! depend on the number of threads.
+//! The cell array `label` (Int32) stands first: readers that take one integer array for the
+//! material take the first. An array is stored as the number of blocks, the size of a block, the
+//! size of the last one if that is smaller (else 0), the compressed size of each block, then the
+//! blocks. Offsets in the XML and sizes in the headers are known only when the blocks are written;
+//! room is left for them and filled in afterwards, so that nothing is held in memory but the blocks
+//! at work. Blocks are compressed in parallel, each on its own, so the bytes do not depend on the
+//! number of threads.
 
 use std::io::{self, Seek, SeekFrom, Write};
 use std::ops::Range;
@@ -97,21 +100,32 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) ->
     if options.measures {
         for (measure, name) in TetMeasure::ALL {
             let value = move |t: usize| measure.of(&mesh.tets[t].map(|v| mesh.point(v))) as f32;
-            arrays.push(Array::new(format!(r#"type="Float32" Name="{name}""#), tets, move |t| value(t).to_le_bytes()));
+            arrays.push(Array::new(format!(r#"type="Float32" Name="{name}""#), tets, move |t| {
+                value(t).to_le_bytes()
+            }));
         }
     }
-    let [label, position, connectivity, offsets, types] = &arrays[..WITHOUT_MEASURES] else { unreachable!() };
-    let of_cells: Vec<&Array<'_>> = std::iter::once(label).chain(&arrays[WITHOUT_MEASURES..]).collect();
+    let [label, position, connectivity, offsets, types] = &arrays[..WITHOUT_MEASURES] else {
+        unreachable!()
+    };
+    let of_cells: Vec<&Array<'_>> =
+        std::iter::once(label).chain(&arrays[WITHOUT_MEASURES..]).collect();
     // In the order of the data.
-    let order: Vec<&Array<'_>> = of_cells.iter().copied().chain([position, connectivity, offsets, types]).collect();
+    let order: Vec<&Array<'_>> =
+        of_cells.iter().copied().chain([position, connectivity, offsets, types]).collect();
     out.write_all(
-        b"<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" \
+        b"<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" \
+          byte_order=\"LittleEndian\" header_type=\"UInt64\" \
           compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n",
     )?;
     if let Some(world) = options.world {
         // As numbers: some readers of VTU refuse the whole file for an array of strings.
         let codes = world.name().bytes().map(|byte| byte.to_string()).collect::<Vec<_>>().join(" ");
-        write!(out, "<FieldData>\n<DataArray type=\"UInt8\" Name=\"SPACE\" NumberOfTuples=\"3\" format=\"ascii\">")?;
+        write!(
+            out,
+            "<FieldData>\n<DataArray type=\"UInt8\" Name=\"SPACE\" NumberOfTuples=\"3\" \
+             format=\"ascii\">"
+        )?;
         writeln!(out, "{codes}</DataArray>\n</FieldData>")?;
     }
     writeln!(out, r#"<Piece NumberOfPoints="{points}" NumberOfCells="{tets}">"#)?;

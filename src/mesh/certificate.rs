@@ -1,12 +1,16 @@
 //! The certificate of a finished mesh: what a user can rely on without trusting the mesher.
 //!
-//! All of it is computed from the finished mesh and the image alone, by code that refinement does not use, except two counts that only the
-//! triangulation knows and that the caller hands in: facets that are not locally Delaunay, and elements that some rule still wants changed.
-//! Orientation is exact: Shewchuk's adaptive predicate ("Adaptive precision floating-point arithmetic and fast robust geometric
-//! predicates", 1997) from the `robust` crate. Distances are those of [`distance`](super::distance), components those of `image_components` and
-//! `mesh_components`, boundaries those of [`sheets`](super::sheets), and which component stands for which is told by [`matching`](super::matching).
+//! All of it is computed from the finished mesh and the image alone, by code that refinement does
+//! not use, except two counts that only the triangulation knows and that the caller hands in:
+//! facets that are not locally Delaunay, and elements that some rule still wants changed.
+//! Orientation is exact: Shewchuk's adaptive predicate ("Adaptive precision floating-point
+//! arithmetic and fast robust geometric predicates", 1997) from the `robust` crate. Distances are
+//! those of [`distance`](super::distance), components those of `image_components` and
+//! `mesh_components`, boundaries those of [`sheets`](super::sheets), and which component stands for
+//! which is told by [`matching`](super::matching).
 //!
-//! Deterministic whatever the number of threads; parallel in the current rayon pool; safe from any thread. Linear, but for the distances.
+//! Deterministic whatever the number of threads; parallel in the current rayon pool; safe from any
+//! thread. Linear, but for the distances.
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
@@ -31,7 +35,8 @@ use crate::oracle::Oracle;
 /// Tets per work item.
 const CHUNK: usize = 1 << 12;
 
-/// Components of the image with fewer voxels have no row of their own, and are not listed when they are lost or merged.
+/// Components of the image with fewer voxels have no row of their own, and are not listed when they
+/// are lost or merged.
 pub const LEAST_VOXELS: u64 = 8;
 
 /// Small components that are lost, together.
@@ -45,7 +50,8 @@ pub struct SmallLost {
     pub first: Option<(i32, [f64; 3])>,
 }
 
-/// One label, in the mesh and in the image. Volumes are in cubic world units, distances in world units.
+/// One label, in the mesh and in the image. Volumes are in cubic world units, distances in world
+/// units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LabelRow {
     /// The label; never 0.
@@ -64,17 +70,23 @@ pub struct LabelRow {
     pub components_mesh: u64,
     /// Components of the image, of at least [`LEAST_VOXELS`], in which no tet of the label lies.
     pub components_lost: u64,
-    /// Components of the image, of at least [`LEAST_VOXELS`], that the mesh has joined to another one.
+    /// Components of the image, of at least [`LEAST_VOXELS`], that the mesh has joined to another
+    /// one.
     pub components_merged: u64,
-    /// Components of the mesh that are torn off from the one they belong to, or lie in none of the image.
+    /// Components of the mesh that are torn off from the one they belong to, or lie in none of the
+    /// image.
     pub pieces: u64,
-    /// Euler characteristic of the label's boundary in the image: twice that of the union of its closed voxels, so that voxels that meet in an edge or a corner are joined (26-connectivity, 6 for what is around).
+    /// Euler characteristic of the label's boundary in the image: twice that of the union of its
+    /// closed voxels, so that voxels that meet in an edge or a corner are joined (26-connectivity,
+    /// 6 for what is around).
     pub euler_image: i64,
-    /// Euler characteristic of the label's boundary in the mesh: twice that of the union of its closed tets, so that tets that meet in an edge or a vertex are joined.
+    /// Euler characteristic of the label's boundary in the mesh: twice that of the union of its
+    /// closed tets, so that tets that meet in an edge or a vertex are joined.
     pub euler_mesh: i64,
     /// Edges of the mesh at which more than two facets of the label's boundary meet.
     pub pinched_edges: u64,
-    /// Vertices of the mesh, on no such edge, at which more than one sheet of the label's boundary meet.
+    /// Vertices of the mesh, on no such edge, at which more than one sheet of the label's boundary
+    /// meet.
     pub pinched_vertices: u64,
     /// From the label's boundary in the mesh to that in the image.
     pub mesh_to_image: Distance,
@@ -82,11 +94,13 @@ pub struct LabelRow {
     pub image_to_mesh: Distance,
     /// From the label's boundary in the mesh to the smooth interfaces.
     pub mesh_to_surface: Distance,
-    /// From the smooth interfaces around the label to its boundary in the mesh; infinite if the mesh lost it.
+    /// From the smooth interfaces around the label to its boundary in the mesh; infinite if the
+    /// mesh lost it.
     pub surface_to_mesh: Distance,
 }
 
-/// One component of the image that has at least [`LEAST_VOXELS`], and what the mesh made of it. Volumes are in cubic world units, distances in world units.
+/// One component of the image that has at least [`LEAST_VOXELS`], and what the mesh made of it.
+/// Volumes are in cubic world units, distances in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ComponentRow {
     /// Its label.
@@ -107,9 +121,11 @@ pub struct ComponentRow {
     pub components_mesh: u64,
     /// Euler characteristic of its boundary: twice that of the union of its closed voxels.
     pub euler_image: i64,
-    /// The same of the union of the closed tets of the components of the mesh that belong to it; 0 if there are none.
+    /// The same of the union of the closed tets of the components of the mesh that belong to it; 0
+    /// if there are none.
     pub euler_mesh: i64,
-    /// From the boundary of the components of the mesh that belong to it to that of its label in the image.
+    /// From the boundary of the components of the mesh that belong to it to that of its label in
+    /// the image.
     pub mesh_to_image: Distance,
     /// From its boundary to that of its label in the mesh.
     pub image_to_mesh: Distance,
@@ -124,49 +140,59 @@ pub struct ComponentRow {
 pub enum DefectKind {
     /// A component of the image, of at least [`LEAST_VOXELS`], in which no tet of its label lies.
     Lost,
-    /// A component of the image, of at least [`LEAST_VOXELS`], that the mesh has joined to another one of its label.
+    /// A component of the image, of at least [`LEAST_VOXELS`], that the mesh has joined to another
+    /// one of its label.
     Merged,
-    /// A component of the mesh that is torn off from the one that stands for its component of the image.
+    /// A component of the mesh that is torn off from the one that stands for its component of the
+    /// image.
     Torn,
     /// A component of the mesh that lies in no component of its label in the image.
     Stray,
     /// An edge of the mesh at which more than two facets of the label's boundary meet.
     PinchedEdge,
-    /// A vertex of the mesh, on no such edge, at which more than one sheet of the label's boundary meet.
+    /// A vertex of the mesh, on no such edge, at which more than one sheet of the label's boundary
+    /// meet.
     PinchedVertex,
     /// A component of the image that was left out for its size, as asked.
     Dropped,
 }
 
-/// A place where the topology of a label in the mesh is not that of a solid, or not that of the image.
+/// A place where the topology of a label in the mesh is not that of a solid, or not that of the
+/// image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Defect {
     /// What is wrong.
     pub kind: DefectKind,
     /// The label.
     pub label: i32,
-    /// Where, in world coordinates: the centre of the component's first voxel, the centroid of its first tet, the middle of the edge, the vertex.
+    /// Where, in world coordinates: the centre of the component's first voxel, the centroid of its
+    /// first tet, the middle of the edge, the vertex.
     pub position: [f64; 3],
     /// Voxels of the component of the image, tets of that of the mesh; 0 for a pinch.
     pub size: u64,
 }
 
-/// What holds for a finished mesh. Distances are in world units; divided by [`voxel`](Self::voxel) they are in voxels.
+/// What holds for a finished mesh. Distances are in world units; divided by [`voxel`](Self::voxel)
+/// they are in voxels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Certificate {
-    /// Facets whose tets' circumspheres hold the opposite vertex; counted by the caller on the triangulation.
+    /// Facets whose tets' circumspheres hold the opposite vertex; counted by the caller on the
+    /// triangulation.
     pub non_delaunay_facets: u64,
     /// Tets, of any label, whose orientation is not positive by the exact predicate.
     pub inverted_tets: u64,
     /// Vertices in no tet.
     pub orphan_vertices: u64,
-    /// Edges where the boundary of some label (0 included) is not closed: an odd number of its facets meet there.
+    /// Edges where the boundary of some label (0 included) is not closed: an odd number of its
+    /// facets meet there.
     pub open_edges: u64,
-    /// The components of the image of fewer than [`LEAST_VOXELS`] in which no tet of their label lies.
+    /// The components of the image of fewer than [`LEAST_VOXELS`] in which no tet of their label
+    /// lies.
     pub small_lost: SmallLost,
     /// Outer facets that should lie on a wall, where the image cuts the object off, and do not.
     pub facets_off_walls: u64,
-    /// Largest distance from the mesh's interfaces to the faces between voxels of different label, to within a hundredth of the smallest spacing.
+    /// Largest distance from the mesh's interfaces to the faces between voxels of different label,
+    /// to within a hundredth of the smallest spacing.
     pub hausdorff_mesh_to_image: f64,
     /// Largest distance from those faces to the mesh's interfaces; infinite if the mesh has none.
     pub hausdorff_image_to_mesh: f64,
@@ -174,28 +200,32 @@ pub struct Certificate {
     pub mean_mesh_to_image: f64,
     /// Area-weighted mean of the distance from the faces of the voxels.
     pub mean_image_to_mesh: f64,
-    /// From the mesh's interfaces to the smooth ones, those of the oracle: of its samples, as `distance` tells.
+    /// From the mesh's interfaces to the smooth ones, those of the oracle: of its samples, as
+    /// `distance` tells.
     pub mesh_to_surface: Distance,
     /// From the smooth interfaces to those of the mesh; infinite if the mesh has none.
     pub surface_to_mesh: Distance,
     /// The smallest spacing of the image.
     pub voxel: f64,
-    /// Elements that rules R1 to R6 still apply to, and that the spacing floor leaves as they are; counted by the caller.
+    /// Elements that rules R1 to R6 still apply to, and that the spacing floor leaves as they are;
+    /// counted by the caller.
     pub unmet: [u64; 6],
     /// Every label other than 0 that the image or the mesh holds, in increasing order.
     pub labels: Vec<LabelRow>,
-    /// The components of the image that have at least [`LEAST_VOXELS`], in the order of their first voxels.
+    /// The components of the image that have at least [`LEAST_VOXELS`], in the order of their first
+    /// voxels.
     pub components: Vec<ComponentRow>,
     /// Where the topology is at fault, by kind.
     pub defects: Vec<Defect>,
 }
 
 impl Certificate {
-    /// Certifies `mesh` against the `image` it was made from (with the labels that were not to be meshed already set to 0), and the `oracle` made from that.
+    /// Certifies `mesh` against the `image` it was made from (with the labels that were not to be
+    /// meshed already set to 0), and the `oracle` made from that.
     ///
     /// # Errors
-    /// [`InvalidArgument`](crate::Error::InvalidArgument) when a vertex is not finite; [`OutOfMemory`](crate::Error::OutOfMemory);
-    /// [`Cancelled`](crate::Error::Cancelled).
+    /// [`InvalidArgument`](crate::Error::InvalidArgument) when a vertex is not finite;
+    /// [`OutOfMemory`](crate::Error::OutOfMemory); [`Cancelled`](crate::Error::Cancelled).
     pub fn measure(
         mesh: &TetMesh,
         image: &LabelImage,
@@ -205,20 +235,29 @@ impl Certificate {
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
         let [_, _, nz] = image.dims();
-        // Tets are gone over four times, facets twice, vertices and slices of voxels once; these count as some thousand tets each.
-        monitor.enter(Step::Counts, 4 * mesh.tets.len() + 2 * mesh.facets.len() + mesh.points.len() + SLICE * nz)?;
+        // Tets are gone over four times, facets twice, vertices and slices of voxels once; these
+        // count as some thousand tets each.
+        monitor.enter(
+            Step::Counts,
+            4 * mesh.tets.len() + 2 * mesh.facets.len() + mesh.points.len() + SLICE * nz,
+        )?;
         let inverted_tets = inverted_tets(mesh, monitor)?;
         let orphan_vertices = orphan_vertices(mesh, monitor)?;
         let facets_off_walls = facets_off_walls(mesh, oracle, monitor)?;
         let image_components = ImageComponents::new(image, monitor)?;
         let mut mesh_components = MeshComponents::new(mesh, image, &image_components, monitor)?;
         let sheets = Sheets::measure(mesh, &mut mesh_components, monitor)?;
-        let distances = Distances::measure(mesh, image, &mesh_components, &image_components, oracle, monitor)?;
+        let distances =
+            Distances::measure(mesh, image, &mesh_components, &image_components, oracle, monitor)?;
         let (to_faces, to_surface) = (distances.faces.whole, distances.surface.whole);
         let tables = Tables {
             mesh,
             image,
-            matching: Matching::new(&image_components.list, &mesh_components.list, &mesh_components.overlaps)?,
+            matching: Matching::new(
+                &image_components.list,
+                &mesh_components.list,
+                &mesh_components.overlaps,
+            )?,
             image_components: &image_components,
             mesh_components: &mesh_components,
             sheets: &sheets,
@@ -245,7 +284,8 @@ impl Certificate {
         })
     }
 
-    /// Bytes that [`Self::measure`] needs for the voxels of `image`, beside what the mesh and the components need.
+    /// Bytes that [`Self::measure`] needs for the voxels of `image`, beside what the mesh and the
+    /// components need.
     pub fn bytes_needed(image: &LabelImage) -> u64 {
         VoxelFaces::bytes(image.dims())
     }
@@ -261,8 +301,8 @@ impl Certificate {
     }
 }
 
-/// Tets that are not positive: (b - a) x (c - a) . (d - a) > 0 fails. Exact as long as no product of three coordinate differences
-/// over- or underflows.
+/// Tets that are not positive: (b - a) x (c - a) . (d - a) > 0 fails. Exact as long as no product
+/// of three coordinate differences over- or underflows.
 ///
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled).
@@ -272,7 +312,8 @@ pub fn inverted_tets(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
         monitor.advance(tets.len())?;
         let inverted = tets.iter().filter(|tet| {
             let [a, b, c, d] = tet.map(|v| coordinates(mesh.point(v)));
-            // The predicate's sign is opposite: positive when d is below the plane in which a, b, c turn left. What is no number, for products that overflow, proves nothing.
+            // The predicate's sign is opposite: positive when d is below the plane in which a, b, c
+            // turn left. What is no number, for products that overflow, proves nothing.
             let below = robust::orient3d(a, b, c, d);
             below.is_nan() || below >= 0.0
         });
@@ -297,7 +338,10 @@ pub fn orphan_vertices(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
         }
         Ok(())
     })?;
-    Ok(used.par_chunks(CHUNK).map(|used| used.iter().filter(|used| !used.load(Relaxed)).count() as u64).sum())
+    Ok(used
+        .par_chunks(CHUNK)
+        .map(|used| used.iter().filter(|used| !used.load(Relaxed)).count() as u64)
+        .sum())
 }
 
 #[cfg(test)]
@@ -318,7 +362,12 @@ mod tests {
 
     fn nested_pair() -> (TetMesh, LabelImage) {
         let spacing = [1.0, 0.5, 2.0];
-        let frame = Frame::new([0.5, 0.25, 1.0], spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).unwrap();
+        let frame = Frame::new(
+            [0.5, 0.25, 1.0],
+            spacing,
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        )
+        .unwrap();
         (testing::kuhn_box([4; 3], spacing, nested), testing::image([4; 3], frame, nested))
     }
 
@@ -328,10 +377,15 @@ mod tests {
         // Its surface is the faces of the voxels; crossings are found to a thousandth of a voxel.
         let oracle = Oracle::new(&image, SurfaceModel::Voxel, &|| Ok(())).unwrap();
         let mut certificate =
-            Certificate::measure(&mesh, &image, &oracle, 3, [1, 2, 3, 4, 5, 6], &Monitor::silent()).unwrap();
-        let in_rows =
-            certificate.labels.iter_mut().flat_map(|row| [&mut row.mesh_to_surface, &mut row.surface_to_mesh]);
-        for distance in in_rows.chain([&mut certificate.mesh_to_surface, &mut certificate.surface_to_mesh]) {
+            Certificate::measure(&mesh, &image, &oracle, 3, [1, 2, 3, 4, 5, 6], &Monitor::silent())
+                .unwrap();
+        let in_rows = certificate
+            .labels
+            .iter_mut()
+            .flat_map(|row| [&mut row.mesh_to_surface, &mut row.surface_to_mesh]);
+        for distance in
+            in_rows.chain([&mut certificate.mesh_to_surface, &mut certificate.surface_to_mesh])
+        {
             assert!(distance.max < 2e-3, "{distance:?}");
             *distance = Distance::default();
         }
@@ -360,7 +414,10 @@ mod tests {
             assert_eq!(LabelRow { mesh_volume: expected.mesh_volume, ..*row }, *expected);
         }
         let components = std::mem::take(&mut certificate.components);
-        assert_eq!(Certificate { labels: expected.labels.clone(), ..certificate.clone() }, expected);
+        assert_eq!(
+            Certificate { labels: expected.labels.clone(), ..certificate.clone() },
+            expected
+        );
         let rows: Vec<_> = components
             .iter()
             .map(|c| (c.label, c.fate, c.tets, c.euler_image, c.euler_mesh, c.components_mesh))
@@ -382,8 +439,13 @@ mod tests {
         mesh.facets.pop();
         mesh.facet_labels.pop();
         mesh.facet_tets.pop();
-        let certificate = Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent()).unwrap();
-        assert_eq!((certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges), (2, 1, 3));
+        let certificate =
+            Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent())
+                .unwrap();
+        assert_eq!(
+            (certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges),
+            (2, 1, 3)
+        );
     }
 
     #[test]
@@ -423,31 +485,45 @@ mod tests {
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent()).unwrap()
+                Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent())
+                    .unwrap()
             })
         };
         let certificate = on(1);
         assert!(mesh.tets.len() > 4 * CHUNK && mesh.facets.len() > CHUNK);
-        assert!(certificate.inverted_tets == 21 && certificate.orphan_vertices == 1 && certificate.open_edges > 10);
+        assert!(
+            certificate.inverted_tets == 21
+                && certificate.orphan_vertices == 1
+                && certificate.open_edges > 10
+        );
         assert_eq!(certificate, on(3));
     }
 
     #[test]
     fn labels_of_one_side_only_have_rows() {
-        let image = testing::image([2, 1, 1], Frame::axis_aligned([1.0; 3]).unwrap(), |i, _, _| [1, 7][i]);
+        let image =
+            testing::image([2, 1, 1], Frame::axis_aligned([1.0; 3]).unwrap(), |i, _, _| [1, 7][i]);
         let mesh = testing::kuhn_box([2, 1, 1], [1.0; 3], |i, _, _| [7, -3][i]);
-        let rows = Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent()).unwrap().labels;
+        let rows =
+            Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent())
+                .unwrap()
+                .labels;
         assert_eq!(
             rows.iter().map(|r| (r.label, r.tets, r.image_voxels)).collect::<Vec<_>>(),
             [(-3, 6, 0), (1, 0, 1), (7, 6, 1)]
         );
-        assert_eq!((rows[0].mesh_to_image.max, rows[1].image_to_mesh.max), (f64::INFINITY, f64::INFINITY));
+        assert_eq!(
+            (rows[0].mesh_to_image.max, rows[1].image_to_mesh.max),
+            (f64::INFINITY, f64::INFINITY)
+        );
     }
 
     #[test]
     fn what_is_lost_merged_torn_or_pinched_is_listed() {
-        // Bars of eight voxels along y, 3 apart. In the mesh the second hangs on to the first, the third is gone, the fourth is cut in two, and
-        // a piece of label 2, which the image does not have there, floats beside; a bar of three voxels is gone, too, but is too small to be listed.
+        // Bars of eight voxels along y, 3 apart. In the mesh the second hangs on to the first, the
+        // third is gone, the fourth is cut in two, and a piece of label 2, which the image does not
+        // have there, floats beside; a bar of three voxels is gone, too, but is too small to be
+        // listed.
         let bars = |i: usize, j: usize, k: usize| {
             let bar = [1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0, 1][i];
             if k == 0 && (i < 13 || j < 3) { bar } else { 0 }
@@ -463,12 +539,30 @@ mod tests {
         };
         let dims = [14, 8, 2];
         let spacing = [1.0; 3];
-        let frame = Frame::new([0.5; 3], spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).unwrap();
-        let (mesh, image) = (testing::kuhn_box(dims, spacing, meshed), testing::image(dims, frame, bars));
-        let certificate = Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent()).unwrap();
-        let fates: Vec<_> = certificate.components.iter().map(|c| (c.position[0], c.fate, c.components_mesh)).collect();
-        assert_eq!(fates, [(0.5, Fate::Kept, 1), (3.5, Fate::Merged, 0), (6.5, Fate::Lost, 0), (9.5, Fate::Kept, 2)]);
-        let defects: Vec<_> = certificate.defects.iter().map(|d| (d.kind, d.label, d.size)).collect();
+        let frame =
+            Frame::new([0.5; 3], spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+                .unwrap();
+        let (mesh, image) =
+            (testing::kuhn_box(dims, spacing, meshed), testing::image(dims, frame, bars));
+        let certificate =
+            Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent())
+                .unwrap();
+        let fates: Vec<_> = certificate
+            .components
+            .iter()
+            .map(|c| (c.position[0], c.fate, c.components_mesh))
+            .collect();
+        assert_eq!(
+            fates,
+            [
+                (0.5, Fate::Kept, 1),
+                (3.5, Fate::Merged, 0),
+                (6.5, Fate::Lost, 0),
+                (9.5, Fate::Kept, 2)
+            ]
+        );
+        let defects: Vec<_> =
+            certificate.defects.iter().map(|d| (d.kind, d.label, d.size)).collect();
         let expected = [
             (DefectKind::Lost, 1, 8),
             (DefectKind::Merged, 1, 8),
@@ -481,10 +575,18 @@ mod tests {
         assert_eq!(certificate.defects[4].position, [1.0, 3.5, 1.0]);
         let row = &certificate.labels[0];
         assert_eq!((row.components_image, row.components_lost, row.components_merged), (5, 1, 1));
-        assert_eq!((row.components_mesh, row.pieces, row.pinched_edges, row.pinched_vertices), (3, 1, 1, 0));
+        assert_eq!(
+            (row.components_mesh, row.pieces, row.pinched_edges, row.pinched_vertices),
+            (3, 1, 1, 0)
+        );
         // What touches along an edge is joined, what was cut in two is not.
         assert_eq!((row.euler_image, row.euler_mesh), (10, 6));
-        // The lost bar is three voxels from what is left of its label on the one side, two and a bit on the other.
-        assert!(certificate.components[2].image_to_mesh.max >= 2.0, "{:?}", certificate.components[2]);
+        // The lost bar is three voxels from what is left of its label on the one side, two and a
+        // bit on the other.
+        assert!(
+            certificate.components[2].image_to_mesh.max >= 2.0,
+            "{:?}",
+            certificate.components[2]
+        );
     }
 }

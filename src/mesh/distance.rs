@@ -1,28 +1,40 @@
 //! Two-sided distance between the interfaces of a mesh and those of the image it was made from.
 //!
-//! The image's interfaces are the faces between voxels of different label (see `voxel_faces`), whatever surface model the mesh
-//! was made with: a smooth mesh of a perfect image has a distance above 0. The measure follows Aspert, Santa-Cruz, Ebrahimi ("MESH: measuring errors between surfaces
-//! using the Hausdorff distance", ICME 2002): one side is sampled densely, the distance of each sample to the other side is exact.
+//! The image's interfaces are the faces between voxels of different label (see `voxel_faces`),
+//! whatever surface model the mesh was made with: a smooth mesh of a perfect image has a distance
+//! above 0. The measure follows Aspert, Santa-Cruz, Ebrahimi ("MESH: measuring errors between
+//! surfaces using the Hausdorff distance", ICME 2002): one side is sampled densely, the distance of
+//! each sample to the other side is exact.
 //!
-//! - Mesh to image: each facet is cut into n x n similar triangles; samples are their centroids, no more than 0.34 smallest spacings from any point of the facet,
-//!   weighted by area (the midpoint rule, exact for a linear distance). What lies between the samples can only raise the maximum where bounds permit it; there facets are cut
-//!   further, until the maximum is known to a hundredth of the smallest spacing (`Search`).
-//! - Image to mesh: the mean is over the centres of the voxel faces, weighted by area; the maximum is over centres and corners, and may miss the true one by at most the
-//!   distance to the nearest of these.
+//! - Mesh to image: each facet is cut into n x n similar triangles; samples are their centroids, no
+//!   more than 0.34 smallest spacings from any point of the facet, weighted by area (the midpoint
+//!   rule, exact for a linear distance). What lies between the samples can only raise the maximum
+//!   where bounds permit it; there facets are cut further, until the maximum is known to a
+//!   hundredth of the smallest spacing (`Search`).
+//! - Image to mesh: the mean is over the centres of the voxel faces, weighted by area; the maximum
+//!   is over centres and corners, and may miss the true one by at most the distance to the nearest
+//!   of these.
 //!
-//! Over the whole, labels are not compared: a facet between labels 1 and 2 may be nearest to a face between 1 and 3. For a component they are: its boundary, a part of its
-//! label's, is held against the boundary of that label alone, so that a component that is lost is as far away as the next part of its label. Mostly the nearest of
-//! all is of the label; otherwise it is searched for. The largest distance of a mesh's component is that of its samples, not refined further.
+//! Over the whole, labels are not compared: a facet between labels 1 and 2 may be nearest to a face
+//! between 1 and 3. For a component they are: its boundary, a part of its label's, is held against
+//! the boundary of that label alone, so that a component that is lost is as far away as the next
+//! part of its label. Mostly the nearest of all is of the label; otherwise it is searched for. The
+//! largest distance of a mesh's component is that of its samples, not refined further.
 //!
 //! The distances to dO, the surface of the oracle, are for its samples, not for all its points:
 //!
-//! - Mesh to dO: from the centroid of each facet, where it is as a rule farthest, along the facet's normal to where the label changes: towards the side whose label the centroid does
-//!   not have, and where that is more than half a voxel away, the other way, too, and then in directions about the facet's plane. That is no less than the distance. It is looked
-//!   for up to two largest spacings away; what is farther counts as that far.
-//! - dO to mesh: from the points where dO crosses the edges between voxel centres, one for each voxel face, weighted by its area. The maximum over them is exact; in the mean
-//!   counts the distance to the triangle that is nearest to the centre of the voxel face: no less than the distance, and mostly equal.
+//! - Mesh to dO: from the centroid of each facet, where it is as a rule farthest, along the facet's
+//!   normal to where the label changes: towards the side whose label the centroid does not have,
+//!   and where that is more than half a voxel away, the other way, too, and then in directions
+//!   about the facet's plane. That is no less than the distance. It is looked for up to two largest
+//!   spacings away; what is farther counts as that far.
+//! - dO to mesh: from the points where dO crosses the edges between voxel centres, one for each
+//!   voxel face, weighted by its area. The maximum over them is exact; in the mean counts the
+//!   distance to the triangle that is nearest to the centre of the voxel face: no less than the
+//!   distance, and mostly equal.
 //!
-//! Safe from any thread; parallel inside; sums are combined in a fixed order, so equal input gives equal bits. Linear in samples and faces where mesh and image are near each other.
+//! Safe from any thread; parallel inside; sums are combined in a fixed order, so equal input gives
+//! equal bits. Linear in samples and faces where mesh and image are near each other.
 
 mod from_image;
 mod from_mesh;
@@ -47,7 +59,8 @@ use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
 use crate::{Error, Result};
 
-/// Facets, and rows of voxel faces, per parallel work item; fixed, so that sums do not depend on the number of threads.
+/// Facets, and rows of voxel faces, per parallel work item; fixed, so that sums do not depend on
+/// the number of threads.
 const CHUNK: usize = 256;
 
 /// Samples between two looks at the cancel flag: far from any interface one may take a millisecond.
@@ -56,14 +69,16 @@ const CHECK_EVERY: usize = 64;
 /// Facets whose triangles are made between two looks at the cancel flag.
 const FILL: usize = 1 << 16;
 
-/// How far a point of a facet may be from a sample, in smallest spacings. Facets have their corners where edges of the grid are crossed, near voxel faces, and their middles elsewhere: with one
+/// How far a point of a facet may be from a sample, in smallest spacings. Facets have their corners
+/// where edges of the grid are crossed, near voxel faces, and their middles elsewhere: with one
 /// sample for most facets the mean is 12 % too large, with this distance less than a per cent.
 const PART: f64 = 0.34;
 
 /// The largest distance from the mesh may be farther by this part of the smallest spacing.
 const TOLERANCE: f64 = 0.01;
 
-/// How far from a triangle, in smallest spacings, it is shown to the faces of voxels: most have one within half a voxel.
+/// How far from a triangle, in smallest spacings, it is shown to the faces of voxels: most have one
+/// within half a voxel.
 const REACH: f64 = 0.5;
 
 /// One-sided distance in world units.
@@ -71,12 +86,13 @@ const REACH: f64 = 0.5;
 pub struct Distance {
     /// Area-weighted mean over the samples.
     pub mean: f64,
-    /// The one-sided Hausdorff distance: from the mesh to a hundredth of the smallest spacing, from the image as a maximum over samples.
+    /// The one-sided Hausdorff distance: from the mesh to a hundredth of the smallest spacing, from
+    /// the image as a maximum over samples.
     pub max: f64,
 }
 
-/// Two-sided distance between interfaces. Where there are samples on one side and nothing on the other, mean and maximum are infinite;
-/// where there are no samples they are 0.
+/// Two-sided distance between interfaces. Where there are samples on one side and nothing on the
+/// other, mean and maximum are infinite; where there are no samples they are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SurfaceDistance {
     /// From interface facets to the image: to the faces of voxels, or to dO.
@@ -105,10 +121,12 @@ pub(super) struct BothDistances {
 }
 
 impl Distances {
-    /// Measures `mesh` against `image`, and against the surface of the `oracle` that was made from it.
+    /// Measures `mesh` against `image`, and against the surface of the `oracle` that was made from
+    /// it.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`] when a vertex is not finite, [`Error::OutOfMemory`], [`Error::Cancelled`].
+    /// [`Error::InvalidArgument`] when a vertex is not finite, [`Error::OutOfMemory`],
+    /// [`Error::Cancelled`].
     pub fn measure(
         mesh: &TetMesh,
         image: &LabelImage,
@@ -117,8 +135,12 @@ impl Distances {
         oracle: &Oracle,
         monitor: &Monitor<'_>,
     ) -> Result<BothDistances> {
-        if let Some(v) = mesh.points.par_iter().position_first(|p| p.iter().any(|x| !x.is_finite())) {
-            return Err(Error::InvalidArgument(format!("vertex {v} is not finite: {:?}", mesh.points[v])));
+        if let Some(v) = mesh.points.par_iter().position_first(|p| p.iter().any(|x| !x.is_finite()))
+        {
+            return Err(Error::InvalidArgument(format!(
+                "vertex {v} is not finite: {:?}",
+                mesh.points[v]
+            )));
         }
         monitor.enter(Step::MeshToImage, mesh.facets.len())?;
         let faces = VoxelFaces::new(image, monitor)?;
@@ -140,7 +162,8 @@ impl Distances {
         }
         let (mesh_to_image, sums) = from_mesh::mesh_to_image(&triangles, &faces, monitor)?;
         let of_mesh = spread(sums, mesh_components.list.len())?;
-        let (mesh_to_surface, sums) = to_surface::mesh_to_surface(&triangles, to_world, oracle, monitor)?;
+        let (mesh_to_surface, sums) =
+            to_surface::mesh_to_surface(&triangles, to_world, oracle, monitor)?;
         let of_mesh_to_surface = spread(sums, mesh_components.list.len())?;
         let [_, ny, nz] = faces.brick_dims();
         monitor.enter(Step::ImageToMesh, ny * nz)?;
@@ -176,7 +199,10 @@ impl Sum {
     /// Mean and maximum; 0 of nothing.
     pub fn distance(&self) -> Distance {
         // Facets without area have no weight, but may have a maximum.
-        Distance { mean: if self.weight > 0.0 { self.weighted / self.weight } else { self.max }, max: self.max }
+        Distance {
+            mean: if self.weight > 0.0 { self.weighted / self.weight } else { self.max },
+            max: self.max,
+        }
     }
 }
 

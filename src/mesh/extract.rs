@@ -1,23 +1,28 @@
-//! From the triangulation to the finished mesh: the tets whose circumcenter lies in the object, each with the label there.
+//! From the triangulation to the finished mesh: the tets whose circumcenter lies in the object,
+//! each with the label there.
 //!
-//! Tets and vertices come in the order of their places (`delaunay::places`), facets in that of the tets that list them: what is near in space is mostly near in the arrays, which
-//! whoever goes through them profits from, the certificate first of all. Vertices of no kept tet are left out.
+//! Tets and vertices come in the order of their places (`delaunay::places`), facets in that of the
+//! tets that list them: what is near in space is mostly near in the arrays, which whoever goes
+//! through them profits from, the certificate first of all. Vertices of no kept tet are left out.
 //!
 //! # Passes
-//! 1. *Keep*: a sweep over the slots notes the label ids of the tets that are kept, and the vertices in use.
+//! 1. *Keep*: a sweep over the slots notes the label ids of the tets that are kept, and the
+//!    vertices in use.
 //! 2. *Vertices*: those in use are numbered and copied.
 //! 3. *Number*: the tets get their indices and labels.
 //! 4. *Tets*: a sweep in the order of places writes vertices and neighbours in their new indices.
 //!
 //! The interface facets are listed last, when the mesh no longer changes: `facets`.
 //!
-//! Work goes by ranges of tets or vertices. A pass counts by range what the next one writes, so that each range knows where it starts: the mesh does not
-//! depend on the number of threads, and every array gets its memory at once, touched first by the thread that fills it.
+//! Work goes by ranges of tets or vertices. A pass counts by range what the next one writes, so
+//! that each range knows where it starts: the mesh does not depend on the number of threads, and
+//! every array gets its memory at once, touched first by the thread that fills it.
 //!
-//! Cost: two reads of every record, and for each kept tet eight lookups in two tables: four bytes a slot, four a vertex.
-//! Beside the mesh it holds these tables and two bytes a slot.
+//! Cost: two reads of every record, and for each kept tet eight lookups in two tables: four bytes a
+//! slot, four a vertex. Beside the mesh it holds these tables and two bytes a slot.
 //!
-//! Thread safety: runs in the current rayon pool; nobody may operate on the triangulation meanwhile.
+//! Thread safety: runs in the current rayon pool; nobody may operate on the triangulation
+//! meanwhile.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -32,11 +37,13 @@ use crate::delaunay::{TetId, Triangulation};
 use crate::memory::{parts, prefetch, reserve, zeroed};
 use crate::monitor::Monitor;
 
-/// Tets, or vertices, of one piece of work: some hundred microseconds, between two looks at the cancel flag. No longer pieces, so that threads end together.
+/// Tets, or vertices, of one piece of work: some hundred microseconds, between two looks at the
+/// cancel flag. No longer pieces, so that threads end together.
 const RANGE: usize = 1 << 13;
 
-/// Bytes per slot of a tet that extraction needs at most, mesh included: 36 for a kept tet, 5 for the vertices (some six tets have
-/// one), 18 for the interface facets (fewer than one for two tets), 4 for the order.
+/// Bytes per slot of a tet that extraction needs at most, mesh included: 36 for a kept tet, 5 for
+/// the vertices (some six tets have one), 18 for the interface facets (fewer than one for two
+/// tets), 4 for the order.
 pub const BYTES_PER_SLOT: u64 = 64;
 
 /// What becomes of tets of the background.
@@ -46,8 +53,8 @@ pub enum Background {
     Dropped,
     /// They are kept, where their places are.
     Kept,
-    /// They are kept behind the tets of the object, and the vertices that they alone have behind the others, so that they
-    /// can be dropped later: `TetMesh::finish`.
+    /// They are kept behind the tets of the object, and the vertices that they alone have behind
+    /// the others, so that they can be dropped later: `TetMesh::finish`.
     Last,
 }
 
@@ -59,9 +66,9 @@ pub struct Extracted {
     pub points_kept: usize,
 }
 
-/// Collects the mesh, in the `order` of [`Triangulation::tets_by_place`], which has the object first afterwards where the
-/// background comes last. `label_id` is the dense id of a tet's label, asked
-/// once for each tet; `labels` has the label of each id. Id 0 is the background.
+/// Collects the mesh, in the `order` of [`Triangulation::tets_by_place`], which has the object
+/// first afterwards where the background comes last. `label_id` is the dense id of a tet's label,
+/// asked once for each tet; `labels` has the label of each id. Id 0 is the background.
 ///
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
@@ -133,25 +140,38 @@ impl<'o> Kept<'o> {
             monitor.check_cancelled()?;
             Ok(tets.iter().filter(|&&t| ids[t as usize] != NOT_KEPT).count())
         };
-        let ranges = consecutive(order.par_chunks(RANGE).with_max_len(1).map(kept).collect::<Result<_>>()?);
+        let ranges =
+            consecutive(order.par_chunks(RANGE).with_max_len(1).map(kept).collect::<Result<_>>()?);
         Ok((Self { triangulation, order, ids, ranges }, in_use))
     }
 
-    /// The tets of a range that are kept, each with its label id, and the tets that are to be fetched meanwhile: one, and what another one leads to.
+    /// The tets of a range that are kept, each with its label id, and the tets that are to be
+    /// fetched meanwhile: one, and what another one leads to.
     fn of_range(&self, range: usize) -> impl Iterator<Item = (TetId, u16, [TetId; 2])> {
         let tets = &self.order[range * RANGE..((range + 1) * RANGE).min(self.order.len())];
-        let ahead = move |i: usize| [AHEAD, AHEAD_AROUND].map(|ahead| tets[(i + ahead).min(tets.len() - 1)]);
+        let ahead = move |i: usize| {
+            [AHEAD, AHEAD_AROUND].map(|ahead| tets[(i + ahead).min(tets.len() - 1)])
+        };
         let tets = tets.iter().enumerate().map(move |(i, &t)| (t, self.ids[t as usize], ahead(i)));
         tets.filter(|&(_, id, _)| id != NOT_KEPT)
     }
 
-    /// The number pass: fills in the labels. Returns the index of the tet in each slot, [`NONE`] where none is kept.
-    fn number(&self, labels: &[i32], mesh: &mut TetMesh, monitor: &Monitor<'_>) -> Result<Vec<AtomicU32>> {
+    /// The number pass: fills in the labels. Returns the index of the tet in each slot, [`NONE`]
+    /// where none is kept.
+    fn number(
+        &self,
+        labels: &[i32],
+        mesh: &mut TetMesh,
+        monitor: &Monitor<'_>,
+    ) -> Result<Vec<AtomicU32>> {
         // What is zero stands for none, so indices are kept with 1 added.
         let tet_index: Vec<AtomicU32> = zeroed(self.ids.len(), "slots of tets")?;
         mesh.labels = zeroed(end_of(&self.ranges), "tets of the mesh")?;
-        let pieces =
-            split(&mut mesh.labels, &self.ranges)?.into_par_iter().zip(&self.ranges).enumerate().with_max_len(1);
+        let pieces = split(&mut mesh.labels, &self.ranges)?
+            .into_par_iter()
+            .zip(&self.ranges)
+            .enumerate()
+            .with_max_len(1);
         pieces.try_for_each(|(range, (own, indices))| {
             monitor.check_cancelled()?;
             for (((t, id, _), label), index) in self.of_range(range).zip(own).zip(indices.clone()) {
@@ -199,12 +219,16 @@ impl InUse {
     fn new(bound: u32, background: Background) -> Result<Self> {
         let words = bound.div_ceil(u32::BITS) as usize;
         let last = if background == Background::Last { words } else { 0 };
-        Ok(Self { first: zeroed(words, "vertices of the mesh")?, last: zeroed(last, "vertices of the mesh")? })
+        Ok(Self {
+            first: zeroed(words, "vertices of the mesh")?,
+            last: zeroed(last, "vertices of the mesh")?,
+        })
     }
 
     fn note(&self, v: u32, is_last: bool) {
         let bits = if is_last { &self.last } else { &self.first };
-        let (word, bit): (&AtomicU32, u32) = (&bits[(v / u32::BITS) as usize], 1 << (v % u32::BITS));
+        let (word, bit): (&AtomicU32, u32) =
+            (&bits[(v / u32::BITS) as usize], 1 << (v % u32::BITS));
         // Most are in use already: looking first spares the locked operation.
         if word.load(Relaxed) & bit == 0 {
             word.fetch_or(bit, Relaxed);
@@ -235,26 +259,36 @@ struct Vertices {
 }
 
 /// The vertex pass.
-fn copy_vertices(triangulation: &Triangulation, in_use: &InUse, monitor: &Monitor<'_>) -> Result<Vertices> {
-    let mut order = triangulation.vertices_by_place(|v| in_use.is_first(v), || monitor.check_cancelled())?;
+fn copy_vertices(
+    triangulation: &Triangulation,
+    in_use: &InUse,
+    monitor: &Monitor<'_>,
+) -> Result<Vertices> {
+    let mut order =
+        triangulation.vertices_by_place(|v| in_use.is_first(v), || monitor.check_cancelled())?;
     let points_kept = order.len();
     if !in_use.last.is_empty() {
-        let last = triangulation.vertices_by_place(|v| in_use.is_last(v), || monitor.check_cancelled())?;
+        let last =
+            triangulation.vertices_by_place(|v| in_use.is_last(v), || monitor.check_cancelled())?;
         reserve(&mut order, last.len(), "vertices of the mesh")?;
         order.extend(last);
     }
-    let index: Vec<AtomicU32> = zeroed(triangulation.vertex_bound() as usize, "vertices of the mesh")?;
+    let index: Vec<AtomicU32> =
+        zeroed(triangulation.vertex_bound() as usize, "vertices of the mesh")?;
     let mut points: Vec<[f64; 3]> = zeroed(order.len(), "vertices of the mesh")?;
-    order.par_chunks(RANGE).zip(points.par_chunks_mut(RANGE)).enumerate().with_max_len(1).try_for_each(
-        |(range, (vertices, points))| {
+    order
+        .par_chunks(RANGE)
+        .zip(points.par_chunks_mut(RANGE))
+        .enumerate()
+        .with_max_len(1)
+        .try_for_each(|(range, (vertices, points))| {
             monitor.check_cancelled()?;
             for ((&v, point), new) in vertices.iter().zip(points).zip((range * RANGE) as u32..) {
                 index[v as usize].store(new, Relaxed);
                 *point = triangulation.position(v).to_array();
             }
             Ok(())
-        },
-    )?;
+        })?;
     Ok(Vertices { index, points, points_kept })
 }
 
@@ -274,7 +308,9 @@ fn copy_tets(
     mesh.neighbors = zeroed(count, "tets of the mesh")?;
     let copy = |(range, (tets, neighbors)): (usize, (Fours<'_>, Fours<'_>))| {
         monitor.advance(RANGE / 2)?;
-        for ((t, _, [far, near]), (vertices, neighbors)) in kept.of_range(range).zip(tets.iter_mut().zip(neighbors)) {
+        for ((t, _, [far, near]), (vertices, neighbors)) in
+            kept.of_range(range).zip(tets.iter_mut().zip(neighbors))
+        {
             kept.triangulation.prefetch(far);
             let record = kept.triangulation.tet(near);
             for i in 0..4 {
@@ -284,13 +320,16 @@ fn copy_tets(
             let record = kept.triangulation.tet(t);
             *vertices = record.vertices().map(|v| vertex_index[v as usize].load(Relaxed));
             // A facet on the box names a slot far beyond all that exist. Less 1, 0 becomes `NONE`.
-            let index_of =
-                |slot: TetId| tet_index.get(slot as usize).map_or(0, |index| index.load(Relaxed)).wrapping_sub(1);
+            let index_of = |slot: TetId| {
+                tet_index.get(slot as usize).map_or(0, |index| index.load(Relaxed)).wrapping_sub(1)
+            };
             *neighbors = [0, 1, 2, 3].map(|i| index_of(record.neighbor(i).tet()));
         }
         Ok(())
     };
-    let pieces = split(&mut mesh.tets, &kept.ranges)?.into_par_iter().zip(split(&mut mesh.neighbors, &kept.ranges)?);
+    let pieces = split(&mut mesh.tets, &kept.ranges)?
+        .into_par_iter()
+        .zip(split(&mut mesh.neighbors, &kept.ranges)?);
     pieces.enumerate().with_max_len(1).try_for_each(copy)
 }
 
@@ -322,13 +361,16 @@ mod tests {
     use glam::DVec3;
     use std::collections::HashMap;
 
-    /// Some ranges of slots: thousands of points, of which some are removed, so that slots in between are free.
+    /// Some ranges of slots: thousands of points, of which some are removed, so that slots in
+    /// between are free.
     fn triangulation() -> Triangulation {
         let triangulation = Triangulation::new(DVec3::ZERO, DVec3::ONE).unwrap();
         let mut worker = Worker::new(Solo, 0);
         let mut state = 1_u64;
         let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             ((state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
         };
         let mut start = 0;
@@ -359,7 +401,10 @@ mod tests {
             pool.install(|| {
                 let monitor = Monitor::silent();
                 let mut order = order.clone();
-                let mut mesh = extract(&triangulation, &mut order, label_id, labels, kept, &monitor).unwrap().mesh;
+                let mut mesh =
+                    extract(&triangulation, &mut order, label_id, labels, kept, &monitor)
+                        .unwrap()
+                        .mesh;
                 mesh.collect_facets(&monitor).unwrap();
                 mesh
             })
@@ -367,7 +412,8 @@ mod tests {
         let mesh = on(1);
         assert_eq!(mesh, on(3));
 
-        let mut kept_tets: Vec<TetId> = order.iter().copied().filter(|&t| background || label_id(t) != 0).collect();
+        let mut kept_tets: Vec<TetId> =
+            order.iter().copied().filter(|&t| background || label_id(t) != 0).collect();
         if kept == Background::Last {
             kept_tets.sort_by_key(|&t| label_id(t) == 0);
         }
@@ -379,10 +425,14 @@ mod tests {
             let record = triangulation.tet(t);
             let label = labels[usize::from(label_id(t))];
             assert_eq!(mesh.labels[k], label);
-            assert_eq!(mesh.tets[k].map(|v| mesh.point(v)), triangulation.corners(record.vertices()));
+            assert_eq!(
+                mesh.tets[k].map(|v| mesh.point(v)),
+                triangulation.corners(record.vertices())
+            );
             for i in 0..4 {
                 let neighbor = record.neighbor(i);
-                let beyond = if neighbor.is_none() { None } else { index.get(&neighbor.tet()).copied() };
+                let beyond =
+                    if neighbor.is_none() { None } else { index.get(&neighbor.tet()).copied() };
                 assert_eq!(mesh.neighbors[k][i], beyond.unwrap_or(NONE));
                 facets += usize::from(label > beyond.map_or(0, |n| mesh.labels[n as usize]));
                 facets += usize::from(label < 0 && beyond.is_none());
@@ -392,9 +442,12 @@ mod tests {
         for (f, &[a, b, c]) in mesh.facets.iter().enumerate() {
             let [a, b, c] = [a, b, c].map(|v| mesh.point(v));
             assert!(mesh.facet_labels[f][0] > mesh.facet_labels[f][1]);
-            for (side, t) in mesh.facet_tets[f].into_iter().enumerate().filter(|&(_, t)| t != NONE) {
+            for (side, t) in mesh.facet_tets[f].into_iter().enumerate().filter(|&(_, t)| t != NONE)
+            {
                 assert_eq!(mesh.facet_labels[f][side], mesh.labels[t as usize]);
-                let center = mesh.tets[t as usize].iter().fold(DVec3::ZERO, |sum, &v| sum + mesh.point(v) * 0.25);
+                let center = mesh.tets[t as usize]
+                    .iter()
+                    .fold(DVec3::ZERO, |sum, &v| sum + mesh.point(v) * 0.25);
                 assert_eq!((b - a).cross(c - a).dot(center - a) > 0.0, side == 1);
             }
         }

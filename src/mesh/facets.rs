@@ -1,7 +1,8 @@
-//! The interface facets of a mesh, from its tets, labels and neighbours; and the end of a mesh that was improved.
+//! The interface facets of a mesh, from its tets, labels and neighbours; and the end of a mesh that
+//! was improved.
 //!
-//! Facets come in the order of the tets that list them, each from the side of its larger label. Work goes by ranges of
-//! tets, so the result does not depend on the number of threads.
+//! Facets come in the order of the tets that list them, each from the side of its larger label.
+//! Work goes by ranges of tets, so the result does not depend on the number of threads.
 
 use rayon::prelude::*;
 
@@ -15,7 +16,8 @@ use crate::monitor::Monitor;
 const RANGE: usize = 1 << 13;
 
 impl TetMesh {
-    /// Fills in `facets`, `facet_labels` and `facet_tets`. What lies across a facet without a neighbour is background.
+    /// Fills in `facets`, `facet_labels` and `facet_tets`. What lies across a facet without a
+    /// neighbour is background.
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
@@ -27,8 +29,11 @@ impl TetMesh {
             for t in range * RANGE..((range + 1) * RANGE).min(tets.len()) {
                 for (i, &other) in neighbors[t].iter().enumerate() {
                     // Each facet once.
-                    let (label, is_listed) =
-                        if other == NONE { (0, true) } else { (labels[other as usize], (other as usize) < t) };
+                    let (label, is_listed) = if other == NONE {
+                        (0, true)
+                    } else {
+                        (labels[other as usize], (other as usize) < t)
+                    };
                     if is_listed && labels[t] != label {
                         reserve(&mut listed, 1, "interface facets of the mesh")?;
                         listed.push(Facet::new(t as u32, i));
@@ -55,7 +60,8 @@ impl TetMesh {
             for (k, facet) in listed.iter().enumerate() {
                 let (t, i) = (facet.tet(), facet.index());
                 let other = neighbors[t as usize][i];
-                let (here, there) = (labels[t as usize], if other == NONE { 0 } else { labels[other as usize] });
+                let (here, there) =
+                    (labels[t as usize], if other == NONE { 0 } else { labels[other as usize] });
                 let [a, b, c] = FACET[i].map(|j| tets[t as usize][j]);
                 // FACET's normals point into the tet.
                 (facets[k], facet_labels[k], facet_tets[k]) = if here > there {
@@ -68,8 +74,9 @@ impl TetMesh {
         })
     }
 
-    /// Closes the gaps that improvement left, and drops the background unless it is to be `kept`: of the vertices those
-    /// between number `points_kept` and `points_before`, the count before improvement. Returns where each of `tets` is now.
+    /// Closes the gaps that improvement left, and drops the background unless it is to be `kept`:
+    /// of the vertices those between number `points_kept` and `points_before`, the count before
+    /// improvement. Returns where each of `tets` is now.
     ///
     /// The last tets go where there are gaps, so that all others keep their places.
     ///
@@ -85,14 +92,19 @@ impl TetMesh {
         let is_kept = |t: usize| self.tets[t][0] != NONE && (kept || self.labels[t] != 0);
         let chunks = (0..self.tets.len().div_ceil(RANGE)).into_par_iter().with_max_len(1);
         let of_chunk = |chunk: usize| chunk * RANGE..((chunk + 1) * RANGE).min(self.tets.len());
-        let count: usize = chunks.clone().map(|chunk| of_chunk(chunk).filter(|&t| is_kept(t)).count()).sum();
+        let count: usize =
+            chunks.clone().map(|chunk| of_chunk(chunk).filter(|&t| is_kept(t)).count()).sum();
         // As many gaps before `count` as tets behind it.
         let gaps: Vec<u32> = chunks
             .clone()
-            .flat_map_iter(|chunk| of_chunk(chunk).filter(|&t| t < count && !is_kept(t)).map(|t| t as u32))
+            .flat_map_iter(|chunk| {
+                of_chunk(chunk).filter(|&t| t < count && !is_kept(t)).map(|t| t as u32)
+            })
             .collect();
         let moved: Vec<u32> = chunks
-            .flat_map_iter(|chunk| of_chunk(chunk).filter(|&t| t >= count && is_kept(t)).map(|t| t as u32))
+            .flat_map_iter(|chunk| {
+                of_chunk(chunk).filter(|&t| t >= count && is_kept(t)).map(|t| t as u32)
+            })
             .collect();
         debug_assert_eq!(gaps.len(), moved.len());
         let behind = self.tets.len() - count;

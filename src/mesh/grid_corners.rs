@@ -1,10 +1,14 @@
-//! Distances to the interfaces of a label image near the corners of its grid, where most of what is asked lies: within half a voxel of an interface the eight voxels around the nearest corner
-//! tell the distance, exactly. Coordinates are those of [`voxel_faces`](super::voxel_faces).
+//! Distances to the interfaces of a label image near the corners of its grid, where most of what is
+//! asked lies: within half a voxel of an interface the eight voxels around the nearest corner tell
+//! the distance, exactly. Coordinates are those of [`voxel_faces`](super::voxel_faces).
 //!
-//! Around a corner twelve faces meet. From a point of one octant the nearest of those on one plane, line or point through the corner is as far as the point's offset from that, so seven
-//! squared distances are all there are; which of them count is told by a table from the set of voxels that have a label.
+//! Around a corner twelve faces meet. From a point of one octant the nearest of those on one plane,
+//! line or point through the corner is as far as the point's offset from that, so seven squared
+//! distances are all there are; which of them count is told by a table from the set of voxels that
+//! have a label.
 //!
-//! A memory of corners belongs to who asks; any number of threads may have one each. Some hundred instructions a point.
+//! A memory of corners belongs to who asks; any number of threads may have one each. Some hundred
+//! instructions a point.
 
 use glam::DVec3;
 
@@ -21,7 +25,8 @@ struct Corner {
     around: [u16; 8],
 }
 
-/// The last corners of the grid that distances were asked at, one of each place modulo 4: who goes along an interface comes to most of them many times.
+/// The last corners of the grid that distances were asked at, one of each place modulo 4: who goes
+/// along an interface comes to most of them many times.
 pub(super) struct Corners<'i> {
     image: &'i LabelImage,
     spacing: DVec3,
@@ -40,11 +45,14 @@ impl<'i> Corners<'i> {
         Self { image, spacing, per_spacing: 1.0 / spacing, last, known: [unknown; 64] }
     }
 
-    /// Squared distances from `p` to the nearest face of all, and to the nearest ones of two labels, as far as the corner of the grid nearest to `p` tells: twelve faces
-    /// meet there, and all others are no nearer than the planes of the grid beyond. What it does not tell is infinite.
+    /// Squared distances from `p` to the nearest face of all, and to the nearest ones of two
+    /// labels, as far as the corner of the grid nearest to `p` tells: twelve faces meet there, and
+    /// all others are no nearer than the planes of the grid beyond. What it does not tell is
+    /// infinite.
     #[inline(always)]
     pub fn near_distances(&mut self, p: DVec3, ids: [u16; 2]) -> [f64; 3] {
-        // The sum with 2^52 has the nearest integer in its low bits; a call of `floor` takes several times as long.
+        // The sum with 2^52 has the nearest integer in its low bits; a call of `floor` takes
+        // several times as long.
         const SHIFT: f64 = (1_u64 << 52) as f64;
         let shifted = p * self.per_spacing + SHIFT;
         let corner = shifted - SHIFT;
@@ -63,21 +71,30 @@ impl<'i> Corners<'i> {
         }
         let known = &self.known[place];
         let [one, other] = known.sets.map(|set| CODES[octant][usize::from(set)]);
-        let all = if known.sets[0] | known.sets[1] == 255 { one } else { around_code(&known.around, octant) as u8 };
+        let all = if known.sets[0] | known.sets[1] == 255 {
+            one
+        } else {
+            around_code(&known.around, octant) as u8
+        };
         let DVec3 { x, y, z } = offset * offset;
         let squares = [x, y, z, x + y, x + z, y + z, x + y + z];
         let beyond = (self.spacing - offset.abs()).min_element();
         let distance = |code: u8| {
             // No branch on the bits, which could not be foreseen.
             let absent = &ABSENT[usize::from(code)];
-            let nearest = squares.iter().zip(absent).fold(f64::INFINITY, |nearest, (square, absent)| {
-                let square = square + absent;
-                if square < nearest { square } else { nearest }
-            });
+            let nearest =
+                squares.iter().zip(absent).fold(f64::INFINITY, |nearest, (square, absent)| {
+                    let square = square + absent;
+                    if square < nearest { square } else { nearest }
+                });
             if nearest <= beyond * beyond { nearest } else { f64::INFINITY }
         };
         let nearest = distance(all);
-        if all == one && one == other { [nearest; 3] } else { [nearest, distance(one), distance(other)] }
+        if all == one && one == other {
+            [nearest; 3]
+        } else {
+            [nearest, distance(one), distance(other)]
+        }
     }
 }
 
@@ -99,7 +116,8 @@ fn around(image: &LabelImage, [i, j, k]: [usize; 3]) -> [u16; 8] {
             let at = i + nx * (j + ny * k);
             [ids[at - 1], ids[at]]
         };
-        let [[a, b], [c, d], [e, f], [g, h]] = [pair(j - 1, k - 1), pair(j, k - 1), pair(j - 1, k), pair(j, k)];
+        let [[a, b], [c, d], [e, f], [g, h]] =
+            [pair(j - 1, k - 1), pair(j, k - 1), pair(j - 1, k), pair(j, k)];
         return [a, b, c, d, e, f, g, h];
     }
     // Below 0 wraps to what is outside just as well.
@@ -110,8 +128,9 @@ fn around(image: &LabelImage, [i, j, k]: [usize; 3]) -> [u16; 8] {
     std::array::from_fn(|o| id(x[o & 1], y[o >> 1 & 1], z[o >> 2]))
 }
 
-/// For each octant around a corner of the grid, and for each set of the eight voxels there, where the faces lie that have one voxel of the set on one side: a bit for each set of
-/// axes along which a point of the octant is beside them, x, y, z, xy, xz, yz, xyz.
+/// For each octant around a corner of the grid, and for each set of the eight voxels there, where
+/// the faces lie that have one voxel of the set on one side: a bit for each set of axes along which
+/// a point of the octant is beside them, x, y, z, xy, xz, yz, xyz.
 static CODES: [[u8; 256]; 8] = {
     let mut codes = [[0; 256]; 8];
     let mut octant = 0;
@@ -145,7 +164,8 @@ static ABSENT: [[f64; 7]; 128] = {
     absent
 };
 
-/// Where faces are between eight voxels, the first of which holds a point near the corner that they share: see [`CODES`].
+/// Where faces are between eight voxels, the first of which holds a point near the corner that they
+/// share: see [`CODES`].
 const fn code(ids: &[u16; 8]) -> u32 {
     // The bit of each set of axes.
     const BIT: [u32; 8] = [7, 0, 1, 3, 2, 4, 5, 6];
@@ -181,7 +201,8 @@ mod tests {
     use crate::monitor::Monitor;
 
     proptest! {
-        /// What the corner of the grid nearest to a point tells is right, and it tells all that is within half a voxel.
+        /// What the corner of the grid nearest to a point tells is right, and it tells all that is
+        /// within half a voxel.
         #[test]
         fn near_distances_against_all(
             seed in prop::collection::vec(0u16..4, 5 * 4 * 3),
@@ -201,9 +222,12 @@ mod tests {
                 let of = all.iter().filter(|&&f| id.is_none_or(|id| faces.touches(f, id)));
                 of.map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min)
             };
-            let inside = p.cmpge(DVec3::ZERO).all() && p.cmple(DVec3::new(5.0, 4.0, 3.0) * DVec3::from(spacing)).all();
+            let inside = p.cmpge(DVec3::ZERO).all()
+                && p.cmple(DVec3::new(5.0, 4.0, 3.0) * DVec3::from(spacing)).all();
             let half = 0.5 * faces.smallest_spacing();
-            for (found, expected) in found.into_iter().zip([None, Some(ids[0]), Some(ids[1])].map(wanted)) {
+            for (found, expected) in
+                found.into_iter().zip([None, Some(ids[0]), Some(ids[1])].map(wanted))
+            {
                 if found.is_finite() {
                     prop_assert!((found - expected).abs() <= 1e-12, "{found} {expected}");
                 } else {

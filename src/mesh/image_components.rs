@@ -1,15 +1,20 @@
 //! Connected components of an image's labels, and the Euler characteristic of each.
 //!
-//! Voxels of a label are joined with all 26 around them, across faces, edges and vertices, and what is around a component is 6-connected. The other choice, 6 and
-//! 26, is farther from what a smooth interface does between voxels that meet in an edge or a vertex (docs/algorithm.md has figures).
+//! Voxels of a label are joined with all 26 around them, across faces, edges and vertices, and what
+//! is around a component is 6-connected. The other choice, 6 and 26, is farther from what a smooth
+//! interface does between voxels that meet in an edge or a vertex (docs/algorithm.md has figures).
 //!
-//! The image is gone over run by run along x (as in He, Chao, Suzuki, "A run-based two-scan labeling algorithm", 2008), so that memory goes with the number
-//! of runs, not of voxels. With this connectivity a component is the union of its voxels as closed boxes, whose Euler characteristic is vertices less edges
-//! plus faces less voxels (Kong and Rosenfeld, "Digital topology: introduction and survey", 1989, section 5). Closed runs and what they have in common are
-//! boxes, too, and each counts 1: by inclusion and exclusion over the four rows around every line of the grid, what is left is the number of runs, less that of
-//! the common parts of two rows (beside each other, or across from each other), plus that of three, less that of four.
+//! The image is gone over run by run along x (as in He, Chao, Suzuki, "A run-based two-scan
+//! labeling algorithm", 2008), so that memory goes with the number of runs, not of voxels. With
+//! this connectivity a component is the union of its voxels as closed boxes, whose Euler
+//! characteristic is vertices less edges plus faces less voxels (Kong and Rosenfeld, "Digital
+//! topology: introduction and survey", 1989, section 5). Closed runs and what they have in common
+//! are boxes, too, and each counts 1: by inclusion and exclusion over the four rows around every
+//! line of the grid, what is left is the number of runs, less that of the common parts of two rows
+//! (beside each other, or across from each other), plus that of three, less that of four.
 //!
-//! Parallel over slices in the current rayon pool, practically linear; the numbers of components do not depend on the number of threads.
+//! Parallel over slices in the current rayon pool, practically linear; the numbers of components do
+//! not depend on the number of threads.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -65,8 +70,10 @@ struct Slice {
 
 impl Slice {
     fn new(ids: &[u16], width: usize, runs: usize, first: u32) -> Result<Self> {
-        let mut slice =
-            Self { runs: room(runs, "runs of equal voxels")?, ends: room(ids.len() / width, "rows of voxels")? };
+        let mut slice = Self {
+            runs: room(runs, "runs of equal voxels")?,
+            ends: room(ids.len() / width, "rows of voxels")?,
+        };
         for row in ids.chunks(width) {
             let numbers = first + slice.runs.len() as u32..;
             slice.runs.extend(runs_of(row).zip(numbers).map(|((start, end, id), number)| Run {
@@ -86,7 +93,8 @@ impl Slice {
     }
 }
 
-/// What two rows of closed runs, or of such common parts, have in common, points included: as parts of the first row's.
+/// What two rows of closed runs, or of such common parts, have in common, points included: as parts
+/// of the first row's.
 fn common<'a>(a: &'a [Run], b: &'a [Run]) -> impl Iterator<Item = (Run, u32)> + 'a {
     let mut first = 0;
     a.iter().flat_map(move |x| {
@@ -112,7 +120,8 @@ impl ImageComponents {
     /// Finds the components of all labels but 0.
     ///
     /// # Errors
-    /// [`Error::Cancelled`]; [`Error::OutOfMemory`]; [`Error::LimitReached`] for an image of more than 2^32 runs.
+    /// [`Error::Cancelled`]; [`Error::OutOfMemory`]; [`Error::LimitReached`] for an image of more
+    /// than 2^32 runs.
     pub fn new(image: &LabelImage, monitor: &Monitor<'_>) -> Result<Self> {
         let [nx, ny, nz] = image.dims();
         let ids: Vec<&[u16]> = image.ids().chunks(nx * ny).collect();
@@ -125,8 +134,10 @@ impl ImageComponents {
         if u32::try_from(total).is_err() {
             return Err(Error::LimitReached("more than 4294967295 runs of equal voxels".into()));
         }
-        let firsts: Vec<u32> =
-            counts.iter().scan(0, |next, &n| Some(std::mem::replace(next, *next + n as u32))).collect();
+        let firsts: Vec<u32> = counts
+            .iter()
+            .scan(0, |next, &n| Some(std::mem::replace(next, *next + n as u32)))
+            .collect();
         let slice = |k: usize| {
             monitor.advance(SLICE / 4)?;
             Slice::new(ids[k], nx, counts[k], firsts[k])
@@ -138,7 +149,8 @@ impl ImageComponents {
             join_slice(&slices[k], k.checked_sub(1).map(|below| &slices[below]), &sets)
         };
         // What each run contributes to the Euler characteristic of its component.
-        let contributions: Vec<Vec<i32>> = (0..nz).into_par_iter().map(join).collect::<Result<_>>()?;
+        let contributions: Vec<Vec<i32>> =
+            (0..nz).into_par_iter().map(join).collect::<Result<_>>()?;
         let numbers = sets.numbered(|_| true, "runs of equal voxels", monitor)?;
 
         let mut list: Vec<ImageComponent> = room(numbers.roots.len(), "components of the image")?;
@@ -149,10 +161,16 @@ impl ImageComponents {
                 while slice.ends[row] as usize <= r {
                     row += 1;
                 }
-                // A component's first run is that of its smallest number: components come in their order.
+                // A component's first run is that of its smallest number: components come in their
+                // order.
                 let component = numbers.of(run.number) as usize;
                 if component == list.len() {
-                    list.push(ImageComponent { id: run.id, voxels: 0, euler: 0, first: [run.start as usize, row, k] });
+                    list.push(ImageComponent {
+                        id: run.id,
+                        voxels: 0,
+                        euler: 0,
+                        first: [run.start as usize, row, k],
+                    });
                 }
                 list[component].voxels += u64::from(run.end - run.start);
                 list[component].euler += i64::from(euler);
@@ -161,7 +179,9 @@ impl ImageComponents {
         let mut counts = vec![0_u32; image.labels().len()];
         list.iter().for_each(|component| counts[usize::from(component.id)] += 1);
         let mut only = vec![None; counts.len()];
-        for (c, component) in list.iter().enumerate().filter(|(_, component)| counts[usize::from(component.id)] == 1) {
+        for (c, component) in
+            list.iter().enumerate().filter(|(_, component)| counts[usize::from(component.id)] == 1)
+        {
             only[usize::from(component.id)] = Some(c as u32);
         }
         Ok(Self { slices, numbers, list, only })
@@ -179,7 +199,8 @@ impl ImageComponents {
         (run.start as usize <= i).then(|| self.numbers.of(run.number))
     }
 
-    /// The component of label id `id` at continuous index `p`: that of the voxel that holds it, or else of the nearest of the eight voxels around it.
+    /// The component of label id `id` at continuous index `p`: that of the voxel that holds it, or
+    /// else of the nearest of the eight voxels around it.
     pub fn near(&self, image: &LabelImage, id: u16, p: DVec3) -> Option<u32> {
         let [nx, ny, nz] = image.dims();
         let found = |voxel: DVec3| {
@@ -196,15 +217,17 @@ impl ImageComponents {
             return component(voxel);
         }
         let low = p.floor();
-        let corners =
-            (0..8_u32).map(|bits| low + DVec3::new((bits & 1).into(), (bits >> 1 & 1).into(), (bits >> 2).into()));
+        let corners = (0..8_u32).map(|bits| {
+            low + DVec3::new((bits & 1).into(), (bits >> 1 & 1).into(), (bits >> 2).into())
+        });
         let distance = |voxel: &DVec3| ((*voxel - p) * image.frame().spacing()).length_squared();
         let with_id = corners.filter_map(|corner| Some((distance(&corner), found(corner)?)));
         with_id.min_by(|a, b| a.0.total_cmp(&b.0)).and_then(|(_, voxel)| component(voxel))
     }
 }
 
-/// Joins the runs of a slice with each other and with those of the slice below. Returns what each contributes to the Euler characteristic.
+/// Joins the runs of a slice with each other and with those of the slice below. Returns what each
+/// contributes to the Euler characteristic.
 fn join_slice(here: &Slice, below: Option<&Slice>, sets: &DisjointSets) -> Result<Vec<i32>> {
     let mut euler: Vec<i32> = zeroed(here.runs.len(), "runs of equal voxels")?;
     euler.fill(1);
@@ -212,7 +235,8 @@ fn join_slice(here: &Slice, below: Option<&Slice>, sets: &DisjointSets) -> Resul
     let mut count = |run: Run, sign: i32| euler[(run.number - first) as usize] += sign;
     let (mut pairs, mut pairs_below): (Vec<Run>, Vec<Run>) = (Vec::new(), Vec::new());
     for j in 0..here.ends.len() {
-        let (row, before): (&[Run], &[Run]) = (here.row(j), if j > 0 { here.row(j - 1) } else { &[] });
+        let (row, before): (&[Run], &[Run]) =
+            (here.row(j), if j > 0 { here.row(j - 1) } else { &[] });
         let mut join = |a, b| {
             for (run, other) in common(a, b) {
                 sets.join(run.number, other);
@@ -221,7 +245,8 @@ fn join_slice(here: &Slice, below: Option<&Slice>, sets: &DisjointSets) -> Resul
         };
         join(row, before);
         let Some(below) = below else { continue };
-        let (row_below, before_below): (&[Run], &[Run]) = (below.row(j), if j > 0 { below.row(j - 1) } else { &[] });
+        let (row_below, before_below): (&[Run], &[Run]) =
+            (below.row(j), if j > 0 { below.row(j - 1) } else { &[] });
         join(row, row_below);
         join(row, before_below);
         join(before, row_below);
@@ -254,7 +279,11 @@ mod tests {
     /// Voxel (i, j, k) of `values`, 0 outside.
     fn value(values: &[i32], at: [isize; 3]) -> i32 {
         let inside = (0..3).all(|axis| (0..DIMS[axis] as isize).contains(&at[axis]));
-        if inside { values[at[0] as usize + DIMS[0] * (at[1] as usize + DIMS[1] * at[2] as usize)] } else { 0 }
+        if inside {
+            values[at[0] as usize + DIMS[0] * (at[1] as usize + DIMS[1] * at[2] as usize)]
+        } else {
+            0
+        }
     }
 
     fn voxels() -> impl Iterator<Item = [isize; 3]> {
@@ -286,33 +315,50 @@ mod tests {
 
     proptest! {
         #[test]
-        fn against_flood_fill_and_the_complex(values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2])) {
+        fn against_flood_fill_and_the_complex(
+            values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2]),
+        ) {
             let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
             let image = testing::image(DIMS, Frame::axis_aligned([1.0; 3]).unwrap(), label);
             let found = ImageComponents::new(&image, &Monitor::silent()).unwrap();
             let component = flood_fill(&values);
-            let mut counts = vec![(0_u64, 0_i64); component.values().max().map_or(0, |last| last + 1)];
+            let mut counts =
+                vec![(0_u64, 0_i64); component.values().max().map_or(0, |last| last + 1)];
             for at in voxels() {
                 let expected = component.get(&[at[2], at[1], at[0]]).map(|&c| c as u32);
                 prop_assert_eq!(found.at(at.map(|i| i as usize)), expected);
                 let Some(c) = expected else { continue };
                 counts[c as usize].0 += 1;
-                // Voxel, faces, edges and vertices of the closed box, each counted at the first voxel of the component that has it: steps to the upper
-                // side, to the lower one, or along.
+                // Voxel, faces, edges and vertices of the closed box, each counted at the first
+                // voxel of the component that has it: steps to the upper side, to the lower one, or
+                // along.
                 for sides in 0..27_isize {
                     let side = [sides % 3 - 1, sides / 3 % 3 - 1, sides / 9 - 1];
-                    let sharing = (0..8_isize).map(|bits| [0, 1, 2].map(|axis| at[axis] + side[axis] * (bits >> axis & 1)));
-                    let mut with_label = sharing.filter(|&other| value(&values, other) == value(&values, at));
+                    let sharing = (0..8_isize).map(|bits| {
+                        [0, 1, 2].map(|axis| at[axis] + side[axis] * (bits >> axis & 1))
+                    });
+                    let mut with_label =
+                        sharing.filter(|&other| value(&values, other) == value(&values, at));
                     let is_first = with_label.all(|[i, j, k]| [at[2], at[1], at[0]] <= [k, j, i]);
-                    let sign = if side.iter().filter(|&&s| s == 0).count() % 2 == 0 { 1 } else { -1 };
+                    let sign =
+                        if side.iter().filter(|&&s| s == 0).count() % 2 == 0 { 1 } else { -1 };
                     counts[c as usize].1 += if is_first { sign } else { 0 };
                 }
             }
-            prop_assert_eq!(found.list.iter().map(|c| (c.voxels, c.euler)).collect::<Vec<_>>(), counts);
+            prop_assert_eq!(
+                found.list.iter().map(|c| (c.voxels, c.euler)).collect::<Vec<_>>(),
+                counts
+            );
             for (c, listed) in found.list.iter().enumerate() {
-                let first = component.iter().find(|&(_, &of)| of == c).map(|(&[k, j, i], _)| [i, j, k].map(|i| i as usize));
+                let first = component
+                    .iter()
+                    .find(|&(_, &of)| of == c)
+                    .map(|(&[k, j, i], _)| [i, j, k].map(|i| i as usize));
                 prop_assert_eq!(Some(listed.first), first);
-                prop_assert_eq!(image.labels()[usize::from(listed.id)], label(listed.first[0], listed.first[1], listed.first[2]));
+                prop_assert_eq!(
+                    image.labels()[usize::from(listed.id)],
+                    label(listed.first[0], listed.first[1], listed.first[2])
+                );
             }
         }
     }
@@ -330,7 +376,9 @@ mod tests {
         // A ball, and shells with a cavity each; in the order of their first voxels.
         let shells = phantom::nested_shells(dims, spacing, &[4.0, 8.0, 12.5]).unwrap();
         assert_eq!(euler(&shells), [(3, 2), (2, 2), (1, 1)]);
-        let two = |p: DVec3| i32::from((p - DVec3::X * 8.0).length() < 6.5 || (p + DVec3::X * 8.0).length() < 6.5);
+        let two = |p: DVec3| {
+            i32::from((p - DVec3::X * 8.0).length() < 6.5 || (p + DVec3::X * 8.0).length() < 6.5)
+        };
         assert_eq!(euler(&phantom::sampled(dims, spacing, two).unwrap()), [(1, 1), (1, 1)]);
         assert!(euler(&phantom::ball([3; 3], spacing, 0.0).unwrap()).len() <= 1);
     }
@@ -341,8 +389,11 @@ mod tests {
         let label = |i: usize, j: usize, k: usize| [[1, 0, 2, 1], [0, 2, 0, 1]][(j + k) % 2][i];
         let image = testing::image([4, 2, 2], frame, label);
         let components = ImageComponents::new(&image, &Monitor::silent()).unwrap();
-        let near =
-            |id, x, y, z| components.near(&image, id, DVec3::new(x, y, z)).map(|c| components.list[c as usize].first);
+        let near = |id, x, y, z| {
+            components
+                .near(&image, id, DVec3::new(x, y, z))
+                .map(|c| components.list[c as usize].first)
+        };
         assert_eq!(near(1, 0.4, -0.4, 0.4), Some([0, 0, 0]));
         assert_eq!(near(1, 0.6, 0.4, 0.3), Some([0, 0, 0]));
         assert_eq!(near(1, 1.6, 0.4, 0.3), None);

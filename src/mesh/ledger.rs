@@ -1,7 +1,9 @@
 //! Sums by key, gathered in parallel.
 //!
-//! Each piece of work keeps a ledger of its own. Entries of one key are added up in the order in which they came, pieces in their order: equal input
-//! gives equal bits, whatever the number of threads. Cost: two comparisons for an entry of the same key as one of the two before, a sort of the others.
+//! Each piece of work keeps a ledger of its own. Entries of one key are added up in the order in
+//! which they came, pieces in their order: equal input gives equal bits, whatever the number of
+//! threads. Cost: two comparisons for an entry of the same key as one of the two before, a sort of
+//! the others.
 
 use std::ops::AddAssign;
 
@@ -60,7 +62,8 @@ mod tests {
             entries.iter().for_each(|&(key, value)| ledger.add(key, value));
             ledger.sums()
         };
-        let pieces = vec![sums(&[(3, 1), (3, 1), (1, 5), (3, 10)]), sums(&[]), sums(&[(1, -5), (0, 7)])];
+        let pieces =
+            vec![sums(&[(3, 1), (3, 1), (1, 5), (3, 10)]), sums(&[]), sums(&[(1, -5), (0, 7)])];
         assert_eq!(pieces[0], [(1, 5), (3, 12)]);
         assert_eq!(Ledger::total(pieces), [(0, 7), (1, 0), (3, 12)]);
     }

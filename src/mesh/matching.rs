@@ -1,9 +1,12 @@
-//! Which component of the mesh stands for which component of the image, and what is lost, merged or torn.
+//! Which component of the mesh stands for which component of the image, and what is lost, merged or
+//! torn.
 //!
-//! A component of the image and one of the mesh belong together when each holds more of the other's tets than any third one does. What is left over
-//! tells what went wrong: an image component without tets is *lost*; one most of whose tets belong to a mesh component that stands for another is *merged*;
-//! a mesh component most of whose tets lie in an image component that another one stands for is a *piece* torn off; one that lies in no component of its label
-//! is *stray*. Ties go to the one that comes first. Linear in the overlaps.
+//! A component of the image and one of the mesh belong together when each holds more of the other's
+//! tets than any third one does. What is left over tells what went wrong: an image component
+//! without tets is *lost*; one most of whose tets belong to a mesh component that stands for
+//! another is *merged*; a mesh component most of whose tets lie in an image component that another
+//! one stands for is a *piece* torn off; one that lies in no component of its label is *stray*.
+//! Ties go to the one that comes first. Linear in the overlaps.
 
 use super::image_components::ImageComponent;
 use super::mesh_components::{MeshComponent, Overlap, Tets};
@@ -49,7 +52,11 @@ impl Matching {
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
-    pub fn new(image: &[ImageComponent], mesh: &[MeshComponent], overlaps: &[Overlap]) -> Result<Self> {
+    pub fn new(
+        image: &[ImageComponent],
+        mesh: &[MeshComponent],
+        overlaps: &[Overlap],
+    ) -> Result<Self> {
         let mut tets = default(image.len())?;
         // The component with most tets, and how many.
         let mut of_image: Vec<Option<(u32, u64)>> = default(image.len())?;
@@ -78,7 +85,8 @@ impl Matching {
             Some(image) if main_of_image(image) == Some(mesh) => (Role::Main, Some(image)),
             Some(image) => (Role::Piece, Some(image)),
         };
-        let (mut fates, mut roles) = (room(image.len(), COMPONENTS)?, room(mesh.len(), COMPONENTS)?);
+        let (mut fates, mut roles) =
+            (room(image.len(), COMPONENTS)?, room(mesh.len(), COMPONENTS)?);
         fates.extend((0..image.len() as u32).map(fate));
         roles.extend((0..mesh.len() as u32).map(role));
         Ok(Self { fates, roles, tets })
@@ -101,8 +109,13 @@ mod tests {
     fn mutual_majorities() {
         let image = vec![ImageComponent { id: 1, voxels: 1, euler: 1, first: [0; 3] }; 5];
         let mesh = vec![MeshComponent { label: 1, first: 0, tets: Tets::default() }; 4];
-        let overlap = |mesh, image, count| Overlap { mesh, image, tets: Tets { count, volume: 0.5 * count as f64 } };
-        // Mesh component 0 covers images 0 and 1; 1 is torn off image 0; 2 lies nowhere; 3 is image 3, and has a tet in image 4, as much as in none.
+        let overlap = |mesh, image, count| Overlap {
+            mesh,
+            image,
+            tets: Tets { count, volume: 0.5 * count as f64 },
+        };
+        // Mesh component 0 covers images 0 and 1; 1 is torn off image 0; 2 lies nowhere; 3 is image
+        // 3, and has a tet in image 4, as much as in none.
         let overlaps = [
             overlap(0, Some(0), 10),
             overlap(0, Some(1), 5),
@@ -113,9 +126,20 @@ mod tests {
             overlap(3, Some(4), 1),
         ];
         let matching = Matching::new(&image, &mesh, &overlaps).unwrap();
-        assert_eq!(matching.fates, [Fate::Kept, Fate::Merged, Fate::Lost, Fate::Kept, Fate::Merged]);
-        let expected = [(Role::Main, Some(0)), (Role::Piece, Some(0)), (Role::Stray, None), (Role::Main, Some(3))];
+        assert_eq!(
+            matching.fates,
+            [Fate::Kept, Fate::Merged, Fate::Lost, Fate::Kept, Fate::Merged]
+        );
+        let expected = [
+            (Role::Main, Some(0)),
+            (Role::Piece, Some(0)),
+            (Role::Stray, None),
+            (Role::Main, Some(3)),
+        ];
         assert_eq!(matching.roles, expected);
-        assert_eq!(matching.tets.iter().map(|tets| tets.count).collect::<Vec<_>>(), [13, 5, 0, 7, 1]);
+        assert_eq!(
+            matching.tets.iter().map(|tets| tets.count).collect::<Vec<_>>(),
+            [13, 5, 0, 7, 1]
+        );
     }
 }

@@ -1,11 +1,14 @@
 //! Connected components of a mesh's labels, and which of them lies in which component of the image.
 //!
-//! Tets of a label are joined across facets, to *parts*, and parts where they touch, to components: as the voxels of the image are, which all 26 around join. So a component is a connected set of closed tets, and where its parts only touch is listed as a
-//! pinch. A tet lies in the component of the image that holds the voxel of its
-//! label nearest to its centroid, if that voxel is one of those around it.
+//! Tets of a label are joined across facets, to *parts*, and parts where they touch, to components:
+//! as the voxels of the image are, which all 26 around join. So a component is a connected set of
+//! closed tets, and where its parts only touch is listed as a pinch. A tet lies in the component of
+//! the image that holds the voxel of its label nearest to its centroid, if that voxel is one of
+//! those around it.
 //!
-//! Pure functions, parallel in the current rayon pool, practically linear. Which tets are joined does not depend on the order of the unions, and volumes are
-//! summed in the order of the tets, so equal input gives equal bits whatever the number of threads.
+//! Pure functions, parallel in the current rayon pool, practically linear. Which tets are joined
+//! does not depend on the order of the unions, and volumes are summed in the order of the tets, so
+//! equal input gives equal bits whatever the number of threads.
 
 use std::ops::AddAssign;
 
@@ -22,7 +25,8 @@ use crate::image::LabelImage;
 use crate::memory::room;
 use crate::monitor::Monitor;
 
-/// Tets of one piece of work, between two looks at the cancel flag; fixed, so that sums do not depend on the number of threads.
+/// Tets of one piece of work, between two looks at the cancel flag; fixed, so that sums do not
+/// depend on the number of threads.
 const CHUNK: usize = 1 << 14;
 
 /// Tets and their volume.
@@ -78,7 +82,8 @@ pub(super) struct MeshComponents {
 const WHAT: &str = "components of the mesh";
 
 impl MeshComponents {
-    /// Finds the parts of all labels but 0, and where in `image` they lie; each is a component of its own until [`join`](Self::join) is called.
+    /// Finds the parts of all labels but 0, and where in `image` they lie; each is a component of
+    /// its own until [`join`](Self::join) is called.
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
@@ -94,14 +99,19 @@ impl MeshComponents {
             for (t, neighbors) in (chunk * CHUNK..).zip(neighbors) {
                 let label = mesh.labels[t];
                 // Each pair once.
-                let is_same = |u: u32| u != NONE && (u as usize) < t && mesh.labels[u as usize] == label;
+                let is_same =
+                    |u: u32| u != NONE && (u as usize) < t && mesh.labels[u as usize] == label;
                 if label != 0 {
-                    neighbors.iter().filter(|&&u| is_same(u)).for_each(|&u| _ = sets.join(t as u32, u));
+                    neighbors
+                        .iter()
+                        .filter(|&&u| is_same(u))
+                        .for_each(|&u| _ = sets.join(t as u32, u));
                 }
             }
             Ok(())
         })?;
-        let parts = sets.numbered(|t| mesh.labels[t as usize] != 0, "components of the mesh", monitor)?;
+        let parts =
+            sets.numbered(|t| mesh.labels[t as usize] != 0, "components of the mesh", monitor)?;
         let lie = |(chunk, tets): (usize, &[[u32; 4]])| {
             monitor.advance(tets.len())?;
             let mut ledger = Ledger::default();
@@ -115,18 +125,24 @@ impl MeshComponents {
                 let corners = tet.map(|v| mesh.point(v));
                 let centroid = corners.iter().sum::<DVec3>() * 0.25;
                 let index = image.frame().to_index(centroid);
-                let in_image = id.and_then(|id| image_components.near(image, id, index)).unwrap_or(NO_SET);
+                let in_image =
+                    id.and_then(|id| image_components.near(image, id, index)).unwrap_or(NO_SET);
                 let key = overlap_key(parts.of(t as u32), in_image);
                 ledger.add(key, Tets { count: 1, volume: tet_volume(&corners) });
             }
             Ok(ledger.sums())
         };
-        let pieces: Vec<Sums<Tets>> = mesh.tets.par_chunks(CHUNK).enumerate().map(lie).collect::<Result<_>>()?;
+        let pieces: Vec<Sums<Tets>> =
+            mesh.tets.par_chunks(CHUNK).enumerate().map(lie).collect::<Result<_>>()?;
         let overlaps = overlaps(Ledger::total(pieces));
 
-        let component =
-            |&first: &u32| MeshComponent { label: mesh.labels[first as usize], first, tets: Tets::default() };
-        let (mut list, mut of_parts) = (room(parts.roots.len(), WHAT)?, room(parts.roots.len(), WHAT)?);
+        let component = |&first: &u32| MeshComponent {
+            label: mesh.labels[first as usize],
+            first,
+            tets: Tets::default(),
+        };
+        let (mut list, mut of_parts) =
+            (room(parts.roots.len(), WHAT)?, room(parts.roots.len(), WHAT)?);
         list.extend(parts.roots.iter().map(component));
         of_parts.extend(0..list.len() as u32);
         for overlap in &overlaps {
@@ -139,7 +155,11 @@ impl MeshComponents {
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
-    pub fn join<'g>(&mut self, groups: impl Iterator<Item = &'g [u32]>, monitor: &Monitor<'_>) -> Result<()> {
+    pub fn join<'g>(
+        &mut self,
+        groups: impl Iterator<Item = &'g [u32]>,
+        monitor: &Monitor<'_>,
+    ) -> Result<()> {
         let sets = DisjointSets::new(self.list.len(), WHAT)?;
         for group in groups {
             group.windows(2).for_each(|pair| _ = sets.join(pair[0], pair[1]));
@@ -156,7 +176,10 @@ impl MeshComponents {
         self.list = list;
         let mut ledger = Ledger::default();
         for overlap in &self.overlaps {
-            ledger.add(overlap_key(joined.of(overlap.mesh), overlap.image.unwrap_or(NO_SET)), overlap.tets);
+            ledger.add(
+                overlap_key(joined.of(overlap.mesh), overlap.image.unwrap_or(NO_SET)),
+                overlap.tets,
+            );
         }
         self.overlaps = overlaps(ledger.sums());
         Ok(())
@@ -208,17 +231,27 @@ mod tests {
 
     /// Voxel centres half a step inside, as the cubes of [`testing::kuhn_box`] are.
     fn frame(spacing: [f64; 3]) -> Frame {
-        Frame::new(spacing.map(|s| 0.5 * s), spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).unwrap()
+        Frame::new(
+            spacing.map(|s| 0.5 * s),
+            spacing,
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        )
+        .unwrap()
     }
 
     proptest! {
-        /// The cubes of a Kuhn mesh share whole faces or nothing that joins tets: components are those of voxels joined across faces.
+        /// The cubes of a Kuhn mesh share whole faces or nothing that joins tets: components are
+        /// those of voxels joined across faces.
         #[test]
-        fn a_mesh_of_voxels_against_flood_fill(values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2])) {
+        fn a_mesh_of_voxels_against_flood_fill(
+            values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2]),
+        ) {
             let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
             let image = testing::image(DIMS, frame([1.0; 3]), label);
             let (of_image, of_mesh) = both(&testing::kuhn_box(DIMS, [1.0; 3], label), &image);
-            let place = |cell: usize| [cell % DIMS[0], cell / DIMS[0] % DIMS[1], cell / (DIMS[0] * DIMS[1])];
+            let place = |cell: usize| {
+                [cell % DIMS[0], cell / DIMS[0] % DIMS[1], cell / (DIMS[0] * DIMS[1])]
+            };
             let mut seen = vec![false; values.len()];
             let mut components = of_mesh.list.iter().zip(&of_mesh.overlaps);
             for seed in (0..values.len()).filter(|&cell| values[cell] != 0) {
@@ -231,7 +264,9 @@ mod tests {
                     let step = [1, DIMS[0], DIMS[0] * DIMS[1]];
                     for (axis, i) in place(cell).into_iter().enumerate() {
                         let below = (i > 0).then(|| cell - step[axis]);
-                        let around = below.into_iter().chain((i + 1 < DIMS[axis]).then(|| cell + step[axis]));
+                        let around = below
+                            .into_iter()
+                            .chain((i + 1 < DIMS[axis]).then(|| cell + step[axis]));
                         stack.extend(around.filter(|&other| values[other] == values[cell]));
                     }
                 }
@@ -239,11 +274,17 @@ mod tests {
                     continue;
                 }
                 let (component, overlap) = components.next().unwrap();
-                prop_assert_eq!((component.label, component.first as usize), (values[seed], 6 * seed));
+                prop_assert_eq!(
+                    (component.label, component.first as usize),
+                    (values[seed], 6 * seed)
+                );
                 prop_assert_eq!(component.tets.count, 6 * cells);
                 prop_assert!((component.tets.volume - cells as f64).abs() < 1e-9);
                 prop_assert_eq!(of_mesh.of(6 * seed as u32), Some(overlap.mesh));
-                prop_assert_eq!((overlap.image, overlap.tets), (of_image.at(place(seed)), component.tets));
+                prop_assert_eq!(
+                    (overlap.image, overlap.tets),
+                    (of_image.at(place(seed)), component.tets)
+                );
             }
             prop_assert!(components.next().is_none());
         }
@@ -256,11 +297,15 @@ mod tests {
         mesh.labels[6 * 3] = 7;
         testing::connect(&mut mesh);
         let (_, of_mesh) = both(&mesh, &image);
-        let overlaps: Vec<_> = of_mesh.overlaps.iter().map(|o| (o.mesh, o.image, o.tets.count)).collect();
+        let overlaps: Vec<_> =
+            of_mesh.overlaps.iter().map(|o| (o.mesh, o.image, o.tets.count)).collect();
         // Tets of the cube in the middle lie near either voxel beside it.
         assert_eq!(overlaps, [(0, Some(0), 8), (0, Some(1), 10), (1, None, 1), (2, None, 6)]);
         assert_eq!(of_mesh.list.iter().map(|c| c.label).collect::<Vec<_>>(), [1, 7, 2]);
-        assert_eq!((of_mesh.of(6 * 3 + 1), of_mesh.of(NONE), of_mesh.of(6 * 4)), (None, None, Some(2)));
+        assert_eq!(
+            (of_mesh.of(6 * 3 + 1), of_mesh.of(NONE), of_mesh.of(6 * 4)),
+            (None, None, Some(2))
+        );
     }
 
     #[test]

@@ -32,9 +32,11 @@ pub const NONE: u32 = u32::MAX;
 
 /// A finished tetrahedral mesh in world coordinates.
 ///
-/// Sign convention: every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK. Facet i of a tet is the one opposite to
-/// its vertex i. Interface facets are ordered so that their normal (b - a) x (c - a) points from `facet_labels[f][0]` to
-/// `facet_labels[f][1]`, and the first label is the larger one (so that facets on the outside point outwards, towards label 0, unless labels are negative).
+/// Sign convention: every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK. Facet i
+/// of a tet is the one opposite to its vertex i. Interface facets are ordered so that their normal
+/// (b - a) x (c - a) points from `facet_labels[f][0]` to `facet_labels[f][1]`, and the first label
+/// is the larger one (so that facets on the outside point outwards, towards label 0, unless labels
+/// are negative).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TetMesh {
     /// Vertex positions; behind them those of the nodes in the middles of edges, if there are any.
@@ -49,13 +51,15 @@ pub struct TetMesh {
     pub facets: Vec<[u32; 3]>,
     /// The labels on the two sides of each interface facet.
     pub facet_labels: Vec<[i32; 2]>,
-    /// The tets on the two sides of each interface facet; [`NONE`] where that side is background that was not kept.
+    /// The tets on the two sides of each interface facet; [`NONE`] where that side is background
+    /// that was not kept.
     pub facet_tets: Vec<[u32; 2]>,
     /// The nodes in the middles of edges, of a mesh of second order.
     pub mid_nodes: Option<MidNodes>,
 }
 
-/// The nodes in the middles of the edges of tets of second order; see [`second_order`](crate::second_order).
+/// The nodes in the middles of the edges of tets of second order; see
+/// [`second_order`](crate::second_order).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MidNodes {
     /// The number of vertices: these nodes are the points behind them.
@@ -102,7 +106,8 @@ impl TetMesh {
         [a, b, c, d, ab, bc, ca, ad, bd, cd]
     }
 
-    /// The nodes of a facet, vertices first; of the array as many count as [`Self::nodes_per_facet`].
+    /// The nodes of a facet, vertices first; of the array as many count as
+    /// [`Self::nodes_per_facet`].
     #[inline]
     pub fn facet_nodes(&self, f: usize) -> [u32; 6] {
         let of_edges = self.mid_nodes.as_ref().map_or([NONE; 3], |nodes| nodes.facets[f]);

@@ -1,10 +1,10 @@
 //! Outer facets that should lie on a wall and do not: nicks where the image cuts the object off.
 //!
-//! An outer facet with a vertex on a wall either lies on the wall or is part of an interface that ends
-//! there. If it is part of an interface, the image has background next to it on its outer side. If the
-//! way from its centroid along its outer normal stays within the object up to the wall, and one of its
-//! vertices has no background around it, what lies between is missing: the facet counts. (The vertices
-//! of an interface are on it, its facets only near it.)
+//! An outer facet with a vertex on a wall either lies on the wall or is part of an interface that
+//! ends there. If it is part of an interface, the image has background next to it on its outer
+//! side. If the way from its centroid along its outer normal stays within the object up to the
+//! wall, and one of its vertices has no background around it, what lies between is missing: the
+//! facet counts. (The vertices of an interface are on it, its facets only near it.)
 //!
 //! Cost: a ray for each outer facet that has a vertex on a wall and does not lie on it.
 
@@ -31,25 +31,29 @@ pub fn facets_off_walls(mesh: &TetMesh, oracle: &Oracle, monitor: &Monitor<'_>) 
     if !oracle.has_walls() {
         return Ok(0);
     }
-    let counts = mesh.facets.par_chunks(CHUNK).zip(mesh.facet_labels.par_chunks(CHUNK)).map(|(facets, labels)| {
-        monitor.check_cancelled()?;
-        let off = facets.iter().zip(labels).filter(|&(facet, &[inner, outer])| {
-            let corners = facet.map(|v| mesh.point(v));
-            // The normal points to the second label.
-            let outwards = if outer == 0 { 1.0 } else { -1.0 };
-            (inner == 0 || outer == 0) && is_off_wall(oracle, corners, outwards)
-        });
-        Ok(off.count() as u64)
-    });
+    let counts = mesh.facets.par_chunks(CHUNK).zip(mesh.facet_labels.par_chunks(CHUNK)).map(
+        |(facets, labels)| {
+            monitor.check_cancelled()?;
+            let off = facets.iter().zip(labels).filter(|&(facet, &[inner, outer])| {
+                let corners = facet.map(|v| mesh.point(v));
+                // The normal points to the second label.
+                let outwards = if outer == 0 { 1.0 } else { -1.0 };
+                (inner == 0 || outer == 0) && is_off_wall(oracle, corners, outwards)
+            });
+            Ok(off.count() as u64)
+        },
+    );
     counts.try_reduce(|| 0, |a, b| Ok(a + b))
 }
 
-/// Whether the object goes on from an outer facet to a wall that the facet has a vertex on; the facet's
-/// normal times `outwards` points out of the mesh.
+/// Whether the object goes on from an outer facet to a wall that the facet has a vertex on; the
+/// facet's normal times `outwards` points out of the mesh.
 fn is_off_wall(oracle: &Oracle, corners @ [a, b, c]: [DVec3; 3], outwards: f64) -> bool {
     let walls = corners.map(|p| oracle.walls_at(p));
     let [first, second, third] = &walls;
-    if walls.iter().all(|walls| *walls == Walls::NONE) || first.common(second).common(third).count() > 0 {
+    if walls.iter().all(|walls| *walls == Walls::NONE)
+        || first.common(second).common(third).count() > 0
+    {
         return false;
     }
     let normal = (b - a).cross(c - a).normalize_or_zero() * outwards;

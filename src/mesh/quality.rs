@@ -1,14 +1,17 @@
 //! Shape measures of single tets and triangles, and their summary over a finished mesh.
 //!
-//! The radius-edge ratio is the measure that Delaunay refinement bounds (Shewchuk, "Tetrahedral mesh generation by Delaunay
-//! refinement", 1998); it says nothing about slivers, which is why dihedral angles are reported beside it.
+//! The radius-edge ratio is the measure that Delaunay refinement bounds (Shewchuk, "Tetrahedral
+//! mesh generation by Delaunay refinement", 1998); it says nothing about slivers, which is why
+//! dihedral angles are reported beside it.
 //!
-//! Angles come from a sine and a cosine that share their scale, by `atan2`, or, where only their order matters, as the squared cotangent
-//! with its sign, which takes no root: unlike `acos` neither loses digits near 0 and 180 degrees, where slivers are. Only tets with a label
-//! other than 0 count; background that was kept is not part of the object.
+//! Angles come from a sine and a cosine that share their scale, by `atan2`, or, where only their
+//! order matters, as the squared cotangent with its sign, which takes no root: unlike `acos`
+//! neither loses digits near 0 and 180 degrees, where slivers are. Only tets with a label other
+//! than 0 count; background that was kept is not part of the object.
 //!
-//! Pure functions of the mesh, safe from any thread. Linear in the number of tets and parallel in the current rayon pool; the partial results are
-//! combined in the order of the tets, so that equal meshes give equal bits whatever the number of threads.
+//! Pure functions of the mesh, safe from any thread. Linear in the number of tets and parallel in
+//! the current rayon pool; the partial results are combined in the order of the tets, so that equal
+//! meshes give equal bits whatever the number of threads.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -17,21 +20,28 @@ use super::TetMesh;
 use crate::Result;
 use crate::monitor::{Monitor, Step};
 
-/// Tets or facets per parallel work item; fixed, so that sums do not depend on the number of threads.
+/// Tets or facets per parallel work item; fixed, so that sums do not depend on the number of
+/// threads.
 const CHUNK: usize = 4096;
 
 /// The vertices of the edges of a tet, and the two others, in the order of [`dihedral_angles`].
-const EDGES: [[usize; 4]; 6] = [[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 2, 0], [2, 3, 0, 1]];
+const EDGES: [[usize; 4]; 6] =
+    [[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2], [1, 2, 0, 3], [1, 3, 2, 0], [2, 3, 0, 1]];
 
 /// The edges at each vertex, as places in [`EDGES`], and the vertices at their other ends.
-const STARS: [[(usize, usize); 3]; 4] =
-    [[(0, 1), (1, 2), (2, 3)], [(0, 0), (3, 2), (4, 3)], [(1, 0), (3, 1), (5, 3)], [(2, 0), (4, 1), (5, 2)]];
+const STARS: [[(usize, usize); 3]; 4] = [
+    [(0, 1), (1, 2), (2, 3)],
+    [(0, 0), (3, 2), (4, 3)],
+    [(1, 0), (3, 1), (5, 3)],
+    [(2, 0), (4, 1), (5, 2)],
+];
 
 /// What all measures of a tet are made of.
 struct TetShape {
     /// Squared lengths of the edges.
     squares: [f64; 6],
-    /// Of the facet opposite to each vertex: normals that all point out, or all in; twice the area long.
+    /// Of the facet opposite to each vertex: normals that all point out, or all in; twice the area
+    /// long.
     normals: [DVec3; 4],
     /// Six times the signed volume.
     six_volumes: f64,
@@ -48,10 +58,12 @@ impl TetShape {
         }
     }
 
-    /// At each edge, the cosine of the dihedral angle and the square of its sine, both to the scale of the two areas.
+    /// At each edge, the cosine of the dihedral angle and the square of its sine, both to the scale
+    /// of the two areas.
     #[inline]
     fn dihedrals(&self) -> [(f64, f64); 6] {
-        // Two facets with normals n and m at an edge: |n x m| = |edge| * 6 |volume|. Both normals point out, so that the angle is that of n and -m.
+        // Two facets with normals n and m at an edge: |n x m| = |edge| * 6 |volume|. Both normals
+        // point out, so that the angle is that of n and -m.
         let squared_volume = self.six_volumes * self.six_volumes;
         std::array::from_fn(|e| {
             let [.., k, l] = EDGES[e];
@@ -64,10 +76,14 @@ impl TetShape {
         if self.six_volumes == 0.0 {
             return f64::INFINITY;
         }
-        // Relative to the vertex with the shortest edges, which keeps the cancellation of the sum smallest.
+        // Relative to the vertex with the shortest edges, which keeps the cancellation of the sum
+        // smallest.
         let size = |a: usize| STARS[a].iter().map(|&(edge, _)| self.squares[edge]).sum::<f64>();
-        let apex = (1..4).fold((0, size(0)), |best, a| if size(a) < best.1 { (a, size(a)) } else { best }).0;
-        let sum: DVec3 = STARS[apex].iter().map(|&(edge, other)| self.squares[edge] * self.normals[other]).sum();
+        let apex = (1..4)
+            .fold((0, size(0)), |best, a| if size(a) < best.1 { (a, size(a)) } else { best })
+            .0;
+        let sum: DVec3 =
+            STARS[apex].iter().map(|&(edge, other)| self.squares[edge] * self.normals[other]).sum();
         sum.length() / (2.0 * self.six_volumes.abs())
     }
 
@@ -77,9 +93,13 @@ impl TetShape {
         let [ab, ac, ad, bc, bd, cd] = self.squares;
         // The longest product of the three edges of a vertex.
         let product = (ab * ac * ad).max(ab * bc * bd).max(ac * bc * cd).max(ad * bd * cd);
-        let (least, most) = self.squares.into_iter().fold((f64::INFINITY, 0.0_f64), |(l, m), s| (l.min(s), m.max(s)));
+        let (least, most) = self
+            .squares
+            .into_iter()
+            .fold((f64::INFINITY, 0.0_f64), |(l, m), s| (l.min(s), m.max(s)));
         let scaled = std::f64::consts::SQRT_2 * self.six_volumes / product.sqrt();
-        // The inradius is three volumes over the area of all facets, whose normals are twice their area long.
+        // The inradius is three volumes over the area of all facets, whose normals are twice their
+        // area long.
         let areas: f64 = self.normals.iter().map(|normal| normal.length()).sum();
         let radius_ratio = self.circumradius() * areas / (3.0 * self.six_volumes.abs());
         TetMeasures {
@@ -95,16 +115,17 @@ impl TetShape {
     }
 }
 
-/// What solvers look at, as Verdict defines it (C. J. Stimpson et al., "The Verdict Geometric Quality Library", 2007), and so
-/// VTK, CUBIT and ParaView.
+/// What solvers look at, as Verdict defines it (C. J. Stimpson et al., "The Verdict Geometric
+/// Quality Library", 2007), and so VTK, CUBIT and ParaView.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TetMeasures {
-    /// The Jacobian over the largest product of the three edges of a vertex, times the root of 2: 1 for a regular tet, 0 for a
-    /// flat one, negative for an inverted one.
+    /// The Jacobian over the largest product of the three edges of a vertex, times the root of 2: 1
+    /// for a regular tet, 0 for a flat one, negative for an inverted one.
     pub scaled_jacobian: f64,
     /// The longest edge over the shortest one: 1 for a regular tet.
     pub edge_ratio: f64,
-    /// The circumradius over three times the inradius: 1 for a regular tet, infinite for a flat one.
+    /// The circumradius over three times the inradius: 1 for a regular tet, infinite for a flat
+    /// one.
     pub radius_ratio: f64,
 }
 
@@ -159,10 +180,12 @@ pub fn tet_volume(p: &[DVec3; 4]) -> f64 {
     (p[1] - p[0]).cross(p[2] - p[0]).dot(p[3] - p[0]) / 6.0
 }
 
-/// The six dihedral angles of a tet in degrees, 0 to 180, at the edges 01, 02, 03, 12, 13, 23. The orientation does not matter; a
-/// flat tet gives angles of 0 and 180.
+/// The six dihedral angles of a tet in degrees, 0 to 180, at the edges 01, 02, 03, 12, 13, 23. The
+/// orientation does not matter; a flat tet gives angles of 0 and 180.
 pub fn dihedral_angles(p: &[DVec3; 4]) -> [f64; 6] {
-    TetShape::new(p).dihedrals().map(|(cosine, squared_sine)| squared_sine.sqrt().atan2(cosine).to_degrees())
+    TetShape::new(p)
+        .dihedrals()
+        .map(|(cosine, squared_sine)| squared_sine.sqrt().atan2(cosine).to_degrees())
 }
 
 /// Circumradius of a tet; infinite when it is flat.
@@ -182,7 +205,8 @@ pub fn radius_edge_ratio(p: &[DVec3; 4]) -> f64 {
     if radius.is_infinite() { radius } else { radius / shape.shortest_edge() }
 }
 
-/// At each vertex of a triangle, the cosine of its angle and the square of its sine, both to the scale of twice the area.
+/// At each vertex of a triangle, the cosine of its angle and the square of its sine, both to the
+/// scale of twice the area.
 #[inline]
 fn corner_angles(&[a, b, c]: &[DVec3; 3]) -> [(f64, f64); 3] {
     let (ab, bc, ca) = (b - a, c - b, a - c);
@@ -200,7 +224,8 @@ pub fn triangle_area(p: &[DVec3; 3]) -> f64 {
     0.5 * (p[1] - p[0]).cross(p[2] - p[0]).length()
 }
 
-/// The square of an angle's cotangent, with its sign: it falls as the angle grows, from infinity at 0 to minus infinity at 180 degrees.
+/// The square of an angle's cotangent, with its sign: it falls as the angle grows, from infinity at
+/// 0 to minus infinity at 180 degrees.
 #[derive(Clone, Copy, PartialEq, PartialOrd)]
 struct Cotangent(f64);
 
@@ -243,8 +268,8 @@ fn bin_ends() -> [Cotangent; 17] {
     })
 }
 
-/// Shape of the tets with a label other than 0 and of the interface facets. Lengths are in world units, angles in degrees. Where
-/// there is nothing to measure, every figure is 0.
+/// Shape of the tets with a label other than 0 and of the interface facets. Lengths are in world
+/// units, angles in degrees. Where there is nothing to measure, every figure is 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Quality {
     /// Tets measured: those with a label other than 0.
@@ -255,7 +280,8 @@ pub struct Quality {
     pub min_dihedral: f64,
     /// Largest dihedral angle.
     pub max_dihedral: f64,
-    /// Six dihedral angles per tet, in bins of 10 degrees; an angle of exactly 180 is in the last bin.
+    /// Six dihedral angles per tet, in bins of 10 degrees; an angle of exactly 180 is in the last
+    /// bin.
     pub dihedral_histogram: [u64; 18],
     /// Scaled Jacobians ([`TetMeasures`]), in bins of 1/20 from 0 on.
     pub scaled_jacobian: Spread,
@@ -308,7 +334,8 @@ impl Default for Spread {
 }
 
 impl Spread {
-    const NEUTRAL: Self = Self { least: f64::INFINITY, largest: f64::NEG_INFINITY, histogram: [0; BINS] };
+    const NEUTRAL: Self =
+        Self { least: f64::INFINITY, largest: f64::NEG_INFINITY, histogram: [0; BINS] };
 
     #[inline]
     fn add(&mut self, value: f64, (first, per_one): (f64, f64)) {
@@ -349,7 +376,8 @@ impl Quality {
             .collect::<Result<_>>()?;
         let facet_parts = mesh.facets.par_chunks(CHUNK).map(|facets| {
             monitor.advance(facets.len())?;
-            let angles = facets.iter().flat_map(|facet| corner_angles(&facet.map(|v| mesh.point(v))));
+            let angles =
+                facets.iter().flat_map(|facet| corner_angles(&facet.map(|v| mesh.point(v))));
             Ok(angles.map(Cotangent::new).fold(NO_ANGLES, |range, angle| merged(range, [angle; 2])))
         });
         let facet_angles = facet_parts.try_reduce(|| NO_ANGLES, |a, b| Ok(merged(a, b)))?;
@@ -508,7 +536,9 @@ mod tests {
         dihedral_angles(&p).into_iter().for_each(|a| close(a, (1.0_f64 / 3.0).acos().to_degrees()));
         close(tet_circumradius(&p), 3.0_f64.sqrt());
         let TetMeasures { scaled_jacobian, edge_ratio, radius_ratio } = tet_measures(&p);
-        [scaled_jacobian.abs(), edge_ratio, radius_ratio].into_iter().for_each(|measure| close(measure, 1.0));
+        [scaled_jacobian.abs(), edge_ratio, radius_ratio]
+            .into_iter()
+            .for_each(|measure| close(measure, 1.0));
         close(shortest_edge(&p), 8.0_f64.sqrt());
         close(radius_edge_ratio(&p), 6.0_f64.sqrt() / 4.0);
     }
@@ -531,11 +561,15 @@ mod tests {
         let flat = tet_measures(&[p[0], p[1], p[2], DVec3::new(1.0, 1.0, 0.0)]);
         assert_eq!((flat.scaled_jacobian, flat.radius_ratio), (0.0, f64::INFINITY));
         let point = tet_measures(&[p[0]; 4]);
-        assert_eq!((point.scaled_jacobian, point.edge_ratio, point.radius_ratio), (0.0, f64::INFINITY, f64::INFINITY));
+        assert_eq!(
+            (point.scaled_jacobian, point.edge_ratio, point.radius_ratio),
+            (0.0, f64::INFINITY, f64::INFINITY)
+        );
     }
 
     proptest! {
-        /// Angles from outward normals and `acos`, circumradius from products of opposite edges: other formulas, same figures.
+        /// Angles from outward normals and `acos`, circumradius from products of opposite edges:
+        /// other formulas, same figures.
         #[test]
         fn other_formulas_agree(c in prop::array::uniform12(-1.0..1.0f64)) {
             let p = [0, 3, 6, 9].map(|i| DVec3::from_slice(&c[i..i + 3]));
@@ -550,7 +584,8 @@ mod tests {
             for (angle, [.., k, l]) in dihedral_angles(&p).into_iter().zip(EDGES) {
                 prop_assert!(near(angle, 180.0 - normal(k).dot(normal(l)).acos().to_degrees()));
             }
-            let product = |i: usize, j: usize, k: usize, l: usize| p[i].distance(p[j]) * p[k].distance(p[l]);
+            let product =
+                |i: usize, j: usize, k: usize, l: usize| p[i].distance(p[j]) * p[k].distance(p[l]);
             let (a, b, c) = (product(0, 1, 2, 3), product(0, 2, 1, 3), product(0, 3, 1, 2));
             let heron = (a + b + c) * (a + b - c) * (a - b + c) * (b + c - a);
             prop_assert!(near(tet_circumradius(&p), heron.sqrt() / (24.0 * volume)));
@@ -569,7 +604,8 @@ mod tests {
                 DVec3::new(1.0, 1.0, 0.0),
                 DVec3::new(0.0, 1.0, height),
             ];
-            // At the diagonal 02 the triangles meet at pi - 2 atan(h sqrt 2), at the sides at a small angle.
+            // At the diagonal 02 the triangles meet at pi - 2 atan(h sqrt 2), at the sides at a
+            // small angle.
             let angles = dihedral_angles(&p);
             close(angles[1], 180.0 - 2.0 * (height * 2.0_f64.sqrt()).atan().to_degrees());
             let smallest = angles.into_iter().fold(180.0, f64::min);
@@ -616,7 +652,8 @@ mod tests {
 
     /// Points of a grid, shaken, so that no two tets are alike and sums depend on their order.
     fn shaken_box() -> TetMesh {
-        let mut mesh = testing::kuhn_box([20, 15, 12], [1.0, 0.7, 0.4], |i, j, k| ((i + j * k) % 4) as i32);
+        let mut mesh =
+            testing::kuhn_box([20, 15, 12], [1.0, 0.7, 0.4], |i, j, k| ((i + j * k) % 4) as i32);
         for (v, p) in mesh.points.iter_mut().enumerate() {
             *p = p.map(|x| x + 0.3 * ((v * 37 % 101) as f64 / 101.0 - 0.5));
         }
@@ -650,7 +687,10 @@ mod tests {
             ..TetMesh::default()
         };
         let flat = Quality::measure(&tet(square), &Monitor::silent()).unwrap();
-        assert_eq!((flat.min_dihedral, flat.max_dihedral, flat.max_radius_edge), (0.0, 180.0, f64::INFINITY));
+        assert_eq!(
+            (flat.min_dihedral, flat.max_dihedral, flat.max_radius_edge),
+            (0.0, 180.0, f64::INFINITY)
+        );
         assert_eq!((flat.dihedral_histogram[0], flat.dihedral_histogram[17]), (4, 2));
         let point = Quality::measure(&tet([[1.0; 3]; 4]), &Monitor::silent()).unwrap();
         assert_eq!((point.dihedral_histogram[0], point.min_edge), (6, 0.0));
@@ -669,6 +709,9 @@ mod tests {
 
     #[test]
     fn nothing_to_measure() {
-        assert_eq!(Quality::measure(&TetMesh::default(), &Monitor::silent()).unwrap(), Quality::default());
+        assert_eq!(
+            Quality::measure(&TetMesh::default(), &Monitor::silent()).unwrap(),
+            Quality::default()
+        );
     }
 }

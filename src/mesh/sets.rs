@@ -16,11 +16,13 @@ pub(super) const NO_SET: u32 = u32::MAX;
 
 /// Disjoint sets of the numbers from 0 on.
 ///
-/// Path halving and union by index (Tarjan and van Leeuwen 1984), the union by compare-and-swap of the root (Anderson and Woll, "Wait-free parallel
-/// algorithms for the union-find problem", 1991). What must hold: a number that is no root never becomes one again, and what it points to is a smaller
-/// number of the same set. So there are no cycles, a shortcut written late is still right, and of two threads that give a root a parent one fails and
-/// looks again; and the root of a set is its smallest number. Relaxed order suffices: the words carry no other data, and each is changed in one order
-/// that all threads agree on.
+/// Path halving and union by index (Tarjan and van Leeuwen 1984), the union by compare-and-swap of
+/// the root (Anderson and Woll, "Wait-free parallel algorithms for the union-find problem", 1991).
+/// What must hold: a number that is no root never becomes one again, and what it points to is a
+/// smaller number of the same set. So there are no cycles, a shortcut written late is still right,
+/// and of two threads that give a root a parent one fails and looks again; and the root of a set is
+/// its smallest number. Relaxed order suffices: the words carry no other data, and each is changed
+/// in one order that all threads agree on.
 pub(super) struct DisjointSets {
     /// How far below a number its parent is; 0 for a root. Zeroed memory holds sets of one.
     steps: Vec<AtomicU32>,
@@ -58,14 +60,17 @@ impl DisjointSets {
             }
             // The older one becomes the root, which keeps paths short in scan order.
             let (root, other) = (x.min(y), x.max(y));
-            if self.steps[other as usize].compare_exchange(0, other - root, Relaxed, Relaxed).is_ok() {
+            if self.steps[other as usize]
+                .compare_exchange(0, other - root, Relaxed, Relaxed)
+                .is_ok()
+            {
                 return true;
             }
         }
     }
 
-    /// Numbers the sets in the order of their smallest numbers, those alone whose root `counts`. Does not depend on the number of threads. Nobody may join
-    /// sets any more.
+    /// Numbers the sets in the order of their smallest numbers, those alone whose root `counts`.
+    /// Does not depend on the number of threads. Nobody may join sets any more.
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
@@ -78,15 +83,20 @@ impl DisjointSets {
         let numbers: Vec<AtomicU32> = zeroed(self.steps.len(), what)?;
         let is_root = |x: u32| self.steps[x as usize].load(Relaxed) == 0 && counts(x);
         let chunks = 0..self.steps.len().div_ceil(CHUNK);
-        let range = |chunk: usize| (chunk * CHUNK) as u32..((chunk + 1) * CHUNK).min(self.steps.len()) as u32;
+        let range = |chunk: usize| {
+            (chunk * CHUNK) as u32..((chunk + 1) * CHUNK).min(self.steps.len()) as u32
+        };
         let roots_in = |chunk: usize| {
             let roots = || range(chunk).filter(|&x| is_root(x));
             let mut list = room(roots().count(), what)?;
             list.extend(roots());
             Ok(list)
         };
-        let roots: Vec<Vec<u32>> = chunks.clone().into_par_iter().map(roots_in).collect::<Result<_>>()?;
-        let starts = roots.iter().scan(0, |next, roots| Some(std::mem::replace(next, *next + roots.len() as u32)));
+        let roots: Vec<Vec<u32>> =
+            chunks.clone().into_par_iter().map(roots_in).collect::<Result<_>>()?;
+        let starts = roots
+            .iter()
+            .scan(0, |next, roots| Some(std::mem::replace(next, *next + roots.len() as u32)));
         let firsts: Vec<u32> = starts.collect();
         let each = |pass: &(dyn Fn(usize) + Sync)| {
             chunks.clone().into_par_iter().try_for_each(|chunk| {

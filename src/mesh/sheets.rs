@@ -1,20 +1,29 @@
-//! The surfaces that bound the components of a mesh: their Euler characteristic, and where they touch themselves.
+//! The surfaces that bound the components of a mesh: their Euler characteristic, and where they
+//! touch themselves.
 //!
-//! First the boundary of each part, of tets joined across facets, is taken as a closed surface that lies just inside of it: so it is one whatever touches, and its Euler characteristic is 2 - 2 * (genus)
-//! for each piece of it. It is counted on the boundary facets, V - E + F. At an edge the surface passes once through each wedge of the part's tets;
-//! which of its facets bound one wedge is found
-//! out, where there are more than two, by going around the edge from tet to tet. At a vertex the part's facets form cycles, *umbrellas*; where the
-//! tets there are joined across their facets at the vertex to a cone with n umbrellas, the surface passes through it as a disk with n - 1 holes, which counts
-//! 2 - n: mostly 1.
+//! First the boundary of each part, of tets joined across facets, is taken as a closed surface that
+//! lies just inside of it: so it is one whatever touches, and its Euler characteristic is 2 - 2 *
+//! (genus) for each piece of it. It is counted on the boundary facets, V - E + F. At an edge the
+//! surface passes once through each wedge of the part's tets; which of its facets bound one wedge
+//! is found out, where there are more than two, by going around the edge from tet to tet. At a
+//! vertex the part's facets form cycles, *umbrellas*; where the tets there are joined across their
+//! facets at the vertex to a cone with n umbrellas, the surface passes through it as a disk with n
+//! - 1 holes, which counts 2 - n: mostly 1.
 //!
-//! **Touching.** The union of a component's closed tets is another solid: there wedges that meet in an edge are one, cones that meet in a vertex too, and so is a cone with several umbrellas around its vertex. Its
-//! characteristic, twice V - E + F - T, is that of the boundary, and at each such vertex 2 (1 - c), at each such edge 2 (c - 1) more: c is the characteristic of what the solid just inside of the tets has around there, 2 - n
-//! for a cone with n umbrellas and 1 for a wedge. Parts that meet in such places are one component.
+//! **Touching.** The union of a component's closed tets is another solid: there wedges that meet in
+//! an edge are one, cones that meet in a vertex too, and so is a cone with several umbrellas around
+//! its vertex. Its characteristic, twice V - E + F - T, is that of the boundary, and at each such
+//! vertex 2 (1 - c), at each such edge 2 (c - 1) more: c is the characteristic of what the solid
+//! just inside of the tets has around there, 2 - n for a cone with n umbrellas and 1 for a wedge.
+//! Parts that meet in such places are one component.
 //!
-//! A place where a label's boundary is no surface is a *pinch*: an edge with more than two of its facets, or a vertex, at no such edge, with more than one
-//! umbrella. An edge where the boundary of a label (0 included) has an odd number of facets is *open*: the boundary of a union of tets has none.
+//! A place where a label's boundary is no surface is a *pinch*: an edge with more than two of its
+//! facets, or a vertex, at no such edge, with more than one umbrella. An edge where the boundary of
+//! a label (0 included) has an odd number of facets is *open*: the boundary of a union of tets has
+//! none.
 //!
-//! Deterministic whatever the number of threads; parallel in the current rayon pool. Facets are gathered by vertex with a counting sort: linear in them.
+//! Deterministic whatever the number of threads; parallel in the current rayon pool. Facets are
+//! gathered by vertex with a counting sort: linear in them.
 
 use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 
@@ -52,7 +61,8 @@ impl Pinch {
 pub struct Sheets {
     /// Edges where the boundary of some label is open.
     pub open_edges: u64,
-    /// The Euler characteristic of the boundary of each component: twice that of the union of its closed tets.
+    /// The Euler characteristic of the boundary of each component: twice that of the union of its
+    /// closed tets.
     pub euler: Vec<i64>,
     /// In the order of their vertices.
     pub pinches: Vec<Pinch>,
@@ -63,7 +73,11 @@ impl Sheets {
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
-    pub(super) fn measure(mesh: &TetMesh, components: &mut MeshComponents, monitor: &Monitor<'_>) -> Result<Self> {
+    pub(super) fn measure(
+        mesh: &TetMesh,
+        components: &mut MeshComponents,
+        monitor: &Monitor<'_>,
+    ) -> Result<Self> {
         let mut parts = Parts::measure(mesh, components, monitor)?;
         for touch in &parts.touches {
             // All that it joins come to be one component.
@@ -99,7 +113,10 @@ impl Parts {
             for v in chunk * CHUNK..((chunk + 1) * CHUNK).min(mesh.points.len()) {
                 let end = ends[v].load(Relaxed);
                 if start < end {
-                    umbrellas.look_at(v as u32, stars[start..end].iter().map(|facet| facet.load(Relaxed)));
+                    umbrellas.look_at(
+                        v as u32,
+                        stars[start..end].iter().map(|facet| facet.load(Relaxed)),
+                    );
                 }
                 start = end;
             }
@@ -123,7 +140,10 @@ impl Parts {
 }
 
 /// The facets of each vertex, where those of each vertex end.
-fn facets_of_vertices(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<(Vec<AtomicUsize>, Vec<AtomicU32>)> {
+fn facets_of_vertices(
+    mesh: &TetMesh,
+    monitor: &Monitor<'_>,
+) -> Result<(Vec<AtomicUsize>, Vec<AtomicU32>)> {
     let mut ends: Vec<AtomicUsize> = zeroed(mesh.points.len() + 1, "vertices")?;
     mesh.facets.par_chunks(CHUNK).try_for_each(|facets| {
         monitor.advance(facets.len())?;
@@ -138,7 +158,8 @@ fn facets_of_vertices(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<(Vec<Atom
             *count.get_mut() = end;
         }
     }
-    // `ends[v]` grows from the start of v's part to its end; who comes first does not matter to what is made of them.
+    // `ends[v]` grows from the start of v's part to its end; who comes first does not matter to
+    // what is made of them.
     let stars: Vec<AtomicU32> = zeroed(3 * mesh.facets.len(), "facets of vertices")?;
     mesh.facets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, facets)| {
         monitor.advance(facets.len())?;
@@ -191,45 +212,75 @@ mod tests {
     proptest! {
         /// The closed tets of a Kuhn mesh fill the closed voxels.
         #[test]
-        fn touching_tets_against_closed_voxels(values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2])) {
+        fn touching_tets_against_closed_voxels(
+            values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2]),
+        ) {
             let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
             let image = testing::image(DIMS, Frame::axis_aligned([1.0; 3]).unwrap(), label);
             let (sheets, components) = measured(&testing::kuhn_box(DIMS, [1.0; 3], label), &image);
             let of_image = ImageComponents::new(&image, &Monitor::silent()).unwrap();
             let first = |at: [usize; 3]| 6 * (at[0] + DIMS[0] * (at[1] + DIMS[1] * at[2])) as u32;
-            let mut expected: Vec<_> = of_image.list.iter().map(|c| (first(c.first), 6 * c.voxels, 2 * c.euler)).collect();
+            let mut expected: Vec<_> =
+                of_image.list.iter().map(|c| (first(c.first), 6 * c.voxels, 2 * c.euler)).collect();
             expected.sort_unstable();
-            let found: Vec<_> = components.list.iter().zip(&sheets.euler).map(|(c, &euler)| (c.first, c.tets.count, euler)).collect();
+            let found: Vec<_> = components
+                .list
+                .iter()
+                .zip(&sheets.euler)
+                .map(|(c, &euler)| (c.first, c.tets.count, euler))
+                .collect();
             prop_assert_eq!(found, expected);
         }
 
-        /// The tets of a Kuhn mesh fill the voxels: the solid just inside is that of voxels, pairs across a face, squares of four and cubes of eight.
+        /// The tets of a Kuhn mesh fill the voxels: the solid just inside is that of voxels, pairs
+        /// across a face, squares of four and cubes of eight.
         #[test]
-        fn a_mesh_of_voxels_against_their_complex(values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2])) {
+        fn a_mesh_of_voxels_against_their_complex(
+            values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2]),
+        ) {
             let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
             let image = testing::image(DIMS, Frame::axis_aligned([1.0; 3]).unwrap(), label);
             let mesh = testing::kuhn_box(DIMS, [1.0; 3], label);
             let (sheets, components) = measured_by_part(&mesh, &image);
             let mut expected = vec![0_i64; sheets.euler.len()];
-            for (cell, component) in (0..values.len()).filter_map(|cell| Some((cell, components.of(6 * cell as u32)?))) {
+            for (cell, component) in
+                (0..values.len()).filter_map(|cell| Some((cell, components.of(6 * cell as u32)?)))
+            {
                 let at = [cell % DIMS[0], cell / DIMS[0] % DIMS[1], cell / (DIMS[0] * DIMS[1])];
                 for size in 0..8 {
                     let upper = [size & 1, size >> 1 & 1, size >> 2];
-                    let bricks = (0..8).map(|bits| [0, 1, 2].map(|axis| at[axis] + upper[axis] * (bits >> axis & 1)));
-                    let mut bricks = bricks.map(|at| (0..3).all(|axis| at[axis] < DIMS[axis]) && label(at[0], at[1], at[2]) == values[cell]);
+                    let bricks = (0..8).map(|bits| {
+                        [0, 1, 2].map(|axis| at[axis] + upper[axis] * (bits >> axis & 1))
+                    });
+                    let mut bricks = bricks.map(|at| {
+                        (0..3).all(|axis| at[axis] < DIMS[axis])
+                            && label(at[0], at[1], at[2]) == values[cell]
+                    });
                     let sign = if upper.iter().sum::<usize>() % 2 == 0 { 1 } else { -1 };
-                    expected[component as usize] += if bricks.all(|same| same) { 2 * sign } else { 0 };
+                    expected[component as usize] +=
+                        if bricks.all(|same| same) { 2 * sign } else { 0 };
                 }
             }
             prop_assert_eq!(sheets.euler, expected);
             prop_assert_eq!(sheets.open_edges, 0);
-            // An edge of the grid is pinched where two of the four voxels around it are of a label and across from each other, and the others are not.
+            // An edge of the grid is pinched where two of the four voxels around it are of a label
+            // and across from each other, and the others are not.
             let at = |[i, j, k]: [isize; 3]| {
-                let inside = (0..DIMS[0] as isize).contains(&i) && (0..DIMS[1] as isize).contains(&j) && (0..DIMS[2] as isize).contains(&k);
-                if inside { values[i as usize + DIMS[0] * (j as usize + DIMS[1] * k as usize)] } else { 0 }
+                let inside = (0..DIMS[0] as isize).contains(&i)
+                    && (0..DIMS[1] as isize).contains(&j)
+                    && (0..DIMS[2] as isize).contains(&k);
+                if inside {
+                    values[i as usize + DIMS[0] * (j as usize + DIMS[1] * k as usize)]
+                } else {
+                    0
+                }
             };
             let mut edges = 0;
-            for (i, j, k, axis) in (0..7).flat_map(|i| (0..5).flat_map(move |j| (0..5).flat_map(move |k| (0..3).map(move |axis| (i, j, k, axis))))) {
+            for (i, j, k, axis) in (0..7).flat_map(|i| {
+                (0..5).flat_map(move |j| {
+                    (0..5).flat_map(move |k| (0..3).map(move |axis| (i, j, k, axis)))
+                })
+            }) {
                 let around = [[0, 0], [1, 0], [1, 1], [0, 1]].map(|[u, v]| {
                     let mut cell = [i, j, k];
                     cell[(axis + 1) % 3] -= u;
@@ -238,7 +289,10 @@ mod tests {
                 });
                 for (one, other) in [(0, 1), (1, 0)] {
                     let label = around[one];
-                    let touches = label != 0 && around[one + 2] == label && around[other] != label && around[(other + 2) % 4] != label;
+                    let touches = label != 0
+                        && around[one + 2] == label
+                        && around[other] != label
+                        && around[(other + 2) % 4] != label;
                     edges += usize::from(touches);
                 }
             }
@@ -255,35 +309,58 @@ mod tests {
         };
         assert_eq!(euler([3; 3], |_, _, _| 1), [2], "a ball");
         assert_eq!(euler([3, 3, 1], |i, j, _| i32::from(!(i == 1 && j == 1))), [0], "a torus");
-        assert_eq!(euler([5, 3, 1], |i, j, _| i32::from(!(i % 2 == 1 && j == 1))), [-2], "two holes");
-        assert_eq!(euler([3; 3], |i, j, k| 2 - i32::from(i == 1 && j == 1 && k == 1)), [2 + 2, 2], "a ball in a shell");
+        assert_eq!(
+            euler([5, 3, 1], |i, j, _| i32::from(!(i % 2 == 1 && j == 1))),
+            [-2],
+            "two holes"
+        );
+        assert_eq!(
+            euler([3; 3], |i, j, k| 2 - i32::from(i == 1 && j == 1 && k == 1)),
+            [2 + 2, 2],
+            "a ball in a shell"
+        );
         assert_eq!(euler([3, 1, 1], |i, _, _| i32::from(i != 1)), [2, 2], "two balls");
         assert_eq!(euler([2; 3], |i, j, k| 1 + (i + 2 * j + 4 * k) as i32), [2; 8], "eight balls");
     }
 
     #[test]
     fn what_touches_is_one_component() {
-        // Two cubes with one edge in common, two with one vertex, and a ring of cubes closed by an edge.
+        // Two cubes with one edge in common, two with one vertex, and a ring of cubes closed by an
+        // edge.
         let edge = |i: usize, j: usize, _: usize| i32::from(i == j);
         let sheets = of_voxels([2, 2, 1], edge);
         assert_eq!(by_part([2, 2, 1], edge), [2, 2]);
-        assert_eq!((sheets.euler, sheets.pinches), (vec![2], vec![Pinch { ends: [4, 13], label: 1 }]));
+        assert_eq!(
+            (sheets.euler, sheets.pinches),
+            (vec![2], vec![Pinch { ends: [4, 13], label: 1 }])
+        );
         let corner = |i: usize, j: usize, k: usize| i32::from(i == j && j == k);
         let sheets = of_voxels([2; 3], corner);
         assert_eq!(by_part([2; 3], corner), [2, 2]);
-        assert_eq!((sheets.euler, sheets.pinches), (vec![2], vec![Pinch { ends: [13, 13], label: 1 }]));
+        assert_eq!(
+            (sheets.euler, sheets.pinches),
+            (vec![2], vec![Pinch { ends: [13, 13], label: 1 }])
+        );
         // Two cavities with a vertex in common are two; just inside, one surface goes around both.
-        let cavities = |i: usize, j: usize, k: usize| i32::from([i, j, k] != [1; 3] && [i, j, k] != [2; 3]);
+        let cavities =
+            |i: usize, j: usize, k: usize| i32::from([i, j, k] != [1; 3] && [i, j, k] != [2; 3]);
         let sheets = of_voxels([4; 3], cavities);
         assert_eq!(by_part([4; 3], cavities), [4]);
-        assert_eq!((sheets.euler, sheets.pinches), (vec![6], vec![Pinch { ends: [62, 62], label: 1 }]));
+        assert_eq!(
+            (sheets.euler, sheets.pinches),
+            (vec![6], vec![Pinch { ends: [62, 62], label: 1 }])
+        );
         let ring = |i: usize, j: usize, _: usize| [[1, 1, 1], [1, 0, 2], [1, 1, 0]][j][i];
         let sheets = of_voxels([3, 3, 1], ring);
         assert_eq!((sheets.euler, sheets.pinches), (vec![2, 2], vec![]), "a bent bar and a cube");
-        let closed = |i: usize, j: usize, _: usize| i32::from([[1, 1, 1], [1, 0, 1], [1, 1, 0]][j][i] == 1);
+        let closed =
+            |i: usize, j: usize, _: usize| i32::from([[1, 1, 1], [1, 0, 1], [1, 1, 0]][j][i] == 1);
         let sheets = of_voxels([3, 3, 1], closed);
         assert_eq!(by_part([3, 3, 1], closed), [2]);
-        assert_eq!((sheets.euler, sheets.pinches), (vec![0], vec![Pinch { ends: [10, 26], label: 1 }]));
+        assert_eq!(
+            (sheets.euler, sheets.pinches),
+            (vec![0], vec![Pinch { ends: [10, 26], label: 1 }])
+        );
     }
 
     #[test]
@@ -298,7 +375,8 @@ mod tests {
         let label = |i: usize, j: usize, _: usize| i32::from(i == j);
         let image = testing::image([2, 2, 1], Frame::axis_aligned([1.0; 3]).unwrap(), label);
         let mut mesh = testing::kuhn_box([2, 2, 1], [1.0; 3], label);
-        // One facet fewer leaves its three edges open; a tet that names a vertex twice leads nowhere.
+        // One facet fewer leaves its three edges open; a tet that names a vertex twice leads
+        // nowhere.
         mesh.facets.pop();
         mesh.facet_labels.pop();
         mesh.facet_tets.pop();

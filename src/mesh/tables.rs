@@ -1,4 +1,5 @@
-//! The tables of the certificate: a row for each label, a row for each larger component of the image, and the list of defects.
+//! The tables of the certificate: a row for each label, a row for each larger component of the
+//! image, and the list of defects.
 
 use std::collections::BTreeMap;
 
@@ -37,7 +38,8 @@ struct Open<R> {
 }
 
 impl Tables<'_> {
-    /// Every label of the image, lost ones included, and those that only the mesh has, in increasing order.
+    /// Every label of the image, lost ones included, and those that only the mesh has, in
+    /// increasing order.
     pub fn labels(&self) -> Vec<LabelRow> {
         let mut rows: BTreeMap<i32, Open<LabelRow>> = BTreeMap::new();
         for (c, component) in self.image_components.list.iter().enumerate() {
@@ -45,7 +47,9 @@ impl Tables<'_> {
             open.row.image_voxels += component.voxels;
             open.row.components_image += 1;
             open.row.euler_image += 2 * component.euler;
-            let listed = |fate| u64::from(component.voxels >= LEAST_VOXELS && self.matching.fates[c] == fate);
+            let listed = |fate| {
+                u64::from(component.voxels >= LEAST_VOXELS && self.matching.fates[c] == fate)
+            };
             open.row.components_lost += listed(Fate::Lost);
             open.row.components_merged += listed(Fate::Merged);
             open.image_to_mesh += self.distances.faces.of_image[c];
@@ -127,7 +131,8 @@ impl Tables<'_> {
     /// The components of fewer than [`LEAST_VOXELS`] that are lost.
     pub fn small_lost(&self) -> SmallLost {
         let components = self.image_components.list.iter().zip(&self.matching.fates);
-        let lost = components.filter(|&(component, &fate)| component.voxels < LEAST_VOXELS && fate == Fate::Lost);
+        let lost = components
+            .filter(|&(component, &fate)| component.voxels < LEAST_VOXELS && fate == Fate::Lost);
         lost.fold(SmallLost::default(), |sum, (component, _)| SmallLost {
             count: sum.count + 1,
             voxels: sum.voxels + component.voxels,
@@ -137,17 +142,20 @@ impl Tables<'_> {
 
     /// Where the topology is at fault, by kind.
     pub fn defects(&self) -> Vec<Defect> {
-        let of_image = self.image_components.list.iter().zip(&self.matching.fates).filter_map(|(component, &fate)| {
-            let kind = match fate {
-                Fate::Kept => return None,
-                Fate::Merged => DefectKind::Merged,
-                Fate::Lost => DefectKind::Lost,
-            };
-            let (label, position, size) = (self.label(component), self.position(component), component.voxels);
-            (size >= LEAST_VOXELS).then_some(Defect { kind, label, position, size })
-        });
-        let of_mesh =
-            self.mesh_components.list.iter().zip(&self.matching.roles).filter_map(|(component, &(role, _))| {
+        let of_image = self.image_components.list.iter().zip(&self.matching.fates).filter_map(
+            |(component, &fate)| {
+                let kind = match fate {
+                    Fate::Kept => return None,
+                    Fate::Merged => DefectKind::Merged,
+                    Fate::Lost => DefectKind::Lost,
+                };
+                let (label, position, size) =
+                    (self.label(component), self.position(component), component.voxels);
+                (size >= LEAST_VOXELS).then_some(Defect { kind, label, position, size })
+            },
+        );
+        let of_mesh = self.mesh_components.list.iter().zip(&self.matching.roles).filter_map(
+            |(component, &(role, _))| {
                 let kind = match role {
                     Role::Main => return None,
                     Role::Piece => DefectKind::Torn,
@@ -156,7 +164,8 @@ impl Tables<'_> {
                 let corners = self.mesh.tets[component.first as usize].map(|v| self.mesh.point(v));
                 let position = (corners.iter().sum::<DVec3>() * 0.25).to_array();
                 Some(Defect { kind, label: component.label, position, size: component.tets.count })
-            });
+            },
+        );
         let pinches = self.sheets.pinches.iter().map(|pinch| Defect {
             kind: if pinch.is_edge() { DefectKind::PinchedEdge } else { DefectKind::PinchedVertex },
             label: pinch.label,

@@ -6,12 +6,18 @@ use super::voxel_faces::{Face, VoxelFaces};
 use super::{NONE, TetMesh};
 use crate::image::{Frame, LabelImage};
 
-/// The six monotone paths from corner 000 to corner 111 of a cube; each is a tet of Kuhn's subdivision.
+/// The six monotone paths from corner 000 to corner 111 of a cube; each is a tet of Kuhn's
+/// subdivision.
 const PATHS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [1, 0, 2], [2, 1, 0]];
 
-/// Kuhn's subdivision of a box of `cubes` cubes with edges `step` and one corner at the origin. `label(i, j, k)` labels the six
-/// tets of a cube; label 0 is kept as background. The outside of the box counts as background that was not kept.
-pub fn kuhn_box(cubes: [usize; 3], step: [f64; 3], label: impl Fn(usize, usize, usize) -> i32) -> TetMesh {
+/// Kuhn's subdivision of a box of `cubes` cubes with edges `step` and one corner at the origin.
+/// `label(i, j, k)` labels the six tets of a cube; label 0 is kept as background. The outside of
+/// the box counts as background that was not kept.
+pub fn kuhn_box(
+    cubes: [usize; 3],
+    step: [f64; 3],
+    label: impl Fn(usize, usize, usize) -> i32,
+) -> TetMesh {
     let [nx, ny, nz] = cubes;
     let mut mesh = TetMesh::default();
     for k in 0..=nz {
@@ -28,7 +34,8 @@ pub fn kuhn_box(cubes: [usize; 3], step: [f64; 3], label: impl Fn(usize, usize, 
                     let mut corner = [i, j, k];
                     let mut tet = [0; 4];
                     for step in 0..4 {
-                        tet[step] = (corner[0] + (nx + 1) * (corner[1] + (ny + 1) * corner[2])) as u32;
+                        tet[step] =
+                            (corner[0] + (nx + 1) * (corner[1] + (ny + 1) * corner[2])) as u32;
                         if step < 3 {
                             corner[path[step]] += 1;
                         }
@@ -87,7 +94,11 @@ pub fn connect(mesh: &mut TetMesh) {
 }
 
 /// An image with labels `label(i, j, k)`, all of them at least 0.
-pub fn image(dims: [usize; 3], frame: Frame, label: impl Fn(usize, usize, usize) -> i32) -> LabelImage {
+pub fn image(
+    dims: [usize; 3],
+    frame: Frame,
+    label: impl Fn(usize, usize, usize) -> i32,
+) -> LabelImage {
     let mut values = Vec::new();
     for k in 0..dims[2] {
         for j in 0..dims[1] {
@@ -100,7 +111,10 @@ pub fn image(dims: [usize; 3], frame: Frame, label: impl Fn(usize, usize, usize)
     labels.push(0);
     labels.sort_unstable();
     labels.dedup();
-    let ids = values.iter().map(|value| labels.iter().position(|label| label == value).unwrap_or(0) as u16).collect();
+    let ids = values
+        .iter()
+        .map(|value| labels.iter().position(|label| label == value).unwrap_or(0) as u16)
+        .collect();
     LabelImage::from_ids(dims, frame, ids, labels).expect("a valid image")
 }
 
@@ -108,6 +122,10 @@ pub fn image(dims: [usize; 3], frame: Frame, label: impl Fn(usize, usize, usize)
 pub(super) fn voxel_faces(faces: &VoxelFaces<'_>) -> Vec<Face> {
     let [nx, ny, nz] = faces.dims();
     let cells = (0..nx * ny * nz).map(|at| [at % nx, at / nx % ny, at / (nx * ny)]);
-    let of = |cell| (0..3).filter(move |axis| faces.mask(cell) >> axis & 1 == 1).map(move |axis| Face { cell, axis });
+    let of = |cell| {
+        (0..3)
+            .filter(move |axis| faces.mask(cell) >> axis & 1 == 1)
+            .map(move |axis| Face { cell, axis })
+    };
     cells.flat_map(of).collect()
 }

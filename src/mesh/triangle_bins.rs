@@ -1,12 +1,16 @@
 //! Nearest triangle of a set, by bins: the triangles of each brick of cells of the image's grid.
 //!
-//! A triangle is listed in every brick that its bounding box, widened by a reach, overlaps. Who asks for many points of a brick goes over its list once and
-//! finds all triangles within the reach; [`TriangleBins::nearest`] answers for one point, however far away the triangles are: it looks at bricks in growing shells, those apart that
-//! cannot hold anything nearer. The bricks at the rim stand for all that is beyond them. A query may ask for triangles of one label alone: a bit for every 64th label
-//! tells in which bricks there may be some.
+//! A triangle is listed in every brick that its bounding box, widened by a reach, overlaps. Who
+//! asks for many points of a brick goes over its list once and finds all triangles within the
+//! reach; [`TriangleBins::nearest`] answers for one point, however far away the triangles are: it
+//! looks at bricks in growing shells, those apart that cannot hold anything nearer. The bricks at
+//! the rim stand for all that is beyond them. A query may ask for triangles of one label alone: a
+//! bit for every 64th label tells in which bricks there may be some.
 //!
-//! Built by a counting sort, in parallel in the current rayon pool; read-only afterwards, so any number of threads may ask. Lists are in the order of the triangles: of several that
-//! are equally near, any number of threads finds the same. Distance to a triangle: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
+//! Built by a counting sort, in parallel in the current rayon pool; read-only afterwards, so any
+//! number of threads may ask. Lists are in the order of the triangles: of several that are equally
+//! near, any number of threads finds the same. Distance to a triangle: Ericson, "Real-Time
+//! Collision Detection", 2005, section 5.1.5.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
@@ -58,8 +62,9 @@ impl Triangle {
     }
 }
 
-/// The bit of a label among the labels of a brick. Not inlined: where no label is asked for, the bit of whatever stands in the place of its id would be set in a word that has them all, which changes nothing,
-/// but is a use of what was never written to a checker of memory.
+/// The bit of a label among the labels of a brick. Not inlined: where no label is asked for, the
+/// bit of whatever stands in the place of its id would be set in a word that has them all, which
+/// changes nothing, but is a use of what was never written to a checker of memory.
 #[inline(never)]
 fn bit(id: u16) -> u64 {
     1 << (id % 64)
@@ -90,22 +95,30 @@ pub(super) struct TriangleBins {
 }
 
 impl TriangleBins {
-    /// Takes finite, possibly degenerate triangles, into the bricks of `faces`; each is listed where it comes within `reach`.
+    /// Takes finite, possibly degenerate triangles, into the bricks of `faces`; each is listed
+    /// where it comes within `reach`.
     ///
     /// # Errors
-    /// [`Error::Cancelled`], [`Error::OutOfMemory`]; [`Error::LimitReached`] for lists of more than 2^32 triangles.
-    pub fn new(triangles: Vec<Triangle>, faces: &VoxelFaces<'_>, reach: f64, monitor: &Monitor<'_>) -> Result<Self> {
+    /// [`Error::Cancelled`], [`Error::OutOfMemory`]; [`Error::LimitReached`] for lists of more than
+    /// 2^32 triangles.
+    pub fn new(
+        triangles: Vec<Triangle>,
+        faces: &VoxelFaces<'_>,
+        reach: f64,
+        monitor: &Monitor<'_>,
+    ) -> Result<Self> {
         let dims = faces.brick_dims();
         let size = faces.spacing() * BRICK as f64;
-        let mut ends: Vec<AtomicU32> = zeroed(dims[0] * dims[1] * dims[2] + 1, "bricks of triangles")?;
+        let mut ends: Vec<AtomicU32> =
+            zeroed(dims[0] * dims[1] * dims[2] + 1, "bricks of triangles")?;
         let each = |visit: &(dyn Fn(usize, u32) + Sync)| {
             triangles.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, part)| {
                 monitor.advance(0)?;
                 for (triangle, number) in part.iter().zip((chunk * CHUNK) as u32..) {
                     let (low, high) = triangle.bounds();
                     let (low, high) = ((low - reach) / size, (high + reach) / size);
-                    let [x, y, z] =
-                        [0, 1, 2].map(|axis| within(low[axis], dims[axis])..=within(high[axis], dims[axis]));
+                    let [x, y, z] = [0, 1, 2]
+                        .map(|axis| within(low[axis], dims[axis])..=within(high[axis], dims[axis]));
                     for k in z {
                         for j in y.clone() {
                             x.clone().for_each(|i| visit(i + dims[0] * (j + dims[1] * k), number));
@@ -120,12 +133,16 @@ impl TriangleBins {
         for end in &mut ends {
             let end = end.get_mut();
             let sum = total.checked_add(*end);
-            total = sum.ok_or_else(|| Error::LimitReached("more than 4294967295 triangles in bricks".into()))?;
+            total = sum.ok_or_else(|| {
+                Error::LimitReached("more than 4294967295 triangles in bricks".into())
+            })?;
             *end = total;
         }
         // `ends[b]` grows from the start of b's list to its end.
         let lists: Vec<AtomicU32> = zeroed(total as usize, "triangles of bricks")?;
-        each(&|brick, number| lists[ends[brick].fetch_add(1, Relaxed) as usize].store(number, Relaxed))?;
+        each(&|brick, number| {
+            lists[ends[brick].fetch_add(1, Relaxed) as usize].store(number, Relaxed)
+        })?;
         let mut lists: Vec<u32> = lists.into_iter().map(AtomicU32::into_inner).collect();
         let mut ends: Vec<u32> = ends.into_iter().map(AtomicU32::into_inner).collect();
         ends.pop();
@@ -141,10 +158,16 @@ impl TriangleBins {
         });
         monitor.advance(0)?;
         let mut spheres: Vec<[f32; 4]> = zeroed(triangles.len(), "spheres of triangles")?;
-        spheres.par_iter_mut().zip(&triangles).for_each(|(sphere, triangle)| *sphere = triangle.sphere());
+        spheres
+            .par_iter_mut()
+            .zip(&triangles)
+            .for_each(|(sphere, triangle)| *sphere = triangle.sphere());
         monitor.advance(0)?;
-        let mut bins = Self { triangles, spheres, size, dims, ends, lists, labels: Vec::new(), has_id };
-        let labels = |brick| bins.list(brick).fold(0, |all, (_, t)| t.ids.iter().fold(all, |all, &id| all | bit(id)));
+        let mut bins =
+            Self { triangles, spheres, size, dims, ends, lists, labels: Vec::new(), has_id };
+        let labels = |brick| {
+            bins.list(brick).fold(0, |all, (_, t)| t.ids.iter().fold(all, |all, &id| all | bit(id)))
+        };
         let bricks = dims[0] * dims[1] * dims[2];
         let mut of_bricks = room(bricks, "labels of bricks")?;
         (0..bricks).into_par_iter().map(labels).collect_into_vec(&mut of_bricks);
@@ -164,28 +187,37 @@ impl TriangleBins {
         &self.lists[start as usize..self.ends[brick] as usize]
     }
 
-    /// The triangle nearest to `p`, or the nearest of those with label id `id` on one side; `start` is one of them that is thought to be near, and changes only the
-    /// time taken. `None` if there is none.
+    /// The triangle nearest to `p`, or the nearest of those with label id `id` on one side; `start`
+    /// is one of them that is thought to be near, and changes only the time taken. `None` if there
+    /// is none.
     pub fn nearest(&self, id: Option<u16>, p: DVec3, start: Option<u32>) -> Option<Nearest> {
-        if self.triangles.is_empty() || id.is_some_and(|id| !self.has_id[usize::from(id)].load(Relaxed)) {
+        if self.triangles.is_empty()
+            || id.is_some_and(|id| !self.has_id[usize::from(id)].load(Relaxed))
+        {
             return None;
         }
         let mut best = match start {
-            Some(triangle) => {
-                Nearest { triangle, distance_squared: self.triangles[triangle as usize].distance_squared(p) }
-            }
+            Some(triangle) => Nearest {
+                triangle,
+                distance_squared: self.triangles[triangle as usize].distance_squared(p),
+            },
             None => Nearest { triangle: u32::MAX, distance_squared: f64::INFINITY },
         };
         let centre = [0, 1, 2].map(|axis| within(p[axis] / self.size[axis], self.dims[axis]));
         for shell in 0.. {
-            let range = [0, 1, 2]
-                .map(|axis| (centre[axis].saturating_sub(shell), (centre[axis] + shell).min(self.dims[axis] - 1)));
+            let range = [0, 1, 2].map(|axis| {
+                (
+                    centre[axis].saturating_sub(shell),
+                    (centre[axis] + shell).min(self.dims[axis] - 1),
+                )
+            });
             for k in range[2].0..=range[2].1 {
                 for j in range[1].0..=range[1].1 {
                     let inner = k.abs_diff(centre[2]) < shell && j.abs_diff(centre[1]) < shell;
                     // Of a row within the shell only its ends.
                     let step = if inner { (2 * shell).max(1) } else { 1 };
-                    let first = if inner && centre[0] < shell { centre[0] + shell } else { range[0].0 };
+                    let first =
+                        if inner && centre[0] < shell { centre[0] + shell } else { range[0].0 };
                     for i in (first..=range[0].1).step_by(step) {
                         self.search([i, j, k], id, p, &mut best);
                     }
@@ -207,7 +239,11 @@ impl TriangleBins {
     #[inline]
     fn extent(&self, axis: usize, (first, last): (usize, usize)) -> [f64; 2] {
         let low = if first == 0 { f64::NEG_INFINITY } else { first as f64 * self.size[axis] };
-        let high = if last + 1 == self.dims[axis] { f64::INFINITY } else { (last + 1) as f64 * self.size[axis] };
+        let high = if last + 1 == self.dims[axis] {
+            f64::INFINITY
+        } else {
+            (last + 1) as f64 * self.size[axis]
+        };
         [low, high]
     }
 
@@ -251,20 +287,26 @@ impl TriangleBins {
 /// Those of `go_on`, which is asked every some thousand numbers.
 fn sort_parts(list: &mut [u32], ends: &[u32], go_on: impl Fn() -> Result<()> + Sync) -> Result<()> {
     let first_of = |piece: usize| (piece * BRICKS).checked_sub(1).map_or(0, |before| ends[before]);
-    let lengths = ends.chunks(BRICKS).enumerate().map(|(n, ends)| (ends[ends.len() - 1] - first_of(n)) as usize);
+    let lengths = ends
+        .chunks(BRICKS)
+        .enumerate()
+        .map(|(n, ends)| (ends[ends.len() - 1] - first_of(n)) as usize);
     let pieces = parts(list, lengths, "pieces of the lists of bricks")?;
-    pieces.into_par_iter().zip(ends.par_chunks(BRICKS)).enumerate().try_for_each(|(n, (piece, ends))| {
-        go_on()?;
-        let (first, mut start) = (first_of(n), 0);
-        for end in ends.iter().map(|end| (end - first) as usize) {
-            piece[start..end].sort_unstable();
-            start = end;
-        }
-        Ok(())
-    })
+    pieces.into_par_iter().zip(ends.par_chunks(BRICKS)).enumerate().try_for_each(
+        |(n, (piece, ends))| {
+            go_on()?;
+            let (first, mut start) = (first_of(n), 0);
+            for end in ends.iter().map(|end| (end - first) as usize) {
+                piece[start..end].sort_unstable();
+                start = end;
+            }
+            Ok(())
+        },
+    )
 }
 
-/// The brick, of `n`, that holds a coordinate in bricks, or the first or last one. (`as` saturates.)
+/// The brick, of `n`, that holds a coordinate in bricks, or the first or last one. (`as`
+/// saturates.)
 #[inline]
 fn within(x: f64, n: usize) -> usize {
     (x.max(0.0) as usize).min(n - 1)
@@ -280,7 +322,8 @@ mod tests {
     use crate::image::Frame;
 
     fn point() -> impl Strategy<Value = DVec3> {
-        [-4..=4i32, -4..=4, -4..=4].prop_map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()) * 0.5)
+        [-4..=4i32, -4..=4, -4..=4]
+            .prop_map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()) * 0.5)
     }
 
     fn triangle() -> impl Strategy<Value = [DVec3; 3]> {
@@ -290,35 +333,61 @@ mod tests {
     /// Labels of which two have the same bit.
     fn labelled() -> impl Strategy<Value = Triangle> {
         let id = || prop::sample::select(vec![1, 2, 3, 65]);
-        (triangle(), [id(), id()]).prop_map(|(corners, ids)| Triangle { corners, ids, components: [NO_SET; 2] })
+        (triangle(), [id(), id()]).prop_map(|(corners, ids)| Triangle {
+            corners,
+            ids,
+            components: [NO_SET; 2],
+        })
     }
 
     proptest! {
         /// Against all of them; the grid of bricks is smaller than what the triangles fill.
         #[test]
-        fn nearest_against_all(triangles in prop::collection::vec(labelled(), 1..60), p in point(), start in 0u32..60) {
-            let triangles: Vec<Triangle> =
-                triangles.into_iter().map(|t| Triangle { corners: t.corners.map(|c| c * 8.0), ..t }).collect();
+        fn nearest_against_all(
+            triangles in prop::collection::vec(labelled(), 1..60),
+            p in point(),
+            start in 0u32..60,
+        ) {
+            let triangles: Vec<Triangle> = triangles
+                .into_iter()
+                .map(|t| Triangle { corners: t.corners.map(|c| c * 8.0), ..t })
+                .collect();
             let p = p * 8.0;
             let of = |wanted: &dyn Fn(&Triangle) -> bool| {
-                triangles.iter().filter(|t| wanted(t)).map(|t| t.distance_squared(p)).fold(f64::INFINITY, f64::min)
+                triangles
+                    .iter()
+                    .filter(|t| wanted(t))
+                    .map(|t| t.distance_squared(p))
+                    .fold(f64::INFINITY, f64::min)
             };
-            let image = testing::image([12, 20, 9], Frame::axis_aligned([1.0, 0.5, 2.0]).unwrap(), |_, _, _| 1);
+            let image = testing::image(
+                [12, 20, 9],
+                Frame::axis_aligned([1.0, 0.5, 2.0]).unwrap(),
+                |_, _, _| 1,
+            );
             let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
-            let bins = TriangleBins::new(triangles.clone(), &faces, 0.5, &Monitor::silent()).unwrap();
+            let bins =
+                TriangleBins::new(triangles.clone(), &faces, 0.5, &Monitor::silent()).unwrap();
             for id in [None, Some(1), Some(65), Some(2)] {
                 let wanted = |t: &Triangle| id.is_none_or(|id| t.ids.contains(&id));
-                let start = Some(start).filter(|&start| triangles.get(start as usize).is_some_and(wanted));
+                let start =
+                    Some(start).filter(|&start| triangles.get(start as usize).is_some_and(wanted));
                 let found = bins.nearest(id, p, start);
-                prop_assert_eq!(found.map_or(f64::INFINITY, |found| found.distance_squared), of(&wanted));
-                prop_assert!(found.is_none_or(|found| wanted(&bins.triangles[found.triangle as usize])));
+                prop_assert_eq!(
+                    found.map_or(f64::INFINITY, |found| found.distance_squared),
+                    of(&wanted)
+                );
+                prop_assert!(
+                    found.is_none_or(|found| wanted(&bins.triangles[found.triangle as usize]))
+                );
             }
         }
     }
 
     #[test]
     fn every_triangle_is_in_the_bricks_that_it_reaches() {
-        let image = testing::image([30, 30, 30], Frame::axis_aligned([1.0; 3]).unwrap(), |_, _, _| 1);
+        let image =
+            testing::image([30, 30, 30], Frame::axis_aligned([1.0; 3]).unwrap(), |_, _, _| 1);
         let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
         let at = |x: f64| Triangle {
             corners: [DVec3::splat(x), DVec3::splat(x) + DVec3::X, DVec3::splat(x)],
@@ -329,7 +398,9 @@ mod tests {
         let bins = TriangleBins::new(triangles.clone(), &faces, 0.25, &Monitor::silent()).unwrap();
         let [nx, ny, nz] = faces.brick_dims();
         for brick in 0..nx * ny * nz {
-            let low = DVec3::from([brick % nx, brick / nx % ny, brick / (nx * ny)].map(|i| (i * BRICK) as f64));
+            let low = DVec3::from(
+                [brick % nx, brick / nx % ny, brick / (nx * ny)].map(|i| (i * BRICK) as f64),
+            );
             let expected: Vec<u32> = (0..60)
                 .filter(|&i| {
                     let (min, max) = triangles[i as usize].bounds();

@@ -1,4 +1,5 @@
-//! What the boundaries of the parts of a mesh are around one vertex, and along the edges from it; see `sheets`.
+//! What the boundaries of the parts of a mesh are around one vertex, and along the edges from it;
+//! see `sheets`.
 
 use super::ledger::Ledger;
 use super::mesh_components::MeshComponents;
@@ -13,7 +14,8 @@ const MOST_AROUND: usize = 1 << 12;
 pub(super) struct Touch {
     /// The part of each cone or wedge.
     pub parts: Vec<u32>,
-    /// What the place adds to the characteristic of the boundary when these are taken for one union of closed tets.
+    /// What the place adds to the characteristic of the boundary when these are taken for one union
+    /// of closed tets.
     pub euler: i64,
 }
 
@@ -39,7 +41,8 @@ pub(super) struct Umbrellas<'m> {
     facets: Vec<u32>,
     /// The edge of each facet that is across from the vertex.
     rim: Vec<[u32; 2]>,
-    /// Its edges on the interfaces, each with the place of a facet there: sorted, those of one edge beside each other.
+    /// Its edges on the interfaces, each with the place of a facet there: sorted, those of one edge
+    /// beside each other.
     edges: Vec<(u32, u32)>,
     /// The sides of the facets at one edge.
     sides: Vec<Side>,
@@ -56,7 +59,8 @@ pub(super) struct Umbrellas<'m> {
 impl<'m> Umbrellas<'m> {
     pub fn new(mesh: &'m TetMesh, parts: &'m MeshComponents) -> Self {
         let (facets, edges, sides, parents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let (pinches, touches, pinched, tops, cone) = (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let (pinches, touches, pinched, tops, cone) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let euler = Ledger::default();
         Self {
             mesh,
@@ -76,7 +80,8 @@ impl<'m> Umbrellas<'m> {
         }
     }
 
-    /// Counts at vertex `v`, whose facets are given, its umbrellas, and the edges and facets of which it is the smallest vertex.
+    /// Counts at vertex `v`, whose facets are given, its umbrellas, and the edges and facets of
+    /// which it is the smallest vertex.
     pub fn look_at(&mut self, v: u32, facets: impl Iterator<Item = u32>) {
         self.facets.clear();
         self.facets.extend(facets);
@@ -105,13 +110,15 @@ impl<'m> Umbrellas<'m> {
         }
     }
 
-    /// Whether the facets around `v` are one cycle between two labels, as most are; then they are counted.
+    /// Whether the facets around `v` are one cycle between two labels, as most are; then they are
+    /// counted.
     fn is_disk(&mut self, v: u32) -> bool {
         let labels = self.mesh.facet_labels[self.facets[0] as usize];
         if self.facets.iter().any(|&f| self.mesh.facet_labels[f as usize] != labels) {
             return false;
         }
-        // Each facet leads from one of its vertices to the next: those of one interface are all turned the same way.
+        // Each facet leads from one of its vertices to the next: those of one interface are all
+        // turned the same way.
         self.rim.clear();
         for &f in &self.facets {
             let facet = self.mesh.facets[f as usize];
@@ -121,10 +128,13 @@ impl<'m> Umbrellas<'m> {
         let [first, mut end] = self.rim[0];
         let mut steps = 1;
         while end != first && steps < self.rim.len() {
-            let Some(&[_, next]) = self.rim.iter().find(|step| step[0] == end) else { return false };
+            let Some(&[_, next]) = self.rim.iter().find(|step| step[0] == end) else {
+                return false;
+            };
             (end, steps) = (next, steps + 1);
         }
-        // A way that comes to its start after as many steps as there are facets goes through all of them: a second one from the same vertex would not be met.
+        // A way that comes to its start after as many steps as there are facets goes through all of
+        // them: a second one from the same vertex would not be met.
         if end != first || steps != self.rim.len() {
             return false;
         }
@@ -153,7 +163,8 @@ impl<'m> Umbrellas<'m> {
             self.sides.clear();
             for e in start..end {
                 let place = self.edges[e].1;
-                let sides = [2 * place, 2 * place + 1].map(|node| Side { label: self.label(node), node });
+                let sides =
+                    [2 * place, 2 * place + 1].map(|node| Side { label: self.label(node), node });
                 self.sides.extend(sides);
             }
             self.sides.sort_unstable();
@@ -182,7 +193,8 @@ impl<'m> Umbrellas<'m> {
                 self.pinches.push(Pinch { ends: [v; 2], label: tops[0].label });
             }
             self.cone.clear();
-            // The parts of the cones, and the characteristic of what the solid just inside of the tets has around `v`.
+            // The parts of the cones, and the characteristic of what the solid just inside of the
+            // tets has around `v`.
             let (mut parts, mut around) = (Vec::new(), 0);
             for top in tops {
                 // The first umbrella of a cone makes a disk, each further one a hole in it.
@@ -204,7 +216,8 @@ impl<'m> Umbrellas<'m> {
         self.tops = tops;
     }
 
-    /// Adds the tets that are joined to that at the side `node` across facets at `v`, all of its label.
+    /// Adds the tets that are joined to that at the side `node` across facets at `v`, all of its
+    /// label.
     fn gather_cone(&mut self, v: u32, node: u32) {
         let mesh = self.mesh;
         let label = self.label(node);
@@ -213,7 +226,8 @@ impl<'m> Umbrellas<'m> {
         while next < self.cone.len().min(MOST_AROUND) {
             let t = self.cone[next] as usize;
             for (&across, &opposite) in mesh.neighbors[t].iter().zip(&mesh.tets[t]) {
-                let is_same = opposite != v && across != NONE && mesh.labels[across as usize] == label;
+                let is_same =
+                    opposite != v && across != NONE && mesh.labels[across as usize] == label;
                 if is_same && !self.cone.contains(&across) {
                     self.cone.push(across);
                 }
@@ -222,7 +236,8 @@ impl<'m> Umbrellas<'m> {
         }
     }
 
-    /// Joins the sheets across the edge from `v` to `w`, whose sides are listed, and counts the edge if `v` is its smaller vertex.
+    /// Joins the sheets across the edge from `v` to `w`, whose sides are listed, and counts the
+    /// edge if `v` is its smaller vertex.
     fn look_along(&mut self, v: u32, w: u32) {
         let sides = std::mem::take(&mut self.sides);
         let own = v < w;
@@ -247,7 +262,9 @@ impl<'m> Umbrellas<'m> {
             let mut wedges = Vec::new();
             for side in sides {
                 let other = self.beyond(side.node, v, w).and_then(|x| {
-                    sides.iter().find(|other| other.node != side.node && self.third(other.node, v, w) == Some(x))
+                    sides.iter().find(|other| {
+                        other.node != side.node && self.third(other.node, v, w) == Some(x)
+                    })
                 });
                 if let Some(other) = other {
                     join(&mut self.parents, side.node, other.node);
@@ -269,11 +286,13 @@ impl<'m> Umbrellas<'m> {
 
     /// The vertex of a facet besides `v` and `w`.
     fn third(&self, node: u32, v: u32, w: u32) -> Option<u32> {
-        self.mesh.facets[self.facets[node as usize / 2] as usize].into_iter().find(|&x| x != v && x != w)
+        self.mesh.facets[self.facets[node as usize / 2] as usize]
+            .into_iter()
+            .find(|&x| x != v && x != w)
     }
 
-    /// Goes around the edge from `v` to `w`, from tet to tet of one label, from this side of a facet to the next facet of the label's boundary; its third
-    /// vertex.
+    /// Goes around the edge from `v` to `w`, from tet to tet of one label, from this side of a
+    /// facet to the next facet of the label's boundary; its third vertex.
     fn beyond(&self, node: u32, v: u32, w: u32) -> Option<u32> {
         let mesh = self.mesh;
         let mut t = self.tet(node)?;

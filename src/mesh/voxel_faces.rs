@@ -1,14 +1,21 @@
-//! The interfaces of a label image: the faces between voxels of different label, everything outside the grid counting as label 0.
+//! The interfaces of a label image: the faces between voxels of different label, everything outside
+//! the grid counting as label 0.
 //!
-//! Coordinates here are local: image axes, world units, voxel (i, j, k) fills [i, i + 1] x [j, j + 1] x [k, k + 1] times the
-//! spacing. The step from world to local is an isometry, so distances are world distances.
+//! Coordinates here are local: image axes, world units, voxel (i, j, k) fills [i, i + 1] x [j, j +
+//! 1] x [k, k + 1] times the spacing. The step from world to local is an isometry, so distances are
+//! world distances.
 //!
-//! A face belongs to the cell on its upper side; there is one more cell along each axis than there are voxels. One byte per cell holds which of its
-//! three lower faces are interfaces; bricks of 8 x 8 x 8 cells tell where there are any. Within half a voxel of an interface the eight voxels around the nearest corner of
-//! the grid tell the distance (`grid_corners`). Elsewhere a query looks at the sides of the voxel that holds the point, and mostly ends there, since a mesh lies close to its interfaces; then at the cells of the ball that can still hold something nearer; only when that
-//! ball is large does it search brick by brick, in growing shells. A query may ask for faces of one label alone.
+//! A face belongs to the cell on its upper side; there is one more cell along each axis than there
+//! are voxels. One byte per cell holds which of its three lower faces are interfaces; bricks of 8 x
+//! 8 x 8 cells tell where there are any. Within half a voxel of an interface the eight voxels
+//! around the nearest corner of the grid tell the distance (`grid_corners`). Elsewhere a query
+//! looks at the sides of the voxel that holds the point, and mostly ends there, since a mesh lies
+//! close to its interfaces; then at the cells of the ball that can still hold something nearer;
+//! only when that ball is large does it search brick by brick, in growing shells. A query may ask
+//! for faces of one label alone.
 //!
-//! Read-only after `new`, so any number of threads may ask. Linear in the voxels to build, layer of bricks by layer of bricks in parallel.
+//! Read-only after `new`, so any number of threads may ask. Linear in the voxels to build, layer of
+//! bricks by layer of bricks in parallel.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -38,7 +45,8 @@ pub(super) struct VoxelFaces<'i> {
     per_spacing: DVec3,
     /// Of the faces across each axis.
     half_diagonals: [f64; 3],
-    /// Bit `axis` of `masks[i + dims[0] * (j + dims[1] * k)]`: the lower face along `axis` is an interface.
+    /// Bit `axis` of `masks[i + dims[0] * (j + dims[1] * k)]`: the lower face along `axis` is an
+    /// interface.
     masks: Vec<u8>,
     brick_dims: [usize; 3],
     bricks: Vec<bool>,
@@ -55,7 +63,8 @@ impl<'i> VoxelFaces<'i> {
         let brick_dims = dims.map(|n| n.div_ceil(BRICK));
         let cells = dims[0] * dims[1] * dims[2];
         let mut masks: Vec<u8> = zeroed(cells, "cells of voxel faces")?;
-        let mut bricks = zeroed(brick_dims[0] * brick_dims[1] * brick_dims[2], "bricks of voxel faces")?;
+        let mut bricks =
+            zeroed(brick_dims[0] * brick_dims[1] * brick_dims[2], "bricks of voxel faces")?;
         let row_of = |j: usize, k: usize| -> &[u16] {
             if j < voxels[1] && k < voxels[2] {
                 let start = voxels[0] * (j + voxels[1] * k);
@@ -64,8 +73,9 @@ impl<'i> VoxelFaces<'i> {
                 &[]
             }
         };
-        let layers =
-            masks.par_chunks_mut(dims[0] * dims[1] * BRICK).zip(bricks.par_chunks_mut(brick_dims[0] * brick_dims[1]));
+        let layers = masks
+            .par_chunks_mut(dims[0] * dims[1] * BRICK)
+            .zip(bricks.par_chunks_mut(brick_dims[0] * brick_dims[1]));
         layers.enumerate().try_for_each(|(layer, (masks, bricks))| {
             for (row, cells) in masks.chunks_exact_mut(dims[0]).enumerate() {
                 let (j, k) = (row % dims[1], layer * BRICK + row / dims[1]);
@@ -73,7 +83,12 @@ impl<'i> VoxelFaces<'i> {
                     monitor.advance(0)?;
                 }
                 // Below 0 wraps to an index past the end, which is outside just as well.
-                fill_row(cells, row_of(j, k), row_of(j.wrapping_sub(1), k), row_of(j, k.wrapping_sub(1)));
+                fill_row(
+                    cells,
+                    row_of(j, k),
+                    row_of(j.wrapping_sub(1), k),
+                    row_of(j, k.wrapping_sub(1)),
+                );
                 let bricks = &mut bricks[brick_dims[0] * (j / BRICK)..];
                 for (brick, cells) in bricks.iter_mut().zip(cells.chunks(BRICK)) {
                     *brick |= cells.iter().any(|&mask| mask != 0);
@@ -82,8 +97,18 @@ impl<'i> VoxelFaces<'i> {
             Ok(())
         })?;
         let spacing = image.frame().spacing();
-        let half_diagonals = [0, 1, 2].map(|axis| 0.5 * spacing[(axis + 1) % 3].hypot(spacing[(axis + 2) % 3]));
-        Ok(Self { image, dims, spacing, per_spacing: 1.0 / spacing, half_diagonals, masks, brick_dims, bricks })
+        let half_diagonals =
+            [0, 1, 2].map(|axis| 0.5 * spacing[(axis + 1) % 3].hypot(spacing[(axis + 2) % 3]));
+        Ok(Self {
+            image,
+            dims,
+            spacing,
+            per_spacing: 1.0 / spacing,
+            half_diagonals,
+            masks,
+            brick_dims,
+            bricks,
+        })
     }
 
     /// Bytes for an image of `voxels` along each axis.
@@ -180,7 +205,8 @@ impl<'i> VoxelFaces<'i> {
 
     /// The voxels on the two sides of a face, below and above; `None` outside the image.
     pub fn voxels(&self, face: Face) -> [Option<[usize; 3]>; 2] {
-        let inside = |cell: [usize; 3]| (0..3).all(|axis| cell[axis] + 1 < self.dims[axis]).then_some(cell);
+        let inside =
+            |cell: [usize; 3]| (0..3).all(|axis| cell[axis] + 1 < self.dims[axis]).then_some(cell);
         let below = face.cell[face.axis].checked_sub(1).map(|i| {
             let mut cell = face.cell;
             cell[face.axis] = i;
@@ -201,8 +227,8 @@ impl<'i> VoxelFaces<'i> {
         Corners::new(self.image)
     }
 
-    /// The face nearest to `p` and its squared distance; `start` is one thought to be near and changes only the time taken. `None` if the image has
-    /// no interfaces.
+    /// The face nearest to `p` and its squared distance; `start` is one thought to be near and
+    /// changes only the time taken. `None` if the image has no interfaces.
     pub fn nearest(&self, p: DVec3, start: Option<Face>) -> Option<(Face, f64)> {
         self.nearest_where(p, start, |_| true)
     }
@@ -212,8 +238,14 @@ impl<'i> VoxelFaces<'i> {
         self.nearest_where(p, start, |face| self.touches(face, id))
     }
 
-    fn nearest_where(&self, p: DVec3, start: Option<Face>, wanted: impl Fn(Face) -> bool) -> Option<(Face, f64)> {
-        let mut best = start.map_or((None, f64::INFINITY), |face| (Some(face), self.distance_squared(face, p)));
+    fn nearest_where(
+        &self,
+        p: DVec3,
+        start: Option<Face>,
+        wanted: impl Fn(Face) -> bool,
+    ) -> Option<(Face, f64)> {
+        let mut best = start
+            .map_or((None, f64::INFINITY), |face| (Some(face), self.distance_squared(face, p)));
         if self.scan_voxel(p, &wanted, &mut best) {
             return best.0.map(|face| (face, best.1));
         }
@@ -229,9 +261,15 @@ impl<'i> VoxelFaces<'i> {
         best.0.map(|face| (face, best.1))
     }
 
-    /// Looks at the six sides of the voxel that holds `p`. Whether nothing can be nearer: what is not inside the voxel is no nearer than its nearest side.
+    /// Looks at the six sides of the voxel that holds `p`. Whether nothing can be nearer: what is
+    /// not inside the voxel is no nearer than its nearest side.
     #[inline]
-    fn scan_voxel(&self, p: DVec3, wanted: &impl Fn(Face) -> bool, best: &mut (Option<Face>, f64)) -> bool {
+    fn scan_voxel(
+        &self,
+        p: DVec3,
+        wanted: &impl Fn(Face) -> bool,
+        best: &mut (Option<Face>, f64),
+    ) -> bool {
         let index = (p * self.per_spacing).floor();
         let voxels = DVec3::from(self.dims.map(|n| (n - 1) as f64));
         if !(index.cmpge(DVec3::ZERO).all() && index.cmplt(voxels).all()) {
@@ -260,10 +298,17 @@ impl<'i> VoxelFaces<'i> {
     }
 
     /// Looks at all cells that come within `reach` of `p` along every axis.
-    fn scan(&self, p: DVec3, reach: DVec3, wanted: &impl Fn(Face) -> bool, best: &mut (Option<Face>, f64)) {
+    fn scan(
+        &self,
+        p: DVec3,
+        reach: DVec3,
+        wanted: &impl Fn(Face) -> bool,
+        best: &mut (Option<Face>, f64),
+    ) {
         let (low, high) = ((p - reach) / self.spacing, (p + reach) / self.spacing);
-        let bounds =
-            [0, 1, 2].map(|axis| (cell_below(low[axis], self.dims[axis]), cell_below(high[axis], self.dims[axis])));
+        let bounds = [0, 1, 2].map(|axis| {
+            (cell_below(low[axis], self.dims[axis]), cell_below(high[axis], self.dims[axis]))
+        });
         self.scan_cells(p, bounds, wanted, best);
     }
 
@@ -297,7 +342,8 @@ impl<'i> VoxelFaces<'i> {
                         continue;
                     }
                     let x = along(0, i);
-                    for (axis, distance) in [x.1 + y.0 + z.0, x.0 + y.1 + z.0, x.0 + y.0 + z.1].into_iter().enumerate()
+                    for (axis, distance) in
+                        [x.1 + y.0 + z.0, x.0 + y.1 + z.0, x.0 + y.0 + z.1].into_iter().enumerate()
                     {
                         let face = Face { cell: [i, j, k], axis };
                         if mask >> axis & 1 == 1 && distance < best.1 && wanted(face) {
@@ -309,13 +355,22 @@ impl<'i> VoxelFaces<'i> {
         }
     }
 
-    /// Looks at all bricks in shells around the one that holds `p`, until the next shell is too far.
-    fn scan_bricks(&self, p: DVec3, wanted: &impl Fn(Face) -> bool, best: &mut (Option<Face>, f64)) {
+    /// Looks at all bricks in shells around the one that holds `p`, until the next shell is too
+    /// far.
+    fn scan_bricks(
+        &self,
+        p: DVec3,
+        wanted: &impl Fn(Face) -> bool,
+        best: &mut (Option<Face>, f64),
+    ) {
         let size = self.spacing * BRICK as f64;
         let centre = [0, 1, 2].map(|axis| cell_below(p[axis] / size[axis], self.brick_dims[axis]));
         for shell in 0.. {
             let range = [0, 1, 2].map(|axis| {
-                (centre[axis].saturating_sub(shell), (centre[axis] + shell).min(self.brick_dims[axis] - 1))
+                (
+                    centre[axis].saturating_sub(shell),
+                    (centre[axis] + shell).min(self.brick_dims[axis] - 1),
+                )
             });
             for k in range[2].0..=range[2].1 {
                 for j in range[1].0..=range[1].1 {
@@ -331,7 +386,8 @@ impl<'i> VoxelFaces<'i> {
             // Where the shell touches the rim of the grid there is nothing beyond.
             let beyond = (0..3).fold(f64::INFINITY, |nearest, axis| {
                 let (low, high) = range[axis];
-                let below = if low == 0 { f64::INFINITY } else { p[axis] - low as f64 * size[axis] };
+                let below =
+                    if low == 0 { f64::INFINITY } else { p[axis] - low as f64 * size[axis] };
                 let above = if high + 1 == self.brick_dims[axis] {
                     f64::INFINITY
                 } else {
@@ -345,8 +401,15 @@ impl<'i> VoxelFaces<'i> {
         }
     }
 
-    fn scan_brick(&self, p: DVec3, brick: [usize; 3], wanted: &impl Fn(Face) -> bool, best: &mut (Option<Face>, f64)) {
-        if !self.bricks[brick[0] + self.brick_dims[0] * (brick[1] + self.brick_dims[1] * brick[2])] {
+    fn scan_brick(
+        &self,
+        p: DVec3,
+        brick: [usize; 3],
+        wanted: &impl Fn(Face) -> bool,
+        best: &mut (Option<Face>, f64),
+    ) {
+        if !self.bricks[brick[0] + self.brick_dims[0] * (brick[1] + self.brick_dims[1] * brick[2])]
+        {
             return;
         }
         let low = DVec3::from(brick.map(|i| (i * BRICK) as f64)) * self.spacing;
@@ -354,18 +417,23 @@ impl<'i> VoxelFaces<'i> {
         if p.distance_squared(p.clamp(low, high)) >= best.1 {
             return;
         }
-        let bounds = [0, 1, 2].map(|axis| (brick[axis] * BRICK, ((brick[axis] + 1) * BRICK).min(self.dims[axis]) - 1));
+        let bounds = [0, 1, 2].map(|axis| {
+            (brick[axis] * BRICK, ((brick[axis] + 1) * BRICK).min(self.dims[axis]) - 1)
+        });
         self.scan_cells(p, bounds, wanted, best);
     }
 }
 
-/// The masks of one row of cells, from the ids of its voxels and of the rows below it along y and z; rows outside the image are empty.
+/// The masks of one row of cells, from the ids of its voxels and of the rows below it along y and
+/// z; rows outside the image are empty.
 fn fill_row(masks: &mut [u8], own: &[u16], below_y: &[u16], below_z: &[u16]) {
     let at = |row: &[u16], i: usize| row.get(i).copied().unwrap_or(0);
     let mut left = 0;
     for (i, mask) in masks.iter_mut().enumerate() {
         let id = at(own, i);
-        *mask = u8::from(id != left) | u8::from(id != at(below_y, i)) << 1 | u8::from(id != at(below_z, i)) << 2;
+        *mask = u8::from(id != left)
+            | u8::from(id != at(below_y, i)) << 1
+            | u8::from(id != at(below_z, i)) << 2;
         left = id;
     }
 }
@@ -392,7 +460,8 @@ mod tests {
 
     #[test]
     fn one_voxel_has_six_faces() {
-        let image = testing::image([1, 1, 1], Frame::axis_aligned([1.0, 2.0, 3.0]).unwrap(), |_, _, _| 7);
+        let image =
+            testing::image([1, 1, 1], Frame::axis_aligned([1.0, 2.0, 3.0]).unwrap(), |_, _, _| 7);
         let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
         let all = testing::voxel_faces(&faces);
         assert_eq!(all.len(), 6);
@@ -410,9 +479,10 @@ mod tests {
 
     #[test]
     fn equal_tables_on_any_number_of_threads() {
-        let image = testing::image([19, 18, 21], Frame::axis_aligned([1.0; 3]).unwrap(), |i, j, k| {
-            i32::from(i * 7 + j * j + k * 3 > 300 && k > 9)
-        });
+        let image =
+            testing::image([19, 18, 21], Frame::axis_aligned([1.0; 3]).unwrap(), |i, j, k| {
+                i32::from(i * 7 + j * j + k * 3 > 300 && k > 9)
+            });
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let faces = pool.install(|| VoxelFaces::new(&image, &Monitor::silent()).unwrap());
@@ -431,15 +501,17 @@ mod tests {
             spacing in prop::sample::select(vec![[1.0, 1.0, 1.0], [0.5, 0.7, 4.0]]),
             pick in 0usize..10_000,
         ) {
-            let image = testing::image([30, 5, 11], Frame::axis_aligned(spacing).unwrap(), |i, j, k| {
-                // Sparse, so that both kinds of search are met.
-                let seed = seed[i + 30 * (j + 5 * k)];
-                if seed < 2 { 1 + i32::from(seed) } else { 0 }
-            });
+            let image =
+                testing::image([30, 5, 11], Frame::axis_aligned(spacing).unwrap(), |i, j, k| {
+                    // Sparse, so that both kinds of search are met.
+                    let seed = seed[i + 30 * (j + 5 * k)];
+                    if seed < 2 { 1 + i32::from(seed) } else { 0 }
+                });
             let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
             let all = testing::voxel_faces(&faces);
             let p = DVec3::from(p);
-            let expected = all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
+            let expected =
+                all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
             let start = all.get(pick % all.len().max(1)).copied().filter(|_| pick % 2 == 0);
             match faces.nearest(p, start) {
                 Some((face, distance)) => {
@@ -450,11 +522,13 @@ mod tests {
             }
             for id in 0..image.labels().len() as u16 {
                 let of_label = || all.iter().copied().filter(|&f| faces.touches(f, id));
-                let expected = of_label().map(|f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
+                let expected =
+                    of_label().map(|f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
                 let start = start.filter(|&f| faces.touches(f, id));
                 let found = faces.nearest_of(id, p, start);
                 prop_assert_eq!(found.is_some(), expected.is_finite());
-                prop_assert!(found.is_none_or(|(f, d)| faces.touches(f, id) && (d - expected).abs() <= 1e-12 * expected.max(1.0)));
+                prop_assert!(found.is_none_or(|(f, d)| faces.touches(f, id)
+                    && (d - expected).abs() <= 1e-12 * expected.max(1.0)));
             }
         }
 

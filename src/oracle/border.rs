@@ -1,20 +1,25 @@
 //! Where the image cuts an object off.
 //!
-//! Outside of the grid all is background, and the grid ends half a voxel beyond its outermost voxel centres. Where the object reaches that border it gets a flat
-//! wall there. Interpolation between the outermost voxels and a background beyond them would round the edges of that wall, and what it so loses would be paid
-//! for by label weights that move all other faces. So the smooth model does not look beyond: between the outermost centres and the wall a point has the label
-//! of its projection onto the plane of these centres.
+//! Outside of the grid all is background, and the grid ends half a voxel beyond its outermost voxel
+//! centres. Where the object reaches that border it gets a flat wall there. Interpolation between
+//! the outermost voxels and a background beyond them would round the edges of that wall, and what
+//! it so loses would be paid for by label weights that move all other faces. So the smooth model
+//! does not look beyond: between the outermost centres and the wall a point has the label of its
+//! projection onto the plane of these centres.
 //!
-//! Region coordinates, whose first voxel lies outside of the image where the object reaches the border.
+//! Region coordinates, whose first voxel lies outside of the image where the object reaches the
+//! border.
 
 use glam::{BVec3, DVec3};
 
 use super::indicator::Corners;
 
-/// The box in which labels may differ from the background, and how the labels within go on from the outermost voxel centres to its faces.
+/// The box in which labels may differ from the background, and how the labels within go on from the
+/// outermost voxel centres to its faces.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Border {
-    /// The box: the walls, or the box of the region's voxel centres where there is none. On the faces without a wall all is background.
+    /// The box: the walls, or the box of the region's voxel centres where there is none. On the
+    /// faces without a wall all is background.
     pub(super) lower: DVec3,
     pub(super) upper: DVec3,
     /// The box of the voxel centres that count.
@@ -31,7 +36,8 @@ impl Border {
         Self { lower: DVec3::ZERO, upper: last, first: DVec3::ZERO, last, has_walls: false }
     }
 
-    /// Walls where the region of `dims` voxels from voxel `first` on reaches out of an image of `image` voxels.
+    /// Walls where the region of `dims` voxels from voxel `first` on reaches out of an image of
+    /// `image` voxels.
     pub(super) fn new(first: [isize; 3], dims: [usize; 3], image: [usize; 3]) -> Self {
         let mut border = Self::none(dims);
         for a in 0..3 {
@@ -100,7 +106,8 @@ impl Border {
         (0..3).filter(move |&a| on_face.test(a))
     }
 
-    /// The point that has the label of the inside point `x`: its projection, between outermost centres and wall.
+    /// The point that has the label of the inside point `x`: its projection, between outermost
+    /// centres and wall.
     #[inline(always)]
     pub(super) fn extend(&self, x: DVec3) -> DVec3 {
         x.max(self.first).min(self.last)
@@ -131,7 +138,9 @@ impl Border {
         if !self.leaves([first, j, k]) {
             return 0;
         }
-        let before = |end: usize| u64::MAX.checked_shr(64 - end.saturating_sub(i).min(64) as u32).unwrap_or(0);
+        let before = |end: usize| {
+            u64::MAX.checked_shr(64 - end.saturating_sub(i).min(64) as u32).unwrap_or(0)
+        };
         before(last) & !before(first)
     }
 
@@ -170,15 +179,23 @@ mod tests {
 
     #[test]
     fn cells_of_a_row_are_those_told_one_by_one() {
-        for (dims, first) in
-            [([150, 5, 4], [-1, -1, 0]), ([64, 4, 4], [0; 3]), ([66, 3, 4], [-1; 3]), ([3, 3, 3], [-1; 3])]
-        {
+        for (dims, first) in [
+            ([150, 5, 4], [-1, -1, 0]),
+            ([64, 4, 4], [0; 3]),
+            ([66, 3, 4], [-1; 3]),
+            ([3, 3, 3], [-1; 3]),
+        ] {
             let image = [0, 1, 2].map(|a| dims[a] - [2, 0, 1][a]);
             let border = Border::new(first, dims, image);
             for i in [0, 64, 128] {
                 for (j, k) in (0..dims[1]).flat_map(|j| (0..dims[2]).map(move |k| (j, k))) {
-                    let one_by_one = (0..64).fold(0, |bits, n| bits | u64::from(border.leaves([i + n, j, k])) << n);
-                    assert_eq!(border.leaves_of_row([i, j, k]), one_by_one, "{dims:?} {first:?}: {i} {j} {k}");
+                    let one_by_one = (0..64)
+                        .fold(0, |bits, n| bits | u64::from(border.leaves([i + n, j, k])) << n);
+                    assert_eq!(
+                        border.leaves_of_row([i, j, k]),
+                        one_by_one,
+                        "{dims:?} {first:?}: {i} {j} {k}"
+                    );
                 }
             }
         }

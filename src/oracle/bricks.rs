@@ -1,9 +1,10 @@
 //! Where a voxel lies in memory: small cubes of voxels, one after the other.
 //!
-//! A point query reads a voxel and its neighbours along all three axes. In rows they lie on four cache lines far apart; in bricks
-//! mostly on one or two. The address is separable: it is a sum of one term per axis, so the eight corners of a cell need six
-//! terms. Bricks are ordered x fastest, then z, then y: all bricks of one range of y are contiguous, so that
-//! ranges can be filled in in parallel.
+//! A point query reads a voxel and its neighbours along all three axes. In rows they lie on four
+//! cache lines far apart; in bricks mostly on one or two. The address is separable: it is a sum of
+//! one term per axis, so the eight corners of a cell need six terms. Bricks are ordered x fastest,
+//! then z, then y: all bricks of one range of y are contiguous, so that ranges can be filled in in
+//! parallel.
 
 /// log2 of the edge of a brick; 0 gives plain rows. Chosen by `benches/micro/oracle.rs`.
 const LOG: usize = 2;
@@ -41,7 +42,8 @@ impl Bricks {
         self.dims[1].div_ceil(EDGE) * self.y_stride
     }
 
-    /// Elements of all bricks that share a range of y: those of `y` in `EDGE * b .. EDGE * (b + 1)` are `b * layer() .. (b + 1) * layer()`.
+    /// Elements of all bricks that share a range of y: those of `y` in `EDGE * b .. EDGE * (b + 1)`
+    /// are `b * layer() .. (b + 1) * layer()`.
     pub(crate) fn layer(&self) -> usize {
         self.y_stride
     }

@@ -1,4 +1,5 @@
-//! What differs from cell to cell of the region, and is one of a few: the spacing of samples, and what follows from it.
+//! What differs from cell to cell of the region, and is one of a few: the spacing of samples, and
+//! what follows from it.
 
 /// One of a few things for each cell; the same for all, where there is but one.
 pub struct ByCell<'a, T> {
@@ -13,7 +14,8 @@ impl<'a, T> ByCell<'a, T> {
         Self { things: vec![thing], levels: None }
     }
 
-    /// The thing of each cell by its level. There is a thing for every level that occurs; `levels` are in the bricks of the region of the oracle that is asked about these cells.
+    /// The thing of each cell by its level. There is a thing for every level that occurs; `levels`
+    /// are in the bricks of the region of the oracle that is asked about these cells.
     pub fn of_levels(things: Vec<T>, levels: &'a [u8]) -> Self {
         Self { things, levels: Some(levels) }
     }

@@ -1,8 +1,12 @@
-//! Which cells are mixed, and which are near those: sets of cells as rows of bits, 64 cells at a time.
+//! Which cells are mixed, and which are near those: sets of cells as rows of bits, 64 cells at a
+//! time.
 //!
-//! A cell is *uniform* when its eight corners have one label, *mixed* otherwise. dO lies in the mixed cells, in both surface models. A uniform cell has one *ring*; it has
-//! n + 1 when it and the 26 cells around it have n. As neighbouring uniform cells share corners, all cells within the rings have the same label, and dO is no nearer than the faces of
-//! that block of cells. This holds as well where a cell outside of the region would be needed: there all is background, as the outermost voxels are.
+//! A cell is *uniform* when its eight corners have one label, *mixed* otherwise. dO lies in the
+//! mixed cells, in both surface models. A uniform cell has one *ring*; it has n + 1 when it and the
+//! 26 cells around it have n. As neighbouring uniform cells share corners, all cells within the
+//! rings have the same label, and dO is no nearer than the faces of that block of cells. This holds
+//! as well where a cell outside of the region would be needed: there all is background, as the
+//! outermost voxels are.
 //!
 //! Cost: about a nanosecond per voxel.
 
@@ -11,8 +15,9 @@ use rayon::prelude::*;
 use super::region::Rows;
 use crate::{Result, memory::zeroed};
 
-/// A set of cells of the region; bit i of row (j, k) is the cell between voxels (i, j, k) and (i + 1, j + 1, k + 1). There is a row for each row of voxels; the last cell of each axis
-/// lies outside of the region, and is uniform.
+/// A set of cells of the region; bit i of row (j, k) is the cell between voxels (i, j, k) and (i +
+/// 1, j + 1, k + 1). There is a row for each row of voxels; the last cell of each axis lies outside
+/// of the region, and is uniform.
 #[derive(Clone, Debug)]
 pub(super) struct Cells {
     words: usize,
@@ -43,7 +48,10 @@ impl Cells {
     }
 
     /// The words of all rows of each `count` layers of cells, one after the other.
-    pub(super) fn layers_mut(&mut self, count: usize) -> impl IndexedParallelIterator<Item = &mut [u64]> {
+    pub(super) fn layers_mut(
+        &mut self,
+        count: usize,
+    ) -> impl IndexedParallelIterator<Item = &mut [u64]> {
         self.bits.par_chunks_mut(self.words * self.rows[1] * count)
     }
 
@@ -132,8 +140,7 @@ pub(super) fn gathered(flags: &[u8; 64]) -> u64 {
     // The product moves the lowest bits of eight bytes side by side to the top.
     const GATHER: u64 = 0x0102_0408_1020_4080;
     let (bytes, _) = flags.as_chunks::<8>();
-    bytes
-        .iter()
-        .enumerate()
-        .fold(0, |word, (n, &eight)| word | (u64::from_le_bytes(eight).wrapping_mul(GATHER) >> 56) << (8 * n))
+    bytes.iter().enumerate().fold(0, |word, (n, &eight)| {
+        word | (u64::from_le_bytes(eight).wrapping_mul(GATHER) >> 56) << (8 * n)
+    })
 }

@@ -1,28 +1,45 @@
-//! Contacts: where voxels of a label meet in an edge or in a corner alone, and how the smooth model joins them there.
+//! Contacts: where voxels of a label meet in an edge or in a corner alone, and how the smooth model
+//! joins them there.
 //!
-//! By 26-connectivity such voxels are joined. A smooth interface does not do that: between voxels that meet in a corner it passes through, and where the labels A B / B A alternate around an edge it joins one
-//! label and parts the other, as their weights have it. For closed bodies there is no conflict: both can be joined when they touch, in the very place in which their voxels do.
+//! By 26-connectivity such voxels are joined. A smooth interface does not do that: between voxels
+//! that meet in a corner it passes through, and where the labels A B / B A alternate around an edge
+//! it joins one label and parts the other, as their weights have it. For closed bodies there is no
+//! conflict: both can be joined when they touch, in the very place in which their voxels do.
 //!
-//! **The model.** The midpoint of an edge around which two labels alternate is the centre of a face of two cells; the corner of eight voxels is the centre of a cell. A *contact* is such a face, or such a cell
-//! where faces do not yet join what the image joins. A cell falls into eight octants, one for each voxel. In an octant the weighted indicator of its own voxel's label is raised by a bonus: a trilinear function that is
-//! [`BONUS`] at the contacts among the octant's corners and 0 at the others. So around a contact each octant has its own label, and the labels' bodies touch in it as the voxels do; the bonus is 0 on
-//! all faces that are no contacts, so that cells agree there as before. Within an octant the lead of one label over another stays trilinear, and a cubic along a segment.
+//! **The model.** The midpoint of an edge around which two labels alternate is the centre of a face
+//! of two cells; the corner of eight voxels is the centre of a cell. A *contact* is such a face, or
+//! such a cell where faces do not yet join what the image joins. A cell falls into eight octants,
+//! one for each voxel. In an octant the weighted indicator of its own voxel's label is raised by a
+//! bonus: a trilinear function that is [`BONUS`] at the contacts among the octant's corners and 0
+//! at the others. So around a contact each octant has its own label, and the labels' bodies touch
+//! in it as the voxels do; the bonus is 0 on all faces that are no contacts, so that cells agree
+//! there as before. Within an octant the lead of one label over another stays trilinear, and a
+//! cubic along a segment.
 //!
-//! **Why it is enough.** The Euler characteristic of a label's closed voxels is an alternating sum over the cells between voxel centres, their faces, edges and corners, in which each counts 1 where a corner
-//! has the label: closed voxels around a common corner are star-shaped. That of the label's closed body in the model is the same sum of the characteristics of its parts there. Edges agree. In faces and cells the parts are contractible
-//! with the contacts, for each way in which labels can lie on the corners of a cell; without them, just faces around which labels alternate and cells with contacts are not. (Both counted on a lattice for all 4140 ways.)
+//! **Why it is enough.** The Euler characteristic of a label's closed voxels is an alternating sum
+//! over the cells between voxel centres, their faces, edges and corners, in which each counts 1
+//! where a corner has the label: closed voxels around a common corner are star-shaped. That of the
+//! label's closed body in the model is the same sum of the characteristics of its parts there.
+//! Edges agree. In faces and cells the parts are contractible with the contacts, for each way in
+//! which labels can lie on the corners of a cell; without them, just faces around which labels
+//! alternate and cells with contacts are not. (Both counted on a lattice for all 4140 ways.)
 //!
-//! Which cells have a centre that is a contact: take the voxels of a label in the cell that are joined across faces, and join these sets where they meet on a face whose other two voxels have two other labels. If contacts on faces join what is left
-//! as a tree, that is enough; else the centre is one. The background need not be joined: around it 6-connectivity holds.
+//! Which cells have a centre that is a contact: take the voxels of a label in the cell that are
+//! joined across faces, and join these sets where they meet on a face whose other two voxels have
+//! two other labels. If contacts on faces join what is left as a tree, that is enough; else the
+//! centre is one. The background need not be joined: around it 6-connectivity holds.
 //!
-//! Cost: one cell in a hundred has contacts in an atlas; a question there takes some ten nanoseconds more.
+//! Cost: one cell in a hundred has contacts in an atlas; a question there takes some ten
+//! nanoseconds more.
 
 use super::indicator::{self, Corners};
 
-/// By how much the indicator of an octant's own label is raised at contacts. At the middle of an octant with one contact that makes it 7/16 + 1/2 of all labels' 1 at least.
+/// By how much the indicator of an octant's own label is raised at contacts. At the middle of an
+/// octant with one contact that makes it 7/16 + 1/2 of all labels' 1 at least.
 const BONUS: f32 = 4.0;
 
-/// The corners of a cell's faces, two across from each other and the other two: those across each axis, on the side of the first corner and on the other.
+/// The corners of a cell's faces, two across from each other and the other two: those across each
+/// axis, on the side of the first corner and on the other.
 pub(super) const FACES: [[[usize; 4]; 2]; 3] =
     [[[0, 6, 2, 4], [1, 7, 3, 5]], [[0, 5, 1, 4], [2, 7, 3, 6]], [[0, 3, 1, 2], [4, 7, 5, 6]]];
 
@@ -61,7 +78,8 @@ const JOINED: [u8; 256] = {
     joined
 };
 
-/// Of each set of corners whether a cell of two labels, one of which has these, has no contacts, whatever the labels: both are joined across faces, and do not alternate.
+/// Of each set of corners whether a cell of two labels, one of which has these, has no contacts,
+/// whatever the labels: both are joined across faces, and do not alternate.
 pub(super) const IS_PLAIN: [bool; 256] = {
     let mut is_plain = [false; 256];
     let mut own = 0;
@@ -72,7 +90,8 @@ pub(super) const IS_PLAIN: [bool; 256] = {
             ids[c] = (own >> c & 1) as u16;
             c += 1;
         }
-        let mut is_plain_so_far = JOINED[own] as usize == own && JOINED[255 - own] as usize == 255 - own;
+        let mut is_plain_so_far =
+            JOINED[own] as usize == own && JOINED[255 - own] as usize == 255 - own;
         let mut n = 0;
         while n < 6 {
             is_plain_so_far &= !alternates(&ids, FACES.as_flattened()[n]);
@@ -132,7 +151,8 @@ fn needs_center(ids: &Corners, own: u32) -> bool {
     }
     // The set of sets that each belongs to, by the number of one.
     let mut joined = [0, 1, 2, 3];
-    let place = |c: usize| pieces[..count].iter().position(|piece| piece >> c & 1 == 1).unwrap_or(0);
+    let place =
+        |c: usize| pieces[..count].iter().position(|piece| piece >> c & 1 == 1).unwrap_or(0);
     let pairs = || {
         let faces = FACES.as_flattened().iter();
         let both = faces.flat_map(|&[a, b, c, d]| [([a, b], [c, d]), ([c, d], [a, b])]);
@@ -175,10 +195,13 @@ struct Octant {
 }
 
 impl Octant {
-    /// The place in the octant of a point of the cell, moved to the nearest in it: rounding may have it just outside.
+    /// The place in the octant of a point of the cell, moved to the nearest in it: rounding may
+    /// have it just outside.
     #[inline]
     fn place(&self, at: [f32; 3]) -> [f32; 3] {
-        [0, 1, 2].map(|a| (2.0 * if self.corner >> a & 1 == 1 { 1.0 - at[a] } else { at[a] }).clamp(0.0, 1.0))
+        [0, 1, 2].map(|a| {
+            (2.0 * if self.corner >> a & 1 == 1 { 1.0 - at[a] } else { at[a] }).clamp(0.0, 1.0)
+        })
     }
 }
 
@@ -205,13 +228,17 @@ impl Cell<'_> {
 
     fn label_in(&self, octant: &Octant, at: [f32; 3]) -> u16 {
         let parts = indicator::parts(at);
-        let near: f32 =
-            indicator::parts(octant.place(at)).iter().zip(&octant.bonus).map(|(part, bonus)| part * bonus).sum();
+        let near: f32 = indicator::parts(octant.place(at))
+            .iter()
+            .zip(&octant.bonus)
+            .map(|(part, bonus)| part * bonus)
+            .sum();
         let own = self.ids[octant.corner];
         let (mut best, mut largest) = (own, f32::NEG_INFINITY);
         for id in indicator::labels(&self.ids, 0xff) {
             let bonus = if id == own { near } else { 0.0 };
-            let value = (indicator::indicator(&self.ids, &parts, id) + bonus) * self.weights[usize::from(id)];
+            let value = (indicator::indicator(&self.ids, &parts, id) + bonus)
+                * self.weights[usize::from(id)];
             if value > largest || (value == largest && id < best) {
                 (best, largest) = (id, value);
             }
@@ -224,7 +251,8 @@ impl Cell<'_> {
         let corners = indicator::corners_of(&self.ids, id);
         let weight = self.weights[usize::from(id)];
         std::array::from_fn(|c| {
-            // The mean over the cell's corners around: what differs from the octant's own in axes that `c` has.
+            // The mean over the cell's corners around: what differs from the octant's own in axes
+            // that `c` has.
             let among = (0..8).filter(|b| b & !c == 0);
             let held = among.filter(|b| corners >> (octant.corner ^ b) & 1 == 1).count();
             let bonus = if id == self.ids[octant.corner] { octant.bonus[c] } else { 0.0 };
@@ -232,10 +260,19 @@ impl Cell<'_> {
         })
     }
 
-    /// The first point of a segment at which another label overtakes `id`, as [`indicator::overtaken`] has it: here also where it enters another octant.
-    pub(super) fn overtaken(&self, id: u16, [start, end]: [[f32; 3]; 2], tolerance: f64) -> Option<(f64, u16)> {
-        let at =
-            |s: f64| [0, 1, 2].map(|a| (f64::from(start[a]) + (f64::from(end[a]) - f64::from(start[a])) * s) as f32);
+    /// The first point of a segment at which another label overtakes `id`, as
+    /// [`indicator::overtaken`] has it: here also where it enters another octant.
+    pub(super) fn overtaken(
+        &self,
+        id: u16,
+        [start, end]: [[f32; 3]; 2],
+        tolerance: f64,
+    ) -> Option<(f64, u16)> {
+        let at = |s: f64| {
+            [0, 1, 2].map(|a| {
+                (f64::from(start[a]) + (f64::from(end[a]) - f64::from(start[a])) * s) as f32
+            })
+        };
         let mut cuts = [0, 1, 2].map(|a| {
             let s = (0.5 - f64::from(start[a])) / (f64::from(end[a]) - f64::from(start[a]));
             // Also where this is no number.
@@ -260,7 +297,9 @@ impl Cell<'_> {
                 let against = self.values(&octant, other);
                 std::array::from_fn(|c| own[c] - against[c])
             };
-            if let Some((s, other)) = indicator::first_overtaking(&self.ids, id, ends, tolerance / (to - from), lead) {
+            if let Some((s, other)) =
+                indicator::first_overtaking(&self.ids, id, ends, tolerance / (to - from), lead)
+            {
                 return Some((from + (to - from) * s, other));
             }
             from = to;
@@ -279,7 +318,8 @@ mod tests {
     const STEPS: usize = 6;
     const SIDE: usize = 2 * STEPS + 1;
 
-    /// All ways in which labels can lie on the corners, but for their names; the first one's id is 0.
+    /// All ways in which labels can lie on the corners, but for their names; the first one's id is
+    /// 0.
     fn all_ways() -> Vec<Corners> {
         let mut ways = vec![(Vec::new(), 0)];
         for _ in 0..8 {
@@ -291,36 +331,46 @@ mod tests {
         ways.into_iter().map(|(ids, _)| std::array::from_fn(|c| ids[c])).collect()
     }
 
-    /// Where no label is ahead of `id` in some octant of a cell: the points of a lattice in its closed body.
+    /// Where no label is ahead of `id` in some octant of a cell: the points of a lattice in its
+    /// closed body.
     fn closed_body(cell: &Cell<'_>, id: u16) -> Vec<bool> {
         let mut body = vec![false; SIDE.pow(3)];
         for corner in 0..8 {
-            let octant = cell.octant([0, 1, 2].map(|a| if corner >> a & 1 == 1 { 0.75 } else { 0.25 }));
+            let octant =
+                cell.octant([0, 1, 2].map(|a| if corner >> a & 1 == 1 { 0.75 } else { 0.25 }));
             let mut ids = cell.ids.to_vec();
             ids.sort_unstable();
             ids.dedup();
-            let values: Vec<(u16, [f32; 8])> = ids.into_iter().map(|id| (id, cell.values(&octant, id))).collect();
+            let values: Vec<(u16, [f32; 8])> =
+                ids.into_iter().map(|id| (id, cell.values(&octant, id))).collect();
             for n in 0..(STEPS + 1).pow(3) {
-                let steps = [n % (STEPS + 1), n / (STEPS + 1) % (STEPS + 1), n / (STEPS + 1).pow(2)];
+                let steps =
+                    [n % (STEPS + 1), n / (STEPS + 1) % (STEPS + 1), n / (STEPS + 1).pow(2)];
                 let parts = indicator::parts(steps.map(|s| s as f32 / STEPS as f32));
-                let value = |values: &[f32; 8]| parts.iter().zip(values).map(|(part, value)| part * value).sum::<f32>();
+                let value = |values: &[f32; 8]| {
+                    parts.iter().zip(values).map(|(part, value)| part * value).sum::<f32>()
+                };
                 let most = values.iter().map(|(_, values)| value(values)).fold(0.0, f32::max);
                 let own = values
                     .iter()
                     .filter(|(other, _)| *other == id)
                     .map(|(_, values)| value(values))
                     .fold(0.0, f32::max);
-                let place = [0, 1, 2].map(|a| if corner >> a & 1 == 1 { 2 * STEPS - steps[a] } else { steps[a] });
+                let place = [0, 1, 2]
+                    .map(|a| if corner >> a & 1 == 1 { 2 * STEPS - steps[a] } else { steps[a] });
                 body[place[0] + SIDE * (place[1] + SIDE * place[2])] |= own >= most - 1e-5;
             }
         }
         body
     }
 
-    /// The Euler characteristic of the points of a lattice in a box and the edges, squares and cubes between them.
+    /// The Euler characteristic of the points of a lattice in a box and the edges, squares and
+    /// cubes between them.
     fn euler(body: &[bool], sides: [usize; 3]) -> i64 {
-        let at =
-            |p: [usize; 3]| p.iter().zip(&sides).all(|(c, side)| c < side) && body[p[0] + SIDE * (p[1] + SIDE * p[2])];
+        let at = |p: [usize; 3]| {
+            p.iter().zip(&sides).all(|(c, side)| c < side)
+                && body[p[0] + SIDE * (p[1] + SIDE * p[2])]
+        };
         let mut sum = 0;
         for n in 0..sides.iter().product() {
             let p = [n % sides[0], n / sides[0] % sides[1], n / (sides[0] * sides[1])];
@@ -333,7 +383,8 @@ mod tests {
         sum
     }
 
-    /// What the head of this file says: bodies are contractible in each cell and in its faces, however labels lie.
+    /// What the head of this file says: bodies are contractible in each cell and in its faces,
+    /// however labels lie.
     #[test]
     fn closed_bodies_are_those_of_closed_voxels() {
         let ways = all_ways();
@@ -377,17 +428,30 @@ mod tests {
         ) {
             let contacts = Contacts::of(&ids);
             prop_assume!(contacts != Contacts::None);
-            let cell = Cell { ids, weights: &[1.0, 1.25, 0.875], center: contacts == Contacts::Center };
+            let cell =
+                Cell { ids, weights: &[1.0, 1.25, 0.875], center: contacts == Contacts::Center };
             const SAMPLES: u32 = 2000;
-            let at = |s: f64| -> [f32; 3] { std::array::from_fn(|a| (f64::from(start[a]) + (f64::from(end[a]) - f64::from(start[a])) * s) as f32) };
+            let at = |s: f64| -> [f32; 3] {
+                std::array::from_fn(|a| {
+                    (f64::from(start[a]) + (f64::from(end[a]) - f64::from(start[a])) * s) as f32
+                })
+            };
             let id = cell.label(start);
-            let labels: Vec<(f64, u16)> = (0..=SAMPLES).map(|n| f64::from(n) / f64::from(SAMPLES)).map(|s| (s, cell.label(at(s)))).collect();
+            let labels: Vec<(f64, u16)> = (0..=SAMPLES)
+                .map(|n| f64::from(n) / f64::from(SAMPLES))
+                .map(|s| (s, cell.label(at(s))))
+                .collect();
             let change = labels.iter().find(|(_, label)| *label != id).map(|(s, _)| *s);
             match (cell.overtaken(id, [start, end], 1e-4), change) {
-                (Some((s, _)), Some(change)) => prop_assert!(s <= change + 1e-3, "late: {s}, sampled {change}"),
+                (Some((s, _)), Some(change)) => {
+                    prop_assert!(s <= change + 1e-3, "late: {s}, sampled {change}")
+                }
                 (None, Some(change)) => {
                     // A stay too short to be more than rounding.
-                    prop_assert!(labels.iter().filter(|(_, label)| *label != id).count() <= 1, "missed at {change}");
+                    prop_assert!(
+                        labels.iter().filter(|(_, label)| *label != id).count() <= 1,
+                        "missed at {change}"
+                    );
                 }
                 _ => {}
             }

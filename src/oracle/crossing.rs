@@ -1,8 +1,11 @@
 //! Where a segment first leaves a label.
 //!
-//! The segment is walked cell by cell. From a cell of one label the step leads to where the segment leaves the rings of such cells around it (D. Cohen, Z. Sheffer,
-//! "Proximity clouds, an acceleration technique for 3D grid traversal", The Visual Computer 11, 1994). In a cell of several labels the first change along the segment is found exactly, as a root of a cubic
-//! polynomial. In the voxel model cells are voxels, and the crossing is the face where one is entered.
+//! The segment is walked cell by cell. From a cell of one label the step leads to where the segment
+//! leaves the rings of such cells around it (D. Cohen, Z. Sheffer, "Proximity clouds, an
+//! acceleration technique for 3D grid traversal", The Visual Computer 11, 1994). In a cell of
+//! several labels the first change along the segment is found exactly, as a root of a cubic
+//! polynomial. In the voxel model cells are voxels, and the crossing is the face where one is
+//! entered.
 //!
 //! Steps are measured in voxels along the image axis where the segment is longest.
 
@@ -30,7 +33,12 @@ impl Line {
         let longest = way.abs().max_element();
         // Adding 0 makes zeros positive, which `exit` relies on.
         let inverse = (way + DVec3::ZERO).recip();
-        (longest > 0.0 && way.is_finite() && from.is_finite()).then(|| Self { from, way, inverse, unit: 1.0 / longest })
+        (longest > 0.0 && way.is_finite() && from.is_finite()).then(|| Self {
+            from,
+            way,
+            inverse,
+            unit: 1.0 / longest,
+        })
     }
 
     #[inline(always)]
@@ -38,10 +46,12 @@ impl Line {
         self.from + self.way * t
     }
 
-    /// Position in a cell of the point that has the label of t, moved to its nearest point: rounding may place the ends of the line's part in the cell just outside.
+    /// Position in a cell of the point that has the label of t, moved to its nearest point:
+    /// rounding may place the ends of the line's part in the cell just outside.
     #[inline(always)]
     fn in_cell(&self, t: f64, cell: [usize; 3], border: &Border) -> [f32; 3] {
-        // In one cell either no point is projected along an axis or all are, so that the part of the line stays straight.
+        // In one cell either no point is projected along an axis or all are, so that the part of
+        // the line stays straight.
         let x = border.extend(self.at(t));
         [0, 1, 2].map(|a| ((x[a] - cell[a] as f64) as f32).clamp(0.0, 1.0))
     }
@@ -55,7 +65,10 @@ impl Line {
                     return (f64::INFINITY, f64::NEG_INFINITY);
                 }
             } else {
-                let (p, q) = ((lower[a] - self.from[a]) * self.inverse[a], (upper[a] - self.from[a]) * self.inverse[a]);
+                let (p, q) = (
+                    (lower[a] - self.from[a]) * self.inverse[a],
+                    (upper[a] - self.from[a]) * self.inverse[a],
+                );
                 start = start.max(p.min(q));
                 end = end.min(p.max(q));
             }
@@ -68,7 +81,8 @@ impl Line {
     fn exit(&self, low: DVec3, high: DVec3) -> (f64, usize) {
         let mut first = (f64::INFINITY, 0);
         for a in 0..3 {
-            // Along an axis on which the line does not move this is infinite or no number, and never the first.
+            // Along an axis on which the line does not move this is infinite or no number, and
+            // never the first.
             let face = if self.way[a] < 0.0 { low[a] } else { high[a] };
             let t = (face - self.from[a]) * self.inverse[a];
             if t < first.0 {
@@ -80,18 +94,21 @@ impl Line {
 }
 
 impl Oracle {
-    /// First point on the way from x, whose label is `from`, to `target` that leaves this label, and the label past it; region coordinates. Found for certain when
-    /// the label of `target` is another one.
+    /// First point on the way from x, whose label is `from`, to `target` that leaves this label,
+    /// and the label past it; region coordinates. Found for certain when the label of `target` is
+    /// another one.
     pub(super) fn trace(&self, x: DVec3, target: DVec3, from: u16) -> Option<(DVec3, u16)> {
         let mut line = Line::new(x, target - x)?;
         // Outside the border all is background.
         let (enter, leave) = line.span(&self.border);
         let first = enter.clamp(0.0, 1.0);
         let (stop, end) = (leave.min(1.0) - first, 1.0 - first);
-        // From here t counts from the first point in the box: circumcenters may be so far away that rounding would swallow the steps.
+        // From here t counts from the first point in the box: circumcenters may be so far away that
+        // rounding would swallow the steps.
         line.from = line.at(first);
-        // Cells are stepped by index (J. Amanatides, A. Woo, Eurographics 1987), not looked up by position: on a face, rounding could find the same one
-        // again and again. The label is `from` up to `known`; the part of the way in the cell starts there.
+        // Cells are stepped by index (J. Amanatides, A. Woo, Eurographics 1987), not looked up by
+        // position: on a face, rounding could find the same one again and again. The label is
+        // `from` up to `known`; the part of the way in the cell starts there.
         let (shift, most) = match self.model {
             SurfaceModel::Smooth => (0.0, 2),
             SurfaceModel::Voxel => (-0.5, 1),
@@ -110,11 +127,13 @@ impl Oracle {
         }
         let mut known = 0.0;
         let mut cell = locate(known);
-        // The face through which the cell was entered: in the voxel model crossings are on it, not beside it by rounding.
+        // The face through which the cell was entered: in the voxel model crossings are on it, not
+        // beside it by rounding.
         let mut entrance = (0, line.from.x);
         while known < stop {
             let voxel = self.at(cell);
-            // Cells of one label beside this one, on each side. In the voxel model as many voxels: the corners of these cells.
+            // Cells of one label beside this one, on each side. In the voxel model as many voxels:
+            // the corners of these cells.
             let beside = voxel.rings().saturating_sub(1) as usize;
             let low = DVec3::from(cell.map(|c| c as f64)) + shift;
             let (exit, axis) = line.exit(low - beside as f64, low + (1 + beside) as f64);
@@ -133,12 +152,16 @@ impl Oracle {
             }
             known = part;
             // Across the face; along the other axes it may be any of the next cells that have it.
-            let across =
-                if line.way[axis] > 0.0 { cell[axis] + beside + 1 } else { cell[axis].wrapping_sub(beside + 1) };
+            let across = if line.way[axis] > 0.0 {
+                cell[axis] + beside + 1
+            } else {
+                cell[axis].wrapping_sub(beside + 1)
+            };
             if across > self.bricks.dims()[axis] - most {
                 break;
             }
-            entrance = (axis, across as f64 + if line.way[axis] > 0.0 { shift } else { shift + 1.0 });
+            entrance =
+                (axis, across as f64 + if line.way[axis] > 0.0 { shift } else { shift + 1.0 });
             if beside > 0 {
                 cell = locate(known);
             }
@@ -148,7 +171,8 @@ impl Oracle {
             // Out of a wall.
             return Some((self.border.onto_face(line.at(stop)), 0));
         }
-        // A change that rounding hid from the walk. Not the label at t = end: that point is the target's but for rounding, and the target may lie on a tie.
+        // A change that rounding hid from the walk. Not the label at t = end: that point is the
+        // target's but for rounding, and the target may lie on a tie.
         let to = self.label_at(target);
         (to != from).then(|| self.halve(&line, [known.min(end), end], from, to))
     }
@@ -182,8 +206,14 @@ impl Oracle {
         (to != 0 || !is_on_wall).then_some(crossing)
     }
 
-    /// A change from the label `from` on a part of a line beyond the walls, if its end has another one.
-    fn continued_change(&self, line: &Line, from: u16, [mut low, mut high]: [f64; 2]) -> Option<DVec3> {
+    /// A change from the label `from` on a part of a line beyond the walls, if its end has another
+    /// one.
+    fn continued_change(
+        &self,
+        line: &Line,
+        from: u16,
+        [mut low, mut high]: [f64; 2],
+    ) -> Option<DVec3> {
         let is_from = |t: f64| self.continued_label_at(line.at(t)) == from;
         if low >= high || is_from(high) {
             return None;
@@ -198,7 +228,8 @@ impl Oracle {
         Some(line.at(0.5 * (low + high)))
     }
 
-    /// The first change from the label `from` on a segment within a mixed cell, see [`indicator::overtaken`].
+    /// The first change from the label `from` on a segment within a mixed cell, see
+    /// [`indicator::overtaken`].
     #[inline(always)]
     fn overtaken(
         &self,
@@ -209,7 +240,8 @@ impl Oracle {
         tolerance: f64,
     ) -> Option<(f64, u16)> {
         let first = voxel.first_corners();
-        let other = if voxel.is_two() { self.corner(cell, (!first).trailing_zeros()) } else { from };
+        let other =
+            if voxel.is_two() { self.corner(cell, (!first).trailing_zeros()) } else { from };
         // Rounding may find a third label leading where the segment enters the cell.
         let (corners, to) = match () {
             () if !voxel.is_two() => {
@@ -218,7 +250,13 @@ impl Oracle {
                     None if voxel.contacts() != Contacts::None => {
                         self.contact_cell(cell).overtaken(from, ends, tolerance)
                     }
-                    None => indicator::overtaken(&self.corners(cell), &self.weights, from, ends, tolerance),
+                    None => indicator::overtaken(
+                        &self.corners(cell),
+                        &self.weights,
+                        from,
+                        ends,
+                        tolerance,
+                    ),
                 };
             }
             () if from == voxel.id() => (first, other),
@@ -232,7 +270,13 @@ impl Oracle {
 
     /// Narrows a bracket (label `from` at its start, `to` at its end) by labels alone.
     #[cold]
-    fn halve(&self, line: &Line, [mut low, mut high]: [f64; 2], from: u16, mut to: u16) -> (DVec3, u16) {
+    fn halve(
+        &self,
+        line: &Line,
+        [mut low, mut high]: [f64; 2],
+        from: u16,
+        mut to: u16,
+    ) -> (DVec3, u16) {
         loop {
             let middle = 0.5 * (low + high);
             if high - low <= TOLERANCE * line.unit || middle <= low || middle >= high {

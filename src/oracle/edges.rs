@@ -1,8 +1,10 @@
 //! Where dO crosses the edges of a grid: the places from which it is sampled.
 //!
-//! The grid is that of the voxel centres, its edges divided where they are much longer than the caller's spacing. On an undivided edge only the labels of its two
-//! voxels have an indicator above 0, and both are linear there, so the one crossing is known without a search; others are looked for, as are all of intensities, probabilities and smoothed labels. Every interface of the
-//! image crosses edges of the grid, however small or thin what it bounds.
+//! The grid is that of the voxel centres, its edges divided where they are much longer than the
+//! caller's spacing. On an undivided edge only the labels of its two voxels have an indicator above
+//! 0, and both are linear there, so the one crossing is known without a search; others are looked
+//! for, as are all of intensities, probabilities and smoothed labels. Every interface of the image
+//! crosses edges of the grid, however small or thin what it bounds.
 
 use glam::DVec3;
 
@@ -10,19 +12,24 @@ use super::contacts::{self, Contacts};
 use super::{ByCell, Oracle, bricks::Bricks, cells::ones, weights::hash};
 use crate::Result;
 
-/// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the surface model has no detail left.
+/// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the
+/// surface model has no detail left.
 const MOST_PARTS: f64 = 8.0;
 
-/// Into how many parts a cell is divided along each axis, given by whole numbers that may be too small or too large.
+/// Into how many parts a cell is divided along each axis, given by whole numbers that may be too
+/// small or too large.
 pub(super) fn parts_of(numbers: DVec3) -> [usize; 3] {
     numbers.to_array().map(|n| n.clamp(1.0, MOST_PARTS) as usize)
 }
 
-/// How far what is sampled around contacts is moved along each axis, in voxels, at most and at least: on the grid itself it would be massively cocircular.
+/// How far what is sampled around contacts is moved along each axis, in voxels, at most and at
+/// least: on the grid itself it would be massively cocircular.
 const MOST_MOVE: f64 = 0.02;
 const LEAST_MOVE: f64 = 0.01;
 
-/// A *corner voxel* has its label in common with so many of the six beside it, as at the corner of a block; a *narrow* one with fewer, as along a row of voxels and at the corner of a sheet of one.
+/// A *corner voxel* has its label in common with so many of the six beside it, as at the corner of
+/// a block; a *narrow* one with fewer, as along a row of voxels and at the corner of a sheet of
+/// one.
 const CORNER_JOINED: u32 = 3;
 
 /// What is sampled because of how voxels lie beside each other.
@@ -69,10 +76,13 @@ struct Division {
 }
 
 impl Oracle {
-    /// The grid whose edges are about as long as `spacings` tell of their cell, at most half as long again; or as long as the distance of voxel centres where that is less.
+    /// The grid whose edges are about as long as `spacings` tell of their cell, at most half as
+    /// long again; or as long as the distance of voxel centres where that is less.
     pub fn edge_grid<'a>(&'a self, spacings: &ByCell<'a, f64>) -> EdgeGrid<'a> {
-        let divisions =
-            spacings.map(|&spacing| Division { spacing, parts: parts_of((self.spacing / spacing).round()) });
+        let divisions = spacings.map(|&spacing| Division {
+            spacing,
+            parts: parts_of((self.spacing / spacing).round()),
+        });
         let knows_voxels = self.field.is_none() || self.is_smoothed;
         EdgeGrid { oracle: self, divisions, searches: self.field.is_some(), knows_voxels }
     }
@@ -85,11 +95,16 @@ impl EdgeGrid<'_> {
         ny.div_ceil(Bricks::EDGE) * nz.div_ceil(Bricks::EDGE)
     }
 
-    /// Calls `visit` for the crossed edges of one row, brick after brick. The rows hold each crossed edge of the grid once.
+    /// Calls `visit` for the crossed edges of one row, brick after brick. The rows hold each
+    /// crossed edge of the grid once.
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
-    pub fn visit_row(&self, row: usize, mut visit: impl FnMut(CrossedEdge) -> Result<()>) -> Result<()> {
+    pub fn visit_row(
+        &self,
+        row: usize,
+        mut visit: impl FnMut(CrossedEdge) -> Result<()>,
+    ) -> Result<()> {
         // The outermost voxels are background, so no edge of theirs is crossed.
         self.oracle.visit_mixed_cells(row, |voxel @ [i, j, k]| {
             let division = self.divisions.at(self.oracle.bricks.index(i, j, k));
@@ -101,25 +116,37 @@ impl EdgeGrid<'_> {
         })
     }
 
-    /// Calls `visit` for what is to be sampled at the contacts of a row, see `contacts`, and at its narrow and its corner voxels, in world coordinates. Around a contact those are the points of an octahedron: the contact itself, and on each of the three lines through it that follow the grid a point half a voxel away
-    /// on both sides; the tets between it and three of these have their circumcenters in the octants, and so the labels of the voxels there. Neighbours share such points, which are told more often. Intensities and probabilities
-    /// say themselves what is joined, and know no voxels: with these there are none. Smoothed labels have no contacts.
+    /// Calls `visit` for what is to be sampled at the contacts of a row, see `contacts`, and at its
+    /// narrow and its corner voxels, in world coordinates. Around a contact those are the points of
+    /// an octahedron: the contact itself, and on each of the three lines through it that follow the
+    /// grid a point half a voxel away on both sides; the tets between it and three of these have
+    /// their circumcenters in the octants, and so the labels of the voxels there. Neighbours share
+    /// such points, which are told more often. Intensities and probabilities say themselves what is
+    /// joined, and know no voxels: with these there are none. Smoothed labels have no contacts.
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
-    pub fn visit_features(&self, row: usize, mut visit: impl FnMut(FeaturePoint, DVec3) -> Result<()>) -> Result<()> {
+    pub fn visit_features(
+        &self,
+        row: usize,
+        mut visit: impl FnMut(FeaturePoint, DVec3) -> Result<()>,
+    ) -> Result<()> {
         let oracle = self.oracle;
         if !self.knows_voxels {
             return Ok(());
         }
         // A point moved off a wall would dent it.
         let inside = |half: [usize; 3]| {
-            (0..3)
-                .all(|a| half[a] as f64 / 2.0 >= oracle.walls.first[a] && half[a] as f64 / 2.0 <= oracle.walls.last[a])
+            (0..3).all(|a| {
+                half[a] as f64 / 2.0 >= oracle.walls.first[a]
+                    && half[a] as f64 / 2.0 <= oracle.walls.last[a]
+            })
         };
         oracle.visit_mixed_cells(row, |cell| {
             match self.joined(cell) {
-                Some(0..CORNER_JOINED) => self.visit_sides(cell, &mut |p| visit(FeaturePoint::Narrow, p))?,
+                Some(0..CORNER_JOINED) => {
+                    self.visit_sides(cell, &mut |p| visit(FeaturePoint::Narrow, p))?
+                }
                 Some(CORNER_JOINED) if oracle.at(cell).id() != 0 => {
                     self.visit_sides(cell, &mut |p| visit(FeaturePoint::Corner, p))?;
                 }
@@ -133,9 +160,13 @@ impl EdgeGrid<'_> {
             // In half voxels, where centres of cells are odd.
             let center = cell.map(|c| 2 * c + 1);
             // A face belongs to the cell of which it is the lower one.
-            let lower = (0..3).filter(|&axis| contacts::alternates(&corners, contacts::FACES[axis][0]));
+            let lower =
+                (0..3).filter(|&axis| contacts::alternates(&corners, contacts::FACES[axis][0]));
             let of_face = lower.map(|axis| step(center, axis, -1));
-            for contact in of_face.chain((contacts == Contacts::Center).then_some(center)).filter(|&c| inside(c)) {
+            for contact in of_face
+                .chain((contacts == Contacts::Center).then_some(center))
+                .filter(|&c| inside(c))
+            {
                 visit(FeaturePoint::Contact, self.near_half(contact))?;
                 for axis in 0..3 {
                     for beside in [step(contact, axis, -1), step(contact, axis, 1)] {
@@ -149,7 +180,8 @@ impl EdgeGrid<'_> {
         })
     }
 
-    /// How many of the six voxels beside one, not outermost, have its label; labels go on beyond walls.
+    /// How many of the six voxels beside one, not outermost, have its label; labels go on beyond
+    /// walls.
     #[inline(always)]
     fn joined(&self, voxel: [usize; 3]) -> Option<u32> {
         const BESIDE: u32 = 1 << 1 | 1 << 2 | 1 << 4;
@@ -157,7 +189,8 @@ impl EdgeGrid<'_> {
             return None;
         }
         let record = self.oracle.at(voxel);
-        let below = (0..3).filter(|&axis| self.oracle.at(step(voxel, axis, -1)).id() == record.id());
+        let below =
+            (0..3).filter(|&axis| self.oracle.at(step(voxel, axis, -1)).id() == record.id());
         let beside = (record.first_corners() & BESIDE).count_ones() + below.count() as u32;
         let of_object = self.oracle.walls.has_walls && record.id() != 0;
         let beyond = if of_object { self.oracle.walls.faces_of(voxel) } else { 0 };
@@ -165,7 +198,11 @@ impl EdgeGrid<'_> {
     }
 
     /// Where dO crosses the edges from a voxel, not outermost, to those beside it.
-    fn visit_sides(&self, voxel: [usize; 3], visit: &mut impl FnMut(DVec3) -> Result<()>) -> Result<()> {
+    fn visit_sides(
+        &self,
+        voxel: [usize; 3],
+        visit: &mut impl FnMut(DVec3) -> Result<()>,
+    ) -> Result<()> {
         for axis in 0..3 {
             for from in [step(voxel, axis, -1), voxel] {
                 let ids = [from, step(from, axis, 1)].map(|v| self.oracle.at(v).id());
@@ -174,11 +211,18 @@ impl EdgeGrid<'_> {
                 }
                 // The four in a plane: two to one side of it, two to the other.
                 let backwards = [0, 1, 2].map(|a| a == (axis + 1) % 3);
-                let mut x = moved(DVec3::from(voxel.map(|c| c as f64)), backwards, hash(from) >> (4 * axis));
+                let mut x = moved(
+                    DVec3::from(voxel.map(|c| c as f64)),
+                    backwards,
+                    hash(from) >> (4 * axis),
+                );
                 if self.searches {
                     // On the edge itself: beside it the smoothed surface may be elsewhere.
-                    let ends = [from, step(from, axis, 1)].map(|v| DVec3::from(v.map(|c| c as f64)));
-                    let Some((crossing, _)) = self.oracle.trace(ends[0], ends[1], ids[0]) else { continue };
+                    let ends =
+                        [from, step(from, axis, 1)].map(|v| DVec3::from(v.map(|c| c as f64)));
+                    let Some((crossing, _)) = self.oracle.trace(ends[0], ends[1], ids[0]) else {
+                        continue;
+                    };
                     x = crossing;
                 } else {
                     x[axis] = self.oracle.crossing_between(from[axis] as f64, axis, ids);
@@ -189,13 +233,15 @@ impl EdgeGrid<'_> {
         Ok(())
     }
 
-    /// A point at a place given in half voxels, moved a little: to and fro across each plane of the grid in turn, so that no four around a square stay in a plane.
+    /// A point at a place given in half voxels, moved a little: to and fro across each plane of the
+    /// grid in turn, so that no four around a square stay in a plane.
     fn near_half(&self, half: [usize; 3]) -> DVec3 {
         let turns = [0, 1, 2].map(|a| (half[(a + 1) % 3] + half[(a + 2) % 3]) % 2 == 1);
         self.oracle.world_point(moved(DVec3::from(half.map(|h| h as f64 / 2.0)), turns, hash(half)))
     }
 
-    /// The edges from a voxel to the next one along each axis; all belong to the cell from this voxel on.
+    /// The edges from a voxel to the next one along each axis; all belong to the cell from this
+    /// voxel on.
     #[inline(always)]
     fn visit_edges_of(
         &self,
@@ -213,7 +259,8 @@ impl EdgeGrid<'_> {
         Ok(())
     }
 
-    /// The parts of edges that belong to the cell from a voxel on, those of its upper faces left to the next cells.
+    /// The parts of edges that belong to the cell from a voxel on, those of its upper faces left to
+    /// the next cells.
     fn visit_parts_of(
         &self,
         voxel: [usize; 3],
@@ -221,8 +268,9 @@ impl EdgeGrid<'_> {
         visit: &mut impl FnMut(CrossedEdge) -> Result<()>,
     ) -> Result<()> {
         let oracle = self.oracle;
-        let place =
-            |part: [usize; 3]| DVec3::from_array([0, 1, 2].map(|a| voxel[a] as f64 + part[a] as f64 / parts[a] as f64));
+        let place = |part: [usize; 3]| {
+            DVec3::from_array([0, 1, 2].map(|a| voxel[a] as f64 + part[a] as f64 / parts[a] as f64))
+        };
         for z in 0..parts[2] {
             for y in 0..parts[1] {
                 for x in 0..parts[0] {
@@ -236,13 +284,17 @@ impl EdgeGrid<'_> {
                         let is_of_grid = (0..3).all(|a| a == axis || part[a] == 0);
                         let crossing = if is_of_grid && !self.searches {
                             self.crossing_of(voxel, axis).filter(|x| {
-                                let crossed = ((x[axis] - voxel[axis] as f64) * parts[axis] as f64) as usize;
+                                let crossed =
+                                    ((x[axis] - voxel[axis] as f64) * parts[axis] as f64) as usize;
                                 crossed.min(parts[axis] - 1) == part[axis]
                             })
                         } else {
                             let label = *label.get_or_insert_with(|| oracle.label_at(from));
                             let differs = oracle.label_at(to) != label;
-                            differs.then(|| oracle.trace(from, to, label)).flatten().map(|(crossing, _)| crossing)
+                            differs
+                                .then(|| oracle.trace(from, to, label))
+                                .flatten()
+                                .map(|(crossing, _)| crossing)
                         };
                         if let Some(crossing) = crossing {
                             let point = oracle.world_point(crossing);
@@ -298,11 +350,18 @@ impl Oracle {
 impl Oracle {
     /// Calls `visit` for the mixed cells of one row of bricks of voxels, brick after brick.
     #[inline(always)]
-    pub(super) fn visit_mixed_cells(&self, row: usize, visit: impl FnMut([usize; 3]) -> Result<()>) -> Result<()> {
+    pub(super) fn visit_mixed_cells(
+        &self,
+        row: usize,
+        visit: impl FnMut([usize; 3]) -> Result<()>,
+    ) -> Result<()> {
         let is_mixed = |cell: [usize; 3]| {
             let [i, j, k] = cell;
             let along_x = &self.voxels[self.bricks.index(i, j, k)..][..Bricks::EDGE];
-            let bits = along_x.iter().enumerate().fold(0, |bits, (n, voxel)| bits | u64::from(voxel.rings() == 0) << n);
+            let bits = along_x
+                .iter()
+                .enumerate()
+                .fold(0, |bits, (n, voxel)| bits | u64::from(voxel.rings() == 0) << n);
             // Beyond the last cell are voxels without one, and those by which bricks are filled up.
             bits & ((1 << (self.bricks.dims()[0] - 1 - i).min(Bricks::EDGE)) - 1)
         };
@@ -311,11 +370,16 @@ impl Oracle {
 
     /// As [`Self::visit_mixed_cells`], for those cells that can have points of junctions.
     #[inline(always)]
-    pub(super) fn visit_junction_cells(&self, row: usize, visit: impl FnMut([usize; 3]) -> Result<()>) -> Result<()> {
+    pub(super) fn visit_junction_cells(
+        &self,
+        row: usize,
+        visit: impl FnMut([usize; 3]) -> Result<()>,
+    ) -> Result<()> {
         self.visit_cells(row, |cell| self.junction_cells.bits(cell, Bricks::EDGE), visit)
     }
 
-    /// Calls `visit` for cells of one row of bricks, brick after brick: those that `among` tells, by bits, of the cells of a brick from one on along x.
+    /// Calls `visit` for cells of one row of bricks, brick after brick: those that `among` tells,
+    /// by bits, of the cells of a brick from one on along x.
     #[inline(always)]
     fn visit_cells(
         &self,
@@ -325,7 +389,9 @@ impl Oracle {
     ) -> Result<()> {
         let [nx, ny, nz] = self.bricks.dims();
         let per_layer = nz.div_ceil(Bricks::EDGE);
-        let along = |brick: usize, count: usize| brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1);
+        let along = |brick: usize, count: usize| {
+            brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1)
+        };
         for first in (0..nx - 1).step_by(Bricks::EDGE) {
             for j in along(row / per_layer, ny) {
                 for k in along(row % per_layer, nz) {
@@ -338,21 +404,25 @@ impl Oracle {
         Ok(())
     }
 
-    /// Where the label changes between two voxel centres of these labels, from `at` to `at + 1` along an axis.
+    /// Where the label changes between two voxel centres of these labels, from `at` to `at + 1`
+    /// along an axis.
     fn crossing_between(&self, at: f64, axis: usize, ids: [u16; 2]) -> f64 {
-        // Beyond the outermost centres that count there is no interpolation: the crossing is on the wall.
+        // Beyond the outermost centres that count there is no interpolation: the crossing is on the
+        // wall.
         if at < self.border.first[axis] {
             return self.border.lower[axis];
         }
         if at >= self.border.last[axis] {
             return self.border.upper[axis];
         }
-        let [here, there] = ids.map(|id| self.weights.get(usize::from(id)).map_or(1.0, |&w| f64::from(w)));
+        let [here, there] =
+            ids.map(|id| self.weights.get(usize::from(id)).map_or(1.0, |&w| f64::from(w)));
         at + here / (here + there)
     }
 
-    /// How far along the edge between the centres of two voxels that differ dO crosses it first, 0 to 1: the first has index `voxel` (-1 outside of the image), the second the
-    /// next one along `axis`; their dense ids are `ids`.
+    /// How far along the edge between the centres of two voxels that differ dO crosses it first, 0
+    /// to 1: the first has index `voxel` (-1 outside of the image), the second the next one along
+    /// `axis`; their dense ids are `ids`.
     pub fn crossed_at(&self, voxel: [isize; 3], axis: usize, ids: [u16; 2]) -> f64 {
         let at = DVec3::from([0, 1, 2].map(|a| (voxel[a] - self.first[a]) as f64));
         if self.field.is_none() {
@@ -364,8 +434,9 @@ impl Oracle {
         self.trace(at, next, ids[0]).map_or(0.5, |(x, _)| x[axis] - at[axis])
     }
 
-    /// The crossing of the segment beside a crossed edge, moved by `offset` (world units, along the image axes that are not the edge's). `None` where the
-    /// ends of that segment have the same label.
+    /// The crossing of the segment beside a crossed edge, moved by `offset` (world units, along the
+    /// image axes that are not the edge's). `None` where the ends of that segment have the same
+    /// label.
     pub fn crossing_beside(&self, edge: &CrossedEdge, offset: [f64; 2]) -> Option<DVec3> {
         let mut shift = DVec3::ZERO;
         for (axis, offset) in [(edge.axis + 1) % 3, (edge.axis + 2) % 3].into_iter().zip(offset) {

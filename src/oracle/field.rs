@@ -1,19 +1,29 @@
-//! The smooth model of images that know more than the labels of their voxels: what a cell of several labels has at its corners.
+//! The smooth model of images that know more than the labels of their voxels: what a cell of
+//! several labels has at its corners.
 //!
-//! A field gives each voxel centre a value for some labels; between the centres values are interpolated trilinearly, and the label with the largest one wins, the smaller id on a
-//! tie. A cell's [`Rivals`] are the labels that may win in it, with their values at its eight corners. Two kinds of fields:
-//! - [`Intensities`], of a gray image. Between isovalues v1 < v2 < ... the labels follow each other with the intensity x. The values 0, x - v1, (x - v1) + (x - v2), ... change the lead
-//!   at the isovalues, one after the other: the largest one is that of the interval that holds x. So interfaces are the trilinear isosurfaces themselves.
+//! A field gives each voxel centre a value for some labels; between the centres values are
+//! interpolated trilinearly, and the label with the largest one wins, the smaller id on a tie. A
+//! cell's [`Rivals`] are the labels that may win in it, with their values at its eight corners. Two
+//! kinds of fields:
+//! - [`Intensities`], of a gray image. Between isovalues v1 < v2 < ... the labels follow each other
+//!   with the intensity x. The values 0, x - v1, (x - v1) + (x - v2), ... change the lead at the
+//!   isovalues, one after the other: the largest one is that of the interval that holds x. So
+//!   interfaces are the trilinear isosurfaces themselves.
 //! - [`Mixtures`], of probability maps and of smoothed labels.
 //!
-//! **A cell whose corners all have label a is uniform**, on which rings and clearance rely. At each corner the value of a is at least that of any other label b. Interpolation is a mean whose
-//! weights are not negative, so that holds at each point of the cell. The two are equal only where they tie at all corners that count there; a won these because its id is smaller, and so wins
-//! the point, too. (Two intervals of intensity may have the same label, with another one between: where intensity leaps over that one from each voxel to the next, the cell counts as uniform.)
+//! **A cell whose corners all have label a is uniform**, on which rings and clearance rely. At each
+//! corner the value of a is at least that of any other label b. Interpolation is a mean whose
+//! weights are not negative, so that holds at each point of the cell. The two are equal only where
+//! they tie at all corners that count there; a won these because its id is smaller, and so wins the
+//! point, too. (Two intervals of intensity may have the same label, with another one between: where
+//! intensity leaps over that one from each voxel to the next, the cell counts as uniform.)
 //!
 //! The values ask for one surface, so there are no weights of labels.
 //!
-//! **Beyond the image**, where a smooth border is asked for, there is one layer of background. At its centres the background has what the nearest voxel's label is ahead of it by, and
-//! all other labels have 0. So what is largest in a voxel at the border changes hands with the background halfway, as it does in a segmentation.
+//! **Beyond the image**, where a smooth border is asked for, there is one layer of background. At
+//! its centres the background has what the nearest voxel's label is ahead of it by, and all other
+//! labels have 0. So what is largest in a voxel at the border changes hands with the background
+//! halfway, as it does in a segmentation.
 
 use rayon::prelude::*;
 
@@ -40,10 +50,12 @@ pub(super) const MOST_RIVALS: usize =
     if MAX_ISOVALUES + 2 > 8 * MOST_SHARES { MAX_ISOVALUES + 2 } else { 8 * MOST_SHARES };
 
 impl Field {
-    /// The field of an image that has one, or of a segmentation whose labels are smoothed over `sigma` voxels; `None` for other segmentations. `voxels` are the region's records.
+    /// The field of an image that has one, or of a segmentation whose labels are smoothed over
+    /// `sigma` voxels; `None` for other segmentations. `voxels` are the region's records.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`] for an image with a field that is to be smoothed; [`Error::OutOfMemory`]; whatever `check` returns.
+    /// [`Error::InvalidArgument`] for an image with a field that is to be smoothed;
+    /// [`Error::OutOfMemory`]; whatever `check` returns.
     pub(super) fn new(
         image: &LabelImage,
         sigma: Option<f64>,
@@ -54,17 +66,26 @@ impl Field {
         let mixtures = |source: &Source<'_>| Mixtures::new(source, image, region, voxels, check);
         Ok(match (image.field(), sigma) {
             (None, None) => None,
-            (None, Some(sigma)) => Some(Self::Mixtures(mixtures(&Source::Smoothed(Smoothing::new(image, sigma)))?)),
+            (None, Some(sigma)) => {
+                Some(Self::Mixtures(mixtures(&Source::Smoothed(Smoothing::new(image, sigma)))?))
+            }
             (Some(_), Some(sigma)) => {
                 return Err(Error::InvalidArgument(format!(
-                    "sigma {sigma} smooths label images only, not those made of intensities or probabilities"
+                    "sigma {sigma} smooths label images only, not those made of intensities or \
+                     probabilities"
                 )));
             }
             (Some(image::Field::Probabilities(maps)), None) => {
                 Some(Self::Mixtures(mixtures(&Source::of_maps(maps, image))?))
             }
             (Some(image::Field::Intensities { voxels, isovalues, labels }), None) => {
-                Some(Self::Intensities(Intensities::new(image, region, voxels, (isovalues, labels), check)?))
+                Some(Self::Intensities(Intensities::new(
+                    image,
+                    region,
+                    voxels,
+                    (isovalues, labels),
+                    check,
+                )?))
             }
         })
     }
@@ -83,7 +104,8 @@ impl Field {
         self.rivals(bricks, cell).label(at)
     }
 
-    /// The first change from the label `from` on a segment within a mixed cell: its parameter in [0, 1], to within `tolerance`, and the label past it.
+    /// The first change from the label `from` on a segment within a mixed cell: its parameter in
+    /// [0, 1], to within `tolerance`, and the label past it.
     #[inline(never)]
     pub(super) fn overtaken(
         &self,
@@ -98,16 +120,24 @@ impl Field {
 
     /// Calls `visit` for the labels that may win in a cell, each with its values at the corners. A
     /// label may come twice.
-    pub(super) fn visit_rivals(&self, bricks: &Bricks, cell: [usize; 3], mut visit: impl FnMut(u16, &[f32; 8])) {
+    pub(super) fn visit_rivals(
+        &self,
+        bricks: &Bricks,
+        cell: [usize; 3],
+        mut visit: impl FnMut(u16, &[f32; 8]),
+    ) {
         let Rivals { count, ids, values } = self.rivals(bricks, cell);
         ids.iter().zip(&values).take(count).for_each(|(&id, values)| visit(id, values));
     }
 
     fn rivals(&self, bricks: &Bricks, [i, j, k]: [usize; 3]) -> Rivals {
         let corner = |c: usize| bricks.index(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2));
-        let mut rivals = Rivals { count: 0, ids: [0; MOST_RIVALS], values: [[0.0; 8]; MOST_RIVALS] };
+        let mut rivals =
+            Rivals { count: 0, ids: [0; MOST_RIVALS], values: [[0.0; 8]; MOST_RIVALS] };
         match self {
-            Self::Intensities(field) => field.add_rivals(std::array::from_fn(|c| field.voxels[corner(c)]), &mut rivals),
+            Self::Intensities(field) => {
+                field.add_rivals(std::array::from_fn(|c| field.voxels[corner(c)]), &mut rivals)
+            }
             Self::Mixtures(mixtures) => {
                 for c in 0..8 {
                     for share in mixtures.of(corner(c)) {
@@ -128,7 +158,8 @@ const BEYOND: f32 = f32::NAN;
 pub(super) struct Intensities {
     /// In the bricked layout; [`BEYOND`] beyond the image.
     voxels: Vec<f32>,
-    /// Those between different labels, each lowered to the next smaller number: x is above that where it reaches the isovalue.
+    /// Those between different labels, each lowered to the next smaller number: x is above that
+    /// where it reaches the isovalue.
     isovalues: Vec<f32>,
     /// The dense ids below the first of `isovalues` and above each.
     ids: Vec<u16>,
@@ -136,7 +167,8 @@ pub(super) struct Intensities {
 
 impl Intensities {
     /// # Errors
-    /// [`Error::OutOfMemory`]; [`Error::Internal`] for a label that the image does not have; whatever `check` returns.
+    /// [`Error::OutOfMemory`]; [`Error::Internal`] for a label that the image does not have;
+    /// whatever `check` returns.
     fn new(
         image: &LabelImage,
         region: &Region,
@@ -160,9 +192,12 @@ impl Intensities {
             Ok(())
         })?;
         let id_of = |label: i32| {
-            image.id_of(label).ok_or_else(|| Error::Internal(format!("label {label} of an interval has no voxel")))
+            image.id_of(label).ok_or_else(|| {
+                Error::Internal(format!("label {label} of an interval has no voxel"))
+            })
         };
-        let mut field = Self { voxels: bricked, isovalues: Vec::new(), ids: vec![id_of(labels[0])?] };
+        let mut field =
+            Self { voxels: bricked, isovalues: Vec::new(), ids: vec![id_of(labels[0])?] };
         for (isovalue, &label) in isovalues.iter().zip(&labels[1..]) {
             let id = id_of(label)?;
             if field.ids.last() != Some(&id) {
@@ -178,7 +213,9 @@ impl Intensities {
         if corners.iter().any(|x| x.is_nan()) {
             return self.add_rivals_at_border(corners, rivals);
         }
-        let (least, most) = corners.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &x| (a.min(x), b.max(x)));
+        let (least, most) = corners
+            .iter()
+            .fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &x| (a.min(x), b.max(x)));
         let first = self.isovalues.partition_point(|&v| v < least);
         let mut values = [0.0; 8];
         rivals.push(self.ids[first], values);
@@ -248,7 +285,9 @@ impl Rivals {
             ((w[0] + w[4]) + (w[2] + w[6])) + ((w[1] + w[5]) + (w[3] + w[7]))
         };
         let rows = (0..self.count).filter(|&row| may(self.ids[row])).map(|row| (value(row), row));
-        let ahead = |a: (f32, usize), b: (f32, usize)| b.0 > a.0 || (b.0 == a.0 && self.ids[b.1] < self.ids[a.1]);
+        let ahead = |a: (f32, usize), b: (f32, usize)| {
+            b.0 > a.0 || (b.0 == a.0 && self.ids[b.1] < self.ids[a.1])
+        };
         rows.reduce(|a, b| if ahead(a, b) { b } else { a }).map(|(_, row)| row)
     }
 

@@ -1,13 +1,20 @@
-//! Junctions: lines where three or more labels meet, points where four or more do, and where the image cuts the object off the sharp edges and corners of the wall.
+//! Junctions: lines where three or more labels meet, points where four or more do, and where the
+//! image cuts the object off the sharp edges and corners of the wall.
 //!
-//! Lines are found where they cross planes, as many in each cell along each axis as asked for. In the smooth model the ties of three
-//! labels on such a plane, and of four within a cell, are those of `ties`. The outside of a wall counts as a label of its own: an interface, or an edge of the object, ends
-//! at a wall in a line, and walls meet in lines and corners. Between the outermost voxel centres and a wall the model does not change along the wall's normal (`border`), so junctions there are
-//! those of a model of one dimension less, continued straight to the wall; their coordinates on walls are exact.
+//! Lines are found where they cross planes, as many in each cell along each axis as asked for. In
+//! the smooth model the ties of three labels on such a plane, and of four within a cell, are those
+//! of `ties`. The outside of a wall counts as a label of its own: an interface, or an edge of the
+//! object, ends at a wall in a line, and walls meet in lines and corners. Between the outermost
+//! voxel centres and a wall the model does not change along the wall's normal (`border`), so
+//! junctions there are those of a model of one dimension less, continued straight to the wall;
+//! their coordinates on walls are exact.
 //!
-//! Each cell has planes of its own: on those of a grid the points of straight junctions would be massively cocircular.
+//! Each cell has planes of its own: on those of a grid the points of straight junctions would be
+//! massively cocircular.
 //!
-//! In the voxel model lines run from the centres of cells, where eight voxels meet, to the centres of faces of cells around which three or more labels are; of the centres themselves only those on walls are given.
+//! In the voxel model lines run from the centres of cells, where eight voxels meet, to the centres
+//! of faces of cells around which three or more labels are; of the centres themselves only those on
+//! walls are given.
 //!
 //! Which cells there are to be looked at is kept as a set of bits: `Block::junctions` in `voxel`.
 //!
@@ -27,10 +34,13 @@ use super::{ByCell, Oracle};
 use crate::Result;
 use crate::params::SurfaceModel;
 
-/// How far samples of lines are moved along each axis at most, in voxels. Where lines of a cell mirror each other so do the points in which a plane cuts them: with those of another plane they would be in one plane and on one circle.
+/// How far samples of lines are moved along each axis at most, in voxels. Where lines of a cell
+/// mirror each other so do the points in which a plane cuts them: with those of another plane they
+/// would be in one plane and on one circle.
 const MOVE: f64 = 0.005;
 
-/// How far beside a point the planes are by which a junction near it is found, in parts of the reach.
+/// How far beside a point the planes are by which a junction near it is found, in parts of the
+/// reach.
 const BESIDE: f64 = 0.1;
 
 /// What meets at a point of a junction.
@@ -62,22 +72,26 @@ enum Cuts<'a> {
 type Tie = (u64, DVec3);
 
 impl Oracle {
-    /// Planes as far apart as `spacings` tell of cells, about; one to eight between two voxel centres.
+    /// Planes as far apart as `spacings` tell of cells, about; one to eight between two voxel
+    /// centres.
     pub fn junction_planes<'a>(&'a self, spacings: &ByCell<'a, f64>) -> JunctionPlanes<'a> {
         let parts = spacings.map(|&spacing| parts_of((self.spacing / spacing).ceil()));
         JunctionPlanes { oracle: self, cuts: Cuts::Spaced(parts) }
     }
 
-    /// About the nearest point of a junction to `p`, if one is nearer than `reach`: the nearest of those on planes across the axes close to `p`, one of which cuts a straight line hardly farther from `p` than
-    /// the square root of three times the line's distance.
+    /// About the nearest point of a junction to `p`, if one is nearer than `reach`: the nearest of
+    /// those on planes across the axes close to `p`, one of which cuts a straight line hardly
+    /// farther from `p` than the square root of three times the line's distance.
     pub fn nearest_junction(&self, p: DVec3, reach: f64) -> Option<DVec3> {
         let x = self.region_point(p);
-        // Through a point beside: what is inserted for mirror images of each other on parallel lines would be in fours on a circle.
+        // Through a point beside: what is inserted for mirror images of each other on parallel
+        // lines would be in fours on a circle.
         let beside = x + BESIDE * reach * random_of(p) / self.spacing;
         let planes = JunctionPlanes { oracle: self, cuts: Cuts::Through(beside) };
         let last = self.last - 1.0;
         let cell_of = |x: DVec3| x.max(DVec3::ZERO).min(last).to_array().map(|c| c as usize);
-        let [low, high, cut] = [x - reach / self.spacing, x + reach / self.spacing, beside].map(cell_of);
+        let [low, high, cut] =
+            [x - reach / self.spacing, x + reach / self.spacing, beside].map(cell_of);
         let (mut nearest, mut squared) = (None, reach * reach);
         let mut ties = Vec::new();
         for j in low[1]..=high[1] {
@@ -121,18 +135,26 @@ impl JunctionPlanes<'_> {
         self.oracle
     }
 
-    /// Calls `visit` for the points, in world coordinates, of one row of bricks of voxels, numbered as by [`super::EdgeGrid::rows`]. Each point is in one row, there once or more often.
+    /// Calls `visit` for the points, in world coordinates, of one row of bricks of voxels, numbered
+    /// as by [`super::EdgeGrid::rows`]. Each point is in one row, there once or more often.
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
-    pub fn visit_row(&self, row: usize, mut visit: impl FnMut(JunctionKind, DVec3) -> Result<()>) -> Result<()> {
+    pub fn visit_row(
+        &self,
+        row: usize,
+        mut visit: impl FnMut(JunctionKind, DVec3) -> Result<()>,
+    ) -> Result<()> {
         let mut ties = Vec::new();
         self.oracle.visit_junction_cells(row, |cell| {
-            self.visit_mixed_cell(cell, &mut ties, &mut |kind, x| visit(kind, self.oracle.world_point(x)))
+            self.visit_mixed_cell(cell, &mut ties, &mut |kind, x| {
+                visit(kind, self.oracle.world_point(x))
+            })
         })
     }
 
-    // Not inlined: what it needs of a cell would be computed for every row of cells, most of which have none.
+    // Not inlined: what it needs of a cell would be computed for every row of cells, most of which
+    // have none.
     #[inline(never)]
     fn visit_mixed_cell(
         &self,
@@ -193,7 +215,9 @@ impl JunctionPlanes<'_> {
         if cube.count() >= 4 && matches!(self.cuts, Cuts::Spaced(_)) {
             // A line that ends in a corner within the cell, or its other end, crosses a face.
             (0..3).for_each(|axis| [0.0, 1.0].into_iter().for_each(|at| cut(axis, at, ties)));
-            corners_between(&cube, ties).into_iter().try_for_each(|x| visit(JunctionKind::Corner, low + x))?;
+            corners_between(&cube, ties)
+                .into_iter()
+                .try_for_each(|x| visit(JunctionKind::Corner, low + x))?;
         }
         let most = if matches!(self.cuts, Cuts::Spaced(_)) { MOVE } else { 0.0 };
         ties[..of_lines].iter().try_for_each(|&(_, x)| {
@@ -217,7 +241,8 @@ impl JunctionPlanes<'_> {
             outside.fold(u32::from(corners[c]), |label, a| label | 1 << (16 + a))
         });
         let is_line = |axis: usize, side: usize| {
-            let mut around: Vec<u32> = (0..8).filter(|c| c >> axis & 1 == side).map(|c| labels[c]).collect();
+            let mut around: Vec<u32> =
+                (0..8).filter(|c| c >> axis & 1 == side).map(|c| labels[c]).collect();
             around.sort_unstable();
             around.dedup();
             around.len() >= 3 && around.iter().any(|&label| label as u16 != 0)
@@ -226,7 +251,8 @@ impl JunctionPlanes<'_> {
         let center = low + 0.5;
         let lines = [0, 1, 2].map(|axis| [is_line(axis, 0), is_line(axis, 1)]);
         // Inside of the image all centres of cells together would be massively cocircular.
-        let straight = lines.iter().flatten().filter(|&&line| line).count() == 2 && lines.contains(&[true, true]);
+        let straight = lines.iter().flatten().filter(|&&line| line).count() == 2
+            && lines.contains(&[true, true]);
         if !walls.leaves(cell) && lines.as_flattened().contains(&true) && !straight {
             let is_of_box = (0..3).all(|a| walls.wall_of(a, cell[a]).is_some());
             visit(if is_of_box { JunctionKind::BoxCorner } else { JunctionKind::Corner }, center)?;
@@ -265,7 +291,8 @@ fn corners_between(cube: &Cube, ties: &[Tie]) -> Vec<DVec3> {
     }
     let corner = |four: u64| {
         let lines = ties.iter().filter(|&&(labels, _)| labels & !four == 0);
-        let (sum, count) = lines.fold((DVec3::ZERO, 0.0), |(sum, count), &(_, x)| (sum + x, count + 1.0));
+        let (sum, count) =
+            lines.fold((DVec3::ZERO, 0.0), |(sum, count), &(_, x)| (sum + x, count + 1.0));
         let mut labels = (0..8).filter(|l| four >> l & 1 == 1);
         cube.tie_of_four([(); 4].map(|()| labels.next().unwrap_or(0)), sum / count)
     };

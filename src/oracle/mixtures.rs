@@ -1,9 +1,13 @@
-//! Fields of labels with shares: at each voxel centre some labels have a part of the voxel, and the one with the largest part has the voxel.
+//! Fields of labels with shares: at each voxel centre some labels have a part of the voxel, and the
+//! one with the largest part has the voxel.
 //!
-//! Kept are the shares of the voxels at the corners of mixed cells, all others are never looked at, and of each voxel the largest few. Which are kept belongs to the voxel, not
-//! to a cell, so that neighbouring cells agree on their common face. The voxel's own label is always among them: [`super::field`] relies on that.
+//! Kept are the shares of the voxels at the corners of mixed cells, all others are never looked at,
+//! and of each voxel the largest few. Which are kept belongs to the voxel, not to a cell, so that
+//! neighbouring cells agree on their common face. The voxel's own label is always among them:
+//! [`super::field`] relies on that.
 //!
-//! Memory: 4 bytes per voxel of the region, and 8 per share, of two to three a voxel near interfaces.
+//! Memory: 4 bytes per voxel of the region, and 8 per share, of two to three a voxel near
+//! interfaces.
 
 use rayon::prelude::*;
 
@@ -44,7 +48,12 @@ impl<'a> Source<'a> {
         match self {
             Self::Maps(maps, ids) => {
                 maps.of_voxel(voxel, values);
-                shares.extend(values.iter().zip(ids).filter_map(|(&value, id)| id.map(|id| Share { id, value })));
+                shares.extend(
+                    values
+                        .iter()
+                        .zip(ids)
+                        .filter_map(|(&value, id)| id.map(|id| Share { id, value })),
+                );
             }
             Self::Smoothed(smoothing) => smoothing.shares(voxel, own, shares),
         }
@@ -54,7 +63,8 @@ impl<'a> Source<'a> {
 /// The shares of a region's voxels.
 #[derive(Clone, Debug)]
 pub(super) struct Mixtures {
-    /// Where the shares of each voxel begin, in the bricked layout; and at the end, how many there are.
+    /// Where the shares of each voxel begin, in the bricked layout; and at the end, how many there
+    /// are.
     starts: Vec<u32>,
     shares: Vec<Share>,
 }
@@ -139,17 +149,27 @@ fn shares_of_layer(
         let own = voxels[bricks.index(in_region[0], in_region[1], in_region[2])].id();
         source.shares(x + nx * (y + ny * z), own, &mut values, &mut of_voxel);
         // The own label is first on a tie, too.
-        of_voxel
-            .sort_unstable_by(|a, b| b.value.total_cmp(&a.value).then((a.id != own, a.id).cmp(&(b.id != own, b.id))));
-        let kept = of_voxel.iter().take(MOST_SHARES).filter(|share| share.value > 0.0 || share.id == own).count();
+        of_voxel.sort_unstable_by(|a, b| {
+            b.value.total_cmp(&a.value).then((a.id != own, a.id).cmp(&(b.id != own, b.id)))
+        });
+        let kept = of_voxel
+            .iter()
+            .take(MOST_SHARES)
+            .filter(|share| share.value > 0.0 || share.id == own)
+            .count();
         if is_beyond {
-            // Background, so much that it draws level with the nearest voxel's label halfway: see `super::field`.
-            let background = of_voxel[..kept].iter().find(|share| share.id == 0).map_or(0.0, |share| share.value);
+            // Background, so much that it draws level with the nearest voxel's label halfway: see
+            // `super::field`.
+            let background = of_voxel[..kept]
+                .iter()
+                .find(|share| share.id == 0)
+                .map_or(0.0, |share| share.value);
             let value = of_voxel[0].value - if own == 0 { 0.0 } else { background };
             of_voxel[0] = Share { id: 0, value };
         }
         let kept = if is_beyond { 1 } else { kept };
-        all.try_reserve(kept).map_err(|_| Error::OutOfMemory { count: kept, what: "shares of voxels" })?;
+        all.try_reserve(kept)
+            .map_err(|_| Error::OutOfMemory { count: kept, what: "shares of voxels" })?;
         all.extend_from_slice(&of_voxel[..kept]);
         *count = kept as u32;
         done += 1;
@@ -165,10 +185,8 @@ fn is_corner_of_mixed(bricks: &Bricks, voxels: &[Voxel], [i, j, k]: [usize; 3]) 
     let [nx, ny, nz] = bricks.dims();
     let in_grid = i < nx && j < ny && k < nz;
     // Two rings: the cells around this one are uniform.
-    in_grid
-        && voxels[bricks.index(i, j, k)].rings() < 2
-        && (0..8).any(|c| {
-            let cell = [i.checked_sub(c & 1), j.checked_sub(c >> 1 & 1), k.checked_sub(c >> 2)];
-            matches!(cell, [Some(x), Some(y), Some(z)] if voxels[bricks.index(x, y, z)].rings() == 0)
-        })
+    in_grid && voxels[bricks.index(i, j, k)].rings() < 2 && (0..8).any(|c| {
+        let cell = [i.checked_sub(c & 1), j.checked_sub(c >> 1 & 1), k.checked_sub(c >> 2)];
+        matches!(cell, [Some(x), Some(y), Some(z)] if voxels[bricks.index(x, y, z)].rings() == 0)
+    })
 }

@@ -1,27 +1,39 @@
-//! The isosurface oracle: what label a point has, how far it is from all interfaces at least, where a segment crosses one. Knows no mesh.
+//! The isosurface oracle: what label a point has, how far it is from all interfaces at least, where
+//! a segment crosses one. Knows no mesh.
 //!
-//! The isosurface dO is where the label changes; everything outside the image's grid is background. The oracle keeps the **region**: the
-//! bounding box of the object and one voxel more on each side, so its outermost voxels are background and no query needs a special
-//! case at the border of the image. It works in region coordinates: continuous indices whose origin is the region's first voxel
-//! centre. World distances there are those of the spacing, because image axes are orthonormal.
+//! The isosurface dO is where the label changes; everything outside the image's grid is background.
+//! The oracle keeps the **region**: the bounding box of the object and one voxel more on each side,
+//! so its outermost voxels are background and no query needs a special case at the border of the
+//! image. It works in region coordinates: continuous indices whose origin is the region's first
+//! voxel centre. World distances there are those of the spacing, because image axes are
+//! orthonormal.
 //!
-//! **Cells** are the cubes between eight voxel centres; a cell is *mixed* when its corners have several labels. In both surface models dO lies in the mixed cells:
-//! - Smooth model: in a cell of one label all other indicators are 0. Between the outermost voxel centres and a wall (see `border`) a point has the label of its projection onto the face of
-//!   its cell; beyond the wall are background corners, so the cell is mixed unless that face is background.
-//!   With other values than indicators (see `field`) likewise: a cell whose corners have one label has it everywhere.
-//! - Voxel model: a point of dO is on the common face of two voxels of different labels, and every cell that holds a part of this face has both centres as corners.
+//! **Cells** are the cubes between eight voxel centres; a cell is *mixed* when its corners have
+//! several labels. In both surface models dO lies in the mixed cells:
+//! - Smooth model: in a cell of one label all other indicators are 0. Between the outermost voxel
+//!   centres and a wall (see `border`) a point has the label of its projection onto the face of its
+//!   cell; beyond the wall are background corners, so the cell is mixed unless that face is
+//!   background. With other values than indicators (see `field`) likewise: a cell whose corners
+//!   have one label has it everywhere.
+//! - Voxel model: a point of dO is on the common face of two voxels of different labels, and every
+//!   cell that holds a part of this face has both centres as corners.
 //!
 //! **Clearance** is a lower bound of the distance to dO.
 //! - In a mixed cell it is 0.
-//! - A uniform cell has one ring or more of cells of one label around it, counted up to three (see `cells`), and dO is no nearer than the faces of that block.
-//! - For p outside the region, with q its nearest point in the region's box, which is convex and holds dO: the squared distance is at least |p - q|^2 + clearance(q)^2.
+//! - A uniform cell has one ring or more of cells of one label around it, counted up to three (see
+//!   `cells`), and dO is no nearer than the faces of that block.
+//! - For p outside the region, with q its nearest point in the region's box, which is convex and
+//!   holds dO: the squared distance is at least |p - q|^2 + clearance(q)^2.
 //!
-//! **Volumes.** The smooth model without weights loses volume where interfaces are convex, about h^2/12 per unit of area and curvature (h here the spacing); the weights
-//! restore that of each label, see `weights`. Single voxels stay single voxels: the label at a voxel's centre is its own, whatever the weights, because
-//! all other indicators are 0 there. On the edge between two voxels the change of label lies at a part from 1/(1 + W) to W/(1 + W) of it. A flat interface between two
-//! labels moves by about a quarter of the logarithm of their ratio, in voxels.
+//! **Volumes.** The smooth model without weights loses volume where interfaces are convex, about
+//! h^2/12 per unit of area and curvature (h here the spacing); the weights restore that of each
+//! label, see `weights`. Single voxels stay single voxels: the label at a voxel's centre is its
+//! own, whatever the weights, because all other indicators are 0 there. On the edge between two
+//! voxels the change of label lies at a part from 1/(1 + W) to W/(1 + W) of it. A flat interface
+//! between two labels moves by about a quarter of the logarithm of their ratio, in voxels.
 //!
-//! The oracle is immutable and `Sync`. Memory: a little more than 4 bytes per voxel of the region; 8 with intensities, probabilities or smoothed labels.
+//! The oracle is immutable and `Sync`. Memory: a little more than 4 bytes per voxel of the region;
+//! 8 with intensities, probabilities or smoothed labels.
 
 mod border;
 pub(crate) mod bricks;
@@ -72,7 +84,8 @@ pub struct Surface {
     pub model: SurfaceModel,
     /// How the object is closed at the border of the image.
     pub border: ImageBorder,
-    /// In the smooth model of a segmentation: the standard deviation, in voxels, of the Gaussian that the indicators are convolved with first.
+    /// In the smooth model of a segmentation: the standard deviation, in voxels, of the Gaussian
+    /// that the indicators are convolved with first.
     pub sigma: Option<f64>,
 }
 
@@ -82,7 +95,8 @@ impl From<SurfaceModel> for Surface {
     }
 }
 
-/// Answers questions about the isosurface. Built once from an image; points are in world coordinates.
+/// Answers questions about the isosurface. Built once from an image; points are in world
+/// coordinates.
 #[derive(Clone, Debug)]
 pub struct Oracle {
     model: SurfaceModel,
@@ -104,7 +118,8 @@ pub struct Oracle {
     voxels: Vec<Voxel>,
     /// The mixed cells that can have points of junctions; with a field only those that walls halve.
     junction_cells: Cells,
-    /// What the smooth model interpolates where that is not the indicators of labels. Then no record says that a cell has two labels, which leaves mixed cells to the field.
+    /// What the smooth model interpolates where that is not the indicators of labels. Then no
+    /// record says that a cell has two labels, which leaves mixed cells to the field.
     field: Option<Field>,
     /// Whether the field is that of smoothed labels.
     is_smoothed: bool,
@@ -126,12 +141,14 @@ pub struct Crossing {
 }
 
 impl Oracle {
-    /// Builds the oracle, on all threads of the current rayon pool. `check` is called at least once per
-    /// plane of voxels and pass, from several threads; its error ends the computation.
+    /// Builds the oracle, on all threads of the current rayon pool. `check` is called at least once
+    /// per plane of voxels and pass, from several threads; its error ends the computation.
     ///
     /// # Errors
-    /// [`crate::Error::EmptyImage`] when no voxel differs from the background; [`crate::Error::InvalidArgument`] when the object's bounding box has
-    /// 2^32 voxels or more, or indicators are to be smoothed that intensities or probabilities give; [`crate::Error::OutOfMemory`]; whatever `check` returns.
+    /// [`crate::Error::EmptyImage`] when no voxel differs from the background;
+    /// [`crate::Error::InvalidArgument`] when the object's bounding box has 2^32 voxels or more, or
+    /// indicators are to be smoothed that intensities or probabilities give;
+    /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
     pub fn new(
         image: &LabelImage,
         surface: impl Into<Surface>,
@@ -172,7 +189,10 @@ impl Oracle {
             SurfaceModel::Smooth => {
                 sampling = Sampling::new(rows.rough_counts(image.labels().len()).into_iter());
                 let mut records = records(Pairs::Counted(&sampling))?;
-                let weights = records.tally.take().map_or(Ok(Vec::new()), |tally| tally.weights(&|| check()))?;
+                let weights = records
+                    .tally
+                    .take()
+                    .map_or(Ok(Vec::new()), |tally| tally.weights(&|| check()))?;
                 (walls, records, weights, None)
             }
             SurfaceModel::Voxel => (Border::none(dims), records(Pairs::Marked)?, Vec::new(), None),
@@ -204,8 +224,8 @@ impl Oracle {
         self.label_at(self.region_point(p))
     }
 
-    /// As [`Self::label`] for `count` points, of which `point` tells each and `found` is told the label,
-    /// in order. Of points beyond the border for which `is_continued` says so it is the
+    /// As [`Self::label`] for `count` points, of which `point` tells each and `found` is told the
+    /// label, in order. Of points beyond the border for which `is_continued` says so it is the
     /// [`Self::continued_label`]. The voxels of many points come into the cache at once.
     #[inline]
     pub fn labels(
@@ -217,7 +237,8 @@ impl Oracle {
     ) {
         const AT_ONCE: usize = 32;
         if self.model == SurfaceModel::Voxel {
-            let label = |i, x| if is_continued(i) { self.continued_label_at(x) } else { self.label_at(x) };
+            let label =
+                |i, x| if is_continued(i) { self.continued_label_at(x) } else { self.label_at(x) };
             return (0..count).for_each(|i| found(i, label(i, self.region_point(point(i)))));
         }
         let mut places = [(DVec3::ZERO, [0; 3], OUTSIDE); AT_ONCE];
@@ -236,19 +257,24 @@ impl Oracle {
                 };
             }
             for (i, &(x, cell, index)) in points.zip(&places) {
-                found(i, if index == OUTSIDE { 0 } else { self.label_of(cell, self.voxels[index], x) });
+                found(
+                    i,
+                    if index == OUTSIDE { 0 } else { self.label_of(cell, self.voxels[index], x) },
+                );
             }
         }
     }
 
-    /// A lower bound of the distance from `p` to dO; 0 in mixed cells. No more than about three voxels where `p` is in the region: enough to say
-    /// what is near dO, not how far away the rest is.
+    /// A lower bound of the distance from `p` to dO; 0 in mixed cells. No more than about three
+    /// voxels where `p` is in the region: enough to say what is near dO, not how far away the rest
+    /// is.
     #[inline]
     pub fn clearance(&self, p: DVec3) -> f64 {
         self.clearance_at(self.region_point(p))
     }
 
-    /// Where the segment from `a` to `b` first leaves the label of `a`. Never `None` when the labels of `a` and `b` differ. Nor is a shorter stay in another label missed, but for
+    /// Where the segment from `a` to `b` first leaves the label of `a`. Never `None` when the
+    /// labels of `a` and `b` differ. Nor is a shorter stay in another label missed, but for
     /// rounding.
     pub fn first_crossing(&self, a: DVec3, b: DVec3) -> Option<Crossing> {
         self.first_crossing_from(self.label(a), a, b)
@@ -260,8 +286,9 @@ impl Oracle {
         Some(Crossing { point: self.world_point(point), from, to })
     }
 
-    /// The point of an interface near `p`, along `normal`, if the image has the first label of `pair` below it and the second
-    /// one above, both at a distance of `reach`. `labels` has the label of each id.
+    /// The point of an interface near `p`, along `normal`, if the image has the first label of
+    /// `pair` below it and the second one above, both at a distance of `reach`. `labels` has the
+    /// label of each id.
     pub fn project(
         &self,
         p: DVec3,
@@ -289,15 +316,17 @@ impl Oracle {
     fn box_of(&self, lower: DVec3, upper: DVec3) -> [DVec3; 2] {
         let mut bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
         for corner in 0..8 {
-            let x = DVec3::from([0, 1, 2].map(|a| if corner >> a & 1 == 1 { upper[a] } else { lower[a] }));
+            let x = DVec3::from(
+                [0, 1, 2].map(|a| if corner >> a & 1 == 1 { upper[a] } else { lower[a] }),
+            );
             let p = self.world_point(x);
             bounds = [bounds[0].min(p), bounds[1].max(p)];
         }
         bounds
     }
 
-    /// The weight of each dense id in the smooth model, by which the indicators are multiplied; empty in the voxel model, and where other values than
-    /// indicators are interpolated.
+    /// The weight of each dense id in the smooth model, by which the indicators are multiplied;
+    /// empty in the voxel model, and where other values than indicators are interpolated.
     pub fn weights(&self) -> &[f32] {
         &self.weights
     }
@@ -307,8 +336,9 @@ impl Oracle {
         self.spacing
     }
 
-    /// Bytes that [`Oracle::of_rows`] needs at its peak, with the rows, for `image` and its region, but for some per contested sample of the labels' weights (see `weights`) or per share of a voxel near
-    /// interfaces (see `mixtures`), whose number is not known in advance.
+    /// Bytes that [`Oracle::of_rows`] needs at its peak, with the rows, for `image` and its region,
+    /// but for some per contested sample of the labels' weights (see `weights`) or per share of a
+    /// voxel near interfaces (see `mixtures`), whose number is not known in advance.
     pub fn bytes_needed(image: &LabelImage, &Region { dims, .. }: &Region) -> u64 {
         let values = if image.field().is_some() { size_of::<f32>() } else { 0 };
         let voxels = Bricks::new(dims).len() as u64 * (size_of::<Voxel>() + values) as u64;
@@ -410,7 +440,8 @@ impl Oracle {
         if rings == 0 { 0.0 } else { self.to_faces(x, cell, f64::from(rings - 1)) }
     }
 
-    /// Distance from a point of a cell to the faces of the block of cells around it, `more` on each side.
+    /// Distance from a point of a cell to the faces of the block of cells around it, `more` on each
+    /// side.
     #[inline(always)]
     fn to_faces(&self, x: DVec3, cell: [usize; 3], more: f64) -> f64 {
         let at = x - DVec3::from(cell.map(|c| c as f64));
@@ -422,7 +453,8 @@ impl Oracle {
     /// The cell that holds a point of the region.
     #[inline(always)]
     fn cell(&self, x: DVec3) -> [usize; 3] {
-        // Rounded, not cut off: a point on a face is in either cell, which agree there. A region has at least three voxels along each axis.
+        // Rounded, not cut off: a point on a face is in either cell, which agree there. A region
+        // has at least three voxels along each axis.
         (x - 0.5).max(DVec3::ZERO).min(self.last - 1.0).to_array().map(rounded)
     }
 
@@ -456,8 +488,8 @@ impl Oracle {
     }
 }
 
-/// The integer nearest to x in [0, 2^31], even on a tie. The sum with 2^52 has it in its low bits; several times faster than a conversion that
-/// saturates.
+/// The integer nearest to x in [0, 2^31], even on a tie. The sum with 2^52 has it in its low bits;
+/// several times faster than a conversion that saturates.
 #[inline(always)]
 pub(crate) fn rounded(x: f64) -> usize {
     const SHIFT: f64 = (1_u64 << 52) as f64;

@@ -1,4 +1,5 @@
-//! The region: the bounding box of the object and one voxel more on each side, as rows of labels from which the oracle is built.
+//! The region: the bounding box of the object and one voxel more on each side, as rows of labels
+//! from which the oracle is built.
 
 use rayon::prelude::*;
 
@@ -19,7 +20,8 @@ impl Region {
     /// The object's bounding box with one voxel more on each side.
     ///
     /// # Errors
-    /// [`Error::EmptyImage`]; [`Error::InvalidArgument`] when its voxels cannot be numbered by u32; whatever `check` returns.
+    /// [`Error::EmptyImage`]; [`Error::InvalidArgument`] when its voxels cannot be numbered by u32;
+    /// whatever `check` returns.
     pub fn new(image: &LabelImage, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let [nx, ny, _] = image.dims();
         let empty = ([usize::MAX; 3], [0; 3]);
@@ -38,7 +40,8 @@ impl Region {
                     if row.iter().fold(0, |all, &id| all | id) == 0 {
                         continue;
                     }
-                    let left = row.iter().take(bounds.0[0]).position(|&id| id != 0).unwrap_or(bounds.0[0]);
+                    let left =
+                        row.iter().take(bounds.0[0]).position(|&id| id != 0).unwrap_or(bounds.0[0]);
                     let right = row.iter().skip(bounds.1[0] + 1).rposition(|&id| id != 0);
                     let right = right.map_or(bounds.1[0].max(left), |n| n + bounds.1[0] + 1);
                     bounds = join(bounds, ([left, y, z], [right, y, z]));
@@ -52,13 +55,15 @@ impl Region {
         let dims = [0, 1, 2].map(|a| high[a] - low[a] + 3);
         if numbered_voxels(dims).is_none() {
             return Err(Error::InvalidArgument(format!(
-                "the object's box of {dims:?} voxels, one more on each side, is too large: at most 2^32 - 1 voxels"
+                "the object's box of {dims:?} voxels, one more on each side, is too large: at most \
+                 2^32 - 1 voxels"
             )));
         }
         Ok(Self { first: low.map(|c| c as isize - 1), dims })
     }
 
-    /// The image coordinate, along an axis of `count` voxels, of a voxel of the region; `None` beyond the image.
+    /// The image coordinate, along an axis of `count` voxels, of a voxel of the region; `None`
+    /// beyond the image.
     #[inline]
     pub fn place(&self, voxel: [usize; 3], axis: usize, count: usize) -> Option<usize> {
         usize::try_from(voxel[axis] as isize + self.first[axis]).ok().filter(|&at| at < count)
@@ -71,7 +76,8 @@ impl Region {
     }
 }
 
-/// The dense ids of a region in rows along x, each padded with background to whole words of 64 voxels and one more. Its outermost voxels are background.
+/// The dense ids of a region in rows along x, each padded with background to whole words of 64
+/// voxels and one more. Its outermost voxels are background.
 pub struct Rows {
     region: Region,
     stride: usize,
@@ -83,7 +89,11 @@ impl Rows {
     ///
     /// # Errors
     /// [`Error::OutOfMemory`]; whatever `check` returns.
-    pub fn new(image: &LabelImage, region: Region, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
+    pub fn new(
+        image: &LabelImage,
+        region: Region,
+        check: &(dyn Fn() -> Result<()> + Sync),
+    ) -> Result<Self> {
         let [nx, ny, _] = image.dims();
         let dims = region.dims;
         let stride = Self::stride(dims);
@@ -91,15 +101,18 @@ impl Rows {
         // All but the region's outermost voxels are in the image.
         let inner = (region.first[0] + 1) as usize;
         let count = dims[0] - 2;
-        ids.par_chunks_mut(stride * dims[2]).enumerate().take(dims[1] - 1).skip(1).try_for_each(|(j, layer)| {
-            check()?;
-            let y = (region.first[1] + j as isize) as usize;
-            for (k, row) in layer.chunks_mut(stride).enumerate().take(dims[2] - 1).skip(1) {
-                let z = (region.first[2] + k as isize) as usize;
-                row[1..=count].copy_from_slice(&image.ids()[inner + nx * (y + ny * z)..][..count]);
-            }
-            Ok(())
-        })?;
+        ids.par_chunks_mut(stride * dims[2]).enumerate().take(dims[1] - 1).skip(1).try_for_each(
+            |(j, layer)| {
+                check()?;
+                let y = (region.first[1] + j as isize) as usize;
+                for (k, row) in layer.chunks_mut(stride).enumerate().take(dims[2] - 1).skip(1) {
+                    let z = (region.first[2] + k as isize) as usize;
+                    row[1..=count]
+                        .copy_from_slice(&image.ids()[inner + nx * (y + ny * z)..][..count]);
+                }
+                Ok(())
+            },
+        )?;
         Ok(Self { region, stride, ids })
     }
 

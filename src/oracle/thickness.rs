@@ -1,22 +1,33 @@
-//! How thick what a voxel belongs to is: where a label, or a part of it, is thinner than the samples of its interfaces are apart.
+//! How thick what a voxel belongs to is: where a label, or a part of it, is thinner than the
+//! samples of its interfaces are apart.
 //!
-//! **Thickness.** A voxel is *m thick* when some cube of m voxels along each axis, all of its label, holds it: the granulometry of openings by cubes (Serra, "Image analysis and mathematical
-//! morphology", 1982). Cubes and not balls, because a sheet of two voxels must be told from a sheet of one, which distances between voxel centres do not tell apart. Any half-space holds a cube at each of its voxels, so
-//! plane interfaces of any direction are not thin. Where voxels are no cubes, the cube has as many voxels along each axis as make up its edge.
+//! **Thickness.** A voxel is *m thick* when some cube of m voxels along each axis, all of its
+//! label, holds it: the granulometry of openings by cubes (Serra, "Image analysis and mathematical
+//! morphology", 1982). Cubes and not balls, because a sheet of two voxels must be told from a sheet
+//! of one, which distances between voxel centres do not tell apart. Any half-space holds a cube at
+//! each of its voxels, so plane interfaces of any direction are not thin. Where voxels are no
+//! cubes, the cube has as many voxels along each axis as make up its edge.
 //!
-//! **What counts.** A thin voxel next to a thick part of its label is a step or a bump on that part's surface, of which every segmentation is full: to cut it off loses no component, and tears nothing. So of the voxels less than m thick, those count
-//! - that lie m - 1 steps or more, within their label, from all that are m thick: sheets, tubes, small components;
+//! **What counts.** A thin voxel next to a thick part of its label is a step or a bump on that
+//! part's surface, of which every segmentation is full: to cut it off loses no component, and tears
+//! nothing. So of the voxels less than m thick, those count
+//! - that lie m - 1 steps or more, within their label, from all that are m thick: sheets, tubes,
+//!   small components;
 //! - that have such on both sides along an axis, in runs of their label: bridges;
 //! - and those less than m thick within m steps of these.
 //!
-//! Two voxels of a label that meet in an edge, and are not joined by a third one beside both, are a neck: they count as one thick. So do two that meet in a corner, around which no third one is.
+//! Two voxels of a label that meet in an edge, and are not joined by a third one beside both, are a
+//! neck: they count as one thick. So do two that meet in a corner, around which no third one is.
 //!
 //! The background is a label like others here: a slit between two objects is thin as well.
 //!
-//! All of this is done for all labels at once, with sets of voxels as bits, 64 in a word: a bit for each pair of neighbours that says whether they have the same label is all that is asked of labels.
+//! All of this is done for all labels at once, with sets of voxels as bits, 64 in a word: a bit for
+//! each pair of neighbours that says whether they have the same label is all that is asked of
+//! labels.
 //!
-//! Cost: about a nanosecond per voxel and level. Memory while it lasts: seven bits per voxel of the region with as many voxels more on each side as the largest cube has along an axis, up to 32, in rows of
-//! whole words; beside these a byte per voxel of the region, where anything is thin.
+//! Cost: about a nanosecond per voxel and level. Memory while it lasts: seven bits per voxel of the
+//! region with as many voxels more on each side as the largest cube has along an axis, up to 32, in
+//! rows of whole words; beside these a byte per voxel of the region, where anything is thin.
 
 use rayon::prelude::*;
 
@@ -31,13 +42,15 @@ type Check<'a> = &'a (dyn Fn() -> Result<()> + Sync);
 /// What is made on the way to a block.
 const ROOMS: usize = 4;
 
-/// Words, at least, that are changed at a time: they, their neighbours and what is made on the way stay in the nearest cache.
+/// Words, at least, that are changed at a time: they, their neighbours and what is made on the way
+/// stay in the nearest cache.
 const BLOCK: usize = 512;
 
 /// Blocks that a thread changes one after the other.
 const BLOCKS: usize = 8;
 
-/// A set of the voxels of a padded region, as whole words of 64 for each row along x: row (j, k) is number j * rows\[1\] + k, and its bit i is voxel (i, j, k).
+/// A set of the voxels of a padded region, as whole words of 64 for each row along x: row (j, k) is
+/// number j * rows\[1\] + k, and its bit i is voxel (i, j, k).
 struct Set {
     words: usize,
     rows: [usize; 2],
@@ -60,7 +73,8 @@ impl Set {
         self.words * BLOCK.div_ceil(self.words)
     }
 
-    /// Calls `change` for each block, given by its first word, with room for some more, in parallel.
+    /// Calls `change` for each block, given by its first word, with room for some more, in
+    /// parallel.
     fn change(
         &mut self,
         check: Check<'_>,
@@ -94,8 +108,9 @@ impl Set {
         self.steps([0, 1, 2].map(|a| if a == axis { steps } else { 0 }))
     }
 
-    /// A block as large as `room`, of which each bit is the one that is `bits` further on, or back: [`Set::steps`]. Beyond the end of a row along x or along z it is one of the next row or layer, beyond the
-    /// first layer and the last there is nothing.
+    /// A block as large as `room`, of which each bit is the one that is `bits` further on, or back:
+    /// [`Set::steps`]. Beyond the end of a row along x or along z it is one of the next row or
+    /// layer, beyond the first layer and the last there is nothing.
     fn beside<'a>(&'a self, first: usize, bits: isize, room: &'a mut [u64]) -> &'a [u64] {
         let (from, part) = (first as isize + bits.div_euclid(64), bits.rem_euclid(64) as u32);
         let inside = usize::try_from(from).ok().filter(|from| from + room.len() < self.bits.len());
@@ -103,11 +118,17 @@ impl Set {
             (Some(from), 0) => return &self.bits[from..][..room.len()],
             (Some(from), _) => {
                 let pairs = self.bits[from..].iter().zip(&self.bits[from + 1..]);
-                room.iter_mut().zip(pairs).for_each(|(out, (low, high))| *out = low >> part | high << (64 - part));
+                room.iter_mut()
+                    .zip(pairs)
+                    .for_each(|(out, (low, high))| *out = low >> part | high << (64 - part));
             }
             (None, _) => {
-                let word =
-                    |at: isize| usize::try_from(at).ok().and_then(|at| self.bits.get(at)).map_or(0, |&word| word);
+                let word = |at: isize| {
+                    usize::try_from(at)
+                        .ok()
+                        .and_then(|at| self.bits.get(at))
+                        .map_or(0, |&word| word)
+                };
                 for (out, at) in room.iter_mut().zip(from..) {
                     *out = word(at) >> part | word(at + 1).checked_shl(64 - part).unwrap_or(0);
                 }
@@ -117,11 +138,14 @@ impl Set {
     }
 
     fn is_empty(&self) -> bool {
-        self.bits.par_chunks(self.block()).all(|words| words.iter().fold(0, |all, &word| all | word) == 0)
+        self.bits
+            .par_chunks(self.block())
+            .all(|words| words.iter().fold(0, |all, &word| all | word) == 0)
     }
 }
 
-/// The voxels of a region, and for each axis whether a voxel and the next one have the same label: never so at the end of a row or layer, so no run goes on in the next one.
+/// The voxels of a region, and for each axis whether a voxel and the next one have the same label:
+/// never so at the end of a row or layer, so no run goes on in the next one.
 struct Labels {
     equal: [Set; 3],
 }
@@ -139,35 +163,48 @@ impl Labels {
         };
         let of_axis = |axis: usize| {
             let step = [0, 1, 2].map(|a| usize::from(a == axis));
-            let mut bits: Vec<u64> = zeroed(words * size[0] * size[1], "words of the sets of thin voxels")?;
-            bits.par_chunks_mut(words * size[1]).enumerate().take(size[0] - step[1]).try_for_each(|(j, layer)| {
-                check()?;
-                // Outside of the region, and at its ends, all is background.
-                let mut flags = filled(64 * words, 1_u8, "flags of a row", || Ok(()))?;
-                flags[padded[0] - step[0]..].fill(0);
-                for (k, out) in layer.chunks_mut(words).enumerate().take(size[1] - step[2]) {
-                    let beside = row(j, k).zip(row(j + step[1], k + step[2]));
-                    let own = &mut flags[pad..pad + nx - step[0]];
-                    match beside {
-                        None => own.fill(1),
-                        Some((here, there)) => {
-                            let pairs = here.iter().zip(&there[step[0]..]);
-                            own.iter_mut().zip(pairs).for_each(|(flag, (a, b))| *flag = u8::from(a == b));
+            let mut bits: Vec<u64> =
+                zeroed(words * size[0] * size[1], "words of the sets of thin voxels")?;
+            bits.par_chunks_mut(words * size[1]).enumerate().take(size[0] - step[1]).try_for_each(
+                |(j, layer)| {
+                    check()?;
+                    // Outside of the region, and at its ends, all is background.
+                    let mut flags = filled(64 * words, 1_u8, "flags of a row", || Ok(()))?;
+                    flags[padded[0] - step[0]..].fill(0);
+                    for (k, out) in layer.chunks_mut(words).enumerate().take(size[1] - step[2]) {
+                        let beside = row(j, k).zip(row(j + step[1], k + step[2]));
+                        let own = &mut flags[pad..pad + nx - step[0]];
+                        match beside {
+                            None => own.fill(1),
+                            Some((here, there)) => {
+                                let pairs = here.iter().zip(&there[step[0]..]);
+                                own.iter_mut()
+                                    .zip(pairs)
+                                    .for_each(|(flag, (a, b))| *flag = u8::from(a == b));
+                            }
+                        }
+                        for (word, flags) in out.iter_mut().zip(flags.as_chunks::<64>().0) {
+                            *word = gathered(flags);
                         }
                     }
-                    for (word, flags) in out.iter_mut().zip(flags.as_chunks::<64>().0) {
-                        *word = gathered(flags);
-                    }
-                }
-                Ok(())
-            })?;
+                    Ok(())
+                },
+            )?;
             Ok(Set { words, rows: size, bits })
         };
         Ok(Self { equal: [of_axis(0)?, of_axis(1)?, of_axis(2)?] })
     }
 
-    /// Makes `set` the voxels of `all`, the words of a block, in cubes of one label, of so many voxels along each axis.
-    fn thick(&self, all: &[u64], cube: [usize; 3], set: &mut Set, spare: &mut Set, check: Check<'_>) -> Result<()> {
+    /// Makes `set` the voxels of `all`, the words of a block, in cubes of one label, of so many
+    /// voxels along each axis.
+    fn thick(
+        &self,
+        all: &[u64],
+        cube: [usize; 3],
+        set: &mut Set,
+        spare: &mut Set,
+        check: Check<'_>,
+    ) -> Result<()> {
         set.change(check, |_, block, _| block.copy_from_slice(&all[..block.len()]))?;
         // Where cubes begin: where runs of runs of runs do.
         for (axis, &count) in cube.iter().enumerate().filter(|&(_, &count)| count > 1) {
@@ -185,14 +222,16 @@ impl Labels {
         for (axis, &count) in cube.iter().enumerate().filter(|&(_, &count)| count > 1) {
             spare.change(check, |first, block, [room, ..]| {
                 block.copy_from_slice(set.at(first, block));
-                (1..count as isize).for_each(|by| either(block, set.beside(first, set.along(axis, -by), room)));
+                (1..count as isize)
+                    .for_each(|by| either(block, set.beside(first, set.along(axis, -by), room)));
             })?;
             std::mem::swap(set, spare);
         }
         Ok(())
     }
 
-    /// Adds to a block what a set has up to `steps` further on along an axis, in runs of one label, or further back.
+    /// Adds to a block what a set has up to `steps` further on along an axis, in runs of one label,
+    /// or further back.
     fn add_in_runs(
         &self,
         block: &mut [u64],
@@ -207,12 +246,22 @@ impl Labels {
             let (pair, by) = if steps > 0 { (by - 1, by) } else { (-by, -by) };
             both(same, self.equal[axis].beside(first, set.along(axis, pair), room));
             let beside = set.beside(first, set.along(axis, by), room);
-            block.iter_mut().zip(beside.iter().zip(&*same)).for_each(|(out, (word, same))| *out |= word & same);
+            block
+                .iter_mut()
+                .zip(beside.iter().zip(&*same))
+                .for_each(|(out, (word, same))| *out |= word & same);
         }
     }
 
-    /// Adds to a set what is within so many steps of it along each axis, one axis after the other, within its label.
-    fn grow(&self, set: &mut Set, steps: [usize; 3], spare: &mut Set, check: Check<'_>) -> Result<()> {
+    /// Adds to a set what is within so many steps of it along each axis, one axis after the other,
+    /// within its label.
+    fn grow(
+        &self,
+        set: &mut Set,
+        steps: [usize; 3],
+        spare: &mut Set,
+        check: Check<'_>,
+    ) -> Result<()> {
         for (axis, &count) in steps.iter().enumerate().filter(|&(_, &count)| count > 0) {
             spare.change(check, |first, block, [same, room, ..]| {
                 block.copy_from_slice(set.at(first, block));
@@ -225,18 +274,29 @@ impl Labels {
         Ok(())
     }
 
-    /// Makes `counts` those voxels of `all`, the words of a block, that are less than a cube thick and count. Whether there are any.
-    fn thin(&self, all: &[u64], cube: [usize; 3], sets: &mut [Set; 4], check: Check<'_>) -> Result<bool> {
+    /// Makes `counts` those voxels of `all`, the words of a block, that are less than a cube thick
+    /// and count. Whether there are any.
+    fn thin(
+        &self,
+        all: &[u64],
+        cube: [usize; 3],
+        sets: &mut [Set; 4],
+        check: Check<'_>,
+    ) -> Result<bool> {
         let [counts, thick, thin, spare] = sets;
         self.thick(all, cube, thick, spare, check)?;
         thin.change(check, |first, block, _| {
             let thick = thick.at(first, block);
-            block.iter_mut().zip(all.iter().zip(thick)).for_each(|(out, (all, thick))| *out = all & !thick);
+            block
+                .iter_mut()
+                .zip(all.iter().zip(thick))
+                .for_each(|(out, (all, thick))| *out = all & !thick);
         })?;
         if thin.is_empty() {
             return Ok(false);
         }
-        // What lies between, on both sides along an axis. Longer bridges have voxels that are far from both ends.
+        // What lies between, on both sides along an axis. Longer bridges have voxels that are far
+        // from both ends.
         let near = cube.map(|count| count - 1);
         counts.change(check, |first, block, [on, back, same, room]| {
             block.fill(0);
@@ -254,7 +314,11 @@ impl Labels {
         // And what is far from all that is thick.
         self.grow(thick, near, spare, check)?;
         counts.change(check, |first, block, _| {
-            let far = thin.at(first, block).iter().zip(thick.at(first, block)).map(|(thin, thick)| thin & !thick);
+            let far = thin
+                .at(first, block)
+                .iter()
+                .zip(thick.at(first, block))
+                .map(|(thin, thick)| thin & !thick);
             block.iter_mut().zip(far).for_each(|(out, far)| *out |= far);
         })?;
         if counts.is_empty() {
@@ -282,7 +346,8 @@ pub struct ThinVoxels {
     pub region: Region,
     /// The thicknesses that were found, in world units, increasing.
     pub thicknesses: Vec<f64>,
-    /// For each voxel of the region, x fastest, then z, then y, which thickness it has, the least of several; [`NOT_THIN`] for those that do not count. Empty where there is none.
+    /// For each voxel of the region, x fastest, then z, then y, which thickness it has, the least
+    /// of several; [`NOT_THIN`] for those that do not count. Empty where there is none.
     pub of_voxels: Vec<u8>,
 }
 
@@ -290,10 +355,12 @@ pub struct ThinVoxels {
 pub const NOT_THIN: u8 = u8::MAX;
 
 impl ThinVoxels {
-    /// The number of a thickness, which is no smaller than those before it, and a table to note it in.
+    /// The number of a thickness, which is no smaller than those before it, and a table to note it
+    /// in.
     fn number(&mut self, thickness: f64, check: Check<'_>) -> Result<u8> {
         if self.of_voxels.is_empty() {
-            self.of_voxels = filled(self.region.dims.iter().product(), NOT_THIN, "voxels of the region", check)?;
+            self.of_voxels =
+                filled(self.region.dims.iter().product(), NOT_THIN, "voxels of the region", check)?;
         }
         if self.thicknesses.last() != Some(&thickness) {
             self.thicknesses.push(thickness);
@@ -302,12 +369,18 @@ impl ThinVoxels {
     }
 }
 
-/// Finds what is thinner than `most`, in world units; what holds cubes of 32 of the smallest sides of a voxel is not searched for, however large `most` is. `check` is called many times in each step, from several
-/// threads.
+/// Finds what is thinner than `most`, in world units; what holds cubes of 32 of the smallest sides
+/// of a voxel is not searched for, however large `most` is. `check` is called many times in each
+/// step, from several threads.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
-pub fn thin_voxels(image: &LabelImage, rows: &Rows, most: f64, check: Check<'_>) -> Result<ThinVoxels> {
+pub fn thin_voxels(
+    image: &LabelImage,
+    rows: &Rows,
+    most: f64,
+    check: Check<'_>,
+) -> Result<ThinVoxels> {
     let region = *rows.region();
     let mut thin = ThinVoxels { region, thicknesses: Vec::new(), of_voxels: Vec::new() };
     let spacing = image.frame().spacing();
@@ -317,7 +390,8 @@ pub fn thin_voxels(image: &LabelImage, rows: &Rows, most: f64, check: Check<'_>)
     let [nx, _, nz] = region.dims;
     let padded = nx + 2 * largest;
     let words = padded.div_ceil(64);
-    let of_row = |w: usize| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 };
+    let of_row =
+        |w: usize| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 };
     let all: Vec<u64> = (0..labels.equal[0].block()).map(|n| of_row(n % words)).collect();
     let contacts = contacts(rows, &labels, &all, largest, check)?;
     if !contacts.is_empty() {
@@ -339,7 +413,9 @@ pub fn thin_voxels(image: &LabelImage, rows: &Rows, most: f64, check: Check<'_>)
             for (k, voxels) in layer.chunks_mut(nx).enumerate() {
                 for (w, &word) in set.row(j + largest, k + largest).iter().enumerate() {
                     // What surrounds the region counts for nothing.
-                    let inside = ones(word).map(|bit| (64 * w + bit).wrapping_sub(largest)).filter(|&i| i < nx);
+                    let inside = ones(word)
+                        .map(|bit| (64 * w + bit).wrapping_sub(largest))
+                        .filter(|&i| i < nx);
                     inside.for_each(|i| voxels[i] = voxels[i].min(number));
                 }
             }
@@ -351,7 +427,8 @@ pub fn thin_voxels(image: &LabelImage, rows: &Rows, most: f64, check: Check<'_>)
 /// Sets that there are at a time, at most.
 const SETS: usize = 7;
 
-/// Bytes that [`thin_voxels`] needs at its peak beside the rows, but for some per contact of voxels.
+/// Bytes that [`thin_voxels`] needs at its peak beside the rows, but for some per contact of
+/// voxels.
 pub fn bytes_needed(image: &LabelImage, region: &Region, most: f64) -> u64 {
     largest_cube(image.frame().spacing().min_element(), most).map_or(0, |largest| {
         let [nx, ny, nz] = region.dims.map(|n| (n + 2 * largest) as u64);
@@ -360,14 +437,17 @@ pub fn bytes_needed(image: &LabelImage, region: &Region, most: f64) -> u64 {
     })
 }
 
-/// The largest edge of a cube to be tried, in voxels of side `unit`: what is less than so many voxels thick is thinner than `most`, if it is a whole number less one at most.
+/// The largest edge of a cube to be tried, in voxels of side `unit`: what is less than so many
+/// voxels thick is thinner than `most`, if it is a whole number less one at most.
 fn largest_cube(unit: f64, most: f64) -> Option<usize> {
     sizes().take_while(|&count| thickness_below(count) as f64 * unit < most).last()
 }
 
-/// A way in which two voxels of a label can meet. Corner c of a cell is at (c & 1, c >> 1 & 1, c >> 2).
+/// A way in which two voxels of a label can meet. Corner c of a cell is at (c & 1, c >> 1 & 1, c >>
+/// 2).
 struct Meeting {
-    /// The edges of a cell along which the label must change: the corner where each begins, and its axis.
+    /// The edges of a cell along which the label must change: the corner where each begins, and its
+    /// axis.
     edges: Vec<(usize, usize)>,
     /// The corners of which either two may be those that meet.
     pairs: Vec<[usize; 2]>,
@@ -390,8 +470,16 @@ impl Meeting {
     }
 }
 
-/// Voxels of a label, not background, that meet in an edge alone: two of the four around it, across from each other, while the others have other labels; or in a corner alone, around which all others have.
-fn contacts(rows: &Rows, labels: &Labels, all: &[u64], pad: usize, check: Check<'_>) -> Result<Vec<u32>> {
+/// Voxels of a label, not background, that meet in an edge alone: two of the four around it, across
+/// from each other, while the others have other labels; or in a corner alone, around which all
+/// others have.
+fn contacts(
+    rows: &Rows,
+    labels: &Labels,
+    all: &[u64],
+    pad: usize,
+    check: Check<'_>,
+) -> Result<Vec<u32>> {
     let [nx, ny, nz] = rows.dims();
     let faces = [[0, 1], [1, 2], [2, 0]].map(Meeting::across_face);
     let cells = [0, 1, 2, 3].map(Meeting::across_cell);
@@ -402,8 +490,11 @@ fn contacts(rows: &Rows, labels: &Labels, all: &[u64], pad: usize, check: Check<
         candidates.change(check, |first, block, [room, ..]| {
             block.copy_from_slice(&all[..block.len()]);
             for &(corner, axis) in &edges {
-                let beside =
-                    labels.equal[axis].beside(first, equal.steps([0, 1, 2].map(|a| (corner >> a & 1) as isize)), room);
+                let beside = labels.equal[axis].beside(
+                    first,
+                    equal.steps([0, 1, 2].map(|a| (corner >> a & 1) as isize)),
+                    room,
+                );
                 block.iter_mut().zip(beside).for_each(|(word, equal)| *word &= !equal);
             }
         })?;
@@ -412,13 +503,20 @@ fn contacts(rows: &Rows, labels: &Labels, all: &[u64], pad: usize, check: Check<
             for k in 0..nz - 1 {
                 let around = rows.around(j, k);
                 for (w, &word) in candidates.row(j + pad, k + pad).iter().enumerate() {
-                    for i in ones(word).map(|bit| (64 * w + bit).wrapping_sub(pad)).filter(|&i| i + 1 < nx) {
+                    for i in ones(word)
+                        .map(|bit| (64 * w + bit).wrapping_sub(pad))
+                        .filter(|&i| i + 1 < nx)
+                    {
                         let id = |c: usize| around[c >> 1][i + (c & 1)];
-                        let number = |c: usize| (((j + (c >> 1 & 1)) * nz + k + (c >> 2)) * nx + i + (c & 1)) as u32;
+                        let number = |c: usize| {
+                            (((j + (c >> 1 & 1)) * nz + k + (c >> 2)) * nx + i + (c & 1)) as u32
+                        };
                         for &pair in &pairs {
                             let own = id(pair[0]);
                             let meets = own != 0 && own == id(pair[1]);
-                            if meets && (!alone || (0..8).all(|c| pair.contains(&c) || id(c) != own)) {
+                            if meets
+                                && (!alone || (0..8).all(|c| pair.contains(&c) || id(c) != own))
+                            {
                                 reserve(&mut numbers, 2, "thin voxels")?;
                                 numbers.extend(pair.map(number));
                             }
@@ -435,7 +533,8 @@ fn contacts(rows: &Rows, labels: &Labels, all: &[u64], pad: usize, check: Check<
     Ok(found)
 }
 
-/// Edges of the cubes, in the smallest sides of a voxel: about a third apart, all from 2 to 4. Thicker parts than the last are not searched for.
+/// Edges of the cubes, in the smallest sides of a voxel: about a third apart, all from 2 to 4.
+/// Thicker parts than the last are not searched for.
 fn sizes() -> impl Iterator<Item = usize> {
     [2, 3, 4, 6, 8, 11, 16, 22, 32].into_iter()
 }
@@ -471,7 +570,8 @@ mod tests {
             [0, 1, 2].map(|a| (at[a] as isize + first[a]) as usize)
         };
         let voxels_of = |number: usize| {
-            let voxels = thin.of_voxels.iter().enumerate().filter(|&(_, &of)| usize::from(of) == number);
+            let voxels =
+                thin.of_voxels.iter().enumerate().filter(|&(_, &of)| usize::from(of) == number);
             voxels.map(|(v, _)| place(v)).collect()
         };
         let found = thin.thicknesses.iter().enumerate();
@@ -493,13 +593,19 @@ mod tests {
         // The background between the two is four voxels thick.
         assert!(found[1..].iter().all(|(_, voxels)| voxels.iter().all(|at| at[2] == 5)));
         let slits = thin([28, 28, 20], [1.0; 3], 5.0, label);
-        assert!(slits.iter().any(|(thickness, voxels)| *thickness == 4.0 && voxels.contains(&[14, 14, 7])));
+        assert!(
+            slits
+                .iter()
+                .any(|(thickness, voxels)| *thickness == 4.0 && voxels.contains(&[14, 14, 7]))
+        );
     }
 
     #[test]
     fn thickness_is_in_world_units() {
         // A sheet of one slice of thick slices is as thick as these.
-        let label = |[i, j, k]: [usize; 3]| i32::from(k == 3 && (2..28).contains(&i) && (2..28).contains(&j));
+        let label = |[i, j, k]: [usize; 3]| {
+            i32::from(k == 3 && (2..28).contains(&i) && (2..28).contains(&j))
+        };
         assert_eq!(thin([30, 30, 7], [1.0, 1.0, 4.0], 3.5, label), []);
         let found = thin([30, 30, 7], [1.0, 1.0, 4.0], 5.0, label);
         assert_eq!(
@@ -512,7 +618,9 @@ mod tests {
     fn bridges_and_necks_count() {
         // Two blocks joined by two voxels in a row, and two more that meet in an edge.
         let label = |[i, j, k]: [usize; 3]| {
-            let block = |x: usize, y: usize| (x..x + 4).contains(&i) && (y..y + 4).contains(&j) && (2..6).contains(&k);
+            let block = |x: usize, y: usize| {
+                (x..x + 4).contains(&i) && (y..y + 4).contains(&j) && (2..6).contains(&k)
+            };
             let bridge = (6..8).contains(&i) && [j, k] == [4, 4];
             i32::from(block(2, 2) || block(8, 2) || bridge || block(12, 6))
         };

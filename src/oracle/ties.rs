@@ -1,11 +1,16 @@
-//! Where the weighted indicators of several labels tie: on a rectangle across a cell three, in its interior four.
+//! Where the weighted indicators of several labels tie: on a rectangle across a cell three, in its
+//! interior four.
 //!
-//! On a plane across a cell, parallel to two of its axes, each label's weighted indicator is bilinear. Where three are equal, their two differences P and Q vanish. P is linear in y, so
-//! y can be eliminated: what is left is a quadratic equation in x, and no point is missed. The tie of four labels is found by Newton's method, from the mean of points known
-//! to lie on lines that end there.
+//! On a plane across a cell, parallel to two of its axes, each label's weighted indicator is
+//! bilinear. Where three are equal, their two differences P and Q vanish. P is linear in y, so y
+//! can be eliminated: what is left is a quadratic equation in x, and no point is missed. The tie of
+//! four labels is found by Newton's method, from the mean of points known to lie on lines that end
+//! there.
 //!
-//! A tie is kept when no other label is ahead, and when its labels' gradients are in general position. Then each of them leads in a sector around the point: a label's indicator grows fastest of
-//! all in some direction exactly if its gradient is a corner of the hull of all of them, and the corners of a triangle (a tetrahedron) all are.
+//! A tie is kept when no other label is ahead, and when its labels' gradients are in general
+//! position. Then each of them leads in a sector around the point: a label's indicator grows
+//! fastest of all in some direction exactly if its gradient is a corner of the hull of all of them,
+//! and the corners of a triangle (a tetrahedron) all are.
 
 use glam::{DMat3, DVec3};
 
@@ -16,14 +21,16 @@ use super::indicator::Corners;
 pub(super) const MOST: usize = 8;
 /// By how much others may be ahead at a tie, and its own labels apart: rounding.
 const SLACK: f64 = 1e-7;
-/// The least determinant of differences of gradients: below, the labels' interfaces touch rather than cross.
+/// The least determinant of differences of gradients: below, the labels' interfaces touch rather
+/// than cross.
 const LEAST_DETERMINANT: f64 = 1e-6;
 /// Newton steps; four or five are usual.
 const NEWTON_STEPS: usize = 20;
 /// How far outside of a cell Newton's method may look.
 const MARGIN: f64 = 0.25;
 
-/// Weighted indicators of the labels of a cell: of each its weight, and at each corner which of them is there.
+/// Weighted indicators of the labels of a cell: of each its weight, and at each corner which of
+/// them is there.
 pub(super) struct Cube {
     count: usize,
     weights: [f64; MOST],
@@ -59,7 +66,8 @@ impl Cube {
         self.count
     }
 
-    /// The rectangle across the cube at `at` in [0, 1] on an axis. Its own axes are the next two, in cyclic order.
+    /// The rectangle across the cube at `at` in [0, 1] on an axis. Its own axes are the next two,
+    /// in cyclic order.
     pub(super) fn cut(&self, axis: usize, at: f64) -> Square {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let mut square = Square { present: 0, values: [[0.0; 4]; MOST] };
@@ -74,23 +82,27 @@ impl Cube {
         square
     }
 
-    /// The point where four labels, given by their numbers, tie and no other is ahead; Newton's method from `start`.
+    /// The point where four labels, given by their numbers, tie and no other is ahead; Newton's
+    /// method from `start`.
     pub(super) fn tie_of_four(&self, labels: [usize; 4], start: DVec3) -> Option<DVec3> {
         let mut x = start;
         for _ in 0..NEWTON_STEPS {
             let [(base, slope), rest @ ..] = labels.map(|l| self.value_and_gradient(l, x));
             let apart = DVec3::from(rest.map(|(value, _)| value - base));
-            let differences = DMat3::from_cols_array_2d(&rest.map(|(_, gradient)| (gradient - slope).to_array()));
+            let differences =
+                DMat3::from_cols_array_2d(&rest.map(|(_, gradient)| (gradient - slope).to_array()));
             if differences.determinant().abs() < LEAST_DETERMINANT {
                 return None;
             }
             let step = differences.transpose().inverse() * apart;
             x -= step;
-            if !(x.cmpge(DVec3::splat(-MARGIN)).all() && x.cmple(DVec3::splat(1.0 + MARGIN)).all()) {
+            if !(x.cmpge(DVec3::splat(-MARGIN)).all() && x.cmple(DVec3::splat(1.0 + MARGIN)).all())
+            {
                 return None;
             }
             if step.abs().max_element() < 1e-10 {
-                let inside = x.cmpge(DVec3::splat(-1e-9)).all() && x.cmple(DVec3::splat(1.0 + 1e-9)).all();
+                let inside =
+                    x.cmpge(DVec3::splat(-1e-9)).all() && x.cmple(DVec3::splat(1.0 + 1e-9)).all();
                 return (inside && self.leads(labels, x)).then(|| x.clamp(DVec3::ZERO, DVec3::ONE));
             }
         }
@@ -99,7 +111,8 @@ impl Cube {
 
     fn leads(&self, labels: [usize; 4], x: DVec3) -> bool {
         let tie = self.value_and_gradient(labels[0], x).0;
-        (0..self.count).all(|l| labels.contains(&l) || self.value_and_gradient(l, x).0 <= tie + SLACK)
+        (0..self.count)
+            .all(|l| labels.contains(&l) || self.value_and_gradient(l, x).0 <= tie + SLACK)
     }
 
     fn value_and_gradient(&self, label: usize, x: DVec3) -> (f64, DVec3) {
@@ -139,7 +152,8 @@ impl<const N: usize> Square<N> {
         ones(self.present & u64::MAX << from)
     }
 
-    /// Calls `visit` for each point where three labels tie and no other is ahead, with a bit for each of the three.
+    /// Calls `visit` for each point where three labels tie and no other is ahead, with a bit for
+    /// each of the three.
     pub(super) fn ties_of_three(&self, mut visit: impl FnMut(u64, [f64; 2])) {
         let apart = |a: usize, b: usize| {
             let difference = Bilinear::difference(&self.values[a], &self.values[b]);
@@ -189,23 +203,30 @@ impl<const N: usize> Square<N> {
             let at = [x, y].map(|c| c.clamp(0.0, 1.0));
             let tie = self.value(a, at);
             let determinant = (p.x + p.xy * y) * of_q - (q.x + q.xy * y) * of_p;
-            let is_tie = p.at(at).abs() <= SLACK && q.at(at).abs() <= SLACK && determinant.abs() >= LEAST_DETERMINANT;
-            if is_tie && self.labels(0).all(|l| labels.contains(&l) || self.value(l, at) <= tie + SLACK) {
+            let is_tie = p.at(at).abs() <= SLACK
+                && q.at(at).abs() <= SLACK
+                && determinant.abs() >= LEAST_DETERMINANT;
+            if is_tie
+                && self.labels(0).all(|l| labels.contains(&l) || self.value(l, at) <= tie + SLACK)
+            {
                 visit(labels.iter().fold(0, |bits, l| bits | 1 << l), at);
             }
         }
     }
 
     /// Calls `visit` where the label changes along the line of the square on which the coordinate
-    /// that is not `along` is `at`: with the place, and the numbers of the labels before and past it.
+    /// that is not `along` is `at`: with the place, and the numbers of the labels before and past
+    /// it.
     pub(super) fn changes(&self, along: usize, at: f64, mut visit: impl FnMut(f64, [usize; 2])) {
         let other = 1 - along;
         let ends = |label: usize| -> [f64; 2] {
             let v = &self.values[label];
             [0, 1 << along].map(|c| v[c] + (v[c | 1 << other] - v[c]) * at)
         };
-        // The upper envelope of linear functions: of those that overtake the leader the next to do so, the steepest of these.
-        let leader_at_start = self.labels(0).fold(0, |best, l| if ends(l)[0] > ends(best)[0] { l } else { best });
+        // The upper envelope of linear functions: of those that overtake the leader the next to do
+        // so, the steepest of these.
+        let leader_at_start =
+            self.labels(0).fold(0, |best, l| if ends(l)[0] > ends(best)[0] { l } else { best });
         let (mut leader, mut from) = (leader_at_start, 0.0);
         while let Some((s, _, next)) = self
             .labels(0)
@@ -243,10 +264,17 @@ impl Bilinear {
     /// Of two functions given by their values at the corners.
     fn difference(f: &[f64; 4], g: &[f64; 4]) -> Self {
         let d: [f64; 4] = std::array::from_fn(|c| f[c] - g[c]);
-        Self { one: d[0], x: d[1] - d[0], y: d[2] - d[0], xy: d[0] - d[1] - d[2] + d[3], corners: d }
+        Self {
+            one: d[0],
+            x: d[1] - d[0],
+            y: d[2] - d[0],
+            xy: d[0] - d[1] - d[2] + d[3],
+            corners: d,
+        }
     }
 
-    /// Whether it has 0 somewhere within the square. Not where it is 0 at corners alone: of two labels that differ by 0 there neither leads, because one of others does.
+    /// Whether it has 0 somewhere within the square. Not where it is 0 at corners alone: of two
+    /// labels that differ by 0 there neither leads, because one of others does.
     fn has_zero(&self) -> bool {
         let below = self.corners.iter().filter(|value| value.is_sign_negative()).count();
         below != 0 && below != 4
@@ -276,7 +304,10 @@ mod tests {
 
     /// A square of labels by their ids at its corners.
     fn square(ids: [u16; 4], weights: &[f32]) -> Square {
-        let row = |id: u16| [0, 1, 2, 3].map(|c| if ids[c] == id { f64::from(weights[usize::from(id)]) } else { 0.0 });
+        let row = |id: u16| {
+            [0, 1, 2, 3]
+                .map(|c| if ids[c] == id { f64::from(weights[usize::from(id)]) } else { 0.0 })
+        };
         let is_first = |c: &usize| !ids[..*c].contains(&ids[*c]);
         Square::new((0..4).filter(is_first).map(|c| row(ids[c])))
     }
@@ -299,40 +330,60 @@ mod tests {
 
     proptest! {
         #[test]
-        fn faces_have_the_ties_that_their_corners_ask_for(weights in prop::array::uniform4(0.7_f32..1.5)) {
+        fn faces_have_the_ties_that_their_corners_ask_for(
+            weights in prop::array::uniform4(0.7_f32..1.5),
+        ) {
             let ties = |ids: [u16; 4]| {
                 let square = square(ids, &weights);
                 let mut found = Vec::new();
                 square.ties_of_three(|labels, at| {
                     let values: Vec<f64> = (0..MOST).map(|l| square.value(l, at)).collect();
                     let best = values.iter().copied().fold(0.0, f64::max);
-                    let all_lead = (0..MOST).all(|l| labels >> l & 1 == 0 || best - values[l] < 1e-9);
+                    let all_lead =
+                        (0..MOST).all(|l| labels >> l & 1 == 0 || best - values[l] < 1e-9);
                     found.push((at, all_lead && labels.count_ones() == 3));
                 });
                 found
             };
-            // Two corners beside each other of one label: the indicators of three are as the inverses of their weights.
+            // Two corners beside each other of one label: the indicators of three are as the
+            // inverses of their weights.
             let found = ties([0, 0, 1, 2]);
             let [a, b, c] = [0, 1, 2].map(|l: usize| 1.0 / f64::from(weights[l]));
             prop_assert_eq!(found.len(), 1);
             let (at, is_tie) = found[0];
-            prop_assert!(is_tie && (at[0] - c / (b + c)).abs() < 1e-9 && (at[1] - (b + c) / (a + b + c)).abs() < 1e-9);
+            prop_assert!(
+                is_tie
+                    && (at[0] - c / (b + c)).abs() < 1e-9
+                    && (at[1] - (b + c) / (a + b + c)).abs() < 1e-9
+            );
             // Four labels: those of one diagonal touch, and have one of the others at each end.
             let [w, x, y, z] = weights.map(f64::from);
             prop_assume!((w * z / (x * y) - 1.0).abs() > 1e-2);
             let found = ties([0, 1, 2, 3]);
-            prop_assert!(found.len() == 2 && found.iter().all(|&(_, is_tie)| is_tie), "{:?}", found);
+            prop_assert!(
+                found.len() == 2 && found.iter().all(|&(_, is_tie)| is_tie),
+                "{:?}",
+                found
+            );
         }
 
         #[test]
-        fn ties_within_a_cell_are_ties(ids in prop::array::uniform8(0_u16..5), axis in 0..3_usize, at in 0.0..1.0_f64) {
+        fn ties_within_a_cell_are_ties(
+            ids in prop::array::uniform8(0_u16..5),
+            axis in 0..3_usize,
+            at in 0.0..1.0_f64,
+        ) {
             let cube = Cube::new(&ids, &[1.0, 1.3, 0.75, 1.2, 0.875]);
             cube.cut(axis, at).ties_of_three(|labels, [u, v]| {
                 let mut x = DVec3::ZERO;
                 (x[axis], x[(axis + 1) % 3], x[(axis + 2) % 3]) = (at, u, v);
-                let values: Vec<f64> = (0..cube.count()).map(|l| cube.value_and_gradient(l, x).0).collect();
+                let values: Vec<f64> =
+                    (0..cube.count()).map(|l| cube.value_and_gradient(l, x).0).collect();
                 let best = values.iter().copied().fold(0.0, f64::max);
-                assert!((0..cube.count()).all(|l| labels >> l & 1 == 0 || best - values[l] < 1e-6), "no tie at {x}: {values:?}");
+                assert!(
+                    (0..cube.count()).all(|l| labels >> l & 1 == 0 || best - values[l] < 1e-6),
+                    "no tie at {x}: {values:?}"
+                );
             });
         }
     }

@@ -1,7 +1,10 @@
 //! Tiles of the image, which are sampled side by side.
 //!
-//! A tile is a range of layers of bricks along y and one along z, whole along x. Its *colour* is which of its two numbers are odd, so no two of one colour are beside each other: whoever works on the tiles in the order
-//! of their colours, each after those beside it of a lower one, has the same result whatever the number of threads. What is found in the rows of two tiles that are not beside each other is apart by the distance that was asked for.
+//! A tile is a range of layers of bricks along y and one along z, whole along x. Its *colour* is
+//! which of its two numbers are odd, so no two of one colour are beside each other: whoever works
+//! on the tiles in the order of their colours, each after those beside it of a lower one, has the
+//! same result whatever the number of threads. What is found in the rows of two tiles that are not
+//! beside each other is apart by the distance that was asked for.
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -14,10 +17,12 @@ use super::bricks::Bricks;
 use super::edges::EdgeGrid;
 use crate::{Error, Result};
 
-/// Least layers of bricks of a tile, along y and z: smaller ones have more to learn from their neighbours than there are threads to gain.
+/// Least layers of bricks of a tile, along y and z: smaller ones have more to learn from their
+/// neighbours than there are threads to gain.
 const LEAST_LAYERS: [usize; 2] = [2, 8];
 
-/// How far, in voxels, what is found in a row may be outside of its voxels: the sides of narrow voxels come from the voxel behind them, up to a voxel before it, and are moved a little.
+/// How far, in voxels, what is found in a row may be outside of its voxels: the sides of narrow
+/// voxels come from the voxel behind them, up to a voxel before it, and are moved a little.
 const BEYOND: f64 = 1.1;
 
 /// A division of an [`EdgeGrid`]'s rows.
@@ -31,7 +36,8 @@ pub struct Tiles {
 }
 
 impl EdgeGrid<'_> {
-    /// Cuts the rows into tiles; what is found in those that are not beside each other is `apart` in world units at least. All but the last along an axis are equally thick.
+    /// Cuts the rows into tiles; what is found in those that are not beside each other is `apart`
+    /// in world units at least. All but the last along an axis are equally thick.
     pub fn tiles(&self, apart: f64) -> Tiles {
         let oracle = self.oracle;
         let dims = oracle.bricks.dims();
@@ -40,7 +46,10 @@ impl EdgeGrid<'_> {
             let voxels = apart / oracle.spacing[n + 1] + 2.0 * BEYOND;
             let least = LEAST_LAYERS[n].min(layers[n]);
             let thick = ((voxels / Bricks::EDGE as f64).ceil() as usize).clamp(least, layers[n]);
-            (0..layers[n]).step_by(thick).map(|first| first..(first + thick).min(layers[n])).collect()
+            (0..layers[n])
+                .step_by(thick)
+                .map(|first| first..(first + thick).min(layers[n]))
+                .collect()
         });
         let [along_y, along_z]: &[Vec<Range<usize>>; 2] = &ranges;
         let box_of = |[y, z]: [&Range<usize>; 2]| {
@@ -50,7 +59,8 @@ impl EdgeGrid<'_> {
             upper.z = upper.z.min((z.end * Bricks::EDGE) as f64);
             oracle.box_of(lower - BEYOND, upper + BEYOND)
         };
-        let bounds = along_y.iter().flat_map(|y| along_z.iter().map(move |z| box_of([y, z]))).collect();
+        let bounds =
+            along_y.iter().flat_map(|y| along_z.iter().map(move |z| box_of([y, z]))).collect();
         Tiles { per_layer: layers[1], ranges, bounds }
     }
 }
@@ -78,16 +88,21 @@ impl Tiles {
         let [y, z] = self.place(tile);
         let [ny, nz] = [0, 1].map(|n| self.ranges[n].len());
         let around = |at: usize, count: usize| at.saturating_sub(1)..(at + 2).min(count);
-        around(y, ny).flat_map(move |y| around(z, nz).map(move |z| y * nz + z)).filter(move |&other| other != tile)
+        around(y, ny)
+            .flat_map(move |y| around(z, nz).map(move |z| y * nz + z))
+            .filter(move |&other| other != tile)
     }
 
-    /// Visits each tile, on all threads of the current rayon pool: as soon as those beside it of lower colours have been visited, and before any of those of higher ones. So no two beside each other are visited at
-    /// the same time, and what a visit finds there does not depend on the number of threads.
+    /// Visits each tile, on all threads of the current rayon pool: as soon as those beside it of
+    /// lower colours have been visited, and before any of those of higher ones. So no two beside
+    /// each other are visited at the same time, and what a visit finds there does not depend on the
+    /// number of threads.
     ///
     /// # Errors
     /// The first of `visit`; nothing is begun after it.
     pub fn in_colors(&self, visit: impl Fn(usize) -> Result<()> + Sync) -> Result<()> {
-        let missing = (0..self.count()).map(|tile| AtomicUsize::new(self.before(tile).count())).collect();
+        let missing =
+            (0..self.count()).map(|tile| AtomicUsize::new(self.before(tile).count())).collect();
         let coloring = Coloring { tiles: self, visit, missing, failure: OnceLock::new() };
         rayon::scope(|scope| {
             let coloring = &coloring;
@@ -135,7 +150,11 @@ impl<V: Fn(usize) -> Result<()> + Sync> Coloring<'_, V> {
             let _ = self.failure.set(error);
             return;
         }
-        for after in self.tiles.beside(tile).filter(|&other| self.tiles.color(other) > self.tiles.color(tile)) {
+        for after in self
+            .tiles
+            .beside(tile)
+            .filter(|&other| self.tiles.color(other) > self.tiles.color(tile))
+        {
             // AcqRel: the visit that comes last sees what the others have done.
             if self.missing[after].fetch_sub(1, AcqRel) == 1 {
                 scope.spawn(move |scope| self.visit(after, scope));
@@ -152,7 +171,11 @@ mod tests {
     /// So many tiles along y and z.
     fn tiles(counts: [usize; 2]) -> Tiles {
         let ranges = counts.map(|count| (0..count).map(|n| 2 * n..2 * n + 2).collect());
-        Tiles { per_layer: 2 * counts[1], ranges, bounds: vec![[DVec3::ZERO; 2]; counts[0] * counts[1]] }
+        Tiles {
+            per_layer: 2 * counts[1],
+            ranges,
+            bounds: vec![[DVec3::ZERO; 2]; counts[0] * counts[1]],
+        }
     }
 
     #[test]
@@ -167,7 +190,8 @@ mod tests {
     fn each_is_visited_once_after_those_beside_it_of_lower_colors() {
         for counts in [[0, 0], [1, 1], [2, 1], [3, 4], [8, 8]] {
             let tiles = tiles(counts);
-            let visits: Vec<AtomicUsize> = (0..tiles.count()).map(|_| AtomicUsize::new(0)).collect();
+            let visits: Vec<AtomicUsize> =
+                (0..tiles.count()).map(|_| AtomicUsize::new(0)).collect();
             let visited = tiles.in_colors(|tile| {
                 for other in tiles.beside(tile) {
                     let is_lower = tiles.color(other) < tiles.color(tile);
@@ -180,7 +204,9 @@ mod tests {
             assert!(visits.into_iter().all(|count| count.into_inner() == 1));
             for tile in 0..tiles.count() {
                 assert!(tiles.beside(tile).all(|other| tiles.color(other) != tiles.color(tile)));
-                assert!(tiles.beside(tile).all(|other| tiles.beside(other).any(|back| back == tile)));
+                assert!(
+                    tiles.beside(tile).all(|other| tiles.beside(other).any(|back| back == tile))
+                );
             }
         }
     }

@@ -1,7 +1,10 @@
-//! What the oracle keeps of a voxel and of the cell between it and the next voxel along each axis, in four bytes: the voxel's label, and in a word about the cell the number of its
-//! rings or, for a mixed cell, which corners have the label of the first one, and whether all others have one other label.
+//! What the oracle keeps of a voxel and of the cell between it and the next voxel along each axis,
+//! in four bytes: the voxel's label, and in a word about the cell the number of its rings or, for a
+//! mixed cell, which corners have the label of the first one, and whether all others have one other
+//! label.
 //!
-//! One look at this record tells a cell's label, or which two labels it has, so that the labels of all eight corners are hardly ever read.
+//! One look at this record tells a cell's label, or which two labels it has, so that the labels of
+//! all eight corners are hardly ever read.
 //!
 //! Built in one pass over the rows of the region, 64 cells at a time. A few nanoseconds per voxel.
 
@@ -26,8 +29,11 @@ use crate::sync::{Mutex, lock};
 /// Rings are counted up to this.
 const MOST_RINGS: u16 = 3;
 
-/// A voxel and its cell, in one word: one load tells a uniform cell and its label. From the lowest bit on: two bits for the rings, 0 for a mixed cell; of mixed cells a bit "two labels, no contacts", one for contacts and one
-/// for the centre as one, and, in the second byte, a bit for each corner that has the label of the first; the dense id of the voxel's label in the upper half.
+/// A voxel and its cell, in one word: one load tells a uniform cell and its label. From the lowest
+/// bit on: two bits for the rings, 0 for a mixed cell; of mixed cells a bit "two labels, no
+/// contacts", one for contacts and one for the centre as one, and, in the second byte, a bit for
+/// each corner that has the label of the first; the dense id of the voxel's label in the upper
+/// half.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Voxel(u32);
 
@@ -49,7 +55,8 @@ impl Voxel {
         (self.0 >> 16) as u16
     }
 
-    /// Rings of cells of one label around the point's cell, that cell being one; 0 for a mixed cell, at most [`MOST_RINGS`].
+    /// Rings of cells of one label around the point's cell, that cell being one; 0 for a mixed
+    /// cell, at most [`MOST_RINGS`].
     #[inline(always)]
     pub(super) fn rings(self) -> u32 {
         self.0 & 3
@@ -101,13 +108,15 @@ impl Block {
         Self { cells, differences: [0; 64] }
     }
 
-    /// Adds what is known of mixed cells; `rows` are those around the row of cells, from the block's first voxel on. All cells are looked at, side by side.
+    /// Adds what is known of mixed cells; `rows` are those around the row of cells, from the
+    /// block's first voxel on. All cells are looked at, side by side.
     fn add_mixed(&mut self, rows: [&[u16]; 4], marks_pairs: bool) {
         let two = if marks_pairs { Voxel::TWO } else { 0 };
         let [a, b, c, d] = rows.map(|row| &row[..65]);
         for i in 0..64 {
             let id = a[i];
-            let corners = [id, a[i + 1], b[i], b[i + 1], c[i], c[i + 1], d[i], d[i + 1]].map(|corner| corner ^ id);
+            let corners = [id, a[i + 1], b[i], b[i + 1], c[i], c[i + 1], d[i], d[i + 1]]
+                .map(|corner| corner ^ id);
             let any = corners.iter().fold(0, |all, &corner| all | corner);
             let (mut first, mut is_two) = (0, true);
             for (n, &corner) in corners.iter().enumerate() {
@@ -139,8 +148,9 @@ impl Block {
         }
     }
 
-    /// Which mixed cells can have points of junctions, a bit for each cell, where no wall cuts: two labels meet in no line. Around contacts of the smooth model lines
-    /// run along the edges of voxels, and are sampled with these; in the voxel model not.
+    /// Which mixed cells can have points of junctions, a bit for each cell, where no wall cuts: two
+    /// labels meet in no line. Around contacts of the smooth model lines run along the edges of
+    /// voxels, and are sampled with these; in the voxel model not.
     fn junctions(&self, is_voxel_model: bool) -> u64 {
         let without = if is_voxel_model { Voxel::TWO } else { Voxel::TWO | Voxel::CONTACT };
         gathered(&self.cells.map(|cell| u8::from(cell & without == 0)))
@@ -162,8 +172,8 @@ pub(super) enum Pairs<'a> {
 pub(super) struct Records<'a> {
     /// In the bricked layout.
     pub(super) voxels: Vec<Voxel>,
-    /// The mixed cells that can have points of junctions; where pairs are not marked only those that
-    /// walls halve.
+    /// The mixed cells that can have points of junctions; where pairs are not marked only those
+    /// that walls halve.
     pub(super) junction_cells: Cells,
     /// What was counted, if that was wanted.
     pub(super) tally: Option<Tally<'a>>,
@@ -189,9 +199,14 @@ pub(super) fn records<'a>(
         Pairs::Counted(sampling) => Some(Tally::new(sampling)),
         _ => None,
     };
-    // Layers differ in what they cost, so each is a piece of work of its own; tallies are as many as threads at work.
+    // Layers differ in what they cost, so each is a piece of work of its own; tallies are as many
+    // as threads at work.
     let idle = Mutex::new(Vec::new());
-    let layers = voxels.par_chunks_mut(bricks.layer()).zip(mixed.layers_mut(Bricks::EDGE)).enumerate().with_max_len(1);
+    let layers = voxels
+        .par_chunks_mut(bricks.layer())
+        .zip(mixed.layers_mut(Bricks::EDGE))
+        .enumerate()
+        .with_max_len(1);
     layers.try_for_each(|(layer, (out, mixed))| {
         let mut tally = lock(&idle).pop().unwrap_or_else(none);
         let mut mixed_rows = mixed.chunks_mut(beside.row(0, 0).len());
@@ -216,7 +231,8 @@ pub(super) fn records<'a>(
                             block.add_contacts(*mixed, around);
                             junctions = block.junctions(matches!(pairs, Pairs::Marked));
                         }
-                        // Nobody asks for these mixed cells any more: the set becomes that of junction cells.
+                        // Nobody asks for these mixed cells any more: the set becomes that of
+                        // junction cells.
                         *mixed &= !leaves | junctions;
                     }
                     for (n, (ids, cells)) in row[64 * w..nx.min(64 * (w + 1))]
@@ -236,11 +252,17 @@ pub(super) fn records<'a>(
         Ok(())
     })?;
     let tallies = idle.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let tally = tallies.into_par_iter().flatten().map(Ok).try_reduce_with(|a, b: Tally<'_>| a.merge(b)).transpose()?;
+    let tally = tallies
+        .into_par_iter()
+        .flatten()
+        .map(Ok)
+        .try_reduce_with(|a, b: Tally<'_>| a.merge(b))
+        .transpose()?;
     Ok(Records { voxels, junction_cells: mixed, tally })
 }
 
-/// Counts the `mixed` ones of 64 cells from `first` on for the weights of labels; `leaves` tells those that the walls leave.
+/// Counts the `mixed` ones of 64 cells from `first` on for the weights of labels; `leaves` tells
+/// those that the walls leave.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`].
@@ -282,9 +304,14 @@ mod tests {
     #[test]
     fn records_are_those_of_the_definition() {
         let mut ids = vec![0; 68 * 12 * 11];
-        for ([i, j, k], id) in
-            [([4, 3, 3], 1), ([40, 0, 5], 1), ([41, 0, 6], 2), ([61, 2, 2], 1), ([67, 11, 10], 2), ([0, 0, 0], 1)]
-        {
+        for ([i, j, k], id) in [
+            ([4, 3, 3], 1),
+            ([40, 0, 5], 1),
+            ([41, 0, 6], 2),
+            ([61, 2, 2], 1),
+            ([67, 11, 10], 2),
+            ([0, 0, 0], 1),
+        ] {
             ids[i + 68 * (j + 12 * k)] = id;
         }
         let frame = Frame::axis_aligned([1.0; 3]).unwrap();
@@ -302,8 +329,9 @@ mod tests {
         let smooth = of(Pairs::Counted(&sampling)).junction_cells;
         let bricks = Bricks::new(dims);
         let id = |at: [usize; 3]| rows.row(at[1], at[2])[at[0]];
-        let corners =
-            |cell: [usize; 3]| -> Corners { std::array::from_fn(|c| id([0, 1, 2].map(|a| cell[a] + (c >> a & 1)))) };
+        let corners = |cell: [usize; 3]| -> Corners {
+            std::array::from_fn(|c| id([0, 1, 2].map(|a| cell[a] + (c >> a & 1))))
+        };
         let mut mixed = Vec::new();
         let mut all = Vec::new();
         for k in 0..dims[2] - 1 {
@@ -319,7 +347,8 @@ mod tests {
         }
         for cell in all {
             let (voxel, ids) = (voxels[bricks.index(cell[0], cell[1], cell[2])], corners(cell));
-            let steps = |m: &[usize; 3]| (0..3).map(|a| m[a].abs_diff(cell[a])).max().unwrap() as u32;
+            let steps =
+                |m: &[usize; 3]| (0..3).map(|a| m[a].abs_diff(cell[a])).max().unwrap() as u32;
             let rings = mixed.iter().map(steps).min().unwrap().min(u32::from(MOST_RINGS));
             assert_eq!((voxel.id(), voxel.rings()), (ids[0], rings), "{cell:?}");
             if rings == 0 {

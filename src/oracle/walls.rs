@@ -1,17 +1,19 @@
 //! Walls: the flat faces where the image cuts the object off.
 //!
-//! Which walls a point is on, and the labels continued straight beyond them: `border` says where they
-//! are. Between the outermost voxel centres and a wall the model does not change along the wall's
-//! normal. So the model on a wall has one dimension less, and its junctions are found on a square (a
-//! wall), on a segment (an edge of two walls) and in a point (a corner of three).
+//! Which walls a point is on, and the labels continued straight beyond them: `border` says where
+//! they are. Between the outermost voxel centres and a wall the model does not change along the
+//! wall's normal. So the model on a wall has one dimension less, and its junctions are found on a
+//! square (a wall), on a segment (an edge of two walls) and in a point (a corner of three).
 //!
-//! - On a wall: the *rims*, where the label changes, and their ends and branchings, where three labels
-//!   meet. From these a line runs straight to the plane of the outermost centres.
-//! - On the edge of two walls: the edge itself where the object has it, and where the label changes.
+//! - On a wall: the *rims*, where the label changes, and their ends and branchings, where three
+//!   labels meet. From these a line runs straight to the plane of the outermost centres.
+//! - On the edge of two walls: the edge itself where the object has it, and where the label
+//!   changes.
 //! - The corner of three walls, where the object has it.
 //!
-//! Coordinates on walls are exact. All this holds for labels, intensities, probabilities and smoothed
-//! labels alike: what is asked of a cell is the labels that may win and their values at its corners.
+//! Coordinates on walls are exact. All this holds for labels, intensities, probabilities and
+//! smoothed labels alike: what is asked of a cell is the labels that may win and their values at
+//! its corners.
 
 use glam::DVec3;
 
@@ -69,9 +71,9 @@ impl Oracle {
         self.world_point(x)
     }
 
-    /// A point of the same wall no farther than `most` from `p`, if that lies on one wall and not on
-    /// the edge of two. Points on walls that meet at a right angle mirror each other, in fours on a
-    /// circle; where it is moved to looks random.
+    /// A point of the same wall no farther than `most` from `p`, if that lies on one wall and not
+    /// on the edge of two. Points on walls that meet at a right angle mirror each other, in fours
+    /// on a circle; where it is moved to looks random.
     pub fn moved_on_wall(&self, p: DVec3, most: f64) -> Option<DVec3> {
         let mut x = self.walls.onto_face(self.region_point(p));
         let mut walls = self.walls.around(x);
@@ -97,13 +99,15 @@ impl Oracle {
     /// Whether a label, continued beyond the walls, is found around a point, `voxels` away.
     pub fn has_label_near(&self, p: DVec3, label: u16, voxels: f64) -> bool {
         let x = self.region_point(p);
-        let step = |n: usize| DVec3::from([n % 3, n / 3 % 3, n / 9].map(|c| c as f64 - 1.0)).normalize_or_zero();
+        let step = |n: usize| {
+            DVec3::from([n % 3, n / 3 % 3, n / 9].map(|c| c as f64 - 1.0)).normalize_or_zero()
+        };
         (0..27).any(|n| self.continued_label_at(x + voxels * step(n)) == label)
     }
 
-    /// Where a point of dO may be moved onto walls that are no farther than `most` from it: first onto
-    /// all of them, then onto the nearest one, and so on. It stays on dO, as it is beyond the outermost
-    /// voxel centres.
+    /// Where a point of dO may be moved onto walls that are no farther than `most` from it: first
+    /// onto all of them, then onto the nearest one, and so on. It stays on dO, as it is beyond the
+    /// outermost voxel centres.
     pub fn drawn_to_walls(&self, p: DVec3, most: f64) -> impl Iterator<Item = DVec3> + use<> {
         let x = self.region_point(p);
         let (axes, all) = self.walls.drawn(x, most / self.spacing);
@@ -132,8 +136,8 @@ impl Oracle {
         self.walls.has_walls && self.walls.is_beyond(self.region_point(p))
     }
 
-    /// The point within the walls nearest to `p`, if that is beyond a wall: on the wall, or where walls
-    /// meet.
+    /// The point within the walls nearest to `p`, if that is beyond a wall: on the wall, or where
+    /// walls meet.
     pub fn back_to_walls(&self, p: DVec3) -> Option<DVec3> {
         let x = self.region_point(p);
         self.walls.is_beyond(x).then(|| self.world_point(self.walls.back(x)))
@@ -268,8 +272,8 @@ impl JunctionPlanes<'_> {
         Ok(())
     }
 
-    /// A corner `x`, of that kind, on the walls `across` some axes, and the lines that run from it straight to the
-    /// outermost voxel centres: each leaves one of the walls.
+    /// A corner `x`, of that kind, on the walls `across` some axes, and the lines that run from it
+    /// straight to the outermost voxel centres: each leaves one of the walls.
     fn visit_end(
         &self,
         kind: JunctionKind,

@@ -1,22 +1,34 @@
-//! Weights of the labels with which the smooth model of indicators keeps the volume of each; other values (`field`) have none.
+//! Weights of the labels with which the smooth model of indicators keeps the volume of each; other
+//! values (`field`) have none.
 //!
-//! Interpolation blurs: the indicator of a label is its image convolved with the hat function, of variance h^2/6 along each axis. Where the
-//! interface is curved with principal radii R1 and R2, the level 1/2 of the blurred indicator lies h^2/12 (1/R1 + 1/R2) inside, so that thin
-//! convex labels lose some percent of their volume, a single voxel nearly all. Multiplied by a weight, an indicator's interface moves outwards:
-//! by h/4 ln(w/v) to first order, where the weights of the two sides are w and v. One number per label cannot follow its curvature from place
-//! to place, but can follow its mean, which is what the volume depends on to first order.
+//! Interpolation blurs: the indicator of a label is its image convolved with the hat function, of
+//! variance h^2/6 along each axis. Where the interface is curved with principal radii R1 and R2,
+//! the level 1/2 of the blurred indicator lies h^2/12 (1/R1 + 1/R2) inside, so that thin convex
+//! labels lose some percent of their volume, a single voxel nearly all. Multiplied by a weight, an
+//! indicator's interface moves outwards: by h/4 ln(w/v) to first order, where the weights of the
+//! two sides are w and v. One number per label cannot follow its curvature from place to place, but
+//! can follow its mean, which is what the volume depends on to first order.
 //!
-//! **Volumes** need the mixed cells only. Every cell gives each label an eighth of its own volume per corner; summed over all cells that is the label's count of voxels, the
-//! target. So the *surplus* of a label is the sum over cells of what the model gives to it less its corners' eighths, and is 0 in a cell of one label.
-//! - Two labels a and b: a has the part of the cell where its indicator is at least the level w_b / (w_a + w_b). That part depends on the level and on which corners are a's, up to symmetries
-//!   of the cube: 22 shapes, whose curves are tabulated once. For each pair of labels the cells of each shape are counted. No sampling.
-//! - More labels: samples at the points of a fixed sequence (M. Roberts' R3, a generalised golden ratio), shifted by a hash of the cell's index. Cells with a label of few voxels
-//!   get more samples; of the cells of large labels alone only a part, chosen by the hash, is looked at and stands for the others. A label takes part in a sample when some choice
-//!   of weights lets it win there. Where two do, the sample is counted by the level at which it changes hands; the few with more rivals are kept.
+//! **Volumes** need the mixed cells only. Every cell gives each label an eighth of its own volume
+//! per corner; summed over all cells that is the label's count of voxels, the target. So the
+//! *surplus* of a label is the sum over cells of what the model gives to it less its corners'
+//! eighths, and is 0 in a cell of one label.
+//! - Two labels a and b: a has the part of the cell where its indicator is at least the level w_b /
+//!   (w_a + w_b). That part depends on the level and on which corners are a's, up to symmetries of
+//!   the cube: 22 shapes, whose curves are tabulated once. For each pair of labels the cells of
+//!   each shape are counted. No sampling.
+//! - More labels: samples at the points of a fixed sequence (M. Roberts' R3, a generalised golden
+//!   ratio), shifted by a hash of the cell's index. Cells with a label of few voxels get more
+//!   samples; of the cells of large labels alone only a part, chosen by the hash, is looked at and
+//!   stands for the others. A label takes part in a sample when some choice of weights lets it win
+//!   there. Where two do, the sample is counted by the level at which it changes hands; the few
+//!   with more rivals are kept.
 //!
-//! **Steps.** With the logarithms of the weights as unknowns, the derivative of the volumes is about a graph Laplacian: two labels exchange what is contested
-//! between them, spread evenly over the range of their ratio. A few Newton steps with this matrix, kept, bring the volumes to their targets, as
-//! far as the bounds on the weights permit; each is solved by projected Gauss-Seidel, and halved when it leads away. The background's weight stays 1, because only ratios matter.
+//! **Steps.** With the logarithms of the weights as unknowns, the derivative of the volumes is
+//! about a graph Laplacian: two labels exchange what is contested between them, spread evenly over
+//! the range of their ratio. A few Newton steps with this matrix, kept, bring the volumes to their
+//! targets, as far as the bounds on the weights permit; each is solved by projected Gauss-Seidel,
+//! and halved when it leads away. The background's weight stays 1, because only ratios matter.
 //!
 //! Only integers are summed by several threads: the weights do not depend on their number.
 
@@ -33,7 +45,8 @@ use crate::{Error, Result};
 pub(super) const LIMIT: f32 = 1.5;
 /// The largest ratio of two weights.
 const RATIO: f32 = LIMIT * LIMIT;
-/// Volumes are counted in parts of a cell, so that a sample is a whole number of them even where walls leave an eighth of a cell.
+/// Volumes are counted in parts of a cell, so that a sample is a whole number of them even where
+/// walls leave an eighth of a cell.
 pub(super) const UNITS: u32 = 512;
 /// Samples in a cell at most. Powers of two.
 const MOST: u32 = 64;
@@ -41,25 +54,31 @@ const MOST: u32 = 64;
 const LEAST: u32 = 4;
 /// One in so many cells at least is looked at.
 const SPARSEST: u32 = 16;
-/// Samples of a cell times the square of the voxels of its smallest label: so that labels of 1000 voxels and more are off by some tenths of a percent at most, even where they only have cells of several
-/// labels. A label's share of error goes with the root of its cells, and so is smaller for larger ones anyway.
+/// Samples of a cell times the square of the voxels of its smallest label: so that labels of 1000
+/// voxels and more are off by some tenths of a percent at most, even where they only have cells of
+/// several labels. A label's share of error goes with the root of its cells, and so is smaller for
+/// larger ones anyway.
 const ENOUGH: u64 = 1 << 27;
 /// Intervals of the tabulated levels.
 const LEVELS: usize = 32;
 /// The levels of the largest ratio of weights and of the smallest.
 const LOWEST: f32 = 1.0 / (1.0 + RATIO);
 const HIGHEST: f32 = RATIO / (1.0 + RATIO);
-/// Sets of corners that differ by more than a symmetry of the cube, the empty and the full one among them.
+/// Sets of corners that differ by more than a symmetry of the cube, the empty and the full one
+/// among them.
 const SHAPES: usize = 22;
 /// Points at which a shape is sampled: the error of its part of the cell is some thousandths.
 const SHAPE_POINTS: usize = 1 << 14;
-/// Newton steps. On the atlases two bring the volumes of labels of 1000 voxels within 0.04 % of their targets, as counted here.
+/// Newton steps. On the atlases two bring the volumes of labels of 1000 voxels within 0.04 % of
+/// their targets, as counted here.
 const STEPS: usize = 4;
-/// Lengths that are tried of a step that does not bring the volumes nearer, each half of the one before; then it is given up: in a checkerboard, say, where volumes leap with the weights.
+/// Lengths that are tried of a step that does not bring the volumes nearer, each half of the one
+/// before; then it is given up: in a checkerboard, say, where volumes leap with the weights.
 const LENGTHS: usize = 5;
 /// Sweeps of Gauss-Seidel per step, over some numbers per label only.
 const SWEEPS: usize = 60;
-/// Labels that take part in one sample at most; more than four with values so much alike hardly occur, and then the least is left out.
+/// Labels that take part in one sample at most; more than four with values so much alike hardly
+/// occur, and then the least is left out.
 const RIVALS: usize = 4;
 /// Samples that a thread takes at a time, at least.
 const AT_ONCE: usize = 1 << 12;
@@ -67,12 +86,14 @@ const AT_ONCE: usize = 1 << 12;
 /// Something that changes with the level, at the ends of the tabulated intervals.
 type Curve = [f64; LEVELS + 1];
 
-/// Points whose coordinates along an axis lie side by side: samples are taken several at a time, which vectorises.
+/// Points whose coordinates along an axis lie side by side: samples are taken several at a time,
+/// which vectorises.
 type Points = [[f32; MOST as usize]; 3];
 /// Samples taken at a time.
 const LANES: usize = LEAST as usize;
 
-/// The two-label cells: which shape a set of corners has, and the part of the cell that a shape takes, less its corners' eighths.
+/// The two-label cells: which shape a set of corners has, and the part of the cell that a shape
+/// takes, less its corners' eighths.
 struct Shapes {
     of: [u8; 256],
     curves: [Curve; SHAPES],
@@ -84,12 +105,15 @@ static TABLES: LazyLock<Shapes> = LazyLock::new(Shapes::new);
 
 impl Shapes {
     fn new() -> Self {
-        // Symmetries: the axes in any order, each turned round or not. The least image of a set of corners stands for its shape.
-        const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+        // Symmetries: the axes in any order, each turned round or not. The least image of a set of
+        // corners stands for its shape.
+        const ORDERS: [[usize; 3]; 6] =
+            [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
         let least = |set: usize| {
             let images = ORDERS.iter().flat_map(|order| (0..8).map(move |turned| (order, turned)));
             let image = |(order, turned): (&[usize; 3], usize)| {
-                let corner = |c: usize| (0..3).fold(0, |to, a| to | (c >> order[a] & 1) << a) ^ turned;
+                let corner =
+                    |c: usize| (0..3).fold(0, |to, a| to | (c >> order[a] & 1) << a) ^ turned;
                 (0..8).filter(|c| set >> c & 1 == 1).fold(0, |all, c| all | 1 << corner(c))
             };
             images.map(image).min().unwrap_or(set)
@@ -99,7 +123,8 @@ impl Shapes {
             curves: [[0.0; LEVELS + 1]; SHAPES],
             points: std::array::from_fn(|a| std::array::from_fn(|n| point(n)[a])),
         };
-        // Each point with its mirror images, as the shapes are those of sets and of their mirror images.
+        // Each point with its mirror images, as the shapes are those of sets and of their mirror
+        // images.
         let mirrored = |n: usize| {
             let at = point(n / 8);
             [0, 1, 2].map(|a| if n >> a & 1 == 1 { 1.0 - at[a] } else { at[a] })
@@ -143,7 +168,8 @@ fn level_above(value: f32) -> usize {
 /// Point n of the sequence.
 fn point(n: usize) -> [f32; 3] {
     // Powers of the inverse of the root of x^4 = x + 1.
-    const STRIDE: [f64; 3] = [0.819_172_513_396_164_5, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3];
+    const STRIDE: [f64; 3] =
+        [0.819_172_513_396_164_5, 0.671_043_606_703_789_3, 0.549_700_477_901_970_3];
     STRIDE.map(|s| (n as f64 * s + 0.5).fract() as f32)
 }
 
@@ -163,7 +189,8 @@ struct Pair {
     labels: [u16; 2],
     /// What goes from the second one to the first at each level.
     surplus: Curve,
-    /// Units that change hands between the last level and the first, and those in which these two lead and a third label takes part.
+    /// Units that change hands between the last level and the first, and those in which these two
+    /// lead and a third label takes part.
     contested: f64,
 }
 
@@ -185,7 +212,11 @@ impl Many {
         }
         rivals[..count].sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let rival = |n: usize| if n < count { rivals[n] } else { (0.0, rivals[0].1) };
-        Self { labels: std::array::from_fn(|n| rival(n).1), values: std::array::from_fn(|n| rival(n).0), units }
+        Self {
+            labels: std::array::from_fn(|n| rival(n).1),
+            values: std::array::from_fn(|n| rival(n).0),
+            units,
+        }
     }
 
     fn winner(&self, weights: &[f32]) -> u16 {
@@ -194,7 +225,8 @@ impl Many {
     }
 }
 
-/// Samples of a cell, side by side. Those of cells before it stay where this one has none: to clear them would take as long as a few samples.
+/// Samples of a cell, side by side. Those of cells before it stay where this one has none: to clear
+/// them would take as long as a few samples.
 struct Samples {
     /// The indicators of its labels.
     values: [[f32; MOST as usize]; 8],
@@ -209,10 +241,12 @@ impl Default for Samples {
 }
 
 impl Samples {
-    /// Takes samples from number `start` on at the points `at` of a cell of so many labels; `held` are the indicators of the labels at the corners.
+    /// Takes samples from number `start` on at the points `at` of a cell of so many labels; `held`
+    /// are the indicators of the labels at the corners.
     #[inline(always)]
     fn take(&mut self, start: usize, labels: usize, held: &[[f32; 8]; 8], at: [[f32; LANES]; 3]) {
-        let parts: [[f32; 8]; LANES] = std::array::from_fn(|lane| indicator::parts(at.map(|along| along[lane])));
+        let parts: [[f32; 8]; LANES] =
+            std::array::from_fn(|lane| indicator::parts(at.map(|along| along[lane])));
         let mut values = [[0.0_f32; LANES]; 8];
         let mut largest = [0.0_f32; LANES];
         for (values, held) in values.iter_mut().zip(held).take(labels) {
@@ -257,7 +291,8 @@ pub(super) struct Tally<'a> {
     contests: Vec<Contest>,
     of_pair: HashMap<[u16; 2], usize>,
     cache: Vec<([u16; 2], usize)>,
-    /// Units of each label whatever the weights, less those of the corners; of the cells of more than two labels.
+    /// Units of each label whatever the weights, less those of the corners; of the cells of more
+    /// than two labels.
     surplus: Vec<i64>,
     /// Samples that more labels may win.
     many: Vec<Many>,
@@ -286,7 +321,12 @@ impl<'a> Tally<'a> {
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
-    pub(super) fn add(&mut self, border: &Border, cell: [usize; 3], ids: &indicator::Corners) -> Result<()> {
+    pub(super) fn add(
+        &mut self,
+        border: &Border,
+        cell: [usize; 3],
+        ids: &indicator::Corners,
+    ) -> Result<()> {
         let (ids, halvings) = border.extend_corners(cell, ids);
         let first = indicator::corners_of(&ids, ids[0]);
         if first == 0xff {
@@ -300,13 +340,20 @@ impl<'a> Tally<'a> {
         }
     }
 
-    /// Counts a cell of two labels, the first of which the `corners` have; `units` of it are inside of the walls.
+    /// Counts a cell of two labels, the first of which the `corners` have; `units` of it are inside
+    /// of the walls.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
     #[inline(always)]
-    pub(super) fn add_two(&mut self, corners: u32, [id, other]: [u16; 2], units: u32) -> Result<()> {
-        let (pair, corners) = if id < other { ([id, other], corners) } else { ([other, id], !corners & 0xff) };
+    pub(super) fn add_two(
+        &mut self,
+        corners: u32,
+        [id, other]: [u16; 2],
+        units: u32,
+    ) -> Result<()> {
+        let (pair, corners) =
+            if id < other { ([id, other], corners) } else { ([other, id], !corners & 0xff) };
         let shape = TABLES.of[corners as usize];
         self.contest(pair)?.cells[usize::from(shape)] += u64::from(units);
         Ok(())
@@ -316,8 +363,14 @@ impl<'a> Tally<'a> {
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
-    pub(super) fn sample(&mut self, cell: [usize; 3], ids: &indicator::Corners, units: u32) -> Result<()> {
-        let sixteenths = ids.iter().filter(|&&id| id != 0).map(|&id| self.sampling.0[usize::from(id)]).max();
+    pub(super) fn sample(
+        &mut self,
+        cell: [usize; 3],
+        ids: &indicator::Corners,
+        units: u32,
+    ) -> Result<()> {
+        let sixteenths =
+            ids.iter().filter(|&&id| id != 0).map(|&id| self.sampling.0[usize::from(id)]).max();
         let sixteenths = sixteenths.unwrap_or(16 * MOST);
         let count = (sixteenths / 16).max(LEAST);
         let stands_for = 16 * count / sixteenths;
@@ -332,8 +385,9 @@ impl<'a> Tally<'a> {
         let units = units / count * stands_for;
         let (present, labels) = distinct(ids);
         let present = &present[..labels];
-        let held: [[f32; 8]; 8] =
-            std::array::from_fn(|n| ids.map(|id| if n < labels && id == present[n] { 1.0 } else { 0.0 }));
+        let held: [[f32; 8]; 8] = std::array::from_fn(|n| {
+            ids.map(|id| if n < labels && id == present[n] { 1.0 } else { 0.0 })
+        });
         for start in (0..count as usize).step_by(LANES) {
             let at = [0, 1, 2].map(|a| {
                 std::array::from_fn(|lane| {
@@ -352,7 +406,8 @@ impl<'a> Tally<'a> {
     /// [`Error::OutOfMemory`].
     #[inline(always)]
     fn add_samples(&mut self, present: &[u16], count: usize, units: u32) -> Result<()> {
-        // Sorted by the number of rivals first, without a branch on it, which is as good as random: what one label wins is counted, the others are listed.
+        // Sorted by the number of rivals first, without a branch on it, which is as good as random:
+        // what one label wins is counted, the others are listed.
         let mut won = [0_u32; 8];
         let mut lists = [[0_u8; MOST as usize]; 2];
         let mut lengths = [0; 2];
@@ -376,7 +431,8 @@ impl<'a> Tally<'a> {
             });
             self.add_contested(a, b, units)?;
         }
-        let short = |_| Error::OutOfMemory { count: lengths[1], what: "samples for the weights of labels" };
+        let short =
+            |_| Error::OutOfMemory { count: lengths[1], what: "samples for the weights of labels" };
         self.many.try_reserve(lengths[1]).map_err(short)?;
         for i in lists[1][..lengths[1]].iter().map(|&i| usize::from(i)) {
             let rivals = (0..present.len()).filter(|&n| self.samples.rivals[i] >> n & 1 == 1);
@@ -418,11 +474,17 @@ impl<'a> Tally<'a> {
         let next = self.contests.len();
         // An image with many labels has many pairs of them.
         const WHAT: &str = "pairs of labels";
-        self.of_pair.try_reserve(1).map_err(|_| Error::OutOfMemory { count: next + 1, what: WHAT })?;
+        self.of_pair
+            .try_reserve(1)
+            .map_err(|_| Error::OutOfMemory { count: next + 1, what: WHAT })?;
         reserve(&mut self.contests, 1, WHAT)?;
         let at = *self.of_pair.entry(pair).or_insert(next);
         if at == next {
-            self.contests.push(Contest { cells: [0; SHAPES], samples: [0; LEVELS + 1], with_more: 0 });
+            self.contests.push(Contest {
+                cells: [0; SHAPES],
+                samples: [0; LEVELS + 1],
+                with_more: 0,
+            });
         }
         Ok(at)
     }
@@ -460,10 +522,13 @@ impl<'a> Tally<'a> {
     /// # Errors
     /// Whatever `check` returns.
     pub(super) fn weights(self, check: &dyn Fn() -> Result<()>) -> Result<Vec<f32>> {
-        let mut met: Vec<_> = self.of_pair.iter().map(|(&pair, &at)| (pair, &self.contests[at])).collect();
-        // In the order of labels, so that sums of floats do not depend on the order in which pairs were met.
+        let mut met: Vec<_> =
+            self.of_pair.iter().map(|(&pair, &at)| (pair, &self.contests[at])).collect();
+        // In the order of labels, so that sums of floats do not depend on the order in which pairs
+        // were met.
         met.sort_unstable_by_key(|&(pair, _)| pair);
-        let pairs: Vec<Pair> = met.into_par_iter().map(|(labels, contest)| contest.pair(labels)).collect();
+        let pairs: Vec<Pair> =
+            met.into_par_iter().map(|(labels, contest)| contest.pair(labels)).collect();
         let exchange = exchange(&pairs, self.surplus.len());
         let missing = |logs: &[f64]| -> Result<Missing> {
             check()?;
@@ -524,7 +589,8 @@ impl Contest {
         Pair { labels, surplus, contested }
     }
 
-    /// What goes from the second label to the first at each level: in their cells beyond the first one's corners' eighths, and in the samples.
+    /// What goes from the second label to the first at each level: in their cells beyond the first
+    /// one's corners' eighths, and in the samples.
     fn surplus(&self) -> Curve {
         let mut curve = [0.0; LEVELS + 1];
         let mut won = 0;
@@ -557,17 +623,19 @@ fn distinct(ids: &indicator::Corners) -> ([u16; 8], usize) {
     (present, count)
 }
 
-/// A number of a cell, without order: where its samples start and whether it stands for others, for one.
+/// A number of a cell, without order: where its samples start and whether it stands for others, for
+/// one.
 pub(super) fn hash([i, j, k]: [usize; 3]) -> u64 {
     // The finalizer of splitmix64 (G. Steele, D. Lea, C. Flood, OOPSLA 2014).
-    let mut h =
-        (i as u64 ^ (j as u64).rotate_left(21) ^ (k as u64).rotate_left(42)).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut h = (i as u64 ^ (j as u64).rotate_left(21) ^ (k as u64).rotate_left(42))
+        .wrapping_add(0x9e37_79b9_7f4a_7c15);
     h = (h ^ h >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     h = (h ^ h >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
     h ^ h >> 31
 }
 
-/// For each label its rivals and the units that go over to it from each, per unit of the logarithm of their ratio.
+/// For each label its rivals and the units that go over to it from each, per unit of the logarithm
+/// of their ratio.
 fn exchange(pairs: &[Pair], labels: usize) -> Vec<Vec<(u16, f64)>> {
     let mut exchange = vec![Vec::new(); labels];
     // Levels are those of ratios from 1/RATIO to RATIO.
@@ -623,7 +691,8 @@ mod tests {
         }
     }
 
-    /// The surplus of two labels in the cells of some corners, by samples of all cells and by shapes.
+    /// The surplus of two labels in the cells of some corners, by samples of all cells and by
+    /// shapes.
     #[test]
     fn samples_agree_with_shapes() {
         let sampling = Sampling::new([1_u64; 4].into_iter());
@@ -641,14 +710,21 @@ mod tests {
             }
         }
         let missing = |tally: &Tally, weights: &[f32]| {
-            let pairs: Vec<Pair> = tally.of_pair.iter().map(|(&pair, &at)| tally.contests[at].pair(pair)).collect();
+            let pairs: Vec<Pair> =
+                tally.of_pair.iter().map(|(&pair, &at)| tally.contests[at].pair(pair)).collect();
             tally.missing(&pairs, weights)
         };
         for ratio in [0.5, 0.7, 1.0, 1.3, 2.0] {
-            let (a, b) = (missing(&by_shape, &[1.0, 1.0, ratio, 1.0]), missing(&by_samples, &[1.0, 1.0, ratio, 1.0]));
+            let (a, b) = (
+                missing(&by_shape, &[1.0, 1.0, ratio, 1.0]),
+                missing(&by_samples, &[1.0, 1.0, ratio, 1.0]),
+            );
             for label in 1..3 {
                 let difference = (a[label] - b[label]) / f64::from(UNITS) / 2000.0;
-                assert!(difference.abs() < 2e-3, "label {label} at ratio {ratio}: {difference} of a cell");
+                assert!(
+                    difference.abs() < 2e-3,
+                    "label {label} at ratio {ratio}: {difference} of a cell"
+                );
             }
         }
     }

@@ -1,18 +1,28 @@
-//! Begging lists: workers without work wait in them, and workers with more than they need give to the nearest.
+//! Begging lists: workers without work wait in them, and workers with more than they need give to
+//! the nearest.
 //!
-//! There is a list for every group of workers at every level: those that share a cache, those of a socket, all. A worker begs in its lowest list, unless all others
-//! of that group beg already: the last of a group begs one level higher, so that work comes in from outside when a group has none (hierarchical work stealing; Foteinos and
-//! Chrisochoides 2014). To the list of a group of groups each of these sends its last, so that the last of them goes on to the next level. With one level there is one list for all.
+//! There is a list for every group of workers at every level: those that share a cache, those of a
+//! socket, all. A worker begs in its lowest list, unless all others of that group beg already: the
+//! last of a group begs one level higher, so that work comes in from outside when a group has none
+//! (hierarchical work stealing; Foteinos and Chrisochoides 2014). To the list of a group of groups
+//! each of these sends its last, so that the last of them goes on to the next level. With one level
+//! there is one list for all.
 //!
-//! Where groups stand apart (`Levels::apart`), nobody gives to a beggar of another group. What a worker comes to that is another group's by right it may send there: to a beggar of that group, or, when
-//! all of it have work, into its inbox, into which each looks now and then, and before it begs.
+//! Where groups stand apart (`Levels::apart`), nobody gives to a beggar of another group. What a
+//! worker comes to that is another group's by right it may send there: to a beggar of that group,
+//! or, when all of it have work, into its inbox, into which each looks now and then, and before it
+//! begs.
 //!
-//! **The end.** A worker that begins to beg is counted idle. A giver takes it off the count before it gives, and is not idle itself. So while a gift is on its way the count is
-//! below the number of workers; when it reaches that number, nobody has work and none is under way. No lock is needed to notice, and the worker that completes the count is the one that
-//! notices. An inbox with something in it belongs to a group of which one is not idle: a worker becomes idle under the lock of its group's inbox, when that is empty, and something is put in under the same lock, when
+//! **The end.** A worker that begins to beg is counted idle. A giver takes it off the count before
+//! it gives, and is not idle itself. So while a gift is on its way the count is below the number of
+//! workers; when it reaches that number, nobody has work and none is under way. No lock is needed
+//! to notice, and the worker that completes the count is the one that notices. An inbox with
+//! something in it belongs to a group of which one is not idle: a worker becomes idle under the
+//! lock of its group's inbox, when that is empty, and something is put in under the same lock, when
 //! no worker of the group is in its list. So inboxes are empty in the end.
 //!
-//! **No gift is lost.** A beggar leaves its list only by the hand of a giver, which then puts the gift into the beggar's own slot.
+//! **No gift is lost.** A beggar leaves its list only by the hand of a giver, which then puts the
+//! gift into the beggar's own slot.
 
 use super::topology::Levels;
 use super::waiters::Waiters;
@@ -55,7 +65,8 @@ struct Slot<G> {
     ready: AtomicBool,
 }
 
-/// The beggars of a group, of whom its workers ask with every step: one load, and no way through lists to it.
+/// The beggars of a group, of whom its workers ask with every step: one load, and no way through
+/// lists to it.
 #[derive(Clone, Copy)]
 pub struct Beggars<'b>(&'b AtomicUsize);
 
@@ -99,7 +110,8 @@ impl<G> Begging<G> {
             {
                 return sent;
             }
-            // Release: who sees all idle sees what all have done. Acquire: the same for this worker.
+            // Release: who sees all idle sees what all have done. Acquire: the same for this
+            // worker.
             if self.idle.fetch_add(1, AcqRel) + 1 == self.slots.len() {
                 self.over.store(true, Release);
                 waiters.wake_all();
@@ -113,7 +125,8 @@ impl<G> Begging<G> {
     }
 
     fn join(&self, me: usize) {
-        // Counted first: a giver that looks too early finds nobody, one that looks too late would never look.
+        // Counted first: a giver that looks too early finds nobody, one that looks too late would
+        // never look.
         self.beggars_of(me).fetch_add(1, Relaxed);
         let top = self.lists.len() - 1;
         for (level, lists) in self.lists.iter().enumerate() {
@@ -149,7 +162,8 @@ impl<G> Begging<G> {
             (!list.is_empty()).then(|| list.remove(0))
         })?;
         self.beggars_of(me).fetch_sub(1, Relaxed);
-        // Before the gift: the beggar counts as one with work from now on. This worker has some, so the count was below the number of workers.
+        // Before the gift: the beggar counts as one with work from now on. This worker has some, so
+        // the count was below the number of workers.
         self.idle.fetch_sub(1, AcqRel);
         Some(beggar)
     }
@@ -161,7 +175,8 @@ impl<G> Begging<G> {
         if inbox.count.load(Relaxed) == 0 { None } else { inbox.open(&mut lock(&inbox.gifts)) }
     }
 
-    /// A worker sends something to the group of worker `to`, another one than its own, of groups that stand apart.
+    /// A worker sends something to the group of worker `to`, another one than its own, of groups
+    /// that stand apart.
     pub fn send(&self, to: usize, gift: G, waiters: &Waiters) {
         let inbox = &self.inboxes[self.top_of(to)];
         let mut gifts = lock(&inbox.gifts);
@@ -211,7 +226,8 @@ mod tests {
 
     #[test]
     fn groups_that_stand_apart_give_nothing_to_each_other() {
-        let (begging, waiters) = (Begging::<()>::new(Levels::apart(&[0, 1, 0, 1])), Waiters::new(4));
+        let (begging, waiters) =
+            (Begging::<()>::new(Levels::apart(&[0, 1, 0, 1])), Waiters::new(4));
         begging.join(0);
         assert_eq!([0, 1, 2, 3].map(|me| begging.beggars(me).any()), [true, false, true, false]);
         assert_eq!(begging.take_beggar(3), None);
@@ -230,7 +246,8 @@ mod tests {
     #[test]
     fn what_is_sent_is_done_before_the_end() {
         const SIZE: u32 = 14;
-        let (begging, waiters) = (Begging::<Vec<u32>>::new(Levels::apart(&[0, 1, 0, 1])), Waiters::new(4));
+        let (begging, waiters) =
+            (Begging::<Vec<u32>>::new(Levels::apart(&[0, 1, 0, 1])), Waiters::new(4));
         let done = AtomicU64::new(0);
         std::thread::scope(|scope| {
             for me in 0..4 {

@@ -1,25 +1,32 @@
-//! Halving a group of memory nodes, so that each half lies close together: LAPD does it before each step (paper, line 10 of Fig. 4: blades are
-//! divided "based on their physical locations").
+//! Halving a group of memory nodes, so that each half lies close together: LAPD does it before each
+//! step (paper, line 10 of Fig. 4: blades are divided "based on their physical locations").
 //!
-//! A group is cut between its two nodes that are farthest apart, then nodes are moved and exchanged as long as that helps, the best first (in the
-//! manner of B. W. Kernighan, S. Lin, "An efficient heuristic procedure for partitioning graphs", 1970). What helps, in this order: halves of
-//! about equal cores, fewer hops between the nodes of each half, halves of more equal cores. "About" is less than the cores of the group's
-//! smallest node, so that a core more or less in a node (those that the caller may not use) does not tear apart what lies together.
+//! A group is cut between its two nodes that are farthest apart, then nodes are moved and exchanged
+//! as long as that helps, the best first (in the manner of B. W. Kernighan, S. Lin, "An efficient
+//! heuristic procedure for partitioning graphs", 1970). What helps, in this order: halves of about
+//! equal cores, fewer hops between the nodes of each half, halves of more equal cores. "About" is
+//! less than the cores of the group's smallest node, so that a core more or less in a node (those
+//! that the caller may not use) does not tear apart what lies together.
 //!
-//! The result is a local optimum; where nodes come in units, all within a unit being nearer to each other than to any other, halves fall along
-//! the units where the numbers allow it. It depends on nothing but the group and the machine.
+//! The result is a local optimum; where nodes come in units, all within a unit being nearer to each
+//! other than to any other, halves fall along the units where the numbers allow it. It depends on
+//! nothing but the group and the machine.
 //!
-//! Cost: each step takes time and memory in the square of the group's nodes, and there are hardly more steps than nodes.
+//! Cost: each step takes time and memory in the square of the group's nodes, and there are hardly
+//! more steps than nodes.
 
 use super::machine::Machine;
 
-/// What a bisection costs; the less the better, in this order: the difference of cores in units of the smallest node's, hops within the halves, the difference of cores.
+/// What a bisection costs; the less the better, in this order: the difference of cores in units of
+/// the smallest node's, hops within the halves, the difference of cores.
 type Cost = (u64, i64, u64);
 
 impl Machine {
-    /// Halves a group of memory nodes into two of about equal cores, each physically compact: with a small sum of hops between its nodes.
+    /// Halves a group of memory nodes into two of about equal cores, each physically compact: with
+    /// a small sum of hops between its nodes.
     ///
-    /// Each half keeps the order of the group; the first has the group's first node. Halves of two nodes or more are not empty; of one node, or none, the second half is.
+    /// Each half keeps the order of the group; the first has the group's first node. Halves of two
+    /// nodes or more are not empty; of one node, or none, the second half is.
     ///
     /// # Panics
     /// When there is no such node.
@@ -38,7 +45,8 @@ impl Machine {
     }
 }
 
-/// A group of at least two nodes, and the side, 0 or 1, of each. Nodes are named by their place in the group.
+/// A group of at least two nodes, and the side, 0 or 1, of each. Nodes are named by their place in
+/// the group.
 struct Bisection<'a> {
     machine: &'a Machine,
     group: &'a [usize],
@@ -48,13 +56,15 @@ struct Bisection<'a> {
 }
 
 impl<'a> Bisection<'a> {
-    /// Nodes go to the nearer one of the two that are farthest apart, as many as makes the cores of both sides most equal.
+    /// Nodes go to the nearer one of the two that are farthest apart, as many as makes the cores of
+    /// both sides most equal.
     fn between_the_farthest(machine: &'a Machine, group: &'a [usize]) -> Self {
         let hops = |a: usize, b: usize| i64::from(machine.hops(group[a], group[b]));
         let (mut farthest, mut most) = ((0, 1), hops(0, 1));
         for a in 0..group.len() {
             for b in a + 1..group.len() {
-                // Of pairs that are as far the one whose nodes stand farthest apart in the group: its order decides where distance does not.
+                // Of pairs that are as far the one whose nodes stand farthest apart in the group:
+                // its order decides where distance does not.
                 if hops(a, b) > most || (hops(a, b) == most && a == farthest.0) {
                     (farthest, most) = ((a, b), hops(a, b));
                 }
@@ -117,9 +127,14 @@ impl<'a> Bisection<'a> {
                 consider(cost(more_hops, difference + sign * self.cores(a)), [Some(a), None]);
             }
             for b in (a + 1..nodes).filter(|&b| self.side[b] == other) {
-                // The hops between the two stand in two of the sums, and lie between the halves before and after.
-                let more_hops = to[a][other] - to[a][own] + to[b][own] - to[b][other] - 2 * self.hops(a, b);
-                consider(cost(more_hops, difference + sign * (self.cores(a) - self.cores(b))), [Some(a), Some(b)]);
+                // The hops between the two stand in two of the sums, and lie between the halves
+                // before and after.
+                let more_hops =
+                    to[a][other] - to[a][own] + to[b][own] - to[b][other] - 2 * self.hops(a, b);
+                consider(
+                    cost(more_hops, difference + sign * (self.cores(a) - self.cores(b))),
+                    [Some(a), Some(b)],
+                );
             }
         }
         best.1.iter().flatten().for_each(|&x| self.side[x] ^= 1);
@@ -143,7 +158,10 @@ mod tests {
         let group = [0, 1, 16, 2, 3, 17, 4, 5, 18, 6, 7, 19];
         let halves = machine.bisect(&group);
         assert_eq!(halves.each_ref().map(Vec::len), [6, 6]);
-        assert!(halves.iter().any(|half| [16, 17, 18, 19].iter().all(|blade| half.contains(blade))), "{halves:?}");
+        assert!(
+            halves.iter().any(|half| [16, 17, 18, 19].iter().all(|blade| half.contains(blade))),
+            "{halves:?}"
+        );
     }
 
     #[test]
@@ -175,18 +193,29 @@ mod tests {
     /// The hops within both halves, and the difference of cores.
     fn measure(machine: &Machine, halves: &[Vec<usize>; 2]) -> (u32, usize) {
         let within = |half: &[usize]| -> u32 {
-            half.iter().flat_map(|&a| half.iter().map(move |&b| (a, b))).map(|(a, b)| machine.hops(a, b)).sum()
+            half.iter()
+                .flat_map(|&a| half.iter().map(move |&b| (a, b)))
+                .map(|(a, b)| machine.hops(a, b))
+                .sum()
         };
         let cores = |half: &[usize]| half.iter().map(|&node| machine.cores(node)).sum::<usize>();
-        (halves.iter().map(|half| within(half)).sum(), cores(&halves[0]).abs_diff(cores(&halves[1])))
+        (
+            halves.iter().map(|half| within(half)).sum(),
+            cores(&halves[0]).abs_diff(cores(&halves[1])),
+        )
     }
 
-    /// Nodes in units of units, of every shape up to ten nodes, against all bisections of the same balance.
+    /// Nodes in units of units, of every shape up to ten nodes, against all bisections of the same
+    /// balance.
     #[test]
     fn nested_units_are_halved_as_well_as_possible() {
-        for (nodes, unit, subunit) in [(10, 5, 2), (9, 4, 2), (8, 4, 2), (8, 3, 3), (10, 4, 1), (7, 2, 1), (6, 4, 2)] {
+        for (nodes, unit, subunit) in
+            [(10, 5, 2), (9, 4, 2), (8, 4, 2), (8, 3, 3), (10, 4, 1), (7, 2, 1), (6, 4, 2)]
+        {
             let hops = |a: usize, b: usize| {
-                u32::from(a != b) + u32::from(a / subunit != b / subunit) + 2 * u32::from(a / unit != b / unit)
+                u32::from(a != b)
+                    + u32::from(a / subunit != b / subunit)
+                    + 2 * u32::from(a / unit != b / unit)
             };
             let hops = (0..nodes).map(|a| (0..nodes).map(|b| hops(a, b)).collect()).collect();
             let machine = Machine::new(vec![8; nodes], hops).unwrap();
@@ -194,10 +223,12 @@ mod tests {
             let group = if nodes == 7 { (0..7).rev().collect() } else { group };
             let (within, difference) = measure(&machine, &machine.bisect(&group));
             assert_eq!(difference, nodes % 2 * 8);
-            let least = (1..1_u32 << nodes).filter(|set| (set.count_ones() as usize) == nodes / 2).map(|set| {
-                let half = |side| (0..nodes).filter(|&node| set >> node & 1 == side).collect();
-                measure(&machine, &[half(1), half(0)]).0
-            });
+            let least = (1..1_u32 << nodes)
+                .filter(|set| (set.count_ones() as usize) == nodes / 2)
+                .map(|set| {
+                    let half = |side| (0..nodes).filter(|&node| set >> node & 1 == side).collect();
+                    measure(&machine, &[half(1), half(0)]).0
+                });
             assert_eq!(Some(within), least.min(), "{nodes} nodes in units of {unit} and {subunit}");
         }
     }

@@ -1,4 +1,5 @@
-//! Time stamps that cost next to nothing: one before every operation of every worker, so that the time of those that are given up is known.
+//! Time stamps that cost next to nothing: one before every operation of every worker, so that the
+//! time of those that are given up is known.
 
 use std::time::Instant;
 
@@ -8,9 +9,10 @@ use crate::simulation::virtual_time;
 /// A time stamp.
 pub type Ticks = u64;
 
-/// Now. On x86-64 the processor's time stamp counter, some 20 cycles; it runs at one rate on all cores of the machines of the last decade. Elsewhere nanoseconds of the system's
-/// monotonic clock. A thread that moves to another core may find a stamp that is a little
-/// smaller than its last: differences are to be taken with `saturating_sub`. A virtual worker's own clock in a simulation.
+/// Now. On x86-64 the processor's time stamp counter, some 20 cycles; it runs at one rate on all
+/// cores of the machines of the last decade. Elsewhere nanoseconds of the system's monotonic clock.
+/// A thread that moves to another core may find a stamp that is a little smaller than its last:
+/// differences are to be taken with `saturating_sub`. A virtual worker's own clock in a simulation.
 #[inline(always)]
 pub fn ticks() -> Ticks {
     #[cfg(feature = "simulation")]

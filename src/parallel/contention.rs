@@ -1,14 +1,26 @@
-//! Contention managers: what a worker does after a conflict, when it has given up its operation and owns nothing.
+//! Contention managers: what a worker does after a conflict, when it has given up its operation and
+//! owns nothing.
 //!
-//! **Why there is no livelock.** A worker that waits owns nothing, so conflicts are with workers that run.
-//! - *Local*. A worker waits for the one it met, unless that one waits itself. Suppose the workers that run met only each other for ever. Each conflict makes one of the two wait, unless the other has
-//!   begun to wait meanwhile; so fewer and fewer run, and the last one meets nobody. It completes its operations, and wakes those who wait for it. *No cycle of waits*: a worker looks at the other's flag and raises
-//!   its own under the locks of both. Of the members of a cycle, the one that raised its flag last would have seen the flag of the one that it waits for. So the chain of waits from any worker ends at one that
-//!   runs; that one wakes its followers when it has completed an operation, or has no work left.
-//! - *Global*. The same with one list; the last worker that runs never waits (counted under the list's lock).
-//! - *Random*. Two workers that meet again and again sleep for times that differ sooner or later. Certain only in probability.
-//! - *Aggressive*. None: workers go on with another element, which makes meeting again unlikely, not impossible. After some conflicts in sequence they offer their
-//!   processor: with more workers than processors the one that they met may have lost its own while it owns tets, and would get it back only when their time is up. They offer it a random number of times, more the longer the sequence: two that own neighbouring tets refuse each other, and if they went on in step would do so again.
+//! **Why there is no livelock.** A worker that waits owns nothing, so conflicts are with workers
+//! that run.
+//! - *Local*. A worker waits for the one it met, unless that one waits itself. Suppose the workers
+//!   that run met only each other for ever. Each conflict makes one of the two wait, unless the
+//!   other has begun to wait meanwhile; so fewer and fewer run, and the last one meets nobody. It
+//!   completes its operations, and wakes those who wait for it. *No cycle of waits*: a worker looks
+//!   at the other's flag and raises its own under the locks of both. Of the members of a cycle, the
+//!   one that raised its flag last would have seen the flag of the one that it waits for. So the
+//!   chain of waits from any worker ends at one that runs; that one wakes its followers when it has
+//!   completed an operation, or has no work left.
+//! - *Global*. The same with one list; the last worker that runs never waits (counted under the
+//!   list's lock).
+//! - *Random*. Two workers that meet again and again sleep for times that differ sooner or later.
+//!   Certain only in probability.
+//! - *Aggressive*. None: workers go on with another element, which makes meeting again unlikely,
+//!   not impossible. After some conflicts in sequence they offer their processor: with more workers
+//!   than processors the one that they met may have lost its own while it owns tets, and would get
+//!   it back only when their time is up. They offer it a random number of times, more the longer
+//!   the sequence: two that own neighbouring tets refuse each other, and if they went on in step
+//!   would do so again.
 //!
 //! The first two are the published Local-CM and Global-CM.
 
@@ -18,9 +30,11 @@ use super::waiters::Waiters;
 use crate::params::Contention as Policy;
 use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
 
-/// Conflicts in sequence after which a worker sleeps, under the policy Random, or offers its processor, under Aggressive.
+/// Conflicts in sequence after which a worker sleeps, under the policy Random, or offers its
+/// processor, under Aggressive.
 const PATIENCE: u32 = 3;
-/// Longest sleep after that many conflicts, as a power of two in microseconds; twice as long after each more.
+/// Longest sleep after that many conflicts, as a power of two in microseconds; twice as long after
+/// each more.
 const SLEEP_LOG: u32 = 4;
 /// Longest sleep at all, as such a power.
 const MOST_SLEEP_LOG: u32 = 10;
@@ -96,7 +110,13 @@ impl Contention {
     }
 
     /// Worker `me` met worker `met`, and owns nothing any more. Returns whether it waited.
-    pub fn after_conflict(&self, me: usize, met: usize, streak: &mut Streak, waiters: &Waiters) -> bool {
+    pub fn after_conflict(
+        &self,
+        me: usize,
+        met: usize,
+        streak: &mut Streak,
+        waiters: &Waiters,
+    ) -> bool {
         streak.conflicts += 1;
         match self.policy {
             Policy::Local => self.follow(me, met, waiters),
@@ -123,13 +143,15 @@ impl Contention {
         let own = &self.workers[me].waits;
         let other = &self.workers[met];
         let follows = {
-            // The locks of both, the smaller number's first: of two who meet each other at once, one comes first and waits.
+            // The locks of both, the smaller number's first: of two who meet each other at once,
+            // one comes first and waits.
             let _first = (me < met).then(|| lock(&self.workers[me].followers));
             let mut followers = lock(&other.followers);
             let _second = (me > met).then(|| lock(&self.workers[me].followers));
             let may = followers.open && !other.waits.load(Relaxed);
             if may {
-                // Relaxed: raised under this worker's lock, looked at by others under the same. A worker that wakes lowers it without; who looks too early does not wait.
+                // Relaxed: raised under this worker's lock, looked at by others under the same. A
+                // worker that wakes lowers it without; who looks too early does not wait.
                 own.store(true, Relaxed);
                 followers.list.push_back(me);
                 other.following.store(followers.list.len(), Relaxed);
@@ -162,7 +184,8 @@ impl Contention {
     pub fn after_success(&self, me: usize, streak: &mut Streak, waiters: &Waiters) {
         streak.conflicts = 0;
         match self.policy {
-            // Relaxed: who comes too late to be seen is seen after the next operations, or when this worker has none left.
+            // Relaxed: who comes too late to be seen is seen after the next operations, or when
+            // this worker has none left.
             Policy::Local if self.workers[me].following.load(Relaxed) == 0 => {}
             Policy::Local => self.wake_followers(me, waiters),
             Policy::Global => self.wake_first(waiters),
@@ -170,7 +193,8 @@ impl Contention {
         }
     }
 
-    /// Wakes all: what they needed has been given back. One at a time they would wait for operations elsewhere, and those who wait for them as well.
+    /// Wakes all: what they needed has been given back. One at a time they would wait for
+    /// operations elsewhere, and those who wait for them as well.
     #[cold]
     fn wake_followers(&self, me: usize, waiters: &Waiters) {
         let own = &self.workers[me];

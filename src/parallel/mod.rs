@@ -1,19 +1,21 @@
 //! How workers share work and stay out of each other's way; knows no mesh.
 //!
-//! From the paper's sections 1 to 3, and P. Foteinos, N. Chrisochoides, "High quality real-time image-to-mesh conversion for finite element simulations" (2014), where the
-//! contention managers and the hierarchical begging lists are published.
+//! From the paper's sections 1 to 3, and P. Foteinos, N. Chrisochoides, "High quality real-time
+//! image-to-mesh conversion for finite element simulations" (2014), where the contention managers
+//! and the hierarchical begging lists are published.
 //!
 //! | file | what |
 //! |---|---|
-//! | [`contention`] | what a worker does when another one owned a tet that it needed; why there is no livelock |
+//! | [`contention`] | what a worker does after a conflict; why there is no livelock |
 //! | [`begging`] | who gets work from whom; how the end is noticed |
 //! | [`stretches`] | a list that all work off, each from its own place |
-//! | [`machine`], [`bisection`] | cores, memory nodes, and the hops between them; groups of nodes halved |
+//! | [`machine`], [`bisection`] | cores, memory nodes, hops between them; groups of nodes halved |
 //! | [`topology`] | which workers are near to each other, on a machine |
 //! | [`waiters`] | waiting, waking, and ending all waits |
 //! | [`clock`] | time stamps that cost next to nothing |
 //!
-//! All of it is modelled with the loom model checker, together with the locks of tets: `verification/loom`.
+//! All of it is modelled with the loom model checker, together with the locks of tets:
+//! `verification/loom`.
 
 pub mod begging;
 pub mod bisection;

@@ -1,7 +1,9 @@
-//! A list that all workers work off. Each begins with a stretch of its own, so that what lies together in the list is done by one worker, and takes from the ends of others' stretches when
+//! A list that all workers work off. Each begins with a stretch of its own, so that what lies
+//! together in the list is done by one worker, and takes from the ends of others' stretches when
 //! its own is done. Where workers are in groups, each takes from those of its own group alone.
 //!
-//! Nobody helps with the last of a stretch: many workers would crowd around what lies together there, and wait for each other longer than its own worker needs.
+//! Nobody helps with the last of a stretch: many workers would crowd around what lies together
+//! there, and wait for each other longer than its own worker needs.
 
 use std::ops::Range;
 
@@ -35,7 +37,8 @@ fn unpack(word: u64) -> Range<usize> {
 impl Stretches {
     /// Divides a range, of numbers below 2^32, among `size` workers of one group.
     pub fn new(range: Range<usize>, size: usize) -> Self {
-        let at = |part: usize| range.start + (range.len() as u64 * part as u64 / size as u64) as usize;
+        let at =
+            |part: usize| range.start + (range.len() as u64 * part as u64 / size as u64) as usize;
         Self::of_groups((0..size).map(|part| at(part)..at(part + 1)), vec![0; size])
     }
 
@@ -46,7 +49,8 @@ impl Stretches {
         Self { active: left.len(), left, groups }
     }
 
-    /// Divides a range among the first `active` of `size` workers; the others have nothing to do with it.
+    /// Divides a range among the first `active` of `size` workers; the others have nothing to do
+    /// with it.
     pub fn of_some(range: Range<usize>, active: usize, size: usize) -> Self {
         let mut some = Self::new(range, active);
         some.left.resize_with(size, || AtomicU64::new(pack(0..0)));
@@ -70,22 +74,30 @@ impl Stretches {
         self.left.iter().all(|left| unpack(left.load(Relaxed)).is_empty())
     }
 
-    /// The next entries for worker `me`; `None`: its own are taken, and what is left of its group's is left to others.
+    /// The next entries for worker `me`; `None`: its own are taken, and what is left of its group's
+    /// is left to others.
     pub fn take(&self, me: usize) -> Option<Range<usize>> {
-        self.take_of(me, |left| left.start..(left.start + BLOCK).min(left.end), |left, taken| taken.end..left.end)
-            .or_else(|| {
-                let group = || (0..self.left.len()).filter(|&who| self.groups[who] == self.groups[me]);
-                let left = |who: usize| (unpack(self.left[who].load(Relaxed)).len(), who);
-                // Another worker may be faster: then there is another longest, until none is long. Each is read once: stretches only shrink, so those
-                // that are all found short are.
-                loop {
-                    let (_, longest) = group().map(left).max().filter(|&(entries, _)| entries > OWN)?;
-                    let from = |left: &Range<usize>| left.end.saturating_sub(BLOCK).max(left.start)..left.end;
-                    if let Some(taken) = self.take_of(longest, from, |left, taken| left.start..taken.start) {
-                        return Some(taken);
-                    }
+        self.take_of(
+            me,
+            |left| left.start..(left.start + BLOCK).min(left.end),
+            |left, taken| taken.end..left.end,
+        )
+        .or_else(|| {
+            let group = || (0..self.left.len()).filter(|&who| self.groups[who] == self.groups[me]);
+            let left = |who: usize| (unpack(self.left[who].load(Relaxed)).len(), who);
+            // Another worker may be faster: then there is another longest, until none is long. Each
+            // is read once: stretches only shrink, so those that are all found short are.
+            loop {
+                let (_, longest) = group().map(left).max().filter(|&(entries, _)| entries > OWN)?;
+                let from =
+                    |left: &Range<usize>| left.end.saturating_sub(BLOCK).max(left.start)..left.end;
+                if let Some(taken) =
+                    self.take_of(longest, from, |left, taken| left.start..taken.start)
+                {
+                    return Some(taken);
                 }
-            })
+            }
+        })
     }
 
     /// Takes a part of a stretch. Relaxed: the words say who does what, and publish nothing.
@@ -102,7 +114,12 @@ impl Stretches {
                 return None;
             }
             let taken = part(&left);
-            match self.left[who].compare_exchange_weak(now, pack(rest(&left, &taken)), Relaxed, Relaxed) {
+            match self.left[who].compare_exchange_weak(
+                now,
+                pack(rest(&left, &taken)),
+                Relaxed,
+                Relaxed,
+            ) {
                 Ok(_) => return Some(taken),
                 Err(other) => now = other,
             }
@@ -120,7 +137,9 @@ mod tests {
         let taken = std::thread::scope(|scope| {
             let work = |me| {
                 let stretches = &stretches;
-                scope.spawn(move || std::iter::from_fn(|| stretches.take(me)).flatten().collect::<Vec<_>>())
+                scope.spawn(move || {
+                    std::iter::from_fn(|| stretches.take(me)).flatten().collect::<Vec<_>>()
+                })
             };
             let workers = [work(0), work(1), work(2)];
             workers.map(|worker| worker.join().unwrap()).concat()
@@ -134,7 +153,8 @@ mod tests {
     fn groups_do_each_their_own() {
         let parts = [10..40, 40..200, 200..201, 201..700];
         let stretches = Stretches::of_groups(parts.into_iter(), vec![0, 1, 1, 0]);
-        let take_all = |me| std::iter::from_fn(|| stretches.take(me)).flatten().collect::<Vec<usize>>();
+        let take_all =
+            |me| std::iter::from_fn(|| stretches.take(me)).flatten().collect::<Vec<usize>>();
         let mut first = take_all(0);
         first.sort_unstable();
         // It helps until what is left is for its own worker.

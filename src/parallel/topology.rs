@@ -1,6 +1,7 @@
 //! Which workers are near to each other: the groups in which they beg.
 //!
-//! Worker i is taken to run on the machine's i-th core; where workers are not bound an idle system spreads them much like that. Where nothing is told of what cores share, all are alike.
+//! Worker i is taken to run on the machine's i-th core; where workers are not bound an idle system
+//! spreads them much like that. Where nothing is told of what cores share, all are alike.
 
 use super::machine::{Core, Machine};
 use crate::params::Begging;
@@ -10,17 +11,23 @@ use crate::params::Begging;
 pub struct Levels {
     /// The group of each worker, by level.
     group: Vec<Vec<usize>>,
-    /// How many workers each group has at the lowest level; how many groups of the level below, above.
+    /// How many workers each group has at the lowest level; how many groups of the level below,
+    /// above.
     parts: Vec<Vec<usize>>,
 }
 
 impl Levels {
-    /// The levels of a machine: last-level cache, memory node, package, from the smallest to the largest (a package may hold several nodes, or a node several packages), and all; or the last alone.
+    /// The levels of a machine: last-level cache, memory node, package, from the smallest to the
+    /// largest (a package may hold several nodes, or a node several packages), and all; or the last
+    /// alone.
     pub fn of(machine: &Machine, workers: usize, begging: Begging) -> Self {
         let mut levels: Vec<Vec<usize>> = Vec::new();
         if begging == Begging::ByLevel {
-            let what: [fn(&Core) -> usize; 3] = [|core| core.cache, |core| core.node, |core| core.package];
-            levels.extend(what.map(|name| (0..workers).map(|worker| name(machine.core_of_worker(worker))).collect()));
+            let what: [fn(&Core) -> usize; 3] =
+                [|core| core.cache, |core| core.node, |core| core.package];
+            levels.extend(what.map(|name| {
+                (0..workers).map(|worker| name(machine.core_of_worker(worker))).collect()
+            }));
             levels.sort_by_key(|names| {
                 let mut names = names.clone();
                 names.sort_unstable();
@@ -35,12 +42,14 @@ impl Levels {
     /// One level of groups with nothing above; each worker's group is given, by any number.
     pub fn apart(groups: &[usize]) -> Self {
         let count = groups.iter().max().map_or(0, |&most| most + 1);
-        let members = (0..count).map(|group| groups.iter().filter(|&&g| g == group).count()).collect();
+        let members =
+            (0..count).map(|group| groups.iter().filter(|&&g| g == group).count()).collect();
         Self { group: vec![groups.to_vec()], parts: vec![members] }
     }
 
-    /// Levels from what each worker's group is called at each; the last level has one group. Left out are levels that say the same as the one before, that put every worker by itself, or whose
-    /// groups cut through those of the level before.
+    /// Levels from what each worker's group is called at each; the last level has one group. Left
+    /// out are levels that say the same as the one before, that put every worker by itself, or
+    /// whose groups cut through those of the level before.
     pub fn new(names: &[Vec<usize>]) -> Self {
         let mut levels = Self { group: Vec::new(), parts: Vec::new() };
         for names in names {
@@ -69,7 +78,9 @@ impl Levels {
                     if pairs.len() > levels.parts.last().map_or(0, Vec::len) {
                         continue;
                     }
-                    (0..members.len()).map(|at| pairs.iter().filter(|&&(&g, _)| g == at).count()).collect()
+                    (0..members.len())
+                        .map(|at| pairs.iter().filter(|&&(&g, _)| g == at).count())
+                        .collect()
                 }
             };
             levels.group.push(group);
@@ -98,7 +109,8 @@ impl Levels {
         self.group[level][worker]
     }
 
-    /// Most workers that beg in a group's list, were all of them without work: its workers at the lowest level; above, the last of each group of the level below.
+    /// Most workers that beg in a group's list, were all of them without work: its workers at the
+    /// lowest level; above, the last of each group of the level below.
     pub fn most_beggars(&self, level: usize, group: usize) -> usize {
         self.parts[level][group]
     }
@@ -111,7 +123,8 @@ mod tests {
     #[test]
     fn levels_that_say_nothing_are_left_out() {
         let pairs = vec![7, 7, 3, 3];
-        let levels = Levels::new(&[vec![1, 2, 3, 4], pairs.clone(), pairs, vec![0, 1, 1, 1], vec![5; 4]]);
+        let levels =
+            Levels::new(&[vec![1, 2, 3, 4], pairs.clone(), pairs, vec![0, 1, 1, 1], vec![5; 4]]);
         assert_eq!(levels.group, [[0, 0, 1, 1], [0, 0, 0, 0]]);
         assert_eq!(levels.parts, [vec![2, 2], vec![2]]);
     }
@@ -130,21 +143,38 @@ mod tests {
         assert_eq!((levels.count(), levels.groups(0), levels.most_beggars(0, 0)), (1, 1, 5));
     }
 
-    /// Sockets of eight cores, two on a blade; and packages of several nodes, of several caches each.
+    /// Sockets of eight cores, two on a blade; and packages of several nodes, of several caches
+    /// each.
     #[test]
     fn levels_go_from_the_smallest_group_to_the_largest() {
         let levels = Levels::of(&Machine::blacklight(2), 32, Begging::ByLevel);
         assert_eq!(levels.parts, [vec![8; 4], vec![2; 2], vec![2]]);
-        let core = |core: usize| Core { node: core / 4, cache: core / 2, package: core / 8, processors: Vec::new() };
+        let core = |core: usize| Core {
+            node: core / 4,
+            cache: core / 2,
+            package: core / 8,
+            processors: Vec::new(),
+        };
         let machine = Machine::of_cores((0..16).map(core).collect(), uniform_hops(4)).unwrap();
         let levels = Levels::of(&machine, 16, Begging::ByLevel);
         assert_eq!(levels.parts, [vec![2; 8], vec![2; 4], vec![2; 2], vec![2]]);
         // A cache for a package, of two nodes.
-        let core = |core: usize| Core { node: core / 4, cache: core / 8, package: core / 8, processors: Vec::new() };
+        let core = |core: usize| Core {
+            node: core / 4,
+            cache: core / 8,
+            package: core / 8,
+            processors: Vec::new(),
+        };
         let machine = Machine::of_cores((0..16).map(core).collect(), uniform_hops(4)).unwrap();
-        assert_eq!(Levels::of(&machine, 16, Begging::ByLevel).parts, [vec![4; 4], vec![2; 2], vec![2]]);
+        assert_eq!(
+            Levels::of(&machine, 16, Begging::ByLevel).parts,
+            [vec![4; 4], vec![2; 2], vec![2]]
+        );
         // Workers beyond the cores share them with the first.
-        assert_eq!(Levels::of(&machine, 20, Begging::ByLevel).parts, [vec![8, 4, 4, 4], vec![2; 2], vec![2]]);
+        assert_eq!(
+            Levels::of(&machine, 20, Begging::ByLevel).parts,
+            [vec![8, 4, 4, 4], vec![2; 2], vec![2]]
+        );
     }
 
     fn uniform_hops(nodes: usize) -> Vec<Vec<u32>> {

@@ -14,7 +14,10 @@ pub struct Waiters {
 impl Waiters {
     /// Places for `size` workers.
     pub fn new(size: usize) -> Self {
-        Self { threads: (0..size).map(|_| OnceLock::new()).collect(), stopped: AtomicBool::new(false) }
+        Self {
+            threads: (0..size).map(|_| OnceLock::new()).collect(),
+            stopped: AtomicBool::new(false),
+        }
     }
 
     /// Says that worker `me` runs on the calling thread.
@@ -22,7 +25,8 @@ impl Waiters {
         let _ = self.threads[me].set(Waiter::current());
     }
 
-    /// Waits until `done`, or all waits are ended. What makes `done` true is to be followed by a [`Self::wake`]; a wake that is forgotten costs a millisecond.
+    /// Waits until `done`, or all waits are ended. What makes `done` true is to be followed by a
+    /// [`Self::wake`]; a wake that is forgotten costs a millisecond.
     pub fn wait(&self, done: impl Fn() -> bool) {
         wait_until(|| done() || self.is_stopped());
     }

@@ -1,6 +1,8 @@
 //! What each thread of a refinement did, and with what it lost time.
 //!
-//! The overheads are those of the paper's section 5.2: operations that were rolled back, waiting after conflicts, and waiting for work. Remote accesses are counted, where that is asked for, not timed.
+//! The overheads are those of the paper's section 5.2: operations that were rolled back, waiting
+//! after conflicts, and waiting for work. Remote accesses are counted, where that is asked for, not
+//! timed.
 
 use super::refiner::Work;
 use crate::delaunay::worker::Counters;
@@ -35,9 +37,11 @@ pub struct Span {
 /// Time lost, and how often for what.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Overhead {
-    /// Operations given up because another thread owned a tet: insertions for each of R1 to R5, removals for R6.
+    /// Operations given up because another thread owned a tet: insertions for each of R1 to R5,
+    /// removals for R6.
     pub rollbacks: [u64; 6],
-    /// Operations given up because the tet or its neighbour had changed when it was owned at last, or one changed that was come to.
+    /// Operations given up because the tet or its neighbour had changed when it was owned at last,
+    /// or one changed that was come to.
     pub stale: u64,
     /// Seconds spent in operations that were given up.
     pub rollback_seconds: f64,
@@ -53,7 +57,8 @@ pub struct Overhead {
     pub gifts: u64,
 }
 
-/// Tets and vertices that operations visited (`delaunay::Access::visit_tet`), by the hops from the thread's memory node to that where they are; nothing where they were not counted.
+/// Tets and vertices that operations visited (`delaunay::Access::visit_tet`), by the hops from the
+/// thread's memory node to that where they are; nothing where they were not counted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Accesses {
     /// The first: visits within the thread's own node.
@@ -184,7 +189,11 @@ impl Timeline {
     }
 
     fn push(&mut self, doing: Doing, start: Ticks, end: Ticks) {
-        if self.keeps && end > start && self.spans.len() < MOST_SPANS && self.spans.try_reserve(1).is_ok() {
+        if self.keeps
+            && end > start
+            && self.spans.len() < MOST_SPANS
+            && self.spans.try_reserve(1).is_ok()
+        {
             self.spans.push((doing, start, end));
         }
     }
@@ -193,8 +202,11 @@ impl Timeline {
     pub fn spans(mut self, clock: &Clock, seconds_per_tick: f64) -> Vec<Span> {
         self.push(self.now, self.since, ticks());
         let seconds = |ticks: Ticks| ticks.saturating_sub(clock.first()) as f64 * seconds_per_tick;
-        let span =
-            |&(doing, start, end): &(Doing, Ticks, Ticks)| Span { doing, start: seconds(start), end: seconds(end) };
+        let span = |&(doing, start, end): &(Doing, Ticks, Ticks)| Span {
+            doing,
+            start: seconds(start),
+            end: seconds(end),
+        };
         self.spans.iter().map(span).collect()
     }
 }

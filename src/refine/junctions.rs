@@ -1,20 +1,34 @@
-//! Samples of the junctions of dO, from which R1 starts: first contacts and what is around them, then the corners where lines meet, then the lines, at equal spacing, and last the sides of narrow voxels.
+//! Samples of the junctions of dO, from which R1 starts: first contacts and what is around them,
+//! then the corners where lines meet, then the lines, at equal spacing, and last the sides of
+//! narrow voxels.
 //!
-//! Why their edges then are edges of the mesh: a line is followed by mesh edges where the nearest samples of each of its points are its own. Let its samples be g apart and all others rho or more
-//! from these. A point of the line is no more than g/2 from a sample of it, and another sample is at least sqrt(rho^2 - g^2/4) from the line: farther, if rho > g / sqrt(2). Here rho is delta, and g
-//! from [`SPACING`] delta on; candidates come one after the other along a line, [`FINENESS`] of the spacing apart, so that g is hardly more than the spacing. Only where two runs of samples
+//! Why their edges then are edges of the mesh: a line is followed by mesh edges where the nearest
+//! samples of each of its points are its own. Let its samples be g apart and all others rho or more
+//! from these. A point of the line is no more than g/2 from a sample of it, and another sample is
+//! at least sqrt(rho^2 - g^2/4) from the line: farther, if rho > g / sqrt(2). Here rho is delta,
+//! and g from [`SPACING`] delta on; candidates come one after the other along a line, [`FINENESS`]
+//! of the spacing apart, so that g is hardly more than the spacing. Only where two runs of samples
 //! along a line meet it may be up to twice that.
 //!
-//! **Contacts** (`oracle/contacts`) are places in which the bodies of labels touch as their voxels do. Each is a sample, with points around it half a voxel away on the lines of the grid: so it is a vertex whose tets have the labels of the voxels
-//! there, if nothing else is inserted within these octahedra.
+//! **Contacts** (`oracle/contacts`) are places in which the bodies of labels touch as their voxels
+//! do. Each is a sample, with points around it half a voxel away on the lines of the grid: so it is
+//! a vertex whose tets have the labels of the voxels there, if nothing else is inserted within
+//! these octahedra.
 //!
-//! **Narrow voxels** are those that have their label in common with two or fewer of the six beside them: single ones, pairs, rows, and the corners of sheets of one voxel. Where dO crosses the edges to the others is sampled as well: around a single voxel these
-//! six points hold a tet with its circumcenter in the voxel, so a component or a cavity of one voxel is not lost, nor one of two whose neighbours' weights leave it little. These come after the lines: where the label of a row of voxels
-//! changes, its body is thinnest, and a crossing in the middle of the interface there would keep the line around it from being sampled; then the label around the row would touch itself in this one vertex.
+//! **Narrow voxels** are those that have their label in common with two or fewer of the six beside
+//! them: single ones, pairs, rows, and the corners of sheets of one voxel. Where dO crosses the
+//! edges to the others is sampled as well: around a single voxel these six points hold a tet with
+//! its circumcenter in the voxel, so a component or a cavity of one voxel is not lost, nor one of
+//! two whose neighbours' weights leave it little. These come after the lines: where the label of a
+//! row of voxels changes, its body is thinnest, and a crossing in the middle of the interface there
+//! would keep the line around it from being sampled; then the label around the row would touch
+//! itself in this one vertex.
 //!
-//! Where samples are sparser than that, because sampling does not adapt, they are thinned out like others.
+//! Where samples are sparser than that, because sampling does not adapt, they are thinned out like
+//! others.
 //!
-//! Each tile of the image thins out what it has, one colour after the other: see `sampling`. So the samples do not depend on the number of threads.
+//! Each tile of the image thins out what it has, one colour after the other: see `sampling`. So the
+//! samples do not depend on the number of threads.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -51,10 +65,12 @@ fn keep(points: &mut Vec<DVec3>, p: DVec3) -> Result<()> {
     Ok(())
 }
 
-/// Samples the junctions in each tile. Returns, for each, the crossings that are to be sampled before others: where dO crosses the edges from corner voxels.
+/// Samples the junctions in each tile. Returns, for each, the crossings that are to be sampled
+/// before others: where dO crosses the edges from corner voxels.
 ///
 /// # Errors
-/// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked once per row of bricks of voxels.
+/// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked once per row of bricks of
+/// voxels.
 pub(super) fn sample_junctions(
     oracle: &Oracle,
     sizing: &Sizing,
@@ -63,7 +79,8 @@ pub(super) fn sample_junctions(
     nets: &Nets<'_>,
     go_on: &(impl Fn() -> Result<()> + Sync),
 ) -> Result<Vec<Vec<DVec3>>> {
-    let planes = oracle.junction_planes(&sizing.by_cell().map(|spacing| FINENESS * SPACING * spacing));
+    let planes =
+        oracle.junction_planes(&sizing.by_cell().map(|spacing| FINENESS * SPACING * spacing));
     let of_tile = |(tile, found): (usize, &mut Candidates)| {
         for row in tiles.rows(tile) {
             go_on()?;

@@ -1,30 +1,49 @@
-//! LAPD: the two-level, locality-aware algorithm, the paper's section 4. The region of each memory node is refined by PODM (`podm`) with the workers of that node; operations may cross the
+//! LAPD: the two-level, locality-aware algorithm, the paper's section 4. The region of each memory
+//! node is refined by PODM (`podm`) with the workers of that node; operations may cross the
 //! boundary of two regions, and what a tet demands beyond it is handed over.
 //!
-//! The paper refines in steps. In step 1 all workers refine the whole domain to the size r_1; in step i its 2^(i-2) subregions are bisected, so are the groups of memory nodes that refine
-//! them, and each group refines its half to r_i = r_(i-1) / 2. A group keeps the half that it holds. After 1 + log2(nodes) steps each node has a subregion of its own.
+//! The paper refines in steps. In step 1 all workers refine the whole domain to the size r_1; in
+//! step i its 2^(i-2) subregions are bisected, so are the groups of memory nodes that refine them,
+//! and each group refines its half to r_i = r_(i-1) / 2. A group keeps the half that it holds.
+//! After 1 + log2(nodes) steps each node has a subregion of its own.
 //!
 //! # What a step is here
-//! R1 has sampled dO before there are tets (`sampling`); samples go in first, in rounds, and tets are looked at when all are in. A round that makes 4 times as many points of a surface halves their
-//! spacing, so **rounds are steps**: r_i = r_(i-1) / 2 down to the delta of the surface. The volume rules come when dO has its last sample, and need no steps of their own: rows of tets get their final size at once.
+//! R1 has sampled dO before there are tets (`sampling`); samples go in first, in rounds, and tets
+//! are looked at when all are in. A round that makes 4 times as many points of a surface halves
+//! their spacing, so **rounds are steps**: r_i = r_(i-1) / 2 down to the delta of the surface. The
+//! volume rules come when dO has its last sample, and need no steps of their own: rows of tets get
+//! their final size at once.
 //!
 //! # What is known before
-//! The paper learns from the mesh of one step how to divide the next. Here the samples, and the volume of each label in each block, tell how many elements there will be, so all bisections are computed before
-//! the first tet is made (`partition`), and no group has to begin with a half that another one meshed. Then nothing is gained by working in common regions in the early rounds, and memory that others wrote would be left
-//! behind: each node works in its own region from the first round on that all workers share. Rounds before that are too small for all; one worker inserts the first, some the next (`podm`). [`Schedule::halving`] has the paper's scheme
-//! instead: the last round of samples is inserted node by node, the round before by pairs of nodes in the two regions of both, and so on. It visits up to twice as much remote memory (docs/design-notes.md).
+//! The paper learns from the mesh of one step how to divide the next. Here the samples, and the
+//! volume of each label in each block, tell how many elements there will be, so all bisections are
+//! computed before the first tet is made (`partition`), and no group has to begin with a half that
+//! another one meshed. Then nothing is gained by working in common regions in the early rounds, and
+//! memory that others wrote would be left behind: each node works in its own region from the first
+//! round on that all workers share. Rounds before that are too small for all; one worker inserts
+//! the first, some the next (`podm`). [`Schedule::halving`] has the paper's scheme instead: the
+//! last round of samples is inserted node by node, the round before by pairs of nodes in the two
+//! regions of both, and so on. It visits up to twice as much remote memory (docs/design-notes.md).
 //!
 //! # Invariants
-//! - A vertex is inserted by a worker of the node in whose region it lies, but for the first samples. Samples are dealt so. What a tet demands elsewhere is handed over to the node there: a circumcenter with its tet, a point of dO with
-//!   what was seen about it, which is checked when it is carried out, as always (`Rules::is_demanded`). The circumcenter of a tet between two surfaces is far from its facets, so this is not rare as long as tets are large.
-//! - Tets are assigned by circumcenter when all samples are in: every living tet is then in one list, that of the worker in whose region its circumcenter lies. A worker that makes a tet later keeps it.
+//! - A vertex is inserted by a worker of the node in whose region it lies, but for the first
+//!   samples. Samples are dealt so. What a tet demands elsewhere is handed over to the node there:
+//!   a circumcenter with its tet, a point of dO with what was seen about it, which is checked when
+//!   it is carried out, as always (`Rules::is_demanded`). The circumcenter of a tet between two
+//!   surfaces is far from its facets, so this is not rare as long as tets are large.
+//! - Tets are assigned by circumcenter when all samples are in: every living tet is then in one
+//!   list, that of the worker in whose region its circumcenter lies. A worker that makes a tet
+//!   later keeps it.
 //! - Work is given away only within a node (`Levels::apart`).
-//! - New tets lie in slots of the worker's own node: slots of other nodes that a cavity frees are sent home (`delaunay/homes`).
-//! - The end: all workers of all nodes are idle, and nothing is handed over any more (`parallel/begging`).
+//! - New tets lie in slots of the worker's own node: slots of other nodes that a cavity frees are
+//!   sent home (`delaunay/homes`).
+//! - The end: all workers of all nodes are idle, and nothing is handed over any more
+//!   (`parallel/begging`).
 //!
 //! On one memory node there are no regions: the algorithm is PODM.
 //!
-//! Cost, beside PODM's: a lookup of a label for each block, a sort of the samples, tets by circumcenter once, the region of each demand.
+//! Cost, beside PODM's: a lookup of a label for each block, a sort of the samples, tets by
+//! circumcenter once, the region of each demand.
 
 use std::ops::Range;
 use std::sync::Mutex;
@@ -45,13 +64,15 @@ use crate::parallel::topology::Levels;
 use crate::params::Algorithm;
 use crate::sync::lock;
 
-/// Whether memory nodes get regions of their own: the schedule asks for LAPD, and not all workers are on one node.
+/// Whether memory nodes get regions of their own: the schedule asks for LAPD, and not all workers
+/// are on one node.
 pub(super) fn divides(schedule: &Schedule) -> bool {
     let node = |me| schedule.machine.node_of_worker(me);
     schedule.algorithm == Algorithm::Lapd && (1..schedule.threads).any(|me| node(me) != node(0))
 }
 
-/// The regions of a team's workers, and the tets on their way to the workers in whose regions they lie.
+/// The regions of a team's workers, and the tets on their way to the workers in whose regions they
+/// lie.
 pub(super) struct Regions {
     partition: Partition,
     /// The first worker of each worker's node.
@@ -72,18 +93,37 @@ impl Regions {
             return Ok(None);
         }
         let Schedule { threads, ref machine, .. } = *schedule;
-        let partition = Partition::new(&expected_elements(rules, samples, threads)?, Load::Elements, machine, threads);
+        let partition = Partition::new(
+            &expected_elements(rules, samples, threads)?,
+            Load::Elements,
+            machine,
+            threads,
+        );
         let nodes = partition.nodes();
-        let hosts = nodes.iter().map(|node| nodes.iter().position(|other| other == node).unwrap_or(0)).collect();
+        let hosts = nodes
+            .iter()
+            .map(|node| nodes.iter().position(|other| other == node).unwrap_or(0))
+            .collect();
         let halving = schedule.halving;
-        Ok(Some(Self { partition, hosts, halving, parcels: (0..threads).map(|_| Mutex::default()).collect() }))
+        Ok(Some(Self {
+            partition,
+            hosts,
+            halving,
+            parcels: (0..threads).map(|_| Mutex::default()).collect(),
+        }))
     }
 
-    /// Deals the samples of each round from `first` on: sorts them by regions, and gives each worker those of its own, to be helped by the workers of its group at that round's step.
+    /// Deals the samples of each round from `first` on: sorts them by regions, and gives each
+    /// worker those of its own, to be helped by the workers of its group at that round's step.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked before each round.
-    pub fn deal(&self, samples: &mut Samples, first: usize, go_on: impl Fn() -> Result<()>) -> Result<Vec<Stretches>> {
+    pub fn deal(
+        &self,
+        samples: &mut Samples,
+        first: usize,
+        go_on: impl Fn() -> Result<()>,
+    ) -> Result<Vec<Stretches>> {
         let rounds: Vec<Range<usize>> = samples.rounds_from(first).collect();
         let points = &mut samples.points;
         let count = rounds.len();
@@ -102,7 +142,8 @@ impl Regions {
         rounds.into_iter().enumerate().map(deal).collect()
     }
 
-    /// Sorts points by the places of their regions, and leaves those of each in their order; returns where each place begins, and the end.
+    /// Sorts points by the places of their regions, and leaves those of each in their order;
+    /// returns where each place begins, and the end.
     fn sort_by_place(&self, points: &mut [DVec3]) -> Result<Vec<usize>> {
         let mut keys = room(points.len(), "places of samples")?;
         let place = |(at, &p): (usize, &DVec3)| (self.partition.place_of(p) as u32, at as u32);
@@ -121,7 +162,8 @@ impl Regions {
         self.partition.worker_of(p)
     }
 
-    /// The first worker of the memory node in whose region `p` lies, if that is not the node of worker `me`.
+    /// The first worker of the memory node in whose region `p` lies, if that is not the node of
+    /// worker `me`.
     #[inline]
     pub fn elsewhere(&self, me: usize, p: DVec3) -> Option<usize> {
         let host = self.hosts[self.worker_of(p)];
@@ -150,7 +192,8 @@ impl Regions {
     }
 }
 
-/// What a worker keeps for each other node, named by that node's first worker, until it is enough to be sent.
+/// What a worker keeps for each other node, named by that node's first worker, until it is enough
+/// to be sent.
 #[derive(Default)]
 pub(super) struct Outbox(Vec<Gift>);
 
@@ -158,11 +201,19 @@ pub(super) struct Outbox(Vec<Gift>);
 const PARCEL: usize = 32;
 
 impl Outbox {
-    /// Adds what a tet demands: a poor tet asks for its circumcenter, whenever it is asked; a point of dO was searched for, and goes with the `interfaces` behind it. Returns whether there is enough for `host`.
+    /// Adds what a tet demands: a poor tet asks for its circumcenter, whenever it is asked; a point
+    /// of dO was searched for, and goes with the `interfaces` behind it. Returns whether there is
+    /// enough for `host`.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
-    pub fn put(&mut self, host: usize, stamp: TetStamp, demand: &Demand, interfaces: u32) -> Result<bool> {
+    pub fn put(
+        &mut self,
+        host: usize,
+        stamp: TetStamp,
+        demand: &Demand,
+        interfaces: u32,
+    ) -> Result<bool> {
         if self.0.len() <= host {
             self.0.resize_with(host + 1, Gift::default);
         }

@@ -13,7 +13,7 @@
 //! | [`activity`] | what each thread did, and with what it lost time |
 //! | [`team`] | what the workers of a refinement share: limits, the way to stop |
 //! | [`podm`] | all workers on one triangulation: the phases of a refinement |
-//! | [`lapd`] | each memory node in a region of its own: who inserts which samples, who begins with which tets |
+//! | [`lapd`] | each memory node in a region of its own: whose are which samples and tets |
 //! | [`partition`] | the regions: blocks, bisection |
 //! | [`refiner`] | one worker's loop: look, insert, remove |
 //! | [`unmet`] | what the rules still apply to in the end |

@@ -1,13 +1,19 @@
-//! Over-decomposed block-based partition (paper, section 4.3 and Fig. 6): space is cut into many more blocks than there are workers, those that hold elements are *active*, and the
-//! region of a group of workers is bisected, along one dimension and between two layers of blocks, into subregions of about equal load for each worker of the two halves of the group.
+//! Over-decomposed block-based partition (paper, section 4.3 and Fig. 6): space is cut into many
+//! more blocks than there are workers, those that hold elements are *active*, and the region of a
+//! group of workers is bisected, along one dimension and between two layers of blocks, into
+//! subregions of about equal load for each worker of the two halves of the group.
 //!
-//! The groups are halved as the machine says, memory node by memory node, each half physically compact (`parallel::machine`); within a node, by number. The bisections are a
-//! k-d tree whose leaves are the workers' regions. A point belongs to the leaf on whose side of every plane it lies, so all of space is divided, not only the blocks.
+//! The groups are halved as the machine says, memory node by memory node, each half physically
+//! compact (`parallel::machine`); within a node, by number. The bisections are a k-d tree whose
+//! leaves are the workers' regions. A point belongs to the leaf on whose side of every plane it
+//! lies, so all of space is divided, not only the blocks.
 //!
-//! **Which plane.** Of the three dimensions each has a plane that divides the load best. Of these planes that are about as good as the best, the one with the least load in the two
-//! layers beside it is taken: what lies there is what both sides will visit.
+//! **Which plane.** Of the three dimensions each has a plane that divides the load best. Of these
+//! planes that are about as good as the best, the one with the least load in the two layers beside
+//! it is taken: what lies there is what both sides will visit.
 //!
-//! Pure geometry and counts: no mesh, no threads. Cost: for each level of the tree the blocks once, some nanoseconds each; a point finds its leaf in the depth of the tree.
+//! Pure geometry and counts: no mesh, no threads. Cost: for each level of the tree the blocks once,
+//! some nanoseconds each; a point finds its leaf in the depth of the tree.
 
 use glam::{DVec3, USizeVec3};
 
@@ -19,7 +25,8 @@ use crate::parallel::machine::Machine;
 const BLOCKS_PER_WORKER: usize = 1 << 14;
 /// Most blocks at all.
 const MOST_BLOCKS: usize = 1 << 20;
-/// A plane is about as good as the best when it leaves at most this part of the load more on the wrong side.
+/// A plane is about as good as the best when it leaves at most this part of the load more on the
+/// wrong side.
 const TOLERANCE: f64 = 0.02;
 
 /// What is divided equally.
@@ -46,7 +53,8 @@ impl Blocks {
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
     pub fn new(lower: DVec3, upper: DVec3, workers: usize) -> Result<Self> {
-        let longest = Some((upper - lower).max_element()).filter(|&longest| longest > 0.0).unwrap_or(1.0);
+        let longest =
+            Some((upper - lower).max_element()).filter(|&longest| longest > 0.0).unwrap_or(1.0);
         // A flat box is taken for one that is not quite so flat.
         let size = (upper - lower).max(DVec3::splat(longest / 1024.0));
         let wanted = (BLOCKS_PER_WORKER * workers).min(MOST_BLOCKS) as f64;
@@ -95,7 +103,8 @@ pub struct Partition {
     order: Vec<usize>,
     /// The memory node of each worker.
     nodes: Vec<usize>,
-    /// The group of each worker, at each level: all, then each half of the memory nodes, and so on to single nodes.
+    /// The group of each worker, at each level: all, then each half of the memory nodes, and so on
+    /// to single nodes.
     groups: Vec<Vec<usize>>,
 }
 
@@ -195,12 +204,14 @@ impl Partition {
         self.order.len()
     }
 
-    /// How often the memory nodes were halved until each was alone: 0 for one node, log2 of their number, rounded up, where their cores are alike.
+    /// How often the memory nodes were halved until each was alone: 0 for one node, log2 of their
+    /// number, rounded up, where their cores are alike.
     pub fn levels(&self) -> usize {
         self.groups.len() - 1
     }
 
-    /// The groups after `level` halvings, at most [`Self::levels`]: for each worker the number of a memory node of its group, the same for all of the group.
+    /// The groups after `level` halvings, at most [`Self::levels`]: for each worker the number of a
+    /// memory node of its group, the same for all of the group.
     pub fn groups(&self, level: usize) -> &[usize] {
         &self.groups[level]
     }
@@ -221,7 +232,9 @@ impl Partition {
         let mut branch = 0;
         loop {
             match self.tree[branch] {
-                Branch::Plane { axis, at, above } => branch = if p[axis] < at { branch + 1 } else { above },
+                Branch::Plane { axis, at, above } => {
+                    branch = if p[axis] < at { branch + 1 } else { above }
+                }
                 Branch::Leaf(place) => return place,
             }
         }
@@ -245,7 +258,9 @@ fn best_cut(blocks: &Blocks, load: Load, region: Region, part: f64) -> Cut {
         for y in from.y..to.y {
             let row = (z * blocks.dims.y + y) * blocks.dims.x;
             let mut of_row = 0.0;
-            for (layer, &elements) in layers[0].iter_mut().zip(&blocks.elements[row + from.x..row + to.x]) {
+            for (layer, &elements) in
+                layers[0].iter_mut().zip(&blocks.elements[row + from.x..row + to.x])
+            {
                 let elements = match load {
                     Load::Elements => f64::from(elements),
                     Load::ActiveBlocks => f64::from(u8::from(elements > 0.0)),
@@ -264,9 +279,11 @@ fn best_cut(blocks: &Blocks, load: Load, region: Region, part: f64) -> Cut {
     good.min_by(|a, b| a.beside.total_cmp(&b.beside)).expect("the best is as good as itself")
 }
 
-/// The plane across one axis below which the load is nearest to `wanted`; `layers` begin with number `first`. It may leave one side without blocks: a region one block wide cannot be divided.
+/// The plane across one axis below which the load is nearest to `wanted`; `layers` begin with
+/// number `first`. It may leave one side without blocks: a region one block wide cannot be divided.
 fn cut_along(layers: &[f64], axis: usize, first: usize, wanted: f64) -> Cut {
-    let mut best = Cut { axis, layer: first, miss: wanted, beside: layers.first().copied().unwrap_or(0.0) };
+    let mut best =
+        Cut { axis, layer: first, miss: wanted, beside: layers.first().copied().unwrap_or(0.0) };
     let mut below = 0.0;
     for (i, &layer) in layers.iter().enumerate() {
         below += layer;
@@ -323,7 +340,8 @@ mod tests {
         assert_eq!(partition.groups(0).iter().collect::<std::collections::HashSet<_>>().len(), 1);
         for level in 0..=partition.levels() {
             let groups = partition.groups(level);
-            let mut runs: Vec<usize> = partition.order().iter().map(|&worker| groups[worker]).collect();
+            let mut runs: Vec<usize> =
+                partition.order().iter().map(|&worker| groups[worker]).collect();
             runs.dedup();
             let all = runs.len();
             runs.sort_unstable();
@@ -348,7 +366,8 @@ mod tests {
         assert!(shares(&blocks, &partition).iter().all(|&share| share > 0.0));
     }
 
-    /// Most elements are in a corner: that many blocks are active there and elsewhere says little of the work.
+    /// Most elements are in a corner: that many blocks are active there and elsewhere says little
+    /// of the work.
     #[test]
     fn counting_elements_balances_what_counting_blocks_does_not() {
         let mut blocks = uniform(8);
@@ -365,7 +384,8 @@ mod tests {
 
     #[test]
     fn no_elements_or_no_extent_is_no_failure() {
-        for (lower, upper) in [(DVec3::ZERO, DVec3::ZERO), (DVec3::ZERO, DVec3::new(1.0, 0.0, 1e9))] {
+        for (lower, upper) in [(DVec3::ZERO, DVec3::ZERO), (DVec3::ZERO, DVec3::new(1.0, 0.0, 1e9))]
+        {
             let blocks = Blocks::new(lower, upper, 4).unwrap();
             assert!(blocks.count() <= 8 * BLOCKS_PER_WORKER * 4, "{}", blocks.count());
             let partition = Partition::new(&blocks, Load::Elements, &Machine::uniform(2, 2), 4);

@@ -1,10 +1,15 @@
-//! A worker's poor element list (PEL): the tets that it has still to look at, and those that it found poor.
+//! A worker's poor element list (PEL): the tets that it has still to look at, and those that it
+//! found poor.
 //!
-//! **Looks** come in rounds. A round holds the tets that one made of the tets of the round before it, in the order of their making; when none is left, the next round
-//! begins with some of the tets that wait. So a tet that the demand of another of its round destroys is never looked at, while all
-//! tets of a round still lie close together. Where each round makes more than it had, rounds would become a front that spreads over all of the worker's region, and no cache holds it: so the tets of a large round
-//! that were made last wait, and are the first to begin a round later. **Poor** tets are served, some at a time, only when none is left to look at: a tet that lives only for a moment is never refined for
-//! its own shape, and all interfaces are sampled before the first circumcenter is inserted, which leaves R6 next to nothing to do.
+//! **Looks** come in rounds. A round holds the tets that one made of the tets of the round before
+//! it, in the order of their making; when none is left, the next round begins with some of the tets
+//! that wait. So a tet that the demand of another of its round destroys is never looked at, while
+//! all tets of a round still lie close together. Where each round makes more than it had, rounds
+//! would become a front that spreads over all of the worker's region, and no cache holds it: so the
+//! tets of a large round that were made last wait, and are the first to begin a round later.
+//! **Poor** tets are served, some at a time, only when none is left to look at: a tet that lives
+//! only for a moment is never refined for its own shape, and all interfaces are sampled before the
+//! first circumcenter is inserted, which leaves R6 next to nothing to do.
 //!
 //! An entry is never taken out when its tet dies: the stamp tells.
 
@@ -37,14 +42,16 @@ pub enum Task {
     Serve(TetStamp),
 }
 
-/// Work for another worker: a part of a list, of the tets that came first, which lie farthest from those at hand; or what is to be done in another region.
+/// Work for another worker: a part of a list, of the tets that came first, which lie farthest from
+/// those at hand; or what is to be done in another region.
 #[derive(Debug, Default)]
 pub struct Gift {
     /// To be looked at.
     pub waiting: Vec<TetStamp>,
     /// Poor.
     pub poor: Vec<TetStamp>,
-    /// Tets, what they demanded when they were looked at, and which of their facets had not been asked yet, as bits.
+    /// Tets, what they demanded when they were looked at, and which of their facets had not been
+    /// asked yet, as bits.
     pub demands: Vec<(TetStamp, Demand, u32)>,
 }
 
@@ -83,7 +90,9 @@ impl Pel {
     /// [`Error::OutOfMemory`].
     pub fn push_removals(&mut self, vertices: &[VertexId]) -> Result<()> {
         let count = vertices.len();
-        self.removals.try_reserve(count).map_err(|_| Error::OutOfMemory { count, what: "vertices to remove" })?;
+        self.removals
+            .try_reserve(count)
+            .map_err(|_| Error::OutOfMemory { count, what: "vertices to remove" })?;
         self.removals.extend_from_slice(vertices);
         Ok(())
     }
@@ -94,7 +103,8 @@ impl Pel {
         self.waiting.len() >= MANY_WAITING || self.poor.len() >= MANY_POOR
     }
 
-    /// Takes half of the tets out that wait, or of the poor ones where few wait. The lists keep the room that was made in them.
+    /// Takes half of the tets out that wait, or of the poor ones where few wait. The lists keep the
+    /// room that was made in them.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
@@ -160,7 +170,8 @@ impl Pel {
         self.served.pop().map(Task::Serve)
     }
 
-    /// Makes room for `count` more entries wherever they go, so that pushing so many need not ask for memory.
+    /// Makes room for `count` more entries wherever they go, so that pushing so many need not ask
+    /// for memory.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].

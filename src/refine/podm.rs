@@ -1,16 +1,23 @@
-//! PODM: parallel optimistic Delaunay meshing, the paper's sections 1 to 3. All workers refine one triangulation, each from its own poor element list; tets are locked by trial
-//! (`delaunay/ownership`), an operation that meets another worker's lock is given up (`parallel/contention`), and who has no work begs for some (`parallel/begging`).
+//! PODM: parallel optimistic Delaunay meshing, the paper's sections 1 to 3. All workers refine one
+//! triangulation, each from its own poor element list; tets are locked by trial
+//! (`delaunay/ownership`), an operation that meets another worker's lock is given up
+//! (`parallel/contention`), and who has no work begs for some (`parallel/begging`).
 //!
 //! 1. The image is sampled (`sampling`), on all threads.
-//! 2. One worker inserts the first rounds of samples: some hundreds, of which each cavity takes a large part of the triangulation. Then as many workers insert the next as there is
-//!    room for, until there is for all.
-//! 3. All workers insert the rest, each along its own stretch of each round's curve, or, under LAPD, in its own region (`lapd`).
-//! 4. When all samples are in, each worker takes the tets of the memory that it claimed into its list; under LAPD those whose circumcenters lie in its region.
+//! 2. One worker inserts the first rounds of samples: some hundreds, of which each cavity takes a
+//!    large part of the triangulation. Then as many workers insert the next as there is room for,
+//!    until there is for all.
+//! 3. All workers insert the rest, each along its own stretch of each round's curve, or, under
+//!    LAPD, in its own region (`lapd`).
+//! 4. When all samples are in, each worker takes the tets of the memory that it claimed into its
+//!    list; under LAPD those whose circumcenters lie in its region.
 //! 5. All work off their lists until nobody has any work.
 //!
-//! With one worker the same steps run on the calling thread, and nothing is locked. The result of one worker is the same in every run; that of several depends on who came first.
+//! With one worker the same steps run on the calling thread, and nothing is locked. The result of
+//! one worker is the same in every run; that of several depends on who came first.
 //!
-//! A worker that ends early, because of a limit, a cancel or a panic, stops the team: every wait ends at once, and the others end at their next look around, between two operations.
+//! A worker that ends early, because of a limit, a cancel or a panic, stops the team: every wait
+//! ends at once, and the others end at their next look around, between two operations.
 
 use super::activity::ThreadReport;
 use super::lapd::{self, Regions};
@@ -30,7 +37,8 @@ use crate::params::MAX_THREADS;
 use crate::sync::run_together;
 use crate::{Error, Result};
 
-/// Least samples that all workers insert at once, for each of them: with fewer in the triangulation cavities meet too often.
+/// Least samples that all workers insert at once, for each of them: with fewer in the triangulation
+/// cavities meet too often.
 const SAMPLES_PER_WORKER: usize = 100;
 const _: () = assert!(MAX_THREADS <= MAX_OWNERS);
 /// Tets whose labels are found at a time when a limit has ended a run.
@@ -49,10 +57,12 @@ pub struct Refinement {
     pub ended_by: Option<Error>,
 }
 
-/// Refines a triangulation of nothing but its box until no rule applies, or a limit is reached: one of the schedule's, or that of the ids. Worker threads are joined before this returns.
+/// Refines a triangulation of nothing but its box until no rule applies, or a limit is reached: one
+/// of the schedule's, or that of the ids. Worker threads are joined before this returns.
 ///
 /// # Errors
-/// [`Error::Cancelled`]; [`Error::OutOfMemory`], also when a thread cannot be had; [`Error::Internal`], also when a worker panics.
+/// [`Error::Cancelled`]; [`Error::OutOfMemory`], also when a thread cannot be had;
+/// [`Error::Internal`], also when a worker panics.
 pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<Refinement> {
     let triangulation = rules.triangulation;
     if schedule.count_accesses {
@@ -66,7 +76,8 @@ pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> 
     }
 }
 
-/// As [`refine`], under policy `alone` while one worker works; `shared` makes the policy of worker `me` among others, of the one that it had alone if it is the first.
+/// As [`refine`], under policy `alone` while one worker works; `shared` makes the policy of worker
+/// `me` among others, of the one that it had alone if it is the first.
 fn refine_under<S: Access, T: Access>(
     rules: &Rules<'_>,
     schedule: &Schedule,
@@ -79,23 +90,25 @@ fn refine_under<S: Access, T: Access>(
     let go_on = || monitor.advance(0).and_then(|()| schedule.limits.check_time());
     let growth = if lapd::divides(schedule) { Growth::Fourfold } else { Growth::Eightfold };
     let samples = sample_isosurface(rules.oracle, &rules.sizing, growth, go_on);
-    let Dealt { samples, regions, stretches } = match samples.and_then(|samples| deal(rules, schedule, samples, go_on))
-    {
-        Err(limit) if limit.is_limit() => {
-            label_all(rules, monitor)?;
-            return Ok(Refinement::none(limit));
-        }
-        dealt => dealt?,
-    };
+    let Dealt { samples, regions, stretches } =
+        match samples.and_then(|samples| deal(rules, schedule, samples, go_on)) {
+            Err(limit) if limit.is_limit() => {
+                label_all(rules, monitor)?;
+                return Ok(Refinement::none(limit));
+            }
+            dealt => dealt?,
+        };
     let total = samples.points.len();
     let report_progress = |part, tets| monitor.advance_to(part, tets);
     let team = Team::new(rules, samples.points, regions, schedule, &report_progress);
-    // From here on: what a worker touches first lies in its core's memory. The samples were made by all threads.
+    // From here on: what a worker touches first lies in its core's memory. The samples were made by
+    // all threads.
     let bound = team.bind(0);
     let mut lead = Refiner::new(&team, 0, team.worker(0, alone));
     let end = if schedule.threads == 1 { total } else { first_for(2, &samples.rounds, total) };
     let mut first_samples = Some(0..end);
-    // Before the triangulation takes what memory there is: what has been done is said even if that was too little.
+    // Before the triangulation takes what memory there is: what has been done is said even if that
+    // was too little.
     let mut threads = room(schedule.threads, "reports of threads")?;
     let done = lead.insert_samples(|| first_samples.take());
     match done {
@@ -133,7 +146,12 @@ fn refine_under<S: Access, T: Access>(
 
 impl Refinement {
     fn none(limit: Error) -> Self {
-        Self { counters: Counters::default(), work: Work::default(), threads: Vec::new(), ended_by: Some(limit) }
+        Self {
+            counters: Counters::default(),
+            work: Work::default(),
+            threads: Vec::new(),
+            ended_by: Some(limit),
+        }
     }
 }
 
@@ -149,7 +167,12 @@ struct Dealt {
 ///
 /// # Errors
 /// [`Error::OutOfMemory`]; those of `go_on`.
-fn deal(rules: &Rules<'_>, schedule: &Schedule, mut samples: Samples, go_on: impl Fn() -> Result<()>) -> Result<Dealt> {
+fn deal(
+    rules: &Rules<'_>,
+    schedule: &Schedule,
+    mut samples: Samples,
+    go_on: impl Fn() -> Result<()>,
+) -> Result<Dealt> {
     let first = first_for(schedule.threads, &samples.rounds, samples.points.len());
     let mut stretches = deal_to_some(&samples, first, schedule.threads);
     let regions = Regions::new(rules, &samples.points, schedule)?;
@@ -160,7 +183,8 @@ fn deal(rules: &Rules<'_>, schedule: &Schedule, mut samples: Samples, go_on: imp
     Ok(Dealt { samples, regions, stretches })
 }
 
-/// Finds the labels of all tets: those that were made before the samples were complete have none. Some at a time: memory may be what a run has ended by.
+/// Finds the labels of all tets: those that were made before the samples were complete have none.
+/// Some at a time: memory may be what a run has ended by.
 fn label_all(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<()> {
     let mut tets: Vec<TetId> = room(LABELLED, "tets without a label")?;
     let mut living = rules.triangulation.living_tets().peekable();
@@ -179,11 +203,14 @@ fn first_for(workers: usize, rounds: &[usize], total: usize) -> usize {
     rounds.iter().copied().find(|&start| start >= enough).unwrap_or(total)
 }
 
-/// Deals the samples of each round for which there is room for several workers, but not for all, which have those from `first` on.
+/// Deals the samples of each round for which there is room for several workers, but not for all,
+/// which have those from `first` on.
 fn deal_to_some(samples: &Samples, first: usize, threads: usize) -> Vec<Stretches> {
     let rounds = samples.rounds_from(first_for(2, &samples.rounds, samples.points.len()));
     let before = rounds.take_while(|round| round.start < first);
-    before.map(|round| Stretches::of_some(round.clone(), round.start / SAMPLES_PER_WORKER, threads)).collect()
+    before
+        .map(|round| Stretches::of_some(round.clone(), round.start / SAMPLES_PER_WORKER, threads))
+        .collect()
 }
 
 /// Deals the samples of each round from `first` on: to each worker a stretch of the round's curve.

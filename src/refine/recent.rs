@@ -1,4 +1,5 @@
-//! The points that were found last. Crossed edges come brick after brick, so mostly one of them is near the next place that is asked about.
+//! The points that were found last. Crossed edges come brick after brick, so mostly one of them is
+//! near the next place that is asked about.
 
 use glam::DVec3;
 

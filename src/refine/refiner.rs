@@ -1,13 +1,18 @@
 //! One worker's loop over its poor element list.
 //!
-//! First the samples of the isosurface are inserted. Then all tets are looked at, in the order of the PEL (`pel`): looking asks the surface rule R3, then the
-//! volume rules. A surface demand is carried out at once; a tet that only a volume rule finds poor waits until no tet is left to be looked at.
+//! First the samples of the isosurface are inserted. Then all tets are looked at, in the order of
+//! the PEL (`pel`): looking asks the surface rule R3, then the volume rules. A surface demand is
+//! carried out at once; a tet that only a volume rule finds poor waits until no tet is left to be
+//! looked at.
 //!
-//! The same loop serves a lone worker and one of a team (`podm`): the policy of the kernel is a type parameter, and what concerns others is compiled out for a lone worker.
-//! With others at work a look is a hint, checked when the operation owns what it looked at (`delaunay/ownership`); an operation that is given up leaves its tet in the list.
+//! The same loop serves a lone worker and one of a team (`podm`): the policy of the kernel is a
+//! type parameter, and what concerns others is compiled out for a lone worker. With others at work
+//! a look is a hint, checked when the operation owns what it looked at (`delaunay/ownership`); an
+//! operation that is given up leaves its tet in the list.
 //!
-//! Limits end the loop between two operations, so the triangulation is whole then: a mesh can be made of it. Time and memory are looked at every
-//! thousand steps, as is the cancel flag; a step takes microseconds.
+//! Limits end the loop between two operations, so the triangulation is whole then: a mesh can be
+//! made of it. Time and memory are looked at every thousand steps, as is the cancel flag; a step
+//! takes microseconds.
 
 use std::ops::Range;
 
@@ -21,7 +26,9 @@ use super::team::{PERMITS, Team};
 use crate::delaunay::access::Effort;
 use crate::delaunay::homes::MAX_NODES;
 use crate::delaunay::worker::mark_of;
-use crate::delaunay::{Access, Insertion, Removal, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker};
+use crate::delaunay::{
+    Access, Insertion, Removal, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker,
+};
 use crate::memory::{reserve, room};
 use crate::parallel::clock::{Ticks, ticks};
 use crate::parallel::contention::Streak;
@@ -30,14 +37,17 @@ use crate::{Error, Result};
 /// Steps between two looks at the cancel flag and the limits.
 pub(super) const LOOK_EVERY: u64 = 1024;
 
-/// Steps between two looks at what other workers want or have sent. Most steps are a look at a tet, some hundred instructions, of which asking each time would be a tenth.
+/// Steps between two looks at what other workers want or have sent. Most steps are a look at a tet,
+/// some hundred instructions, of which asking each time would be a tenth.
 const ASK_EVERY: u64 = 8;
 const _: () = assert!(LOOK_EVERY.is_multiple_of(ASK_EVERY));
 
-/// Entries that the list has room for at each look: more than the steps until the next one push, unless cavities are monstrous.
+/// Entries that the list has room for at each look: more than the steps until the next one push,
+/// unless cavities are monstrous.
 const ROOM: usize = 64 * LOOK_EVERY as usize;
 
-/// Slots that are collected at once: their records stay in the nearest cache from one step to the next.
+/// Slots that are collected at once: their records stay in the nearest cache from one step to the
+/// next.
 const COLLECTED: usize = 256;
 
 /// What a worker of a refinement did beside the operations of the kernel.
@@ -69,7 +79,8 @@ enum Fate {
     Done,
     /// Others were in the way: the tet is to be asked again.
     GivenUp,
-    /// Rounding placed the point on a vertex or out of the conflict zone; the demand stays unmet, and is counted so in the end.
+    /// Rounding placed the point on a vertex or out of the conflict zone; the demand stays unmet,
+    /// and is counted so in the end.
     Dropped,
 }
 
@@ -207,7 +218,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         Ok(())
     }
 
-    /// Takes the tets in the slots that this worker claimed into its list, or sends them to the workers in whose regions they lie. While nobody operates.
+    /// Takes the tets in the slots that this worker claimed into its list, or sends them to the
+    /// workers in whose regions they lie. While nobody operates.
     pub fn collect(&mut self) -> Result<()> {
         let mut living = room(COLLECTED, "tets to collect")?;
         let mut parcels: Vec<Vec<TetStamp>> = Vec::new();
@@ -229,7 +241,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                 self.note_labels(living.len());
                 for &t in &living {
                     let record = self.triangulation.tet(t);
-                    let owner = regions.map_or(self.me, |regions| regions.worker_of(record.sphere().center));
+                    let owner = regions
+                        .map_or(self.me, |regions| regions.worker_of(record.sphere().center));
                     record.set_mark(mark_of(owner));
                     if owner == self.me {
                         self.pel.push_waiting(self.triangulation.stamp(t));
@@ -276,8 +289,12 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             self.worker.access.pause();
             match self.pel.pop() {
                 Some(Task::Remove(v)) => self.remove(v)?,
-                Some(Task::Look(stamp)) if self.triangulation.is_current(stamp) => self.look(stamp)?,
-                Some(Task::Serve(stamp)) if self.triangulation.is_current(stamp) => self.serve(stamp)?,
+                Some(Task::Look(stamp)) if self.triangulation.is_current(stamp) => {
+                    self.look(stamp)?
+                }
+                Some(Task::Serve(stamp)) if self.triangulation.is_current(stamp) => {
+                    self.serve(stamp)?
+                }
                 Some(Task::Look(_) | Task::Serve(_)) => {}
                 None if A::SHARED && self.beg()? => {}
                 None => return Ok(()),
@@ -285,7 +302,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         }
     }
 
-    /// Reports, looks at the limits, and makes room in the list, so that pushing need not ask for memory.
+    /// Reports, looks at the limits, and makes room in the list, so that pushing need not ask for
+    /// memory.
     #[cold]
     fn look_around(&mut self) -> Result<()> {
         // The box has some that nobody created.
@@ -318,13 +336,17 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         self.look_at(stamp, interfaces)
     }
 
-    /// Does what the surface demands of a tet at these of its facets, or notes what its volume does. Most looks find nothing: for these a call would be 36 instructions more.
+    /// Does what the surface demands of a tet at these of its facets, or notes what its volume
+    /// does. Most looks find nothing: for these a call would be 36 instructions more.
     #[inline(always)]
     fn look_at(&mut self, stamp: TetStamp, mut interfaces: u32) -> Result<()> {
-        // Demands stay where they were made: one is a hundred bytes and more, and a copy of what was just written waits for that.
+        // Demands stay where they were made: one is a hundred bytes and more, and a copy of what
+        // was just written waits for that.
         while let Some(demand) = &self.ask_surface(stamp.tet, &mut interfaces) {
             // What is dropped keeps nothing else from being asked.
-            if self.hand_over(stamp, demand, interfaces)? || self.settle(stamp, demand)? != Fate::Dropped {
+            if self.hand_over(stamp, demand, interfaces)?
+                || self.settle(stamp, demand)? != Fate::Dropped
+            {
                 return Ok(());
             }
         }
@@ -349,20 +371,27 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     /// Carries out what the surface demands of a tet.
     fn settle(&mut self, stamp: TetStamp, demand: &Demand) -> Result<Fate> {
         let fate = self.carry_out(stamp, demand)?;
-        // What was inserted may lie in the neighbour's circumball alone: then the tet is looked at again.
+        // What was inserted may lie in the neighbour's circumball alone: then the tet is looked at
+        // again.
         if fate != Fate::Dropped && self.triangulation.is_current(stamp) {
             self.pel.push_made(stamp);
         }
         Ok(fate)
     }
 
-    /// Leaves to another node what is to be inserted in its region, with the facets that are still to be asked if it cannot be; `false`: it lies in a region of this node.
+    /// Leaves to another node what is to be inserted in its region, with the facets that are still
+    /// to be asked if it cannot be; `false`: it lies in a region of this node.
     #[inline]
     fn hand_over(&mut self, stamp: TetStamp, demand: &Demand, interfaces: u32) -> Result<bool> {
         if !A::SHARED {
             return Ok(false);
         }
-        match self.team.regions.as_ref().and_then(|regions| regions.elsewhere(self.me, demand.point)) {
+        match self
+            .team
+            .regions
+            .as_ref()
+            .and_then(|regions| regions.elsewhere(self.me, demand.point))
+        {
             Some(host) => {
                 if self.outbox.put(host, stamp, demand, interfaces)? {
                     self.send(host);
@@ -407,7 +436,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             || rules.is_demanded(stamp.tet, demand),
             |v, tets| {
                 rules.find_labels(tets);
-                // While its tets are owned: an isovertex that is inserted near it later finds it in the grid.
+                // While its tets are owned: an isovertex that is inserted near it later finds it in
+                // the grid.
                 rules.note_vertex(v, demand.point, demand.kind)
             },
         )?;
@@ -491,7 +521,11 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
 
     #[cold]
     fn after_conflict(&mut self, rule: Rule, begin: Ticks) -> Result<()> {
-        let met = self.worker.access.met().ok_or_else(|| Error::Internal("a lone worker was blocked".into()))?;
+        let met = self
+            .worker
+            .access
+            .met()
+            .ok_or_else(|| Error::Internal("a lone worker was blocked".into()))?;
         let end = ticks();
         self.lost.overhead.rollbacks[rule as usize] += 1;
         self.lost.rolling_back += end.saturating_sub(begin);
@@ -513,7 +547,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         {
             let gift = self.pel.gift()?;
             for stamp in &gift.waiting {
-                // Where the tet has died meanwhile, its slot's next one is looked at twice at worst.
+                // Where the tet has died meanwhile, its slot's next one is looked at twice at
+                // worst.
                 self.rules.mark_elsewhere(stamp.tet);
             }
             self.lost.overhead.gifts += 1;
@@ -544,7 +579,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         // Each demand is a step.
         self.pel.make_room(ROOM)?;
         for (stamp, demand, interfaces) in gift.demands {
-            if self.triangulation.is_current(stamp) && self.settle(stamp, &demand)? == Fate::Dropped {
+            if self.triangulation.is_current(stamp) && self.settle(stamp, &demand)? == Fate::Dropped
+            {
                 self.look_at(stamp, interfaces)?;
             }
         }

@@ -1,11 +1,13 @@
-//! The rules R2 to R5 as questions about one tet; what they answer is to be inserted. R1 is asked of the image, once, before there are tets: `sampling`. R6,
-//! which answers an insertion, is [`Rules::near_free_vertices`].
+//! The rules R2 to R5 as questions about one tet; what they answer is to be inserted. R1 is asked
+//! of the image, once, before there are tets: `sampling`. R6, which answers an insertion, is
+//! [`Rules::near_free_vertices`].
 //!
-//! From Foteinos, Chernikov and Chrisochoides, Guaranteed quality tetrahedral Delaunay meshing for medical images (2014), extended to many
-//! labels. docs/algorithm.md states the rules as they stand here, what was added to them, and why the refinement ends.
+//! From Foteinos, Chernikov and Chrisochoides, Guaranteed quality tetrahedral Delaunay meshing for
+//! medical images (2014), extended to many labels. docs/algorithm.md states the rules as they stand
+//! here, what was added to them, and why the refinement ends.
 //!
-//! A rule only reads. It looks at the tet and at its neighbours, so the answer changes only when one of these does, and a changed neighbour is a new
-//! tet, which is looked at itself.
+//! A rule only reads. It looks at the tet and at its neighbours, so the answer changes only when
+//! one of these does, and a changed neighbour is a new tet, which is looked at itself.
 
 use glam::DVec3;
 
@@ -53,7 +55,8 @@ pub struct Demand {
     across: Option<(Facet, Seen)>,
 }
 
-/// A tet as a rule saw it. Another worker may have been rewriting it meanwhile, so that parts of two tets were seen: what was concluded is true if the tet is all like this when it is owned.
+/// A tet as a rule saw it. Another worker may have been rewriting it meanwhile, so that parts of
+/// two tets were seen: what was concluded is true if the tet is all like this when it is owned.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
     vertices: [VertexId; 4],
@@ -69,9 +72,13 @@ impl Seen {
 
     /// Whether a tet is like this; in bits. The inside bound says nothing more, and may be NaN.
     fn is(&self, record: &TetRecord) -> bool {
-        let bits = |sphere: &Circumsphere| (sphere.center.to_array().map(f64::to_bits), sphere.outside.to_bits());
+        let bits = |sphere: &Circumsphere| {
+            (sphere.center.to_array().map(f64::to_bits), sphere.outside.to_bits())
+        };
         let now = Self::of(record);
-        self.vertices == now.vertices && self.label == now.label && bits(&self.sphere) == bits(&now.sphere)
+        self.vertices == now.vertices
+            && self.label == now.label
+            && bits(&self.sphere) == bits(&now.sphere)
     }
 }
 
@@ -88,16 +95,19 @@ pub struct Lookups {
 const LABEL_UNKNOWN: u16 = NO_TAG;
 const _: () = assert!(MAX_IDS <= LABEL_UNKNOWN as usize);
 
-/// The mark of a tet that does not wait in the list that its mark names, that of the worker which made it or was sent it: it was looked at, or waits in another list. No worker's mark.
+/// The mark of a tet that does not wait in the list that its mark names, that of the worker which
+/// made it or was sent it: it was looked at, or waits in another list. No worker's mark.
 const ELSEWHERE: u8 = MARKS as u8;
 
 /// Which facets of a tet a look is to ask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Facets {
-    /// All but those whose other tet still waits in the list of this worker, by its mark: a facet is looked at with the second of its tets. Where the two are in different
-    /// workers' lists, each asks: both might believe to be the first.
+    /// All but those whose other tet still waits in the list of this worker, by its mark: a facet
+    /// is looked at with the second of its tets. Where the two are in different workers' lists,
+    /// each asks: both might believe to be the first.
     Second(u8),
-    /// Those whose other tet has a smaller id: each facet of a triangulation at rest once, if all tets are asked.
+    /// Those whose other tet has a smaller id: each facet of a triangulation at rest once, if all
+    /// tets are asked.
     Once,
 }
 
@@ -110,7 +120,8 @@ pub struct Rules<'a> {
     pub(super) sizing: Sizing,
     /// No squared radius below this is above R2's bound anywhere.
     large_squared: f64,
-    /// Squared radius below which R4 cannot apply: vertices keep a distance from each other (docs/algorithm.md, why it ends).
+    /// Squared radius below which R4 cannot apply: vertices keep a distance from each other
+    /// (docs/algorithm.md, why it ends).
     small_squared: f64,
     radius_edge_squared: f64,
     facet_cosine_squared: f64,
@@ -118,7 +129,8 @@ pub struct Rules<'a> {
     sizes_squared: Vec<f64>,
 }
 
-/// R2 splits circumballs with a radius of more than this many deltas. The proof of termination needs at least 2.
+/// R2 splits circumballs with a radius of more than this many deltas. The proof of termination
+/// needs at least 2.
 const LARGE: f64 = 2.0;
 
 /// An interface facet may stray from the interface, at its circumcenter, by this part of delta.
@@ -128,13 +140,14 @@ pub const SPACING_FLOOR: f64 = 0.5;
 
 /// How far a surface center on a wall is moved, in parts of its distance to the vertices.
 const MOVE_ON_WALL: f64 = 0.02;
-/// Isovertices no farther than this part of delta from a wall are moved onto it. The corners of the box
-/// are at a finite distance, so the ball of a facet on the wall and one of them reaches a little into the
-/// object; what lies there would part the facet from the wall.
+/// Isovertices no farther than this part of delta from a wall are moved onto it. The corners of the
+/// box are at a finite distance, so the ball of a facet on the wall and one of them reaches a
+/// little into the object; what lies there would part the facet from the wall.
 pub(super) const DRAWN_TO_WALL: f64 = 0.25;
 /// What is inserted in place of a surface center keeps this part of delta from all vertices.
 pub(super) const LEAST_DISTANCE: f64 = 0.25;
-/// How near to a junction a surface center is left to it: in parts of its distance to the vertices, and of delta.
+/// How near to a junction a surface center is left to it: in parts of its distance to the vertices,
+/// and of delta.
 const NEAR_JUNCTION: [f64; 2] = [0.7, 0.5];
 
 /// Tets of an object within the cube of its size, as measured on the atlases.
@@ -151,7 +164,9 @@ impl<'a> Rules<'a> {
         params: &MeshParams,
         labels: &[i32],
     ) -> Result<Self> {
-        let size = |label: i32| params.label_sizes.iter().rev().find(|l| l.0 == label).map_or(params.size, |l| l.1);
+        let size = |label: i32| {
+            params.label_sizes.iter().rev().find(|l| l.0 == label).map_or(params.size, |l| l.1)
+        };
         let sizes_squared = labels
             .iter()
             .enumerate()
@@ -160,7 +175,12 @@ impl<'a> Rules<'a> {
         let rules = Self {
             triangulation,
             oracle,
-            free_vertices: VertexGrid::new(triangulation, VertexKind::Free, 4.0 * params.delta, MAX_HEADS)?,
+            free_vertices: VertexGrid::new(
+                triangulation,
+                VertexKind::Free,
+                4.0 * params.delta,
+                MAX_HEADS,
+            )?,
             sizing: Sizing::uniform(params.delta),
             large_squared: 0.0,
             radius_edge_squared: params.radius_edge * params.radius_edge,
@@ -175,7 +195,8 @@ impl<'a> Rules<'a> {
     pub fn with_sizing(self, sizing: Sizing) -> Self {
         let least_squared = sizing.least() * sizing.least();
         let least_size_squared = self.sizes_squared.iter().copied().fold(f64::INFINITY, f64::min);
-        let closest_squared = (0.25 * least_size_squared).min(LEAST_DISTANCE * LEAST_DISTANCE * least_squared);
+        let closest_squared =
+            (0.25 * least_size_squared).min(LEAST_DISTANCE * LEAST_DISTANCE * least_squared);
         Self {
             large_squared: LARGE * LARGE * least_squared,
             // Less a little, for rounding.
@@ -198,45 +219,61 @@ impl<'a> Rules<'a> {
             + self.free_vertices.bytes(vertices)
     }
 
-    /// Finds the labels of tets that nobody else can have come to, or that all stand still. A tag is written at no other time: whoever found a label while the tet is destroyed
-    /// would write it to the next tet in the slot.
+    /// Finds the labels of tets that nobody else can have come to, or that all stand still. A tag
+    /// is written at no other time: whoever found a label while the tet is destroyed would write it
+    /// to the next tet in the slot.
     pub fn find_labels(&self, tets: &[TetId]) {
         let tet = |i: usize| self.triangulation.tet(tets[i]);
         let center = |i: usize| tet(i).sphere().center;
         if !self.oracle.has_walls() {
-            return self.oracle.labels(tets.len(), center, |_| false, |i, label| tet(i).set_tag(label));
+            return self.oracle.labels(
+                tets.len(),
+                center,
+                |_| false,
+                |i, label| tet(i).set_tag(label),
+            );
         }
         let is_continued = |i: usize| Self::is_within_walls(tet(i).vertices());
         self.oracle.labels(tets.len(), center, is_continued, |i, label| {
             let record = tet(i);
-            let is_outside = !record.sphere().is_certain() && self.is_flat_on_wall(record.vertices());
+            let is_outside =
+                !record.sphere().is_certain() && self.is_flat_on_wall(record.vertices());
             record.set_tag(if is_outside { 0 } else { label });
         });
     }
 
-    /// The label id of the tet's circumcenter: the tet's label. Of a triangulation at rest; tets that were made before the samples were complete have no tag.
+    /// The label id of the tet's circumcenter: the tet's label. Of a triangulation at rest; tets
+    /// that were made before the samples were complete have no tag.
     #[inline(always)]
     pub fn label(&self, t: TetId) -> u16 {
         let record = self.triangulation.tet(t);
         let (vertices, sphere) = (record.vertices(), record.sphere());
         match record.tag() {
             LABEL_UNKNOWN if !sphere.is_certain() && self.is_flat_on_wall(vertices) => 0,
-            LABEL_UNKNOWN if Self::is_within_walls(vertices) => self.oracle.continued_label(sphere.center),
+            LABEL_UNKNOWN if Self::is_within_walls(vertices) => {
+                self.oracle.continued_label(sphere.center)
+            }
             LABEL_UNKNOWN => self.oracle.label(sphere.center),
             label => label,
         }
     }
 
-    /// Notes that a tet is no longer one that waits in the list that its mark names. A note that comes too late, to the slot's next tet, only makes its facets be
-    /// looked at twice.
+    /// Notes that a tet is no longer one that waits in the list that its mark names. A note that
+    /// comes too late, to the slot's next tet, only makes its facets be looked at twice.
     #[inline]
     pub fn mark_elsewhere(&self, t: TetId) {
         self.triangulation.tet(t).set_mark(ELSEWHERE);
     }
 
-    /// What R3 asks for the next of `interfaces`, facets of `t` as bits ([`Self::interfaces`]), that asks for anything; leaves those behind it.
+    /// What R3 asks for the next of `interfaces`, facets of `t` as bits ([`Self::interfaces`]),
+    /// that asks for anything; leaves those behind it.
     #[inline]
-    pub fn surface_demand(&self, t: TetId, interfaces: &mut u32, asked: &mut Lookups) -> Option<Demand> {
+    pub fn surface_demand(
+        &self,
+        t: TetId,
+        interfaces: &mut u32,
+        asked: &mut Lookups,
+    ) -> Option<Demand> {
         while *interfaces != 0 {
             let i = interfaces.trailing_zeros() as usize;
             *interfaces &= *interfaces - 1;
@@ -247,7 +284,8 @@ impl<'a> Rules<'a> {
         None
     }
 
-    /// Whether a radius is larger than R2 allows: 2 deltas of the vertices that are isovertices, on the average.
+    /// Whether a radius is larger than R2 allows: 2 deltas of the vertices that are isovertices, on
+    /// the average.
     #[inline]
     fn is_large(&self, vertices: [VertexId; 4], squared_radius: f64) -> bool {
         let (mut count, mut levels) = (0, 0);
@@ -259,7 +297,9 @@ impl<'a> Rules<'a> {
         squared_radius * f64::from(count * count) > (LARGE * self.sizing.sum(count, levels)).powi(2)
     }
 
-    /// Those of `facets` of `t`, whose label is known, that are interfaces, as bits; none of a tet too flat to have a circumcenter. Which tets wait is as good as random, so there is no branch on it.
+    /// Those of `facets` of `t`, whose label is known, that are interfaces, as bits; none of a tet
+    /// too flat to have a circumcenter. Which tets wait is as good as random, so there is no branch
+    /// on it.
     #[inline]
     pub fn interfaces(&self, t: TetId, facets: Facets) -> u32 {
         let record = self.triangulation.tet(t);
@@ -289,14 +329,19 @@ impl<'a> Rules<'a> {
         let record = self.triangulation.tet(t);
         let seen = Seen::of(record);
         let neighbor = record.neighbor(i);
-        // With others at work the tet may be another one by now, or none: then the answer does not matter.
+        // With others at work the tet may be another one by now, or none: then the answer does not
+        // matter.
         if is_free(seen.vertices) || neighbor.is_none() {
             return None;
         }
         let other = Seen::of(self.triangulation.tet(neighbor.tet()));
         let (here, there) = (seen.sphere, other.sphere);
         let labels = [seen.label, other.label];
-        if !here.is_certain() || !there.is_certain() || labels[0] == labels[1] || labels.contains(&LABEL_UNKNOWN) {
+        if !here.is_certain()
+            || !there.is_certain()
+            || labels[0] == labels[1]
+            || labels.contains(&LABEL_UNKNOWN)
+        {
             return None;
         }
         let vertices = FACET[i].map(|k| seen.vertices[k]);
@@ -307,10 +352,13 @@ impl<'a> Rules<'a> {
             asked.crossings += 1;
             self.surface_center_at_wall(&at_wall, facet, misshapen, self.facet_distance(vertices))?
         } else {
-            if !misshapen && !self.strays(vertices, facet, [here.center, there.center], labels, asked) {
+            if !misshapen
+                && !self.strays(vertices, facet, [here.center, there.center], labels, asked)
+            {
                 return None;
             }
-            // A segment that crosses more than once has one surface center, whichever side is asked.
+            // A segment that crosses more than once has one surface center, whichever side is
+            // asked.
             let (label, from, to) = if perturbation_order(here.center, there.center).is_lt() {
                 (labels[0], here.center, there.center)
             } else {
@@ -340,7 +388,9 @@ impl<'a> Rules<'a> {
             || has_angle_below(a, b, c, self.facet_cosine_squared)
     }
 
-    /// The misshapen interface facets of a tet too flat to have a circumcenter, of which R3 is not asked; of a triangulation at rest. Where two such tets meet the facet counts with the one of greater id.
+    /// The misshapen interface facets of a tet too flat to have a circumcenter, of which R3 is not
+    /// asked; of a triangulation at rest. Where two such tets meet the facet counts with the one of
+    /// greater id.
     pub fn undecided_facets(&self, t: TetId) -> u64 {
         let record = self.triangulation.tet(t);
         if record.sphere().is_certain() {
@@ -352,16 +402,19 @@ impl<'a> Rules<'a> {
                 return false;
             }
             let vertices = FACET[*i].map(|k| record.vertices()[k]);
-            let is_counted = neighbor.tet() < t || self.triangulation.tet(neighbor.tet()).sphere().is_certain();
-            is_counted && self.is_misshapen(vertices, vertices.map(|v| self.triangulation.position(v)))
+            let is_counted =
+                neighbor.tet() < t || self.triangulation.tet(neighbor.tet()).sphere().is_certain();
+            is_counted
+                && self.is_misshapen(vertices, vertices.map(|v| self.triangulation.position(v)))
         };
         (0..4).filter(is_undecided).count() as u64
     }
 
     /// What is inserted for a surface center `x` of a facet of two tets, `radius` from the nearest
-    /// vertices, where samples are to be `delta` apart. The point of a junction close to it: a vertex
-    /// beside the junction, as far from it as its samples are from each other, would draw mesh edges
-    /// away from it. Close to a wall a point of the wall, and on a wall a point beside it.
+    /// vertices, where samples are to be `delta` apart. The point of a junction close to it: a
+    /// vertex beside the junction, as far from it as its samples are from each other, would draw
+    /// mesh edges away from it. Close to a wall a point of the wall, and on a wall a point beside
+    /// it.
     fn instead_of(&self, x: DVec3, radius: f64, delta: f64, tets: [TetId; 2]) -> DVec3 {
         let [of_radius, of_delta] = NEAR_JUNCTION;
         let reach = (of_radius * radius).min(of_delta * delta);
@@ -374,26 +427,32 @@ impl<'a> Rules<'a> {
         let near = self.oracle.nearest_junction(x, if at_wall { reach } else { reach.min(most) });
         // Around contacts samples stand where they do for a reason.
         let near = near.filter(|&y| !self.oracle.is_near_contact(y));
-        let near = near.filter(|&y| y.distance(x) <= most || self.is_free_at_wall(y, LEAST_DISTANCE * delta, tets));
+        let near = near.filter(|&y| {
+            y.distance(x) <= most || self.is_free_at_wall(y, LEAST_DISTANCE * delta, tets)
+        });
         let beside = || self.oracle.moved_on_wall(x, most.max(0.0).min(MOVE_ON_WALL * radius));
         let point = near.or_else(beside).filter(|&y| self.triangulation.holds(y)).unwrap_or(x);
         if at_wall { self.drawn_to_walls(point, tets) } else { point }
     }
 
-    /// Whether a demand of tet `t` is true. To be asked when `demand.start`, which is the tet or its neighbour across the facet in question, is owned and was looked across: then neither of the two can change.
+    /// Whether a demand of tet `t` is true. To be asked when `demand.start`, which is the tet or
+    /// its neighbour across the facet in question, is owned and was looked across: then neither of
+    /// the two can change.
     pub fn is_demanded(&self, t: TetId, demand: &Demand) -> bool {
         let record = self.triangulation.tet(t);
         demand.seen.is(record)
             && demand.across.is_none_or(|(facet, seen)| {
                 let other = self.triangulation.tet(facet.tet());
                 let back = other.neighbor(facet.index());
-                // Asked of both: which of the two is owned is not known, and a tet that has been freed still names its neighbours.
+                // Asked of both: which of the two is owned is not known, and a tet that has been
+                // freed still names its neighbours.
                 back.tet() == t && record.neighbor(back.index()) == facet && seen.is(other)
             })
     }
 
-    /// Whether an interface facet strays from its surface center by more than the facet distance: whether the dual segment, whose ends have
-    /// different labels, keeps both labels within that distance of the facet's circumcenter. The segment lies on the facet's axis.
+    /// Whether an interface facet strays from its surface center by more than the facet distance:
+    /// whether the dual segment, whose ends have different labels, keeps both labels within that
+    /// distance of the facet's circumcenter. The segment lies on the facet's axis.
     fn strays(
         &self,
         vertices: [VertexId; 3],
@@ -424,20 +483,31 @@ impl<'a> Rules<'a> {
         FACET_DISTANCE / 3.0 * self.sizing.sum(3, levels)
     }
 
-    /// The facet between two tets, if the dual segment begins beyond a wall with a tet within the walls.
+    /// The facet between two tets, if the dual segment begins beyond a wall with a tet within the
+    /// walls.
     fn at_wall(&self, seen: [&Seen; 2], tets: [TetId; 2]) -> Option<FacetAtWall> {
-        let begins =
-            |seen: &Seen| self.oracle.is_beyond_walls(seen.sphere.center) && Self::is_within_walls(seen.vertices);
+        let begins = |seen: &Seen| {
+            self.oracle.is_beyond_walls(seen.sphere.center) && Self::is_within_walls(seen.vertices)
+        };
         let [first, second] = seen;
         let (from, to) = match (begins(first), begins(second)) {
             (false, false) => return None,
             (true, false) => (first, second),
             (false, true) => (second, first),
             // One center, whichever side is asked.
-            (true, true) if perturbation_order(first.sphere.center, second.sphere.center).is_lt() => (first, second),
+            (true, true)
+                if perturbation_order(first.sphere.center, second.sphere.center).is_lt() =>
+            {
+                (first, second)
+            }
             (true, true) => (second, first),
         };
-        Some(FacetAtWall { center: from.sphere.center, label: from.label, other: to.sphere.center, tets })
+        Some(FacetAtWall {
+            center: from.sphere.center,
+            label: from.label,
+            other: to.sphere.center,
+            tets,
+        })
     }
 
     /// What the first volume rule (R2, R4, R5) that applies to `t` asks for.
@@ -468,16 +538,22 @@ impl<'a> Rules<'a> {
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
         if squared_radius > size_squared {
             demand(Rule::R5)
-        } else if squared_radius > self.large_squared && self.is_large(seen.vertices, squared_radius) {
+        } else if squared_radius > self.large_squared
+            && self.is_large(seen.vertices, squared_radius)
+        {
             demand(Rule::R2)
-        } else if squared_radius > self.small_squared && self.is_skinny(seen.vertices, squared_radius) {
+        } else if squared_radius > self.small_squared
+            && self.is_skinny(seen.vertices, squared_radius)
+        {
             demand(Rule::R4)
         } else {
             None
         }
     }
 
-    /// Whether a tet has a facet between it and one of another label. Of neighbours that are not owned, and are not asked again: a flat tet of the background is beside the object or was, and no harm is done.
+    /// Whether a tet has a facet between it and one of another label. Of neighbours that are not
+    /// owned, and are not asked again: a flat tet of the background is beside the object or was,
+    /// and no harm is done.
     #[cold]
     fn has_interface(&self, record: &TetRecord) -> bool {
         let neighbors = (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none());
@@ -485,8 +561,11 @@ impl<'a> Rules<'a> {
         labels.any(|label| label != record.tag() && label != LABEL_UNKNOWN)
     }
 
-    /// What R4 asks for a tet of the object, or beside it, that is too flat to have a circumcenter, and was seen so: its centroid. Four points of which some mirror others lie in one plane and on one circle; the centroid lies within that, so in the circumballs of
-    /// the tets around, and R3 and R6 see to what comes of it. Where the points are as close as sampling may bring them, or on a wall, whose edges R3 might then cut off, the tet is left, and counts as unmet.
+    /// What R4 asks for a tet of the object, or beside it, that is too flat to have a circumcenter,
+    /// and was seen so: its centroid. Four points of which some mirror others lie in one plane and
+    /// on one circle; the centroid lies within that, so in the circumballs of the tets around, and
+    /// R3 and R6 see to what comes of it. Where the points are as close as sampling may bring them,
+    /// or on a wall, whose edges R3 might then cut off, the tet is left, and counts as unmet.
     #[cold]
     fn flat_demand(&self, record: &TetRecord, seen: Seen) -> Option<Demand> {
         let corners = self.triangulation.corners(seen.vertices);
@@ -497,8 +576,10 @@ impl<'a> Rules<'a> {
             return None;
         }
         let neighbors = (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none());
-        let mut seen_across = neighbors.map(|facet| (facet, Seen::of(self.triangulation.tet(facet.tet()))));
-        let across @ (facet, _) = seen_across.find(|(_, seen)| seen.sphere.contains(centroid) == Some(true))?;
+        let mut seen_across =
+            neighbors.map(|facet| (facet, Seen::of(self.triangulation.tet(facet.tet()))));
+        let across @ (facet, _) =
+            seen_across.find(|(_, seen)| seen.sphere.contains(centroid) == Some(true))?;
         Some(Demand {
             rule: Rule::R4,
             point: centroid,
@@ -511,15 +592,18 @@ impl<'a> Rules<'a> {
 
     #[inline]
     fn is_skinny(&self, vertices: [VertexId; 4], squared_radius: f64) -> bool {
-        squared_radius > self.radius_edge_squared * shortest_squared_edge(self.triangulation.corners(vertices))
+        squared_radius
+            > self.radius_edge_squared * shortest_squared_edge(self.triangulation.corners(vertices))
     }
 
-    /// Whether a tet of the object is too flat for the rules, whose circumcenter f64 cannot compute.
+    /// Whether a tet of the object is too flat for the rules, whose circumcenter f64 cannot
+    /// compute.
     pub fn is_undecided(&self, t: TetId) -> bool {
         !self.triangulation.tet(t).sphere().is_certain() && self.label(t) != 0
     }
 
-    /// Tets to be expected within `volume` about `p`, those around samples of dO apart: for progress and the sharing of work alone.
+    /// Tets to be expected within `volume` about `p`, those around samples of dO apart: for
+    /// progress and the sharing of work alone.
     pub fn expected_tets(&self, p: DVec3, volume: f64) -> f64 {
         let size_squared = self.sizes_squared[usize::from(self.oracle.label(p))];
         TETS_PER_SIZE * volume / (size_squared * size_squared.sqrt())

@@ -1,24 +1,38 @@
-//! R1: samples of dO, a net whose points keep delta from each other and come within delta of every crossed edge of the image's grid.
+//! R1: samples of dO, a net whose points keep delta from each other and come within delta of every
+//! crossed edge of the image's grid.
 //!
-//! The paper's R1 lets circumcenters look for dO: it inserts their closest surface points as long as these are delta away from all isovertices. What no circumcenter
-//! is near to it never finds, and every tet has to be asked. Here the image is asked instead, once, before there are tets: an interface, however small,
-//! crosses edges of the grid of voxel centres (`oracle/edges.rs`; divided where voxels are larger than delta), and each such crossing gets an isovertex
-//! within delta. Isovertices are never removed, so this holds from then on. The greedy choice goes tile by tile of the image (`oracle/tiles`), of a size that spacing and delta alone
-//! decide, in four colours: each tile is mindful of those beside it that come before, and begins as soon as these are done. So the samples are the same whatever the number of threads.
+//! The paper's R1 lets circumcenters look for dO: it inserts their closest surface points as long
+//! as these are delta away from all isovertices. What no circumcenter is near to it never finds,
+//! and every tet has to be asked. Here the image is asked instead, once, before there are tets: an
+//! interface, however small, crosses edges of the grid of voxel centres (`oracle/edges.rs`; divided
+//! where voxels are larger than delta), and each such crossing gets an isovertex within delta.
+//! Isovertices are never removed, so this holds from then on. The greedy choice goes tile by tile
+//! of the image (`oracle/tiles`), of a size that spacing and delta alone decide, in four colours:
+//! each tile is mindful of those beside it that come before, and begins as soon as these are done.
+//! So the samples are the same whatever the number of threads.
 //!
-//! **Junctions first.** The lines and points where labels meet, or touch themselves, are sampled before all else (`junctions`), and crossings near to their samples get none.
+//! **Junctions first.** The lines and points where labels meet, or touch themselves, are sampled
+//! before all else (`junctions`), and crossings near to their samples get none.
 //!
-//! **Then what bulges.** A mesh with its vertices on a surface cuts off what is convex between them, so it loses volume. The greedy choice is free in where it begins: it takes the crossings around corner voxels first, those of a label that three of the six beside
-//! them have, too. So vertices are where bodies bulge out, and half of the loss is gone at the same number of samples. These are not moved by more than what keeps them from being cocircular: beside its edge the surface falls off.
+//! **Then what bulges.** A mesh with its vertices on a surface cuts off what is convex between
+//! them, so it loses volume. The greedy choice is free in where it begins: it takes the crossings
+//! around corner voxels first, those of a label that three of the six beside them have, too. So
+//! vertices are where bodies bulge out, and half of the loss is gone at the same number of samples.
+//! These are not moved by more than what keeps them from being cocircular: beside its edge the
+//! surface falls off.
 //!
-//! **Moved crossings.** Crossings on a grid are massively cocircular. Any other sample is moved to a point of dO nearby, by up to a fifth of a voxel beside its edge, less where
-//! delta is below a voxel: exact arithmetic stays the exception, and facets are not all halves of squares. The move is at most delta/2, so samples
-//! are at least delta/2 apart, and the crossing is within delta of its own sample.
+//! **Moved crossings.** Crossings on a grid are massively cocircular. Any other sample is moved to
+//! a point of dO nearby, by up to a fifth of a voxel beside its edge, less where delta is below a
+//! voxel: exact arithmetic stays the exception, and facets are not all halves of squares. The move
+//! is at most delta/2, so samples are at least delta/2 apart, and the crossing is within delta of
+//! its own sample.
 //!
-//! **Order of insertion.** Rounds of growing size, each along a space-filling curve (N. Amenta, S. Choi, G. Rote, "Incremental constructions con BRIO", SoCG
-//! 2003): cavities stay small, and a walk from the last vertex to the next is short.
+//! **Order of insertion.** Rounds of growing size, each along a space-filling curve (N. Amenta, S.
+//! Choi, G. Rote, "Incremental constructions con BRIO", SoCG 2003): cavities stay small, and a walk
+//! from the last vertex to the next is short.
 //!
-//! Cost: some tens of nanoseconds per crossed edge, some hundreds per sample. Memory: 56 bytes per sample; while tiles are sampled 32, and 28 in each other tile that it matters in.
+//! Cost: some tens of nanoseconds per crossed edge, some hundreds per sample. Memory: 56 bytes per
+//! sample; while tiles are sampled 32, and 28 in each other tile that it matters in.
 
 use std::ops::Range;
 use std::sync::{PoisonError, RwLock};
@@ -48,7 +62,8 @@ pub enum Growth {
     /// 8 times: half the spacing in space.
     Eightfold = 3,
 }
-/// A key of the order of insertion has, from its low end: the number of the sample, its place along the curve by so many bits for each axis, its round.
+/// A key of the order of insertion has, from its low end: the number of the sample, its place along
+/// the curve by so many bits for each axis, its round.
 const AT_BITS: u32 = 30;
 const PLACE_BITS: u32 = morton::BITS;
 const LAST_ROUND: u32 = 15;
@@ -67,12 +82,18 @@ impl Samples {
     /// The rounds from sample `first`, the first of a round, on.
     pub fn rounds_from(&self, first: usize) -> impl Iterator<Item = Range<usize>> {
         let starts = self.rounds.iter().copied().filter(move |&start| start >= first);
-        let ends = self.rounds.iter().copied().filter(move |&start| start > first).chain([self.points.len()]);
+        let ends = self
+            .rounds
+            .iter()
+            .copied()
+            .filter(move |&start| start > first)
+            .chain([self.points.len()]);
         starts.zip(ends).map(|(start, end)| start..end)
     }
 }
 
-/// Samples dO, on all threads of the current rayon pool. `go_on` is asked once per row of bricks of voxels.
+/// Samples dO, on all threads of the current rayon pool. `go_on` is asked once per row of bricks of
+/// voxels.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; those of `go_on`.
@@ -91,7 +112,9 @@ pub fn sample_isosurface(
         corner_voxels[tile].iter().try_for_each(|&p| net.offer(p, sizing.at(p), || p))?;
         for row in tiles.rows(tile) {
             go_on()?;
-            grid.visit_row(row, |edge| net.offer(edge.point, edge.spacing, || moved(oracle, &edge)))?;
+            grid.visit_row(row, |edge| {
+                net.offer(edge.point, edge.spacing, || moved(oracle, &edge))
+            })?;
         }
         Ok(())
     })?;
@@ -108,16 +131,22 @@ pub(super) struct Nets<'a> {
 impl<'a> Nets<'a> {
     /// Empty ones; no spacing will be above `most`.
     fn new(most: f64, tiles: &'a Tiles) -> Result<Self> {
-        // A quarter of what the grid of vertices may have: there are fewer samples than vertices, and a limit of memory counts them only when all are there.
+        // A quarter of what the grid of vertices may have: there are fewer samples than vertices,
+        // and a limit of memory counts them only when all are there.
         let most_heads = (MAX_HEADS / 4 / tiles.count().max(1)).max(1);
         let mut nets = room(tiles.count(), "nets of tiles")?;
-        nets.extend((0..tiles.count()).map(|tile| RwLock::new(Net::new(most, tiles.bounds(tile), most_heads))));
+        nets.extend(
+            (0..tiles.count())
+                .map(|tile| RwLock::new(Net::new(most, tiles.bounds(tile), most_heads))),
+        );
         // All before there are samples: lists that grow between the tables would leave gaps.
-        nets.par_iter_mut().try_for_each(|net| net.get_mut().unwrap_or_else(PoisonError::into_inner).open())?;
+        nets.par_iter_mut()
+            .try_for_each(|net| net.get_mut().unwrap_or_else(PoisonError::into_inner).open())?;
         Ok(Self { tiles, nets })
     }
 
-    /// Has `points` offer those of each tile to its net, which knows by then what those beside it have taken: of these points, if they come before it, and of all that were offered earlier.
+    /// Has `points` offer those of each tile to its net, which knows by then what those beside it
+    /// have taken: of these points, if they come before it, and of all that were offered earlier.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; those of `points`.
@@ -133,12 +162,16 @@ impl<'a> Nets<'a> {
 
     /// The samples of each tile, in the order in which they came.
     fn into_samples(self) -> Vec<Vec<DVec3>> {
-        let nets = self.nets.into_iter().map(|net| net.into_inner().unwrap_or_else(PoisonError::into_inner));
+        let nets = self
+            .nets
+            .into_iter()
+            .map(|net| net.into_inner().unwrap_or_else(PoisonError::into_inner));
         nets.map(Net::into_own).collect()
     }
 }
 
-/// The samples of a tile so far, and those beside it that matter here, in chains by cells of twice the largest spacing.
+/// The samples of a tile so far, and those beside it that matter here, in chains by cells of twice
+/// the largest spacing.
 pub(super) struct Net {
     cells: CellTable,
     heads: Vec<u32>,
@@ -146,7 +179,8 @@ pub(super) struct Net {
     points: Vec<DVec3>,
     /// Which of the points are the tile's own.
     own: Vec<u32>,
-    /// How many of their own points the nets beside this one, in the order of [`Tiles::beside`], had when they were looked at last.
+    /// How many of their own points the nets beside this one, in the order of [`Tiles::beside`],
+    /// had when they were looked at last.
     learned: [usize; 8],
     /// Holds all that its samples cover, and all that covers what is offered.
     reach: [DVec3; 2],
@@ -169,7 +203,8 @@ impl Net {
         Ok(())
     }
 
-    /// Offers a point of the tile: unless a sample is within the spacing, what `sample` makes of it becomes one.
+    /// Offers a point of the tile: unless a sample is within the spacing, what `sample` makes of it
+    /// becomes one.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
@@ -185,7 +220,8 @@ impl Net {
         Ok(())
     }
 
-    /// Takes over from the net of the tile beside this one with number `n` what came to it since this was done last.
+    /// Takes over from the net of the tile beside this one with number `n` what came to it since
+    /// this was done last.
     fn learn(&mut self, n: usize, beside: &Self) -> Result<()> {
         let since = std::mem::replace(&mut self.learned[n], beside.own.len());
         beside.own_from(since).try_for_each(|p| if self.reaches(p) { self.push(p) } else { Ok(()) })
@@ -302,7 +338,11 @@ fn mix(state: u64, next: u64) -> u64 {
 }
 
 /// Sorts points, which are in parts, into rounds, and along a space-filling curve in each.
-fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth, go_on: impl Fn() -> Result<()>) -> Result<Samples> {
+fn insertion_order(
+    parts: Vec<Vec<DVec3>>,
+    growth: Growth,
+    go_on: impl Fn() -> Result<()>,
+) -> Result<Samples> {
     // As a power of two.
     let growth = growth as u32;
     let mut starts = Vec::with_capacity(parts.len());
@@ -320,7 +360,8 @@ fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth, go_on: impl Fn() -> R
     for &p in parts.iter().flatten() {
         (lower, upper) = (lower.min(p), upper.max(p));
     }
-    let scale = f64::from((1 << PLACE_BITS) - 1) / (upper - lower).max_element().max(f64::MIN_POSITIVE);
+    let scale =
+        f64::from((1 << PLACE_BITS) - 1) / (upper - lower).max_element().max(f64::MIN_POSITIVE);
     let key_of = |at: usize, p: DVec3| {
         let round = (mix(at as u64, 0) | 1 << (growth * LAST_ROUND)).trailing_zeros() / growth;
         let place = morton::place(((p - lower) * scale).to_array().map(|c| c as u32));
@@ -340,7 +381,8 @@ fn insertion_order(parts: Vec<Vec<DVec3>>, growth: Growth, go_on: impl Fn() -> R
     go_on()?;
     let point = |key: u64| {
         let at = (key % (1 << AT_BITS)) as usize;
-        // The last part that begins there or before: those that begin at the same place are empty, but for it.
+        // The last part that begins there or before: those that begin at the same place are empty,
+        // but for it.
         let part = starts.partition_point(|&start| start <= at) - 1;
         parts[part][at - starts[part]]
     };

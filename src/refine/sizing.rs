@@ -1,11 +1,16 @@
 //! The sizing field: how far apart samples of dO are to be, from place to place.
 //!
-//! Where nothing is thin that is delta. A structure of thickness t (`oracle/thickness`) wants samples [`PER_THICKNESS`] t apart on both of its sides: farther apart, the tets between its sides reach
-//! out of it, and it tears. Away from there the field grows by no more than [`GRADING`] per unit of distance (along the image axes one after the other), so that elements grow smoothly. It is never below the floor.
+//! Where nothing is thin that is delta. A structure of thickness t (`oracle/thickness`) wants
+//! samples [`PER_THICKNESS`] t apart on both of its sides: farther apart, the tets between its
+//! sides reach out of it, and it tears. Away from there the field grows by no more than [`GRADING`]
+//! per unit of distance (along the image axes one after the other), so that elements grow smoothly.
+//! It is never below the floor.
 //!
-//! It is kept for each voxel of the region, in a byte, and constant within a voxel. Without thin structures there is no table, and every answer is delta.
+//! It is kept for each voxel of the region, in a byte, and constant within a voxel. Without thin
+//! structures there is no table, and every answer is delta.
 //!
-//! Cost: a few nanoseconds per voxel; a question is one load. Memory: a byte per voxel of the region, when anything is thin.
+//! Cost: a few nanoseconds per voxel; a question is one load. Memory: a byte per voxel of the
+//! region, when anything is thin.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -43,7 +48,8 @@ struct Field {
     to_region: DMat3,
     origin: DVec3,
     last: DVec3,
-    /// The field, from `least` on in steps, in bricks of one cache line: who asks about one place asks about others nearby.
+    /// The field, from `least` on in steps, in bricks of one cache line: who asks about one place
+    /// asks about others nearby.
     levels: Vec<u8>,
     bricks: Bricks,
 }
@@ -54,7 +60,9 @@ impl Sizing {
         Self { greatest: delta, least: delta, step: 0.0, field: None }
     }
 
-    /// Delta, and less where the image, the rows of whose region are given, is thin, down to `floor` times the smallest side of a voxel. `check` is called many times in each step, from several threads.
+    /// Delta, and less where the image, the rows of whose region are given, is thin, down to
+    /// `floor` times the smallest side of a voxel. `check` is called many times in each step, from
+    /// several threads.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
@@ -71,7 +79,8 @@ impl Sizing {
             return Ok(Self::uniform(delta));
         }
         let thin = thin_voxels(image, rows, delta / PER_THICKNESS, check)?;
-        let ThinVoxels { region: Region { first, dims }, thicknesses, of_voxels: mut levels } = thin;
+        let ThinVoxels { region: Region { first, dims }, thicknesses, of_voxels: mut levels } =
+            thin;
         if levels.is_empty() {
             return Ok(Self::uniform(delta));
         }
@@ -79,14 +88,16 @@ impl Sizing {
         // What is not thin has the greatest.
         let mut level_of = [LEVELS; NOT_THIN as usize + 1];
         for (level, thickness) in level_of.iter_mut().zip(thicknesses) {
-            *level = ((PER_THICKNESS * thickness - least) / step).clamp(0.0, f64::from(LEVELS)) as u8;
+            *level =
+                ((PER_THICKNESS * thickness - least) / step).clamp(0.0, f64::from(LEVELS)) as u8;
         }
         levels.par_iter_mut().for_each(|level| *level = level_of[usize::from(*level)]);
         let [nx, ny, nz] = dims;
         let layer = nx * nz;
         // The side of a thin voxel is as much the next one's.
         widen(&mut levels, nx, layer);
-        let growth = |axis: usize| (GRADING * spacing[axis] / step).clamp(1.0, f64::from(LEVELS)) as u8;
+        let growth =
+            |axis: usize| (GRADING * spacing[axis] / step).clamp(1.0, f64::from(LEVELS)) as u8;
         grade(&mut levels, [nx, ny, nz], [growth(0), growth(1), growth(2)]);
         let frame = image.frame();
         let bricks = Bricks::new(dims);
@@ -100,7 +111,8 @@ impl Sizing {
         Ok(Self { greatest: delta, least, step, field: Some(field) })
     }
 
-    /// Bytes that [`Self::new`] needs at its peak, beside the rows, but for some per contact of voxels.
+    /// Bytes that [`Self::new`] needs at its peak, beside the rows, but for some per contact of
+    /// voxels.
     pub fn bytes_needed(image: &LabelImage, region: &Region, delta: f64, floor: f64) -> u64 {
         if delta <= floor * image.frame().spacing().min_element() {
             return 0;
@@ -127,7 +139,8 @@ impl Sizing {
         }
     }
 
-    /// Which of the table's levels the distance at `p` is: to be kept with a place, so that it need not be looked up again.
+    /// Which of the table's levels the distance at `p` is: to be kept with a place, so that it need
+    /// not be looked up again.
     #[inline(always)]
     pub fn level(&self, p: DVec3) -> u8 {
         self.field.as_ref().map_or(0, |field| field.level(p))
@@ -174,7 +187,8 @@ fn in_bricks(levels: &[u8], bricks: &Bricks) -> Result<Vec<u8>> {
                 let row = &levels[nx * (z + nz * y)..][..nx];
                 let at = bricks.index(0, y, z) - n * bricks.layer();
                 for (x, along_x) in row.chunks(Bricks::EDGE).enumerate() {
-                    placed[at + bricks.x(x * Bricks::EDGE)..][..along_x.len()].copy_from_slice(along_x);
+                    placed[at + bricks.x(x * Bricks::EDGE)..][..along_x.len()]
+                        .copy_from_slice(along_x);
                 }
             }
         }
@@ -199,7 +213,8 @@ fn widen(levels: &mut [u8], row: usize, layer: usize) {
     across_layers(levels, layer, least_of_three);
 }
 
-/// Lowers levels until none is above a neighbour's by more than the growth along that axis: along x, along z and along y, each to and fro, which is exact for distances along the axes.
+/// Lowers levels until none is above a neighbour's by more than the growth along that axis: along
+/// x, along z and along y, each to and fro, which is exact for distances along the axes.
 fn grade(levels: &mut [u8], [nx, _, nz]: [usize; 3], growth: [u8; 3]) {
     let layer = nx * nz;
     levels.par_chunks_mut(layer).for_each(|layer| {
@@ -217,7 +232,8 @@ fn grade(levels: &mut [u8], [nx, _, nz]: [usize; 3], growth: [u8; 3]) {
     across_layers(levels, layer, |parts| sweep(parts, growth[1]));
 }
 
-/// Does something with the parts that lie above each other in all layers, for parts that fit into a cache, in parallel.
+/// Does something with the parts that lie above each other in all layers, for parts that fit into a
+/// cache, in parallel.
 fn across_layers(levels: &mut [u8], layer: usize, work: impl Fn(&mut [&mut [u8]]) + Sync) {
     const PART: usize = 1 << 11;
     let mut columns: Vec<Vec<&mut [u8]>> = (0..layer.div_ceil(PART)).map(|_| Vec::new()).collect();
@@ -229,7 +245,9 @@ fn across_layers(levels: &mut [u8], layer: usize, work: impl Fn(&mut [&mut [u8]]
 
 /// Gives each element the least of itself and those at its place in the rows before and behind.
 fn least_of_three(rows: &mut [&mut [u8]]) {
-    let least = |to: &mut [u8], from: &[u8]| to.iter_mut().zip(from).for_each(|(to, &from)| *to = (*to).min(from));
+    let least = |to: &mut [u8], from: &[u8]| {
+        to.iter_mut().zip(from).for_each(|(to, &from)| *to = (*to).min(from))
+    };
     let (mut before, mut here) = (Vec::new(), Vec::new());
     for at in 0..rows.len() {
         let (own, behind) = rows[at..].split_at_mut(1);
@@ -243,10 +261,13 @@ fn least_of_three(rows: &mut [&mut [u8]]) {
     }
 }
 
-/// Lets no element be above the one at its place in the row before, or behind, by more than `growth`.
+/// Lets no element be above the one at its place in the row before, or behind, by more than
+/// `growth`.
 fn sweep(rows: &mut [&mut [u8]], growth: u8) {
     let lower = |to: &mut [u8], from: &[u8]| {
-        to.iter_mut().zip(from).for_each(|(to, &from)| *to = (*to).min(from.saturating_add(growth)));
+        to.iter_mut()
+            .zip(from)
+            .for_each(|(to, &from)| *to = (*to).min(from.saturating_add(growth)));
     };
     for at in 1..rows.len() {
         let (before, behind) = rows.split_at_mut(at);

@@ -1,4 +1,5 @@
-//! What the workers of one refinement share: the rules, the limits, the way to stop, and who waits for whom.
+//! What the workers of one refinement share: the rules, the limits, the way to stop, and who waits
+//! for whom.
 
 use std::time::Instant;
 
@@ -22,12 +23,14 @@ use crate::{Error, Result};
 /// Permits to insert a vertex that a worker takes at once, at most.
 pub(super) const PERMITS: u64 = 64;
 
-/// Tets of the whole triangulation that a sample of the isosurface comes to have about it, for progress and the sharing of work alone.
+/// Tets of the whole triangulation that a sample of the isosurface comes to have about it, for
+/// progress and the sharing of work alone.
 pub(super) const TETS_PER_SAMPLE: u64 = 8;
 
 /// What a refinement is told beside the rules.
 pub struct Schedule {
-    /// Tets expected in the end, beside those around samples of the isosurface; progress is measured against it.
+    /// Tets expected in the end, beside those around samples of the isosurface; progress is
+    /// measured against it.
     pub expected_tets: u64,
     /// Where to end, whether rules still apply or not.
     pub limits: Limits,
@@ -45,7 +48,8 @@ pub struct Schedule {
     pub timeline: bool,
     /// How the work is shared.
     pub algorithm: params::Algorithm,
-    /// Under LAPD: halve the groups of memory nodes step by step, as the paper does, instead of beginning with the last step's.
+    /// Under LAPD: halve the groups of memory nodes step by step, as the paper does, instead of
+    /// beginning with the last step's.
     pub halving: bool,
     /// Whether to count visits of tets and vertices by memory node.
     pub count_accesses: bool,
@@ -77,11 +81,13 @@ pub struct Limits {
     pub max_vertices: Option<usize>,
     /// When to end, and how many seconds that was after the run's start.
     pub deadline: Option<(Instant, f64)>,
-    /// Most bytes: of the oracle, the triangulation, the grids, the lists, and of what comes after the refinement.
+    /// Most bytes: of the oracle, the triangulation, the grids, the lists, and of what comes after
+    /// the refinement.
     pub max_memory: Option<u64>,
     /// Bytes that are needed after the refinement for each slot of a tet.
     pub bytes_per_slot: u64,
-    /// Bytes that are needed in the end, when the triangulation has gone, beside the oracle and what `bytes_per_slot` counts.
+    /// Bytes that are needed in the end, when the triangulation has gone, beside the oracle and
+    /// what `bytes_per_slot` counts.
     pub bytes_after: u64,
 }
 
@@ -101,9 +107,9 @@ impl Limits {
     /// [`Error::MemoryLimit`] when `needed`, in bytes, is more than allowed.
     pub fn check_memory(&self, needed: u64) -> Result<()> {
         match self.max_memory {
-            Some(most) if needed > most => {
-                Err(Error::MemoryLimit(format!("the memory limit of {most} bytes was reached: {needed} are needed")))
-            }
+            Some(most) if needed > most => Err(Error::MemoryLimit(format!(
+                "the memory limit of {most} bytes was reached: {needed} are needed"
+            ))),
             _ => Ok(()),
         }
     }
@@ -163,10 +169,14 @@ impl<'a> Team<'a> {
             places: schedule.places.as_ref(),
             limits: &schedule.limits,
             report,
-            expected_tets: schedule.expected_tets.saturating_add(TETS_PER_SAMPLE * samples.len() as u64),
+            expected_tets: schedule
+                .expected_tets
+                .saturating_add(TETS_PER_SAMPLE * samples.len() as u64),
             size,
             samples,
-            permits: AtomicU64::new(schedule.limits.max_vertices.map_or(u64::MAX / 2, |most| most as u64)),
+            permits: AtomicU64::new(
+                schedule.limits.max_vertices.map_or(u64::MAX / 2, |most| most as u64),
+            ),
             tets: AtomicU64::new(0),
             bytes: AtomicU64::new(0),
             meetings: [AtomicUsize::new(0), AtomicUsize::new(0)],
@@ -186,12 +196,14 @@ impl<'a> Team<'a> {
         self.size
     }
 
-    /// Binds the calling thread, which is worker `me`, to its core until the answer is dropped, if workers are to be bound. A failure stops the team.
+    /// Binds the calling thread, which is worker `me`, to its core until the answer is dropped, if
+    /// workers are to be bound. A failure stops the team.
     pub fn bind(&self, me: usize) -> Option<Bound> {
         self.places?.bind(me).map_err(|error| self.stop(error)).ok()
     }
 
-    /// Reports, and looks at limits and the cancel flag; a worker's tets and bytes have grown by `more`, which may be less than nothing, wrapped.
+    /// Reports, and looks at limits and the cancel flag; a worker's tets and bytes have grown by
+    /// `more`, which may be less than nothing, wrapped.
     pub fn look_around(&self, more: (u64, u64)) -> Result<()> {
         self.go_on()?;
         // Relaxed: sums for people and limits.
@@ -207,7 +219,8 @@ impl<'a> Team<'a> {
         self.limits.check_time()
     }
 
-    /// Ends all waits; each worker ends at its next look around. The first reason counts, but for a broken invariant, which outweighs all others: no mesh can be made then.
+    /// Ends all waits; each worker ends at its next look around. The first reason counts, but for a
+    /// broken invariant, which outweighs all others: no mesh can be made then.
     pub fn stop(&self, reason: Error) {
         {
             let mut failure = lock(&self.failure);
@@ -232,7 +245,8 @@ impl<'a> Team<'a> {
         lock(&self.failure).take()
     }
 
-    /// Some permits to insert a vertex: the fewer, the fewer are left, so that hardly any are in the hands of others when the last one is taken.
+    /// Some permits to insert a vertex: the fewer, the fewer are left, so that hardly any are in
+    /// the hands of others when the last one is taken.
     ///
     /// # Errors
     /// [`Error::LimitReached`] when none is left.

@@ -1,8 +1,11 @@
-//! What the rules still apply to when refinement has ended: demands that could not be carried out, for rounding placed a point on a vertex or out of its
-//! conflict zone, or since a limit ended the run.
+//! What the rules still apply to when refinement has ended: demands that could not be carried out,
+//! for rounding placed a point on a vertex or out of its conflict zone, or since a limit ended the
+//! run.
 //!
-//! Reads only, in parallel in the current rayon pool; nobody may operate on the triangulation meanwhile. The counts do not depend on the number of threads.
-//! Linear in the tets, which are gone through in the order of their places, and in the cells of the image through which interfaces pass.
+//! Reads only, in parallel in the current rayon pool; nobody may operate on the triangulation
+//! meanwhile. The counts do not depend on the number of threads. Linear in the tets, which are gone
+//! through in the order of their places, and in the cells of the image through which interfaces
+//! pass.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
@@ -21,13 +24,19 @@ use crate::oracle::CrossedEdge;
 /// Vertices of one piece of work, between two looks at the cancel flag.
 const PIECE: u32 = 1 << 12;
 
-/// Checks the triangulation, and counts the tets to which a rule still applies, by rule; `order` is that of [`Triangulation::tets_by_place`](crate::delaunay::Triangulation::tets_by_place).
-/// A tet of the object that is too flat for its circumcenter to be computed counts under R4, and each misshapen interface facet of such a tet under R3; under
-/// R1 count the crossed edges of the image's grid that have no isovertex within delta.
+/// Checks the triangulation, and counts the tets to which a rule still applies, by rule; `order` is
+/// that of [`Triangulation::tets_by_place`](crate::delaunay::Triangulation::tets_by_place). A tet
+/// of the object that is too flat for its circumcenter to be computed counts under R4, and each
+/// misshapen interface facet of such a tet under R3; under R1 count the crossed edges of the
+/// image's grid that have no isovertex within delta.
 ///
 /// # Errors
 /// [`crate::Error::Cancelled`]; [`crate::Error::OutOfMemory`].
-pub fn examine(rules: &Rules<'_>, order: &[TetId], monitor: &Monitor<'_>) -> Result<(Check, [u64; 6])> {
+pub fn examine(
+    rules: &Rules<'_>,
+    order: &[TetId],
+    monitor: &Monitor<'_>,
+) -> Result<(Check, [u64; 6])> {
     monitor.enter(Step::Unmet, 1)?;
     let uncovered = rules.uncovered_edges(monitor)?;
     monitor.enter(Step::Validate, order.len() + rules.triangulation.vertex_bound() as usize)?;
@@ -53,14 +62,18 @@ impl Rules<'_> {
     /// The first rule that applies to a tet. With all tets each facet is asked once.
     fn unmet_rule(&self, t: TetId) -> Option<Rule> {
         let mut interfaces = self.interfaces(t, Facets::Once);
-        let demand = self.surface_demand(t, &mut interfaces, &mut Lookups::default()).or_else(|| self.volume_demand(t));
+        let demand = self
+            .surface_demand(t, &mut interfaces, &mut Lookups::default())
+            .or_else(|| self.volume_demand(t));
         demand.map(|demand| demand.rule).or_else(|| self.is_undecided(t).then_some(Rule::R4))
     }
 
-    /// How many crossed edges of the image's grid have no isovertex within delta: where R1 is unmet.
+    /// How many crossed edges of the image's grid have no isovertex within delta: where R1 is
+    /// unmet.
     fn uncovered_edges(&self, monitor: &Monitor<'_>) -> Result<u64> {
         let bound = self.triangulation.vertex_bound();
-        // Chains of about one vertex: the triangulation and the mesh are there as well, so memory is short.
+        // Chains of about one vertex: the triangulation and the mesh are there as well, so memory
+        // is short.
         let heads = (bound as usize).clamp(1, MAX_HEADS);
         let cell = 2.0 * self.sizing.greatest();
         let isovertices = VertexGrid::new(self.triangulation, VertexKind::Isovertex, cell, heads)?;

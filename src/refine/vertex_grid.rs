@@ -1,9 +1,11 @@
 //! Which vertices lie near a point: R1 asks for isovertices, R6 for free vertices.
 //!
-//! Uniform cells folded into a table of chains. Vertices are pushed and never taken out; a removed vertex stays in its chain and is passed over by its
-//! kind, which is sound because vertex ids are never used twice.
+//! Uniform cells folded into a table of chains. Vertices are pushed and never taken out; a removed
+//! vertex stays in its chain and is passed over by its kind, which is sound because vertex ids are
+//! never used twice.
 //!
-//! Thread safety: `push` and queries may run at once on any number of threads; a query may miss what is pushed meanwhile.
+//! Thread safety: `push` and queries may run at once on any number of threads; a query may miss
+//! what is pushed meanwhile.
 
 use std::sync::atomic::{AtomicU32, Ordering::*};
 
@@ -25,18 +27,31 @@ pub struct VertexGrid {
 }
 
 impl VertexGrid {
-    /// A grid over the triangulation's box, for vertices of `kind`, with no more than `most_heads` chains, at least 1; queries with radii up to half of `cell` look at no more than eight cells.
+    /// A grid over the triangulation's box, for vertices of `kind`, with no more than `most_heads`
+    /// chains, at least 1; queries with radii up to half of `cell` look at no more than eight
+    /// cells.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
-    pub fn new(triangulation: &Triangulation, kind: VertexKind, cell: f64, most_heads: usize) -> Result<Self> {
+    pub fn new(
+        triangulation: &Triangulation,
+        kind: VertexKind,
+        cell: f64,
+        most_heads: usize,
+    ) -> Result<Self> {
         let cells = CellTable::new(triangulation.lower(), triangulation.upper(), cell, most_heads);
         let mut no_chains = room(cells.heads(), "cells of a vertex grid")?;
         no_chains.resize_with(cells.heads(), || AtomicU32::new(NO_VERTEX));
-        Ok(Self { kind, cells, heads: no_chains, next: Chunked::with_capacity(crate::delaunay::tet::MAX_VERTICES)? })
+        Ok(Self {
+            kind,
+            cells,
+            heads: no_chains,
+            next: Chunked::with_capacity(crate::delaunay::tet::MAX_VERTICES)?,
+        })
     }
 
-    /// Bytes held when the triangulation has ids up to `vertex_bound`; at most, for chunks without a vertex of the grid do not exist.
+    /// Bytes held when the triangulation has ids up to `vertex_bound`; at most, for chunks without
+    /// a vertex of the grid do not exist.
     pub fn bytes(&self, vertex_bound: u32) -> u64 {
         size_of::<AtomicU32>() as u64 * (self.heads.len() as u64 + u64::from(vertex_bound))
     }
@@ -59,8 +74,8 @@ impl VertexGrid {
         }
     }
 
-    /// Calls `visit` for every vertex of the grid's kind closer than `radius` to `p`, until it returns `false`. Cells that share a chain can
-    /// show a vertex twice.
+    /// Calls `visit` for every vertex of the grid's kind closer than `radius` to `p`, until it
+    /// returns `false`. Cells that share a chain can show a vertex twice.
     #[inline]
     pub fn visit_within(
         &self,
@@ -78,7 +93,10 @@ impl VertexGrid {
                     let mut v = self.heads[self.cells.head(x, y, z)].load(Acquire);
                     while v != NO_VERTEX {
                         let vertex = triangulation.vertex(v);
-                        if vertex.position().distance_squared(p) < squared && vertex.kind() == self.kind && !visit(v) {
+                        if vertex.position().distance_squared(p) < squared
+                            && vertex.kind() == self.kind
+                            && !visit(v)
+                        {
                             return;
                         }
                         v = self.next.get(v).load(Relaxed);
@@ -90,7 +108,12 @@ impl VertexGrid {
 
     /// A vertex of the grid's kind that lies closer than `radius` to `p`.
     #[inline]
-    pub fn any_within(&self, triangulation: &Triangulation, p: DVec3, radius: f64) -> Option<VertexId> {
+    pub fn any_within(
+        &self,
+        triangulation: &Triangulation,
+        p: DVec3,
+        radius: f64,
+    ) -> Option<VertexId> {
         let mut found = None;
         self.visit_within(triangulation, p, radius, |v| {
             found = Some(v);

@@ -1,21 +1,22 @@
 //! The rules where the image cuts the object off.
 //!
-//! **The label of a tet beyond a wall.** Vertices of the object lie within the walls, but a tet close to
-//! one may have its circumcenter beyond it, above all where an interface meets the wall at a slant: the
-//! ball of a facet on the wall then holds vertices of the interface. With the label there, the
-//! background, the tet would be missing: a nick. But it lies within the walls, as all tets do that have
-//! no corner of the box. So the labels are continued straight beyond the walls, for these tets alone.
-//! Tets with a corner of the box lie outside of the walls, or are split. What separates the two are facets
-//! on the walls, if these have their rims, edges and corners as samples.
+//! **The label of a tet beyond a wall.** Vertices of the object lie within the walls, but a tet
+//! close to one may have its circumcenter beyond it, above all where an interface meets the wall at
+//! a slant: the ball of a facet on the wall then holds vertices of the interface. With the label
+//! there, the background, the tet would be missing: a nick. But it lies within the walls, as all
+//! tets do that have no corner of the box. So the labels are continued straight beyond the walls,
+//! for these tets alone. Tets with a corner of the box lie outside of the walls, or are split. What
+//! separates the two are facets on the walls, if these have their rims, edges and corners as
+//! samples.
 //!
-//! **What the rules insert.** A point beyond a wall would be outside of the object. Instead comes the
-//! point of the walls nearest to it:
-//! - R3: where the dual segment of a facet crosses a continued interface, the point of the rim below it;
-//!   for a misshapen facet on a wall its circumcenter.
+//! **What the rules insert.** A point beyond a wall would be outside of the object. Instead comes
+//! the point of the walls nearest to it:
+//! - R3: where the dual segment of a facet crosses a continued interface, the point of the rim
+//!   below it; for a misshapen facet on a wall its circumcenter.
 //! - R2, R4, R5: the projection of the circumcenter.
 //!
-//! In all cases only if no vertex is nearer than the least spacing. So these insertions do not disturb
-//! the proof of termination (docs/algorithm.md).
+//! In all cases only if no vertex is nearer than the least spacing. So these insertions do not
+//! disturb the proof of termination (docs/algorithm.md).
 
 use glam::DVec3;
 
@@ -37,18 +38,19 @@ pub(super) struct FacetAtWall {
 }
 
 impl Rules<'_> {
-    /// Whether a tet has no corner of the box, and so lies within the walls: then labels are continued
-    /// to its circumcenter.
+    /// Whether a tet has no corner of the box, and so lies within the walls: then labels are
+    /// continued to its circumcenter.
     #[inline]
     pub(super) fn is_within_walls(vertices: [VertexId; 4]) -> bool {
         vertices.iter().all(|&v| v >= BOX_VERTICES)
     }
 
-    /// Whether a tet that is too flat to have a circumcenter lies on a wall: rounding makes those where
-    /// the axes of the image are oblique. They are outside.
+    /// Whether a tet that is too flat to have a circumcenter lies on a wall: rounding makes those
+    /// where the axes of the image are oblique. They are outside.
     #[cold]
     pub(super) fn is_flat_on_wall(&self, vertices: [VertexId; 4]) -> bool {
-        Self::is_within_walls(vertices) && self.common_walls(&self.triangulation.corners(vertices)).count() > 0
+        Self::is_within_walls(vertices)
+            && self.common_walls(&self.triangulation.corners(vertices)).count() > 0
     }
 
     /// The walls that all of these points are on.
@@ -57,8 +59,8 @@ impl Rules<'_> {
         walls.reduce(|all, walls| all.common(&walls)).unwrap_or(Walls::NONE)
     }
 
-    /// The surface center of a facet at a wall, which may be `misshapen`, if anything is to be inserted
-    /// for it, and how far it is from the nearest vertex; `reach` is the facet distance.
+    /// The surface center of a facet at a wall, which may be `misshapen`, if anything is to be
+    /// inserted for it, and how far it is from the nearest vertex; `reach` is the facet distance.
     pub(super) fn surface_center_at_wall(
         &self,
         facet: &FacetAtWall,
@@ -80,7 +82,8 @@ impl Rules<'_> {
         let back = self.oracle.back_to_walls(x);
         if crossing.is_some() && back.is_none() {
             let radius = x.distance(a);
-            return (misshapen || radius > SPACING_FLOOR * self.sizing.at(x)).then_some((x, radius));
+            return (misshapen || radius > SPACING_FLOOR * self.sizing.at(x))
+                .then_some((x, radius));
         }
         // On the edge of a wall where the circumcenter lies beyond that.
         let x = back.unwrap_or(x);
@@ -89,8 +92,8 @@ impl Rules<'_> {
         (distance > floor * self.sizing.at(x)).then_some((x, distance))
     }
 
-    /// How far the nearest vertex is from a point in a circumball of one of these tets: one of a tet
-    /// whose circumball holds the point. `None` where that is not so, or too many do.
+    /// How far the nearest vertex is from a point in a circumball of one of these tets: one of a
+    /// tet whose circumball holds the point. `None` where that is not so, or too many do.
     fn nearest_vertex(&self, x: DVec3, tets: [TetId; 2]) -> Option<f64> {
         const MOST: usize = 100;
         let holds = |t: TetId| self.triangulation.tet(t).sphere().contains(x) != Some(false);
@@ -106,7 +109,9 @@ impl Rules<'_> {
             for p in self.triangulation.corners(record.vertices()) {
                 squared = p.distance_squared(x).min(squared);
             }
-            for neighbor in (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none()) {
+            for neighbor in
+                (0..4).map(|i| record.neighbor(i)).filter(|neighbor| !neighbor.is_none())
+            {
                 if !zone.contains(&neighbor.tet()) && holds(neighbor.tet()) {
                     zone.push(neighbor.tet());
                 }
@@ -118,22 +123,31 @@ impl Rules<'_> {
     /// Whether a point in a circumball of one of these tets is farther than that from all vertices.
     #[cold]
     pub(super) fn is_free_at_wall(&self, p: DVec3, least: f64, tets: [TetId; 2]) -> bool {
-        self.triangulation.holds(p) && self.nearest_vertex(p, tets).is_some_and(|distance| distance > least)
+        self.triangulation.holds(p)
+            && self.nearest_vertex(p, tets).is_some_and(|distance| distance > least)
     }
 
-    /// A point of dO, in a circumball of one of these tets, or the point of a wall close to it if that
-    /// keeps the least distance from all vertices.
+    /// A point of dO, in a circumball of one of these tets, or the point of a wall close to it if
+    /// that keeps the least distance from all vertices.
     pub(super) fn drawn_to_walls(&self, p: DVec3, tets: [TetId; 2]) -> DVec3 {
-        // The least distance is that of where samples are closest: nothing is nearer to anything anywhere.
-        let is_free = |&q: &DVec3| self.is_free_at_wall(q, LEAST_DISTANCE * self.sizing.least(), tets);
+        // The least distance is that of where samples are closest: nothing is nearer to anything
+        // anywhere.
+        let is_free =
+            |&q: &DVec3| self.is_free_at_wall(q, LEAST_DISTANCE * self.sizing.least(), tets);
         self.oracle.drawn_to_walls(p, DRAWN_TO_WALL * self.sizing.at(p)).find(is_free).unwrap_or(p)
     }
 
-    /// What R2, R4 and R5 insert for a tet whose circumcenter, `radius` from its vertices, is beyond a
-    /// wall; `back` is the point of the wall. `None` if the tet is to be left.
+    /// What R2, R4 and R5 insert for a tet whose circumcenter, `radius` from its vertices, is
+    /// beyond a wall; `back` is the point of the wall. `None` if the tet is to be left.
     #[cold]
-    pub(super) fn volume_point_at_wall(&self, center: DVec3, back: DVec3, radius: f64) -> Option<DVec3> {
+    pub(super) fn volume_point_at_wall(
+        &self,
+        center: DVec3,
+        back: DVec3,
+        radius: f64,
+    ) -> Option<DVec3> {
         let vertices_from = radius - center.distance(back);
-        (vertices_from > SPACING_FLOOR * self.sizing.at(back) && self.triangulation.holds(back)).then_some(back)
+        (vertices_from > SPACING_FLOOR * self.sizing.at(back) && self.triangulation.holds(back))
+            .then_some(back)
     }
 }

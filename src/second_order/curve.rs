@@ -1,18 +1,21 @@
-//! Curving: the nodes on interfaces go where the image has the interface, so that the facets follow it.
+//! Curving: the nodes on interfaces go where the image has the interface, so that the facets follow
+//! it.
 //!
 //! | the edge of a node | where the node goes |
 //! |---|---|
 //! | inside of a label | nowhere |
 //! | between two facets of the same two labels | along their mean normal, to the change of label |
-//! | on a line, where three labels meet or an interface meets a wall | to the nearest point of such a line |
+//! | on a line, where three labels meet or an interface a wall | to the nearest point of a line |
 //! | in a wall, on an edge of the image | nowhere: it is there already |
 //! | at a contact, or on a line that the image does not know (scans, probabilities) | nowhere |
 //!
-//! What must hold: the map from a straight tet to the curved one is one to one, with a determinant of at least [`LEAST`] times
-//! that of the straight tet ([`jacobian`](super::jacobian)). Where a tet does not have that its nodes go half as far, then a
-//! quarter, an eighth, at last nowhere. Straight tets have it, so that this ends.
+//! What must hold: the map from a straight tet to the curved one is one to one, with a determinant
+//! of at least [`LEAST`] times that of the straight tet ([`jacobian`](super::jacobian)). Where a
+//! tet does not have that its nodes go half as far, then a quarter, an eighth, at last nowhere.
+//! Straight tets have it, so that this ends.
 //!
-//! The result does not depend on the number of threads: what a round changes follows from what all tets were before it.
+//! The result does not depend on the number of threads: what a round changes follows from what all
+//! tets were before it.
 
 use std::ops::Range;
 
@@ -27,7 +30,8 @@ use crate::mesh::{MidNodes, TetMesh};
 use crate::monitor::Monitor;
 use crate::oracle::{Oracle, Walls};
 
-/// The least determinant of a curved tet, in parts of that of the straight one. Far above rounding, so its sign is sure.
+/// The least determinant of a curved tet, in parts of that of the straight one. Far above rounding,
+/// so its sign is sure.
 const LEAST: f64 = 0.1;
 
 /// A node goes no farther than this part of its edge's length.
@@ -36,7 +40,8 @@ const FARTHEST: f64 = 0.25;
 /// On a line a node moves by no more than this part of the length along its edge.
 const ALONG: f64 = 0.1;
 
-/// The distances, in parts of the edge's length, at which the two labels are to be on the two sides of an interface.
+/// The distances, in parts of the edge's length, at which the two labels are to be on the two sides
+/// of an interface.
 const REACHES: [f64; 3] = [0.0625, 0.125, FARTHEST];
 
 /// The squared sum of the unit normals of two facets in one plane, less what rounding may do.
@@ -56,7 +61,8 @@ pub struct Curving {
     pub straight: u64,
     /// The largest distance of a node from the middle of its edge.
     pub max_move: f64,
-    /// The least determinant of the Jacobian of a tet with a moved node, in parts of that of the straight tet.
+    /// The least determinant of the Jacobian of a tet with a moved node, in parts of that of the
+    /// straight tet.
     pub least_jacobian: f64,
     /// The volume of all tets.
     pub volume: f64,
@@ -76,11 +82,18 @@ enum Place {
     Line,
 }
 
-/// Moves the nodes of `mesh` on interfaces to where `oracle` has them; `labels` has the label of each of its ids.
+/// Moves the nodes of `mesh` on interfaces to where `oracle` has them; `labels` has the label of
+/// each of its ids.
 ///
 /// # Errors
-/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory). The mesh is unchanged then.
-pub fn curve(mesh: &mut TetMesh, oracle: &Oracle, labels: &[i32], monitor: &Monitor<'_>) -> Result<Curving> {
+/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory). The mesh is
+/// unchanged then.
+pub fn curve(
+    mesh: &mut TetMesh,
+    oracle: &Oracle,
+    labels: &[i32],
+    monitor: &Monitor<'_>,
+) -> Result<Curving> {
     let Some(mid_nodes) = &mesh.mid_nodes else { return Ok(Curving::default()) };
     let first = mid_nodes.vertices;
     let ways = ways(mesh, mid_nodes, oracle, labels, monitor)?;
@@ -125,7 +138,8 @@ impl Course<'_> {
         self.mid_nodes.tets[t].map(|node| node as usize - self.mid_nodes.vertices)
     }
 
-    /// The least determinant of a tet with a moved node, in parts of the straight tet's; and six times the volume of any tet.
+    /// The least determinant of a tet with a moved node, in parts of the straight tet's; and six
+    /// times the volume of any tet.
     fn measure(&self, t: usize) -> (Option<f64>, f64) {
         let corners = self.mesh.tets[t].map(|v| self.mesh.point(v));
         let [a, b, c, d] = corners;
@@ -159,7 +173,11 @@ impl Course<'_> {
                 Ok(tets.filter(is_bad).collect())
             };
             let bad: Vec<Vec<usize>> = self.chunks().map(bad_of).collect::<Result<_>>()?;
-            let nodes = bad.iter().flatten().flat_map(|&t| self.nodes_of(t)).filter(|&node| self.is_moved(node));
+            let nodes = bad
+                .iter()
+                .flatten()
+                .flat_map(|&t| self.nodes_of(t))
+                .filter(|&node| self.is_moved(node));
             let mut nodes: Vec<usize> = nodes.collect();
             if nodes.is_empty() {
                 return Ok(());
@@ -176,8 +194,9 @@ impl Course<'_> {
 
     fn summary(&self) -> Curving {
         let of_chunk = |tets: Range<usize>| {
-            tets.map(|t| self.measure(t))
-                .fold((1.0_f64, 0.0), |(all, sum), (least, volume)| (all.min(least.unwrap_or(1.0)), sum + volume))
+            tets.map(|t| self.measure(t)).fold((1.0_f64, 0.0), |(all, sum), (least, volume)| {
+                (all.min(least.unwrap_or(1.0)), sum + volume)
+            })
         };
         // Added in their order, whatever the number of threads.
         let of_chunks: Vec<(f64, f64)> = self.chunks().map(of_chunk).collect();
@@ -226,7 +245,9 @@ fn ways(
                     first[node] = f as u32;
                     Place::Surface { labels: mesh.facet_labels[f], facets: 1, normal: of_facet }
                 }
-                Place::Surface { labels, facets, normal } if labels == mesh.facet_labels[f] && facets < 2 => {
+                Place::Surface { labels, facets, normal }
+                    if labels == mesh.facet_labels[f] && facets < 2 =>
+                {
                     Place::Surface { labels, facets: facets + 1, normal: normal + of_facet }
                 }
                 _ => Place::Line,
@@ -243,7 +264,8 @@ fn ways(
             }
             let facet = first[node] as usize;
             let edge = mid_nodes.facets[facet].iter().position(|&n| n as usize == vertices + node);
-            let ends = FACET_EDGES[edge.expect("the facet lists the node")].map(|i| mesh.point(mesh.facets[facet][i]));
+            let ends = FACET_EDGES[edge.expect("the facet lists the node")]
+                .map(|i| mesh.point(mesh.facets[facet][i]));
             *way = on_interface(oracle, labels, places[node], ends).unwrap_or_default();
         }
         Ok(())
@@ -252,7 +274,12 @@ fn ways(
 }
 
 /// Where the node of an edge on an interface is to go, from the middle of its ends.
-fn on_interface(oracle: &Oracle, labels: &[i32], place: Place, [a, b]: [DVec3; 2]) -> Option<DVec3> {
+fn on_interface(
+    oracle: &Oracle,
+    labels: &[i32],
+    place: Place,
+    [a, b]: [DVec3; 2],
+) -> Option<DVec3> {
     let (middle, length) = ((a + b) * 0.5, a.distance(b));
     let walls: Walls = oracle.walls_at(a).common(&oracle.walls_at(b));
     let most = FARTHEST * length;
@@ -260,10 +287,14 @@ fn on_interface(oracle: &Oracle, labels: &[i32], place: Place, [a, b]: [DVec3; 2
     let to = match (place, walls.count()) {
         (Place::Surface { labels: pair, facets: 2, normal }, 0) => {
             let normal = normal.normalize_or_zero();
-            REACHES.iter().find_map(|&reach| oracle.project(middle, normal, reach * length, pair, labels))?
+            REACHES
+                .iter()
+                .find_map(|&reach| oracle.project(middle, normal, reach * length, pair, labels))?
         }
         // One of the two facets leaves the wall.
-        (Place::Surface { facets: 2, normal, .. }, 1) if normal.length_squared() < FLAT => on_line()?,
+        (Place::Surface { facets: 2, normal, .. }, 1) if normal.length_squared() < FLAT => {
+            on_line()?
+        }
         (Place::Line, 0 | 1) => on_line()?,
         _ => return None,
     };

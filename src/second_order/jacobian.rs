@@ -1,8 +1,9 @@
 //! Where the map of a curved tet is one to one.
 //!
-//! The determinant of the Jacobian of a tet of second order is a polynomial of degree three. In Bezier form it lies between
-//! the least and the largest of its twenty coefficients, so that it is positive in the whole tet where all of them are
-//! (A. Johnen, J.-F. Remacle, C. Geuzaine, "Geometrical validity of curvilinear finite elements", J. Comput. Phys. 233, 2013).
+//! The determinant of the Jacobian of a tet of second order is a polynomial of degree three. In
+//! Bezier form it lies between the least and the largest of its twenty coefficients, so that it is
+//! positive in the whole tet where all of them are (A. Johnen, J.-F. Remacle, C. Geuzaine,
+//! "Geometrical validity of curvilinear finite elements", J. Comput. Phys. 233, 2013).
 
 use glam::DVec3;
 
@@ -42,7 +43,8 @@ const NUMBER: [[[usize; 4]; 4]; 4] = {
 
 /// The least of the coefficients, and their mean: six times the volume.
 pub fn least_and_mean(vertices: &[DVec3; 4], nodes: &[DVec3; 6]) -> [f64; 2] {
-    // The control points: a vertex for i = j, else so that the curve of an edge passes through its node.
+    // The control points: a vertex for i = j, else so that the curve of an edge passes through its
+    // node.
     let mut control = [[DVec3::ZERO; 4]; 4];
     for i in 0..4 {
         control[i][i] = vertices[i];
@@ -66,7 +68,8 @@ pub fn least_and_mean(vertices: &[DVec3; 4], nodes: &[DVec3; 6]) -> [f64; 2] {
         }
     }
     let values = found.sums.iter().zip(found.counts).map(|(sum, count)| sum / f64::from(count));
-    let (least, sum) = values.fold((f64::INFINITY, 0.0), |(least, sum), value| (value.min(least), sum + value));
+    let (least, sum) =
+        values.fold((f64::INFINITY, 0.0), |(least, sum), value| (value.min(least), sum + value));
     [least, sum / 20.0]
 }
 
@@ -138,7 +141,8 @@ mod tests {
                 at[i] = 0.5;
                 determinant(&VERTICES, &nodes, at)
             });
-            let by_rule = -0.8 * determinant(&VERTICES, &nodes, [0.25; 4]) + 0.45 * others.sum::<f64>();
+            let by_rule =
+                -0.8 * determinant(&VERTICES, &nodes, [0.25; 4]) + 0.45 * others.sum::<f64>();
             prop_assert!((by_rule - mean).abs() < 1e-9, "{by_rule} {mean}");
         }
     }

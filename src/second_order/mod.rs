@@ -1,11 +1,13 @@
 //! Tets of second order: a node in the middle of every edge.
 //!
-//! The six edges of a tet (a, b, c, d) come in VTK's order: ab, bc, ca, ad, bd, cd. Those of a facet (a, b, c): ab, bc, ca.
+//! The six edges of a tet (a, b, c, d) come in VTK's order: ab, bc, ca, ad, bd, cd. Those of a
+//! facet (a, b, c): ab, bc, ca.
 //!
-//! Nodes are numbered behind the vertices: by the smaller vertex of their edge, then by the larger one. So the numbers do not
-//! depend on the number of threads.
+//! Nodes are numbered behind the vertices: by the smaller vertex of their edge, then by the larger
+//! one. So the numbers do not depend on the number of threads.
 //!
-//! Nodes stand halfway between their vertices, or, where asked for, on the interfaces of the image: [`curve()`].
+//! Nodes stand halfway between their vertices, or, where asked for, on the interfaces of the image:
+//! [`curve()`].
 //!
 //! Cost: four passes through the tets. Memory: [`BYTES_PER_TET`].
 
@@ -29,8 +31,8 @@ pub const TET_EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], 
 /// The vertices of the edges of a facet, in the order of their nodes.
 pub const FACET_EDGES: [[usize; 2]; 3] = [[0, 1], [1, 2], [2, 0]];
 
-/// Bytes that a tet needs at most: 24 for the numbers of its nodes, 24 while edges are numbered, 32 for the positions of nodes
-/// (a tet has some 1.2 edges of its own), 6 for the facets' nodes.
+/// Bytes that a tet needs at most: 24 for the numbers of its nodes, 24 while edges are numbered, 32
+/// for the positions of nodes (a tet has some 1.2 edges of its own), 6 for the facets' nodes.
 pub const BYTES_PER_TET: u64 = 96;
 
 /// Tets, facets or vertices of one piece of work.
@@ -126,18 +128,20 @@ impl Edges {
     }
 }
 
-/// Gives a mesh nodes in the middles of its edges: appends their positions to `points`, and tells of each tet and facet which
-/// they are.
+/// Gives a mesh nodes in the middles of its edges: appends their positions to `points`, and tells
+/// of each tet and facet which they are.
 ///
 /// # Errors
 /// [`LimitReached`](crate::Error::LimitReached) for more nodes than can be numbered;
-/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory). The mesh is unchanged then.
+/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory). The mesh is
+/// unchanged then.
 pub fn add_mid_nodes(mesh: &mut TetMesh, monitor: &Monitor<'_>) -> Result<SecondOrder> {
     let edges = Edges::new(mesh, monitor)?;
     let vertices = mesh.points.len();
     if vertices + edges.count() >= u32::MAX as usize {
         return Err(crate::Error::LimitReached(format!(
-            "{vertices} vertices and {} edges are more nodes than the 4294967294 that can be numbered",
+            "{vertices} vertices and {} edges are more nodes than the 4294967294 that can be \
+             numbered",
             edges.count()
         )));
     }
@@ -181,7 +185,13 @@ mod tests {
     fn nodes_are_in_the_middle_and_shared() {
         // Two tets with a facet in common.
         let mut mesh = TetMesh {
-            points: vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0], [2.0, 2.0, 2.0]],
+            points: vec![
+                [0.0; 3],
+                [2.0, 0.0, 0.0],
+                [0.0, 2.0, 0.0],
+                [0.0, 0.0, 2.0],
+                [2.0, 2.0, 2.0],
+            ],
             tets: vec![[0, 1, 2, 3], [4, 2, 1, 3]],
             facets: vec![[1, 2, 3]],
             ..TetMesh::default()
@@ -196,7 +206,10 @@ mod tests {
             }
         }
         for ([i, j], &node) in FACET_EDGES.into_iter().zip(&nodes.facets[0]) {
-            assert_eq!(mesh.point(node), (mesh.point(mesh.facets[0][i]) + mesh.point(mesh.facets[0][j])) * 0.5);
+            assert_eq!(
+                mesh.point(node),
+                (mesh.point(mesh.facets[0][i]) + mesh.point(mesh.facets[0][j])) * 0.5
+            );
         }
         let mut all: Vec<u32> = nodes.tets.as_flattened().to_vec();
         all.sort_unstable();

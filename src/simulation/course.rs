@@ -1,22 +1,29 @@
 //! The course of a simulated run, and its steady state.
 //!
-//! **Steady state.** A run begins with few vertices, which have no room for many workers, and ends with work that runs out. Both take times that grow with the logarithm of the number of workers, or of tets, not with the tets
-//! themselves: in a run of 3 million tets for each worker they hardly count, in one of 20 thousand they are half of the time. So rates that are to be compared with such a run are those of its middle: from
-//! the moment when the first of [`STEADY`] of all tets has been made, to that of the second. Tets are counted as they are made, whether they live to the end or not: so is the work. One worker's rate is that between the same parts.
+//! **Steady state.** A run begins with few vertices, which have no room for many workers, and ends
+//! with work that runs out. Both take times that grow with the logarithm of the number of workers,
+//! or of tets, not with the tets themselves: in a run of 3 million tets for each worker they hardly
+//! count, in one of 20 thousand they are half of the time. So rates that are to be compared with
+//! such a run are those of its middle: from the moment when the first of [`STEADY`] of all tets has
+//! been made, to that of the second. Tets are counted as they are made, whether they live to the
+//! end or not: so is the work. One worker's rate is that between the same parts.
 //!
-//! **Marks** are taken whenever some thousand tets have been made ([`super::world`]); what workers did until then comes from their timelines when the run has ended.
+//! **Marks** are taken whenever some thousand tets have been made ([`super::world`]); what workers
+//! did until then comes from their timelines when the run has ended.
 
 use std::ops::Sub;
 
 use crate::refine::activity::ThreadReport;
 
-/// The parts of all tets made between which a run is steady: before, samples go in and workers join; after, some run out of work.
+/// The parts of all tets made between which a run is steady: before, samples go in and workers
+/// join; after, some run out of work.
 pub const STEADY: [f64; 2] = [0.5, 0.9];
 
 /// What workers do: as many kinds as [`crate::refine::activity::Doing`] has.
 pub const KINDS: usize = 5;
 
-/// What had happened until a moment of a run; or, as the difference of two, between two moments. Sums are those of all workers.
+/// What had happened until a moment of a run; or, as the difference of two, between two moments.
+/// Sums are those of all workers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mark {
     /// Virtual seconds since the beginning.
@@ -29,7 +36,8 @@ pub struct Mark {
     pub travel_seconds: f64,
     /// Virtual seconds in which they waited for routers, of all workers.
     pub queue_seconds: f64,
-    /// Virtual seconds by what workers did, in the order of [`crate::refine::activity::Doing`], of all workers; zeros without timelines.
+    /// Virtual seconds by what workers did, in the order of [`crate::refine::activity::Doing`], of
+    /// all workers; zeros without timelines.
     pub doing: [f64; KINDS],
 }
 
@@ -55,7 +63,8 @@ pub(super) fn at(course: &[Mark], part: f64) -> Mark {
     course.iter().copied().find(|mark| mark.made as f64 >= part * all.made as f64).unwrap_or(all)
 }
 
-/// Notes in each mark what workers had done until then. Cost: one step for each span and each mark within it.
+/// Notes in each mark what workers had done until then. Cost: one step for each span and each mark
+/// within it.
 pub(super) fn add_timelines(course: &mut [Mark], threads: &[ThreadReport]) {
     for span in threads.iter().flat_map(|thread| &thread.timeline) {
         let (kind, mut from) = (span.doing as usize, span.start);
@@ -88,7 +97,8 @@ mod tests {
     #[test]
     fn a_window_lies_between_parts_of_the_tets_made_not_of_the_time() {
         // Slow at first, slow at last.
-        let course = [mark(0.0, 0), mark(8.0, 100), mark(9.0, 500), mark(10.0, 900), mark(30.0, 1000)];
+        let course =
+            [mark(0.0, 0), mark(8.0, 100), mark(9.0, 500), mark(10.0, 900), mark(30.0, 1000)];
         let window = at(&course, 0.9) - at(&course, 0.1);
         assert_eq!((window.seconds, window.made), (2.0, 800));
         // Between two marks: the later one.

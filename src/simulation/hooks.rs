@@ -1,4 +1,5 @@
-//! What the locking policies call in a build with simulations (`delaunay/access`): each does nothing but in a simulation of the calling thread.
+//! What the locking policies call in a build with simulations (`delaunay/access`): each does
+//! nothing but in a simulation of the calling thread.
 
 use std::cell::RefCell;
 
@@ -21,7 +22,8 @@ pub(super) fn exchange(world: Option<World>) -> Option<World> {
 #[inline]
 pub fn spend(effort: Effort) {
     if virtual_time::is_running() {
-        let price = WORLD.with_borrow_mut(|world| world.as_mut().map_or(0, |world| world.price(effort)));
+        let price =
+            WORLD.with_borrow_mut(|world| world.as_mut().map_or(0, |world| world.price(effort)));
         virtual_time::advance(price);
     }
 }
@@ -50,13 +52,15 @@ fn visit(me: usize, kind: Kind, id: u32) {
     if !virtual_time::is_running() {
         return;
     }
-    let visited = WORLD.with_borrow_mut(|world| world.as_mut().map(|world| world.visit(me, kind, id)));
+    let visited =
+        WORLD.with_borrow_mut(|world| world.as_mut().map(|world| world.visit(me, kind, id)));
     let Some((price, source)) = visited else { return };
     virtual_time::advance(price);
     if let Some(source) = source {
         // Routers are asked for in the order of time.
         virtual_time::pause();
-        let here = WORLD.with_borrow_mut(|world| world.as_mut().map(|world| world.fetch(me, source)));
+        let here =
+            WORLD.with_borrow_mut(|world| world.as_mut().map(|world| world.fetch(me, source)));
         virtual_time::advance(here.map_or(0, |here| here - virtual_time::now()));
     }
 }
@@ -68,6 +72,9 @@ pub fn look(me: usize, triangulation: &Triangulation, t: TetId) {
         visit_tet(me, t);
         let record = triangulation.tet(t);
         let neighbors: [_; 4] = std::array::from_fn(|i| record.neighbor(i));
-        neighbors.iter().filter(|facet| !facet.is_none()).for_each(|facet| visit_tet(me, facet.tet()));
+        neighbors
+            .iter()
+            .filter(|facet| !facet.is_none())
+            .for_each(|facet| visit_tet(me, facet.tet()));
     }
 }

@@ -1,8 +1,12 @@
-//! Simulations of many workers on machines that are not at hand: the real algorithms, in virtual time.
+//! Simulations of many workers on machines that are not at hand: the real algorithms, in virtual
+//! time.
 //!
-//! The refinement runs as it is: its workers, lists, begging, contention managers, locks, on a real triangulation whose mesh is as good as any. But the workers are coroutines on one thread, run in
-//! the order of their virtual clocks, which advance by counted work. A lock that another worker holds at that time refuses, a worker waits until another one wakes it, and so on: conflicts,
-//! rollbacks and idle time are not modelled, they happen. What is modelled is what work costs, and what data from another node costs.
+//! The refinement runs as it is: its workers, lists, begging, contention managers, locks, on a real
+//! triangulation whose mesh is as good as any. But the workers are coroutines on one thread, run in
+//! the order of their virtual clocks, which advance by counted work. A lock that another worker
+//! holds at that time refuses, a worker waits until another one wakes it, and so on: conflicts,
+//! rollbacks and idle time are not modelled, they happen. What is modelled is what work costs, and
+//! what data from another node costs.
 //!
 //! | file | what |
 //! |---|---|
@@ -12,8 +16,10 @@
 //! | [`platform`] | the constants of a machine |
 //! | [`course`] | what had been done when, and the steady state in the middle of a run |
 //!
-//! Deterministic: a run is a function of image, parameters and platform. Thread safety: a simulation is the calling thread's; others may run their own, or the real thing.
-//! Not simulated: the sampling of the image, which takes no virtual time (it runs on all threads of the pool); contention for memory within a node; the operating system.
+//! Deterministic: a run is a function of image, parameters and platform. Thread safety: a
+//! simulation is the calling thread's; others may run their own, or the real thing. Not simulated:
+//! the sampling of the image, which takes no virtual time (it runs on all threads of the pool);
+//! contention for memory within a node; the operating system.
 
 pub mod course;
 pub mod hooks;
@@ -49,10 +55,12 @@ pub struct Simulated {
     pub tally: Tally,
 }
 
-/// Refines as [`refine`] does, with `schedule.threads` workers on a simulated platform: worker i on core i of the machine.
+/// Refines as [`refine`] does, with `schedule.threads` workers on a simulated platform: worker i on
+/// core i of the machine.
 ///
 /// # Errors
-/// Those of [`refine`]. [`Error::InvalidArgument`] when there are more workers than cores; [`Error::OutOfMemory`] also when there is none for a stack.
+/// Those of [`refine`]. [`Error::InvalidArgument`] when there are more workers than cores;
+/// [`Error::OutOfMemory`] also when there is none for a stack.
 pub fn simulate(
     rules: &Rules<'_>,
     schedule: &Schedule,
@@ -61,14 +69,20 @@ pub fn simulate(
 ) -> Result<Simulated> {
     let (workers, cores) = (schedule.threads, platform.machine.total_cores());
     if workers > cores {
-        return Err(Error::InvalidArgument(format!("{workers} workers are simulated on a machine of {cores} cores")));
+        return Err(Error::InvalidArgument(format!(
+            "{workers} workers are simulated on a machine of {cores} cores"
+        )));
     }
     hooks::exchange(Some(World::new(platform, workers)));
-    let ran = panics::catch(|| virtual_time::run(|| (refine(rules, schedule, monitor), virtual_time::now())));
+    let ran = panics::catch(|| {
+        virtual_time::run(|| (refine(rules, schedule, monitor), virtual_time::now()))
+    });
     let world = hooks::exchange(None);
     let ran = ran.map_err(Error::Internal)?;
-    let (refined, end) = ran.map_err(|_| Error::OutOfMemory { count: workers, what: "stacks of virtual workers" })?;
-    let mut world = world.ok_or_else(|| Error::Internal("the world of a simulation was lost".into()))?;
+    let (refined, end) =
+        ran.map_err(|_| Error::OutOfMemory { count: workers, what: "stacks of virtual workers" })?;
+    let mut world =
+        world.ok_or_else(|| Error::Internal("the world of a simulation was lost".into()))?;
     let refinement = refined?;
     let served = world.served();
     world.mark_end(end);

@@ -1,6 +1,8 @@
-//! What is simulated: a machine, what work costs on its cores, and what it costs to bring data from another node.
+//! What is simulated: a machine, what work costs on its cores, and what it costs to bring data from
+//! another node.
 //!
-//! Costs are nanoseconds of a core that has its data in its cache; docs/scaling.md says how they were measured, and which were fitted.
+//! Costs are nanoseconds of a core that has its data in its cache; docs/scaling.md says how they
+//! were measured, and which were fitted.
 
 use crate::parallel::machine::Machine;
 
@@ -13,7 +15,8 @@ pub struct Platform {
     pub costs: Costs,
     /// What brings data from node to node.
     pub network: Network,
-    /// Records, of tets and vertices, that the caches of a node hold; the largest number is no limit.
+    /// Records, of tets and vertices, that the caches of a node hold; the largest number is no
+    /// limit.
     pub cached_records: u32,
 }
 
@@ -46,8 +49,10 @@ pub struct Costs {
     pub sharing: f64,
 }
 
-/// What a record costs that comes from another node: the hops, and the wait for routers that are in use. Routers form a tree: neighbouring nodes belong to a group at every level, as eight blades
-/// do to a router of Blacklight, and two of these to a rack unit. A group has one router, which stands for all links among its parts. A record passes the routers of the groups that hold either
+/// What a record costs that comes from another node: the hops, and the wait for routers that are in
+/// use. Routers form a tree: neighbouring nodes belong to a group at every level, as eight blades
+/// do to a router of Blacklight, and two of these to a rack unit. A group has one router, which
+/// stands for all links among its parts. A record passes the routers of the groups that hold either
 /// its source or its reader, and of the smallest that holds both.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network {

@@ -1,4 +1,5 @@
-//! Simulated refinements: as deterministic as a lone worker's, as sound as real ones, and of the speed that real ones have where these can be measured.
+//! Simulated refinements: as deterministic as a lone worker's, as sound as real ones, and of the
+//! speed that real ones have where these can be measured.
 
 use std::path::PathBuf;
 
@@ -38,13 +39,19 @@ impl Subject {
     /// Octants in a ball: every rule has work.
     fn octants(delta: f64) -> Self {
         let ball = nested_shells([32; 3], [1.0, 0.9, 1.1], &[13.0]).unwrap();
-        let octant = |p: DVec3| i32::from(p.x > 0.0) + 2 * i32::from(p.y > 0.0) + 4 * i32::from(p.z > 0.0);
+        let octant =
+            |p: DVec3| i32::from(p.x > 0.0) + 2 * i32::from(p.y > 0.0) + 4 * i32::from(p.z > 0.0);
         let label = |p: DVec3| if p.length() < 13.0 { 1 + octant(p) } else { 0 };
         Self::new(LabelImage::from_fn(ball.dims(), *ball.frame(), label).unwrap(), delta)
     }
 
-    /// What `work` gives, with all tets of the triangulation that it leaves, in the order of their slots. The mesh is sound and complete.
-    fn with_rules<T>(&self, what: &str, work: impl FnOnce(&Rules<'_>) -> crate::Result<T>) -> (T, Vec<[u32; 4]>) {
+    /// What `work` gives, with all tets of the triangulation that it leaves, in the order of their
+    /// slots. The mesh is sound and complete.
+    fn with_rules<T>(
+        &self,
+        what: &str,
+        work: impl FnOnce(&Rules<'_>) -> crate::Result<T>,
+    ) -> (T, Vec<[u32; 4]>) {
         let Self { image, oracle, params } = self;
         let monitor = Monitor::silent();
         let [lower, upper] = oracle.bounds();
@@ -55,21 +62,40 @@ impl Subject {
         let mut order = triangulation.tets_by_place(|| Ok(())).unwrap();
         let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
         assert!(check.is_sound(), "{what}: {check:?}");
-        assert_eq!(triangulation.left_over(), 0, "{what}: tets owned or free slots that do not say so");
+        assert_eq!(
+            triangulation.left_over(),
+            0,
+            "{what}: tets owned or free slots that do not say so"
+        );
         assert_eq!(unmet, [0; 6], "{what}: unmet rules");
         let label = |t| rules.label(t);
-        let mut mesh =
-            extract(&triangulation, &mut order, label, image.labels(), Background::Dropped, &monitor).unwrap().mesh;
+        let mut mesh = extract(
+            &triangulation,
+            &mut order,
+            label,
+            image.labels(),
+            Background::Dropped,
+            &monitor,
+        )
+        .unwrap()
+        .mesh;
         mesh.collect_facets(&monitor).unwrap();
         let certificate =
-            Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor).unwrap();
-        let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
+            Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor)
+                .unwrap();
+        let defects =
+            [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
         assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");
         let tets = triangulation.living_tets().map(|t| triangulation.tet(t).vertices()).collect();
         (done, tets)
     }
 
-    fn simulate(&self, what: &str, schedule: &Schedule, platform: &Platform) -> (Simulated, Vec<[u32; 4]>) {
+    fn simulate(
+        &self,
+        what: &str,
+        schedule: &Schedule,
+        platform: &Platform,
+    ) -> (Simulated, Vec<[u32; 4]>) {
         self.with_rules(what, |rules| simulate(rules, schedule, platform, &Monitor::silent()))
     }
 }
@@ -86,7 +112,11 @@ fn platform(nodes: usize) -> Platform {
 }
 
 fn schedule(platform: &Platform) -> Schedule {
-    Schedule { threads: platform.machine.total_cores(), machine: platform.machine.clone(), ..Schedule::solo() }
+    Schedule {
+        threads: platform.machine.total_cores(),
+        machine: platform.machine.clone(),
+        ..Schedule::solo()
+    }
 }
 
 #[test]
@@ -98,9 +128,15 @@ fn two_runs_are_the_same() {
         let (one, tets) = subject.simulate(&what, &schedule, &platform);
         let (other, other_tets) = subject.simulate(&what, &schedule, &platform);
         assert!(tets == other_tets, "{what}: two meshes");
-        assert_eq!((one.seconds, &one.course, one.tally), (other.seconds, &other.course, other.tally), "{what}");
+        assert_eq!(
+            (one.seconds, &one.course, one.tally),
+            (other.seconds, &other.course, other.tally),
+            "{what}"
+        );
         assert_eq!(one.traffic, other.traffic, "{what}");
-        let overheads = |run: &Simulated| run.refinement.threads.iter().map(|one| one.overhead).collect::<Vec<_>>();
+        let overheads = |run: &Simulated| {
+            run.refinement.threads.iter().map(|one| one.overhead).collect::<Vec<_>>()
+        };
         assert_eq!(overheads(&one), overheads(&other), "{what}");
         assert!(one.refinement.counters.rollbacks > 0, "{what}: nobody met anybody");
     }
@@ -108,8 +144,10 @@ fn two_runs_are_the_same() {
 
 #[test]
 fn one_worker_does_what_a_lone_thread_does() {
-    let (subject, one) = (Subject::octants(0.8), Platform { machine: Machine::one_node(1), ..platform(1) });
-    let (real, tets) = subject.with_rules("real", |rules| refine(rules, &Schedule::solo(), &Monitor::silent()));
+    let (subject, one) =
+        (Subject::octants(0.8), Platform { machine: Machine::one_node(1), ..platform(1) });
+    let (real, tets) =
+        subject.with_rules("real", |rules| refine(rules, &Schedule::solo(), &Monitor::silent()));
     let (simulated, simulated_tets) = subject.simulate("simulated", &Schedule::solo(), &one);
     assert!(tets == simulated_tets);
     assert_eq!(real.counters, simulated.refinement.counters);
@@ -125,22 +163,41 @@ fn one_worker_does_what_a_lone_thread_does() {
 #[test]
 fn many_workers_make_sound_meshes_under_every_manager() {
     let torus = Subject::new(torus([28, 28, 12], [1.0; 3], 8.0, 3.0).unwrap(), 1.2);
-    for (number, (subject, sizes)) in [(torus, [1, 3]), (Subject::octants(1.2), [3, 12])].iter().enumerate() {
+    for (number, (subject, sizes)) in
+        [(torus, [1, 3]), (Subject::octants(1.2), [3, 12])].iter().enumerate()
+    {
         for &nodes in sizes {
             let platform = platform(nodes);
-            for contention in [Contention::Local, Contention::Global, Contention::Random, Contention::Aggressive] {
-                for (algorithm, begging) in [(Algorithm::Podm, Begging::Flat), (Algorithm::Lapd, Begging::ByLevel)] {
-                    let what = format!("subject {number}, {nodes} nodes, {contention:?}, {algorithm:?}, {begging:?}");
-                    let schedule = Schedule { contention, algorithm, begging, ..schedule(&platform) };
+            for contention in
+                [Contention::Local, Contention::Global, Contention::Random, Contention::Aggressive]
+            {
+                for (algorithm, begging) in
+                    [(Algorithm::Podm, Begging::Flat), (Algorithm::Lapd, Begging::ByLevel)]
+                {
+                    let what = format!(
+                        "subject {number}, {nodes} nodes, {contention:?}, {algorithm:?}, \
+                         {begging:?}"
+                    );
+                    let schedule =
+                        Schedule { contention, algorithm, begging, ..schedule(&platform) };
                     let (run, _) = subject.simulate(&what, &schedule, &platform);
                     let threads = &run.refinement.threads;
                     assert_eq!(threads.len(), 4 * nodes, "{what}");
                     for thread in threads {
                         let lost = &thread.overhead;
-                        let seconds = lost.rollback_seconds + lost.contention_seconds + lost.idle_seconds;
-                        assert!(seconds <= run.seconds * (1.0 + 1e-9), "{what}: {seconds} s of {} lost", run.seconds);
+                        let seconds =
+                            lost.rollback_seconds + lost.contention_seconds + lost.idle_seconds;
+                        assert!(
+                            seconds <= run.seconds * (1.0 + 1e-9),
+                            "{what}: {seconds} s of {} lost",
+                            run.seconds
+                        );
                     }
-                    assert_eq!(run.traffic.iter().any(|one| one.travel_seconds > 0.0), nodes > 1, "{what}");
+                    assert_eq!(
+                        run.traffic.iter().any(|one| one.travel_seconds > 0.0),
+                        nodes > 1,
+                        "{what}"
+                    );
                 }
             }
         }
@@ -151,7 +208,9 @@ fn many_workers_make_sound_meshes_under_every_manager() {
 fn the_steady_state_is_the_middle_of_a_run() {
     let (subject, platform) = (Subject::octants(0.6), platform(4));
     let workers = platform.machine.total_cores() as f64;
-    let run = subject.simulate("steady", &Schedule { timeline: true, ..schedule(&platform) }, &platform).0;
+    let run = subject
+        .simulate("steady", &Schedule { timeline: true, ..schedule(&platform) }, &platform)
+        .0;
     let (steady, all) = (run.steady(), run.mark_at(1.0));
     assert_eq!((all.seconds, all.made), (run.seconds, run.tally.fills));
     assert_eq!(run.traffic.iter().flat_map(|one| &one.fetched_by_hops).sum::<u64>(), all.fetched);
@@ -170,10 +229,12 @@ fn far_data_and_full_routers_cost_time() {
     let (subject, base) = (Subject::octants(0.7), platform(4));
     let seconds = |hop: f64, service: f64| {
         let network = Network { hop, levels: vec![Level { nodes: 4, service }] };
-        let run = subject.simulate("network", &schedule(&base), &Platform { network, ..base.clone() }).0;
+        let run =
+            subject.simulate("network", &schedule(&base), &Platform { network, ..base.clone() }).0;
         (run.seconds, run.traffic.iter().map(|one| one.queue_seconds).sum::<f64>())
     };
-    let (near, (far, _), (full, queue)) = (seconds(0.0, 0.0), seconds(2000.0, 0.0), seconds(0.0, 1000.0));
+    let (near, (far, _), (full, queue)) =
+        (seconds(0.0, 0.0), seconds(2000.0, 0.0), seconds(0.0, 1000.0));
     assert!(far > 1.2 * near.0 && full > 1.2 * near.0, "{} s, {far} s far, {full} s full", near.0);
     assert!(near.1 == 0.0 && queue > 0.0);
 }
@@ -189,18 +250,22 @@ fn more_workers_than_cores_are_refused() {
     });
 }
 
-/// Two threads of the machine on which the costs were measured are 1.82 to 1.85 times as fast as one (docs/benchmarks.md).
+/// Two threads of the machine on which the costs were measured are 1.82 to 1.85 times as fast as
+/// one (docs/benchmarks.md).
 #[test]
 fn two_workers_are_as_fast_as_was_measured() {
-    let folder = std::env::var_os("LAPD_IMAGES")
-        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/images")), PathBuf::from);
+    let folder = std::env::var_os("LAPD_IMAGES").map_or_else(
+        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/images")),
+        PathBuf::from,
+    );
     let path = folder.join("spl/abdomen.nrrd");
     if !path.exists() {
         println!("SKIPPED: {} is missing, no simulation of the abdomen", path.display());
         return;
     }
     let subject = Subject::new(read_image(&path).unwrap().image, 2.6);
-    let two = Platform { machine: Machine::one_node(2), network: Network::of_hops(0.0), ..platform(1) };
+    let two =
+        Platform { machine: Machine::one_node(2), network: Network::of_hops(0.0), ..platform(1) };
     let run = |threads| {
         let schedule = Schedule { threads, machine: two.machine.clone(), ..Schedule::solo() };
         let (run, tets) = subject.simulate("abdomen", &schedule, &two);

@@ -1,16 +1,23 @@
-//! Virtual time: many workers on one thread, each with a clock of its own, run in the order of their clocks.
+//! Virtual time: many workers on one thread, each with a clock of its own, run in the order of
+//! their clocks.
 //!
-//! **How.** Every worker is a coroutine with a stack of its own. One runs at a time. What it does costs no virtual time until it says so ([`advance`]); before it looks at, or changes, what others
-//! see it [pauses](pause): if the clock of another worker is behind its own, that one runs first. So all that workers do to each other happens in the order of virtual time, ties by
-//! their numbers, whatever the machine underneath: the same run gives the same result always. A discrete-event simulation, driven by the program itself (J. Misra, "Distributed discrete-event
+//! **How.** Every worker is a coroutine with a stack of its own. One runs at a time. What it does
+//! costs no virtual time until it says so ([`advance`]); before it looks at, or changes, what
+//! others see it [pauses](pause): if the clock of another worker is behind its own, that one runs
+//! first. So all that workers do to each other happens in the order of virtual time, ties by their
+//! numbers, whatever the machine underneath: the same run gives the same result always. A
+//! discrete-event simulation, driven by the program itself (J. Misra, "Distributed discrete-event
 //! simulation", ACM Computing Surveys 18, 1986, has the terms).
 //!
-//! **Who uses it.** `crate::sync` alone: where a thread would wait, wake, sleep or offer its processor, the worker does so in virtual time. So the code above runs as it is. Outside
-//! of [`run`] all of this is asleep.
+//! **Who uses it.** `crate::sync` alone: where a thread would wait, wake, sleep or offer its
+//! processor, the worker does so in virtual time. So the code above runs as it is. Outside of
+//! [`run`] all of this is asleep.
 //!
-//! **Waiting.** A worker that waits looks again when it is woken, and every [`NAP`], as a thread does. If all wait for longer than [`PATIENCE`] they wait for ever: that is a panic.
+//! **Waiting.** A worker that waits looks again when it is woken, and every [`NAP`], as a thread
+//! does. If all wait for longer than [`PATIENCE`] they wait for ever: that is a panic.
 //!
-//! **State** is that of the thread: simulations on several threads know nothing of each other. Cost: a switch some tens of nanoseconds, two of them for each pause that lets another run.
+//! **State** is that of the thread: simulations on several threads know nothing of each other.
+//! Cost: a switch some tens of nanoseconds, two of them for each pause that lets another run.
 
 use std::cell::{Cell, RefCell};
 use std::cmp::Reverse;
@@ -116,8 +123,9 @@ fn give_turn(due: Ticks) {
         state.queue.push(Reverse((due, me)));
         state.workers[me].turn
     });
-    // SAFETY: the pointer is that of the coroutine of the worker that runs, on whose stack this call stands: its yielder lives as long. It was set when the
-    // coroutine began, before anything else in it.
+    // SAFETY: the pointer is that of the coroutine of the worker that runs, on whose stack this
+    // call stands: its yielder lives as long. It was set when the coroutine began, before anything
+    // else in it.
     unsafe { &*turn }.suspend(());
 }
 
@@ -167,18 +175,25 @@ pub fn sleep_micros(micros: u64) {
 /// Makes a worker, which begins now.
 ///
 /// # Safety
-/// What `part` borrows must stay until the worker has ended or was dropped by the end of the simulation; workers are dropped in the opposite order of their making.
+/// What `part` borrows must stay until the worker has ended or was dropped by the end of the
+/// simulation; workers are dropped in the opposite order of their making.
 unsafe fn spawn(part: impl FnOnce()) -> io::Result<()> {
     let stack = DefaultStack::new(STACK)?;
     let body = move |turn: &Turn, ()| {
         STATE.with_borrow_mut(|state| state.workers[ME.get()].turn = turn);
         part();
     };
-    // SAFETY: the caller's promise. The coroutine is never forgotten: it stands in the state until it has ended, or is dropped.
+    // SAFETY: the caller's promise. The coroutine is never forgotten: it stands in the state until
+    // it has ended, or is dropped.
     let part = unsafe { Coroutine::with_stack_unchecked(stack, body) };
     STATE.with_borrow_mut(|state| {
         let (due, me) = (CLOCK.get(), state.workers.len());
-        state.workers.push(Worker { part: Some(part), turn: std::ptr::null(), due, waits_since: None });
+        state.workers.push(Worker {
+            part: Some(part),
+            turn: std::ptr::null(),
+            due,
+            waits_since: None,
+        });
         state.queue.push(Reverse((due, me)));
         NEXT.set(NEXT.get().min((due, me)));
     });
@@ -197,7 +212,8 @@ pub fn run<T>(lead: impl FnOnce() -> T) -> io::Result<T> {
     let mut result = None;
     let _end = End;
     RUNNING.set(true);
-    // SAFETY: what it borrows, `result` and what `lead` does, outlives `_end`, which drops all workers that have not ended.
+    // SAFETY: what it borrows, `result` and what `lead` does, outlives `_end`, which drops all
+    // workers that have not ended.
     unsafe { spawn(|| result = Some(lead())) }?;
     while let Some((who, mut part)) = next_turn() {
         let done = part.resume(());
@@ -221,7 +237,9 @@ fn next_turn() -> Option<(Number, Coroutine<(), (), (), DefaultStack>)> {
                 worker.due = Ticks::MAX;
                 ME.set(who);
                 CLOCK.set(due);
-                NEXT.set(state.queue.peek().map_or((Ticks::MAX, Number::MAX), |&Reverse(next)| next));
+                NEXT.set(
+                    state.queue.peek().map_or((Ticks::MAX, Number::MAX), |&Reverse(next)| next),
+                );
                 return Some((who, part));
             }
         }
@@ -237,7 +255,8 @@ impl Drop for End {
         RUNNING.set(false);
         CLOCK.set(0);
         NEXT.set((Ticks::MAX, Number::MAX));
-        // The last made first: it may use what belongs to those that made it. Outside of the borrow: what it drops may be anything.
+        // The last made first: it may use what belongs to those that made it. Outside of the
+        // borrow: what it drops may be anything.
         while let Some(worker) = STATE.with_borrow_mut(|state| state.workers.pop()) {
             drop(worker);
         }
@@ -245,7 +264,8 @@ impl Drop for End {
     }
 }
 
-/// Runs `lead` as the worker that runs, and each of `others` as one of its own, until all have ended. `None` for a worker that could not be made; then `lacking` is called.
+/// Runs `lead` as the worker that runs, and each of `others` as one of its own, until all have
+/// ended. `None` for a worker that could not be made; then `lacking` is called.
 pub fn run_together<T>(
     lead: impl FnOnce() -> T,
     others: Vec<impl FnOnce() -> T>,
@@ -261,7 +281,8 @@ pub fn run_together<T>(
             left.set(left.get() - 1);
             wake(me);
         };
-        // SAFETY: this function ends when all have ended, a panic included. It can only be unwound before by the end of the simulation, which drops them first: they were made after the
+        // SAFETY: this function ends when all have ended, a panic included. It can only be unwound
+        // before by the end of the simulation, which drops them first: they were made after the
         // worker on whose stack this call stands.
         match unsafe { spawn(part) } {
             Ok(()) => left.set(left.get() + 1),

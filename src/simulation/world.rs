@@ -1,13 +1,18 @@
-//! What workers' work costs, and where their data lies: the state of a simulated [platform](Platform).
+//! What workers' work costs, and where their data lies: the state of a simulated
+//! [platform](Platform).
 //!
-//! **Records.** Every tet and every vertex is a record that lies in the memory of one node, its *home*: that of the worker which touched its chunk first, as systems place pages. A visit to a record
-//! whose home is another node is a *remote access*, as the paper's section 3 counts them.
+//! **Records.** Every tet and every vertex is a record that lies in the memory of one node, its
+//! *home*: that of the worker which touched its chunk first, as systems place pages. A visit to a
+//! record whose home is another node is a *remote access*, as the paper's section 3 counts them.
 //!
-//! **Caches.** A record is in the cache of the core that visited it last, until its node has brought in [`Platform::cached_records`] others since. A visit finds it there, or brings it: from the core that has it, of
-//! this or another node; when it is in no cache, from its home. The model takes every visit for one that may write: a record is in one cache at a time. What that overstates, records that
-//! several nodes only read, are few in a mesh that all refine.
+//! **Caches.** A record is in the cache of the core that visited it last, until its node has
+//! brought in [`Platform::cached_records`] others since. A visit finds it there, or brings it: from
+//! the core that has it, of this or another node; when it is in no cache, from its home. The model
+//! takes every visit for one that may write: a record is in one cache at a time. What that
+//! overstates, records that several nodes only read, are few in a mesh that all refine.
 //!
-//! **Routers** serve one record after the other, in the order of virtual time in which they were asked for; so they saturate by themselves.
+//! **Routers** serve one record after the other, in the order of virtual time in which they were
+//! asked for; so they saturate by themselves.
 //!
 //! Cost: some nanoseconds for a visit, a switch of workers for a record from another node.
 
@@ -133,16 +138,23 @@ const MARK_EVERY: u64 = 1 << 12;
 
 impl World {
     pub fn new(platform: &Platform, workers: usize) -> Self {
-        let Platform { machine, costs, network: Network { hop, levels }, cached_records } = platform;
+        let Platform { machine, costs, network: Network { hop, levels }, cached_records } =
+            platform;
         let nodes = machine.nodes();
-        let hops: Vec<Vec<u32>> = (0..nodes).map(|a| (0..nodes).map(|b| machine.hops(a, b)).collect()).collect();
+        let hops: Vec<Vec<u32>> =
+            (0..nodes).map(|a| (0..nodes).map(|b| machine.hops(a, b)).collect()).collect();
         let most = hops.iter().flatten().max().map_or(0, |&most| most as usize);
         let routers = levels.iter().map(|level| {
             let groups = nodes.div_ceil(level.nodes.max(1));
-            Routers { nodes: level.nodes.max(1), service: to_ticks(level.service), busy: vec![(0, 0); groups] }
+            Routers {
+                nodes: level.nodes.max(1),
+                service: to_ticks(level.service),
+                busy: vec![(0, 0); groups],
+            }
         });
         let none = vec![0; most + 1];
-        let traffic = Traffic { visits_by_hops: none.clone(), fetched_by_hops: none, ..Traffic::default() };
+        let traffic =
+            Traffic { visits_by_hops: none.clone(), fetched_by_hops: none, ..Traffic::default() };
         Self {
             prices: Prices::new(costs),
             hop: to_ticks(*hop),
@@ -160,12 +172,17 @@ impl World {
 
     /// Records that each router has served, by level and group.
     pub fn served(&self) -> Vec<Vec<u64>> {
-        self.routers.iter().map(|level| level.busy.iter().map(|&(_, count)| count).collect()).collect()
+        self.routers
+            .iter()
+            .map(|level| level.busy.iter().map(|&(_, count)| count).collect())
+            .collect()
     }
 
     /// What work costs.
     pub fn price(&mut self, effort: Effort) -> Ticks {
-        if matches!(effort, Effort::Fill(_)) && self.tally.fills >= MARK_EVERY * self.course.len() as u64 {
+        if matches!(effort, Effort::Fill(_))
+            && self.tally.fills >= MARK_EVERY * self.course.len() as u64
+        {
             self.mark();
         }
         let (tally, prices) = (&mut self.tally, &self.prices);
@@ -196,7 +213,11 @@ impl World {
     fn mark_at(&self, now: Ticks) -> Mark {
         // Clocks run ahead of each other by what workers do between two pauses.
         let before = self.course.last().map_or(0.0, |mark| mark.seconds);
-        let mut mark = Mark { seconds: to_seconds(now).max(before), made: self.tally.fills, ..Mark::default() };
+        let mut mark = Mark {
+            seconds: to_seconds(now).max(before),
+            made: self.tally.fills,
+            ..Mark::default()
+        };
         for traffic in &self.traffic {
             mark.fetched += traffic.fetched_by_hops.iter().sum::<u64>();
             mark.travel_seconds += traffic.travel_seconds;
@@ -205,7 +226,8 @@ impl World {
         mark
     }
 
-    /// Worker `me` visits a record. What that costs, but for the way from another node; then this node, to be told to [`Self::fetch`].
+    /// Worker `me` visits a record. What that costs, but for the way from another node; then this
+    /// node, to be told to [`Self::fetch`].
     pub fn visit(&mut self, me: usize, kind: Kind, id: u32) -> (Ticks, Option<u16>) {
         let node = self.node_of[me];
         let price = match kind {
@@ -233,10 +255,13 @@ impl World {
         let hops = &self.hops[usize::from(node)];
         self.traffic[me].visits_by_hops[hops[usize::from(home)] as usize] += 1;
         let line = &mut records.lines[at];
-        let holder = usize::from(line.worker).checked_sub(1).map(|worker| (worker, self.node_of[worker]));
+        let holder =
+            usize::from(line.worker).checked_sub(1).map(|worker| (worker, self.node_of[worker]));
         let source = match holder {
             // No longer, when its node has brought in too many others since.
-            Some((worker, of)) if self.stamps[usize::from(of)].wrapping_sub(line.stamp) < self.cached => {
+            Some((worker, of))
+                if self.stamps[usize::from(of)].wrapping_sub(line.stamp) < self.cached =>
+            {
                 if worker == me {
                     line.stamp = self.stamps[usize::from(node)];
                     return (price, None);
@@ -245,7 +270,8 @@ impl World {
             }
             _ => home,
         };
-        let shared = source == node && holder.is_some_and(|(worker, of)| worker != me && of == node);
+        let shared =
+            source == node && holder.is_some_and(|(worker, of)| worker != me && of == node);
         self.stamps[usize::from(node)] = self.stamps[usize::from(node)].wrapping_add(1);
         *line = Line { worker: me as u16 + 1, stamp: self.stamps[usize::from(node)] };
         if source != node {

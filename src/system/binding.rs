@@ -1,21 +1,30 @@
-//! Threads bound to cores: the calling thread of a run and those that it starts, each to a core of its own, until the run ends.
+//! Threads bound to cores: the calling thread of a run and those that it starts, each to a core of
+//! its own, until the run ends.
 //!
-//! On Linux by the calls for a thread's affinity (`sched_setaffinity`), through rustix, which the library links for its temporary files anyway. hwloc would make the same calls;
-//! doing it directly lets the default build bind, too, and keeps hwloc to what only it knows. On other systems threads are not bound; asking for it is an error.
+//! On Linux by the calls for a thread's affinity (`sched_setaffinity`), through rustix, which the
+//! library links for its temporary files anyway. hwloc would make the same calls; doing it directly
+//! lets the default build bind, too, and keeps hwloc to what only it knows. On other systems
+//! threads are not bound; asking for it is an error.
 //!
-//! **Within what the caller may use.** A thread is bound only to processors that the caller's thread was allowed to use when the run began; its affinity comes back when [`Bound`] is dropped, also when a
-//! panic does that. Threads that are started while their parent is bound inherit its one core, so the run's own threads bind themselves first of all, and no others may be started meanwhile.
+//! **Within what the caller may use.** A thread is bound only to processors that the caller's
+//! thread was allowed to use when the run began; its affinity comes back when [`Bound`] is dropped,
+//! also when a panic does that. Threads that are started while their parent is bound inherit its
+//! one core, so the run's own threads bind themselves first of all, and no others may be started
+//! meanwhile.
 //!
-//! **Memory follows.** A page of memory lies on the node of the thread that touches it first; see `delaunay::chunked`.
+//! **Memory follows.** A page of memory lies on the node of the thread that touches it first; see
+//! `delaunay::chunked`.
 //!
-//! Thread safety: a binding concerns the thread that makes it, and cannot be dropped by another. Cost: two system calls for a thread.
+//! Thread safety: a binding concerns the thread that makes it, and cannot be dropped by another.
+//! Cost: two system calls for a thread.
 
 use std::marker::PhantomData;
 
 use crate::parallel::machine::Machine;
 use crate::{Error, Result};
 
-/// The places of a run's workers: for each core in the machine's order the processors that may be used.
+/// The places of a run's workers: for each core in the machine's order the processors that may be
+/// used.
 #[derive(Clone, Debug)]
 pub struct Places {
     cores: Vec<Vec<usize>>,
@@ -30,16 +39,21 @@ pub struct Bound {
 }
 
 impl Places {
-    /// The cores of `machine`; those of the system where no system is behind it, as with synthetic machines.
+    /// The cores of `machine`; those of the system where no system is behind it, as with synthetic
+    /// machines.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] where threads cannot be bound, or the calling thread may use none of these cores.
+    /// [`Error::Unsupported`] where threads cannot be bound, or the calling thread may use none of
+    /// these cores.
     pub fn new(machine: &Machine) -> Result<Self> {
-        let allowed = affinity::get().map(|set| affinity::processors(&set)).map_err(|why| unsupported(&why))?;
+        let allowed = affinity::get()
+            .map(|set| affinity::processors(&set))
+            .map_err(|why| unsupported(&why))?;
         let usable = |machine: &Machine| -> Vec<Vec<usize>> {
             let cores = machine.all_cores().iter();
             let usable = |processor: &&usize| allowed.binary_search(processor).is_ok();
-            let cores = cores.map(|core| core.processors.iter().filter(usable).copied().collect::<Vec<_>>());
+            let cores = cores
+                .map(|core| core.processors.iter().filter(usable).copied().collect::<Vec<_>>());
             cores.filter(|processors| !processors.is_empty()).collect()
         };
         let real = machine.all_cores().iter().any(|core| !core.processors.is_empty());
@@ -50,7 +64,8 @@ impl Places {
         Ok(Self { cores })
     }
 
-    /// The processors of a worker's core: workers take the cores in order, those beyond the last begin anew at the first.
+    /// The processors of a worker's core: workers take the cores in order, those beyond the last
+    /// begin anew at the first.
     pub fn of_worker(&self, worker: usize) -> &[usize] {
         &self.cores[worker % self.cores.len()]
     }
@@ -58,7 +73,8 @@ impl Places {
     /// Binds the calling thread to the core of a worker.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] where the system refuses, because the processors that the process may use have changed since.
+    /// [`Error::Unsupported`] where the system refuses, because the processors that the process may
+    /// use have changed since.
     pub fn bind(&self, worker: usize) -> Result<Bound> {
         let before = affinity::get().map_err(|why| unsupported(&why))?;
         let processors = self.of_worker(worker);
@@ -70,12 +86,14 @@ impl Places {
 
 impl Drop for Bound {
     fn drop(&mut self) {
-        // If the process may no longer use any of these, the system has moved the thread where it may run: that must stay.
+        // If the process may no longer use any of these, the system has moved the thread where it
+        // may run: that must stay.
         let _ = affinity::set(&self.before);
     }
 }
 
-/// The processors that the calling thread may use, ascending; `None` where the system does not tell.
+/// The processors that the calling thread may use, ascending; `None` where the system does not
+/// tell.
 pub fn allowed() -> Option<Vec<usize>> {
     Some(affinity::processors(&affinity::get().ok()?))
 }
@@ -84,7 +102,8 @@ fn unsupported(why: &str) -> Error {
     Error::Unsupported(format!("threads cannot be bound to cores: {why}"))
 }
 
-/// The affinity of the calling thread. A machine of more processors than the set has room for (1024) refuses to tell it.
+/// The affinity of the calling thread. A machine of more processors than the set has room for
+/// (1024) refuses to tell it.
 #[cfg(target_os = "linux")]
 mod affinity {
     use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
@@ -143,7 +162,10 @@ mod tests {
             assert_eq!(allowed().unwrap(), places.of_worker(worker));
             // What a bound thread starts is bound to the same core, until it binds itself.
             let theirs = std::thread::scope(|scope| {
-                scope.spawn(|| places.bind(worker + 1).map(|_bound| allowed().unwrap()).unwrap()).join().unwrap()
+                scope
+                    .spawn(|| places.bind(worker + 1).map(|_bound| allowed().unwrap()).unwrap())
+                    .join()
+                    .unwrap()
             });
             assert_eq!(theirs, places.of_worker(worker + 1));
             drop(bound);
@@ -163,7 +185,8 @@ mod tests {
         assert_eq!(allowed().unwrap(), before);
     }
 
-    /// A thread that may use one processor is bound to that one, whatever machine it was told of; and a synthetic machine has the system's places.
+    /// A thread that may use one processor is bound to that one, whatever machine it was told of;
+    /// and a synthetic machine has the system's places.
     #[test]
     fn the_callers_processors_are_all_that_is_used() {
         let whole = Machine::of_system();
@@ -174,10 +197,18 @@ mod tests {
                 assert_eq!(Machine::of_system().total_cores(), 1);
                 for machine in [&whole, &Machine::uniform(2, 4)] {
                     let places = Places::new(machine).unwrap();
-                    assert_eq!((places.of_worker(0), places.of_worker(3)), (&[last][..], &[last][..]));
+                    assert_eq!(
+                        (places.of_worker(0), places.of_worker(3)),
+                        (&[last][..], &[last][..])
+                    );
                 }
                 let elsewhere = Machine::of_cores(
-                    vec![crate::parallel::machine::Core { node: 0, cache: 0, package: 0, processors: vec![last + 1] }],
+                    vec![crate::parallel::machine::Core {
+                        node: 0,
+                        cache: 0,
+                        package: 0,
+                        processors: vec![last + 1],
+                    }],
                     vec![vec![0]],
                 );
                 let error = Places::new(&elsewhere.unwrap()).unwrap_err();

@@ -1,21 +1,26 @@
-//! The machine that the library runs on, and synthetic ones: the one place that asks the system about processors.
+//! The machine that the library runs on, and synthetic ones: the one place that asks the system
+//! about processors.
 //!
 //! | file | what |
 //! |---|---|
 //! | `sysfs` | cores, caches and memory nodes as Linux tells them in `/sys` |
-//! | `hwloc` | the same by hwloc, and machines from its synthetic descriptions; with the cargo feature `hwloc` |
+//! | `hwloc` | the same by hwloc, and machines that it describes; the cargo feature `hwloc` |
 //! | [`binding`] | the processors that a thread may use; threads bound to cores |
 //!
-//! hwloc knows more machines and systems than `/sys` does, and its descriptions, but it is a library to be found when ours is built; so the default is to do without. Both readers
-//! hand over the same: cores, and a matrix of distances between memory nodes.
+//! hwloc knows more machines and systems than `/sys` does, and its descriptions, but it is a
+//! library to be found when ours is built; so the default is to do without. Both readers hand over
+//! the same: cores, and a matrix of distances between memory nodes.
 //!
-//! **Only processors that the calling thread may use count** (its affinity, hence also its cpuset). Memory nodes without such a processor are left out: those of others, and memory
-//! that no core is near to.
+//! **Only processors that the calling thread may use count** (its affinity, hence also its cpuset).
+//! Memory nodes without such a processor are left out: those of others, and memory that no core is
+//! near to.
 //!
-//! **Distances become hops by rank**: the least one between different nodes is 1 hop, the next larger one 2. What firmware tells (the ACPI's SLIT) compares, but measures nothing: 10 to the own
-//! node, then 11 and 12, or 16 and 22, or 20 and 40.
+//! **Distances become hops by rank**: the least one between different nodes is 1 hop, the next
+//! larger one 2. What firmware tells (the ACPI's SLIT) compares, but measures nothing: 10 to the
+//! own node, then 11 and 12, or 16 and 22, or 20 and 40.
 //!
-//! Thread safety: everything may be called from any thread; files are read, nothing is kept. Cost: some file reads for each processor, or hwloc's discovery: milliseconds.
+//! Thread safety: everything may be called from any thread; files are read, nothing is kept. Cost:
+//! some file reads for each processor, or hwloc's discovery: milliseconds.
 
 pub mod binding;
 #[cfg(feature = "hwloc")]
@@ -32,11 +37,13 @@ use crate::{Error, Result};
 const MAX_SYNTHETIC: usize = 1 << 16;
 
 impl Machine {
-    /// The cores and memory nodes of the system that the calling thread may use. Where the system does not tell, one node of as many cores as there seem to be.
+    /// The cores and memory nodes of the system that the calling thread may use. Where the system
+    /// does not tell, one node of as many cores as there seem to be.
     pub fn of_system() -> Self {
         let allowed = binding::allowed();
-        let may_use =
-            |processor: usize| allowed.as_ref().is_none_or(|allowed| allowed.binary_search(&processor).is_ok());
+        let may_use = |processor: usize| {
+            allowed.as_ref().is_none_or(|allowed| allowed.binary_search(&processor).is_ok())
+        };
         #[cfg(feature = "hwloc")]
         if let Some(machine) = hwloc::system(may_use) {
             return machine;
@@ -45,17 +52,22 @@ impl Machine {
             .unwrap_or_else(|| Self::one_node(available_parallelism().map_or(1, usize::from)))
     }
 
-    /// The machine of one of hwloc's synthetic descriptions, such as `numa:4 core:4 pu:1`: four memory nodes of four cores. A description that ends with its cores may leave out the `pu:1`.
+    /// The machine of one of hwloc's synthetic descriptions, such as `numa:4 core:4 pu:1`: four
+    /// memory nodes of four cores. A description that ends with its cores may leave out the `pu:1`.
     ///
-    /// Nodes are 1 hop apart, and 1 more for each level of packages or groups of several nodes that parts them: `group:2 pack:2 numa:2 core:4` has hops from 1 to 3.
+    /// Nodes are 1 hop apart, and 1 more for each level of packages or groups of several nodes that
+    /// parts them: `group:2 pack:2 numa:2 core:4` has hops from 1 to 3.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`] where hwloc does not understand the description, or it has more than 65536 processors; [`Error::Unsupported`] where the library was built without the cargo
+    /// [`Error::InvalidArgument`] where hwloc does not understand the description, or it has more
+    /// than 65536 processors; [`Error::Unsupported`] where the library was built without the cargo
     /// feature `hwloc`.
     pub fn synthetic(description: &str) -> Result<Self> {
         let levels = description.split_whitespace().filter_map(|level| {
             let count = level.rsplit(':').next()?;
-            count[..count.find(|c: char| !c.is_ascii_digit()).unwrap_or(count.len())].parse::<usize>().ok()
+            count[..count.find(|c: char| !c.is_ascii_digit()).unwrap_or(count.len())]
+                .parse::<usize>()
+                .ok()
         });
         if levels.fold(1, usize::saturating_mul) > MAX_SYNTHETIC {
             return Err(Error::InvalidArgument(format!(
@@ -66,12 +78,14 @@ impl Machine {
         return hwloc::synthetic(description);
         #[cfg(not(feature = "hwloc"))]
         Err(Error::Unsupported(format!(
-            "topology '{description}': synthetic topologies need the cargo feature hwloc, without which this library was built"
+            "topology '{description}': synthetic topologies need the cargo feature hwloc, without \
+             which this library was built"
         )))
     }
 }
 
-/// A machine of what a reader found: cores, and the distances between the memory nodes that these name, the larger the farther. Nodes without a core are left out. `None` if nothing is left.
+/// A machine of what a reader found: cores, and the distances between the memory nodes that these
+/// name, the larger the farther. Nodes without a core are left out. `None` if nothing is left.
 fn assemble(mut cores: Vec<Core>, distances: &[Vec<u64>]) -> Option<Machine> {
     let mut nodes: Vec<usize> = cores.iter().map(|core| core.node).collect();
     nodes.sort_unstable();
@@ -83,7 +97,9 @@ fn assemble(mut cores: Vec<Core>, distances: &[Vec<u64>]) -> Option<Machine> {
     let distance = |a: usize, b: usize| -> Option<u64> {
         Some(*distances.get(nodes[a])?.get(nodes[b])?.max(distances.get(nodes[b])?.get(nodes[a])?))
     };
-    let pairs = || (0..nodes.len()).flat_map(|a| (0..nodes.len()).map(move |b| (a, b))).filter(|(a, b)| a != b);
+    let pairs = || {
+        (0..nodes.len()).flat_map(|a| (0..nodes.len()).map(move |b| (a, b))).filter(|(a, b)| a != b)
+    };
     let mut ranks = pairs().map(|(a, b)| distance(a, b)).collect::<Option<Vec<u64>>>()?;
     ranks.sort_unstable();
     ranks.dedup();
@@ -104,7 +120,8 @@ mod tests {
 
     #[test]
     fn distances_become_hops_by_rank() {
-        let distances = [[10, 16, 22, 16], [16, 10, 16, 22], [22, 16, 10, 16], [17, 22, 16, 10]].map(Vec::from);
+        let distances =
+            [[10, 16, 22, 16], [16, 10, 16, 22], [22, 16, 10, 16], [17, 22, 16, 10]].map(Vec::from);
         let machine = assemble((0..4).map(core).collect(), &distances).unwrap();
         let hops: Vec<u32> = (1..4).map(|b| machine.hops(0, b)).collect();
         // One way says 16, the other 17.
@@ -114,7 +131,8 @@ mod tests {
 
     #[test]
     fn nodes_without_cores_are_left_out() {
-        let distances = [[10, 12, 20, 30], [12, 10, 30, 30], [20, 30, 10, 40], [30, 30, 40, 10]].map(Vec::from);
+        let distances =
+            [[10, 12, 20, 30], [12, 10, 30, 30], [20, 30, 10, 40], [30, 30, 40, 10]].map(Vec::from);
         let machine = assemble(vec![core(3), core(0), core(0), core(2)], &distances).unwrap();
         assert_eq!((machine.nodes(), machine.total_cores(), machine.cores(0)), (3, 4, 2));
         assert_eq!([machine.hops(0, 1), machine.hops(0, 2), machine.hops(1, 2)], [1, 2, 3]);
@@ -127,8 +145,11 @@ mod tests {
         let machine = Machine::of_system();
         assert!(machine.total_cores() >= 1 && machine.nodes() >= 1);
         if let Some(allowed) = binding::allowed() {
-            let mut processors: Vec<usize> =
-                machine.all_cores().iter().flat_map(|core| core.processors.iter().copied()).collect();
+            let mut processors: Vec<usize> = machine
+                .all_cores()
+                .iter()
+                .flat_map(|core| core.processors.iter().copied())
+                .collect();
             processors.sort_unstable();
             assert_eq!(processors, allowed);
         }
@@ -136,7 +157,9 @@ mod tests {
 
     #[test]
     fn descriptions_of_too_many_processors_are_refused() {
-        for description in ["numa:1000 core:1000 pu:1", "99999999999 9999999999", "numa:65536(memory=1G) pu:2"] {
+        for description in
+            ["numa:1000 core:1000 pu:1", "99999999999 9999999999", "numa:65536(memory=1G) pu:2"]
+        {
             let error = Machine::synthetic(description).unwrap_err();
             assert!(matches!(error, Error::InvalidArgument(_)), "{error:?}");
             assert!(error.to_string().contains("65536 processors"), "{error}");

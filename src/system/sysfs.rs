@@ -1,8 +1,10 @@
-//! The machine as Linux tells it in `/sys/devices/system`: `cpu/cpuN/{topology,cache}` and `node/nodeN/{cpulist,distance}` (the kernel's Documentation/ABI/stable/sysfs-devices-node and
+//! The machine as Linux tells it in `/sys/devices/system`: `cpu/cpuN/{topology,cache}` and
+//! `node/nodeN/{cpulist,distance}` (the kernel's Documentation/ABI/stable/sysfs-devices-node and
 //! sysfs-devices-system-cpu).
 //!
-//! Nothing is required: a processor whose core is not told is a core of its own, one whose node is not told belongs to the first, caches and packages that are not told are those of the node. Systems without
-//! `/sys` have no file there.
+//! Nothing is required: a processor whose core is not told is a core of its own, one whose node is
+//! not told belongs to the first, caches and packages that are not told are those of the node.
+//! Systems without `/sys` have no file there.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,10 +16,14 @@ use crate::parallel::machine::{Core, Machine};
 /// The processors under `root` that `may_use` names; `None` when there are none.
 pub fn read(root: &Path, may_use: impl Fn(usize) -> bool) -> Option<Machine> {
     let nodes = numbered(&root.join("node"), "node");
-    let members: Vec<Vec<usize>> =
-        nodes.iter().map(|node| list(&root.join(format!("node/node{node}/cpulist"))).unwrap_or_default()).collect();
+    let members: Vec<Vec<usize>> = nodes
+        .iter()
+        .map(|node| list(&root.join(format!("node/node{node}/cpulist"))).unwrap_or_default())
+        .collect();
     let mut cores: BTreeMap<(usize, usize), Core> = BTreeMap::new();
-    for processor in numbered(&root.join("cpu"), "cpu").into_iter().filter(|&processor| may_use(processor)) {
+    for processor in
+        numbered(&root.join("cpu"), "cpu").into_iter().filter(|&processor| may_use(processor))
+    {
         let cpu = root.join(format!("cpu/cpu{processor}"));
         let node = members.iter().position(|members| members.contains(&processor)).unwrap_or(0);
         let node_name = members.get(node).and_then(|members| members.first()).copied().unwrap_or(0);
@@ -28,7 +34,9 @@ pub fn read(root: &Path, may_use: impl Fn(usize) -> bool) -> Option<Machine> {
             .or_insert_with(|| Core {
                 node,
                 cache: last_cache(&cpu).unwrap_or(node_name),
-                package: text(&cpu.join("topology/physical_package_id")).and_then(|id| id.parse().ok()).unwrap_or(node),
+                package: text(&cpu.join("topology/physical_package_id"))
+                    .and_then(|id| id.parse().ok())
+                    .unwrap_or(node),
                 processors: Vec::new(),
             })
             .processors
@@ -40,7 +48,8 @@ pub fn read(root: &Path, may_use: impl Fn(usize) -> bool) -> Option<Machine> {
     let count = nodes.len().max(1);
     let told = nodes.iter().map(|node| {
         let row = text(&root.join(format!("node/node{node}/distance")))?;
-        let row: Vec<u64> = row.split_whitespace().map(|number| number.parse().ok()).collect::<Option<_>>()?;
+        let row: Vec<u64> =
+            row.split_whitespace().map(|number| number.parse().ok()).collect::<Option<_>>()?;
         // One number for each node that is online, as there is a folder for each.
         (row.len() == count).then_some(row)
     });
@@ -52,7 +61,8 @@ pub fn read(root: &Path, may_use: impl Fn(usize) -> bool) -> Option<Machine> {
 /// The numbers of the entries of a folder that are `prefix` and a number, ascending.
 fn numbered(folder: &Path, prefix: &str) -> Vec<usize> {
     let names = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
-    let mut numbers: Vec<usize> = names.filter_map(|name| name.to_str()?.strip_prefix(prefix)?.parse().ok()).collect();
+    let mut numbers: Vec<usize> =
+        names.filter_map(|name| name.to_str()?.strip_prefix(prefix)?.parse().ok()).collect();
     numbers.sort_unstable();
     numbers
 }
@@ -79,7 +89,8 @@ fn first(path: &Path) -> Option<usize> {
 /// The cache that is farthest from a processor, by its first processor.
 fn last_cache(cpu: &Path) -> Option<usize> {
     let level = |index: &usize| {
-        text(&cpu.join(format!("cache/index{index}/level"))).and_then(|level| level.parse::<usize>().ok())
+        text(&cpu.join(format!("cache/index{index}/level")))
+            .and_then(|level| level.parse::<usize>().ok())
     };
     let last = numbered(&cpu.join("cache"), "index").into_iter().max_by_key(level)?;
     first(&cpu.join(format!("cache/index{last}/shared_cpu_list")))
@@ -95,23 +106,39 @@ mod tests {
         fs::write(path, format!("{text}\n")).unwrap();
     }
 
-    /// Two packages of two nodes, a node of two cores of two threads: those of core c are c and c + 8. A cache for each package. Node 4 is memory alone.
+    /// Two packages of two nodes, a node of two cores of two threads: those of core c are c and c +
+    /// 8. A cache for each package. Node 4 is memory alone.
     fn two_packages(root: &Path) {
         for processor in 0..16 {
             let (core, cpu) = (processor % 8, format!("cpu/cpu{processor}"));
-            write(root, &format!("{cpu}/topology/thread_siblings_list"), &format!("{core},{}", core + 8));
+            write(
+                root,
+                &format!("{cpu}/topology/thread_siblings_list"),
+                &format!("{core},{}", core + 8),
+            );
             write(root, &format!("{cpu}/topology/physical_package_id"), &format!("{}", core / 4));
-            for (index, level, shared) in
-                [(0, 1, format!("{core},{}", core + 8)), (1, 3, ["0-3,8-11", "4-7,12-15"][core / 4].into())]
-            {
+            for (index, level, shared) in [
+                (0, 1, format!("{core},{}", core + 8)),
+                (1, 3, ["0-3,8-11", "4-7,12-15"][core / 4].into()),
+            ] {
                 write(root, &format!("{cpu}/cache/index{index}/level"), &format!("{level}"));
                 write(root, &format!("{cpu}/cache/index{index}/shared_cpu_list"), &shared);
             }
         }
-        let rows = ["10 12 32 32 20", "12 10 32 32 20", "32 32 10 12 20", "32 32 12 10 20", "20 20 20 20 10"];
+        let rows = [
+            "10 12 32 32 20",
+            "12 10 32 32 20",
+            "32 32 10 12 20",
+            "32 32 12 10 20",
+            "20 20 20 20 10",
+        ];
         for (node, row) in rows.into_iter().enumerate() {
             let (core, members) = (2 * node, format!("node/node{node}/cpulist"));
-            let list = if node < 4 { format!("{core}-{},{}-{}", core + 1, core + 8, core + 9) } else { String::new() };
+            let list = if node < 4 {
+                format!("{core}-{},{}-{}", core + 1, core + 8, core + 9)
+            } else {
+                String::new()
+            };
             write(root, &members, &list);
             write(root, &format!("node/node{node}/distance"), row);
         }

@@ -1,4 +1,5 @@
-"""Reads the files of tests/writers.rs with meshio and compares them with the mesh they were made from."""
+"""Reads the files of tests/writers.rs with meshio and compares them with the mesh they were made
+from."""
 
 import sys
 from pathlib import Path
@@ -13,7 +14,12 @@ FACETS = np.array([[0, 2, 1], [1, 2, 3], [0, 1, 3], [0, 3, 2], [2, 4, 1], [0, 1,
 PAIRS = np.array([2, 3, 3, 3, 1, 1, 1])
 
 folder = Path(sys.argv[1])
-for name, key in [("small.vtu", "label"), ("small.vtk", "label"), ("small.mesh", "medit:ref"), ("small.node", "tetgen:ref")]:
+for name, key in [
+    ("small.vtu", "label"),
+    ("small.vtk", "label"),
+    ("small.mesh", "medit:ref"),
+    ("small.node", "tetgen:ref"),
+]:
     mesh = meshio.read(folder / name)
     assert np.array_equal(mesh.points, POINTS), name
     assert np.array_equal(mesh.cells_dict["tetra"], TETS), name
@@ -27,7 +33,8 @@ assert np.array_equal(mesh.cell_data_dict["medit:ref"]["triangle"], PAIRS)
 stl = meshio.read(folder / "small.stl")
 assert np.array_equal(stl.points[stl.cells_dict["triangle"]], POINTS.astype(np.float32)[FACETS])
 
-# Version 2.2 keeps the order of the mesh; version 4.1 and Abaqus have tets by label. Tags of Gmsh are positive.
+# Version 2.2 keeps the order of the mesh; version 4.1 and Abaqus have tets by label. Tags of Gmsh
+# are positive.
 TAGS = {7: 7, -2: 9, 0: 8}
 for name in ["small.msh", "small.msh2", "small.inp"]:
     mesh = meshio.read(folder / name, file_format="abaqus" if name.endswith("inp") else "gmsh")
@@ -35,17 +42,27 @@ for name in ["small.msh", "small.msh2", "small.inp"]:
     order = [0, 1, 2] if name == "small.msh2" else [1, 2, 0]
     assert np.array_equal(np.take(vertices, mesh.cells_dict["tetra"]), TETS[order]), name
     if name.endswith("inp"):
-        blocks = {name: [i for i, part in enumerate(parts) if len(part)] for name, parts in mesh.cell_sets.items()}
+        blocks = {
+            name: [i for i, part in enumerate(parts) if len(part)]
+            for name, parts in mesh.cell_sets.items()
+        }
         assert blocks == {"label_-2": [0], "label_0": [1], "label_7": [2]}, blocks
     else:
-        assert mesh.cell_data_dict["gmsh:physical"]["tetra"].tolist() == [TAGS[label] for label in LABELS[order]], name
+        assert mesh.cell_data_dict["gmsh:physical"]["tetra"].tolist() == [
+            TAGS[label] for label in LABELS[order]
+        ], name
         facets = np.take(vertices, mesh.cells_dict["triangle"])
         order = np.arange(7) if name == "small.msh2" else np.argsort(PAIRS, kind="stable")
         assert np.array_equal(facets, FACETS[order]), name
         assert np.array_equal(mesh.cell_data_dict["gmsh:physical"]["triangle"], PAIRS[order]), name
         names = {key: value.tolist() for key, value in mesh.field_data.items()}
         interfaces = {"interface_0_-2": [1, 2], "interface_7_-2": [2, 2], "interface_7_0": [3, 2]}
-        assert names == {"label_7": [7, 3], "label_-2": [9, 3], "label_0": [8, 3], **interfaces}, names
+        assert names == {
+            "label_7": [7, 3],
+            "label_-2": [9, 3],
+            "label_0": [8, 3],
+            **interfaces,
+        }, names
 
 off = meshio.read(folder / "small.off")
 assert np.array_equal(off.points[off.cells_dict["triangle"]], POINTS[FACETS])

@@ -12,13 +12,19 @@ use super::{assert_sound, boundary_topology, mesh, params, run, volumes};
 const MODELS: [SurfaceModel; 2] = [SurfaceModel::Smooth, SurfaceModel::Voxel];
 
 /// Meshes under either surface model. `most_unmet` is the part of the facets that may stay unmet.
-fn each_model(image: &LabelImage, params: &MeshParams, most_unmet: f64, mut check: impl FnMut(&Meshing, SurfaceModel)) {
+fn each_model(
+    image: &LabelImage,
+    params: &MeshParams,
+    most_unmet: f64,
+    mut check: impl FnMut(&Meshing, SurfaceModel),
+) {
     for surface in MODELS {
         let start = std::time::Instant::now();
         let meshing = run(image, &MeshParams { surface, ..params.clone() });
         let report = &meshing.report;
         println!(
-            "{surface:?}: tets {} facets {} unmet {:?} ratio {:.3} angle {:.2} volume error {:.4} {} insertions {} removals in {:.2} s",
+            "{surface:?}: tets {} facets {} unmet {:?} ratio {:.3} angle {:.2} volume error {:.4} \
+             {} insertions {} removals in {:.2} s",
             report.quality.tets,
             report.quality.facets,
             report.unmet,
@@ -37,14 +43,22 @@ fn each_model(image: &LabelImage, params: &MeshParams, most_unmet: f64, mut chec
 }
 
 fn image_of(dims: [usize; 3], labels: &[u8]) -> LabelImage {
-    LabelImage::from_voxels(Voxels::U8(labels), dims, None, 0, Frame::axis_aligned([1.0; 3]).unwrap()).unwrap()
+    LabelImage::from_voxels(
+        Voxels::U8(labels),
+        dims,
+        None,
+        0,
+        Frame::axis_aligned([1.0; 3]).unwrap(),
+    )
+    .unwrap()
 }
 
 /// Numbers that look random.
 fn noise(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
     move |n| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) % n
     }
 }
@@ -61,7 +75,8 @@ fn empty_image() {
 #[test]
 fn keeping_only_the_background_leaves_an_empty_image() {
     let image = image_of([2, 1, 1], &[0, 5]);
-    let result = mesh_image(&image, &MeshParams { keep: vec![0], ..params(1.0) }, &Monitor::silent());
+    let result =
+        mesh_image(&image, &MeshParams { keep: vec![0], ..params(1.0) }, &Monitor::silent());
     assert!(matches!(result, Err(Error::EmptyImage)));
 }
 
@@ -86,7 +101,8 @@ fn one_voxel() {
             let volume = volumes(&meshing.mesh)[&200];
             assert_eq!(boundary_topology(&meshing.mesh, &[200]), (2, 0));
             // The smooth model takes the corners off, but for those of the image, which are sharp.
-            let range = if surface == SurfaceModel::Smooth { 0.15..1.0 + 1e-9 } else { 0.8..1.0 + 1e-9 };
+            let range =
+                if surface == SurfaceModel::Smooth { 0.15..1.0 + 1e-9 } else { 0.8..1.0 + 1e-9 };
             assert!(range.contains(&volume), "{surface:?}: volume {volume}");
         });
     }
@@ -108,11 +124,14 @@ fn single_slice_row_and_column() {
 
 #[test]
 fn checkerboards() {
-    let two =
-        sampled([8, 7, 6], [1.0; 3], |p| (p.x.floor() + p.y.floor() + p.z.floor()).rem_euclid(2.0) as i32).unwrap();
-    let three =
-        sampled([7; 3], [1.0, 0.5, 2.0], |p| 1 + ((p.x + 2.0 * p.y + 0.5 * p.z).round().rem_euclid(2.0)) as i32)
-            .unwrap();
+    let two = sampled([8, 7, 6], [1.0; 3], |p| {
+        (p.x.floor() + p.y.floor() + p.z.floor()).rem_euclid(2.0) as i32
+    })
+    .unwrap();
+    let three = sampled([7; 3], [1.0, 0.5, 2.0], |p| {
+        1 + ((p.x + 2.0 * p.y + 0.5 * p.z).round().rem_euclid(2.0)) as i32
+    })
+    .unwrap();
     for image in [two, three] {
         each_model(&image, &params(0.8), 0.05, |meshing, _| assert!(!meshing.mesh.tets.is_empty()));
     }
@@ -169,7 +188,9 @@ fn delta_above_the_object() {
             Ok(meshing) => assert!(!meshing.mesh.tets.is_empty()),
             Err(error) => assert_eq!(
                 error.to_string(),
-                format!("delta {delta} is too coarse for the object: no tet has its circumcenter inside")
+                format!(
+                    "delta {delta} is too coarse for the object: no tet has its circumcenter inside"
+                )
             ),
         }
     }

@@ -1,4 +1,5 @@
-//! Images that know more than labels, and coarse ones whose labels are smoothed: intensities with isovalues, probability maps, sigma. Bodies with a formula.
+//! Images that know more than labels, and coarse ones whose labels are smoothed: intensities with
+//! isovalues, probability maps, sigma. Bodies with a formula.
 
 use std::f64::consts::PI;
 
@@ -14,10 +15,13 @@ use lapd::params::{MeshParams, SurfaceModel};
 
 use super::{boundary_topology, mesh, params, run, volumes};
 
-/// A function of the place, at voxel centres; the origin lies in the middle of the grid, a little beside its centre.
+/// A function of the place, at voxel centres; the origin lies in the middle of the grid, a little
+/// beside its centre.
 fn sampled(dims: [usize; 3], spacing: [f64; 3], value: impl Fn(DVec3) -> f64) -> (Frame, Vec<f32>) {
-    let middle = [0, 1, 2].map(|a| -spacing[a] * (0.5 * (dims[a] as f64 - 1.0) + [0.13, -0.27, 0.38][a]));
-    let frame = Frame::new(middle, spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).unwrap();
+    let middle =
+        [0, 1, 2].map(|a| -spacing[a] * (0.5 * (dims[a] as f64 - 1.0) + [0.13, -0.27, 0.38][a]));
+    let frame =
+        Frame::new(middle, spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]).unwrap();
     let mut values = Vec::new();
     for z in 0..dims[2] {
         for y in 0..dims[1] {
@@ -29,15 +33,18 @@ fn sampled(dims: [usize; 3], spacing: [f64; 3], value: impl Fn(DVec3) -> f64) ->
     (frame, values)
 }
 
-/// A scan of which a surface is at intensity 100, with a slope of 40 per unit of length and bounded as scanners do.
+/// A scan of which a surface is at intensity 100, with a slope of 40 per unit of length and bounded
+/// as scanners do.
 fn gray(dims: [usize; 3], depth: impl Fn(DVec3) -> f64) -> GrayImage {
-    let (frame, values) = sampled(dims, [1.0; 3], |p| (100.0 + 40.0 * depth(p)).clamp(-50.0, 400.0));
+    let (frame, values) =
+        sampled(dims, [1.0; 3], |p| (100.0 + 40.0 * depth(p)).clamp(-50.0, 400.0));
     GrayImage::new(dims, frame, values).unwrap()
 }
 
 /// Largest distance of the vertices between two labels from a surface, of which `distance` tells.
 fn farthest(mesh: &TetMesh, sides: [i32; 2], distance: impl Fn(DVec3) -> f64) -> f64 {
-    let between = mesh.facets.iter().zip(&mesh.facet_labels).filter(|&(_, &labels)| labels == sides);
+    let between =
+        mesh.facets.iter().zip(&mesh.facet_labels).filter(|&(_, &labels)| labels == sides);
     between.flat_map(|(facet, _)| facet).map(|&v| distance(mesh.point(v)).abs()).fold(0.0, f64::max)
 }
 
@@ -47,7 +54,8 @@ fn assert_volume(meshing: &Meshing, label: i32, expected: f64, tolerance: f64) {
     assert!(error.abs() < tolerance, "volume of label {label} is off by {error}");
 }
 
-/// The radius of a ball as interpolation sees it: the interpolant of a function is off by a twelfth of its second derivatives, in the mean, whose sum is 2 / r here.
+/// The radius of a ball as interpolation sees it: the interpolant of a function is off by a twelfth
+/// of its second derivatives, in the mean, whose sum is 2 / r here.
 fn seen(radius: f64) -> f64 {
     radius - 1.0 / (6.0 * radius)
 }
@@ -55,7 +63,8 @@ fn seen(radius: f64) -> f64 {
 #[test]
 fn the_ball_of_a_scan_is_exact() {
     let radius = 14.2;
-    let image = gray([35, 36, 34], |p| radius - p.length()).label_image(&[100.0], Some(&[-4])).unwrap();
+    let image =
+        gray([35, 36, 34], |p| radius - p.length()).label_image(&[100.0], Some(&[-4])).unwrap();
     let meshing = mesh(&image, &params(0.7));
     assert_volume(&meshing, -4, ball_volume(radius), 0.005);
     let distance = farthest(&meshing.mesh, [0, -4], |p| p.length() - radius);
@@ -89,11 +98,17 @@ fn two_isovalues_make_a_shell_in_a_shell() {
 
 #[test]
 fn the_torus_of_a_scan_has_one_hole() {
-    let image =
-        gray([32, 32, 14], |p| 4.2 - (p.truncate().length() - 10.0).hypot(p.z)).label_image(&[100.0], None).unwrap();
+    let image = gray([32, 32, 14], |p| 4.2 - (p.truncate().length() - 10.0).hypot(p.z))
+        .label_image(&[100.0], None)
+        .unwrap();
     let meshing = mesh(&image, &params(0.5));
     assert_eq!(boundary_topology(&meshing.mesh, &[1]), (0, 0));
-    assert_volume(&meshing, 1, 2.0 * PI * PI * 10.0 * (4.2_f64 - 1.0 / (12.0 * 4.2)).powi(2), 0.005);
+    assert_volume(
+        &meshing,
+        1,
+        2.0 * PI * PI * 10.0 * (4.2_f64 - 1.0 / (12.0 * 4.2)).powi(2),
+        0.005,
+    );
 }
 
 /// Cut by the border of the image: flat walls at the outer faces of the outermost voxels.
@@ -103,11 +118,14 @@ fn a_scan_ends_at_the_border_of_the_image() {
     let meshing = mesh(&image, &params(0.5));
     assert_volume(&meshing, 1, 24.0 * PI * (5.0_f64 - 1.0 / 60.0).powi(2), 0.005);
     let ends = [-11.5 - 0.38 - 0.5, 11.5 - 0.38 + 0.5];
-    let walls = meshing.mesh.facets.iter().map(|facet| facet.map(|v| meshing.mesh.point(v))).filter(|corners| {
-        let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
-        // Without the rims, which are not followed.
-        normal.z.abs() > 0.9 && corners.iter().all(|p| p.x.hypot(p.y) < 4.0)
-    });
+    let walls =
+        meshing.mesh.facets.iter().map(|facet| facet.map(|v| meshing.mesh.point(v))).filter(
+            |corners| {
+                let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
+                // Without the rims, which are not followed.
+                normal.z.abs() > 0.9 && corners.iter().all(|p| p.x.hypot(p.y) < 4.0)
+            },
+        );
     let mut facets = [0; 2];
     for corners in walls {
         for p in corners {
@@ -116,7 +134,8 @@ fn a_scan_ends_at_the_border_of_the_image() {
         }
         facets[usize::from(corners[0].z > 0.0)] += 1;
     }
-    // No circumradius is above the size, 1: all within 2 of the axis lies in facets that are looked at, of an area of at most 1.3.
+    // No circumradius is above the size, 1: all within 2 of the axis lies in facets that are looked
+    // at, of an area of at most 1.3.
     assert!(facets.iter().all(|&count| count >= 10), "{facets:?} facets of the two walls");
 }
 
@@ -124,7 +143,9 @@ fn two_balls(spacing: [f64; 3]) -> ProbabilityImage {
     // Two balls that overlap; where both are likely the nearer centre wins: a plane between them.
     let dims = [40, 26, 26].map(|n: usize| n);
     let dims = [0, 1, 2].map(|a| (dims[a] as f64 / spacing[a]).ceil() as usize);
-    let likely = |centre: f64| move |p: DVec3| 1.0 / (1.0 + (p.distance(DVec3::new(centre, 0.0, 0.0)) - 8.3).exp());
+    let likely = |centre: f64| {
+        move |p: DVec3| 1.0 / (1.0 + (p.distance(DVec3::new(centre, 0.0, 0.0)) - 8.3).exp())
+    };
     let (left, right) = (likely(-5.0), likely(5.0));
     // Shares of what is not background.
     let (frame, a) = sampled(dims, spacing, |p| left(p) / (1.0 + right(p)));
@@ -139,7 +160,8 @@ fn likely_labels_meet_where_they_are_equally_likely() {
         let meshing = mesh(&image, &params(0.5));
         // By symmetry the labels meet in the plane x = 0.
         // Not where the plane ends: there the mesh goes from plane to ball within about delta.
-        let distance = farthest(&meshing.mesh, [20, -1], |p| if p.y.hypot(p.z) < 5.2 { p.x } else { 0.0 });
+        let distance =
+            farthest(&meshing.mesh, [20, -1], |p| if p.y.hypot(p.z) < 5.2 { p.x } else { 0.0 });
         println!("farthest vertex from the plane: {distance:.4}");
         assert!(distance < 0.08, "{distance}");
         let found = volumes(&meshing.mesh);
@@ -157,7 +179,10 @@ fn a_map_of_the_background_may_be_given() {
     let dims = [25, 25, 25];
     let (frame, ball) = sampled(dims, [1.0; 3], |p| 255.0 / (1.0 + (p.length() - 9.0).exp()));
     let around = ball.iter().map(|p| 255.0 - p).collect();
-    let image = ProbabilityImage::new(dims, frame, vec![around, ball], &[0, 6]).unwrap().label_image().unwrap();
+    let image = ProbabilityImage::new(dims, frame, vec![around, ball], &[0, 6])
+        .unwrap()
+        .label_image()
+        .unwrap();
     let meshing = mesh(&image, &params(0.5));
     assert_volume(&meshing, 6, ball_volume(seen(9.0)), 0.004);
     assert!(farthest(&meshing.mesh, [6, 0], |p| p.length() - 9.0) < 0.05);
@@ -168,7 +193,8 @@ fn the_same_mesh_whatever_the_threads_of_the_image_passes() {
     let of_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let labels = lapd::image::phantom::nested_shells([20; 3], [1.0; 3], &[4.0, 8.5]).unwrap();
+            let labels =
+                lapd::image::phantom::nested_shells([20; 3], [1.0; 3], &[4.0, 8.5]).unwrap();
             let smoothed = run(&labels, &MeshParams { sigma: 1.0, ..params(1.0) }).mesh;
             [smoothed, run(&two_balls([1.3; 3]).label_image().unwrap(), &params(1.5)).mesh]
         })
@@ -185,29 +211,40 @@ fn labelled(dims: [usize; 3], body: impl Fn([usize; 3]) -> bool) -> LabelImage {
     LabelImage::from_fn(dims, frame, label).unwrap()
 }
 
-/// What is thinner than the Gaussian keeps its place, and about the volume that interpolation alone would leave it: of a line of single voxels that is less than half.
+/// What is thinner than the Gaussian keeps its place, and about the volume that interpolation alone
+/// would leave it: of a line of single voxels that is less than half.
 #[test]
 fn smoothing_loses_nothing_thin_or_small() {
-    let sheet = labelled([24, 24, 9], |[x, y, z]| z == 4 && (2..22).contains(&x) && (2..22).contains(&y));
+    let sheet =
+        labelled([24, 24, 9], |[x, y, z]| z == 4 && (2..22).contains(&x) && (2..22).contains(&y));
     let block = labelled([9, 9, 9], |p| p.iter().all(|c| (3..5).contains(c)));
-    let tube = labelled([9, 9, 30], |[x, y, z]| (3..5).contains(&x) && (4..6).contains(&y) && (3..27).contains(&z));
+    let tube = labelled([9, 9, 30], |[x, y, z]| {
+        (3..5).contains(&x) && (4..6).contains(&y) && (3..27).contains(&z)
+    });
     let line = labelled([9, 9, 24], |[x, y, z]| x == 4 && y == 4 && (3..21).contains(&z));
     for (name, image) in [("sheet", &sheet), ("block", &block), ("tube", &tube), ("line", &line)] {
         for sigma in [0.5, 1.0, 2.0] {
             let meshing = run(image, &MeshParams { sigma, ..params(0.5) });
             let row = &meshing.report.certificate.labels[0];
             let ratio = row.mesh_volume / row.image_volume;
-            println!("{name} sigma {sigma}: {} tets, volume {ratio:.3}, Euler {}", row.tets, row.euler_mesh);
+            println!(
+                "{name} sigma {sigma}: {} tets, volume {ratio:.3}, Euler {}",
+                row.tets, row.euler_mesh
+            );
             let defects = &meshing.report.certificate.defects;
             let torn = [DefectKind::Lost, DefectKind::Torn, DefectKind::Merged];
-            assert!(!defects.iter().any(|defect| torn.contains(&defect.kind)), "{name} sigma {sigma}: {defects:?}");
+            assert!(
+                !defects.iter().any(|defect| torn.contains(&defect.kind)),
+                "{name} sigma {sigma}: {defects:?}"
+            );
             assert_eq!((row.components_mesh, row.euler_mesh), (1, 2), "{name} sigma {sigma}");
             assert!((0.35..1.4).contains(&ratio), "{name} sigma {sigma}: volume {ratio}");
         }
     }
 }
 
-/// The steps of a coarse ball go, and its volume stays within what curvature costs: 3 sigma^2 / radius^2.
+/// The steps of a coarse ball go, and its volume stays within what curvature costs: 3 sigma^2 /
+/// radius^2.
 #[test]
 fn smoothing_takes_the_steps_of_a_coarse_ball() {
     let radius = 9.3;
@@ -216,9 +253,11 @@ fn smoothing_takes_the_steps_of_a_coarse_ball() {
     let smooth = mesh(&image, &MeshParams { sigma: 1.0, ..params(0.5) });
     let mean = |meshing: &Meshing| {
         let mesh = &meshing.mesh;
-        let distances: Vec<f64> = mesh.facets.iter().flatten().map(|&v| mesh.point(v).length()).collect();
+        let distances: Vec<f64> =
+            mesh.facets.iter().flatten().map(|&v| mesh.point(v).length()).collect();
         let middle = distances.iter().sum::<f64>() / distances.len() as f64;
-        (distances.iter().map(|d| (d - middle).powi(2)).sum::<f64>() / distances.len() as f64).sqrt()
+        (distances.iter().map(|d| (d - middle).powi(2)).sum::<f64>() / distances.len() as f64)
+            .sqrt()
     };
     println!("deviation from a sphere: {:.4} plain, {:.4} smoothed", mean(&plain), mean(&smooth));
     assert!(mean(&smooth) < 0.6 * mean(&plain));
@@ -227,7 +266,11 @@ fn smoothing_takes_the_steps_of_a_coarse_ball() {
 
 #[test]
 fn what_does_not_fit_together_is_refused() {
-    let message = |image: &LabelImage, params: &MeshParams| match mesh_image(image, params, &Monitor::silent()) {
+    let message = |image: &LabelImage, params: &MeshParams| match mesh_image(
+        image,
+        params,
+        &Monitor::silent(),
+    ) {
         Err(Error::InvalidArgument(message)) => message,
         other => panic!("{other:?}"),
     };
@@ -236,10 +279,20 @@ fn what_does_not_fit_together_is_refused() {
     assert_eq!(message(&labels, &sigma(-1.0)), "sigma must lie in 0 to 5 voxels, got -1");
     assert_eq!(message(&labels, &sigma(f64::NAN)), "sigma must lie in 0 to 5 voxels, got NaN");
     let voxel = MeshParams { surface: SurfaceModel::Voxel, ..sigma(1.0) };
-    assert_eq!(message(&labels, &voxel), "sigma 1 smooths interfaces, and the voxel model keeps the faces of voxels");
+    assert_eq!(
+        message(&labels, &voxel),
+        "sigma 1 smooths interfaces, and the voxel model keeps the faces of voxels"
+    );
     let scan = gray([8; 3], |p| 2.0 - p.length()).label_image(&[100.0], None).unwrap();
     assert!(message(&scan, &sigma(0.5)).starts_with("sigma 0.5 smooths label images only"));
-    assert!(message(&scan, &MeshParams { keep: vec![9], ..params(1.0) }).starts_with("label 9 is to be kept"));
+    assert!(
+        message(&scan, &MeshParams { keep: vec![9], ..params(1.0) })
+            .starts_with("label 9 is to be kept")
+    );
     let islands = message(&scan, &MeshParams { least_voxels: 8, ..params(1.0) });
-    assert!(islands.starts_with("components of fewer than 8 voxels can be left out of label images only"), "{islands}");
+    assert!(
+        islands
+            .starts_with("components of fewer than 8 voxels can be left out of label images only"),
+        "{islands}"
+    );
 }

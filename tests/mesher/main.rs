@@ -1,5 +1,5 @@
-//! The mesher as a whole, on images whose meshes can be judged without it: what is checked is measured here from the arrays of the mesh, or by
-//! the certificate, which refinement does not use.
+//! The mesher as a whole, on images whose meshes can be judged without it: what is checked is
+//! measured here from the arrays of the mesh, or by the certificate, which refinement does not use.
 //!
 //! | file | what |
 //! |---|---|
@@ -8,7 +8,7 @@
 //! | `placement` | spacing, direction, origin, parameters that choose what is meshed |
 //! | `inputs` | intensities, probability maps, smoothed labels |
 //! | `awkward` | images and sizes that nobody plans for |
-//! | `runs` | one run against another: determinism, cancelling, limits; how long a demand is true, and that none is left |
+//! | `runs` | one run against another: determinism, cancelling, limits, demands that are left |
 
 mod awkward;
 mod inputs;
@@ -40,7 +40,8 @@ fn run(image: &LabelImage, params: &MeshParams) -> Meshing {
     mesh_image(image, params, &Monitor::silent()).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Meshes, and checks that the mesh is sound, that every bound of `params` holds, and that no rule is unmet: as refinement leaves it, and as improved.
+/// Meshes, and checks that the mesh is sound, that every bound of `params` holds, and that no rule
+/// is unmet: as refinement leaves it, and as improved.
 fn mesh(image: &LabelImage, params: &MeshParams) -> Meshing {
     let checked = |params: &MeshParams| {
         let meshing = run(image, params);
@@ -67,11 +68,17 @@ fn assert_sound(meshing: &Meshing) {
         for (i, &n) in neighbors.iter().enumerate().filter(|&(_, &n)| n != NONE) {
             let shared = facet_of(mesh, t, i);
             let back = mesh.neighbors[n as usize].iter().position(|&u| u as usize == t);
-            let back = back.unwrap_or_else(|| panic!("tets {t} and {n} disagree about being neighbours"));
-            assert_eq!(facet_of(mesh, n as usize, back), shared, "tets {t} and {n} name different facets");
+            let back =
+                back.unwrap_or_else(|| panic!("tets {t} and {n} disagree about being neighbours"));
+            assert_eq!(
+                facet_of(mesh, n as usize, back),
+                shared,
+                "tets {t} and {n} name different facets"
+            );
         }
     }
-    // The interface is the set of all facets between tets of different label, each once, its normal pointing from the first label to the second.
+    // The interface is the set of all facets between tets of different label, each once, its normal
+    // pointing from the first label to the second.
     let mut expected = BTreeSet::new();
     for t in 0..mesh.tets.len() {
         for (i, &n) in mesh.neighbors[t].iter().enumerate() {
@@ -97,8 +104,12 @@ fn assert_sound(meshing: &Meshing) {
             }
             assert_eq!(mesh.labels[t as usize], label, "side {side} of facet {f}");
             let tet = mesh.tets[t as usize];
-            let apex = tet.into_iter().find(|v| !facet.contains(v)).expect("a tet with four vertices");
-            assert!(sign * normal.dot(mesh.point(apex) - a) > 0.0, "facet {f} points the wrong way");
+            let apex =
+                tet.into_iter().find(|v| !facet.contains(v)).expect("a tet with four vertices");
+            assert!(
+                sign * normal.dot(mesh.point(apex) - a) > 0.0,
+                "facet {f} points the wrong way"
+            );
         }
     }
 }
@@ -106,15 +117,20 @@ fn assert_sound(meshing: &Meshing) {
 /// How many times as large as refinement's the circumradius of an improved tet may be.
 const IMPROVED: f64 = 3.0;
 
-/// Checks the bounds on radius-edge ratio, circumradius and facet angle. Improvement gives up the first, and some of the second.
+/// Checks the bounds on radius-edge ratio, circumradius and facet angle. Improvement gives up the
+/// first, and some of the second.
 fn assert_bounds(mesh: &TetMesh, params: &MeshParams) {
-    let size_of = |label: i32| params.label_sizes.iter().find(|l| l.0 == label).map_or(params.size, |l| l.1);
+    let size_of =
+        |label: i32| params.label_sizes.iter().find(|l| l.0 == label).map_or(params.size, |l| l.1);
     for (tet, &label) in mesh.tets.iter().zip(&mesh.labels).filter(|&(_, &label)| label != 0) {
         let corners = tet.map(|v| mesh.point(v));
         let (ratio, radius) = (radius_edge_ratio(&corners), tet_circumradius(&corners));
         if params.improve == Improve::None {
             assert!(ratio <= params.radius_edge * (1.0 + ROUNDING), "radius-edge ratio {ratio}");
-            assert!(radius <= size_of(label) * (1.0 + ROUNDING), "circumradius {radius}, label {label}");
+            assert!(
+                radius <= size_of(label) * (1.0 + ROUNDING),
+                "circumradius {radius}, label {label}"
+            );
         } else {
             assert!(radius <= IMPROVED * size_of(label), "circumradius {radius}, label {label}");
         }
@@ -144,7 +160,8 @@ fn volumes(mesh: &TetMesh) -> BTreeMap<i32, f64> {
     volumes
 }
 
-/// Euler characteristic of the boundary of a union of labels, and the edges at which not exactly two of its facets meet.
+/// Euler characteristic of the boundary of a union of labels, and the edges at which not exactly
+/// two of its facets meet.
 fn boundary_topology(mesh: &TetMesh, labels: &[i32]) -> (i64, usize) {
     let mut vertices = BTreeSet::new();
     let mut edges: BTreeMap<[u32; 2], usize> = BTreeMap::new();

@@ -1,4 +1,5 @@
-//! Analytic bodies: each is meshed at a delta of one or two voxels; volumes, distances and topology must come out.
+//! Analytic bodies: each is meshed at a delta of one or two voxels; volumes, distances and topology
+//! must come out.
 
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
@@ -7,8 +8,8 @@ use lapd::params::{MeshParams, SurfaceModel};
 
 use super::{boundary_topology, mesh, params, volumes};
 
-/// Golden ranges: how far a mesh may be from the body it was sampled from, about a third to a half more than what was measured when they were
-/// written.
+/// Golden ranges: how far a mesh may be from the body it was sampled from, about a third to a half
+/// more than what was measured when they were written.
 struct Golden<'a> {
     /// Volume of each label, by the formula.
     volumes: &'a [f64],
@@ -22,16 +23,19 @@ struct Golden<'a> {
     tets: [u64; 2],
 }
 
-/// Meshes and checks against the golden ranges. Every label of a phantom is one component, in the image and in the mesh: voxels and tets that touch in an edge or a vertex are joined.
+/// Meshes and checks against the golden ranges. Every label of a phantom is one component, in the
+/// image and in the mesh: voxels and tets that touch in an edge or a vertex are joined.
 fn check(image: &LabelImage, params: &MeshParams, golden: &Golden<'_>) -> Meshing {
     let meshing = mesh(image, params);
     let (certificate, quality) = (&meshing.report.certificate, &meshing.report.quality);
     let found = volumes(&meshing.mesh);
-    let errors: Vec<f64> = found.values().zip(golden.volumes).map(|(found, wanted)| found / wanted - 1.0).collect();
+    let errors: Vec<f64> =
+        found.values().zip(golden.volumes).map(|(found, wanted)| found / wanted - 1.0).collect();
     let to_image = certificate.hausdorff_mesh_to_image / certificate.voxel;
     let to_mesh = certificate.hausdorff_image_to_mesh / certificate.voxel;
     println!(
-        "tets {} facets {} volume errors {errors:.4?} distances {to_image:.3} {to_mesh:.3} voxels, means {:.3} {:.3}",
+        "tets {} facets {} volume errors {errors:.4?} distances {to_image:.3} {to_mesh:.3} voxels, \
+         means {:.3} {:.3}",
         quality.tets,
         quality.facets,
         certificate.mean_mesh_to_image / certificate.voxel,
@@ -44,11 +48,25 @@ fn check(image: &LabelImage, params: &MeshParams, golden: &Golden<'_>) -> Meshin
     assert!(to_mesh < golden.image_to_mesh, "image to mesh: {to_mesh} voxels");
     assert!((golden.tets[0]..=golden.tets[1]).contains(&quality.tets), "{} tets", quality.tets);
     for row in &certificate.labels {
-        assert_eq!((row.components_image, row.components_mesh), (1, 1), "components of label {}", row.label);
+        assert_eq!(
+            (row.components_image, row.components_mesh),
+            (1, 1),
+            "components of label {}",
+            row.label
+        );
         assert_eq!(row.euler_mesh, row.euler_image, "Euler characteristic of label {}", row.label);
-        assert_eq!((row.components_lost, row.components_merged, row.pieces), (0, 0, 0), "label {}", row.label);
+        assert_eq!(
+            (row.components_lost, row.components_merged, row.pieces),
+            (0, 0, 0),
+            "label {}",
+            row.label
+        );
         let measured = found[&row.label];
-        assert!((row.mesh_volume / measured - 1.0).abs() < 1e-12, "the certificate's volume of label {}", row.label);
+        assert!(
+            (row.mesh_volume / measured - 1.0).abs() < 1e-12,
+            "the certificate's volume of label {}",
+            row.label
+        );
     }
     meshing
 }
@@ -176,7 +194,9 @@ fn voxel_model_follows_the_voxels() {
 #[test]
 fn finer_samples_bring_the_mesh_closer() {
     let image = ball([34; 3], [0.75; 3], 10.0).unwrap();
-    let error = |delta: f64| (volumes(&mesh(&image, &params(delta)).mesh)[&1] / ball_volume(10.0) - 1.0).abs();
+    let error = |delta: f64| {
+        (volumes(&mesh(&image, &params(delta)).mesh)[&1] / ball_volume(10.0) - 1.0).abs()
+    };
     let (coarse, fine) = (error(3.0), error(1.0));
     println!("volume errors {coarse:.4} {fine:.4}");
     assert!(fine < 0.5 * coarse, "volume errors: {coarse} at delta 3, {fine} at delta 1");

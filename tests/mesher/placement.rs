@@ -15,7 +15,8 @@ use super::{boundary_topology, bounds, mesh, params, volumes};
 fn placed(origin: [f64; 3], spacing: [f64; 3], axes: [[f64; 3]; 3]) -> (LabelImage, DVec3) {
     let frame = Frame::new(origin, spacing, axes).unwrap();
     let dims = spacing.map(|s| (28.0 / s) as usize);
-    let center = frame.to_world(DVec3::from(dims.map(|n| 0.5 * n as f64)) - DVec3::new(0.7, 0.3, 1.1));
+    let center =
+        frame.to_world(DVec3::from(dims.map(|n| 0.5 * n as f64)) - DVec3::new(0.7, 0.3, 1.1));
     (LabelImage::from_fn(dims, frame, |p| i32::from(p.distance(center) <= 10.0)).unwrap(), center)
 }
 
@@ -74,14 +75,16 @@ fn reflected_direction_keeps_volumes_positive() {
 
 #[test]
 fn permuted_axes() {
-    let (image, center) = placed([0.0; 3], [1.0; 3], [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    let (image, center) =
+        placed([0.0; 3], [1.0; 3], [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     assert_ball_at(&image, center, 2.0);
 }
 
 #[test]
 fn the_mesh_moves_with_the_origin() {
-    // Coordinates are rounded otherwise after a shift, which may turn a tie between labels, and with it all that follows: the number of tets of a mesh as
-    // small as this one scatters by some 5 % (one standard deviation). So several near places are compared with several far ones.
+    // Coordinates are rounded otherwise after a shift, which may turn a tie between labels, and
+    // with it all that follows: the number of tets of a mesh as small as this one scatters by some
+    // 5 % (one standard deviation). So several near places are compared with several far ones.
     let image = three_labels_in_a_line([20; 3], [1.0; 3], 7.0).unwrap();
     let meshes = |shift: DVec3| -> Vec<_> {
         let places = (0..6).map(|n| shift + f64::from(n) * 0.137);
@@ -93,7 +96,9 @@ fn the_mesh_moves_with_the_origin() {
         };
         places.map(mesh_at).collect()
     };
-    let tets = |meshes: &[(DVec3, TetMesh)]| meshes.iter().map(|(_, mesh)| mesh.tets.len()).sum::<usize>() as f64;
+    let tets = |meshes: &[(DVec3, TetMesh)]| {
+        meshes.iter().map(|(_, mesh)| mesh.tets.len()).sum::<usize>() as f64
+    };
     let home = meshes(DVec3::ZERO);
     let (volumes_home, [low, high]) = (volumes(&home[0].1), bounds(&home[0].1));
     for shift in [DVec3::new(64.0, -32.0, 128.0), DVec3::splat(1e6)] {
@@ -102,11 +107,20 @@ fn the_mesh_moves_with_the_origin() {
             let volumes = volumes(mesh);
             for (label, volume) in &volumes_home {
                 let there = volumes[label];
-                assert!((there / volume - 1.0).abs() < 0.03, "volume of label {label}: {volume} and {there}");
+                assert!(
+                    (there / volume - 1.0).abs() < 0.03,
+                    "volume of label {label}: {volume} and {there}"
+                );
             }
             let [low_away, high_away] = bounds(mesh);
-            assert!((low_away - low - *place).abs().max_element() < 0.25, "{low} moved to {low_away}");
-            assert!((high_away - high - *place).abs().max_element() < 0.25, "{high} moved to {high_away}");
+            assert!(
+                (low_away - low - *place).abs().max_element() < 0.25,
+                "{low} moved to {low_away}"
+            );
+            assert!(
+                (high_away - high - *place).abs().max_element() < 0.25,
+                "{high} moved to {high_away}"
+            );
         }
         let ratio = tets(&away) / tets(&home);
         println!("tets, moved against not: {ratio:.3}");
@@ -116,11 +130,16 @@ fn the_mesh_moves_with_the_origin() {
 
 #[test]
 fn an_object_cut_by_the_border_is_closed_there() {
-    // The ball is larger than the image along every axis; it ends half a voxel beyond the outermost voxel centres.
+    // The ball is larger than the image along every axis; it ends half a voxel beyond the outermost
+    // voxel centres.
     let image = ball([16, 16, 12], [1.0; 3], 9.5).unwrap();
     let meshing = mesh(&image, &params(1.2));
     let row = meshing.report.certificate.labels[0];
-    println!("volume error {:.4} bounds {:?}", row.mesh_volume / row.image_volume - 1.0, bounds(&meshing.mesh));
+    println!(
+        "volume error {:.4} bounds {:?}",
+        row.mesh_volume / row.image_volume - 1.0,
+        bounds(&meshing.mesh)
+    );
     assert!((row.mesh_volume / row.image_volume - 1.0).abs() < 0.05, "{row:?}");
     assert_eq!(boundary_topology(&meshing.mesh, &[1]), (2, 0));
     let [low, high] = bounds(&meshing.mesh);
@@ -129,7 +148,10 @@ fn an_object_cut_by_the_border_is_closed_there() {
         low.cmpge(-half - 1e-6).all() && high.cmple(half + 1e-6).all(),
         "the mesh reaches out of the image: {low} to {high}"
     );
-    assert!(low.cmple(-half + 1e-6).all() && high.cmpge(half - 1e-6).all(), "the mesh ends inside: {low} to {high}");
+    assert!(
+        low.cmple(-half + 1e-6).all() && high.cmpge(half - 1e-6).all(),
+        "the mesh ends inside: {low} to {high}"
+    );
 }
 
 #[test]
@@ -144,7 +166,8 @@ fn keep_meshes_some_labels_only() {
     assert_eq!(boundary_topology(&shell.mesh, &[2]), (4, 0));
     assert!(shell.mesh.facet_labels.iter().all(|&sides| sides == [2, 0]));
     assert!(shell.report.certificate.labels.iter().all(|row| row.label == 2));
-    let missing = mesh_image(&image, &MeshParams { keep: vec![2, 7], ..params(1.5) }, &Monitor::silent());
+    let missing =
+        mesh_image(&image, &MeshParams { keep: vec![2, 7], ..params(1.5) }, &Monitor::silent());
     assert!(matches!(missing, Err(Error::InvalidArgument(m)) if m.contains('7')));
 }
 
@@ -154,15 +177,20 @@ fn labels_are_merged_and_the_background_is_chosen() {
     // Labels from the ends of what 32 bits hold come back as they are.
     let (first, last) = (i32::MIN, i32::MAX);
     let merge = vec![(1, first), (2, first), (3, last), (0, 5)];
-    let merged = mesh(&image, &MeshParams { merge: merge.clone(), label_sizes: vec![(first, 1.5)], ..params(1.5) });
+    let merged = mesh(
+        &image,
+        &MeshParams { merge: merge.clone(), label_sizes: vec![(first, 1.5)], ..params(1.5) },
+    );
     assert_eq!(volumes(&merged.mesh).keys().copied().collect::<Vec<_>>(), [first, 5, last]);
     let rows: Vec<_> = merged.report.certificate.labels.iter().map(|row| row.label).collect();
     assert_eq!(rows, [first, 5, last]);
     assert_eq!(boundary_topology(&merged.mesh, &[first]), (2, 0));
     assert_eq!(boundary_topology(&merged.mesh, &[last]), (4, 0));
 
-    // The outer shell as background leaves the core; what was around it must not be background as well without being told.
-    let inverted = MeshParams { merge: vec![(0, 3)], background_label: 3, keep: vec![2], ..params(1.5) };
+    // The outer shell as background leaves the core; what was around it must not be background as
+    // well without being told.
+    let inverted =
+        MeshParams { merge: vec![(0, 3)], background_label: 3, keep: vec![2], ..params(1.5) };
     let shell = mesh(&image, &inverted);
     assert_eq!(volumes(&shell.mesh).keys().copied().collect::<Vec<_>>(), [2]);
     for (merge, background_label, said) in [
@@ -171,15 +199,23 @@ fn labels_are_merged_and_the_background_is_chosen() {
         (vec![(8, 1)], 0, "label 8 is to become 1, but does not occur"),
         (vec![(1, 2), (1, 3)], 0, "label 1 is to become both 2 and 3"),
     ] {
-        let refused = mesh_image(&image, &MeshParams { merge, background_label, ..params(1.5) }, &Monitor::silent());
-        assert!(matches!(&refused, Err(Error::InvalidArgument(m)) if m.contains(said)), "{refused:?}");
+        let refused = mesh_image(
+            &image,
+            &MeshParams { merge, background_label, ..params(1.5) },
+            &Monitor::silent(),
+        );
+        assert!(
+            matches!(&refused, Err(Error::InvalidArgument(m)) if m.contains(said)),
+            "{refused:?}"
+        );
     }
 }
 
 #[test]
 fn background_fills_the_box() {
     let image = ball([20; 3], [1.0; 3], 7.0).unwrap();
-    // As refinement leaves it: improvement goes another way where the background has another place in the arrays.
+    // As refinement leaves it: improvement goes another way where the background has another place
+    // in the arrays.
     let refined = MeshParams { improve: Improve::None, ..params(1.5) };
     let object = mesh(&image, &refined);
     let whole = mesh(&image, &MeshParams { background: true, ..refined });
@@ -190,21 +226,34 @@ fn background_fills_the_box() {
     assert_eq!(whole.report.quality.tets, object.report.quality.tets);
     // The background closes the mesh to a box.
     let [low, high] = bounds(&whole.mesh);
-    let volume: f64 =
-        whole.mesh.tets.iter().map(|t| lapd::mesh::quality::tet_volume(&t.map(|v| whole.mesh.point(v)))).sum();
+    let volume: f64 = whole
+        .mesh
+        .tets
+        .iter()
+        .map(|t| lapd::mesh::quality::tet_volume(&t.map(|v| whole.mesh.point(v))))
+        .sum();
     assert!((volume / (high - low).element_product() - 1.0).abs() < 1e-12);
-    assert!(low.cmplt(DVec3::splat(-7.5)).all() && high.cmpgt(DVec3::splat(7.5)).all(), "{low} to {high}");
+    assert!(
+        low.cmplt(DVec3::splat(-7.5)).all() && high.cmpgt(DVec3::splat(7.5)).all(),
+        "{low} to {high}"
+    );
 }
 
 #[test]
 fn labels_have_their_own_sizes() {
     let image = nested_shells([24; 3], [1.0; 3], &[6.0, 10.0]).unwrap();
     let one_size = mesh(&image, &MeshParams { size: 4.0, ..params(1.5) });
-    let fine_core = mesh(&image, &MeshParams { size: 4.0, label_sizes: vec![(1, 0.8)], ..params(1.5) });
-    let tets = |m: &lapd::mesher::Meshing, label| m.mesh.labels.iter().filter(|&&l| l == label).count();
+    let fine_core =
+        mesh(&image, &MeshParams { size: 4.0, label_sizes: vec![(1, 0.8)], ..params(1.5) });
+    let tets =
+        |m: &lapd::mesher::Meshing, label| m.mesh.labels.iter().filter(|&&l| l == label).count();
     let (coarse, fine) = (tets(&one_size, 1), tets(&fine_core, 1));
     println!("core {coarse} -> {fine}, shell {} -> {}", tets(&one_size, 2), tets(&fine_core, 2));
     assert!(fine > 4 * coarse, "the core has {fine} tets, {coarse} without a size of its own");
-    let missing = mesh_image(&image, &MeshParams { label_sizes: vec![(9, 1.0)], ..params(1.5) }, &Monitor::silent());
+    let missing = mesh_image(
+        &image,
+        &MeshParams { label_sizes: vec![(9, 1.0)], ..params(1.5) },
+        &Monitor::silent(),
+    );
     assert!(matches!(missing, Err(Error::InvalidArgument(m)) if m.contains('9')));
 }

@@ -1,4 +1,5 @@
-//! One run against another: equal input gives equal meshes, a run can be stopped anywhere. And how long a demand is true, and that in the end there is none.
+//! One run against another: equal input gives equal meshes, a run can be stopped anywhere. And how
+//! long a demand is true, and that in the end there is none.
 
 use lapd::Error;
 use lapd::delaunay::Triangulation;
@@ -14,7 +15,8 @@ use lapd::refine::{examine, refine};
 
 use super::{params, run};
 
-/// All facets of a tet: no run here has so many workers that a neighbour could wait in the list of this one.
+/// All facets of a tet: no run here has so many workers that a neighbour could wait in the list of
+/// this one.
 const NO_WORKER: Facets = Facets::Second(u8::MAX - 1);
 
 /// Rows of labels, cut by the border, with a corner in between: every rule has work here.
@@ -46,7 +48,8 @@ fn equal_input_gives_equal_meshes() {
     }
 }
 
-/// To go on would change nothing: asked anew no tet demands anything, nor does a facet from either of its sides; the run asked most of them once, before their surroundings were as they are now.
+/// To go on would change nothing: asked anew no tet demands anything, nor does a facet from either
+/// of its sides; the run asked most of them once, before their surroundings were as they are now.
 #[test]
 fn nothing_is_demanded_when_refinement_has_ended() {
     let image = busy_image();
@@ -86,7 +89,8 @@ fn a_demand_is_true_while_its_tets_are_as_they_were_seen() {
     let fine = Rules::new(&triangulation, &oracle, &params(0.8), image.labels()).unwrap();
     let (mut demands, mut of_two) = (0, 0);
     for t in triangulation.living_tets() {
-        let surface = fine.surface_demand(t, &mut fine.interfaces(t, NO_WORKER), &mut Lookups::default());
+        let surface =
+            fine.surface_demand(t, &mut fine.interfaces(t, NO_WORKER), &mut Lookups::default());
         for demand in surface.into_iter().chain(fine.volume_demand(t)) {
             assert!(fine.is_demanded(t, &demand), "{demand:?}");
             let relabelled = |other: u32| {
@@ -97,10 +101,14 @@ fn a_demand_is_true_while_its_tets_are_as_they_were_seen() {
                 record.set_tag(tag);
                 !is_demanded
             };
-            let beside = (0..4).map(|i| triangulation.tet(t).neighbor(i)).filter(|facet| !facet.is_none());
+            let beside =
+                (0..4).map(|i| triangulation.tet(t).neighbor(i)).filter(|facet| !facet.is_none());
             let others = beside.clone().filter(|facet| relabelled(facet.tet())).count();
             assert!(relabelled(t) && others == usize::from(demand.rule == Rule::R3), "{demand:?}");
-            assert!(beside.into_iter().all(|facet| !fine.is_demanded(facet.tet(), &demand)), "{demand:?}");
+            assert!(
+                beside.into_iter().all(|facet| !fine.is_demanded(facet.tet(), &demand)),
+                "{demand:?}"
+            );
             demands += 1;
             of_two += others;
         }
@@ -118,7 +126,8 @@ fn what_stays_unmet_is_the_same_on_any_number_of_threads() {
     let rules = Rules::new(&triangulation, &oracle, &params, image.labels()).unwrap();
     // Ended early, so that rules still apply.
     let limits = Limits { max_vertices: Some(5000), ..Limits::default() };
-    let ended = refine(&rules, &Schedule { limits, ..Schedule::solo() }, &Monitor::silent()).unwrap();
+    let ended =
+        refine(&rules, &Schedule { limits, ..Schedule::solo() }, &Monitor::silent()).unwrap();
     assert!(matches!(ended.ended_by, Some(Error::LimitReached(_))));
     let order = triangulation.tets_by_place(|| Ok(())).unwrap();
     let on = |threads| {
@@ -137,19 +146,24 @@ fn progress_is_monotone_and_complete() {
         seen.push(progress);
         true
     };
-    let meshing = mesh_image(&busy_image(), &params(0.7), &Monitor::new(Some(&mut record), None)).unwrap();
+    let meshing =
+        mesh_image(&busy_image(), &params(0.7), &Monitor::new(Some(&mut record), None)).unwrap();
     assert!(seen.is_sorted_by(|a, b| a.phase <= b.phase && a.fraction <= b.fraction), "{seen:?}");
     assert!(seen.iter().all(|p| (0.0..=1.0).contains(&p.fraction)));
     for phase in [Phase::Distance, Phase::Refine, Phase::Extract, Phase::Certify] {
         assert!(seen.iter().any(|p| p.phase == phase), "{phase:?} was not reported");
     }
     let last = seen.last().unwrap();
-    assert_eq!((last.phase, last.fraction, last.tets), (Phase::Certify, 1.0, meshing.report.all_tets));
+    assert_eq!(
+        (last.phase, last.fraction, last.tets),
+        (Phase::Certify, 1.0, meshing.report.all_tets)
+    );
 }
 
 #[test]
 fn what_is_lost_is_said_with_its_place() {
-    // A box, a voxel of another label inside, and eight voxels of its label far away: too small for delta.
+    // A box, a voxel of another label inside, and eight voxels of its label far away: too small for
+    // delta.
     let (box_of_16, far) = (|x: f64| x > 1.0 && x < 18.0, |x: f64| x > 19.0 && x < 22.0);
     let frame = Frame::axis_aligned([1.0; 3]).unwrap();
     let image = LabelImage::from_fn([24; 3], frame, |p| match p.to_array() {
@@ -163,10 +177,18 @@ fn what_is_lost_is_said_with_its_place() {
         }
     };
     let monitor = Monitor::silent().with_log(Some(&mut log));
-    mesh_image(&image.unwrap(), &MeshParams { delta: 4.0, adaptive: false, ..params(1.0) }, &monitor).unwrap();
+    mesh_image(
+        &image.unwrap(),
+        &MeshParams { delta: 4.0, adaptive: false, ..params(1.0) },
+        &monitor,
+    )
+    .unwrap();
     let said = |line: &str| warnings.iter().any(|warning| warning == line);
     assert!(said("labels without a tet: 1, of 1 voxels in all; the first is 2"), "{warnings:?}");
-    assert!(said("components without a tet: 1; the first, of label 1, at (20.00, 20.00, 20.00)"), "{warnings:?}");
+    assert!(
+        said("components without a tet: 1; the first, of label 1, at (20.00, 20.00, 20.00)"),
+        "{warnings:?}"
+    );
 }
 
 #[test]
@@ -211,7 +233,10 @@ fn a_flag_cancels_in_every_phase() {
     }
     let raised = CancelFlag::default();
     raised.cancel();
-    assert!(matches!(mesh_image(&image, &params(1.0), &Monitor::new(None, Some(&raised))), Err(Error::Cancelled)));
+    assert!(matches!(
+        mesh_image(&image, &params(1.0), &Monitor::new(None, Some(&raised))),
+        Err(Error::Cancelled)
+    ));
 }
 
 #[test]
@@ -233,7 +258,8 @@ fn another_thread_cancels_a_run_that_would_take_minutes() {
             }
             true
         };
-        let result = mesh_image(&image, &params(0.02), &Monitor::new(Some(&mut in_refinement), Some(&flag)));
+        let result =
+            mesh_image(&image, &params(0.02), &Monitor::new(Some(&mut in_refinement), Some(&flag)));
         assert!(matches!(result, Err(Error::Cancelled)));
     });
     assert!(start.elapsed().as_secs() < 5, "cancelling took {:?}", start.elapsed());
@@ -262,8 +288,15 @@ fn max_vertices_is_exact() {
         }
     }
     let end = free.report.operations.insertions - free.report.operations.removals;
-    println!("{end} vertices, {suffices} at the peak, {} removals", free.report.operations.removals);
-    assert_eq!(end + 8, free.report.all_vertices, "all vertices are those inserted, and the corners of the box");
+    println!(
+        "{end} vertices, {suffices} at the peak, {} removals",
+        free.report.operations.removals
+    );
+    assert_eq!(
+        end + 8,
+        free.report.all_vertices,
+        "all vertices are those inserted, and the corners of the box"
+    );
     assert!((end..=end + free.report.operations.removals).contains(&suffices));
     assert!(limited(suffices).unwrap().mesh == free.mesh);
 }
@@ -274,7 +307,8 @@ fn a_limit_gives_a_partial_mesh_where_asked() {
     let free = run(&image, &params(1.0));
     assert!(free.ended_by.is_none());
     let limited = |params: MeshParams| mesh_image(&image, &params, &Monitor::silent());
-    let half = MeshParams { max_vertices: Some(free.mesh.points.len() / 2), partial: true, ..params(1.0) };
+    let half =
+        MeshParams { max_vertices: Some(free.mesh.points.len() / 2), partial: true, ..params(1.0) };
     let partial = limited(half.clone()).unwrap();
     assert!(matches!(partial.ended_by, Some(Error::LimitReached(_))));
     let certificate = &partial.report.certificate;

@@ -1,4 +1,5 @@
-//! Bodies thinner than the distance of samples, or that touch themselves: none is torn, merged or lost.
+//! Bodies thinner than the distance of samples, or that touch themselves: none is torn, merged or
+//! lost.
 
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
@@ -12,8 +13,14 @@ use super::{mesh, params};
 /// Every component of the image is one of the mesh, and bounded alike.
 fn assert_same_topology(meshing: &Meshing, what: &str) {
     for row in &meshing.report.certificate.labels {
-        let found = (row.components_mesh, row.euler_mesh, row.components_lost, row.components_merged);
-        assert_eq!(found, (row.components_image, row.euler_image, 0, 0), "label {} of {what}", row.label);
+        let found =
+            (row.components_mesh, row.euler_mesh, row.components_lost, row.components_merged);
+        assert_eq!(
+            found,
+            (row.components_image, row.euler_image, 0, 0),
+            "label {} of {what}",
+            row.label
+        );
     }
 }
 
@@ -35,7 +42,8 @@ fn a_sheet_of_one_voxel_does_not_tear() {
 #[test]
 fn an_oblique_sheet_does_not_tear() {
     let normal = glam::DVec3::new(0.3, 0.5, 0.81).normalize();
-    let label = |p: glam::DVec3| i32::from(p.dot(normal).abs() <= 0.75 && p.abs().max_element() < 24.0);
+    let label =
+        |p: glam::DVec3| i32::from(p.dot(normal).abs() <= 0.75 && p.abs().max_element() < 24.0);
     keeps_its_topology(&sampled([56; 3], [1.0; 3], label).unwrap(), "the oblique sheet");
 }
 
@@ -49,7 +57,8 @@ fn slits_of_one_voxel_stay_open() {
     keeps_its_topology(&comb(12).unwrap(), "the comb");
 }
 
-/// Two labels alternate: each is joined to itself along all edges of cells, and at all corners. Eight labels nowhere.
+/// Two labels alternate: each is joined to itself along all edges of cells, and at all corners.
+/// Eight labels nowhere.
 #[test]
 fn checkerboards_touch_where_their_cells_do() {
     let two = cubes(8, 4, |[a, b, c]| 1 + ((a + b + c) % 2) as i32).unwrap();
@@ -75,7 +84,10 @@ fn cubes_touch_in_a_corner() {
     for delta in [1.0, 3.0] {
         let meshing = mesh(&image, &params(delta));
         let euler = |n: usize| {
-            (meshing.report.certificate.labels[n].euler_image, meshing.report.certificate.labels[n].euler_mesh)
+            (
+                meshing.report.certificate.labels[n].euler_image,
+                meshing.report.certificate.labels[n].euler_mesh,
+            )
         };
         assert_eq!((euler(0), euler(1)), ((2, 2), (2, 2)), "delta {delta}");
     }
@@ -89,15 +101,20 @@ fn block_with(side: usize, others: &[([usize; 3], i32)]) -> LabelImage {
     for &([i, j, k], label) in others {
         voxels[i + margin + dims[0] * (j + margin + dims[1] * (k + margin))] = label;
     }
-    LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, *block.frame()).unwrap()
+    LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, *block.frame())
+        .unwrap()
 }
 
 #[test]
 fn single_voxels_are_kept() {
-    keeps_its_topology(&block_with(12, &[([4; 3], 0), ([7, 7, 6], 2)]), "a block with two holes of a voxel");
+    keeps_its_topology(
+        &block_with(12, &[([4; 3], 0), ([7, 7, 6], 2)]),
+        "a block with two holes of a voxel",
+    );
 }
 
-/// Small labels lie between others whose weights leave them little, and their voxels have most of their sides in common with these.
+/// Small labels lie between others whose weights leave them little, and their voxels have most of
+/// their sides in common with these.
 #[test]
 fn pairs_of_voxels_are_kept() {
     let mut others = Vec::new();
@@ -113,7 +130,8 @@ fn pairs_of_voxels_are_kept() {
     keeps_its_topology(&block_with(19, &others), "a block with holes of two voxels");
 }
 
-/// Where the label of a row of voxels changes its body is thinnest; the mesh must not be pinched off there.
+/// Where the label of a row of voxels changes its body is thinnest; the mesh must not be pinched
+/// off there.
 #[test]
 fn rows_of_changing_labels_stay_whole() {
     let mut others = Vec::new();
@@ -138,7 +156,9 @@ fn blocks_of_eight_voxels_have_tets() {
         i32::from(at.iter().all(|c| (5..25).contains(c) && c % 5 < 2))
     };
     let voxels: Vec<i32> = (0..dims.iter().product()).map(label).collect();
-    let image = LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, *image.frame()).unwrap();
+    let image =
+        LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, *image.frame())
+            .unwrap();
     let meshing = mesh(&image, &MeshParams { size: 8.0, ..params(3.0) });
     assert_eq!(meshing.report.certificate.labels[0].components_image, 64);
     assert_same_topology(&meshing, "blocks");
@@ -150,7 +170,8 @@ fn blocks_of_eight_voxels_have_tets() {
 
 #[test]
 fn what_is_too_small_is_left_out_and_listed() {
-    // Two cubes of six voxels along each axis, each its own label, and a voxel of the second's label elsewhere.
+    // Two cubes of six voxels along each axis, each its own label, and a voxel of the second's
+    // label elsewhere.
     let image = cubes(3, 6, |at| i32::from(at == [0; 3]) + 2 * i32::from(at == [2; 3])).unwrap();
     let params = params(1.0);
     let limit = |least_voxels| MeshParams { least_voxels, ..params.clone() };
@@ -158,10 +179,14 @@ fn what_is_too_small_is_left_out_and_listed() {
     let (dims, frame) = (image.dims(), *image.frame());
     let mut voxels: Vec<i32> = image.ids().iter().map(|&id| id.into()).collect();
     voxels[14 + dims[0] * (4 + dims[1] * 4)] = 2;
-    let image = LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, frame).unwrap();
+    let image =
+        LabelImage::from_voxels(lapd::image::Voxels::I32(&voxels), dims, None, 0, frame).unwrap();
     let meshing = mesh(&image, &limit(2));
     let defects = &meshing.report.certificate.defects;
-    assert_eq!(defects.iter().map(|d| (d.kind, d.label, d.size)).collect::<Vec<_>>(), [(DefectKind::Dropped, 2, 1)]);
+    assert_eq!(
+        defects.iter().map(|d| (d.kind, d.label, d.size)).collect::<Vec<_>>(),
+        [(DefectKind::Dropped, 2, 1)]
+    );
     assert_eq!(meshing.report.certificate.labels[1].components_image, 1);
 }
 

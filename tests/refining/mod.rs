@@ -61,7 +61,8 @@ impl Subject {
     }
 }
 
-/// Rows of labels, cut by the border of the image, with a corner in between: every rule has work here.
+/// Rows of labels, cut by the border of the image, with a corner in between: every rule has work
+/// here.
 pub fn busy_image(dims: usize) -> LabelImage {
     let radius = 0.45 * dims as f64;
     let shells = nested_shells([dims; 3], [1.0, 0.9, 1.1], &[0.5 * radius, radius]).unwrap();
@@ -76,11 +77,19 @@ pub fn busy_image(dims: usize) -> LabelImage {
 pub fn small_subjects() -> Vec<Subject> {
     vec![
         Subject::new("busy", busy_image(18), 1.3),
-        Subject::new("four labels", four_labels_at_a_point([16; 3], [1.0, 1.1, 0.9], 6.0).unwrap(), 1.0),
+        Subject::new(
+            "four labels",
+            four_labels_at_a_point([16; 3], [1.0, 1.1, 0.9], 6.0).unwrap(),
+            1.0,
+        ),
         Subject::new("torus", torus([28, 28, 12], [1.0; 3], 8.0, 3.0).unwrap(), 1.2),
         Subject::new("sheet", thin_sheet([24, 24, 8], [1.0; 3], 18.0, 2.0).unwrap(), 1.0),
         // Samples enough for several threads to insert at once.
-        Subject::new("eight labels", eight_labels_at_a_point([24; 3], [1.0; 3], 10.0).unwrap(), 0.8),
+        Subject::new(
+            "eight labels",
+            eight_labels_at_a_point([24; 3], [1.0; 3], 10.0).unwrap(),
+            0.8,
+        ),
     ]
 }
 
@@ -116,7 +125,10 @@ impl Outcome {
 /// Refines under `schedule` and asserts all that holds for every run; `complete`: no limit ends it.
 pub fn outcome(subject: &Subject, schedule: &Schedule, complete: bool) -> Outcome {
     let Subject { name, image, oracle, params } = subject;
-    let what = format!("{name}, {} threads, {:?}, {:?}", schedule.threads, schedule.contention, schedule.begging);
+    let what = format!(
+        "{name}, {} threads, {:?}, {:?}",
+        schedule.threads, schedule.contention, schedule.begging
+    );
     let monitor = Monitor::silent();
     let [lower, upper] = oracle.bounds();
     let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
@@ -129,31 +141,57 @@ pub fn outcome(subject: &Subject, schedule: &Schedule, complete: bool) -> Outcom
     assert!(check.is_sound(), "{what}: {check:?}");
     assert_eq!(triangulation.left_over(), 0, "{what}: tets owned or free slots that do not say so");
     let counters = refinement.counters;
-    assert_eq!(counters.insertions - counters.removals, check.vertices - 8, "{what}: vertices are lost");
+    assert_eq!(
+        counters.insertions - counters.removals,
+        check.vertices - 8,
+        "{what}: vertices are lost"
+    );
     assert_eq!(refinement.ended_by.is_none(), complete, "{what}: {:?}", refinement.ended_by);
     assert!(!complete || unmet == [0; 6], "{what}: unmet {unmet:?}");
     let label = |t| rules.label(t);
     let mut mesh =
-        extract(&triangulation, &mut order, label, image.labels(), Background::Dropped, &monitor).unwrap().mesh;
+        extract(&triangulation, &mut order, label, image.labels(), Background::Dropped, &monitor)
+            .unwrap()
+            .mesh;
     mesh.collect_facets(&monitor).unwrap();
-    let certificate = Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor).unwrap();
+    let certificate =
+        Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor)
+            .unwrap();
     let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
     assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");
     let quality = Quality::measure(&mesh, &monitor).unwrap();
     if complete {
         let rounding = 1.0 + 1e-9;
-        assert!(quality.max_radius_edge <= params.radius_edge * rounding, "{what}: ratio {}", quality.max_radius_edge);
-        assert!(quality.max_circumradius <= params.size * rounding, "{what}: radius {}", quality.max_circumradius);
-        assert!(quality.min_facet_angle >= params.facet_angle - 1e-6, "{what}: angle {}", quality.min_facet_angle);
+        assert!(
+            quality.max_radius_edge <= params.radius_edge * rounding,
+            "{what}: ratio {}",
+            quality.max_radius_edge
+        );
+        assert!(
+            quality.max_circumradius <= params.size * rounding,
+            "{what}: radius {}",
+            quality.max_circumradius
+        );
+        assert!(
+            quality.min_facet_angle >= params.facet_angle - 1e-6,
+            "{what}: angle {}",
+            quality.min_facet_angle
+        );
     }
     Outcome { refinement, seconds, vertices: check.vertices - 8, certificate, quality }
 }
 
-/// Asserts that two meshes of one image are as good as each other. Vertex counts within `spread`; volumes within a percent of the label's, or the volume of a few
-/// tets where it is small; the largest distances within `largest`, of a voxel, their means within a tenth.
+/// Asserts that two meshes of one image are as good as each other. Vertex counts within `spread`;
+/// volumes within a percent of the label's, or the volume of a few tets where it is small; the
+/// largest distances within `largest`, of a voxel, their means within a tenth.
 pub fn assert_alike(name: &str, one: &Outcome, other: &Outcome, spread: f64, largest: f64) {
     let ratio = other.vertices as f64 / one.vertices as f64;
-    assert!((ratio - 1.0).abs() < spread, "{name}: {} vertices, {} with one thread", other.vertices, one.vertices);
+    assert!(
+        (ratio - 1.0).abs() < spread,
+        "{name}: {} vertices, {} with one thread",
+        other.vertices,
+        one.vertices
+    );
     let (a, b) = (&one.certificate, &other.certificate);
     assert_eq!(a.labels.len(), b.labels.len(), "{name}");
     for (a, b) in a.labels.iter().zip(&b.labels) {
@@ -186,5 +224,8 @@ pub fn mesh_reporting(
     let params = MeshParams { delta: 0.5 * delta, size: delta, ..params };
     let mut report = |progress| report(progress);
     let clock = Instant::now();
-    (mesh_image(&image, &params, &Monitor::new(Some(&mut report), Some(flag))), clock.elapsed().as_secs_f64())
+    (
+        mesh_image(&image, &params, &Monitor::new(Some(&mut report), Some(flag))),
+        clock.elapsed().as_secs_f64(),
+    )
 }

@@ -1,7 +1,8 @@
 //! Values of any kind as labels: each distinct value gets a label of its own.
 //!
-//! For files whose numbers only tell regions apart: 42.5 and 85, or 64-bit ids. Values are compared exactly,
-//! 64-bit integers too. 0 is the background; the others become 1, 2, ... in increasing order.
+//! For files whose numbers only tell regions apart: 42.5 and 85, or 64-bit ids. Values are compared
+//! exactly, 64-bit integers too. 0 is the background; the others become 1, 2, ... in increasing
+//! order.
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -27,7 +28,11 @@ impl Number {
     /// `None` for what is no finite number. Whole numbers are the same whatever type they had.
     pub(super) fn of_real(value: f64) -> Option<Self> {
         let is_whole = value.fract() == 0.0 && value.abs() < 2_f64.powi(100);
-        value.is_finite().then_some(if is_whole { Self::Whole(value as i128) } else { Self::Real(value) })
+        value.is_finite().then_some(if is_whole {
+            Self::Whole(value as i128)
+        } else {
+            Self::Real(value)
+        })
     }
 
     /// As [`Self::of_real`], of a number in single precision.
@@ -106,7 +111,8 @@ impl Distinct {
         self.values.len() >= MAX_IDS
     }
 
-    /// The label of each number from 1 on, in order of value, and the text of the value of each label from 1 on.
+    /// The label of each number from 1 on, in order of value, and the text of the value of each
+    /// label from 1 on.
     pub(super) fn finish(self) -> (Vec<i32>, Vec<String>) {
         let mut order: Vec<usize> = (0..self.values.len()).collect();
         order.sort_by(|&a, &b| self.values[a].order(self.values[b]));
@@ -121,8 +127,12 @@ impl Distinct {
 /// A line that tells what became of values: the first of them.
 pub(super) fn told(texts: &[String]) -> String {
     const MOST: usize = 5;
-    let pairs: Vec<String> =
-        texts.iter().take(MOST).enumerate().map(|(n, text)| format!("{text} is label {}", n + 1)).collect();
+    let pairs: Vec<String> = texts
+        .iter()
+        .take(MOST)
+        .enumerate()
+        .map(|(n, text)| format!("{text} is label {}", n + 1))
+        .collect();
     let rest = if texts.len() > MOST { ", and so on" } else { "" };
     format!("{} distinct values became labels: {}{rest}", texts.len(), pairs.join(", "))
 }
@@ -138,12 +148,18 @@ mod tests {
         let large = 1_i128 << 60;
         let values = [85.0, 0.0, 42.5, -3.0, 85.0].map(|x| Number::of_real(x).unwrap());
         distinct.number(&values, &mut numbers);
-        distinct.number(&[Number::Whole(large + 1), Number::Whole(large), Number::Whole(85)], &mut numbers);
+        distinct.number(
+            &[Number::Whole(large + 1), Number::Whole(large), Number::Whole(85)],
+            &mut numbers,
+        );
         assert_eq!(numbers, [1, 0, 2, 3, 1, 4, 5, 1]);
         let (labels, texts) = distinct.finish();
         assert_eq!(labels, [3, 2, 1, 5, 4]);
         assert_eq!(texts, ["-3", "42.5", "85", "1152921504606846976", "1152921504606846977"]);
-        assert!(told(&texts).starts_with("5 distinct values became labels: -3 is label 1, 42.5 is label 2,"));
+        assert!(
+            told(&texts)
+                .starts_with("5 distinct values became labels: -3 is label 1, 42.5 is label 2,")
+        );
         assert_eq!(Number::of_single(0.1).map(Number::text).as_deref(), Some("0.1"));
         assert_eq!(Number::of_real(f64::NAN), None);
         assert_eq!(Number::of_real(-0.0), Some(Number::Whole(0)));

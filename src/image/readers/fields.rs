@@ -60,13 +60,20 @@ impl Fields {
     }
 
     /// A list of numbers separated by blanks, of the length given if one is.
-    pub(super) fn numbers<T: FromStr>(&self, name: &str, count: Option<usize>) -> Result<Option<Vec<T>>> {
+    pub(super) fn numbers<T: FromStr>(
+        &self,
+        name: &str,
+        count: Option<usize>,
+    ) -> Result<Option<Vec<T>>> {
         let Some(value) = self.get(name) else { return Ok(None) };
         let list: Vec<T> = value
             .split_whitespace()
             .map(|word| {
                 word.parse().map_err(|_| {
-                    self.error(format!("header field '{name}': '{}' is not a number that fits", excerpt(word)))
+                    self.error(format!(
+                        "header field '{name}': '{}' is not a number that fits",
+                        excerpt(word)
+                    ))
                 })
             })
             .collect::<Result<_>>()?;
@@ -82,7 +89,10 @@ impl Fields {
 
     /// An error about a value that is not known or not supported.
     pub(super) fn refuse(&self, name: &str, why: impl Display) -> Error {
-        self.error(format!("header field '{name}: {}': {why}", excerpt(self.get(name).unwrap_or_default())))
+        self.error(format!(
+            "header field '{name}: {}': {why}",
+            excerpt(self.get(name).unwrap_or_default())
+        ))
     }
 
     pub(super) fn error(&self, message: impl Into<String>) -> Error {
@@ -95,7 +105,8 @@ impl Fields {
     }
 }
 
-/// Next line of a text header without its line ending; `None` at the end of the file. `read` counts the header's bytes.
+/// Next line of a text header without its line ending; `None` at the end of the file. `read` counts
+/// the header's bytes.
 pub(super) fn header_line(source: &mut Source, read: &mut u64) -> Result<Option<String>> {
     let mut line = Vec::new();
     let n = source.read_line(MAX_HEADER.saturating_sub(*read), &mut line)? as u64;

@@ -1,7 +1,8 @@
-//! INRIMAGE-4 (`.inr`, `.inr.gz`), the format of the Inria image tools. A text header `#INRIMAGE-4#{` ... `##}`, padded to a multiple of
-//! 256 bytes, then the voxels, x fastest.
+//! INRIMAGE-4 (`.inr`, `.inr.gz`), the format of the Inria image tools. A text header
+//! `#INRIMAGE-4#{` ... `##}`, padded to a multiple of 256 bytes, then the voxels, x fastest.
 //!
-//! VX VY VZ are the spacings, TX TY TZ the place of the first voxel. The format does not say what its axes mean in the patient.
+//! VX VY VZ are the spacings, TX TY TZ the place of the first voxel. The format does not say what
+//! its axes mean in the patient.
 
 use std::path::Path;
 
@@ -36,15 +37,26 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     };
     let spacing = triple(["VX", "VY", "VZ"], 1.0)?;
     if ["VX", "VY", "VZ"].iter().any(|name| fields.get(name).is_none()) {
-        warnings.push("the header does not give VX, VY and VZ, the spacings; 1 is taken where one is missing".into());
+        warnings.push(
+            "the header does not give VX, VY and VZ, the spacings; 1 is taken where one is missing"
+                .into(),
+        );
     }
     if triple(["RX", "RY", "RZ"], 0.0)? != [0.0; 3] {
-        warnings
-            .push("the rotation RX, RY, RZ of the header is ignored: image axes are taken along the world's".into());
+        warnings.push(
+            "the rotation RX, RY, RZ of the header is ignored: image axes are taken along \
+                the world's"
+                .into(),
+        );
     }
     let origin = triple(["TX", "TY", "TZ"], 0.0)?;
-    let frame =
-        frame_from_parts(path, "VX, VY, VZ", origin, spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])?;
+    let frame = frame_from_parts(
+        path,
+        "VX, VY, VZ",
+        origin,
+        spacing,
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    )?;
     Ok(Opened { source, layout, frame, world: None, segments: None, warnings })
 }
 
@@ -66,7 +78,9 @@ fn read_header(source: &mut Source) -> Result<Fields> {
             continue;
         }
         let Some((name, value)) = line.split_once('=') else {
-            return Err(fields.error(format!("header line '{}' is not 'NAME=value'", excerpt(line))));
+            return Err(
+                fields.error(format!("header line '{}' is not 'NAME=value'", excerpt(line)))
+            );
         };
         fields.insert(name, value)?;
     }
@@ -75,7 +89,8 @@ fn read_header(source: &mut Source) -> Result<Fields> {
 
 fn scalar_of(fields: &Fields) -> Result<Scalar> {
     let kind = fields.required("TYPE")?.to_ascii_lowercase();
-    let bits: Option<usize> = fields.required("PIXSIZE")?.split_whitespace().next().and_then(|word| word.parse().ok());
+    let bits: Option<usize> =
+        fields.required("PIXSIZE")?.split_whitespace().next().and_then(|word| word.parse().ok());
     let bytes = match bits {
         Some(bits @ (8 | 16 | 32 | 64)) => bits / 8,
         _ => return Err(fields.refuse("PIXSIZE", "must be 8, 16, 32 or 64 bits")),
@@ -90,7 +105,9 @@ fn scalar_of(fields: &Fields) -> Result<Scalar> {
         ("float", 8) => Some(Scalar::F64),
         _ => None,
     };
-    scalar.ok_or_else(|| fields.refuse("TYPE", format!("not a type of {} bits that is read", 8 * bytes)))
+    scalar.ok_or_else(|| {
+        fields.refuse("TYPE", format!("not a type of {} bits that is read", 8 * bytes))
+    })
 }
 
 fn byte_order(fields: &Fields) -> Result<Coding> {
@@ -98,7 +115,9 @@ fn byte_order(fields: &Fields) -> Result<Coding> {
         Some("decm" | "alpha" | "pc") => Ok(Coding::LittleEndian),
         Some("sun" | "sgi") => Ok(Coding::BigEndian),
         None => Err(fields.error("header field 'CPU', the byte order, is missing")),
-        Some(_) => Err(fields.refuse("CPU", "unknown byte order; known are decm, alpha, pc, sun, sgi")),
+        Some(_) => {
+            Err(fields.refuse("CPU", "unknown byte order; known are decm, alpha, pc, sun, sgi"))
+        }
     }
 }
 
@@ -124,13 +143,18 @@ mod tests {
         VALUES.iter().flat_map(|&v| order(v)).collect()
     }
 
-    const SHORT: &str = "ZDIM=1\nVDIM=1\nTYPE=signed fixed\nPIXSIZE=16 bits\nSCALE=2**0\nVX=0.5\nVY=2\nVZ=3";
+    const SHORT: &str =
+        "ZDIM=1\nVDIM=1\nTYPE=signed fixed\nPIXSIZE=16 bits\nSCALE=2**0\nVX=0.5\nVY=2\nVZ=3";
 
     #[test]
     fn both_byte_orders_gzipped_or_not() {
         let little = inr(&format!("{SHORT}\nCPU=decm\nTX=1\nTY=2\nTZ=3"), &bytes(i16::to_le_bytes));
         let big = inr(&format!("{SHORT}\nCPU=sun\nTX=1\nTY=2\nTZ=3"), &bytes(i16::to_be_bytes));
-        for read in [read_bytes("a.inr", &little), read_bytes("a.inr", &big), read_bytes("a.inr.gz", &gzip(&little))] {
+        for read in [
+            read_bytes("a.inr", &little),
+            read_bytes("a.inr", &big),
+            read_bytes("a.inr.gz", &gzip(&little)),
+        ] {
             let read = read.unwrap();
             assert_eq!(
                 (labels(&read.image), read.world, read.warnings.len()),
@@ -163,7 +187,11 @@ mod tests {
             let message = read_bytes("a.inr", &inr(&lines, &data)).unwrap_err();
             assert!(message.contains(expected), "{lines:?} gave {message:?}");
         }
-        assert!(read_bytes("a.inr", b"#INRIMAGE-4#{\nXDIM=3\n").unwrap_err().contains("does not end with"));
+        assert!(
+            read_bytes("a.inr", b"#INRIMAGE-4#{\nXDIM=3\n")
+                .unwrap_err()
+                .contains("does not end with")
+        );
         assert!(
             read_bytes("a.inr", b"#INRIMAGE-4#{\nXDIM=3\n##}\n")
                 .unwrap_err()

@@ -1,7 +1,8 @@
-//! MetaImage (`.mha`, and `.mhd` beside a data file), the format of MetaIO and ITK. Source: the MetaIO documentation.
+//! MetaImage (`.mha`, and `.mhd` beside a data file), the format of MetaIO and ITK. Source: the
+//! MetaIO documentation.
 //!
-//! World axes are LPS and the rows of `TransformMatrix` are the directions of the image axes, as ITK reads them; `AnatomicalOrientation`
-//! describes and does not place.
+//! World axes are LPS and the rows of `TransformMatrix` are the directions of the image axes, as
+//! ITK reads them; `AnatomicalOrientation` describes and does not place.
 
 use std::path::Path;
 
@@ -28,7 +29,9 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let data_file = fields.required("ElementDataFile")?;
     if !data_file.eq_ignore_ascii_case("local") {
         if data_file.starts_with("LIST") || data_file.contains('%') {
-            return Err(fields.refuse("ElementDataFile", "data split over several files is not supported"));
+            return Err(
+                fields.refuse("ElementDataFile", "data split over several files is not supported")
+            );
         }
         source = Source::open(&fields.sibling(data_file))?;
     }
@@ -37,14 +40,17 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
         source.skip(skip, &format!("HeaderSize {skip}"))?;
     }
     if flag(&fields, "CompressedData")? {
-        source = if source.starts_with(&[0x1f, 0x8b])? { source.gunzip() } else { source.inflate() };
+        source =
+            if source.starts_with(&[0x1f, 0x8b])? { source.gunzip() } else { source.inflate() };
     }
     match header_size {
         0.. => {}
         -1 if layout.coding != Coding::Text => source = source.seek_from_end(layout.bytes(), 0)?,
         _ => {
-            return Err(fields
-                .refuse("HeaderSize", "must be -1 (binary data at the end of its file) or the bytes before the data"));
+            return Err(fields.refuse(
+                "HeaderSize",
+                "must be -1 (binary data at the end of its file) or the bytes before the data",
+            ));
         }
     }
     Ok(Opened { source, layout, frame, world: Some(WorldAxes::Lps), segments: None, warnings })
@@ -59,9 +65,10 @@ fn read_header(source: &mut Source) -> Result<Fields> {
             continue;
         }
         let Some((name, value)) = line.split_once('=') else {
-            return Err(
-                fields.error(format!("not a MetaImage: header line '{}' is not 'name = value'", excerpt(&line)))
-            );
+            return Err(fields.error(format!(
+                "not a MetaImage: header line '{}' is not 'name = value'",
+                excerpt(&line)
+            )));
         };
         fields.insert(name, value)?;
         if name.trim().eq_ignore_ascii_case("ElementDataFile") {
@@ -88,7 +95,10 @@ fn rank_of(fields: &Fields) -> Result<usize> {
     fields.required("NDims")?;
     match fields.number::<usize>("NDims")? {
         Some(rank @ 3..=4) => Ok(rank),
-        _ => Err(fields.refuse("NDims", "only volumes are read: 3, or 4 with a last axis of samples")),
+        _ => {
+            Err(fields
+                .refuse("NDims", "only volumes are read: 3, or 4 with a last axis of samples"))
+        }
     }
 }
 
@@ -99,16 +109,26 @@ fn sizes_of(fields: &Fields, rank: usize, volumes: Volumes) -> Result<([u64; 3],
     let samples = sizes.get(3).copied().unwrap_or(1);
     let channels = fields.number::<u64>("ElementNumberOfChannels")?.unwrap_or(1);
     if samples != 1 && (volumes == Volumes::One || channels != 1) {
-        return Err(fields.refuse("DimSize", "only one volume of labels, or of several channels, per file is read"));
+        return Err(fields.refuse(
+            "DimSize",
+            "only one volume of labels, or of several channels, per file is read",
+        ));
     }
     if channels != 1 && volumes == Volumes::One {
-        return Err(fields.refuse("ElementNumberOfChannels", "only label images of one channel are read"));
+        return Err(
+            fields.refuse("ElementNumberOfChannels", "only label images of one channel are read")
+        );
     }
     let (values, interleaved) = if channels == 1 { (samples, false) } else { (channels, true) };
     Ok(([sizes[0], sizes[1], sizes[2]], values, interleaved))
 }
 
-fn frame_of(path: &Path, fields: &Fields, rank: usize, warnings: &mut Vec<String>) -> Result<Frame> {
+fn frame_of(
+    path: &Path,
+    fields: &Fields,
+    rank: usize,
+    warnings: &mut Vec<String>,
+) -> Result<Frame> {
     let first3 = |list: Vec<f64>| [list[0], list[1], list[2]];
     let vector = |names: &[&str]| match spelled(fields, names) {
         Some(name) => fields.numbers::<f64>(name, Some(rank)).map(|list| list.map(first3)),
@@ -123,8 +143,15 @@ fn frame_of(path: &Path, fields: &Fields, rank: usize, warnings: &mut Vec<String
         }
     };
     let Some(name) = spelled(fields, &["TransformMatrix", "Rotation", "Orientation"]) else {
-        if fields.get("AnatomicalOrientation").is_some_and(|o| !o.eq_ignore_ascii_case("RAI") && !o.contains('?')) {
-            warnings.push("AnatomicalOrientation without TransformMatrix is ignored, as ITK does: image axes are taken along the world's".into());
+        if fields
+            .get("AnatomicalOrientation")
+            .is_some_and(|o| !o.eq_ignore_ascii_case("RAI") && !o.contains('?'))
+        {
+            warnings.push(
+                "AnatomicalOrientation without TransformMatrix is ignored, as ITK does: \
+                image axes are taken along the world's"
+                    .into(),
+            );
         }
         return frame_from_parts(
             path,
@@ -187,7 +214,8 @@ mod tests {
 
     fn mha(lines: &str, data: &[u8]) -> Vec<u8> {
         let header = format!(
-            "ObjectType = Image\nDimSize = 3 2 1\nElementType = MET_USHORT\n{lines}\nElementDataFile = LOCAL\n"
+            "ObjectType = Image\nDimSize = 3 2 1\nElementType = \
+             MET_USHORT\n{lines}\nElementDataFile = LOCAL\n"
         );
         [header.as_bytes(), data].concat()
     }
@@ -211,22 +239,30 @@ mod tests {
             mha("NDims = 3\nHeaderSize = -1", &[b"1234567", &little()[..]].concat()),
         ] {
             let read = read_bytes("a.mha", &file).unwrap();
-            assert_eq!(labels(&read.image), VALUES.map(i32::from), "{}", String::from_utf8_lossy(&file));
+            assert_eq!(
+                labels(&read.image),
+                VALUES.map(i32::from),
+                "{}",
+                String::from_utf8_lossy(&file)
+            );
         }
     }
 
     #[test]
     fn the_rows_of_the_matrix_are_the_directions() {
-        let place = "ElementSpacing = 2 3 4\nOffset = 10 20 30\nTransformMatrix = 0 1 0 -1 0 0 0 0 1\nAnatomicalOrientation = RAI";
+        let place = "ElementSpacing = 2 3 4\nOffset = 10 20 30\nTransformMatrix = 0 1 0 -1 0 0 0 0 \
+         1\nAnatomicalOrientation = RAI";
         let read = read_bytes("a.mha", &mha(&format!("NDims = 3\n{place}"), &little())).unwrap();
         assert_eq!(read.image.frame().to_world(DVec3::ONE), DVec3::new(7.0, 22.0, 34.0));
         assert!(read.warnings.is_empty());
-        let four =
-            "NDims = 4\nElementSpacing = 2 3 4 1\nOffset = 0 0 0 0\nTransformMatrix = 0 1 0 0 -1 0 0 0 0 0 1 0 0 0 0 1";
-        let file = String::from_utf8_lossy(&mha(four, &[])).replace("DimSize = 3 2 1", "DimSize = 3 2 1 1");
+        let four = "NDims = 4\nElementSpacing = 2 3 4 1\nOffset = 0 0 0 0\nTransformMatrix = 0 1 0 \
+         0 -1 0 0 0 0 0 1 0 0 0 0 1";
+        let file = String::from_utf8_lossy(&mha(four, &[]))
+            .replace("DimSize = 3 2 1", "DimSize = 3 2 1 1");
         let read = read_bytes("a.mha", &[file.as_bytes(), &little()].concat()).unwrap();
         assert_eq!(read.image.frame().to_world(DVec3::ONE), DVec3::new(-3.0, 2.0, 4.0));
-        let read = read_bytes("a.mha", &mha("NDims = 3\nAnatomicalOrientation = LPS", &little())).unwrap();
+        let read =
+            read_bytes("a.mha", &mha("NDims = 3\nAnatomicalOrientation = LPS", &little())).unwrap();
         assert_eq!(read.warnings.len(), 2);
     }
 
@@ -235,11 +271,14 @@ mod tests {
         let files = Files::new();
         files.write("a.zraw", &zlib(&little()));
         let header = String::from_utf8(mha("NDims = 3\nCompressedData = True", b"")).unwrap();
-        let read = read_image(&files.write("a.mhd", header.replace("LOCAL", "a.zraw").as_bytes())).unwrap();
+        let read = read_image(&files.write("a.mhd", header.replace("LOCAL", "a.zraw").as_bytes()))
+            .unwrap();
         assert_eq!(labels(&read.image), VALUES.map(i32::from));
         for split in ["LIST", "a%03d.raw 1 2 1"] {
             assert!(
-                read_bytes("b.mhd", header.replace("LOCAL", split).as_bytes()).unwrap_err().contains("several files")
+                read_bytes("b.mhd", header.replace("LOCAL", split).as_bytes())
+                    .unwrap_err()
+                    .contains("several files")
             );
         }
     }
@@ -264,7 +303,11 @@ mod tests {
             let message = read_bytes("a.mha", &mha(lines, &little())).unwrap_err();
             assert!(message.contains(expected), "{lines:?} gave {message:?}");
         }
-        assert!(read_bytes("a.mha", &mha("NDims = 3", &little()[..11])).unwrap_err().contains("cut off"));
+        assert!(
+            read_bytes("a.mha", &mha("NDims = 3", &little()[..11]))
+                .unwrap_err()
+                .contains("cut off")
+        );
         assert!(
             read_bytes("a.mha", &mha("NDims = 3\nCompressedData = True", &zlib(&little()[..11])))
                 .unwrap_err()

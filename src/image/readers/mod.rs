@@ -2,24 +2,26 @@
 //!
 //! | ending | format | frame of its world coordinates |
 //! |---|---|---|
-//! | `.nrrd` `.nhdr` | NRRD, attached or detached header | as its `space` field says: LPS, RAS, LAS or none |
+//! | `.nrrd` `.nhdr` | NRRD, attached or detached header | as `space` says: LPS, RAS, LAS, none |
 //! | `.nii` `.nii.gz` | NIfTI-1 and NIfTI-2, one file | RAS |
 //! | `.mha` `.mhd` | MetaImage | LPS, as ITK reads it |
 //! | `.inr` `.inr.gz` | INRIMAGE-4 | not said |
 //!
-//! LPS means that x, y, z grow towards the patient's left, posterior, superior. By default coordinates stay as the file gives them;
-//! [`ReadOptions`] asks for another frame.
+//! LPS means that x, y, z grow towards the patient's left, posterior, superior. By default
+//! coordinates stay as the file gives them; [`ReadOptions`] asks for another frame.
 //!
-//! Files may be damaged or hostile. Whatever they hold, a reader gives the whole image or one error; it never panics, and memory stays
-//! in proportion to the file: sizes are multiplied with checks, a header that promises more than the file can hold even compressed
-//! (deflate reaches 1032 to 1) is refused before anything is allocated, and voxels are read as a stream, so that only the dense ids, 2
-//! bytes per voxel, are ever held.
+//! Files may be damaged or hostile. Whatever they hold, a reader gives the whole image or one
+//! error; it never panics, and memory stays in proportion to the file: sizes are multiplied with
+//! checks, a header that promises more than the file can hold even compressed (deflate reaches 1032
+//! to 1) is refused before anything is allocated, and voxels are read as a stream, so that only the
+//! dense ids, 2 bytes per voxel, are ever held.
 //!
-//! Labels are integers, or numbers with whole values; what is within 1e-3 of one is rounded with a warning, the rest where
-//! [`ReadOptions::round`] asks for it. [`values`] reads scans and probability maps, of any numbers, from the same formats.
+//! Labels are integers, or numbers with whole values; what is within 1e-3 of one is rounded with a
+//! warning, the rest where [`ReadOptions::round`] asks for it. [`values`] reads scans and
+//! probability maps, of any numbers, from the same formats.
 //!
-//! The layers: `source` gives bytes (and decompresses), `fields` parses header values, `voxels` turns bytes into labels or real numbers; the file of
-//! each format knows its header only.
+//! The layers: `source` gives bytes (and decompresses), `fields` parses header values, `voxels`
+//! turns bytes into labels or real numbers; the file of each format knows its header only.
 
 mod distinct;
 mod fields;
@@ -93,21 +95,22 @@ pub struct ReadOptions {
     pub world: WorldFrame,
     /// What becomes of numbers that are no labels.
     pub values: LabelValues,
-    /// The layers of a segmentation, from 0 on, in the order in which they count: of segments that overlap, that of
-    /// the later one. `None` for the order of the file.
+    /// The layers of a segmentation, from 0 on, in the order in which they count: of segments that
+    /// overlap, that of the later one. `None` for the order of the file.
     pub layer_order: Option<Vec<usize>>,
 }
 
 /// What becomes of numbers of a label image that are no whole ones, or too large for labels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum LabelValues {
-    /// They are refused, but for those within 1e-3 of a whole one, which are rounded with a warning.
+    /// They are refused, but for those within 1e-3 of a whole one, which are rounded with a
+    /// warning.
     #[default]
     Whole,
     /// They are rounded, with a warning.
     Rounded,
-    /// Each distinct value becomes a label: 0 stays 0, the others become 1, 2, ... in increasing order. Not of
-    /// images with several values per voxel.
+    /// Each distinct value becomes a label: 0 stays 0, the others become 1, 2, ... in increasing
+    /// order. Not of images with several values per voxel.
     Distinct,
 }
 
@@ -118,9 +121,11 @@ pub struct ReadImage {
     pub image: LabelImage,
     /// What its world axes mean; `None` when the file does not say.
     pub world: Option<WorldAxes>,
-    /// What a user should know, one line each: doubtful or contradicting headers that did not prevent reading.
+    /// What a user should know, one line each: doubtful or contradicting headers that did not
+    /// prevent reading.
     pub warnings: Vec<String>,
-    /// With [`LabelValues::Distinct`] the values that became labels 1, 2, ..., with all their digits.
+    /// With [`LabelValues::Distinct`] the values that became labels 1, 2, ..., with all their
+    /// digits.
     pub values: Vec<String>,
     /// The names that a segmentation of 3D Slicer gives to labels.
     pub names: Vec<(i32, String)>,
@@ -137,11 +142,13 @@ pub fn read_image(path: &Path) -> Result<ReadImage> {
 /// Reads a label image. The file's name ending, in any case, chooses the format.
 ///
 /// # Errors
-/// [`Error::InvalidArgument`]: no reader for this ending; an order of layers that is not one of this file's layers;
-/// [`LabelValues::Distinct`] of several layers. [`Error::Io`]: the file, or the data file that it names, cannot be opened
-/// or read. [`Error::Format`]: it is damaged, cut off, or uses what this library does not read. [`Error::OutOfMemory`].
+/// [`Error::InvalidArgument`]: no reader for this ending; an order of layers that is not one of
+/// this file's layers; [`LabelValues::Distinct`] of several layers. [`Error::Io`]: the file, or the
+/// data file that it names, cannot be opened or read. [`Error::Format`]: it is damaged, cut off, or
+/// uses what this library does not read. [`Error::OutOfMemory`].
 pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> {
-    let Opened { mut source, layout, frame, world, segments, mut warnings } = open(path, Volumes::One, options)?;
+    let Opened { mut source, layout, frame, world, segments, mut warnings } =
+        open(path, Volumes::One, options)?;
     let mut names = segments.as_ref().map(Segments::names_of_values).unwrap_or_default();
     let mut layers = segments.filter(|_| layout.volumes > 1);
     if let Some(order) = &options.layer_order {
@@ -150,9 +157,15 @@ pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> 
         if !known {
             let path = path.display();
             return Err(Error::InvalidArgument(match layers {
-                None => format!("{path}: an order of layers is for segmentations of several layers; this has one"),
+                None => format!(
+                    "{path}: an order of layers is for segmentations of several layers; this has \
+                     one"
+                ),
                 Some(_) => {
-                    format!("{path}: the order of layers {order:?} must name each layer, 0 to {}, once", count - 1)
+                    format!(
+                        "{path}: the order of layers {order:?} must name each layer, 0 to {}, once",
+                        count - 1
+                    )
                 }
             }));
         }
@@ -161,8 +174,8 @@ pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> 
     let image = match (options.values, layers) {
         (LabelValues::Distinct, Some(_)) => {
             return Err(Error::InvalidArgument(format!(
-                "{}: distinct values are numbered where voxels have one value each; here they have one per layer, and \
-                 segments become labels without that",
+                "{}: distinct values are numbered where voxels have one value each; here they have \
+                 one per layer, and segments become labels without that",
                 path.display()
             )));
         }
@@ -176,7 +189,8 @@ pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> 
         (_, None) => read_labels(&mut source, &layout, frame, options.values, &mut warnings)?,
         (_, Some(layers)) => {
             let image;
-            (image, names) = read_layers(&mut source, &layout, frame, options.values, layers, &mut warnings)?;
+            (image, names) =
+                read_layers(&mut source, &layout, frame, options.values, layers, &mut warnings)?;
             image
         }
     };
@@ -217,7 +231,8 @@ fn open(path: &Path, volumes: Volumes, options: &ReadOptions) -> Result<Opened> 
         inr::open(path, volumes)
     } else {
         Err(Error::InvalidArgument(format!(
-            "{}: no reader for this name ending; read are .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz",
+            "{}: no reader for this name ending; read are .nrrd .nhdr .nii .nii.gz .mha .mhd .inr \
+             .inr.gz",
             path.display()
         )))
     }?;
@@ -232,8 +247,10 @@ fn open(path: &Path, volumes: Volumes, options: &ReadOptions) -> Result<Opened> 
             opened.world = Some(wanted);
         }
         None => {
-            let warning =
-                format!("the file does not say what its axes mean: coordinates stay as stored, not {}", wanted.name());
+            let warning = format!(
+                "the file does not say what its axes mean: coordinates stay as stored, not {}",
+                wanted.name()
+            );
             opened.warnings.push(warning);
         }
     }
@@ -242,18 +259,28 @@ fn open(path: &Path, volumes: Volumes, options: &ReadOptions) -> Result<Opened> 
 
 /// The frame with its world axes turned around where `signs` is -1.
 fn reflected(frame: &Frame, signs: DVec3) -> Result<Frame> {
-    let columns = frame.direction().to_cols_array_2d().map(|column| (signs * DVec3::from(column)).to_array());
+    let columns =
+        frame.direction().to_cols_array_2d().map(|column| (signs * DVec3::from(column)).to_array());
     Frame::new((signs * frame.origin()).to_array(), frame.spacing().to_array(), columns)
 }
 
-/// A frame from the steps between neighbouring voxels along each axis: directions times spacings. `what` names the header fields.
-fn frame_from_steps(path: &Path, what: &str, origin: [f64; 3], steps: [[f64; 3]; 3]) -> Result<Frame> {
+/// A frame from the steps between neighbouring voxels along each axis: directions times spacings.
+/// `what` names the header fields.
+fn frame_from_steps(
+    path: &Path,
+    what: &str,
+    origin: [f64; 3],
+    steps: [[f64; 3]; 3],
+) -> Result<Frame> {
     let mut spacing = [0.0; 3];
     let mut direction = steps;
     for axis in 0..3 {
         spacing[axis] = DVec3::from(steps[axis]).length();
         if spacing[axis] == 0.0 {
-            return Err(Error::format(path, format!("{what} is singular: image axis {axis} has length 0")));
+            return Err(Error::format(
+                path,
+                format!("{what} is singular: image axis {axis} has length 0"),
+            ));
         }
         // A step that is not finite, or under- or overflows when squared, is refused by the frame.
         direction[axis] = steps[axis].map(|x| x / spacing[axis]);
@@ -315,7 +342,8 @@ pub(crate) mod tests {
     /// A NRRD of one voxel at (1, 2, 3) whose x axis is the world's y axis.
     fn tilted(space: &str) -> Vec<u8> {
         format!(
-            "NRRD0005\ntype: uint8\ndimension: 3\n{space}\nsizes: 1 1 1\nspace directions: (0,2,0) (1,0,0) (0,0,1)\n\
+            "NRRD0005\ntype: uint8\ndimension: 3\n{space}\nsizes: 1 1 1\n\
+             space directions: (0,2,0) (1,0,0) (0,0,1)\n\
              space origin: (1,2,3)\nencoding: raw\n\n\x07"
         )
         .into_bytes()
@@ -325,8 +353,11 @@ pub(crate) mod tests {
     fn the_world_frame_is_selectable_where_it_is_known() {
         let files = Files::new();
         let read = |space: &str, world| {
-            read_image_with(&files.write("a.NRRD", &tilted(space)), &ReadOptions { world, ..ReadOptions::default() })
-                .unwrap()
+            read_image_with(
+                &files.write("a.NRRD", &tilted(space)),
+                &ReadOptions { world, ..ReadOptions::default() },
+            )
+            .unwrap()
         };
         let lps = read("space: LPS", WorldFrame::AsStored);
         assert_eq!(lps.world, Some(WorldAxes::Lps));
@@ -338,8 +369,14 @@ pub(crate) mod tests {
         let from_las = read("space: LAS", WorldFrame::Lps);
         assert_eq!(from_las.image.frame().origin(), DVec3::new(1.0, -2.0, 3.0));
         let unknown = read("space dimension: 3", WorldFrame::Ras);
-        assert_eq!((unknown.world, unknown.image.frame().origin()), (None, DVec3::new(1.0, 2.0, 3.0)));
-        assert!(unknown.warnings[0].contains("does not say") && unknown.warnings[0].ends_with("not RAS"));
+        assert_eq!(
+            (unknown.world, unknown.image.frame().origin()),
+            (None, DVec3::new(1.0, 2.0, 3.0))
+        );
+        assert!(
+            unknown.warnings[0].contains("does not say")
+                && unknown.warnings[0].ends_with("not RAS")
+        );
     }
 
     #[test]
@@ -354,6 +391,8 @@ pub(crate) mod tests {
         );
         assert!(matches!(read_image(Path::new("/nonexistent/a.nii")), Err(Error::Io { .. })));
         let directory = tempfile::Builder::new().suffix(".nii").tempdir().unwrap();
-        assert!(read_image(directory.path()).unwrap_err().to_string().contains("not a regular file"));
+        assert!(
+            read_image(directory.path()).unwrap_err().to_string().contains("not a regular file")
+        );
     }
 }

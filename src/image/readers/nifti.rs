@@ -1,8 +1,9 @@
-//! NIfTI-1 and NIfTI-2 in one file (`.nii`, `.nii.gz`), either byte order. Source: the headers nifti1.h and nifti2.h of the NIfTI
-//! Data Format Working Group.
+//! NIfTI-1 and NIfTI-2 in one file (`.nii`, `.nii.gz`), either byte order. Source: the headers
+//! nifti1.h and nifti2.h of the NIfTI Data Format Working Group.
 //!
-//! The place comes from the sform if its code is above 0, else from the qform, else from pixdim with a warning. An sform that is
-//! sheared, or singular, is passed over for the qform, with a warning, as ITK does. World axes are RAS.
+//! The place comes from the sform if its code is above 0, else from the qform, else from pixdim
+//! with a warning. An sform that is sheared, or singular, is passed over for the qform, with a
+//! warning, as ITK does. World axes are RAS.
 
 use std::path::Path;
 
@@ -17,7 +18,8 @@ use crate::{Error, Result};
 const NIFTI1_SIZE: usize = 348;
 const NIFTI2_SIZE: usize = 540;
 
-/// Bytes after the header that say whether extensions follow; voxels come after them at the earliest.
+/// Bytes after the header that say whether extensions follow; voxels come after them at the
+/// earliest.
 const EXTENSION_FLAG: u64 = 4;
 
 /// The header fields used, whatever the version and byte order.
@@ -56,7 +58,8 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
             8 * scalar.size()
         ));
     }
-    let mut layout = Layout::new(&source, sizes, scalar, coding)?.with_volumes(&source, values, false)?;
+    let mut layout =
+        Layout::new(&source, sizes, scalar, coding)?.with_volumes(&source, values, false)?;
     layout.scale = header.scale();
     header.skip_to_voxels(&mut source, &mut warnings)?;
     Ok(Opened { source, layout, frame, world, segments: None, warnings })
@@ -113,15 +116,16 @@ impl Header {
             return Err(cut_off(source, held, NIFTI1_SIZE));
         }
         let stated = [bytes[0], bytes[1], bytes[2], bytes[3]];
-        let (size, big_endian) = match (u32::from_le_bytes(stated) as usize, u32::from_be_bytes(stated) as usize) {
-            (size @ (NIFTI1_SIZE | NIFTI2_SIZE), _) => (size, false),
-            (_, size @ (NIFTI1_SIZE | NIFTI2_SIZE)) => (size, true),
-            (size, _) => {
-                return Err(
-                    source.error(format!("not a NIfTI file: the header begins with {size}, not with 348 or 540"))
-                );
-            }
-        };
+        let (size, big_endian) =
+            match (u32::from_le_bytes(stated) as usize, u32::from_be_bytes(stated) as usize) {
+                (size @ (NIFTI1_SIZE | NIFTI2_SIZE), _) => (size, false),
+                (_, size @ (NIFTI1_SIZE | NIFTI2_SIZE)) => (size, true),
+                (size, _) => {
+                    return Err(source.error(format!(
+                        "not a NIfTI file: the header begins with {size}, not with 348 or 540"
+                    )));
+                }
+            };
         if size == NIFTI2_SIZE {
             held += source.read_up_to(&mut bytes[NIFTI1_SIZE..])?;
             if held < NIFTI2_SIZE {
@@ -135,9 +139,10 @@ impl Header {
             (&bytes[4..12], b"n+2\0\r\n\x1a\n", b"ni2\0\r\n\x1a\n")
         };
         if magic == pair {
-            return Err(
-                source.error("the voxels are in a separate .img file, which is not supported; convert to one file")
-            );
+            return Err(source.error(
+                "the voxels are in a separate .img file, which is not supported; \
+                    convert to one file",
+            ));
         }
         if magic != ours {
             return Err(source.error(format!(
@@ -165,7 +170,9 @@ impl Header {
             sform_code: i32::from(raw.i16(254)),
             quaternion: std::array::from_fn(|i| raw.f32(256 + 4 * i)),
             offset: std::array::from_fn(|i| raw.f32(268 + 4 * i)),
-            sform: std::array::from_fn(|row| std::array::from_fn(|i| raw.f32(280 + 16 * row + 4 * i))),
+            sform: std::array::from_fn(|row| {
+                std::array::from_fn(|i| raw.f32(280 + 16 * row + 4 * i))
+            }),
         }
     }
 
@@ -186,15 +193,19 @@ impl Header {
             sform_code: raw.i32(348),
             quaternion: std::array::from_fn(|i| raw.f64(352 + 8 * i)),
             offset: std::array::from_fn(|i| raw.f64(376 + 8 * i)),
-            sform: std::array::from_fn(|row| std::array::from_fn(|i| raw.f64(400 + 32 * row + 8 * i))),
+            sform: std::array::from_fn(|row| {
+                std::array::from_fn(|i| raw.f64(400 + 32 * row + 8 * i))
+            }),
         }
     }
 
-    /// Voxels along the three axes, and values per voxel: of the further axes (time, values) only one may have several samples, and for labels none.
+    /// Voxels along the three axes, and values per voxel: of the further axes (time, values) only
+    /// one may have several samples, and for labels none.
     fn sizes(&self, source: &Source, volumes: Volumes) -> Result<([u64; 3], u64)> {
         let rank = self.dim[0];
         if !(1..=7).contains(&rank) {
-            return Err(source.error(format!("dim[0], the number of dimensions, is {rank}; it must be 1 to 7")));
+            return Err(source
+                .error(format!("dim[0], the number of dimensions, is {rank}; it must be 1 to 7")));
         }
         if rank < 3 {
             return Err(source.error(format!("dim[0] is {rank}: only volumes are read")));
@@ -207,7 +218,8 @@ impl Header {
             }
             if axis > 3 && n > 1 {
                 if volumes == Volumes::One || values > 1 {
-                    return Err(source.error(format!("dim[{axis}] is {n}: only one volume per file is read")));
+                    return Err(source
+                        .error(format!("dim[{axis}] is {n}: only one volume per file is read")));
                 }
                 values = n.unsigned_abs();
             }
@@ -228,9 +240,9 @@ impl Header {
             1024 => Scalar::I64,
             1280 => Scalar::U64,
             code => {
-                return Err(
-                    source.error(format!("datatype {code} is not read: only integers and floats of up to 64 bits are"))
-                );
+                return Err(source.error(format!(
+                    "datatype {code} is not read: only integers and floats of up to 64 bits are"
+                )));
             }
         })
     }
@@ -238,7 +250,8 @@ impl Header {
     /// A slope of 0 or NaN means that voxels are not scaled.
     fn scale(&self) -> Option<(f64, f64)> {
         let intercept = if self.intercept.is_finite() { self.intercept } else { 0.0 };
-        let scales = self.slope.is_finite() && self.slope != 0.0 && (self.slope, intercept) != (1.0, 0.0);
+        let scales =
+            self.slope.is_finite() && self.slope != 0.0 && (self.slope, intercept) != (1.0, 0.0);
         scales.then_some((self.slope, intercept))
     }
 
@@ -250,7 +263,9 @@ impl Header {
         let mut offset = self.vox_offset as u64;
         if offset < least {
             if offset != 0 {
-                warnings.push(format!("vox_offset {offset} lies within the header; voxels are read from byte {least}"));
+                warnings.push(format!(
+                    "vox_offset {offset} lies within the header; voxels are read from byte {least}"
+                ));
             }
             offset = least;
         }
@@ -259,24 +274,38 @@ impl Header {
 
     fn frame(&self, path: &Path, warnings: &mut Vec<String>) -> Result<(Frame, Option<WorldAxes>)> {
         match self.units & 7 {
-            1 => warnings.push("the header's unit of length is the metre, not the millimetre; coordinates are kept in metres".into()),
-            3 => warnings.push("the header's unit of length is the micrometre, not the millimetre; coordinates are kept in micrometres".into()),
+            1 => warnings.push(
+                "the header's unit of length is the metre, not the millimetre; \
+                coordinates are kept in metres"
+                    .into(),
+            ),
+            3 => warnings.push(
+                "the header's unit of length is the micrometre, not the millimetre; \
+                coordinates are kept in micrometres"
+                    .into(),
+            ),
             _ => {}
         }
         let spacing = [self.pixdim[1], self.pixdim[2], self.pixdim[3]];
         if self.sform_code > 0 {
             if let Some(axis) = spacing.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
-                warnings.push(format!("pixdim[{}] is {}; spacings are taken from the sform", axis + 1, spacing[axis]));
+                warnings.push(format!(
+                    "pixdim[{}] is {}; spacings are taken from the sform",
+                    axis + 1,
+                    spacing[axis]
+                ));
             }
             let steps = [0, 1, 2].map(|axis| self.sform.map(|row| row[axis]));
             let by_sform = frame_from_steps(path, "sform", self.sform.map(|row| row[3]), steps);
-            let by_qform = if self.qform_code > 0 { self.by_qform(path, spacing).ok() } else { None };
+            let by_qform =
+                if self.qform_code > 0 { self.by_qform(path, spacing).ok() } else { None };
             let frame = match (by_sform, by_qform) {
                 (Ok(by_sform), Some(by_qform)) => {
                     let apart = self.apart(&by_sform, &by_qform);
                     if apart > FORMS_APART {
                         warnings.push(format!(
-                            "sform and qform place the image differently, by up to {apart:.3} voxels; the sform is taken"
+                            "sform and qform place the image differently, by up to {apart:.3} \
+                             voxels; the sform is taken"
                         ));
                     }
                     by_sform
@@ -292,14 +321,28 @@ impl Header {
         if let Some(axis) = spacing.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
             return Err(Error::format(
                 path,
-                format!("pixdim[{}], a spacing, is {}; it must be above 0", axis + 1, spacing[axis]),
+                format!(
+                    "pixdim[{}], a spacing, is {}; it must be above 0",
+                    axis + 1,
+                    spacing[axis]
+                ),
             ));
         }
         if self.qform_code > 0 {
             return Ok((self.by_qform(path, spacing)?, Some(WorldAxes::Ras)));
         }
-        warnings.push("sform and qform codes are both 0, so the header gives no place; spacings are taken, axes along the world's, origin 0".into());
-        let frame = frame_from_parts(path, "pixdim", [0.0; 3], spacing, DMat3::IDENTITY.to_cols_array_2d())?;
+        warnings.push(
+            "sform and qform codes are both 0, so the header gives no place; spacings \
+            are taken, axes along the world's, origin 0"
+                .into(),
+        );
+        let frame = frame_from_parts(
+            path,
+            "pixdim",
+            [0.0; 3],
+            spacing,
+            DMat3::IDENTITY.to_cols_array_2d(),
+        )?;
         Ok((frame, None))
     }
 
@@ -311,11 +354,13 @@ impl Header {
     /// How far apart two frames place a corner of the image at most, in voxels of the first.
     fn apart(&self, first: &Frame, second: &Frame) -> f64 {
         let last = [1, 2, 3].map(|axis| (self.dim[axis] - 1).max(0) as f64);
-        let corners = (0..8).map(|c| DVec3::from([0, 1, 2].map(|a| if c >> a & 1 == 1 { last[a] } else { 0.0 })));
+        let corners = (0..8)
+            .map(|c| DVec3::from([0, 1, 2].map(|a| if c >> a & 1 == 1 { last[a] } else { 0.0 })));
         corners.map(|x| (first.to_index(second.to_world(x)) - x).length()).fold(0.0, f64::max)
     }
 
-    /// The rotation of a unit quaternion of which b, c, d are stored, with the third axis turned around when pixdim[0] is below 0.
+    /// The rotation of a unit quaternion of which b, c, d are stored, with the third axis turned
+    /// around when pixdim[0] is below 0.
     fn qform_direction(&self) -> DMat3 {
         let [b, c, d] = self.quaternion;
         let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
@@ -351,8 +396,16 @@ mod tests {
             } else {
                 made.bytes[4..12].copy_from_slice(b"n+2\0\r\n\x1a\n")
             }
-            made.dims(&[3, 3, 2, 1]).short(70, 12, 4).short(72, 14, 16).real(76, 104, &[1.0, 2.0, 3.0, 4.0]);
-            made.codes(0, 2).real(280, 400, &[2.0, 0.0, 0.0, 10.0, 0.0, 3.0, 0.0, 20.0, 0.0, 0.0, 4.0, 30.0]);
+            made.dims(&[3, 3, 2, 1]).short(70, 12, 4).short(72, 14, 16).real(
+                76,
+                104,
+                &[1.0, 2.0, 3.0, 4.0],
+            );
+            made.codes(0, 2).real(
+                280,
+                400,
+                &[2.0, 0.0, 0.0, 10.0, 0.0, 3.0, 0.0, 20.0, 0.0, 0.0, 4.0, 30.0],
+            );
             made.offset((size + 4) as i64);
             made
         }
@@ -412,7 +465,9 @@ mod tests {
         }
 
         fn with(&self, values: &[i16]) -> Vec<u8> {
-            let voxels = values.iter().flat_map(|v| if self.big { v.to_be_bytes() } else { v.to_le_bytes() });
+            let voxels = values
+                .iter()
+                .flat_map(|v| if self.big { v.to_be_bytes() } else { v.to_le_bytes() });
             self.bytes.iter().copied().chain(voxels).collect()
         }
     }
@@ -427,11 +482,16 @@ mod tests {
     fn both_versions_and_byte_orders_gzipped_or_not() {
         for (version, big) in [(1, false), (1, true), (2, false), (2, true)] {
             let bytes = Made::new(version, big).with(&VALUES);
-            for read in
-                [read_bytes("a.nii", &bytes), read_bytes("a.nii.gz", &gzip(&bytes)), read_bytes("a.NII", &gzip(&bytes))]
-            {
+            for read in [
+                read_bytes("a.nii", &bytes),
+                read_bytes("a.nii.gz", &gzip(&bytes)),
+                read_bytes("a.NII", &gzip(&bytes)),
+            ] {
                 let read = read.unwrap();
-                assert_eq!((labels(&read.image), read.image.dims()), (VALUES.map(i32::from).to_vec(), [3, 2, 1]));
+                assert_eq!(
+                    (labels(&read.image), read.image.dims()),
+                    (VALUES.map(i32::from).to_vec(), [3, 2, 1])
+                );
                 assert_eq!((read.world, read.warnings.len()), (Some(WorldAxes::Ras), 0));
                 assert_eq!(read.image.frame().to_world(DVec3::ONE), DVec3::new(12.0, 23.0, 34.0));
             }
@@ -450,14 +510,20 @@ mod tests {
             let apart = read_made(&made).unwrap();
             assert_eq!(apart.image.frame().origin(), DVec3::new(10.0, 20.0, 30.0));
             assert!(
-                apart.warnings[0].starts_with("sform and qform place the image differently, by up to 0.250 voxels")
+                apart.warnings[0].starts_with(
+                    "sform and qform place the image differently, by up to 0.250 voxels"
+                )
             );
             // Sheared, singular, or no numbers: the qform, if there is one.
             for bad in [[3.0, 3.0], [0.0, 0.0], [f64::NAN, 0.0]] {
                 made.real(280, 400, &bad);
                 let read = read_made(made.codes(1, 2)).unwrap();
                 assert_eq!(read.image.frame().to_world(DVec3::ONE), DVec3::new(12.0, 23.0, 35.0));
-                assert!(read.warnings[0].starts_with("the qform is taken, for sform"), "{:?}", read.warnings);
+                assert!(
+                    read.warnings[0].starts_with("the qform is taken, for sform"),
+                    "{:?}",
+                    read.warnings
+                );
                 assert!(read_made(made.codes(0, 2)).unwrap_err().starts_with("sform"));
             }
         }
@@ -468,17 +534,29 @@ mod tests {
         for version in [1, 2] {
             let mut made = Made::new(version, false);
             // Half a turn about z, as (b, c, d) = (0, 0, 1), and the third axis turned around.
-            made.codes(1, 0).real(256, 352, &[0.0, 0.0, 1.0]).real(268, 376, &[7.0, 8.0, 9.0]).real(76, 104, &[-1.0]);
+            made.codes(1, 0)
+                .real(256, 352, &[0.0, 0.0, 1.0])
+                .real(268, 376, &[7.0, 8.0, 9.0])
+                .real(76, 104, &[-1.0]);
             let read = read_made(&made).unwrap();
             assert_eq!(read.image.frame().to_world(DVec3::ONE), DVec3::new(5.0, 5.0, 5.0));
             let bare = read_made(made.codes(0, 0)).unwrap();
-            assert_eq!((bare.image.frame().to_world(DVec3::ONE), bare.world), (DVec3::new(2.0, 3.0, 4.0), None));
+            assert_eq!(
+                (bare.image.frame().to_world(DVec3::ONE), bare.world),
+                (DVec3::new(2.0, 3.0, 4.0), None)
+            );
             assert!(bare.warnings[0].contains("codes are both 0"));
             made.real(76, 104, &[1.0, 2.0, 0.0, 4.0]);
-            assert_eq!(read_made(&made).unwrap_err(), "pixdim[2], a spacing, is 0; it must be above 0");
+            assert_eq!(
+                read_made(&made).unwrap_err(),
+                "pixdim[2], a spacing, is 0; it must be above 0"
+            );
             assert!(read_made(made.codes(0, 1)).unwrap().warnings[0].contains("pixdim[2] is 0"));
             made.real(280, 400, &[0.0]);
-            assert_eq!(read_made(&made).unwrap_err(), "sform is singular: image axis 0 has length 0");
+            assert_eq!(
+                read_made(&made).unwrap_err(),
+                "sform is singular: image axis 0 has length 0"
+            );
             made.real(280, 400, &[3.0, 3.0]);
             assert!(read_made(&made).unwrap_err().contains("orthonormal"));
             made.real(280, 400, &[f64::NAN]);
@@ -496,7 +574,8 @@ mod tests {
         made.real(112, 176, &[0.5, 0.0]);
         assert_eq!(
             read_made(&made).unwrap_err(),
-            "voxel (1, 0, 0) is 0.5: labels must be whole numbers; --round (LAPD_LABELS_ROUNDED) takes the nearest ones, --map (LAPD_LABELS_DISTINCT) numbers distinct values"
+            "voxel (1, 0, 0) is 0.5: labels must be whole numbers; --round (LAPD_LABELS_ROUNDED) \
+             takes the nearest ones, --map (LAPD_LABELS_DISTINCT) numbers distinct values"
         );
         made.real(112, 176, &[1e9, 0.0]);
         assert!(read_made(&made).unwrap_err().contains("must fit"));
@@ -514,17 +593,33 @@ mod tests {
             let mut made = Made::new(2, false);
             made.short(70, 12, code).dims(&[4, 2, 1, 1, 1]).short(72, 14, (bytes.len() * 4) as i16);
             let read = read_bytes("a.nii", &[&made.bytes[..], bytes].concat()).unwrap();
-            assert_eq!((labels(&read.image), read.warnings.len()), (vec![100, 7], 0), "datatype {code}");
+            assert_eq!(
+                (labels(&read.image), read.warnings.len()),
+                (vec![100, 7], 0),
+                "datatype {code}"
+            );
         };
-        macro_rules! each { ($($code:literal $t:ty),*) => { $(check($code, &[(100 as $t).to_le_bytes(), (7 as $t).to_le_bytes()].concat());)* } }
+        macro_rules! each {
+            ($($code:literal $t:ty),*) => {
+                $(
+                    let values = [100 as $t, 7 as $t];
+                    check($code, &values.map(|value| value.to_le_bytes()).concat());
+                )*
+            }
+        }
         each!(2 u8, 4 i16, 8 i32, 16 f32, 64 f64, 256 i8, 512 u16, 768 u32, 1024 i64, 1280 u64);
         for value in [0.5, f64::NAN, f64::INFINITY, 3e9] {
             let mut made = Made::new(1, false);
             made.short(70, 12, 64).dims(&[3, 2, 1, 1]);
-            let message =
-                read_bytes("a.nii", &[&made.bytes[..], &1f64.to_le_bytes(), &f64::to_le_bytes(value)].concat())
-                    .unwrap_err();
-            assert!(message.starts_with(&format!("voxel (1, 0, 0) is {value}: labels must")), "{message}");
+            let message = read_bytes(
+                "a.nii",
+                &[&made.bytes[..], &1f64.to_le_bytes(), &f64::to_le_bytes(value)].concat(),
+            )
+            .unwrap_err();
+            assert!(
+                message.starts_with(&format!("voxel (1, 0, 0) is {value}: labels must")),
+                "{message}"
+            );
         }
     }
 
@@ -604,7 +699,11 @@ mod tests {
         assert!(read_made(&made).unwrap_err().contains(r"magic is 'xi1\x00'"));
         made.bytes[0] = 1;
         assert!(read_made(&made).unwrap_err().contains("not a NIfTI file"));
-        assert!(read_bytes("a.nii", &Made::new(2, false).bytes[..500]).unwrap_err().contains("cut off: 500 of 540"));
+        assert!(
+            read_bytes("a.nii", &Made::new(2, false).bytes[..500])
+                .unwrap_err()
+                .contains("cut off: 500 of 540")
+        );
         assert!(
             read_bytes("a.nii.gz", &gzip(&Made::new(1, false).with(&VALUES[..5])))
                 .unwrap_err()

@@ -1,7 +1,10 @@
-//! NRRD (`.nrrd`, and `.nhdr` beside a data file). Source: Gordon Kindlmann, "Definition of NRRD File Format", teem.
+//! NRRD (`.nrrd`, and `.nhdr` beside a data file). Source: Gordon Kindlmann, "Definition of NRRD
+//! File Format", teem.
 //!
-//! Read: dimension 3, or 4 with one axis of samples, the first or the last, for labels of a single one or of the layers of a segmentation of 3D Slicer (`segments`); encodings raw, gzip, text. Data split over several files (`LIST`, numbered
-//! names), bzip2 and hex are refused. Axis units and centerings do not matter to a mesh and are ignored.
+//! Read: dimension 3, or 4 with one axis of samples, the first or the last, for labels of a single
+//! one or of the layers of a segmentation of 3D Slicer (`segments`); encodings raw, gzip, text.
+//! Data split over several files (`LIST`, numbered names), bzip2 and hex are refused. Axis units
+//! and centerings do not matter to a mesh and are ignored.
 
 use std::path::Path;
 
@@ -39,7 +42,9 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
         "gzip" | "gz" => (byte_order(&fields, scalar)?, true),
         "txt" | "text" | "ascii" => (Coding::Text, false),
         "bzip2" | "bz2" | "hex" => {
-            return Err(fields.refuse("encoding", "not supported; supported are raw, gzip and text"));
+            return Err(
+                fields.refuse("encoding", "not supported; supported are raw, gzip and text")
+            );
         }
         _ => return Err(fields.refuse("encoding", "unknown; supported are raw, gzip and text")),
     };
@@ -54,7 +59,8 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     if gzipped {
         source = source.gunzip();
     }
-    // As teem does: bytes are skipped after decompression, and -1 - n means that n bytes follow the data, which lie at the end.
+    // As teem does: bytes are skipped after decompression, and -1 - n means that n bytes follow the
+    // data, which lie at the end.
     match fields.number::<i64>("byte skip")?.unwrap_or(0) {
         0 => {}
         skip @ 1.. => source.skip(skip.unsigned_abs(), &format!("byte skip {skip}"))?,
@@ -89,7 +95,9 @@ fn read_header(source: &mut Source) -> Result<Fields> {
             continue;
         }
         let Some((name, value)) = line.split_once(':') else {
-            return Err(fields.error(format!("header line '{}' is not 'field: value'", excerpt(&line))));
+            return Err(
+                fields.error(format!("header line '{}' is not 'field: value'", excerpt(&line)))
+            );
         };
         fields.insert(name, value)?;
         if fields.get("data file").is_some_and(|file| file.starts_with("LIST")) {
@@ -100,24 +108,36 @@ fn read_header(source: &mut Source) -> Result<Fields> {
     Ok(fields)
 }
 
-/// The axes of the volume, fastest first; the values per voxel, and whether these stand side by side.
-fn three_axes(fields: &Fields, volumes: Volumes, has_segments: bool) -> Result<([Axis; 3], u64, bool)> {
-    let dimension: usize =
-        fields.number("dimension")?.ok_or_else(|| fields.error("header field 'dimension' is missing"))?;
+/// The axes of the volume, fastest first; the values per voxel, and whether these stand side by
+/// side.
+fn three_axes(
+    fields: &Fields,
+    volumes: Volumes,
+    has_segments: bool,
+) -> Result<([Axis; 3], u64, bool)> {
+    let dimension: usize = fields
+        .number("dimension")?
+        .ok_or_else(|| fields.error("header field 'dimension' is missing"))?;
     if !(3..=4).contains(&dimension) {
-        return Err(fields.refuse("dimension", "only volumes are read: dimension 3, or 4 with one axis of samples"));
+        return Err(fields.refuse(
+            "dimension",
+            "only volumes are read: dimension 3, or 4 with one axis of samples",
+        ));
     }
     fields.required("sizes")?;
     let sizes = fields.numbers::<u64>("sizes", Some(dimension))?.unwrap_or_default();
     let spacings = fields.numbers::<f64>("spacings", Some(dimension))?;
     let kinds = match fields.get("kinds") {
         None => vec![None; dimension],
-        Some(value) => value.split_whitespace().map(|kind| Some(kind.to_ascii_lowercase())).collect(),
+        Some(value) => {
+            value.split_whitespace().map(|kind| Some(kind.to_ascii_lowercase())).collect()
+        }
     };
     let steps = match fields.get("space directions") {
         None => vec![None; dimension],
-        Some(value) => vectors(value)
-            .ok_or_else(|| fields.refuse("space directions", "not a list of vectors (x,y,z) or 'none'"))?,
+        Some(value) => vectors(value).ok_or_else(|| {
+            fields.refuse("space directions", "not a list of vectors (x,y,z) or 'none'")
+        })?,
     };
     for (name, count) in [("kinds", kinds.len()), ("space directions", steps.len())] {
         if count != dimension {
@@ -139,7 +159,8 @@ fn three_axes(fields: &Fields, volumes: Volumes, has_segments: bool) -> Result<(
         .collect();
     let (mut values, mut interleaved) = (1, false);
     if axes.len() == 4 {
-        // The axis to drop is one outside space, if the header tells; of several values per voxel it is the first or the last.
+        // The axis to drop is one outside space, if the header tells; of several values per voxel
+        // it is the first or the last.
         let is_single = |axis: &Axis| axis.size == 1;
         let is_outside = |axis: &Axis| in_space && axis.step.is_none() || !is_spatial(axis);
         let single = axes.iter().position(|axis| is_single(axis) && is_outside(axis));
@@ -155,19 +176,26 @@ fn three_axes(fields: &Fields, volumes: Volumes, has_segments: bool) -> Result<(
         match single.or_else(other) {
             Some(axis) => (values, interleaved) = (axes.remove(axis).size, axis == 0),
             None => {
-                return Err(fields.refuse("sizes", "four axes of more than one sample: only volumes are read, and layers of 3D Slicer's segments, as the first axis"));
+                return Err(fields.refuse(
+                    "sizes",
+                    "four axes of more than one sample: only volumes are read, and layers of 3D \
+                     Slicer's segments, as the first axis",
+                ));
             }
         };
     }
     for (i, axis) in axes.iter().enumerate() {
         if !is_spatial(axis) {
             let kind = axis.kind.as_deref().unwrap_or_default();
-            return Err(
-                fields.refuse("kinds", format!("axis {i} is of kind '{}', not an axis of space", excerpt(kind)))
-            );
+            return Err(fields.refuse(
+                "kinds",
+                format!("axis {i} is of kind '{}', not an axis of space", excerpt(kind)),
+            ));
         }
         if in_space && axis.step.is_none() {
-            return Err(fields.refuse("space directions", format!("axis {i} is not an axis of space")));
+            return Err(
+                fields.refuse("space directions", format!("axis {i} is not an axis of space"))
+            );
         }
     }
     let axes = axes.try_into().map_err(|_| fields.error("not three axes"))?;
@@ -188,7 +216,8 @@ fn vectors(text: &str) -> Option<Vec<Option<[f64; 3]>>> {
             after
         } else {
             let (inside, after) = rest.strip_prefix('(')?.split_once(')')?;
-            let numbers: Vec<f64> = inside.split(',').map(|x| x.trim().parse().ok()).collect::<Option<_>>()?;
+            let numbers: Vec<f64> =
+                inside.split(',').map(|x| x.trim().parse().ok()).collect::<Option<_>>()?;
             list.push(Some(numbers.try_into().ok()?));
             after
         }
@@ -200,7 +229,11 @@ fn vectors(text: &str) -> Option<Vec<Option<[f64; 3]>>> {
 /// What the world's axes mean; checks that the world has three.
 fn world_of(fields: &Fields) -> Result<Option<WorldAxes>> {
     if let Some(n) = fields.number::<u64>("space dimension")? {
-        return if n == 3 { Ok(None) } else { Err(fields.refuse("space dimension", "only 3 is read")) };
+        return if n == 3 {
+            Ok(None)
+        } else {
+            Err(fields.refuse("space dimension", "only 3 is read"))
+        };
     }
     let Some(space) = fields.get("space") else { return Ok(None) };
     match space.to_ascii_lowercase().as_str() {
@@ -212,7 +245,12 @@ fn world_of(fields: &Fields) -> Result<Option<WorldAxes>> {
     }
 }
 
-fn frame_of(path: &Path, fields: &Fields, axes: &[Axis; 3], warnings: &mut Vec<String>) -> Result<Frame> {
+fn frame_of(
+    path: &Path,
+    fields: &Fields,
+    axes: &[Axis; 3],
+    warnings: &mut Vec<String>,
+) -> Result<Frame> {
     let origin = match fields.get("space origin") {
         None => [0.0; 3],
         Some(value) => match vectors(value).as_deref() {
@@ -224,31 +262,49 @@ fn frame_of(path: &Path, fields: &Fields, axes: &[Axis; 3], warnings: &mut Vec<S
         return frame_from_steps(path, "space directions", origin, [x, y, z]);
     }
     let along_the_world = |what: &str, origin: [f64; 3], spacing: [f64; 3]| {
-        frame_from_parts(path, what, origin, spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        frame_from_parts(
+            path,
+            what,
+            origin,
+            spacing,
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        )
     };
     if let Some((origin, spacing)) = place_by_ends(fields, axes)? {
         return along_the_world("axis mins and axis maxs", origin, spacing);
     }
     if fields.get("axis mins").is_some() {
-        warnings.push("'axis mins' is ignored: the first voxel is taken to lie at the space origin or at 0".into());
+        warnings.push(
+            "'axis mins' is ignored: the first voxel is taken to lie at the space origin or at 0"
+                .into(),
+        );
     }
-    let spacing = axes.each_ref().map(|axis| if axis.spacing.is_nan() { 1.0 } else { axis.spacing });
+    let spacing =
+        axes.each_ref().map(|axis| if axis.spacing.is_nan() { 1.0 } else { axis.spacing });
     if axes.iter().any(|axis| axis.spacing.is_nan()) {
-        warnings.push("the header gives no spacing for every axis; 1 is taken where it is missing".into());
+        warnings.push(
+            "the header gives no spacing for every axis; 1 is taken where it is missing".into(),
+        );
     }
     along_the_world("spacings", origin, spacing)
 }
 
-/// Origin and spacings by `axis mins` and `axis maxs`, where these alone tell the place of the volume. They are the outer
-/// faces of the first and the last voxel, or with `centers: node` their centres (Teem, "Definition of NRRD File Format").
+/// Origin and spacings by `axis mins` and `axis maxs`, where these alone tell the place of the
+/// volume. They are the outer faces of the first and the last voxel, or with `centers: node` their
+/// centres (Teem, "Definition of NRRD File Format").
 fn place_by_ends(fields: &Fields, axes: &[Axis; 3]) -> Result<Option<([f64; 3], [f64; 3])>> {
     let is_told = fields.get("spacings").is_some() || fields.get("space origin").is_some();
-    let (mins, maxs) = (fields.numbers::<f64>("axis mins", None)?, fields.numbers::<f64>("axis maxs", None)?);
+    let (mins, maxs) =
+        (fields.numbers::<f64>("axis mins", None)?, fields.numbers::<f64>("axis maxs", None)?);
     let (Some(mins), Some(maxs)) = (mins, maxs) else { return Ok(None) };
     if is_told || mins.len() != 3 || maxs.len() != 3 {
         return Ok(None);
     }
-    let centers = fields.get("centers").or_else(|| fields.get("centerings")).unwrap_or_default().to_ascii_lowercase();
+    let centers = fields
+        .get("centers")
+        .or_else(|| fields.get("centerings"))
+        .unwrap_or_default()
+        .to_ascii_lowercase();
     let centers: Vec<&str> = centers.split_whitespace().collect();
     let (mut origin, mut spacing) = ([0.0; 3], [0.0; 3]);
     for a in 0..3 {
@@ -266,7 +322,9 @@ fn scalar_of(fields: &Fields) -> Result<Scalar> {
     Ok(match name.as_str() {
         "signed char" | "int8" | "int8_t" => Scalar::I8,
         "uchar" | "unsigned char" | "uint8" | "uint8_t" => Scalar::U8,
-        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => Scalar::I16,
+        "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => {
+            Scalar::I16
+        }
         "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => Scalar::U16,
         "int" | "signed int" | "int32" | "int32_t" => Scalar::I32,
         "uint" | "unsigned int" | "uint32" | "uint32_t" => Scalar::U32,
@@ -277,7 +335,9 @@ fn scalar_of(fields: &Fields) -> Result<Scalar> {
         | "signed long long int"
         | "int64"
         | "int64_t" => Scalar::I64,
-        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => Scalar::U64,
+        "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => {
+            Scalar::U64
+        }
         "float" => Scalar::F32,
         "double" => Scalar::F64,
         _ => return Err(fields.refuse("type", "unknown, or no type of numbers")),
@@ -329,8 +389,10 @@ mod tests {
     }
 
     fn nrrd(lines: &str, data: &[u8]) -> Vec<u8> {
-        let mut file =
-            format!("NRRD0004\n# comment\nkey:=value: with colon\ntype: short\nsizes: 2 2 2\n{lines}\n\n").into_bytes();
+        let mut file = format!(
+            "NRRD0004\n# comment\nkey:=value: with colon\ntype: short\nsizes: 2 2 2\n{lines}\n\n"
+        )
+        .into_bytes();
         file.extend_from_slice(data);
         file
     }
@@ -354,7 +416,8 @@ mod tests {
             let header = format!("dimension: 3\nencoding: {name}");
             assert_values("a.nrrd", &nrrd(&header, b"0 1 -2\n300 3e2\t0.0\r\n7 7"));
         }
-        let unix = String::from_utf8(nrrd("dimension: 3\nencoding: text", b"0 1 -2 300 300 0 7 7")).unwrap();
+        let unix = String::from_utf8(nrrd("dimension: 3\nencoding: text", b"0 1 -2 300 300 0 7 7"))
+            .unwrap();
         assert_values("a.nrrd", unix.replace('\n', "\r\n").as_bytes());
     }
 
@@ -369,17 +432,26 @@ mod tests {
     fn skips_count_lines_then_bytes() {
         let with = |before: &[u8], after: &[u8]| [before, &little(), after].concat();
         let raw = "dimension: 3\nencoding: raw\nendian: little\n";
-        assert_values("a.nrrd", &nrrd(&format!("{raw}line skip: 2\nbyte skip: 3"), &with(b"one\ntwo\nabc", b"")));
+        assert_values(
+            "a.nrrd",
+            &nrrd(&format!("{raw}line skip: 2\nbyte skip: 3"), &with(b"one\ntwo\nabc", b"")),
+        );
         assert_values("a.nrrd", &nrrd(&format!("{raw}byteskip: -1"), &with(b"anything", b"")));
         assert_values("a.nrrd", &nrrd(&format!("{raw}byte skip: -5"), &with(b"anything", b"tail")));
         let gz = "dimension: 3\nencoding: gzip\nendian: little\n";
         assert_values("a.nrrd", &nrrd(&format!("{gz}byte skip: 3"), &gzip(&with(b"abc", b""))));
-        assert_values("a.nrrd", &nrrd(&format!("{gz}byte skip: -5"), &gzip(&with(b"abc", b"tail"))));
+        assert_values(
+            "a.nrrd",
+            &nrrd(&format!("{gz}byte skip: -5"), &gzip(&with(b"abc", b"tail"))),
+        );
         assert!(
             refusal(&format!("{raw}byte skip: -2"))
                 .contains("17 bytes are to be found at the end of the data, which has 16")
         );
-        assert!(refusal(&format!("{raw}byte skip: -9223372036854775808")).contains("at the end of the data"));
+        assert!(
+            refusal(&format!("{raw}byte skip: -9223372036854775808"))
+                .contains("at the end of the data")
+        );
         assert!(refusal(&format!("{raw}byte skip: 99")).contains("byte skip 99 lies past the end"));
         assert!(refusal(&format!("{raw}line skip: 99999999999")).contains("lines only"));
         assert!(refusal(&format!("{raw}line skip: -1")).contains("'-1' is not a number that fits"));
@@ -389,14 +461,25 @@ mod tests {
     fn data_files_lie_beside_the_header() {
         let files = Files::new();
         files.write("voxels.raw", &little());
-        let header = nrrd("dimension: 3\nencoding: raw\nendian: little\ndata file: ./voxels.raw", b"");
-        assert_eq!(labels(&read_image(&files.write("a.nhdr", &header)).unwrap().image), VALUES.map(i32::from));
+        let header =
+            nrrd("dimension: 3\nencoding: raw\nendian: little\ndata file: ./voxels.raw", b"");
+        assert_eq!(
+            labels(&read_image(&files.write("a.nhdr", &header)).unwrap().image),
+            VALUES.map(i32::from)
+        );
         let missing = nrrd("dimension: 3\nencoding: raw\nendian: little\ndatafile: none.raw", b"");
-        assert!(read_image(&files.write("b.nhdr", &missing)).unwrap_err().to_string().contains("none.raw"));
+        assert!(
+            read_image(&files.write("b.nhdr", &missing))
+                .unwrap_err()
+                .to_string()
+                .contains("none.raw")
+        );
         for split in ["LIST\na.raw\nb.raw", "slice%03d.raw 1 2 1"] {
             assert!(
-                refusal(&format!("dimension: 3\nendian: little\nencoding: raw\ndata file: {split}"))
-                    .contains("several files")
+                refusal(&format!(
+                    "dimension: 3\nendian: little\nencoding: raw\ndata file: {split}"
+                ))
+                .contains("several files")
             );
         }
     }
@@ -404,14 +487,23 @@ mod tests {
     #[test]
     fn the_place_comes_from_directions_or_spacings() {
         let read = |lines: &str| {
-            read_bytes("a.nrrd", &nrrd(&format!("{lines}\nencoding: raw\nendian: little"), &little())).unwrap()
+            read_bytes(
+                "a.nrrd",
+                &nrrd(&format!("{lines}\nencoding: raw\nendian: little"), &little()),
+            )
+            .unwrap()
         };
-        let tilted =
-            read("dimension: 3\nspace: lps\nspace directions: (0, 0, -2) (3,0,0) (0,.5,0)\nspace origin: (1, 2, 3)");
+        let tilted = read(
+            "dimension: 3\nspace: lps\nspace directions: (0, 0, -2) (3,0,0) (0,.5,0)\nspace \
+             origin: (1, 2, 3)",
+        );
         assert_eq!(tilted.image.frame().spacing(), DVec3::new(2.0, 3.0, 0.5));
         assert_eq!(tilted.image.frame().to_world(DVec3::ONE), DVec3::new(4.0, 2.5, 1.0));
         let spaced = read("dimension: 3\nspacings: 1 2 3");
-        assert_eq!((spaced.image.frame().spacing(), spaced.warnings.len()), (DVec3::new(1.0, 2.0, 3.0), 0));
+        assert_eq!(
+            (spaced.image.frame().spacing(), spaced.warnings.len()),
+            (DVec3::new(1.0, 2.0, 3.0), 0)
+        );
         assert!(read("dimension: 3").warnings[0].contains("no spacing"));
     }
 
@@ -419,17 +511,25 @@ mod tests {
     fn a_fourth_axis_of_one_sample_is_dropped() {
         let file = |sizes: &str, rest: &str| {
             let header = format!(
-                "NRRD0004\ntype: short\ndimension: 4\nsizes: {sizes}\nencoding: raw\nendian: little\n{rest}\n\n"
+                "NRRD0004\ntype: short\ndimension: 4\nsizes: {sizes}\nencoding: raw\nendian: \
+                 little\n{rest}\n\n"
             );
             read_bytes("a.nrrd", &[header.as_bytes(), &little()].concat())
         };
-        let read = file("1 1 4 2", "kinds: domain list domain domain\nspacings: 5 nan 6 7").unwrap();
-        assert_eq!((read.image.dims(), read.image.frame().spacing()), ([1, 4, 2], DVec3::new(5.0, 6.0, 7.0)));
-        let read = file("1 2 2 2", "space: RAS\nspace directions: none (1,0,0) (0,1,0) (0,0,1)").unwrap();
+        let read =
+            file("1 1 4 2", "kinds: domain list domain domain\nspacings: 5 nan 6 7").unwrap();
+        assert_eq!(
+            (read.image.dims(), read.image.frame().spacing()),
+            ([1, 4, 2], DVec3::new(5.0, 6.0, 7.0))
+        );
+        let read =
+            file("1 2 2 2", "space: RAS\nspace directions: none (1,0,0) (0,1,0) (0,0,1)").unwrap();
         assert_eq!(read.image.dims(), [2, 2, 2]);
         assert_eq!(file("2 2 2 1", "").unwrap().image.dims(), [2, 2, 2]);
         assert!(
-            file("2 2 1 2", "kinds: vector domain domain domain").unwrap_err().contains("axis 0 is of kind 'vector'")
+            file("2 2 1 2", "kinds: vector domain domain domain")
+                .unwrap_err()
+                .contains("axis 0 is of kind 'vector'")
         );
         assert!(file("2 2 2 2", "").unwrap_err().contains("four axes"));
     }
@@ -447,11 +547,26 @@ mod tests {
             ("dimension: 2\nencoding: raw", "only volumes"),
             ("dimension: 3\ndimension: 3\nencoding: raw", "given twice"),
             ("dimension: 3\nencoding raw", "not 'field: value'"),
-            ("dimension: 3\nspace directions: (1,0,0) (0,1,0)\nencoding: raw", "2 axes, but dimension is 3"),
-            ("dimension: 3\nspace directions: (1,0,0) (0,1) (0,0,1)\nencoding: raw", "not a list of vectors"),
-            ("dimension: 3\nspace directions: none (0,1,0) (0,0,1)\nencoding: raw", "axis 0 is not an axis of space"),
-            ("dimension: 3\nspace directions: (1,0,0) (0,0,0) (0,0,1)\nencoding: raw", "singular: image axis 1"),
-            ("dimension: 3\nspace directions: (1,0,0) (1,1,0) (0,0,1)\nencoding: raw", "orthonormal"),
+            (
+                "dimension: 3\nspace directions: (1,0,0) (0,1,0)\nencoding: raw",
+                "2 axes, but dimension is 3",
+            ),
+            (
+                "dimension: 3\nspace directions: (1,0,0) (0,1) (0,0,1)\nencoding: raw",
+                "not a list of vectors",
+            ),
+            (
+                "dimension: 3\nspace directions: none (0,1,0) (0,0,1)\nencoding: raw",
+                "axis 0 is not an axis of space",
+            ),
+            (
+                "dimension: 3\nspace directions: (1,0,0) (0,0,0) (0,0,1)\nencoding: raw",
+                "singular: image axis 1",
+            ),
+            (
+                "dimension: 3\nspace directions: (1,0,0) (1,1,0) (0,0,1)\nencoding: raw",
+                "orthonormal",
+            ),
             ("dimension: 3\nspace directions: (nan,0,0) (0,1,0) (0,0,1)\nencoding: raw", "finite"),
             ("dimension: 3\nspacings: 1 0 1\nencoding: raw", "spacing of axis 1"),
             ("dimension: 3\nspace: LPST\nencoding: raw", "not of three dimensions"),
@@ -487,8 +602,11 @@ mod tests {
                 .unwrap_err()
                 .contains("voxel (1, 1, 1) is 0.5")
         );
-        let longer =
-            read_bytes("a.nrrd", &nrrd(&format!("dimension: 3\n{rest}"), &[little(), vec![0; 3]].concat())).unwrap();
+        let longer = read_bytes(
+            "a.nrrd",
+            &nrrd(&format!("dimension: 3\n{rest}"), &[little(), vec![0; 3]].concat()),
+        )
+        .unwrap();
         assert!(longer.warnings.iter().any(|w| w.contains("3 bytes or more after")));
     }
 

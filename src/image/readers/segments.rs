@@ -1,11 +1,12 @@
-//! The layers of a segmentation of 3D Slicer (`.seg.nrrd`): segments that overlap are in different layers, each a volume of
-//! labels of its own. Source: Slicer's vtkMRMLSegmentationStorageNode.
+//! The layers of a segmentation of 3D Slicer (`.seg.nrrd`): segments that overlap are in different
+//! layers, each a volume of labels of its own. Source: Slicer's vtkMRMLSegmentationStorageNode.
 //!
-//! The header names for each segment its layer and its value there, and a name: `Segment0_Layer`, `Segment0_LabelValue`,
-//! `Segment0_Name`. Its label is its value, if all values that occur differ from layer to layer. Else segments are numbered from 1,
-//! in the order of the header, and a warning tells which is which. Values that the header does not name are segments, too, behind
-//! those of the header, in the order in which they occur. Where segments overlap, that of the last layer counts, or of
-//! the one that comes last in an order that the caller gives.
+//! The header names for each segment its layer and its value there, and a name: `Segment0_Layer`,
+//! `Segment0_LabelValue`, `Segment0_Name`. Its label is its value, if all values that occur differ
+//! from layer to layer. Else segments are numbered from 1, in the order of the header, and a
+//! warning tells which is which. Values that the header does not name are segments, too, behind
+//! those of the header, in the order in which they occur. Where segments overlap, that of the last
+//! layer counts, or of the one that comes last in an order that the caller gives.
 
 use std::collections::HashMap;
 
@@ -48,8 +49,13 @@ struct Segment {
 impl Segments {
     /// The segments that a header names with their layers, if it does, all by numbers.
     pub(super) fn of_header(fields: &Fields) -> Option<Self> {
-        let mut found =
-            Self { numbers: HashMap::new(), segments: Vec::new(), named: 0, overlapping: 0, places: Vec::new() };
+        let mut found = Self {
+            numbers: HashMap::new(),
+            segments: Vec::new(),
+            named: 0,
+            overlapping: 0,
+            places: Vec::new(),
+        };
         for n in 0.. {
             let of = |what: &str| fields.pair(&format!("Segment{n}_{what}"));
             let (Some(layer), Some(value)) = (of("Layer"), of("LabelValue")) else { break };
@@ -65,8 +71,8 @@ impl Segments {
         self.segments.iter().map(|segment| (segment.value, segment.name.clone())).collect()
     }
 
-    /// Has the `count` layers count in another order than that of the file: later ones over earlier ones. False, and
-    /// nothing done, if `order` does not name each layer once.
+    /// Has the `count` layers count in another order than that of the file: later ones over earlier
+    /// ones. False, and nothing done, if `order` does not name each layer once.
     pub(super) fn set_order(&mut self, order: &[usize], count: usize) -> bool {
         let mut sorted = order.to_vec();
         sorted.sort_unstable();
@@ -90,16 +96,19 @@ impl Segments {
         number
     }
 
-    /// The number of the segment that a voxel belongs to, by its values in all layers; 0 for none. Segments that the
-    /// header does not name get their numbers in the order of the file, whatever the order in which layers count.
+    /// The number of the segment that a voxel belongs to, by its values in all layers; 0 for none.
+    /// Segments that the header does not name get their numbers in the order of the file, whatever
+    /// the order in which layers count.
     pub(super) fn number(&mut self, values: &[i32]) -> i32 {
         let (mut number, mut highest, mut count) = (0, 0, 0);
         for (layer, &value) in values.iter().enumerate().filter(|&(_, &value)| value != 0) {
             let of_layer = match self.numbers.get(&(layer, value)) {
                 Some(&known) => known,
-                None => {
-                    self.add(layer, value, format!("value {value} of layer {layer}, which the header does not name"))
-                }
+                None => self.add(
+                    layer,
+                    value,
+                    format!("value {value} of layer {layer}, which the header does not name"),
+                ),
             };
             self.segments[of_layer as usize - 1].occurs = true;
             let place = self.places.get(layer).copied().unwrap_or(layer);
@@ -114,7 +123,8 @@ impl Segments {
 
     /// When all voxels were seen.
     pub(super) fn finish(self) -> Finished<impl Fn(i32) -> i32> {
-        let mut values: Vec<i32> = self.segments.iter().filter(|s| s.occurs).map(|s| s.value).collect();
+        let mut values: Vec<i32> =
+            self.segments.iter().filter(|s| s.occurs).map(|s| s.value).collect();
         let count = values.len();
         values.sort_unstable();
         values.dedup();
@@ -124,14 +134,22 @@ impl Segments {
         let mut warnings = Vec::new();
         let mut tell = |why: &str, numbers: std::ops::RangeInclusive<usize>| {
             let count = numbers.clone().count();
-            let names = numbers.take(NAMED).map(|n| format!("{} {}", label(n as i32), self.segments[n - 1].name));
+            let names = numbers
+                .take(NAMED)
+                .map(|n| format!("{} {}", label(n as i32), self.segments[n - 1].name));
             let names = names.collect::<Vec<_>>().join(", ");
             warnings.push(format!("{why}: {names}{}", if count > NAMED { ", ..." } else { "" }));
         };
         if !differ {
-            tell("segments of several layers have the same value, so they are numbered", 1..=self.segments.len());
+            tell(
+                "segments of several layers have the same value, so they are numbered",
+                1..=self.segments.len(),
+            );
         } else if self.named < self.segments.len() {
-            tell("there are segments that the header does not name", self.named + 1..=self.segments.len());
+            tell(
+                "there are segments that the header does not name",
+                self.named + 1..=self.segments.len(),
+            );
         }
         if self.overlapping > 0 {
             let counts = if self.places.is_empty() {
@@ -141,7 +159,8 @@ impl Segments {
             };
             warnings.push(format!("{} voxels are in several segments; {counts}", self.overlapping));
         }
-        let named = self.segments[..self.named].iter().zip(1..).filter(|(segment, _)| segment.occurs);
+        let named =
+            self.segments[..self.named].iter().zip(1..).filter(|(segment, _)| segment.occurs);
         let names = named.map(|(segment, number)| (label(number), segment.name.clone())).collect();
         Finished { label, names, warnings }
     }

@@ -1,4 +1,5 @@
-//! The bytes of an image file, decompressed where its format says so, with a bound on how many can come.
+//! The bytes of an image file, decompressed where its format says so, with a bound on how many can
+//! come.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Cursor, ErrorKind, Read};
@@ -8,14 +9,15 @@ use flate2::bufread::{GzDecoder, ZlibDecoder};
 
 use crate::{Error, Result};
 
-/// Deflate codes at most 258 bytes in 2 bits (RFC 1951: a match of full length with one-bit codes): 1032 to 1.
+/// Deflate codes at most 258 bytes in 2 bits (RFC 1951: a match of full length with one-bit codes):
+/// 1032 to 1.
 const DEFLATE_RATIO: u64 = 1032;
 
 /// What is read past the voxels of a compressed stream to reach its checksum, at most.
 const MAX_EXCESS: u64 = 16 << 20;
 
-/// The members of a gzip file, one after the other. Zeros behind the last one, which tapes and disks leave, are ignored, as
-/// gzip does.
+/// The members of a gzip file, one after the other. Zeros behind the last one, which tapes and
+/// disks leave, are ignored, as gzip does.
 struct Members {
     /// `None` at the end.
     member: Option<GzDecoder<Box<dyn BufRead>>>,
@@ -111,12 +113,16 @@ impl Source {
 
     /// The rest, decompressed as gzip: several members as one, zeros after the last one ignored.
     pub(super) fn gunzip(self) -> Self {
-        self.decompressed(|stream| Box::new(BufReader::with_capacity(1 << 16, Members::new(stream))))
+        self.decompressed(|stream| {
+            Box::new(BufReader::with_capacity(1 << 16, Members::new(stream)))
+        })
     }
 
     /// The rest, decompressed as zlib.
     pub(super) fn inflate(self) -> Self {
-        self.decompressed(|stream| Box::new(BufReader::with_capacity(1 << 16, ZlibDecoder::new(stream))))
+        self.decompressed(|stream| {
+            Box::new(BufReader::with_capacity(1 << 16, ZlibDecoder::new(stream)))
+        })
     }
 
     fn decompressed(self, decoder: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
@@ -146,9 +152,10 @@ impl Source {
 
     fn failure(&self, e: io::Error) -> Error {
         match e.kind() {
-            ErrorKind::UnexpectedEof if self.compressed => {
-                self.error(format!("the compressed data is cut off after {} decompressed bytes", self.position))
-            }
+            ErrorKind::UnexpectedEof if self.compressed => self.error(format!(
+                "the compressed data is cut off after {} decompressed bytes",
+                self.position
+            )),
             ErrorKind::InvalidInput | ErrorKind::InvalidData if self.compressed => {
                 self.error(format!("the compressed data is damaged ({e})"))
             }
@@ -173,7 +180,8 @@ impl Source {
         Ok(filled)
     }
 
-    /// Appends to `buffer` up to and including the next `\n`, or to the end of the stream; returns the number of bytes, at most `limit`.
+    /// Appends to `buffer` up to and including the next `\n`, or to the end of the stream; returns
+    /// the number of bytes, at most `limit`.
     pub(super) fn read_line(&mut self, limit: u64, buffer: &mut Vec<u8>) -> Result<usize> {
         match self.stream.by_ref().take(limit).read_until(b'\n', buffer) {
             Ok(n) => {
@@ -201,11 +209,14 @@ impl Source {
         }
     }
 
-    /// Moves to where `length` bytes and then `after` more remain to the end; ends the stream before these last.
+    /// Moves to where `length` bytes and then `after` more remain to the end; ends the stream
+    /// before these last.
     pub(super) fn seek_from_end(mut self, length: u64, after: u64) -> Result<Self> {
         let wanted = length.saturating_add(after);
         let too_short = |source: &Self, held: u64| {
-            source.error(format!("{wanted} bytes are to be found at the end of the data, which has {held}"))
+            source.error(format!(
+                "{wanted} bytes are to be found at the end of the data, which has {held}"
+            ))
         };
         if !self.compressed {
             let Some(before) = self.remaining().checked_sub(wanted) else {
@@ -234,11 +245,13 @@ impl Source {
         Ok(Self { stream: Box::new(stream), position: before, bound: before + length, ..self })
     }
 
-    /// Reads what follows the voxels: a decompressor checks its checksum at the end only. Returns how many bytes too many there are.
+    /// Reads what follows the voxels: a decompressor checks its checksum at the end only. Returns
+    /// how many bytes too many there are.
     pub(super) fn drain(&mut self) -> Result<u64> {
         if !self.compressed {
             return Ok(self.remaining());
         }
-        io::copy(&mut self.stream.by_ref().take(MAX_EXCESS), &mut io::sink()).map_err(|e| self.failure(e))
+        io::copy(&mut self.stream.by_ref().take(MAX_EXCESS), &mut io::sink())
+            .map_err(|e| self.failure(e))
     }
 }

@@ -1,7 +1,8 @@
 //! Scans and probability maps from files: as [`super`], with real numbers instead of labels.
 //!
-//! Numbers of all types are read, scaled as the header says, and rounded to single precision. A file may hold several volumes: a fourth axis (NIfTI, NRRD, MetaImage), or
-//! several values for each voxel (NRRD, MetaImage, INR).
+//! Numbers of all types are read, scaled as the header says, and rounded to single precision. A
+//! file may hold several volumes: a fourth axis (NIfTI, NRRD, MetaImage), or several values for
+//! each voxel (NRRD, MetaImage, INR).
 
 use std::path::Path;
 
@@ -29,21 +30,27 @@ pub struct Read<T> {
 /// Reads a scan.
 ///
 /// # Errors
-/// Those of [`super::read_image_with`]; [`Error::Format`] for a file of several volumes, and for an intensity that is not finite.
+/// Those of [`super::read_image_with`]; [`Error::Format`] for a file of several volumes, and for an
+/// intensity that is not finite.
 pub fn read_gray(path: &Path, options: &ReadOptions) -> Result<Read<GrayImage>> {
     let Stack { dims, frame, mut volumes, world, warnings } = Stack::read(path, options)?;
     if volumes.len() != 1 {
-        return Err(Error::format(path, format!("{} values per voxel, a gray image has one", volumes.len())));
+        return Err(Error::format(
+            path,
+            format!("{} values per voxel, a gray image has one", volumes.len()),
+        ));
     }
     let image = GrayImage::new(dims, frame, volumes.remove(0)).map_err(|e| of_file(path, e))?;
     Ok(Read { image, world, warnings })
 }
 
-/// Reads probability maps: all volumes of all files, in their order, which have the labels `labels`, or 1, 2, ... without.
+/// Reads probability maps: all volumes of all files, in their order, which have the labels
+/// `labels`, or 1, 2, ... without.
 ///
 /// # Errors
-/// Those of [`super::read_image_with`]; [`Error::InvalidArgument`] for no file, a label given twice, and not as many labels as volumes; [`Error::Format`] for a file whose grid is
-/// not that of the first, and for values that [`ProbabilityImage::new`] refuses.
+/// Those of [`super::read_image_with`]; [`Error::InvalidArgument`] for no file, a label given
+/// twice, and not as many labels as volumes; [`Error::Format`] for a file whose grid is not that of
+/// the first, and for values that [`ProbabilityImage::new`] refuses.
 pub fn read_probabilities(
     paths: &[&Path],
     labels: Option<&[i32]>,
@@ -73,14 +80,22 @@ pub fn read_maps(
         if stack.dims != all.dims {
             return Err(Error::format(
                 path,
-                format!("a grid of {:?} voxels, but {} has {:?}", stack.dims, first.display(), all.dims),
+                format!(
+                    "a grid of {:?} voxels, but {} has {:?}",
+                    stack.dims,
+                    first.display(),
+                    all.dims
+                ),
             ));
         }
         let far = DVec3::from(all.dims.map(|n| n as f64));
         for index in [DVec3::ZERO, far, far.with_x(0.0), far.with_y(0.0), far.with_z(0.0)] {
             let apart = all.frame.to_index(stack.frame.to_world(index)) - index;
             if apart.abs().max_element() > SAME_PLACE {
-                let message = format!("another place in the world than {}: {apart} voxels apart", first.display());
+                let message = format!(
+                    "another place in the world than {}: {apart} voxels apart",
+                    first.display()
+                );
                 return Err(Error::format(path, message));
             }
         }
@@ -103,7 +118,8 @@ pub fn read_maps(
     let counted: Vec<i32> = (1..=all.volumes.len() as i32).collect();
     let labels = labels.unwrap_or(&counted);
     let of_map = |map: usize, error| of_file(files[map], error);
-    let image = ProbabilityImage::with_source(all.dims, all.frame, values, all.volumes, labels, of_map)?;
+    let image =
+        ProbabilityImage::with_source(all.dims, all.frame, values, all.volumes, labels, of_map)?;
     Ok(Read { image, world: all.world, warnings: all.warnings })
 }
 
@@ -118,7 +134,8 @@ struct Stack {
 
 impl Stack {
     fn read(path: &Path, options: &ReadOptions) -> Result<Self> {
-        let Opened { mut source, layout, frame, world, mut warnings, .. } = open(path, Volumes::Many, options)?;
+        let Opened { mut source, layout, frame, world, mut warnings, .. } =
+            open(path, Volumes::Many, options)?;
         let volumes = read_values(&mut source, &layout, &mut warnings)?;
         Ok(Self { dims: layout.dims, frame, volumes, world, warnings })
     }
@@ -148,14 +165,20 @@ mod tests {
         let side_by_side: Vec<u8> =
             (0..6).flat_map(|n| [VALUES[n], VALUES[n + 6]]).flat_map(f32::to_le_bytes).collect();
         let nrrd = |lines: &str, data: &[u8]| {
-            let head = format!("NRRD0004\ntype: float\ndimension: 4\nencoding: raw\nendian: little\n{lines}\n\n");
+            let head = format!(
+                "NRRD0004\ntype: float\ndimension: 4\nencoding: raw\nendian: little\n{lines}\n\n"
+            );
             [head.as_bytes(), data].concat()
         };
         let mha = |lines: &str, data: &[u8]| {
-            let head = format!("ObjectType = Image\n{lines}\nElementType = MET_FLOAT\nElementDataFile = LOCAL\n");
+            let head = format!(
+                "ObjectType = Image\n{lines}\nElementType = MET_FLOAT\nElementDataFile = LOCAL\n"
+            );
             [head.as_bytes(), data].concat()
         };
-        let mut inr = b"#INRIMAGE-4#{\nXDIM=3\nYDIM=2\nZDIM=1\nVDIM=2\nTYPE=float\nPIXSIZE=32 bits\nCPU=pc\n".to_vec();
+        let mut inr =
+            b"#INRIMAGE-4#{\nXDIM=3\nYDIM=2\nZDIM=1\nVDIM=2\nTYPE=float\nPIXSIZE=32 bits\nCPU=pc\n"
+                .to_vec();
         inr.resize(252, b'\n');
         inr.extend(b"##}\n");
         inr.extend(&side_by_side);
@@ -174,13 +197,35 @@ mod tests {
         put(108, &352.0_f32.to_le_bytes());
         nifti.extend(bytes());
         vec![
-            ("a.nrrd", nrrd("sizes: 3 2 1 2\nspacings: 1 1 1 1\nkinds: domain domain domain list", &bytes())),
-            ("a.nrrd", nrrd("sizes: 3 2 1 2\nspacings: 1 1 1 1\nkinds: domain domain domain ???", &bytes())),
-            ("a.nrrd", nrrd("sizes: 2 3 2 1\nspacings: 1 1 1 1\nkinds: vector domain domain domain", &side_by_side)),
+            (
+                "a.nrrd",
+                nrrd(
+                    "sizes: 3 2 1 2\nspacings: 1 1 1 1\nkinds: domain domain domain list",
+                    &bytes(),
+                ),
+            ),
+            (
+                "a.nrrd",
+                nrrd(
+                    "sizes: 3 2 1 2\nspacings: 1 1 1 1\nkinds: domain domain domain ???",
+                    &bytes(),
+                ),
+            ),
+            (
+                "a.nrrd",
+                nrrd(
+                    "sizes: 2 3 2 1\nspacings: 1 1 1 1\nkinds: vector domain domain domain",
+                    &side_by_side,
+                ),
+            ),
             ("a.mha", mha("NDims = 4\nDimSize = 3 2 1 2\nElementSpacing = 1 1 1 1", &bytes())),
             (
                 "a.mha",
-                mha("NDims = 3\nDimSize = 3 2 1\nElementNumberOfChannels = 2\nElementSpacing = 1 1 1", &side_by_side),
+                mha(
+                    "NDims = 3\nDimSize = 3 2 1\nElementNumberOfChannels = 2\nElementSpacing = 1 1 \
+                     1",
+                    &side_by_side,
+                ),
             ),
             ("a.inr", inr),
             ("a.nii", nifti),
@@ -196,7 +241,8 @@ mod tests {
             let head = String::from_utf8_lossy(&file[..file.len() - 48]).into_owned();
             assert_eq!((stack.dims, stack.volumes.len()), ([3, 2, 1], 2), "{head}");
             assert_eq!(stack.volumes.concat(), VALUES, "{head}");
-            let read = read_probabilities(&[&path], Some(&[4, 0]), &ReadOptions::default()).unwrap();
+            let read =
+                read_probabilities(&[&path], Some(&[4, 0]), &ReadOptions::default()).unwrap();
             assert_eq!(read.image.label_image().unwrap().label_at([1, 0, 0]), Some(4));
             let message = read_gray(&path, &ReadOptions::default()).unwrap_err().to_string();
             assert!(message.ends_with("2 values per voxel, a gray image has one"), "{message}");
@@ -206,7 +252,8 @@ mod tests {
 
     fn text(files: &Files, name: &str, lines: &str, values: &str) -> std::path::PathBuf {
         let file = format!(
-            "NRRD0004\ntype: double\ndimension: 3\nsizes: 2 1 1\nspacings: 1 1 1\nencoding: text\n{lines}\n{values}"
+            "NRRD0004\ntype: double\ndimension: 3\nsizes: 2 1 1\nspacings: 1 1 1\nencoding: \
+             text\n{lines}\n{values}"
         );
         files.write(name, file.as_bytes())
     }
@@ -219,12 +266,18 @@ mod tests {
         assert_eq!(read_gray(&good, &options).unwrap().image.voxels(), [0.5, 1.0]);
         let nan = text(&files, "nan.nrrd", "", "0.5 nan");
         let message = read_gray(&nan, &options).unwrap_err().to_string();
-        assert!(message.ends_with("nan.nrrd: intensity of voxel [1, 0, 0] is NaN; it must be finite"), "{message}");
+        assert!(
+            message.ends_with("nan.nrrd: intensity of voxel [1, 0, 0] is NaN; it must be finite"),
+            "{message}"
+        );
         let message = |paths: &[&Path], labels: Option<&[i32]>| {
             read_probabilities(paths, labels, &options).unwrap_err().to_string()
         };
         assert_eq!(message(&[], None), "no file of probability maps is given");
-        assert_eq!(message(&[&good, &good], Some(&[1, 1])), "two probability maps are given for label 1");
+        assert_eq!(
+            message(&[&good, &good], Some(&[1, 1])),
+            "two probability maps are given for label 1"
+        );
         assert_eq!(
             message(&[&good], Some(&[4, -4])),
             "as many probability maps as labels are needed, at least one: got 1 and 2"
@@ -234,27 +287,47 @@ mod tests {
             "as many probability maps as labels are needed, at least one: got 2 and 0"
         );
         let invalid = |paths: &[&Path], labels: &[i32]| {
-            matches!(read_probabilities(paths, Some(labels), &options), Err(Error::InvalidArgument(_)))
+            matches!(
+                read_probabilities(paths, Some(labels), &options),
+                Err(Error::InvalidArgument(_))
+            )
         };
-        assert!(invalid(&[&good], &[4, -4]) && invalid(&[&good, &good], &[5]) && invalid(&[&good, &good], &[5, 5]));
+        assert!(
+            invalid(&[&good], &[4, -4])
+                && invalid(&[&good, &good], &[5])
+                && invalid(&[&good, &good], &[5, 5])
+        );
         // What a file holds is the file's fault, whichever it is.
         let high = text(&files, "high.nrrd", "", "0.5 2");
         for bad in [&nan, &high] {
-            let error = read_probabilities(&[&good, bad, &good], Some(&[1, 12, 2]), &options).unwrap_err();
-            let named = error.to_string().starts_with(&format!("{}: the probability of label 12 of", bad.display()));
+            let error =
+                read_probabilities(&[&good, bad, &good], Some(&[1, 12, 2]), &options).unwrap_err();
+            let named = error
+                .to_string()
+                .starts_with(&format!("{}: the probability of label 12 of", bad.display()));
             assert!(matches!(error, Error::Format { .. }) && named, "{error:?}");
         }
-        let elsewhere = text(&files, "elsewhere.nrrd", "space dimension: 3\nspace origin: (1,0,0)\n", "0.5 1");
-        assert!(message(&[&good, &elsewhere], None).contains("elsewhere.nrrd: another place in the world than"));
-        let tilted =
-            |name: &str, space: &str| text(&files, name, &format!("space: {space}\nspace origin: (0,0,0)\n"), "0.5 1");
+        let elsewhere =
+            text(&files, "elsewhere.nrrd", "space dimension: 3\nspace origin: (1,0,0)\n", "0.5 1");
+        assert!(
+            message(&[&good, &elsewhere], None)
+                .contains("elsewhere.nrrd: another place in the world than")
+        );
+        let tilted = |name: &str, space: &str| {
+            text(&files, name, &format!("space: {space}\nspace origin: (0,0,0)\n"), "0.5 1")
+        };
         let (lps, ras) = (tilted("lps.nrrd", "LPS"), tilted("ras.nrrd", "RAS"));
         assert!(message(&[&lps, &ras], None).ends_with("lps.nrrd are LPS: ask for one frame"));
         let known = read_probabilities(&[&good, &ras], None, &options).unwrap();
         assert_eq!(known.world, Some(WorldAxes::Ras));
-        let larger =
-            files.write("larger.nrrd", b"NRRD0004\ntype: double\ndimension: 3\nsizes: 3 1 1\nencoding: text\n\n0 0 0");
-        assert!(message(&[&good, &larger], None).contains("larger.nrrd: a grid of [3, 1, 1] voxels, but"));
+        let larger = files.write(
+            "larger.nrrd",
+            b"NRRD0004\ntype: double\ndimension: 3\nsizes: 3 1 1\nencoding: text\n\n0 0 0",
+        );
+        assert!(
+            message(&[&good, &larger], None)
+                .contains("larger.nrrd: a grid of [3, 1, 1] voxels, but")
+        );
     }
 
     #[test]

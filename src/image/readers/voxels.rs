@@ -1,4 +1,5 @@
-//! From the bytes of a file to labels or real numbers: the one place that knows number types, byte orders and text, for all formats.
+//! From the bytes of a file to labels or real numbers: the one place that knows number types, byte
+//! orders and text, for all formats.
 
 use super::super::LabelImage;
 use super::super::builder::{LabelBuilder, voxel_count};
@@ -14,11 +15,12 @@ use crate::{Error, Result};
 /// Voxels decoded at a time.
 const CHUNK: usize = 1 << 16;
 
-/// Voxels per byte of the file for which room is made before they are seen; segmentations compress about so well.
+/// Voxels per byte of the file for which room is made before they are seen; segmentations compress
+/// about so well.
 const TRUSTED_RATIO: u64 = 64;
 
-/// How far a number may be from a whole one to be taken for this label anyway, with a warning. Programs that resample or
-/// rescale labels leave such.
+/// How far a number may be from a whole one to be taken for this label anyway, with a warning.
+/// Programs that resample or rescale labels leave such.
 const NEARLY_WHOLE: f64 = 1e-3;
 
 /// Values per voxel at most; as many as there are labels.
@@ -93,7 +95,12 @@ pub(super) struct Layout {
 
 impl Layout {
     /// Checks the sizes of a header: each axis, and the voxels and bytes they make.
-    pub(super) fn new(source: &Source, sizes: [u64; 3], scalar: Scalar, coding: Coding) -> Result<Self> {
+    pub(super) fn new(
+        source: &Source,
+        sizes: [u64; 3],
+        scalar: Scalar,
+        coding: Coding,
+    ) -> Result<Self> {
         let mut dims = [0; 3];
         for axis in 0..3 {
             dims[axis] = usize::try_from(sizes[axis]).unwrap_or(usize::MAX);
@@ -103,10 +110,17 @@ impl Layout {
     }
 
     /// As [`Layout::new`], with several values per voxel.
-    pub(super) fn with_volumes(self, source: &Source, volumes: u64, interleaved: bool) -> Result<Self> {
+    pub(super) fn with_volumes(
+        self,
+        source: &Source,
+        volumes: u64,
+        interleaved: bool,
+    ) -> Result<Self> {
         match usize::try_from(volumes) {
             Ok(volumes @ 1..=MAX_VOLUMES) => Ok(Self { volumes, interleaved, ..self }),
-            _ => Err(source.error(format!("1 to {MAX_VOLUMES} values per voxel are read, the header says {volumes}"))),
+            _ => Err(source.error(format!(
+                "1 to {MAX_VOLUMES} values per voxel are read, the header says {volumes}"
+            ))),
         }
     }
 
@@ -136,7 +150,8 @@ struct Rounding {
 }
 
 impl Rounding {
-    /// The label for a number, with a note if it is not whole; `exact` is how far from a whole one it may be without.
+    /// The label for a number, with a note if it is not whole; `exact` is how far from a whole one
+    /// it may be without.
     fn label(&mut self, value: f64, exact: f64, voxel: usize) -> Option<i32> {
         let whole = value.round();
         let off = (value - whole).abs();
@@ -153,8 +168,8 @@ impl Rounding {
     }
 }
 
-/// A volume of labels, and the text of the value of each label from 1 on, read to the end of the file; see
-/// [`LabelValues::Distinct`].
+/// A volume of labels, and the text of the value of each label from 1 on, read to the end of the
+/// file; see [`LabelValues::Distinct`].
 pub(super) fn read_distinct(
     source: &mut Source,
     layout: &Layout,
@@ -163,22 +178,30 @@ pub(super) fn read_distinct(
 ) -> Result<(LabelImage, Vec<String>)> {
     let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
     let (mut distinct, mut numbers) = (Distinct::default(), Vec::new());
-    read_numbers(source, layout, warnings, &mut Rounding::default(), |source, values: &[Number]| {
-        numbers.clear();
-        distinct.number(values, &mut numbers);
-        if distinct.are_too_many() {
-            return Err(source.error("more than 65534 different values: is this a segmentation?"));
-        }
-        builder.push(&numbers)
-    })?;
+    read_numbers(
+        source,
+        layout,
+        warnings,
+        &mut Rounding::default(),
+        |source, values: &[Number]| {
+            numbers.clear();
+            distinct.number(values, &mut numbers);
+            if distinct.are_too_many() {
+                return Err(
+                    source.error("more than 65534 different values: is this a segmentation?")
+                );
+            }
+            builder.push(&numbers)
+        },
+    )?;
     let (labels, texts) = distinct.finish();
     builder.relabel(|number| labels[number as usize - 1]);
     warnings.push(told(&texts));
     Ok((builder.finish(frame)?, texts))
 }
 
-/// A volume of labels, read to the end of the file. Numbers that are not whole are rounded where they are nearly so, or
-/// where `values` asks for it.
+/// A volume of labels, read to the end of the file. Numbers that are not whole are rounded where
+/// they are nearly so, or where `values` asks for it.
 pub(super) fn read_labels(
     source: &mut Source,
     layout: &Layout,
@@ -193,7 +216,8 @@ pub(super) fn read_labels(
     builder.finish(frame)
 }
 
-/// As [`read_labels`], where each voxel has a value in each of several layers; with the names of labels.
+/// As [`read_labels`], where each voxel has a value in each of several layers; with the names of
+/// labels.
 pub(super) fn read_layers(
     source: &mut Source,
     layout: &Layout,
@@ -243,13 +267,19 @@ fn read_whole(
     read_numbers(source, layout, warnings, &mut rounding, push)?;
     if let Some((voxel, value)) = rounding.first {
         let (place, count) = (place_of(layout, voxel), rounding.count);
-        warnings.push(format!("{count} voxels are no whole numbers and were rounded; the first, {place}, is {value}"));
+        warnings.push(format!(
+            "{count} voxels are no whole numbers and were rounded; the first, {place}, is {value}"
+        ));
     }
     Ok(())
 }
 
 /// All volumes as real numbers, read to the end of the file, x fastest.
-pub(super) fn read_values(source: &mut Source, layout: &Layout, warnings: &mut Vec<String>) -> Result<Vec<Vec<f32>>> {
+pub(super) fn read_values(
+    source: &mut Source,
+    layout: &Layout,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Vec<f32>>> {
     const WHAT: &str = "values of an image";
     let mut values: Vec<f32> = room(trusted(source, layout)?.min(layout.numbers()), WHAT)?;
     read_numbers(source, layout, warnings, &mut Rounding::default(), |_, more: &[f32]| {
@@ -274,7 +304,8 @@ pub(super) fn read_values(source: &mut Source, layout: &Layout, warnings: &mut V
     (0..volumes).map(volume).collect()
 }
 
-/// Numbers for which room is made before they are seen: in proportion to what the file holds, not to what it claims.
+/// Numbers for which room is made before they are seen: in proportion to what the file holds, not
+/// to what it claims.
 ///
 /// # Errors
 /// [`Error::Format`] when the file cannot hold what it claims.
@@ -282,17 +313,23 @@ fn trusted(source: &Source, layout: &Layout) -> Result<usize> {
     let (claimed, held) = (layout.bytes(), source.remaining());
     if claimed > held {
         let [nx, ny, nz] = layout.dims;
-        let each = if layout.volumes > 1 { format!(" of {} values", layout.volumes) } else { String::new() };
+        let each = if layout.volumes > 1 {
+            format!(" of {} values", layout.volumes)
+        } else {
+            String::new()
+        };
         let compressed = if source.is_compressed() { " even if perfectly compressed" } else { "" };
         return Err(source.error(format!(
-            "the voxel data is cut off: {nx} x {ny} x {nz} voxels{each} need {claimed} bytes, the file can hold {held}{compressed}"
+            "the voxel data is cut off: {nx} x {ny} x {nz} voxels{each} need {claimed} bytes, the \
+             file can hold {held}{compressed}"
         )));
     }
     let file_bytes = if source.is_compressed() { held / 1032 } else { held };
     Ok(usize::try_from(file_bytes.saturating_mul(TRUSTED_RATIO)).unwrap_or(usize::MAX))
 }
 
-/// Hands the numbers over, chunk by chunk in their order, and reads whatever follows them. Warns about bytes left over.
+/// Hands the numbers over, chunk by chunk in their order, and reads whatever follows them. Warns
+/// about bytes left over.
 fn read_numbers<V: Value>(
     source: &mut Source,
     layout: &Layout,
@@ -307,7 +344,8 @@ fn read_numbers<V: Value>(
     let excess = source.drain()?;
     if excess > 0 && layout.coding != Coding::Text {
         warnings.push(format!(
-            "the file holds {excess} bytes or more after the voxels that its header describes; they are ignored"
+            "the file holds {excess} bytes or more after the voxels that its header describes; \
+             they are ignored"
         ));
     }
     Ok(())
@@ -325,11 +363,12 @@ fn bad_voxel(source: &Source, layout: &Layout, voxel: usize, value: f64) -> Erro
     let why = match () {
         () if !value.is_finite() => "labels must be numbers",
         () if f64::from(value.round() as i32) != value.round() => {
-            "labels must fit a 32-bit signed integer; --map (LAPD_LABELS_DISTINCT) numbers distinct values"
+            "labels must fit a 32-bit signed integer; --map (LAPD_LABELS_DISTINCT) numbers \
+             distinct values"
         }
         () => {
-            "labels must be whole numbers; --round (LAPD_LABELS_ROUNDED) takes the nearest ones, --map \
-             (LAPD_LABELS_DISTINCT) numbers distinct values"
+            "labels must be whole numbers; --round (LAPD_LABELS_ROUNDED) takes the nearest ones, \
+             --map (LAPD_LABELS_DISTINCT) numbers distinct values"
         }
     };
     source.error(format!("{} is {value}: {why}", place_of(layout, voxel)))
@@ -351,8 +390,10 @@ fn read_binary<V: Value>(
         let filled = source.read_up_to(bytes)?;
         if filled < bytes.len() {
             let held = done * size + filled;
-            return Err(source
-                .error(format!("the voxel data is cut off: {} bytes are needed, {held} are there", layout.bytes())));
+            return Err(source.error(format!(
+                "the voxel data is cut off: {} bytes are needed, {held} are there",
+                layout.bytes()
+            )));
         }
         if let Err((voxel, value)) = decode(bytes, layout, values, done, rounding) {
             return Err(bad_voxel(source, layout, voxel, value));
@@ -416,7 +457,12 @@ trait Value: Copy + Default {
     /// The number of a voxel as it is, if it can be read so.
     fn plain(stored: impl Sample, voxel: usize, rounding: &mut Rounding) -> Option<Self>;
     /// slope * stored + intercept, if it can be read so.
-    fn scaled(stored: f64, scale: (f64, f64), voxel: usize, rounding: &mut Rounding) -> Option<Self>;
+    fn scaled(
+        stored: f64,
+        scale: (f64, f64),
+        voxel: usize,
+        rounding: &mut Rounding,
+    ) -> Option<Self>;
 }
 
 /// Labels.
@@ -427,7 +473,12 @@ impl Value for i32 {
     }
 
     #[inline]
-    fn scaled(stored: f64, (slope, intercept): (f64, f64), voxel: usize, rounding: &mut Rounding) -> Option<Self> {
+    fn scaled(
+        stored: f64,
+        (slope, intercept): (f64, f64),
+        voxel: usize,
+        rounding: &mut Rounding,
+    ) -> Option<Self> {
         let (product, value) = (slope * stored, slope * stored + intercept);
         // Headers store the slope in single precision: a product is exact to 2^-24 of itself only.
         let exact = 1e-7 * product.abs().max(intercept.abs()).max(value.abs());
@@ -443,7 +494,12 @@ impl Value for Number {
     }
 
     #[inline]
-    fn scaled(stored: f64, (slope, intercept): (f64, f64), _: usize, _: &mut Rounding) -> Option<Self> {
+    fn scaled(
+        stored: f64,
+        (slope, intercept): (f64, f64),
+        _: usize,
+        _: &mut Rounding,
+    ) -> Option<Self> {
         Self::of_real(slope * stored + intercept)
     }
 }
@@ -456,13 +512,18 @@ impl Value for f32 {
     }
 
     #[inline]
-    fn scaled(stored: f64, (slope, intercept): (f64, f64), _: usize, _: &mut Rounding) -> Option<Self> {
+    fn scaled(
+        stored: f64,
+        (slope, intercept): (f64, f64),
+        _: usize,
+        _: &mut Rounding,
+    ) -> Option<Self> {
         Some((slope * stored + intercept) as f32)
     }
 }
 
-/// Decodes as many numbers as `values` has, from voxel `first` on. The error is the first that cannot be read so: its voxel
-/// and value.
+/// Decodes as many numbers as `values` has, from voxel `first` on. The error is the first that
+/// cannot be read so: its voxel and value.
 fn decode<V: Value>(
     bytes: &[u8],
     layout: &Layout,
@@ -473,7 +534,9 @@ fn decode<V: Value>(
     macro_rules! each {
         ($t:ty) => {
             match layout.coding {
-                Coding::BigEndian => decode_as(bytes, <$t>::from_be_bytes, layout.scale, values, first, rounding),
+                Coding::BigEndian => {
+                    decode_as(bytes, <$t>::from_be_bytes, layout.scale, values, first, rounding)
+                }
                 _ => decode_as(bytes, <$t>::from_le_bytes, layout.scale, values, first, rounding),
             }
         };
@@ -510,7 +573,8 @@ fn decode_as<T: Sample, V: Value, const N: usize>(
         Some((slope, intercept)) => {
             for ((slot, stored), voxel) in values.iter_mut().zip(stored.map(T::real)).zip(first..) {
                 let value = slope * stored + intercept;
-                *slot = V::scaled(stored, (slope, intercept), voxel, rounding).ok_or((voxel, value))?;
+                *slot =
+                    V::scaled(stored, (slope, intercept), voxel, rounding).ok_or((voxel, value))?;
             }
         }
     }
@@ -535,7 +599,10 @@ fn read_text<V: Value>(
         for byte in bytes[..filled].iter().copied().chain(end) {
             if !byte.is_ascii_whitespace() {
                 if word.len() == MAX_WORD {
-                    return Err(source.error(format!("'{}' is not a number", excerpt(&String::from_utf8_lossy(&word)))));
+                    return Err(source.error(format!(
+                        "'{}' is not a number",
+                        excerpt(&String::from_utf8_lossy(&word))
+                    )));
                 }
                 word.push(byte);
                 continue;
@@ -544,7 +611,9 @@ fn read_text<V: Value>(
                 continue;
             }
             if done + values.len() == total {
-                return Err(source.error(format!("there are more than the {total} numbers that the header describes")));
+                return Err(source.error(format!(
+                    "there are more than the {total} numbers that the header describes"
+                )));
             }
             values.push(value_of_word(source, layout, done + values.len(), &word, rounding)?);
             word.clear();
@@ -557,7 +626,9 @@ fn read_text<V: Value>(
         }
     }
     if done < total {
-        return Err(source.error(format!("the voxel data is cut off: {total} numbers are needed, {done} are there")));
+        return Err(source.error(format!(
+            "the voxel data is cut off: {total} numbers are needed, {done} are there"
+        )));
     }
     Ok(())
 }
@@ -570,6 +641,7 @@ fn value_of_word<V: Value>(
     rounding: &mut Rounding,
 ) -> Result<V> {
     let text = String::from_utf8_lossy(word);
-    let value: f64 = text.parse().map_err(|_| source.error(format!("'{}' is not a number", excerpt(&text))))?;
+    let value: f64 =
+        text.parse().map_err(|_| source.error(format!("'{}' is not a number", excerpt(&text))))?;
     V::plain(value, voxel, rounding).ok_or_else(|| bad_voxel(source, layout, voxel, value))
 }

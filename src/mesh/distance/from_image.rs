@@ -1,6 +1,9 @@
-//! From the faces of the voxels to the mesh, brick by brick: the triangles listed in a brick are gone through once, each looks at the faces within its reach, and a
-//! face keeps the nearest triangles it has met. What no triangle reaches is searched for. The corners of the faces only count for the maximum: mostly a triangle that one of the faces around a corner has met shows
-//! that it is near enough. With each face goes the point where dO crosses the edge between the centres of its two voxels.
+//! From the faces of the voxels to the mesh, brick by brick: the triangles listed in a brick are
+//! gone through once, each looks at the faces within its reach, and a face keeps the nearest
+//! triangles it has met. What no triangle reaches is searched for. The corners of the faces only
+//! count for the maximum: mostly a triangle that one of the faces around a corner has met shows
+//! that it is near enough. With each face goes the point where dO crosses the edge between the
+//! centres of its two voxels.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -25,13 +28,15 @@ struct Target {
     centre: DVec3,
     /// The components on its two sides with the ids of their labels; `None` for the background.
     sides: [Option<(u32, u16)>; 2],
-    /// The nearest triangle of all, and the nearest one of the label of each side; none where all are out of reach.
+    /// The nearest triangle of all, and the nearest one of the label of each side; none where all
+    /// are out of reach.
     best: [Nearest; 3],
     /// The largest of their squared distances: a triangle that is farther changes none.
     limit: f64,
 }
 
-/// The plane of a triangle, and those through its edges at right angles to it: directions, and what turns the square of a product with them into a squared distance.
+/// The plane of a triangle, and those through its edges at right angles to it: directions, and what
+/// turns the square of a product with them into a squared distance.
 struct Planes {
     corners: [DVec3; 3],
     normal: (DVec3, f64),
@@ -103,7 +108,8 @@ impl Cursor {
 }
 
 impl Target {
-    /// The triangle that was found to be nearest, over the whole or of the label of a component on one side.
+    /// The triangle that was found to be nearest, over the whole or of the label of a component on
+    /// one side.
     fn triangle_of(&self, component: Option<u32>) -> Option<u32> {
         let best = match component {
             None => &self.best[0],
@@ -134,7 +140,13 @@ impl Target {
 
 impl Targets {
     /// Collects the faces of a brick.
-    fn collect(&mut self, brick: [usize; 3], faces: &VoxelFaces<'_>, components: &ImageComponents, reach: f64) {
+    fn collect(
+        &mut self,
+        brick: [usize; 3],
+        faces: &VoxelFaces<'_>,
+        components: &ImageComponents,
+        reach: f64,
+    ) {
         let dims = faces.dims();
         self.low = brick.map(|i| i * BRICK);
         self.high = [0, 1, 2].map(|axis| (self.low[axis] + BRICK).min(dims[axis]));
@@ -143,7 +155,8 @@ impl Targets {
         let none = Nearest { triangle: NONE, distance_squared: reach * reach };
         for k in self.low[2]..self.high[2] {
             for j in self.low[1]..self.high[1] {
-                // The voxels of the row, and of the rows below it along y and z. Below 0 wraps to what is outside just as well.
+                // The voxels of the row, and of the rows below it along y and z. Below 0 wraps to
+                // what is outside just as well.
                 let rows = [(j, k), (j.wrapping_sub(1), k), (j, k.wrapping_sub(1))];
                 let mut cursors = [Cursor::NEW, Cursor::NEW, Cursor::NEW];
                 let mut left = None;
@@ -201,8 +214,16 @@ impl Targets {
         })
     }
 
-    /// Whether a corner of the grid, at `p`, is farther than `most` from the triangles that the faces there have met, over the whole or of the label of a component.
-    fn is_far(&self, corner: [usize; 3], component: Option<u32>, p: DVec3, most: f64, bins: &TriangleBins) -> bool {
+    /// Whether a corner of the grid, at `p`, is farther than `most` from the triangles that the
+    /// faces there have met, over the whole or of the label of a component.
+    fn is_far(
+        &self,
+        corner: [usize; 3],
+        component: Option<u32>,
+        p: DVec3,
+        most: f64,
+        bins: &TriangleBins,
+    ) -> bool {
         let mut met = self.around(corner).filter_map(|target| target.triangle_of(component));
         met.all(|triangle| bins.triangles[triangle as usize].distance_squared(p) > most * most)
     }
@@ -213,7 +234,8 @@ impl Targets {
         let (low, high) = ((low - reach) / faces.spacing(), (high + reach) / faces.spacing());
         let [x, y, z] = [0, 1, 2].map(|axis| {
             let cell = |x: f64| x.max(0.0) as usize;
-            cell(low[axis]).max(self.low[axis])..cell(high[axis]).saturating_add(1).min(self.high[axis])
+            cell(low[axis]).max(self.low[axis])
+                ..cell(high[axis]).saturating_add(1).min(self.high[axis])
         });
         let planes = Planes::of(triangle);
         let (width, depth) = (self.high[0] - self.low[0], self.high[1] - self.low[1]);
@@ -223,14 +245,16 @@ impl Targets {
                     continue;
                 }
                 let row = width * (j - self.low[1] + depth * (k - self.low[2]));
-                let targets = self.first[row + x.start - self.low[0]]..self.first[row + x.end - self.low[0]];
+                let targets =
+                    self.first[row + x.start - self.low[0]]..self.first[row + x.end - self.low[0]];
                 for target in &mut self.list[targets.start as usize..targets.end as usize] {
                     let (bound, is_exact) = planes.bound(target.centre);
                     // The margin keeps rounding from deciding.
                     if bound * (1.0 - 1e-12) >= target.limit {
                         continue;
                     }
-                    let distance_squared = if is_exact { bound } else { triangle.distance_squared(target.centre) };
+                    let distance_squared =
+                        if is_exact { bound } else { triangle.distance_squared(target.centre) };
                     if distance_squared < target.limit {
                         target.meet(number, triangle.ids, distance_squared);
                     }
@@ -240,7 +264,8 @@ impl Targets {
     }
 }
 
-/// A corner of the grid that may be farther from the mesh, or from the triangles of a component's label, than all that is known.
+/// A corner of the grid that may be farther from the mesh, or from the triangles of a component's
+/// label, than all that is known.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Corner {
     at: [usize; 3],
@@ -252,7 +277,8 @@ struct Corner {
 /// A distance over the whole, and the sums of each component.
 type Measured = (Distance, Vec<Sum>);
 
-/// Distances from the image to the mesh: from the faces of voxels, and from dO. All triangles within `reach` of a brick are listed there.
+/// Distances from the image to the mesh: from the faces of voxels, and from dO. All triangles
+/// within `reach` of a brick are listed there.
 pub(super) fn image_to_mesh(
     bins: &TriangleBins,
     reach: f64,
@@ -291,30 +317,44 @@ pub(super) fn image_to_mesh(
                 let mut of_all: Option<Nearest> = None;
                 let mut measure = |best: Nearest, side: Option<(u32, u16)>, max: &Maxima| {
                     let id = side.map(|(_, id)| id);
-                    let has_id = |t: u32| id.is_none_or(|id| bins.triangles[t as usize].ids.contains(&id));
-                    // All triangles within the reach have been met. Farther away, the nearest of all may be that of the label.
-                    let found =
-                        if best.triangle != NONE { Some(best) } else { of_all.filter(|all| has_id(all.triangle)) };
-                    let found = found.or_else(|| bins.nearest(id, target.centre, last.filter(|&t| has_id(t))));
+                    let has_id =
+                        |t: u32| id.is_none_or(|id| bins.triangles[t as usize].ids.contains(&id));
+                    // All triangles within the reach have been met. Farther away, the nearest of
+                    // all may be that of the label.
+                    let found = if best.triangle != NONE {
+                        Some(best)
+                    } else {
+                        of_all.filter(|all| has_id(all.triangle))
+                    };
+                    let found = found
+                        .or_else(|| bins.nearest(id, target.centre, last.filter(|&t| has_id(t))));
                     last = found.map(|found| found.triangle).or(last);
                     of_all = of_all.or(found);
-                    let distance = found.map_or(f64::INFINITY, |found| found.distance_squared.sqrt());
+                    let distance =
+                        found.map_or(f64::INFINITY, |found| found.distance_squared.sqrt());
                     max.faces.raise(distance);
                     let Some(Nearest { triangle, .. }) = found else {
                         max.surface.raise(distance);
                         return [Sum::of(area, distance); 2];
                     };
                     let met = known.filter(|met| met.triangle == triangle);
-                    let met = *known.insert(met.unwrap_or_else(|| Met::new(triangle, crossing, bins)));
-                    // A corner with any triangle within the maximum so far cannot raise it: bounds of the distance, the cheapest first. The margin keeps rounding from deciding.
+                    let met =
+                        *known.insert(met.unwrap_or_else(|| Met::new(triangle, crossing, bins)));
+                    // A corner with any triangle within the maximum so far cannot raise it: bounds
+                    // of the distance, the cheapest first. The margin keeps rounding from deciding.
                     let most = max.faces.get();
                     if distance + faces.half_diagonal(target.face) > most * (1.0 - 1e-12) {
                         let component = side.map(|(component, _)| component);
-                        let corner = faces.corner_cells(target.face).map(|at| Corner { at, component, triangle });
+                        let corner = faces.corner_cells(target.face).map(|at| Corner {
+                            at,
+                            component,
+                            triangle,
+                        });
                         corners.extend(corner.into_iter().filter(|corner| {
                             let p = faces.corner(corner.at);
                             p.distance_squared(met.point) > most * most
-                                && bins.triangles[triangle as usize].distance_squared(p) > most * most
+                                && bins.triangles[triangle as usize].distance_squared(p)
+                                    > most * most
                         }));
                     }
                     if met.distance > max.surface.get()
@@ -330,7 +370,10 @@ pub(super) fn image_to_mesh(
                 for (side, best) in target.sides.into_iter().zip(of_sides) {
                     if let Some((component, _)) = side {
                         let sums = measure(best, side, &maxima[component as usize]);
-                        ledgers.iter_mut().zip(sums).for_each(|(ledger, sum)| ledger.add(component.into(), sum));
+                        ledgers
+                            .iter_mut()
+                            .zip(sums)
+                            .for_each(|(ledger, sum)| ledger.add(component.into(), sum));
                     }
                 }
             }
@@ -351,8 +394,10 @@ pub(super) fn image_to_mesh(
         }
         Ok((whole, ledgers.map(Ledger::sums)))
     });
-    let (wholes, sums): (Vec<[Sum; 2]>, Vec<[Sums<Sum>; 2]>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
-    let (of_faces, of_surface): (Vec<Sums<Sum>>, Vec<Sums<Sum>>) = sums.into_iter().map(<(_, _)>::from).unzip();
+    let (wholes, sums): (Vec<[Sum; 2]>, Vec<[Sums<Sum>; 2]>) =
+        parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let (of_faces, of_surface): (Vec<Sums<Sum>>, Vec<Sums<Sum>>) =
+        sums.into_iter().map(<(_, _)>::from).unzip();
     let measured = |which: usize, sums, max: fn(&Maxima) -> &Max| {
         let whole = Sum { max: max(&maximum).get(), ..wholes.iter().map(|sums| sums[which]).sum() };
         let mut of_components = spread(Ledger::total(sums), components.list.len())?;

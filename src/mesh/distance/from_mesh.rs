@@ -13,17 +13,20 @@ use crate::Result;
 use crate::memory::reserve;
 use crate::monitor::Monitor;
 
-/// How often parts of a facet are halved by their centroids alone, which costs less than to look for the faces nearest to their corners, and mostly suffices.
+/// How often parts of a facet are halved by their centroids alone, which costs less than to look
+/// for the faces nearest to their corners, and mostly suffices.
 const HALVINGS: u32 = 2;
 
-/// A side of an interface facet: component, the id of its label, and the face that was last found to be nearest of that label.
+/// A side of an interface facet: component, the id of its label, and the face that was last found
+/// to be nearest of that label.
 struct Side {
     component: u64,
     id: u16,
     last: Option<Face>,
 }
 
-/// Distances from the mesh to the image: over the whole, and the sums of each component that has any facets.
+/// Distances from the mesh to the image: over the whole, and the sums of each component that has
+/// any facets.
 pub(super) fn mesh_to_image(
     triangles: &[Triangle],
     faces: &VoxelFaces<'_>,
@@ -39,9 +42,12 @@ pub(super) fn mesh_to_image(
         let mut distances: Vec<f32> = Vec::new();
         let mut sides: [Option<Side>; 2] = [None, None];
         for triangle in triangles {
-            for (side, (component, id)) in sides.iter_mut().zip(triangle.components.into_iter().zip(triangle.ids)) {
+            for (side, (component, id)) in
+                sides.iter_mut().zip(triangle.components.into_iter().zip(triangle.ids))
+            {
                 let last = side.take().filter(|side| side.id == id).and_then(|side| side.last);
-                *side = (component != NO_SET).then_some(Side { component: component.into(), id, last });
+                *side =
+                    (component != NO_SET).then_some(Side { component: component.into(), id, last });
             }
             // A label that the image does not have is nowhere near.
             let are_there = sides.iter().flatten().all(|side| side.id != 0);
@@ -83,7 +89,11 @@ pub(super) fn mesh_to_image(
                             own.map_or(f64::INFINITY, |(_, squared)| squared)
                         }
                     };
-                    *sum += if squared == squared_of_all { sum_of_all } else { Sum::of(weight, squared.sqrt()) };
+                    *sum += if squared == squared_of_all {
+                        sum_of_all
+                    } else {
+                        Sum::of(weight, squared.sqrt())
+                    };
                 }
                 Ok(())
             })?;
@@ -99,14 +109,16 @@ pub(super) fn mesh_to_image(
         monitor.advance(triangles.len())?;
         Ok((whole, (ledger.sums(), distances)))
     });
-    let (wholes, parts): (Vec<Sum>, Vec<_>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let (wholes, parts): (Vec<Sum>, Vec<_>) =
+        parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
     let (sums, distances): (Vec<Sums<Sum>>, Vec<Vec<f32>>) = parts.into_iter().unzip();
     let sums = Ledger::total(sums);
     let sampled = wholes.into_iter().sum::<Sum>().distance();
     if sampled.max.is_infinite() {
         return Ok((sampled, sums));
     }
-    // Each chunk starts from the maximum of the samples, not from what others have found, so that equal input gives equal bits.
+    // Each chunk starts from the maximum of the samples, not from what others have found, so that
+    // equal input gives equal bits.
     let raised = triangles.par_chunks(CHUNK).zip(&distances).map(|(triangles, distances)| {
         monitor.advance(0)?;
         let (near, max) = (faces.corners_of_grid(), sampled.max);
@@ -120,7 +132,8 @@ pub(super) fn mesh_to_image(
     Ok((Distance { max, ..sampled }, sums))
 }
 
-/// Looks for points of facets that are farther from the faces than all that are known: branch and bound.
+/// Looks for points of facets that are farther from the faces than all that are known: branch and
+/// bound.
 struct Search<'s, 'i, 'm> {
     faces: &'s VoxelFaces<'i>,
     near: Corners<'i>,
@@ -135,7 +148,8 @@ struct Search<'s, 'i, 'm> {
     monitor: &'s Monitor<'m>,
 }
 
-/// A part of a facet: its centroid with an upper bound of its distance from the faces, and from there its corners.
+/// A part of a facet: its centroid with an upper bound of its distance from the faces, and from
+/// there its corners.
 #[derive(Clone, Copy)]
 struct Part {
     centroid: DVec3,
@@ -144,10 +158,12 @@ struct Part {
 }
 
 impl Search<'_, '_, '_> {
-    /// Raises the maximum to the largest distance from a facet, if that is larger by more than the tolerance; `distances` begins with those of its samples, which are taken off.
+    /// Raises the maximum to the largest distance from a facet, if that is larger by more than the
+    /// tolerance; `distances` begins with those of its samples, which are taken off.
     fn look_at(&mut self, triangle: &Triangle, distances: &mut &[f32]) -> Result<()> {
         let parts = Parts::new(&triangle.corners, PART * self.faces.smallest_spacing());
-        let mut sampled = distances.split_off(..parts.along * parts.along).unwrap_or_default().iter();
+        let mut sampled =
+            distances.split_off(..parts.along * parts.along).unwrap_or_default().iter();
         let farthest = sampled.clone().fold(0.0, |max: f32, &distance| max.max(distance));
         if f64::from(farthest) + parts.radius <= self.max + self.tolerance {
             return Ok(());
@@ -159,7 +175,9 @@ impl Search<'_, '_, '_> {
         })
     }
 
-    /// The same for a part of a facet, no point of which is farther than `radius` from its centroid. Where parts of parts, `halvings` times, do not show that it is near enough, their corners are looked at.
+    /// The same for a part of a facet, no point of which is farther than `radius` from its
+    /// centroid. Where parts of parts, `halvings` times, do not show that it is near enough, their
+    /// corners are looked at.
     fn refine(&mut self, part: Part, radius: f64, halvings: u32, ids: [u16; 2]) -> Result<()> {
         if part.distance + radius <= self.max + self.tolerance {
             return Ok(());
@@ -173,10 +191,16 @@ impl Search<'_, '_, '_> {
                 self.refine(Part { centroid, arms, distance }, 0.5 * radius, halvings - 1, ids)?;
             }
             // The one in the middle is upside down.
-            return self.refine(Part { arms: arms.map(|arm| -arm), ..part }, 0.5 * radius, halvings - 1, ids);
+            return self.refine(
+                Part { arms: arms.map(|arm| -arm), ..part },
+                0.5 * radius,
+                halvings - 1,
+                ids,
+            );
         }
         self.monitor.advance(0)?;
-        // Rounding does not lead out of the facet's box: what ends at a face of the grid does so exactly.
+        // Rounding does not lead out of the facet's box: what ends at a face of the grid does so
+        // exactly.
         let [low, high] = self.bounds;
         let at = part.arms.map(|arm| (part.centroid + arm).clamp(low, high));
         let corners = at.map(|at| Corner::new(at, self.faces, &mut self.start));
@@ -206,19 +230,27 @@ impl Search<'_, '_, '_> {
         }
         self.monitor.advance(0)?;
         let [a, b, c] = corners;
-        let middle = |p: Corner, q: Corner| Corner::new(p.at.midpoint(q.at), self.faces, &mut Some(p.face));
-        let (Some(ab), Some(bc), Some(ca)) = (middle(a, b), middle(b, c), middle(c, a)) else { return Ok(()) };
-        [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]].into_iter().try_for_each(|part| self.raise(part))
+        let middle =
+            |p: Corner, q: Corner| Corner::new(p.at.midpoint(q.at), self.faces, &mut Some(p.face));
+        let (Some(ab), Some(bc), Some(ca)) = (middle(a, b), middle(b, c), middle(c, a)) else {
+            return Ok(());
+        };
+        [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+            .into_iter()
+            .try_for_each(|part| self.raise(part))
     }
 
-    /// No point of the triangle is farther than this. The distance to one face is convex, so largest at a corner. And a point x = sum(l_i p_i) is at most
-    /// sum(l_i (d_i + |x - p_i|)) away, where sum(l_i |x - p_i|) is at most the radius of a circle around the triangle, which need not exceed the
-    /// longest edge over the root of 3.
+    /// No point of the triangle is farther than this. The distance to one face is convex, so
+    /// largest at a corner. And a point x = sum(l_i p_i) is at most sum(l_i (d_i + |x - p_i|))
+    /// away, where sum(l_i |x - p_i|) is at most the radius of a circle around the triangle, which
+    /// need not exceed the longest edge over the root of 3.
     fn bound(&self, corners: &[Corner; 3]) -> f64 {
         let [a, b, c] = corners.map(|corner| corner.at);
         let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
         let farthest = corners.iter().fold(0.0, |max: f64, corner| max.max(corner.distance));
-        let to_one = |face: Face| corners.iter().map(|p| self.faces.distance_squared(face, p.at)).fold(0.0, f64::max);
+        let to_one = |face: Face| {
+            corners.iter().map(|p| self.faces.distance_squared(face, p.at)).fold(0.0, f64::max)
+        };
         let convex = corners.iter().map(|p| to_one(p.face)).fold(f64::INFINITY, f64::min);
         (farthest + (longest / 3.0).sqrt()).min(convex.sqrt())
     }
@@ -279,7 +311,8 @@ impl Parts {
         0.5 * u.cross(v).length()
     }
 
-    /// Calls `sample` with the centroid and the arms of each part. An error of `sample` ends the calls.
+    /// Calls `sample` with the centroid and the arms of each part. An error of `sample` ends the
+    /// calls.
     pub fn for_each(&self, mut sample: impl FnMut(DVec3, [DVec3; 3]) -> Result<()>) -> Result<()> {
         let (n, [u, v], third) = (self.along, self.edges, -self.arms[0]);
         for i in 0..n {

@@ -19,14 +19,23 @@ fn both(mesh: &TetMesh, image: &LabelImage, model: SurfaceModel) -> BothDistance
     let monitor = Monitor::silent();
     let image_components = ImageComponents::new(image, &monitor).unwrap();
     let mesh_components = MeshComponents::new(mesh, image, &image_components, &monitor).unwrap();
-    Distances::measure(mesh, image, &mesh_components, &image_components, &oracle(image, model), &monitor).unwrap()
+    Distances::measure(
+        mesh,
+        image,
+        &mesh_components,
+        &image_components,
+        &oracle(image, model),
+        &monitor,
+    )
+    .unwrap()
 }
 
 fn close(a: f64, b: f64) {
     assert!((a - b).abs() <= 1e-9 * b.abs().max(1.0), "{a} is not {b}");
 }
 
-/// An image and the mesh that reproduces its voxels exactly, both in the same turned and reflected frame.
+/// An image and the mesh that reproduces its voxels exactly, both in the same turned and reflected
+/// frame.
 fn pair(label: impl Fn(usize, usize, usize) -> i32 + Copy) -> (TetMesh, LabelImage) {
     let (dims, spacing) = ([5, 4, 3], [0.5, 1.0, 2.0]);
     let direction = [[0.0, 0.6, 0.8], [0.0, 0.8, -0.6], [1.0, 0.0, 0.0]];
@@ -53,7 +62,8 @@ fn a_mesh_of_the_voxels_has_no_distance() {
 
 #[test]
 fn a_shift_is_the_distance() {
-    // A box shifted along its first axis: its two ends are 0.25 off, the sides do not notice but for the rim.
+    // A box shifted along its first axis: its two ends are 0.25 off, the sides do not notice but
+    // for the rim.
     let (mut mesh, image) = pair(|_, _, _| 1);
     for p in &mut mesh.points {
         *p = (DVec3::from_array(*p) + image.frame().direction().x_axis * 0.25).to_array();
@@ -61,9 +71,13 @@ fn a_shift_is_the_distance() {
     let distance = measured(&mesh, &image).whole;
     close(distance.mesh_to_image.max, 0.25);
     close(distance.image_to_mesh.max, 0.25);
-    // The ends have area 2 * 24, the sides 2.5 * 20; of these only the samples near the rim (and none of the face centres) are off.
+    // The ends have area 2 * 24, the sides 2.5 * 20; of these only the samples near the rim (and
+    // none of the face centres) are off.
     close(distance.image_to_mesh.mean, 0.25 * 48.0 / 98.0);
-    assert!(distance.mesh_to_image.mean > 0.25 * 48.0 / 98.0 && distance.mesh_to_image.mean < 0.25 * 60.0 / 98.0);
+    assert!(
+        distance.mesh_to_image.mean > 0.25 * 48.0 / 98.0
+            && distance.mesh_to_image.mean < 0.25 * 60.0 / 98.0
+    );
 }
 
 #[test]
@@ -77,14 +91,18 @@ fn both_sides_against_brute_force() {
     let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
     let all = testing::voxel_faces(&faces);
     let frame = image.frame();
-    let triangles: Vec<[DVec3; 3]> =
-        mesh.facets.iter().map(|f| f.map(|v| (frame.to_index(mesh.point(v)) + 0.5) * frame.spacing())).collect();
+    let triangles: Vec<[DVec3; 3]> = mesh
+        .facets
+        .iter()
+        .map(|f| f.map(|v| (frame.to_index(mesh.point(v)) + 0.5) * frame.spacing()))
+        .collect();
     let sampled = |step: f64| {
         let mut sum = Sum::default();
         for triangle in &triangles {
             let parts = Parts::new(triangle, step);
             let each = |p: DVec3, _| {
-                let squared = all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
+                let squared =
+                    all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);
                 sum += Sum::of(parts.area(), squared.sqrt());
                 Ok(())
             };
@@ -93,7 +111,9 @@ fn both_sides_against_brute_force() {
         sum
     };
     let (there, finely) = (sampled(PART * 0.5), sampled(0.02));
-    let to_mesh = |p: DVec3| triangles.iter().map(|t| p.distance(closest_point(t, p))).fold(f64::INFINITY, f64::min);
+    let to_mesh = |p: DVec3| {
+        triangles.iter().map(|t| p.distance(closest_point(t, p))).fold(f64::INFINITY, f64::min)
+    };
     let mut back = Sum::default();
     for &face in &all {
         back += Sum::of(faces.area(face), to_mesh(faces.centre(face)));
@@ -105,8 +125,18 @@ fn both_sides_against_brute_force() {
     close(measured.mesh_to_image.mean, there.mean);
     // Fine samples find no more than the tolerance allows, and miss no more than lies between them.
     let tolerance = TOLERANCE * 0.5;
-    assert!(finely.max <= measured.mesh_to_image.max + tolerance, "{} {}", finely.max, measured.mesh_to_image.max);
-    assert!(measured.mesh_to_image.max <= finely.max + 0.02, "{} {}", finely.max, measured.mesh_to_image.max);
+    assert!(
+        finely.max <= measured.mesh_to_image.max + tolerance,
+        "{} {}",
+        finely.max,
+        measured.mesh_to_image.max
+    );
+    assert!(
+        measured.mesh_to_image.max <= finely.max + 0.02,
+        "{} {}",
+        finely.max,
+        measured.mesh_to_image.max
+    );
     assert!(finely.max > there.max + tolerance, "the test's samples would have done");
     close(measured.image_to_mesh.mean, back.mean);
     close(measured.image_to_mesh.max, back.max);
@@ -122,10 +152,16 @@ fn components_are_held_against_their_own_label() {
     let monitor = Monitor::silent();
     let components = ImageComponents::new(&image, &monitor).unwrap();
     let parts = MeshComponents::new(&mesh, &image, &components, &monitor).unwrap();
-    let measured =
-        Distances::measure(&mesh, &image, &parts, &components, &oracle(&image, SurfaceModel::Voxel), &monitor)
-            .unwrap()
-            .faces;
+    let measured = Distances::measure(
+        &mesh,
+        &image,
+        &parts,
+        &components,
+        &oracle(&image, SurfaceModel::Voxel),
+        &monitor,
+    )
+    .unwrap()
+    .faces;
     let faces = VoxelFaces::new(&image, &monitor).unwrap();
     let all = testing::voxel_faces(&faces);
     let frame = image.frame();
@@ -133,16 +169,26 @@ fn components_are_held_against_their_own_label() {
 
     let mut of_image = vec![Sum::default(); components.list.len()];
     for &face in &all {
-        for component in faces.voxels(face).into_iter().flatten().filter_map(|voxel| components.at(voxel)) {
+        for component in
+            faces.voxels(face).into_iter().flatten().filter_map(|voxel| components.at(voxel))
+        {
             let label = image.labels()[usize::from(components.list[component as usize].id)];
-            let own = || mesh.facets.iter().zip(&mesh.facet_labels).filter(|(_, labels)| labels.contains(&label));
+            let own = || {
+                mesh.facets
+                    .iter()
+                    .zip(&mesh.facet_labels)
+                    .filter(|(_, labels)| labels.contains(&label))
+            };
             let to_mesh = |p: DVec3| {
                 let distances = own().map(|(f, _)| p.distance(closest_point(&f.map(local), p)));
                 distances.fold(f64::INFINITY, f64::min)
             };
             let sum = &mut of_image[component as usize];
             *sum += Sum::of(faces.area(face), to_mesh(faces.centre(face)));
-            sum.max = faces.corners(face).into_iter().fold(sum.max, |max, corner| max.max(to_mesh(corner)));
+            sum.max = faces
+                .corners(face)
+                .into_iter()
+                .fold(sum.max, |max, corner| max.max(to_mesh(corner)));
         }
     }
     let mut of_mesh = vec![Sum::default(); parts.list.len()];
@@ -152,7 +198,10 @@ fn components_are_held_against_their_own_label() {
             let own: Vec<_> = all.iter().filter(|&&face| faces.touches(face, id)).collect();
             let parts = Parts::new(&facet.map(local), PART * 0.5);
             let each = |p: DVec3, _| {
-                let squared = own.iter().map(|&&face| faces.distance_squared(face, p)).fold(f64::INFINITY, f64::min);
+                let squared = own
+                    .iter()
+                    .map(|&&face| faces.distance_squared(face, p))
+                    .fold(f64::INFINITY, f64::min);
                 of_mesh[component as usize] += Sum::of(parts.area(), squared.sqrt());
                 Ok(())
             };
@@ -160,7 +209,9 @@ fn components_are_held_against_their_own_label() {
         }
     }
     assert!(of_image.len() >= 3 && of_mesh.len() > 8);
-    for (found, expected) in measured.of_image.iter().zip(&of_image).chain(measured.of_mesh.iter().zip(&of_mesh)) {
+    for (found, expected) in
+        measured.of_image.iter().zip(&of_image).chain(measured.of_mesh.iter().zip(&of_mesh))
+    {
         close(found.distance().mean, expected.distance().mean);
         close(found.distance().max, expected.distance().max);
     }
@@ -170,7 +221,11 @@ fn components_are_held_against_their_own_label() {
 fn equal_bits_on_any_number_of_threads() {
     let dims = [14, 12, 11];
     let label = |i: usize, j: usize, k: usize| ((i / 2 + j / 3 * k) % 3) as i32;
-    let frame = Frame::new([3.0, 2.0, 1.0], [0.5, 1.0, 0.8], [[0.0, 0.6, 0.8], [0.0, 0.8, -0.6], [1.0, 0.0, 0.0]]);
+    let frame = Frame::new(
+        [3.0, 2.0, 1.0],
+        [0.5, 1.0, 0.8],
+        [[0.0, 0.6, 0.8], [0.0, 0.8, -0.6], [1.0, 0.0, 0.0]],
+    );
     let image = testing::image(dims, frame.unwrap(), label);
     let mut mesh = testing::kuhn_box(dims, [1.0; 3], label);
     for (v, p) in mesh.points.iter_mut().enumerate() {
@@ -234,7 +289,10 @@ fn a_missing_side_is_infinitely_far() {
     // Label 3 is in the mesh alone.
     let (stray, _) = pair(|_, _, _| 3);
     let (_, image) = pair(two_labels);
-    assert_eq!(both(&stray, &image, SurfaceModel::Smooth).faces.of_mesh[0].distance().max, f64::INFINITY);
+    assert_eq!(
+        both(&stray, &image, SurfaceModel::Smooth).faces.of_mesh[0].distance().max,
+        f64::INFINITY
+    );
 }
 
 /// In the voxel model dO is the faces of the voxels.
@@ -260,16 +318,19 @@ fn distances_to_the_surface_of_the_voxel_model() {
     assert!(right.contains(&surface.of_mesh[0].distance().max));
 }
 
-/// Two labels of which one is heavier: the smooth interface is off the voxel faces, and a mesh that has it there has no distance to it.
+/// Two labels of which one is heavier: the smooth interface is off the voxel faces, and a mesh that
+/// has it there has no distance to it.
 #[test]
 fn distances_to_the_smooth_surface() {
-    let label = |i: usize, j: usize, k: usize| 1 + i32::from(i > 1 && (1..3).contains(&j) && k == 1);
+    let label =
+        |i: usize, j: usize, k: usize| 1 + i32::from(i > 1 && (1..3).contains(&j) && k == 1);
     let (mut mesh, image) = pair(label);
     let oracle = oracle(&image, SurfaceModel::Smooth);
     let at = oracle.crossed_at([1, 0, 0], 0, [1, 2]);
     assert!((at - 0.5).abs() > 0.01, "{at}");
     let before = both(&mesh, &image, SurfaceModel::Smooth).surface;
-    // The plane between the labels across the first axis comes to where dO crosses the edges between centres.
+    // The plane between the labels across the first axis comes to where dO crosses the edges
+    // between centres.
     for p in &mut mesh.points {
         let mut index = image.frame().to_index(DVec3::from_array(*p));
         if (index.x - 1.5).abs() < 1e-9 {
@@ -291,9 +352,19 @@ fn bad_vertices_and_cancellation_are_errors() {
     let oracle = oracle(&image, SurfaceModel::Smooth);
     let flag = crate::monitor::CancelFlag::default();
     flag.cancel();
-    let cancelled = Distances::measure(&mesh, &image, &parts, &components, &oracle, &Monitor::new(None, Some(&flag)));
+    let cancelled = Distances::measure(
+        &mesh,
+        &image,
+        &parts,
+        &components,
+        &oracle,
+        &Monitor::new(None, Some(&flag)),
+    );
     assert!(matches!(cancelled, Err(Error::Cancelled)));
     mesh.points[3][1] = f64::NAN;
-    let refused = Distances::measure(&mesh, &image, &parts, &components, &oracle, &silent).err().unwrap().to_string();
+    let refused = Distances::measure(&mesh, &image, &parts, &components, &oracle, &silent)
+        .err()
+        .unwrap()
+        .to_string();
     assert!(refused.starts_with("vertex 3 is not finite"), "{refused}");
 }

@@ -14,7 +14,8 @@ use crate::oracle::Oracle;
 /// How far from a facet dO is looked for, in largest spacings.
 const FAR: f64 = 2.0;
 
-/// Distances from the mesh to dO: over the whole, and the sums of each component that has any facets. `to_world` leads from the coordinates of the triangles to the oracle's.
+/// Distances from the mesh to dO: over the whole, and the sums of each component that has any
+/// facets. `to_world` leads from the coordinates of the triangles to the oracle's.
 pub(super) fn mesh_to_surface(
     triangles: &[Triangle],
     to_world: impl Fn(DVec3) -> DVec3 + Sync,
@@ -33,19 +34,23 @@ pub(super) fn mesh_to_surface(
             let distance = from_centroid(oracle, facet, normal.normalize_or_zero(), triangle.ids);
             let sum = Sum::of(0.5 * normal.length(), distance);
             whole += sum;
-            for component in triangle.components.into_iter().filter(|&component| component != NO_SET) {
+            for component in
+                triangle.components.into_iter().filter(|&component| component != NO_SET)
+            {
                 ledger.add(component.into(), sum);
             }
         }
         Ok((whole, ledger.sums()))
     });
-    let (wholes, sums): (Vec<Sum>, Vec<Sums<Sum>>) = parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let (wholes, sums): (Vec<Sum>, Vec<Sums<Sum>>) =
+        parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
     Ok((wholes.into_iter().sum::<Sum>().distance(), Ledger::total(sums)))
 }
 
-/// Distance from the centroid of a facet to the nearest change of label that is found along its normal: towards the side whose label the centroid
-/// does not have; where that is far, the other way, and then beside the normal. No more than [`FAR`]. The normal
-/// leads from the first label of `ids` to the second.
+/// Distance from the centroid of a facet to the nearest change of label that is found along its
+/// normal: towards the side whose label the centroid does not have; where that is far, the other
+/// way, and then beside the normal. No more than [`FAR`]. The normal leads from the first label of
+/// `ids` to the second.
 fn from_centroid(oracle: &Oracle, [a, b, c]: [DVec3; 3], normal: DVec3, ids: [u16; 2]) -> f64 {
     let p = (a + b + c) / 3.0;
     let here = oracle.label(p);

@@ -1,9 +1,14 @@
 //! What `lapd::sync` has, on loom's primitives.
 //!
-//! - Who waits looks once, and then sleeps until a bell rings that all wakes ring. Loom says so when all threads sleep or wait for a lock. So deadlocks are found, and wakes that are
-//!   forgotten, which cost the library a millisecond. Loops that spin and yield would not do: of two such threads loom lets each run for the other's sake for ever.
-//! - Loom takes sequentially consistent loads and stores for acquire and release, and exchanges for both, but knows fences. The library has such accesses in one place, an exchange before looks elsewhere
-//!   ([`AtomicU8`]), so a fence stands before the look: no stronger than the accesses are for two threads each of which exchanges one byte and looks at the other's, and none between the exchange and what is read before the look.
+//! - Who waits looks once, and then sleeps until a bell rings that all wakes ring. Loom says so
+//!   when all threads sleep or wait for a lock. So deadlocks are found, and wakes that are
+//!   forgotten, which cost the library a millisecond. Loops that spin and yield would not do: of
+//!   two such threads loom lets each run for the other's sake for ever.
+//! - Loom takes sequentially consistent loads and stores for acquire and release, and exchanges for
+//!   both, but knows fences. The library has such accesses in one place, an exchange before looks
+//!   elsewhere ([`AtomicU8`]), so a fence stands before the look: no stronger than the accesses are
+//!   for two threads each of which exchanges one byte and looks at the other's, and none between
+//!   the exchange and what is read before the look.
 
 pub use loom::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 pub use loom::sync::{Mutex, MutexGuard};
@@ -29,7 +34,13 @@ impl AtomicU8 {
         self.0.store(value, order);
     }
 
-    pub fn compare_exchange(&self, from: u8, to: u8, success: Ordering, failure: Ordering) -> Result<u8, u8> {
+    pub fn compare_exchange(
+        &self,
+        from: u8,
+        to: u8,
+        success: Ordering,
+        failure: Ordering,
+    ) -> Result<u8, u8> {
         self.0.compare_exchange(from, to, success, failure)
     }
 }

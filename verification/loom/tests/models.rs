@@ -1,24 +1,33 @@
-//! Models of what workers do with each other: locks of tets and rollback, contention, begging and the end, stopping, stretches. Loom runs each in every order of steps
-//! with a bounded number of preemptions, and with every value that a load may see under the memory order that was asked for.
+//! Models of what workers do with each other: locks of tets and rollback, contention, begging and
+//! the end, stopping, stretches. Loom runs each in every order of steps with a bounded number of
+//! preemptions, and with every value that a load may see under the memory order that was asked for.
 //!
 //! # That they can fail
 //! Each of these changes of the sources was made once, and a model failed:
 //!
 //! | change | model |
 //! |---|---|
-//! | `Owner::release` relaxed; `Owner::look` relaxed, or an acquire alone; the look left out; the link not read again; the slot's new owner written after the link to it | `neighbors_exclude_each_other`, and two more |
+//! | `Owner::release` relaxed | `neighbors_exclude_each_other`, and two more |
+//! | `Owner::look` relaxed, or an acquire alone, or left out | the same |
+//! | the link not read again; a slot's new owner written after the link to it | the same |
 //! | a free slot nobody's; `claim` by a load and a store | `an_old_note_of_a_slot_does_no_harm` |
-//! | `Owner::free_slot` relaxed; a refused `Owner::claim` relaxed | `a_vertex_leads_from_a_free_slot_elsewhere` |
+//! | `Owner::free_slot`, a refused `claim` relaxed | `a_vertex_leads_from_a_free_slot_elsewhere` |
 //! | `stop` relaxed | `who_waits_is_stopped_*` |
-//! | Local: the look and the raising of the flag not under the locks of both; `open` not asked; followers not woken by `leave` | `local_*` |
+//! | Local: the look and the raising of the flag not under the locks of both | `local_*` |
+//! | Local: `open` not asked; followers not woken by `leave` | `local_*` |
 //! | Global: the last one waits too; `leave` wakes nobody | `global_*` |
-//! | a beggar taken off the count of the idle after its gift; that count or the word of the end relaxed; `ready` raised before the gift is in the slot; a wake forgotten | `begging_*` |
+//! | a beggar taken off the count of the idle after its gift | `begging_*` |
+//! | that count or the word of the end relaxed | `begging_*` |
+//! | `ready` raised before the gift is in the slot; a wake forgotten | `begging_*` |
 //! | `Stretches`: the longest stretch read twice | `stretches_*` |
 //!
 //! # What they cannot see
-//! Three workers with few steps each, not sixteen with millions; at most so many preemptions; sequential consistency only by fences, which hide that of the exchange, and what a link may be that was read before it; wakes that are
-//! forgotten, and how long anything takes; the policies Random and Aggressive, which wait for nobody. Records of tets are a stand-in with the same order of accesses: `delaunay` itself is too
-//! large. The meeting of a team is one counter in `refine/team.rs`, whose wait is that of `Waiters`.
+//! Three workers with few steps each, not sixteen with millions; at most so many preemptions;
+//! sequential consistency only by fences, which hide that of the exchange, and what a link may be
+//! that was read before it; wakes that are forgotten, and how long anything takes; the policies
+//! Random and Aggressive, which wait for nobody. Records of tets are a stand-in with the same order
+//! of accesses: `delaunay` itself is too large. The meeting of a team is one counter in
+//! `refine/team.rs`, whose wait is that of `Waiters`.
 
 use loom::cell::UnsafeCell;
 use loom::sync::Arc;
@@ -78,7 +87,9 @@ impl Guarded {
     }
 }
 
-/// The record of a piece of a ring, in place of a tet: side 0 leads to the piece before it, side 1 to the one behind it. Links and owners are accessed in the order in which the kernel accesses those of tets.
+/// The record of a piece of a ring, in place of a tet: side 0 leads to the piece before it, side 1
+/// to the one behind it. Links and owners are accessed in the order in which the kernel accesses
+/// those of tets.
 #[derive(Default)]
 struct Piece {
     links: [AtomicU32; 2],
@@ -125,7 +136,9 @@ impl Ring {
     fn look_across(&self, slot: usize, side: usize, me: OwnerId) -> Option<usize> {
         let link = self.pieces[slot].links[side].load(Acquire);
         let other = link as usize / 2;
-        if self.pieces[other].owner.look(me) != Holder::Nobody || self.pieces[slot].links[side].load(Acquire) != link {
+        if self.pieces[other].owner.look(me) != Holder::Nobody
+            || self.pieces[slot].links[side].load(Acquire) != link
+        {
             return None;
         }
         assert_ne!(self.pieces[other].content.get(), 0);
@@ -140,7 +153,8 @@ impl Ring {
         self.pieces[slot].owner.release();
     }
 
-    /// Divides the piece in `slot`, which may not be one any more, into one there and one in the free slot `spare`; whether it did.
+    /// Divides the piece in `slot`, which may not be one any more, into one there and one in the
+    /// free slot `spare`; whether it did.
     fn divide(&self, slot: usize, spare: usize, me: OwnerId) -> bool {
         if !self.claim(slot, me) {
             return false;
@@ -304,12 +318,14 @@ impl Managed {
         Self { contention: Contention::new(policy, size), waiters }
     }
 
-    /// A worker that meets others, makes some progress after each, and then has no work left. How often it waited.
+    /// A worker that meets others, makes some progress after each, and then has no work left. How
+    /// often it waited.
     fn work(&self, me: usize, mets: &[usize]) -> usize {
         let mut streak = Streak::new(me);
         let mut waits = 0;
         for &met in mets {
-            waits += usize::from(self.contention.after_conflict(me, met, &mut streak, &self.waiters));
+            waits +=
+                usize::from(self.contention.after_conflict(me, met, &mut streak, &self.waiters));
             for _ in 0..2 {
                 self.contention.after_success(me, &mut streak, &self.waiters);
             }
@@ -319,7 +335,8 @@ impl Managed {
     }
 }
 
-/// That it ends is one thing that is checked: nobody waits for ever. The other: somebody waits, so that not all meet again at once.
+/// That it ends is one thing that is checked: nobody waits for ever. The other: somebody waits, so
+/// that not all meet again at once.
 fn all_meet(policy: Policy, size: usize, mets: fn(usize) -> &'static [usize]) {
     check(
         size,
@@ -327,7 +344,9 @@ fn all_meet(policy: Policy, size: usize, mets: fn(usize) -> &'static [usize]) {
         move |me, (managed, waits)| {
             waits.fetch_add(managed.work(me, mets(me)), Relaxed);
         },
-        move |(_, waits)| assert!(waits.load(Relaxed) > 0 || !(0..size).all(|me| mets(me).len() == 1)),
+        move |(_, waits)| {
+            assert!(waits.load(Relaxed) > 0 || !(0..size).all(|me| mets(me).len() == 1))
+        },
     );
 }
 
@@ -442,8 +461,13 @@ fn global_and_begging() {
     check(2, team, |me, team| team.work(me, [1, 1][me], [Some(1), Some(0)][me], 2), |_| {});
 }
 
-/// Groups that stand apart: each worker has tasks, after the first of which it sends one to another group, as `refine/refiner.rs` hands demands over.
-fn all_sent_is_done(groups: &'static [usize], tasks: &'static [usize], to: &'static [Option<usize>]) {
+/// Groups that stand apart: each worker has tasks, after the first of which it sends one to another
+/// group, as `refine/refiner.rs` hands demands over.
+fn all_sent_is_done(
+    groups: &'static [usize],
+    tasks: &'static [usize],
+    to: &'static [Option<usize>],
+) {
     struct Shared {
         begging: Begging<usize>,
         managed: Managed,
@@ -501,7 +525,10 @@ fn who_waits_is_stopped_and_finds_the_reason() {
     for policy in [Policy::Local, Policy::Global] {
         check(
             3,
-            move || Shared { team: Team::new(policy, &[vec![0, 0, 0]]), reason: Guarded::default() },
+            move || Shared {
+                team: Team::new(policy, &[vec![0, 0, 0]]),
+                reason: Guarded::default(),
+            },
             |me, Shared { team, reason }| {
                 let Managed { contention, waiters } = &team.managed;
                 match me {
@@ -531,7 +558,8 @@ fn who_waits_is_stopped_and_finds_the_reason() {
 
 // ---- Stretches ----
 
-/// Worker 0 has a stretch of its own, and helps with that of the last worker, whose end is long enough for that.
+/// Worker 0 has a stretch of its own, and helps with that of the last worker, whose end is long
+/// enough for that.
 fn all_taken_once(size: usize, own: usize, long: usize) {
     let entries = own + long;
     struct Shared {
@@ -557,7 +585,12 @@ fn all_taken_once(size: usize, own: usize, long: usize) {
             }
             assert_eq!(stretches.take(me), None, "there was something left");
         },
-        |shared| assert!(shared.stretches.is_taken() && shared.taken.iter().all(|count| count.load(Relaxed) == 1)),
+        |shared| {
+            assert!(
+                shared.stretches.is_taken()
+                    && shared.taken.iter().all(|count| count.load(Relaxed) == 1)
+            )
+        },
     );
 }
 
