@@ -8,7 +8,8 @@
  * - Handles (lapd_context, lapd_image, lapd_params, lapd_mesh) are opaque. What a create, read or
  *   mesh function hands out belongs to the caller, who frees it once with the lapd_..._free
  *   function of its type.
- * - Functions return a lapd_status; 0 is success. Out-parameters are written on success only.
+ * - Functions return a lapd_status; 0 is success. Out-parameters are written on success only, but
+ *   for a partial mesh that was asked for, which comes with the status of the limit.
  * - A function that takes a context leaves one line there about what went wrong:
  *   lapd_context_last_error. Functions without one fail only for their own arguments, which the
  *   status tells. There is no global state.

@@ -4,22 +4,24 @@
 //!
 //! | module | what it is |
 //! |---|---|
-//! | [`error`], [`params`] | plain values: the one error type, what a run is asked for |
-//! | [`monitor`] | progress and cancellation |
+//! | [`error`] | the one error type |
 //! | `memory`, `panics` | tables that may not fit, panics caught |
+//! | `sync` | waiting, waking and time stamps; chooses threads or virtual time |
+//! | [`parallel`] | how workers wait, and share work; knows no mesh |
+//! | [`params`], [`monitor`] | what a run is asked for; progress and cancellation |
 //! | [`geometry`] | predicates, circumspheres, shape measures; the one sign convention |
 //! | [`image`] | label images, their place in the world, readers, phantoms |
 //! | [`oracle`] | where the interfaces are; knows no mesh |
-//! | [`parallel`], `sync` | how workers wait, and share work; knows no mesh |
 //! | [`system`] | the machine at hand, synthetic ones, threads bound to cores |
 //! | [`delaunay`] | the Delaunay triangulation; knows no image |
 //! | [`refine`] | the rules R1 to R6 and the loop that applies them |
-//! | [`mesh`], [`io`] | the finished mesh: extraction, measures, certificate, files |
+//! | `simulation` | a cargo feature: many workers in virtual time, on machines not at hand |
+//! | [`mesh`] | the finished mesh: extraction, measures, certificate |
 //! | [`improve`] | slivers removed from the finished mesh |
 //! | [`second_order`] | nodes in the middles of edges, put on the interfaces |
+//! | [`io`] | files of the finished mesh |
 //! | [`mesher`] | the pipeline |
 //! | [`capi`] | the C interface |
-//! | `simulation` | a cargo feature: many workers in virtual time, on machines not at hand |
 #![deny(unsafe_op_in_unsafe_fn)]
 #![warn(missing_docs)]
 

@@ -2,6 +2,7 @@
 //! image's world units (mm for medical images).
 
 use crate::parallel::machine::Machine;
+pub use crate::parallel::policy::{Begging, Contention};
 use crate::{Error, Result};
 
 /// How labels between voxel centres are decided.
@@ -27,32 +28,6 @@ pub enum ImageBorder {
     /// As if one more layer of background lay around the image: by the smooth surface of
     /// [`SurfaceModel::Smooth`]. The same as [`ImageBorder::Flat`] in [`SurfaceModel::Voxel`].
     Smooth,
-}
-
-/// What a thread does when another one owns a tet that it needs: the contention manager. All give
-/// up the operation first, with nothing changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum Contention {
-    /// It waits until the thread that it met has made some progress, unless that one waits itself.
-    #[default]
-    Local,
-    /// It waits, in one list for all threads, until others have made some progress; the last one
-    /// that works never waits.
-    Global,
-    /// After some conflicts in sequence it sleeps for a random time.
-    Random,
-    /// It goes on at once.
-    Aggressive,
-}
-
-/// Whom a thread without work asks for some first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum Begging {
-    /// The threads of its own cache, then of its socket, then of the machine.
-    #[default]
-    ByLevel,
-    /// All threads alike.
-    Flat,
 }
 
 /// How the work is shared by threads.

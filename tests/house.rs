@@ -63,3 +63,91 @@ fn lines_fit_a_hundred_columns() {
     }
     assert!(long.is_empty(), "longer than {MAX_COLUMNS} columns:\n{}", long.join("\n"));
 }
+
+/// The Rust files of a folder, below it too, but for those that are compiled for tests only.
+fn sources(path: &Path, found: &mut Vec<PathBuf>) {
+    if path.is_dir() {
+        fs::read_dir(path).unwrap().for_each(|entry| sources(&entry.unwrap().path(), found));
+    } else if !path.ends_with("tests.rs") && !path.ends_with("testing.rs") {
+        found.push(path.to_path_buf());
+    }
+}
+
+/// The code of a file without comments, and without the module of tests at its end.
+fn code(path: &Path) -> String {
+    let text = fs::read_to_string(path).unwrap();
+    let text = text.split("#[cfg(test)]\nmod ").next().unwrap();
+    let without = text.lines().map(|line| line.split("//").next().unwrap_or_default());
+    without.collect::<Vec<_>>().join("\n")
+}
+
+/// The names that follow `crate::`, alone or in braces.
+fn used(code: &str) -> Vec<&str> {
+    let is_name = |c: char| c.is_alphanumeric() || c == '_';
+    let mut found = Vec::new();
+    for (at, _) in code.match_indices("crate::") {
+        let rest = &code[at + "crate::".len()..];
+        let Some(list) = rest.strip_prefix('{') else {
+            found.push(rest.split(|c| !is_name(c)).next().unwrap_or_default());
+            continue;
+        };
+        let (mut depth, mut start) = (0, 0);
+        for (end, c) in list.char_indices() {
+            match c {
+                '{' => depth += 1,
+                '}' if depth > 0 => depth -= 1,
+                ',' | '}' if depth == 0 => {
+                    let item = list[start..end].trim_start();
+                    found.push(item.split(|c| !is_name(c)).next().unwrap_or_default());
+                    start = end + 1;
+                    if c == '}' {
+                        break;
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+    found
+}
+
+/// The names in backticks in the first column of the table after `head`, row by row.
+fn listed<'t>(text: &'t str, head: &str) -> Vec<&'t str> {
+    let start = text.find(head).unwrap_or_else(|| panic!("no table '{head}'"));
+    let table = text[start..].lines().map(|line| line.trim_start_matches("//! "));
+    let rows = table.skip(2).take_while(|line| line.starts_with('|'));
+    let cells = rows.filter_map(|row| row.split('|').nth(1));
+    cells.flat_map(|cell| cell.split('`').skip(1).step_by(2)).collect()
+}
+
+/// A module uses only those that the maps in `src/lib.rs` and in docs/architecture.md name before
+/// it, so there is no circle of modules.
+#[test]
+fn modules_use_only_those_before_them() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let lib = fs::read_to_string(root.join("src/lib.rs")).unwrap();
+    let order = listed(&lib, "| module |");
+    let architecture = fs::read_to_string(root.join("docs/architecture.md")).unwrap();
+    assert_eq!(listed(&architecture, "| module |"), order, "docs/architecture.md and src/lib.rs");
+    let names = fs::read_dir(root.join("src")).unwrap().map(|entry| entry.unwrap().path());
+    let names = names.filter(|path| !path.ends_with("lib.rs"));
+    let names = names.map(|path| path.file_stem().unwrap().to_string_lossy().into_owned());
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    let mut sorted = order.clone();
+    sorted.sort_unstable();
+    assert_eq!(sorted, names, "the modules that the map lists, and those that there are");
+    let mut wrong = Vec::new();
+    for (place, module) in order.iter().enumerate() {
+        let mut files = Vec::new();
+        let folder = root.join("src").join(module);
+        sources(&if folder.is_dir() { folder } else { folder.with_extension("rs") }, &mut files);
+        for path in files {
+            let code = code(&path);
+            let later = used(&code).into_iter().filter(|name| order[place + 1..].contains(name));
+            let path = path.strip_prefix(root).unwrap().display();
+            wrong.extend(later.map(|name| format!("{path} uses {name}")));
+        }
+    }
+    assert!(wrong.is_empty(), "against the order of the map:\n{}", wrong.join("\n"));
+}

@@ -4,8 +4,9 @@
 
 use glam::DVec3;
 
-use super::access::{Access, Effort};
+use super::locks::Locks;
 use super::ownership::Holder;
+use super::probe::{Effort, Probe};
 use super::tet::{FACET, Facet, TetId, TetRecord, VertexId};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
@@ -37,7 +38,7 @@ pub enum Dig {
     Duplicate,
 }
 
-impl<A: Access> Worker<A> {
+impl<L: Locks, P: Probe> Worker<L, P> {
     /// Whether `p` is in conflict with a tet: the cached sphere first, then the exact predicate.
     /// `None` when `p` is a vertex of it.
     #[inline(always)]
@@ -60,7 +61,7 @@ impl<A: Access> Worker<A> {
         p: DVec3,
     ) -> Option<bool> {
         self.counters.exact_predicates += 1;
-        self.access.spend(Effort::Exact(1));
+        self.probe.spend(Effort::Exact(1));
         let corners = triangulation.corners(tet.vertices());
         (!corners.contains(&p)).then(|| in_sphere_perturbed(corners, p))
     }
@@ -98,16 +99,16 @@ impl<A: Access> Worker<A> {
         holds: impl FnOnce() -> bool,
     ) -> Dig {
         let first = triangulation.tet(start);
-        let holder = self.access.try_own(first.owner());
+        let holder = self.try_own(first.owner());
         if holder != Holder::Nobody {
             return given_up(holder);
         }
         // Through no facet did one come to it. Facet 0 stands for it.
         self.take_in(triangulation, Facet::new(start, 0), first);
-        if A::HEARS {
-            first.vertices().into_iter().for_each(|v| self.access.visit_vertex(v));
+        if P::HEARS {
+            first.vertices().into_iter().for_each(|v| self.probe.visit_vertex(v));
         }
-        if A::SHARED {
+        if L::SHARED {
             for index in 0..4 {
                 let outside = first.neighbor(index);
                 if outside.is_none() {
@@ -123,7 +124,7 @@ impl<A: Access> Worker<A> {
                 return Dig::Stale;
             }
         }
-        self.access.visit_tet(start);
+        self.probe.visit_tet(start);
         match self.conflict(triangulation, first, p) {
             None => Dig::Duplicate,
             Some(false) => Dig::NotInConflict,
@@ -142,9 +143,9 @@ impl<A: Access> Worker<A> {
         outside: Facet,
         other: &TetRecord,
     ) -> Holder {
-        let holder = self.access.look_across(other.owner());
+        let holder = self.locks.look_across(other.owner());
         // What was looked at might be another tet's slot by now.
-        let changed = A::SHARED && holder == Holder::Nobody && record.neighbor(index) != outside;
+        let changed = L::SHARED && holder == Holder::Nobody && record.neighbor(index) != outside;
         if changed { Holder::Changed } else { holder }
     }
 
@@ -186,15 +187,15 @@ impl<A: Access> Worker<A> {
                 Holder::Own => return Dig::Done,
                 holder => return given_up(holder),
             }
-            self.access.visit_tet(outside.tet());
+            self.probe.visit_tet(outside.tet());
             match self.conflict(triangulation, other, p) {
                 None => return Dig::Duplicate,
                 Some(true) => {
-                    if A::HEARS {
+                    if P::HEARS {
                         // It shares its other vertices with the tet before it.
-                        self.access.visit_vertex(other.vertex(outside.index()));
+                        self.probe.visit_vertex(other.vertex(outside.index()));
                     }
-                    let holder = self.access.try_own(other.owner());
+                    let holder = self.try_own(other.owner());
                     if holder != Holder::Nobody {
                         return given_up(holder);
                     }

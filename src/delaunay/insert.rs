@@ -6,8 +6,10 @@
 
 use glam::DVec3;
 
-use super::access::{Access, Effort};
 use super::cavity::{CavityFacet, Dig};
+use super::locks::Locks;
+use super::ownership::OwnerId;
+use super::probe::{Effort, Probe};
 use super::tet::{Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
@@ -30,7 +32,7 @@ pub enum Insertion {
     Duplicate,
 }
 
-impl<A: Access> Worker<A> {
+impl<L: Locks, P: Probe> Worker<L, P> {
     /// Inserts `p`, which must lie strictly inside the box, starting from `start`, a living tet
     /// whose circumball holds `p`.
     ///
@@ -61,7 +63,7 @@ impl<A: Access> Worker<A> {
         holds: impl FnOnce() -> bool,
         note: impl FnOnce(VertexId, &[TetId]) -> Result<()>,
     ) -> Result<Insertion> {
-        self.access.spend(Effort::Operation);
+        self.probe.spend(Effort::Operation);
         match self.dig(triangulation, start, p, holds) {
             Dig::Done => {}
             Dig::Blocked => {
@@ -93,11 +95,12 @@ impl<A: Access> Worker<A> {
         self.counters.cavity_tets += self.cavity.len() as u64;
         self.exchange_slots(triangulation, self.boundary.len());
         triangulation.vertex(apex).set_star(self.created[0]);
-        self.access.visit_vertex(apex);
-        self.created.iter().for_each(|&t| self.access.visit_tet(t));
-        let access = &mut self.access;
-        self.star.fill(triangulation, &self.boundary, &self.created, (apex, p), self.mark, access);
-        self.access.spend(Effort::Fill(self.created.len()));
+        self.probe.visit_vertex(apex);
+        self.created.iter().for_each(|&t| self.probe.visit_tet(t));
+        let made_by = (self.mark, self.locks.owner_of_new());
+        let (boundary, slots, probe) = (&self.boundary, &self.created, &mut self.probe);
+        self.star.fill(triangulation, boundary, slots, (apex, p), made_by, probe);
+        self.probe.spend(Effort::Fill(self.created.len()));
         self.counters.insertions += 1;
         apex
     }
@@ -164,8 +167,9 @@ impl StarScratch {
     }
 
     /// Writes the tets between the boundary's facets and vertex `apex` at `p` into `slots`, one for
-    /// each facet: (facet, apex). There is [room](Self::reserve) for them. `access` is told of the
-    /// boundary's vertices, of each once unless it gets more than one number.
+    /// each facet: (facet, apex). There is [room](Self::reserve) for them. They get a
+    /// mark and an owner. `probe` is told of the boundary's vertices, of each once unless it gets
+    /// more than one number.
     #[inline(never)]
     fn fill(
         &mut self,
@@ -173,8 +177,8 @@ impl StarScratch {
         boundary: &[CavityFacet],
         slots: &[TetId],
         (apex, p): (VertexId, DVec3),
-        mark: u8,
-        access: &mut impl Access,
+        (mark, owner): (u8, OwnerId),
+        probe: &mut impl Probe,
     ) {
         let vertices = vertices_of(boundary.len());
         let numbered = vertices <= MOST_LOCALS;
@@ -195,7 +199,7 @@ impl StarScratch {
                 let local = record.local();
                 let known = (local < met) & (self.locals[usize::from(local)] == v);
                 if !known {
-                    access.visit_vertex(v);
+                    probe.visit_vertex(v);
                 }
                 let local = if known { local } else { met };
                 met = met.wrapping_add(u8::from(!known));
@@ -217,7 +221,7 @@ impl StarScratch {
         {
             let record = triangulation.tet(t);
             let [v0, v1, v2] = facet.vertices;
-            record.fill([v0, v1, v2, apex], &self.spheres.get(i), mark, access.owner_of_new());
+            record.fill([v0, v1, v2, apex], &self.spheres.get(i), mark, owner);
             record.set_neighbor(0, sides[at(c, b)]);
             record.set_neighbor(1, sides[at(a, c)]);
             record.set_neighbor(2, sides[at(b, a)]);

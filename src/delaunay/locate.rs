@@ -3,7 +3,8 @@
 
 use glam::DVec3;
 
-use super::access::{Access, Solo};
+use super::locks::Locks;
+use super::probe::{NoProbe, Probe};
 use super::tet::{FACET, TetId, is_free};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
@@ -17,12 +18,12 @@ impl Triangulation {
     /// records that are being rewritten, and its answer is a hint: whether the tet's circumball
     /// holds `p` is to be asked again when it is owned.
     pub fn locate(&self, start: TetId, p: DVec3) -> TetId {
-        self.walk(start, p, &mut Solo)
+        self.walk(start, p, &mut NoProbe)
     }
 
-    /// The walk, of which `access` is told.
+    /// The walk, of which `probe` is told.
     #[inline(always)]
-    fn walk<A: Access>(&self, start: TetId, p: DVec3, access: &mut A) -> TetId {
+    fn walk<P: Probe>(&self, start: TetId, p: DVec3, probe: &mut P) -> TetId {
         let mut t = start;
         // The facet through which the walk came, which it need not try: at first none.
         let mut entry = 3;
@@ -36,12 +37,12 @@ impl Triangulation {
                 // elsewhere.
                 return t;
             }
-            if A::HEARS {
-                access.visit_tet(t);
+            if P::HEARS {
+                probe.visit_tet(t);
                 match tries.end() {
-                    4 => vertices.into_iter().for_each(|v| access.visit_vertex(v)),
+                    4 => vertices.into_iter().for_each(|v| probe.visit_vertex(v)),
                     // It shares the others with the tet before it.
-                    _ => access.visit_vertex(vertices[entry]),
+                    _ => probe.visit_vertex(vertices[entry]),
                 }
             }
             let corners = self.corners(vertices);
@@ -74,9 +75,9 @@ impl Triangulation {
     }
 }
 
-impl<A: Access> Worker<A> {
+impl<L: Locks, P: Probe> Worker<L, P> {
     /// [`Triangulation::locate`] as a part of an operation.
     pub fn locate(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3) -> TetId {
-        triangulation.walk(start, p, &mut self.access)
+        triangulation.walk(start, p, &mut self.probe)
     }
 }

@@ -5,8 +5,8 @@
 //! | [`chunked`] | memory in chunks that never move |
 //! | [`tet`] | records of tets and vertices, ids, the facet notation |
 //! | [`ownership`] | who owns which tets: why there is no deadlock, and which memory order |
-//! | [`access`] | who may touch a tet: the locking policy, a type parameter |
-//! | [`counted`] | a policy that counts the visits of tets and vertices by memory node |
+//! | [`locks`] | who may touch a tet: the locking policy, a type parameter |
+//! | [`probe`] | who is told of what a worker does, a type parameter |
 //! | [`homes`] | the memory node of each chunk; slots on their way home |
 //! | [`triangulation`] | the shared structure and the virtual box |
 //! | [`worker`] | one thread's view: scratch memory, free slots, counters |
@@ -31,26 +31,26 @@
 //! All shared words are atomics: a race is a logic error that the ownership protocol excludes,
 //! never undefined behaviour.
 
-pub mod access;
 pub mod cavity;
 pub mod check;
 pub mod chunked;
-pub mod counted;
 #[cfg(feature = "force-conflicts")]
 mod forced_conflicts;
 pub mod homes;
 pub mod insert;
 pub mod locate;
+pub mod locks;
 pub mod ownership;
 pub mod places;
+pub mod probe;
 pub mod remove;
 pub mod tet;
 pub mod triangulation;
 pub mod worker;
 
-pub use access::{Access, Solo, TryLock};
-pub use counted::Counted;
 pub use insert::Insertion;
+pub use locks::{Locks, Solo, TryLock};
+pub use probe::{CountVisits, NoProbe, Probe};
 pub use remove::Removal;
 pub use tet::{BOX_VERTICES, Facet, TetId, TetStamp, VertexId, VertexKind};
 pub use triangulation::Triangulation;

@@ -16,8 +16,9 @@
 
 use glam::DVec3;
 
-use super::access::{Access, Effort};
+use super::locks::Locks;
 use super::ownership::Holder;
+use super::probe::{Effort, Probe};
 use super::tet::{FACET, Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
 use super::worker::Worker;
@@ -209,7 +210,7 @@ impl LinkScratch {
     }
 }
 
-impl<A: Access> Worker<A> {
+impl<L: Locks, P: Probe> Worker<L, P> {
     /// Removes vertex `v`, no corner of the box.
     ///
     /// # Errors
@@ -230,9 +231,9 @@ impl<A: Access> Worker<A> {
         v: VertexId,
         note: impl FnOnce(&[TetId]),
     ) -> Result<Removal> {
-        self.access.spend(Effort::Operation);
+        self.probe.spend(Effort::Operation);
         loop {
-            self.access.visit_vertex(v);
+            self.probe.visit_vertex(v);
             if triangulation.vertex(v).kind() == VertexKind::Removed {
                 return Ok(Removal::Stale);
             }
@@ -257,9 +258,9 @@ impl<A: Access> Worker<A> {
         let filled = link
             .wrap(&mut self.counters.exact_predicates)
             .and_then(|()| self.reserve(triangulation, link.tets.len()));
-        self.access.spend(Effort::Exact(self.counters.exact_predicates - exact));
-        self.access.spend(Effort::Pairs(2 * link.tets.len() * link.positions.len()));
-        self.access.spend(Effort::Fill(link.tets.len()));
+        self.probe.spend(Effort::Exact(self.counters.exact_predicates - exact));
+        self.probe.spend(Effort::Pairs(2 * link.tets.len() * link.positions.len()));
+        self.probe.spend(Effort::Fill(link.tets.len()));
         match filled {
             Ok(()) => {
                 self.sew(triangulation, &link);
@@ -284,7 +285,7 @@ impl<A: Access> Worker<A> {
         link.positions.clear();
         link.open.clear();
         let holder = self.gather(triangulation, v, &mut link);
-        link.vertices.iter().for_each(|&w| self.access.visit_vertex(w));
+        link.vertices.iter().for_each(|&w| self.probe.visit_vertex(w));
         self.link = link;
         holder
     }
@@ -296,18 +297,18 @@ impl<A: Access> Worker<A> {
         link: &mut LinkScratch,
     ) -> Holder {
         let start = triangulation.vertex(v).star();
-        let holder = self.access.try_own(triangulation.owner(start));
+        let holder = self.try_own(triangulation.owner(start));
         if holder != Holder::Nobody {
             return holder;
         }
         self.cavity.push(Facet::new(start, 0));
-        if A::SHARED && !triangulation.tet(start).vertices().contains(&v) {
+        if L::SHARED && !triangulation.tet(start).vertices().contains(&v) {
             return Holder::Changed;
         }
         let mut next = 0;
         while let Some(entry) = self.cavity.get(next) {
             next += 1;
-            self.access.visit_tet(entry.tet());
+            self.probe.visit_tet(entry.tet());
             let record = triangulation.tet(entry.tet());
             let vertices = record.vertices();
             for index in 0..4 {
@@ -322,7 +323,7 @@ impl<A: Access> Worker<A> {
                         holder => return holder,
                     }
                     if !is_of_link {
-                        let holder = self.access.try_own(other.owner());
+                        let holder = self.try_own(other.owner());
                         if holder != Holder::Nobody {
                             return holder;
                         }
@@ -348,8 +349,8 @@ impl<A: Access> Worker<A> {
         let slots = &self.created;
         for (&t, new) in slots.iter().zip(&link.tets) {
             let vertices = new.vertices.map(|i| link.vertices[i]);
-            self.access.visit_tet(t);
-            triangulation.fill_tet(t, vertices, self.mark, self.access.owner_of_new());
+            self.probe.visit_tet(t);
+            triangulation.fill_tet(t, vertices, self.mark, self.locks.owner_of_new());
             for (index, side) in new.sides.iter().enumerate() {
                 let neighbor = match *side {
                     Side::Outside(outside) => outside,
@@ -360,7 +361,7 @@ impl<A: Access> Worker<A> {
                 if let Side::Outside(outside) = *side
                     && !outside.is_none()
                 {
-                    self.access.visit_tet(outside.tet());
+                    self.probe.visit_tet(outside.tet());
                     triangulation
                         .tet(outside.tet())
                         .set_neighbor(outside.index(), Facet::new(t, index));

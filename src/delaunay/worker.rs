@@ -3,11 +3,13 @@
 
 use std::ops::Range;
 
-use super::access::Access;
 use super::cavity::CavityFacet;
 use super::chunked::CHUNK;
 use super::homes::NodeId;
 use super::insert::StarScratch;
+use super::locks::Locks;
+use super::ownership::{Holder, Owner};
+use super::probe::{NoProbe, Probe};
 use super::remove::LinkScratch;
 use super::tet::{Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
@@ -55,9 +57,11 @@ const _: () = assert!((CHUNK as u32).is_multiple_of(POPULATED));
 
 /// A worker. Slots that it frees it uses again at once, last in first out: a cavity's new tets land
 /// on the lines that are hot.
-pub struct Worker<A> {
-    /// The policy, which knows whom the worker met.
-    pub access: A,
+pub struct Worker<L, P = NoProbe> {
+    /// The locking policy, which knows whom the worker met.
+    pub locks: L,
+    /// Who is told of what it does.
+    pub probe: P,
     /// What this worker has done.
     pub counters: Counters,
     /// The mark of the tets that it makes.
@@ -95,11 +99,19 @@ impl Counters {
     }
 }
 
-impl<A: Access> Worker<A> {
+impl<L: Locks> Worker<L> {
+    /// A worker that tells nobody; see [`Self::with_probe`].
+    pub fn new(locks: L, number: usize) -> Self {
+        Self::with_probe(locks, NoProbe, number)
+    }
+}
+
+impl<L: Locks, P: Probe> Worker<L, P> {
     /// A worker without memory; it claims some when it first needs it. Its tets get mark `number`.
-    pub fn new(access: A, number: usize) -> Self {
+    pub fn with_probe(locks: L, probe: P, number: usize) -> Self {
         Self {
-            access,
+            locks,
+            probe,
             counters: Counters::default(),
             mark: mark_of(number),
             node: 0,
@@ -123,10 +135,11 @@ impl<A: Access> Worker<A> {
         Self { node, foreign: keeps_home.then(Vec::new), ..self }
     }
 
-    /// The same worker under another policy, made of the one that it had.
-    pub fn with_access<B: Access>(self, access: impl FnOnce(A) -> B) -> Worker<B> {
+    /// The same worker under another policy.
+    pub fn with_locks<M: Locks>(self, locks: M) -> Worker<M, P> {
         let Self {
-            access: before,
+            locks: _,
+            probe,
             counters,
             mark,
             node,
@@ -143,7 +156,8 @@ impl<A: Access> Worker<A> {
             link,
         } = self;
         Worker {
-            access: access(before),
+            locks,
+            probe,
             counters,
             mark,
             node,
@@ -216,7 +230,7 @@ impl<A: Access> Worker<A> {
             None => self.take_fresh(triangulation),
         };
         // Before any link leads to it.
-        triangulation.owner(t).set(self.access.owner_of_new());
+        triangulation.owner(t).set(self.locks.owner_of_new());
         t
     }
 
@@ -284,11 +298,28 @@ impl<A: Access> Worker<A> {
         }
     }
 
+    /// Asks for the tet with this `owner`.
+    #[inline(always)]
+    pub(super) fn try_own(&mut self, owner: &Owner) -> Holder {
+        if L::SHARED {
+            self.probe.before_claim();
+        }
+        self.locks.try_own(owner)
+    }
+
+    #[inline(always)]
+    fn end_locking(&mut self) {
+        if L::SHARED {
+            self.probe.before_release();
+        }
+        self.locks.end_operation();
+    }
+
     /// Gives back what a completed operation made, when all of it is written, and frees the slots
     /// that it has no use for.
     pub(super) fn end_operation(&mut self, triangulation: &Triangulation) {
-        self.access.end_operation();
-        if A::SHARED {
+        self.end_locking();
+        if L::SHARED {
             for &t in &self.created {
                 triangulation.owner(t).release();
             }
@@ -302,7 +333,7 @@ impl<A: Access> Worker<A> {
 
     /// Gives back what an operation owns that is given up.
     pub(super) fn roll_back(&mut self, triangulation: &Triangulation) {
-        self.access.end_operation();
+        self.end_locking();
         for entry in self.cavity.drain(..) {
             triangulation.owner(entry.tet()).release();
         }

@@ -26,8 +26,8 @@
 
 use std::collections::VecDeque;
 
+use super::policy::Contention as Policy;
 use super::waiters::Waiters;
-use crate::params::Contention as Policy;
 use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
 
 /// Conflicts in sequence after which a worker sleeps, under the policy Random, or offers its

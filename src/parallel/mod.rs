@@ -6,22 +6,22 @@
 //!
 //! | file | what |
 //! |---|---|
+//! | [`policy`] | what a caller may choose |
 //! | [`contention`] | what a worker does after a conflict; why there is no livelock |
 //! | [`begging`] | who gets work from whom; how the end is noticed |
 //! | [`stretches`] | a list that all work off, each from its own place |
 //! | [`machine`], [`bisection`] | cores, memory nodes, hops between them; groups of nodes halved |
 //! | [`topology`] | which workers are near to each other, on a machine |
 //! | [`waiters`] | waiting, waking, and ending all waits |
-//! | [`clock`] | time stamps that cost next to nothing |
 //!
 //! All of it is modelled with the loom model checker, together with the locks of tets:
 //! `verification/loom`.
 
 pub mod begging;
 pub mod bisection;
-pub mod clock;
 pub mod contention;
 pub mod machine;
+pub mod policy;
 pub mod stretches;
 pub mod topology;
 pub mod waiters;

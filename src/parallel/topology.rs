@@ -4,7 +4,7 @@
 //! spreads them much like that. Where nothing is told of what cores share, all are alike.
 
 use super::machine::{Core, Machine};
-use crate::params::Begging;
+use super::policy::Begging;
 
 /// Groups of workers at each level, from the nearest to all.
 #[derive(Clone, Debug)]

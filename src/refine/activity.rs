@@ -6,7 +6,8 @@
 
 use super::refiner::Work;
 use crate::delaunay::worker::Counters;
-use crate::parallel::clock::{Clock, Ticks, ticks};
+use crate::sync::Ticks;
+use crate::sync::clock::{Clock, ticks};
 
 /// What a thread does in a span of time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

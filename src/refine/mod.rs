@@ -11,6 +11,7 @@
 //! | [`recent`] | points found last, asked before a search |
 //! | [`pel`] | the poor element list: what a worker does next |
 //! | [`activity`] | what each thread did, and with what it lost time |
+//! | [`probe`] | who is told of looks and lookups |
 //! | [`team`] | what the workers of a refinement share: limits, the way to stop |
 //! | [`podm`] | all workers on one triangulation: the phases of a refinement |
 //! | [`lapd`] | each memory node in a region of its own: whose are which samples and tets |
@@ -25,6 +26,7 @@ mod lapd;
 pub mod partition;
 pub mod pel;
 pub mod podm;
+pub mod probe;
 mod recent;
 pub mod refiner;
 pub mod rules;

@@ -21,19 +21,20 @@
 
 use super::activity::ThreadReport;
 use super::lapd::{self, Regions};
+use super::probe::RefineProbe;
 use super::refiner::{Refiner, Work};
 use super::rules::Rules;
 use super::sampling::{Growth, Samples, sample_isosurface};
 use super::team::{Schedule, Team};
 use crate::delaunay::ownership::MAX_OWNERS;
 use crate::delaunay::worker::Counters;
-use crate::delaunay::{Access, Counted, Solo, TetId, TryLock};
+use crate::delaunay::{CountVisits, Locks, NoProbe, Solo, TetId, TryLock};
 use crate::memory::room;
 use crate::monitor::Monitor;
 use crate::panics;
-use crate::parallel::clock::{Clock, ticks};
 use crate::parallel::stretches::Stretches;
 use crate::params::MAX_THREADS;
+use crate::sync::clock::{Clock, ticks};
 use crate::sync::run_together;
 use crate::{Error, Result};
 
@@ -66,24 +67,21 @@ pub struct Refinement {
 pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<Refinement> {
     let triangulation = rules.triangulation;
     if schedule.count_accesses {
-        let alone = Counted::new(Solo, triangulation);
-        refine_under(rules, schedule, monitor, alone, &|me, alone| match alone {
-            Some(alone) => Counted::over(alone, TryLock::new(me)),
-            None => Counted::new(TryLock::new(me), triangulation),
-        })
+        refine_with(rules, schedule, monitor, &|_| CountVisits::new(triangulation))
     } else {
-        refine_under(rules, schedule, monitor, Solo, &|me, _| TryLock::new(me))
+        refine_with(rules, schedule, monitor, &|_| NoProbe)
     }
 }
 
-/// As [`refine`], under policy `alone` while one worker works; `shared` makes the policy of worker
-/// `me` among others, of the one that it had alone if it is the first.
-fn refine_under<S: Access, T: Access>(
+/// As [`refine`]; each worker tells a probe of what it does, which `probe` makes for its number.
+///
+/// # Errors
+/// As [`refine`].
+pub fn refine_with<P: RefineProbe>(
     rules: &Rules<'_>,
     schedule: &Schedule,
     monitor: &Monitor<'_>,
-    alone: S,
-    shared: &(impl Fn(usize, Option<S>) -> T + Sync),
+    probe: &(impl Fn(usize) -> P + Sync),
 ) -> Result<Refinement> {
     let clock = Clock::start();
     // Samples are the smaller part: until they are there, reports say that nothing is done.
@@ -104,7 +102,7 @@ fn refine_under<S: Access, T: Access>(
     // From here on: what a worker touches first lies in its core's memory. The samples were made by
     // all threads.
     let bound = team.bind(0);
-    let mut lead = Refiner::new(&team, 0, team.worker(0, alone));
+    let mut lead = Refiner::new(&team, 0, team.worker(0, Solo, probe(0)));
     let end = if schedule.threads == 1 { total } else { first_for(2, &samples.rounds, total) };
     let mut first_samples = Some(0..end);
     // Before the triangulation takes what memory there is: what has been done is said even if that
@@ -123,8 +121,8 @@ fn refine_under<S: Access, T: Access>(
             threads.push(report(lead, &clock));
         }
         Ok(()) => {
-            let lead = lead.with_access(|alone| shared(0, Some(alone)));
-            threads.extend(work_together(&team, lead, &|me| shared(me, None), &stretches, &clock));
+            let lead = lead.with_locks(TryLock::new(0));
+            threads.extend(work_together(&team, lead, probe, &stretches, &clock));
         }
     }
     drop(bound);
@@ -219,17 +217,17 @@ fn deal_alike(samples: &Samples, first: usize, threads: usize) -> Vec<Stretches>
 }
 
 /// Lets all workers do their part; the first is the calling thread.
-fn work_together<'t, 'a, T: Access>(
+fn work_together<'t, 'a, P: RefineProbe>(
     team: &'t Team<'a>,
-    lead: Refiner<'t, 'a, T>,
-    access: &(impl Fn(usize) -> T + Sync),
+    lead: Refiner<'t, 'a, TryLock, P>,
+    probe: &(impl Fn(usize) -> P + Sync),
     stretches: &[Stretches],
     clock: &Clock,
 ) -> impl Iterator<Item = ThreadReport> {
     let part = |me| {
         move || {
             let _bound = team.bind(me);
-            let worker = Refiner::new(team, me, team.worker(me, access(me)));
+            let worker = Refiner::new(team, me, team.worker(me, TryLock::new(me), probe(me)));
             do_part(team, me, worker, stretches, clock)
         }
     };
@@ -244,7 +242,7 @@ fn work_together<'t, 'a, T: Access>(
 fn do_part(
     team: &Team<'_>,
     me: usize,
-    mut worker: Refiner<'_, '_, impl Access>,
+    mut worker: Refiner<'_, '_, TryLock, impl RefineProbe>,
     stretches: &[Stretches],
     clock: &Clock,
 ) -> ThreadReport {
@@ -284,7 +282,7 @@ fn do_part(
     report(worker, clock)
 }
 
-fn report<A: Access>(worker: Refiner<'_, '_, A>, clock: &Clock) -> ThreadReport {
+fn report<L: Locks, P: RefineProbe>(worker: Refiner<'_, '_, L, P>, clock: &Clock) -> ThreadReport {
     let seconds_per_tick = clock.seconds_per_tick();
     ThreadReport {
         accesses: worker.accesses(),

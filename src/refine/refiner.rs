@@ -21,17 +21,18 @@ use glam::DVec3;
 use super::activity::{Accesses, Doing, Lost, Timeline};
 use super::lapd::Outbox;
 use super::pel::{Gift, Pel, Task};
+use super::probe::RefineProbe;
 use super::rules::{Demand, Facets, Lookups, Rule, Rules};
 use super::team::{PERMITS, Team};
-use crate::delaunay::access::Effort;
 use crate::delaunay::homes::MAX_NODES;
 use crate::delaunay::worker::mark_of;
 use crate::delaunay::{
-    Access, Insertion, Removal, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker,
+    Insertion, Locks, Removal, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker,
 };
 use crate::memory::{reserve, room};
-use crate::parallel::clock::{Ticks, ticks};
 use crate::parallel::contention::Streak;
+use crate::sync::Ticks;
+use crate::sync::clock::ticks;
 use crate::{Error, Result};
 
 /// Steps between two looks at the cancel flag and the limits.
@@ -85,13 +86,13 @@ enum Fate {
 }
 
 /// A worker with its list.
-pub(super) struct Refiner<'t, 'a, A> {
+pub(super) struct Refiner<'t, 'a, L, P> {
     team: &'t Team<'a>,
     rules: &'t Rules<'a>,
     triangulation: &'a Triangulation,
     /// Its number in the team.
     me: usize,
-    pub worker: Worker<A>,
+    pub worker: Worker<L, P>,
     pel: Pel,
     near: Vec<VertexId>,
     outbox: Outbox,
@@ -105,8 +106,8 @@ pub(super) struct Refiner<'t, 'a, A> {
     pub timeline: Timeline,
 }
 
-impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
-    pub fn new(team: &'t Team<'a>, me: usize, worker: Worker<A>) -> Self {
+impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
+    pub fn new(team: &'t Team<'a>, me: usize, worker: Worker<L, P>) -> Self {
         Self {
             team,
             rules: team.rules,
@@ -125,8 +126,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
         }
     }
 
-    /// The same worker under another policy, made of the one that it had.
-    pub fn with_access<B: Access>(self, access: impl FnOnce(A) -> B) -> Refiner<'t, 'a, B> {
+    /// The same worker under another locking policy.
+    pub fn with_locks<M: Locks>(self, locks: M) -> Refiner<'t, 'a, M, P> {
         let Self {
             team,
             rules,
@@ -143,7 +144,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
             lost,
             timeline,
         } = self;
-        let worker = worker.with_access(access);
+        let worker = worker.with_locks(locks);
         Refiner {
             team,
             rules,
@@ -165,7 +166,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     /// Where what its operations visited was, if that is counted.
     pub fn accesses(&self) -> Accesses {
         let mut accesses = Accesses::default();
-        if let Some(visits) = self.worker.access.visits() {
+        if let Some(visits) = self.worker.probe.visits() {
             let machine = self.team.machine;
             let own = machine.node_of_worker(self.me);
             let nodes = 0..machine.nodes().min(MAX_NODES);
@@ -186,7 +187,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                     self.look_around()?;
                 }
                 steps += 1;
-                self.worker.access.pause();
+                self.worker.probe.pause();
                 let begin = self.stamp_time();
                 at = self.worker.locate(self.triangulation, at, p);
                 self.take_permit()?;
@@ -200,7 +201,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                         continue;
                     }
                     // Others have changed the tet since the walk came to it.
-                    Insertion::NotInConflict | Insertion::Stale if A::SHARED => {
+                    Insertion::NotInConflict | Insertion::Stale if L::SHARED => {
                         again.push(p);
                         // Corners of the box always have a tet.
                         at = self.triangulation.vertex(0).star();
@@ -271,14 +272,14 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     pub fn run(&mut self) -> Result<()> {
         self.timeline.turn_to(Doing::Refining, ticks());
         let beggars = self.team.begging.beggars(self.me);
-        let divided = A::SHARED && self.team.regions.is_some();
+        let divided = L::SHARED && self.team.regions.is_some();
         let mut steps = 0_u64;
         loop {
             if steps.is_multiple_of(ASK_EVERY) {
                 if steps.is_multiple_of(LOOK_EVERY) {
                     self.look_around()?;
                 }
-                if A::SHARED && beggars.any() {
+                if L::SHARED && beggars.any() {
                     self.give()?;
                 }
                 if divided && let Some(sent) = self.team.begging.open_inbox(self.me) {
@@ -286,7 +287,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                 }
             }
             steps += 1;
-            self.worker.access.pause();
+            self.worker.probe.pause();
             match self.pel.pop() {
                 Some(Task::Remove(v)) => self.remove(v)?,
                 Some(Task::Look(stamp)) if self.triangulation.is_current(stamp) => {
@@ -296,7 +297,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
                     self.serve(stamp)?
                 }
                 Some(Task::Look(_) | Task::Serve(_)) => {}
-                None if A::SHARED && self.beg()? => {}
+                None if L::SHARED && self.beg()? => {}
                 None => return Ok(()),
             }
         }
@@ -330,7 +331,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
 
     fn look(&mut self, stamp: TetStamp) -> Result<()> {
         self.work.looks += 1;
-        self.worker.access.look(self.triangulation, stamp.tet);
+        self.worker.probe.look(self.triangulation, stamp.tet);
         self.rules.mark_elsewhere(stamp.tet);
         let interfaces = self.rules.interfaces(stamp.tet, Facets::Second(self.worker.mark()));
         self.look_at(stamp, interfaces)
@@ -363,8 +364,8 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     fn ask_surface(&mut self, t: TetId, interfaces: &mut u32) -> Option<Demand> {
         let before = self.work.lookups;
         let demand = self.rules.surface_demand(t, interfaces, &mut self.work.lookups);
-        self.worker.access.spend(Effort::Labels(self.work.lookups.labels - before.labels));
-        self.worker.access.spend(Effort::Crossings(self.work.lookups.crossings - before.crossings));
+        self.worker.probe.look_up_labels(self.work.lookups.labels - before.labels);
+        self.worker.probe.look_up_crossings(self.work.lookups.crossings - before.crossings);
         demand
     }
 
@@ -383,7 +384,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     /// to be asked if it cannot be; `false`: it lies in a region of this node.
     #[inline]
     fn hand_over(&mut self, stamp: TetStamp, demand: &Demand, interfaces: u32) -> Result<bool> {
-        if !A::SHARED {
+        if !L::SHARED {
             return Ok(false);
         }
         match self
@@ -495,18 +496,18 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
 
     fn note_labels(&mut self, found: usize) {
         self.work.lookups.labels += found as u64;
-        self.worker.access.spend(Effort::Labels(found as u64));
+        self.worker.probe.look_up_labels(found as u64);
     }
 
     /// The time, if others might make this operation a vain one.
     #[inline(always)]
     fn stamp_time(&self) -> Ticks {
-        if A::SHARED { ticks() } else { 0 }
+        if L::SHARED { ticks() } else { 0 }
     }
 
     #[inline(always)]
     fn after_success(&mut self) {
-        if A::SHARED {
+        if L::SHARED {
             self.team.contention.after_success(self.me, &mut self.streak, &self.team.waiters);
         }
     }
@@ -523,7 +524,7 @@ impl<'t, 'a, A: Access> Refiner<'t, 'a, A> {
     fn after_conflict(&mut self, rule: Rule, begin: Ticks) -> Result<()> {
         let met = self
             .worker
-            .access
+            .locks
             .met()
             .ok_or_else(|| Error::Internal("a lone worker was blocked".into()))?;
         let end = ticks();

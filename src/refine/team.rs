@@ -9,7 +9,7 @@ use super::lapd::Regions;
 use super::pel::Gift;
 use super::rules::Rules;
 use crate::delaunay::homes::NodeId;
-use crate::delaunay::{Access, Worker};
+use crate::delaunay::{Locks, Probe, Worker};
 use crate::parallel::begging::Begging;
 use crate::parallel::contention::Contention;
 use crate::parallel::machine::Machine;
@@ -185,10 +185,10 @@ impl<'a> Team<'a> {
     }
 
     /// A worker of the kernel for worker `me`, on its node.
-    pub fn worker<A: Access>(&self, me: usize, access: A) -> Worker<A> {
+    pub fn worker<L: Locks, P: Probe>(&self, me: usize, locks: L, probe: P) -> Worker<L, P> {
         // Nodes are no more than workers: each has a core.
         let node = self.machine.node_of_worker(me) as NodeId;
-        Worker::new(access, me).at_node(node, self.regions.is_some())
+        Worker::with_probe(locks, probe, me).at_node(node, self.regions.is_some())
     }
 
     /// How many workers there are.

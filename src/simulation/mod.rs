@@ -10,8 +10,7 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`virtual_time`] | the clocks, and who runs; serves `crate::sync` |
-//! | [`hooks`] | what the locking policies tell |
+//! | [`probe`] | what workers tell of what they do |
 //! | [`world`] | where data lies, which caches have it, which routers are in use |
 //! | [`platform`] | the constants of a machine |
 //! | [`course`] | what had been done when, and the steady state in the middle of a run |
@@ -22,20 +21,20 @@
 //! contention for memory within a node; the operating system.
 
 pub mod course;
-pub mod hooks;
 pub mod platform;
-pub mod virtual_time;
+pub mod probe;
 pub mod world;
 
 use crate::monitor::Monitor;
 use crate::panics;
-use crate::refine::podm::Refinement;
-use crate::refine::refine;
+use crate::refine::podm::{Refinement, refine_with};
 use crate::refine::rules::Rules;
 use crate::refine::team::Schedule;
+use crate::sync::virtual_time;
 use crate::{Error, Result};
 use course::{Mark, STEADY};
 use platform::Platform;
+use probe::SimProbe;
 use world::{Tally, Traffic, World};
 
 /// A simulated refinement.
@@ -55,12 +54,12 @@ pub struct Simulated {
     pub tally: Tally,
 }
 
-/// Refines as [`refine`] does, with `schedule.threads` workers on a simulated platform: worker i on
-/// core i of the machine.
+/// Refines as [`refine`](crate::refine::refine) does, with `schedule.threads` workers on a
+/// simulated platform: worker i on core i of the machine.
 ///
 /// # Errors
-/// Those of [`refine`]. [`Error::InvalidArgument`] when there are more workers than cores;
-/// [`Error::OutOfMemory`] also when there is none for a stack.
+/// Those of [`refine`](crate::refine::refine). [`Error::InvalidArgument`] when there are more
+/// workers than cores; [`Error::OutOfMemory`] also when there is none for a stack.
 pub fn simulate(
     rules: &Rules<'_>,
     schedule: &Schedule,
@@ -73,11 +72,14 @@ pub fn simulate(
             "{workers} workers are simulated on a machine of {cores} cores"
         )));
     }
-    hooks::exchange(Some(World::new(platform, workers)));
+    probe::exchange(Some(World::new(platform, workers)));
     let ran = panics::catch(|| {
-        virtual_time::run(|| (refine(rules, schedule, monitor), virtual_time::now()))
+        virtual_time::run(|| {
+            let refined = refine_with(rules, schedule, monitor, &SimProbe::new);
+            (refined, virtual_time::now())
+        })
     });
-    let world = hooks::exchange(None);
+    let world = probe::exchange(None);
     let ran = ran.map_err(Error::Internal)?;
     let (refined, end) =
         ran.map_err(|_| Error::OutOfMemory { count: workers, what: "stacks of virtual workers" })?;

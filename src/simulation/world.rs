@@ -18,10 +18,25 @@
 
 use super::course::Mark;
 use super::platform::{Costs, Network, Platform};
-use super::virtual_time::{self, NANOSECOND};
-use crate::delaunay::access::Effort;
 use crate::delaunay::chunked::CHUNK;
-use crate::parallel::clock::Ticks;
+use crate::delaunay::probe::Effort;
+use crate::sync::Ticks;
+use crate::sync::virtual_time::{self, NANOSECOND};
+
+/// What has a price, beside visits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Work {
+    /// A part of an operation.
+    Kernel(Effort),
+    /// A tet is looked at for what the rules ask.
+    Look,
+    /// Labels looked up.
+    Labels(u64),
+    /// Crossings looked up.
+    Crossings(u64),
+    /// A tet is asked for.
+    Claim,
+}
 
 /// What a worker did, and what it waited for.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -179,22 +194,22 @@ impl World {
     }
 
     /// What work costs.
-    pub fn price(&mut self, effort: Effort) -> Ticks {
-        if matches!(effort, Effort::Fill(_))
+    pub fn price(&mut self, work: Work) -> Ticks {
+        if matches!(work, Work::Kernel(Effort::Fill(_)))
             && self.tally.fills >= MARK_EVERY * self.course.len() as u64
         {
             self.mark();
         }
         let (tally, prices) = (&mut self.tally, &self.prices);
-        let (sum, price, count) = match effort {
-            Effort::Operation => (&mut tally.operations, prices.operation, 1),
-            Effort::Exact(count) => (&mut tally.exact, prices.exact, count),
-            Effort::Fill(count) => (&mut tally.fills, prices.fill, count as u64),
-            Effort::Pairs(count) => (&mut tally.pairs, prices.pair, count as u64),
-            Effort::Look => (&mut tally.looks, prices.look, 1),
-            Effort::Labels(count) => (&mut tally.labels, prices.label, count),
-            Effort::Crossings(count) => (&mut tally.crossings, prices.crossing, count),
-            Effort::Claim => (&mut tally.claims, prices.claim, 1),
+        let (sum, price, count) = match work {
+            Work::Kernel(Effort::Operation) => (&mut tally.operations, prices.operation, 1),
+            Work::Kernel(Effort::Exact(count)) => (&mut tally.exact, prices.exact, count),
+            Work::Kernel(Effort::Fill(count)) => (&mut tally.fills, prices.fill, count as u64),
+            Work::Kernel(Effort::Pairs(count)) => (&mut tally.pairs, prices.pair, count as u64),
+            Work::Look => (&mut tally.looks, prices.look, 1),
+            Work::Labels(count) => (&mut tally.labels, prices.label, count),
+            Work::Crossings(count) => (&mut tally.crossings, prices.crossing, count),
+            Work::Claim => (&mut tally.claims, prices.claim, 1),
         };
         *sum += count;
         price * count

@@ -40,7 +40,7 @@ use lapd_loom::parallel::contention::{Contention, Streak};
 use lapd_loom::parallel::stretches::Stretches;
 use lapd_loom::parallel::topology::Levels;
 use lapd_loom::parallel::waiters::Waiters;
-use lapd_loom::params::Contention as Policy;
+use lapd_loom::parallel::policy::Contention as Policy;
 
 /// Checks a model of `size` workers, the first of which is the model's own thread.
 fn check<S: Send + Sync + 'static>(

@@ -3,11 +3,7 @@
 
 use std::time::Instant;
 
-#[cfg(feature = "simulation")]
-use crate::simulation::virtual_time;
-
-/// A time stamp.
-pub type Ticks = u64;
+use super::{Ticks, virtual_time};
 
 /// Now. On x86-64 the processor's time stamp counter, some 20 cycles; it runs at one rate on all
 /// cores of the machines of the last decade. Elsewhere nanoseconds of the system's monotonic clock.
@@ -15,7 +11,6 @@ pub type Ticks = u64;
 /// differences are to be taken with `saturating_sub`. A virtual worker's own clock in a simulation.
 #[inline(always)]
 pub fn ticks() -> Ticks {
-    #[cfg(feature = "simulation")]
     if virtual_time::is_running() {
         return virtual_time::now();
     }
@@ -51,7 +46,6 @@ impl Clock {
 
     /// Seconds of one tick, as measured from the start until now.
     pub fn seconds_per_tick(&self) -> f64 {
-        #[cfg(feature = "simulation")]
         if virtual_time::is_running() {
             return virtual_time::SECONDS_PER_TICK;
         }

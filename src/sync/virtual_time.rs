@@ -9,7 +9,7 @@
 //! discrete-event simulation, driven by the program itself (J. Misra, "Distributed discrete-event
 //! simulation", ACM Computing Surveys 18, 1986, has the terms).
 //!
-//! **Who uses it.** `crate::sync` alone: where a thread would wait, wake, sleep or offer its
+//! **Who uses it.** This module's parent alone: where a thread would wait, wake, sleep or offer its
 //! processor, the worker does so in virtual time. So the code above runs as it is. Outside of
 //! [`run`] all of this is asleep.
 //!
@@ -28,7 +28,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use corosensei::stack::DefaultStack;
 use corosensei::{Coroutine, CoroutineResult, Yielder};
 
-use crate::parallel::clock::Ticks;
+use super::Ticks;
 
 /// Ticks of a nanosecond: a tick is a picosecond. 2^64 of them are 200 days.
 pub const NANOSECOND: Ticks = 1000;

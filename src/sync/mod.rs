@@ -1,6 +1,11 @@
 //! The primitives of coordination between workers, from the standard library; a model checker puts
 //! its own in their place (`verification/loom`). In a build with the feature `simulation`, virtual
-//! workers wait and wake in virtual time (`simulation::virtual_time`).
+//! workers wait and wake in virtual time (`virtual_time`). This is the one place where that is
+//! chosen.
+
+pub mod clock;
+#[cfg_attr(not(feature = "simulation"), path = "no_virtual_time.rs")]
+pub mod virtual_time;
 
 #[cfg(not(feature = "simulation"))]
 pub use std::sync::atomic::AtomicU8;
@@ -11,8 +16,8 @@ pub use std::sync::{Mutex, MutexGuard};
 use std::thread::{self, Thread};
 use std::time::Duration;
 
-#[cfg(feature = "simulation")]
-use crate::simulation::virtual_time;
+/// A time stamp: see [`clock::ticks`].
+pub type Ticks = u64;
 
 /// Turns of a loop before a waiting thread offers its processor to others: about as long as one
 /// operation takes.
@@ -34,7 +39,6 @@ pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Waits until `done`.
 pub fn wait_until(done: impl Fn() -> bool) {
-    #[cfg(feature = "simulation")]
     if virtual_time::is_running() {
         return virtual_time::wait_until(done);
     }
@@ -54,23 +58,17 @@ pub fn wait_until(done: impl Fn() -> bool) {
 #[derive(Debug)]
 pub struct Waiter {
     thread: Thread,
-    #[cfg(feature = "simulation")]
     worker: Option<virtual_time::Number>,
 }
 
 impl Waiter {
     /// The calling thread.
     pub fn current() -> Self {
-        Self {
-            thread: thread::current(),
-            #[cfg(feature = "simulation")]
-            worker: virtual_time::current(),
-        }
+        Self { thread: thread::current(), worker: virtual_time::current() }
     }
 
     /// Lets the thread look again whether it still has to wait.
     pub fn wake(&self) {
-        #[cfg(feature = "simulation")]
         if let Some(worker) = self.worker {
             return virtual_time::wake(worker);
         }
@@ -80,7 +78,6 @@ impl Waiter {
 
 /// Offers the processor to other threads.
 pub fn yield_now() {
-    #[cfg(feature = "simulation")]
     if virtual_time::is_running() {
         return virtual_time::offer();
     }
@@ -89,7 +86,6 @@ pub fn yield_now() {
 
 /// Sleeps for about so many microseconds.
 pub fn sleep_micros(micros: u64) {
-    #[cfg(feature = "simulation")]
     if virtual_time::is_running() {
         return virtual_time::sleep_micros(micros);
     }
@@ -104,7 +100,6 @@ pub fn run_together<T: Send>(
     others: Vec<impl FnOnce() -> T + Send>,
     lacking: impl FnOnce(),
 ) -> (T, Vec<Option<T>>) {
-    #[cfg(feature = "simulation")]
     if virtual_time::is_running() {
         return virtual_time::run_together(lead, others, lacking);
     }
