@@ -1,5 +1,5 @@
 """The paper's experiments (section 5) with threads: PODM and LAPD beside each other; writes tables
-of docs/benchmarks.md. experiments.sh builds what it needs and starts it.
+of docs/notes/benchmarks.md. experiments.sh builds what it needs and starts it.
 
 weak   weak scaling, as many tets for each thread: Tables 1 and 2, and the overheads of Fig. 7b.
 nodes  accesses to the memory of other nodes on synthetic machines: fixed bounds, ever more nodes.
@@ -248,7 +248,7 @@ def main():
             help="aal, brain, abdomen, balls, separated by commas (abdomen,brain)",
         )
         command.add_argument(
-            "--print-only", action="store_true", help="leave docs/benchmarks.md as it is"
+            "--print-only", action="store_true", help="leave docs/notes/benchmarks.md as it is"
         )
     options = parser.parse_args()
     RESULTS.mkdir(parents=True, exist_ok=True)

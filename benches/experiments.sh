@@ -1,6 +1,6 @@
 #!/bin/sh
 # The paper's experiments (section 5) with threads: both algorithms beside each other;
-# docs/benchmarks.md says what is measured.
+# docs/notes/benchmarks.md says what is measured.
 #
 #   sh benches/experiments.sh weak [--runs 3] [--images abdomen,brain] [--tets-per-thread 1000000]
 #       [--threads 1,2,4,8,16] [--print-only]
@@ -9,7 +9,7 @@
 #
 # weak: Tables 1 and 2, and the overheads of Fig. 7b, to the number of cores. nodes: accesses to
 # other nodes' memory on synthetic machines; needs hwloc (Debian: libhwloc-dev, libudev-dev). Writes
-# tables into docs/benchmarks.md, and prints them. Images are looked for in LAPD_IMAGES or in
+# tables into docs/notes/benchmarks.md, and prints them. Images are looked for in LAPD_IMAGES or in
 # ../shared/images.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)

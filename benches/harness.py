@@ -22,7 +22,7 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build"
 RESULTS = BUILD / "benches"
-DOCS = ROOT / "docs" / "benchmarks.md"
+DOCS = ROOT / "docs" / "notes" / "benchmarks.md"
 
 # Where the search for bounds starts, for a million tets: delta in world units. Size is always twice
 # delta.
@@ -297,8 +297,8 @@ def machine(bystanders, versions):
 
 
 def publish(part, script, text, options, behind=()):
-    """Prints the text, and puts it between the marks of that part in docs/benchmarks.md. A part
-    that is not there yet comes behind the last of those named."""
+    """Prints the text, and puts it between the marks of that part in docs/notes/benchmarks.md. A
+    part that is not there yet comes behind the last of those named."""
     print(text)
     if options.print_only:
         return

@@ -1,5 +1,5 @@
-"""What threads bring, and with what they lose time; writes tables of docs/benchmarks.md. threads.sh
-builds what it needs and starts it.
+"""What threads bring, and with what they lose time; writes tables of docs/notes/benchmarks.md.
+threads.sh builds what it needs and starts it.
 
 speedup   fixed bounds, one thread against several, for images and numbers of tets.
 managers  the four contention managers with both begging schemes.
@@ -420,7 +420,7 @@ def main():
         )
     for command in (one, two, three):
         command.add_argument(
-            "--print-only", action="store_true", help="leave docs/benchmarks.md as it is"
+            "--print-only", action="store_true", help="leave docs/notes/benchmarks.md as it is"
         )
     options = parser.parse_args()
     RESULTS.mkdir(parents=True, exist_ok=True)

@@ -185,10 +185,34 @@ def case(name, image, delta):
     ), f"{name}: the error grew from {error_before} to {error_after}"
 
 
+def tutorial():
+    """The guide's tutorial: its script solves on the last mesh that was made."""
+    script = Path(__file__).parents[1] / "examples/potential.py"
+    out = work / "potential.vtu"
+    run = subprocess.run(
+        [sys.executable, script, work / "full.vtu", out],
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    print(run.stdout, end="")
+    assert "potential 0.000 to 1.000" in run.stdout, run.stdout
+    reader = vtk.vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(out))
+    reader.Update()
+    grid = reader.GetOutput()
+    field = vtk_to_numpy(grid.GetCellData().GetArray("field"))
+    potential = vtk_to_numpy(grid.GetPointData().GetArray("potential"))
+    assert len(potential) == grid.GetNumberOfPoints() and np.isfinite(field).all()
+    # From where the potential is 1, on top, to where it is 0.
+    assert field[:, 2].mean() < 0, field[:, 2].mean()
+
+
 work.mkdir(parents=True, exist_ok=True)
 ball(work / "ball.nrrd")
 case("ball", work / "ball.nrrd", 1.5)
 case("ball", work / "ball.nrrd", 1.0)
+tutorial()
 if AAL.exists():
     case("AAL", AAL, 3.0)
 else:

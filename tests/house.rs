@@ -64,6 +64,52 @@ fn lines_fit_a_hundred_columns() {
     assert!(long.is_empty(), "longer than {MAX_COLUMNS} columns:\n{}", long.join("\n"));
 }
 
+/// Words of the README: more belongs into the guide.
+const MAX_README: usize = 1200;
+
+/// All Markdown files below a folder.
+fn pages(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() && !MADE.iter().any(|made| path.ends_with(made)) {
+            pages(&path, found);
+        } else if path.extension().is_some_and(|ending| ending == "md") {
+            found.push(path);
+        }
+    }
+}
+
+/// Links between pages, and to files of the repository, lead to something.
+#[test]
+fn links_lead_somewhere() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut found = Vec::new();
+    pages(root, &mut found);
+    let (mut links, mut dead) = (0, Vec::new());
+    for page in found {
+        let text = fs::read_to_string(&page).unwrap();
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            let target = link.split('#').next().unwrap_or_default();
+            if target.is_empty() || target.contains("://") {
+                continue;
+            }
+            links += 1;
+            if !page.with_file_name(target).exists() {
+                dead.push(format!("{}: {link}", page.strip_prefix(root).unwrap().display()));
+            }
+        }
+    }
+    assert!(links > 50, "only {links} links were found");
+    assert!(dead.is_empty(), "dead links:\n{}", dead.join("\n"));
+}
+
+#[test]
+fn the_readme_is_short() {
+    let readme = Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md");
+    let words = fs::read_to_string(readme).unwrap().split_whitespace().count();
+    assert!(words <= MAX_README, "README.md has {words} words, {MAX_README} at most");
+}
+
 /// The Rust files of a folder, below it too, but for those that are compiled for tests only.
 fn sources(path: &Path, found: &mut Vec<PathBuf>) {
     if path.is_dir() {
@@ -120,15 +166,19 @@ fn listed<'t>(text: &'t str, head: &str) -> Vec<&'t str> {
     cells.flat_map(|cell| cell.split('`').skip(1).step_by(2)).collect()
 }
 
-/// A module uses only those that the maps in `src/lib.rs` and in docs/architecture.md name before
-/// it, so there is no circle of modules.
+/// A module uses only those that the maps in `src/lib.rs` and in docs/reference/architecture.md
+/// name before it, so there is no circle of modules.
 #[test]
 fn modules_use_only_those_before_them() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let lib = fs::read_to_string(root.join("src/lib.rs")).unwrap();
     let order = listed(&lib, "| module |");
-    let architecture = fs::read_to_string(root.join("docs/architecture.md")).unwrap();
-    assert_eq!(listed(&architecture, "| module |"), order, "docs/architecture.md and src/lib.rs");
+    let architecture = fs::read_to_string(root.join("docs/reference/architecture.md")).unwrap();
+    assert_eq!(
+        listed(&architecture, "| module |"),
+        order,
+        "docs/reference/architecture.md and src/lib.rs"
+    );
     let names = fs::read_dir(root.join("src")).unwrap().map(|entry| entry.unwrap().path());
     let names = names.filter(|path| !path.ends_with("lib.rs"));
     let names = names.map(|path| path.file_stem().unwrap().to_string_lossy().into_owned());

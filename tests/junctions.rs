@@ -360,7 +360,7 @@ fn a_smooth_border_rounds_the_box() {
 }
 
 #[test]
-#[ignore = "a minute or more for each: the figures of docs/design-notes.md"]
+#[ignore = "a minute or more for each: the figures of docs/notes/design-notes.md"]
 fn figures_of_the_atlases() {
     let images = std::env::var_os("LAPD_IMAGES").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"),

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Our mesher with its removal of slivers against CGAL's Mesh_3 with its perturbation and exudation,
-# both as they come; docs/benchmarks.md has the tables. Images are looked for in LAPD_IMAGES or in
-# ../shared/images.
+# both as they come; docs/notes/benchmarks.md has the tables. Images are looked for in LAPD_IMAGES
+# or in ../shared/images.
 #
 #   sh benches/peers/improved.sh [--images aal,brain,abdomen] [--threads 1] [--tets 500000]
 #       [--print-only]

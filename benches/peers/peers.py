@@ -1,5 +1,5 @@
-"""Runs our mesher and its peers in turn, and writes the tables of docs/benchmarks.md. run.sh and
-growth.sh build what it needs and start it.
+"""Runs our mesher and its peers in turn, and writes the tables of docs/notes/benchmarks.md. run.sh
+and growth.sh build what it needs and start it.
 
 compare ours, Mesh_3 with each tag, and the Delaunay triangulation of our vertices; bounds are tuned
 until the numbers of tets agree. improved ours with its removal of slivers, Mesh_3 with its
@@ -521,7 +521,7 @@ def main():
             "--threads", type=at_least_one, default=1, help="threads of each program (1)"
         )
         command.add_argument(
-            "--print-only", action="store_true", help="leave docs/benchmarks.md as it is"
+            "--print-only", action="store_true", help="leave docs/notes/benchmarks.md as it is"
         )
     options = parser.parse_args()
     RESULTS.mkdir(parents=True, exist_ok=True)

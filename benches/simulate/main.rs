@@ -1,5 +1,5 @@
 //! Simulated refinements, one line of JSON for each; `study.py` beside this file runs it and draws
-//! what comes out. docs/scaling.md says what it means.
+//! what comes out. docs/notes/scaling.md says what it means.
 //!
 //!     simulate IMAGE --tets N --workers P,P,...
 //!         [--machine one|blacklight|NODESxCORES|SOCKETSxNODESxCORES] [--algorithm podm|lapd]

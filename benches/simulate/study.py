@@ -1,5 +1,5 @@
-"""Simulated scaling: runs the example `simulate`, fits what is fitted, writes docs/scaling.md's
-tables and plots. run.sh says how.
+"""Simulated scaling: runs the example `simulate`, fits what is fitted, writes
+docs/notes/scaling.md's tables and plots. run.sh says how.
 
 Efficiency, after equation 1 of D. Feng, A. Chernikov, N. Chrisochoides, Two-level locality-aware
 parallel Delaunay image-to-mesh conversion, 2016: tets per second of p workers over p times those of
@@ -25,7 +25,7 @@ from harness import find_images, markdown, say  # noqa: E402
 
 BINARY = ROOT / "target/release/examples/simulate"
 KEPT = ROOT / "build/simulate"
-PAGE = ROOT / "docs/scaling.md"
+PAGE = ROOT / "docs/notes/scaling.md"
 PICTURES = ROOT / "docs/pictures"
 
 # ---- The paper: Tables 1 (abdomen) and 2 (brain) ----

@@ -1,7 +1,8 @@
 # Drops from lapd.h what was appended to structs since the dump was made: awk -f trim.awk DUMP
 # lapd.h
 #
-# By docs/api-conventions.md structs with a struct_size, and lapd_progress, may grow at their end.
+# By docs/reference/conventions.md structs with a struct_size, and lapd_progress, may grow at their
+# end.
 # abidiff would call that a change, and its suppressions for members at the end let changed members
 # pass too.
 

@@ -23,7 +23,7 @@
 //!
 //! Sources: L. A. Freitag and C. Ollivier-Gooch, "Tetrahedral mesh improvement using swapping and
 //! smoothing", 1997; B. M. Klingner and J. R. Shewchuk, "Aggressive tetrahedral mesh improvement",
-//! 2007. docs/improvement.md has the measurements.
+//! 2007. docs/reference/improvement.md has the measurements.
 //!
 //! | file | what |
 //! |---|---|

@@ -2,7 +2,8 @@
 //!
 //! Voxels of a label are joined with all 26 around them, across faces, edges and vertices, and what
 //! is around a component is 6-connected. The other choice, 6 and 26, is farther from what a smooth
-//! interface does between voxels that meet in an edge or a vertex (docs/algorithm.md has figures).
+//! interface does between voxels that meet in an edge or a vertex (docs/reference/algorithm.md has
+//! figures).
 //!
 //! The image is gone over run by run along x (as in He, Chao, Suzuki, "A run-based two-scan
 //! labeling algorithm", 2008), so that memory goes with the number of runs, not of voxels. With

@@ -23,7 +23,8 @@
 //! round on that all workers share. Rounds before that are too small for all; one worker inserts
 //! the first, some the next (`podm`). [`Schedule::halving`] has the paper's scheme instead: the
 //! last round of samples is inserted node by node, the round before by pairs of nodes in the two
-//! regions of both, and so on. It visits up to twice as much remote memory (docs/design-notes.md).
+//! regions of both, and so on. It visits up to twice as much remote memory
+//! (docs/notes/design-notes.md).
 //!
 //! # Invariants
 //! - A vertex is inserted by a worker of the node in whose region it lies, but for the first

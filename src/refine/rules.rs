@@ -3,8 +3,8 @@
 //! [`Rules::near_free_vertices`].
 //!
 //! From Foteinos, Chernikov and Chrisochoides, Guaranteed quality tetrahedral Delaunay meshing for
-//! medical images (2014), extended to many labels. docs/algorithm.md states the rules as they stand
-//! here, what was added to them, and why the refinement ends.
+//! medical images (2014), extended to many labels. docs/reference/algorithm.md states the rules as
+//! they stand here, what was added to them, and why the refinement ends.
 //!
 //! A rule only reads. It looks at the tet and at its neighbours, so the answer changes only when
 //! one of these does, and a changed neighbour is a new tet, which is looked at itself.
@@ -121,7 +121,7 @@ pub struct Rules<'a> {
     /// No squared radius below this is above R2's bound anywhere.
     large_squared: f64,
     /// Squared radius below which R4 cannot apply: vertices keep a distance from each other
-    /// (docs/algorithm.md, why it ends).
+    /// (docs/reference/algorithm.md, why it ends).
     small_squared: f64,
     radius_edge_squared: f64,
     facet_cosine_squared: f64,

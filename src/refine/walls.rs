@@ -16,7 +16,7 @@
 //! - R2, R4, R5: the projection of the circumcenter.
 //!
 //! In all cases only if no vertex is nearer than the least spacing. So these insertions do not
-//! disturb the proof of termination (docs/algorithm.md).
+//! disturb the proof of termination (docs/reference/algorithm.md).
 
 use glam::DVec3;
 

@@ -1,8 +1,8 @@
 //! What is simulated: a machine, what work costs on its cores, and what it costs to bring data from
 //! another node.
 //!
-//! Costs are nanoseconds of a core that has its data in its cache; docs/scaling.md says how they
-//! were measured, and which were fitted.
+//! Costs are nanoseconds of a core that has its data in its cache; docs/notes/scaling.md says how
+//! they were measured, and which were fitted.
 
 use crate::parallel::machine::Machine;
 
@@ -72,7 +72,7 @@ pub struct Level {
 }
 
 impl Default for Costs {
-    /// Those of the machine that docs/scaling.md names.
+    /// Those of the machine that docs/notes/scaling.md names.
     fn default() -> Self {
         Self {
             slowdown: 1.0,

@@ -251,7 +251,7 @@ fn more_workers_than_cores_are_refused() {
 }
 
 /// Two threads of the machine on which the costs were measured are 1.82 to 1.85 times as fast as
-/// one (docs/benchmarks.md).
+/// one (docs/notes/benchmarks.md).
 #[test]
 fn two_workers_are_as_fast_as_was_measured() {
     let folder = std::env::var_os("LAPD_IMAGES").map_or_else(
