@@ -37,7 +37,7 @@ from harness import (
     tune_ours,
 )
 
-PHASES = ("distance", "refine", "extract", "certify")
+PHASES = ("prepare", "refine", "extract", "certify")
 MANAGERS = ("local", "global", "random", "aggressive")
 BEGGING = ("levels", "flat")
 # A manager may livelock: it is given up when it takes so many times as long as the first did, but

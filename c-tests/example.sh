@@ -205,7 +205,7 @@ keys = """version input world delta size threads algorithm tets vertices interfa
         quality certificate labels""".split()
 assert all(key in odd for key in keys), [key for key in keys if key not in odd]
 inner = {
-    "seconds": "read distance refine extract improve certify write total",
+    "seconds": "read prepare refine extract improve certify write total",
     "operations": """insertions removals rollbacks exact_predicates in_sphere_tests tets_created
         cavity_tets looks label_lookups crossing_lookups by_rule insertions_per_vertex
         removals_per_vertex mean_cavity exact_share looks_per_tet lookups_per_tet""",
@@ -227,7 +227,7 @@ assert [row["label"] for row in odd["labels"]] == [1, 2]
 assert odd["tets"] == sum(row["tets"] for row in odd["labels"]) > 0
 assert odd["peak_rss_bytes"] > 1 << 20
 assert odd["oracle_bytes"] >= 4 * 10**3 and "memory_bytes" not in odd
-phases = "distance refine extract improve".split()
+phases = "prepare refine extract improve".split()
 peaks = [memory["memory_bytes"]["peak_" + phase] for phase in phases]
 assert 1 << 20 < peaks[0] <= peaks[1] <= peaks[2] <= peaks[3] <= memory["peak_rss_bytes"], memory
 assert memory["memory_bytes"]["read"] > 1 << 20, memory

@@ -20,7 +20,7 @@
 
 enum { PHASES = 5, TRIES = 3 };
 static const double PROMISE = 0.1;
-static const char *const names[PHASES] = {"distance", "refine", "extract", "improve", "certify"};
+static const char *const names[PHASES] = {"prepare", "refine", "extract", "improve", "certify"};
 
 static lapd_context *context;
 static lapd_image *image;

@@ -164,11 +164,11 @@ void print_table(const summary *s, const file_seconds *seconds) {
     printf("scaled Jacobians     %12.3f to %.3f, edge ratio up to %.2f, radius ratio up to %.2f\n",
            q->min_scaled_jacobian, q->max_scaled_jacobian, q->max_edge_ratio, q->max_radius_ratio);
     printf("smallest facet angle %12.2f degrees\n", q->min_facet_angle);
-    printf("seconds              %12.2f  (read %.2f, distance %.2f, refine %.2f, extract %.2f, "
+    printf("seconds              %12.2f  (read %.2f, prepare %.2f, refine %.2f, extract %.2f, "
            "improve %.2f, "
            "certify %.2f, write %.2f)\n",
-           seconds->total, seconds->read, s->timings.distance, s->timings.refine,
-           s->timings.extract, s->timings.improve, s->timings.certify, seconds->write);
+           seconds->total, seconds->read, s->timings.prepare, s->timings.refine, s->timings.extract,
+           s->timings.improve, s->timings.certify, seconds->write);
 
     uint64_t largest = 1, all = 0;
     for (int i = 0; i < 18; i++) {
@@ -443,7 +443,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_count(f, ",\n  ", "oracle_bytes", s->counts.oracle_bytes);
     if (memory != NULL) {
         json_count(f, ",\n  \"memory_bytes\": {", "read", memory->read);
-        json_count(f, ", ", "peak_distance", memory->peak[LAPD_PHASE_DISTANCE]);
+        json_count(f, ", ", "peak_prepare", memory->peak[LAPD_PHASE_PREPARE]);
         json_count(f, ", ", "peak_refine", memory->peak[LAPD_PHASE_REFINE]);
         json_count(f, ", ", "peak_extract", memory->peak[LAPD_PHASE_EXTRACT]);
         json_count(f, ", ", "peak_improve", memory->peak[LAPD_PHASE_IMPROVE]);
@@ -452,7 +452,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
 
     fputs(",\n  \"seconds\": {", f);
     json_number(f, "", "read", seconds->read);
-    json_number(f, ", ", "distance", s->timings.distance);
+    json_number(f, ", ", "prepare", s->timings.prepare);
     json_number(f, ", ", "refine", s->timings.refine);
     json_number(f, ", ", "extract", s->timings.extract);
     json_number(f, ", ", "improve", s->timings.improve);

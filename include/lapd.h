@@ -132,9 +132,9 @@ typedef enum {
  */
 typedef enum {
   /**
-   * The image is prepared: volumes and weights of the labels, distances to the interfaces.
+   * The image is prepared: volumes and weights of the labels, where the interfaces are.
    */
-  LAPD_PHASE_DISTANCE = 0,
+  LAPD_PHASE_PREPARE = 0,
   /**
    * Delaunay refinement.
    */
@@ -581,7 +581,7 @@ typedef struct {
    */
   uint64_t all_tets;
   /**
-   * Bytes of what refinement keeps of the image: labels and distances.
+   * Bytes of what refinement keeps of the image: labels, and where interfaces are.
    */
   uint64_t oracle_bytes;
 } lapd_counts;
@@ -596,9 +596,9 @@ typedef struct {
    */
   uint64_t struct_size;
   /**
-   * Preparing the image: volumes and weights of the labels, distances to the interfaces.
+   * Preparing the image: volumes and weights of the labels, where the interfaces are.
    */
-  double distance;
+  double prepare;
   /**
    * From there to the last rule satisfied.
    */

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use crate::delaunay::Triangulation;
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
-use crate::image::islands::Island;
+use crate::image::small_components::SmallComponent;
 use crate::improve::{Improvement, Settings, improve};
 use crate::memory::reserve;
 use crate::mesh::TetMesh;
@@ -31,7 +31,7 @@ use crate::refine::podm::Refinement;
 use crate::refine::refiner::Work;
 use crate::refine::rules::{Rules, TETS_PER_SIZE};
 use crate::refine::sizing::Sizing;
-use crate::refine::team::{Limits, Schedule};
+use crate::refine::team::{Limits, RefineOptions};
 use crate::refine::{examine, refine};
 use crate::second_order::{self, SecondOrder, add_mid_nodes, curve};
 use crate::system::binding::Places;
@@ -43,7 +43,7 @@ const BOX_MARGIN: f64 = 0.25;
 
 /// A finished run.
 #[derive(Debug)]
-pub struct Meshing {
+pub struct MeshResult {
     /// The mesh.
     pub mesh: TetMesh,
     /// What the run did, and what was measured on the mesh.
@@ -56,8 +56,8 @@ pub struct Meshing {
 /// Wall-clock seconds of the phases.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seconds {
-    /// The oracle: the labels' volumes and weights, distances in cells.
-    pub distance: f64,
+    /// Preparing the image: the labels' volumes and weights, where interfaces are, what is thin.
+    pub prepare: f64,
     /// From the finished oracle to the last rule satisfied.
     pub refine: f64,
     /// Collecting the mesh.
@@ -108,7 +108,7 @@ pub fn mesh_image(
     image: &LabelImage,
     params: &MeshParams,
     monitor: &Monitor<'_>,
-) -> Result<Meshing> {
+) -> Result<MeshResult> {
     let mut clock = Instant::now();
     params.validate()?;
     // Not in `validate`: whoever sets parameters one by one may set this one first.
@@ -146,7 +146,7 @@ pub fn mesh_image(
     let (cleared, dropped);
     let image = if params.least_voxels > 1 {
         (cleared, dropped) =
-            image.without_islands(params.least_voxels, || monitor.check_cancelled())?;
+            image.without_small_components(params.least_voxels, || monitor.check_cancelled())?;
         &cleared
     } else {
         dropped = Vec::new();
@@ -184,12 +184,12 @@ pub fn mesh_image(
     );
     let (oracle, sizing) = (oracle?, sizing?);
     drop(rows);
-    seconds.distance = lap();
-    monitor.log(Level::Info, &format!("image prepared in {:.2} s", seconds.distance));
+    seconds.prepare = lap();
+    monitor.log(Level::Info, &format!("image prepared in {:.2} s", seconds.prepare));
 
     let voxels = object_voxels(image);
     let by_volume = TETS_PER_SIZE * voxels as f64 * image.voxel_volume() / params.size.powi(3);
-    let about_interfaces = oracle.expected_tets(params.delta, &sizing.by_cell());
+    let about_interfaces = oracle.expected_tets(params.delta, &sizing.palette());
     warn_of_many(about_interfaces.map(|tets| tets + by_volume), voxels, monitor);
 
     monitor.enter(Step::Refine, 1)?;
@@ -203,7 +203,7 @@ pub fn mesh_image(
         None if params.threads == 1 => Machine::one_node(1),
         None => Machine::of_system(),
     };
-    let schedule = Schedule {
+    let options = RefineOptions {
         expected_tets: by_volume as u64,
         limits,
         threads: params.threads,
@@ -216,7 +216,7 @@ pub fn mesh_image(
         halving: false,
         count_accesses: params.count_accesses,
     };
-    let Refinement { counters, work, threads, ended_by } = refine(&rules, &schedule, monitor)?;
+    let Refinement { counters, work, threads, ended_by } = refine(&rules, &options, monitor)?;
     let ended_by = match ended_by {
         Some(limit) if !params.partial => return Err(limit),
         ended_by => ended_by,
@@ -302,12 +302,14 @@ pub fn mesh_image(
     let mut certificate =
         Certificate::measure(&mesh, image, &oracle, check.non_delaunay_facets, unmet, monitor)?;
     reserve(&mut certificate.defects, dropped.len(), "defects")?;
-    certificate.defects.extend(dropped.iter().map(|&Island { label, position, voxels }| Defect {
-        kind: DefectKind::Dropped,
-        label,
-        position,
-        size: voxels,
-    }));
+    certificate.defects.extend(dropped.iter().map(
+        |&SmallComponent { label, position, voxels }| Defect {
+            kind: DefectKind::Dropped,
+            label,
+            position,
+            size: voxels,
+        },
+    ));
     seconds.certify += lap();
     let mut second_order = SecondOrder::default();
     if params.order == 2 {
@@ -338,7 +340,7 @@ pub fn mesh_image(
         quality,
         certificate,
     };
-    Ok(Meshing { mesh, report, ended_by })
+    Ok(MeshResult { mesh, report, ended_by })
 }
 
 /// The limits of `params` for a run on `image`, or on one of other labels; `start` is when it

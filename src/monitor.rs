@@ -21,7 +21,7 @@ use crate::{Error, Result};
 #[repr(i32)]
 pub enum Phase {
     /// The image is prepared: the oracle is built.
-    Distance = 0,
+    Prepare = 0,
     /// Delaunay refinement.
     Refine = 1,
     /// The mesh is collected, and the triangulation checked.
@@ -63,7 +63,7 @@ pub enum Step {
 /// Phase of each step, and the part of a run's time at which it starts: as on the abdomen at delta
 /// 1.25, one thread.
 const STEPS: [(Phase, f64); 11] = [
-    (Phase::Distance, 0.0),
+    (Phase::Prepare, 0.0),
     (Phase::Refine, 0.02),
     (Phase::Extract, 0.35),
     (Phase::Extract, 0.39),

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use lapd::image::readers::read_image;
 use lapd::mesh::DefectKind;
 use lapd::mesh::quality::{dihedral_angles, radius_edge_ratio, triangle_angles};
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::parallel::machine::Machine;
 use lapd::params::{Algorithm, Improve, MeshParams};
@@ -19,7 +19,7 @@ use lapd::params::{Algorithm, Improve, MeshParams};
 const LARGE: u64 = 1000;
 
 /// Everything that misses its bar, in words.
-fn misses(meshing: &Meshing, params: &MeshParams) -> Vec<String> {
+fn misses(meshing: &MeshResult, params: &MeshParams) -> Vec<String> {
     let (mesh, report) = (&meshing.mesh, &meshing.report);
     let certificate = &report.certificate;
     let mut misses = Vec::new();

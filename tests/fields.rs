@@ -6,9 +6,9 @@ use std::cell::Cell;
 use glam::DVec3;
 use lapd::Error;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
-use lapd::oracle::{ByCell, Oracle, Surface};
+use lapd::oracle::{Oracle, Palette, Surface};
 use lapd::params::{ImageBorder, MeshParams, SurfaceModel};
 
 struct Random(u64);
@@ -129,7 +129,7 @@ fn compare(
     assert!(found > 20, "{found} crossings");
     // Crossed edges have a point of the isosurface: labels differ nearby. Not where two crossings
     // are close together.
-    let grid = oracle.edge_grid(&ByCell::uniform(10.0));
+    let grid = oracle.edge_grid(&Palette::uniform(10.0));
     let step = 2e-3 * oracle.spacing().min_element();
     let (mut edges, mut close) = (0, 0);
     for row in 0..grid.rows() {
@@ -365,7 +365,8 @@ fn what_smoothing_loses_is_told() {
         }
         let sigma = [0.5, 1.0, 2.0][seed as usize / 3 % 3];
         let params = MeshParams { delta: 1.5, size: 3.0, sigma, ..MeshParams::default() };
-        let Meshing { mesh, report, .. } = mesh_image(&image, &params, &Monitor::silent()).unwrap();
+        let MeshResult { mesh, report, .. } =
+            mesh_image(&image, &params, &Monitor::silent()).unwrap();
         // Labels at voxels where a tet of the label is within a voxel.
         let mut is_met = vec![false; count];
         for (tet, &label) in mesh.tets.iter().zip(&mesh.labels) {

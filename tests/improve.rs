@@ -14,14 +14,14 @@ use lapd::image::{Frame, LabelImage};
 use lapd::improve::{Improvement, Settings, improve, tolerance};
 use lapd::mesh::extract::{Background, Extracted, extract};
 use lapd::mesh::{Certificate, NONE, TetMesh};
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
 use lapd::params::{Improve, MeshParams, SurfaceModel};
 use lapd::refine::refine;
 use lapd::refine::rules::Rules;
 use lapd::refine::sizing::Sizing;
-use lapd::refine::team::Schedule;
+use lapd::refine::team::RefineOptions;
 
 /// Labels at random, in clumps: contacts, lines and corners everywhere, cut by walls.
 fn noise(dims: [usize; 3], spacing: [f64; 3], labels: u64, seed: u64) -> LabelImage {
@@ -83,7 +83,7 @@ fn refined(image: &LabelImage, params: &MeshParams) -> Refined {
     let triangulation = Triangulation::new(lower, upper).unwrap();
     let rules = Rules::new(&triangulation, &oracle, params, image.labels()).unwrap();
     let monitor = Monitor::silent();
-    refine(&rules, &Schedule::solo(), &monitor).unwrap();
+    refine(&rules, &RefineOptions::solo(), &monitor).unwrap();
     let mut order = triangulation.tets_by_place(|| Ok(())).unwrap();
     let label = |t| rules.label(t);
     let Extracted { mesh, .. } =
@@ -228,7 +228,7 @@ fn an_early_end_leaves_a_valid_mesh() {
 }
 
 /// The mesh of `image` without and with improvement.
-fn both(image: &LabelImage, params: &MeshParams, mode: Improve) -> [Meshing; 2] {
+fn both(image: &LabelImage, params: &MeshParams, mode: Improve) -> [MeshResult; 2] {
     [Improve::None, mode].map(|improve| {
         let params = MeshParams { improve, ..params.clone() };
         mesh_image(image, &params, &Monitor::silent()).unwrap()
@@ -236,18 +236,18 @@ fn both(image: &LabelImage, params: &MeshParams, mode: Improve) -> [Meshing; 2] 
 }
 
 /// Asserts what improvement promises of a finished mesh.
-fn check_promises(name: &str, [before, after]: &[Meshing; 2], most_left: usize) {
+fn check_promises(name: &str, [before, after]: &[MeshResult; 2], most_left: usize) {
     check_promises_within(name, [before, after], most_left, 2e-3);
 }
 
 /// The same, where the volume of a label of 1000 voxels or more may change by so much of it.
 fn check_promises_within(
     name: &str,
-    [before, after]: [&Meshing; 2],
+    [before, after]: [&MeshResult; 2],
     most_left: usize,
     most_change: f64,
 ) {
-    let of = |meshing: &Meshing| {
+    let of = |meshing: &MeshResult| {
         let Certificate { labels, inverted_tets, orphan_vertices, open_edges, .. } =
             &meshing.report.certificate;
         assert_eq!([*inverted_tets, *orphan_vertices, *open_edges], [0; 3], "{name}");
@@ -312,7 +312,7 @@ fn check_promises_within(
 }
 
 /// Vertices of interfaces must be near where refinement put the interface.
-fn check_distance(name: &str, before: &Meshing, after: &Meshing) {
+fn check_distance(name: &str, before: &MeshResult, after: &MeshResult) {
     let most = after.report.improvement.tolerance;
     let corners = |mesh: &TetMesh, f: usize| mesh.facets[f].map(|v| mesh.point(v));
     // Facets by cells of space.
@@ -363,7 +363,7 @@ fn promises_are_kept() {
 fn interfaces_stay_bit_for_bit_where_only_the_interior_is_improved() {
     for (name, image, delta) in subjects() {
         let [before, after] = both(&image, &params(delta), Improve::Interior);
-        let facets = |meshing: &Meshing| {
+        let facets = |meshing: &MeshResult| {
             let mesh = &meshing.mesh;
             let bits = |v: u32| mesh.points[v as usize].map(f64::to_bits);
             let mut facets: Vec<_> = mesh
@@ -380,7 +380,7 @@ fn interfaces_stay_bit_for_bit_where_only_the_interior_is_improved() {
             facets
         };
         assert!(facets(&before) == facets(&after), "{name}: the interfaces differ");
-        let below = |meshing: &Meshing| meshing.report.quality.dihedral_histogram[0];
+        let below = |meshing: &MeshResult| meshing.report.quality.dihedral_histogram[0];
         assert!(
             below(&after) * 5 < below(&before),
             "{name}: {} and {}",
@@ -417,7 +417,7 @@ fn walls_stay_flat() {
             .count()
     };
     assert!(off_walls(&after.mesh) <= off_walls(&before.mesh) && off_walls(&before.mesh) < 10);
-    let volume = |meshing: &Meshing| meshing.report.certificate.mesh_volume();
+    let volume = |meshing: &MeshResult| meshing.report.certificate.mesh_volume();
     assert!((volume(&before) - volume(&after)).abs() < 1e-9 * volume(&before));
 }
 

@@ -10,9 +10,9 @@ use lapd::image::readers::read_image;
 use lapd::image::{Frame, LabelImage};
 use lapd::mesh::TetMesh;
 use lapd::mesh::quality::tet_volume;
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
-use lapd::oracle::{ByCell, JunctionKind, Oracle};
+use lapd::oracle::{JunctionKind, Oracle, Palette};
 use lapd::params::{ImageBorder, MeshParams, SurfaceModel};
 
 /// The edges of a mesh around which three labels or more are, background included.
@@ -73,9 +73,9 @@ impl Cloud {
 /// The points of the junctions of an oracle, about an eighth of a voxel apart.
 fn junction_points(oracle: &Oracle) -> Vec<(JunctionKind, DVec3)> {
     let voxel = oracle.spacing().min_element();
-    let planes = oracle.junction_planes(&ByCell::uniform(voxel / 8.0));
+    let planes = oracle.junction_planes(&Palette::uniform(voxel / 8.0));
     let mut points = Vec::new();
-    for row in 0..oracle.edge_grid(&ByCell::uniform(voxel)).rows() {
+    for row in 0..oracle.edge_grid(&Palette::uniform(voxel)).rows() {
         let keep = |kind, p| {
             points.push((kind, p));
             Ok(())
@@ -115,7 +115,7 @@ fn along([p, q]: [DVec3; 2]) -> impl Iterator<Item = DVec3> {
     (0..=4).map(move |n| p.lerp(q, f64::from(n) / 4.0))
 }
 
-fn run(image: &LabelImage, params: &MeshParams) -> Meshing {
+fn run(image: &LabelImage, params: &MeshParams) -> MeshResult {
     let meshing = mesh_image(image, params, &Monitor::silent()).unwrap_or_else(|e| panic!("{e}"));
     // Points on both sides of a right edge mirror each other: four of them may lie in one plane and
     // on one circle, but for rounding.
@@ -167,7 +167,7 @@ fn eight_cubes_meet_at_a_point() {
         let image = octants(N, frame);
         let voxel = frame.spacing().min_element();
         for delta in [1.0, 1.7] {
-            let Meshing { mesh, report, .. } = run(&image, &params(delta * voxel));
+            let MeshResult { mesh, report, .. } = run(&image, &params(delta * voxel));
             let half = 0.5 * N as f64;
             // From the centre, in voxels.
             let place = |p: DVec3| frame.to_index(p) - (half - 0.5);
@@ -217,7 +217,7 @@ fn sectors_meet_in_a_chain_of_edges() {
     let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
     let cloud = Cloud::new(1.0, junction_points(&oracle).into_iter().map(|(_, p)| p));
     for delta in [1.0, 2.0] {
-        let Meshing { mesh, .. } = run(&image, &params(delta));
+        let MeshResult { mesh, .. } = run(&image, &params(delta));
         let mut off: Vec<f64> = junction_edges(&mesh)
             .into_iter()
             .flat_map(along)
@@ -237,7 +237,7 @@ fn sectors_meet_in_a_chain_of_edges() {
 fn assert_box(dims: [usize; 3], frame: Frame, params: &MeshParams) {
     let image =
         LabelImage::from_ids(dims, frame, vec![1; dims.iter().product()], vec![0, 7]).unwrap();
-    let Meshing { mesh, report, .. } = run(&image, params);
+    let MeshResult { mesh, report, .. } = run(&image, params);
     let size = DVec3::from(dims.map(|n| n as f64));
     let place = |v: u32| frame.to_index(mesh.point(v)) + 0.5;
     let on_walls =
@@ -309,7 +309,7 @@ fn a_cut_ball_has_a_flat_wall_with_a_sharp_rim() {
     ] {
         let image = cut_ball(RADIUS, frame);
         for delta in [1.0, 1.5] {
-            let Meshing { mesh, report, .. } = run(&image, &params(delta));
+            let MeshResult { mesh, report, .. } = run(&image, &params(delta));
             let x = |v: u32| frame.to_index(mesh.point(v)).x + 0.5;
             let (mut area, mut tilted) = (0.0, 0.0_f64);
             for facet in &mesh.facets {
@@ -347,7 +347,7 @@ fn a_smooth_border_rounds_the_box() {
     let frame = Frame::axis_aligned([1.0; 3]).unwrap();
     let image = LabelImage::from_ids([8; 3], frame, vec![1; 512], vec![0, 1]).unwrap();
     let smooth = MeshParams { border: ImageBorder::Smooth, ..params(1.0) };
-    let Meshing { mesh, report, .. } = run(&image, &smooth);
+    let MeshResult { mesh, report, .. } = run(&image, &smooth);
     let corner = mesh
         .points
         .iter()
@@ -385,7 +385,7 @@ fn figures_of_the_atlases() {
         for voxels in [1.0, 2.0] {
             let delta = voxels * voxel;
             let params = MeshParams { delta, size: 2.0 * delta, ..MeshParams::default() };
-            let Meshing { mesh, report, .. } =
+            let MeshResult { mesh, report, .. } =
                 mesh_image(&image, &params, &Monitor::silent()).unwrap();
             let edges = junction_edges(&mesh);
             let mut far: Vec<f64> = edges

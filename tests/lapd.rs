@@ -13,14 +13,20 @@ use lapd::monitor::{CancelFlag, Monitor, Phase, Progress};
 use lapd::parallel::machine::Machine;
 use lapd::params::{Algorithm, Contention, MeshParams};
 use lapd::refine::activity::{Accesses, Overhead};
-use lapd::refine::team::{Limits, Schedule};
+use lapd::refine::team::{Limits, RefineOptions};
 use refining::*;
 
 /// Runs of the stress test.
 const RUNS: usize = 60;
 
-fn team(machine: Machine, threads: usize, contention: Contention) -> Schedule {
-    Schedule { threads, contention, algorithm: Algorithm::Lapd, machine, ..Schedule::solo() }
+fn team(machine: Machine, threads: usize, contention: Contention) -> RefineOptions {
+    RefineOptions {
+        threads,
+        contention,
+        algorithm: Algorithm::Lapd,
+        machine,
+        ..RefineOptions::solo()
+    }
 }
 
 /// The visits of all threads.
@@ -35,7 +41,7 @@ fn many_short_runs_on_several_nodes_end_in_clean_meshes() {
     let _watchdog = Watchdog::new("many_short_runs_on_several_nodes_end_in_clean_meshes");
     let subjects = small_subjects();
     let alone: Vec<Outcome> =
-        subjects.iter().map(|subject| outcome(subject, &Schedule::solo(), true)).collect();
+        subjects.iter().map(|subject| outcome(subject, &RefineOptions::solo(), true)).collect();
     let runs = std::env::var("LAPD_STRESS_RUNS")
         .map_or(RUNS, |runs| runs.parse().expect("LAPD_STRESS_RUNS: a number"));
     let mut lost = Overhead::default();
@@ -46,12 +52,12 @@ fn many_short_runs_on_several_nodes_end_in_clean_meshes() {
         // Fewer threads than cores, as many, and more: then some nodes have one more than others.
         let threads = (nodes * cores + rest % 3).saturating_sub(1).max(2);
         let which = (rest + run) % subjects.len();
-        let schedule = Schedule {
+        let options = RefineOptions {
             halving: run % 4 == 3,
             count_accesses: run % 5 == 4,
             ..team(Machine::uniform(nodes, cores), threads, manager)
         };
-        let together = outcome(&subjects[which], &schedule, true);
+        let together = outcome(&subjects[which], &options, true);
         assert_alike(subjects[which].name, &alone[which], &together, 0.2, 0.5);
         lost.add(&together.overhead());
     }
@@ -64,7 +70,7 @@ fn several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory() {
     let _watchdog =
         Watchdog::new("several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory");
     let subject = large_subject();
-    let alone = outcome(&subject, &Schedule::solo(), true);
+    let alone = outcome(&subject, &RefineOptions::solo(), true);
     // At most half of PODM's usual share, which depends on which threads the system lets run; that
     // of LAPD does so only where it keeps some off the processors for long, hence several tries.
     for (name, machine, threads, most) in [
@@ -76,12 +82,12 @@ fn several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory() {
     ] {
         let share = |algorithm| {
             let machine = machine.clone();
-            let schedule = Schedule {
+            let options = RefineOptions {
                 algorithm,
                 count_accesses: true,
                 ..team(machine, threads, Contention::default())
             };
-            let together = outcome(&subject, &schedule, true);
+            let together = outcome(&subject, &options, true);
             assert_alike(subject.name, &alone, &together, 0.03, 0.3);
             let ratio = alone.quality.mean_radius_edge / together.quality.mean_radius_edge;
             assert!((ratio - 1.0).abs() < 0.02, "{name}: mean radius-edge ratio");
@@ -104,10 +110,11 @@ fn several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory() {
 fn nodes_insert_the_samples_of_their_regions() {
     let _watchdog = Watchdog::new("nodes_insert_the_samples_of_their_regions");
     let subject = sampled_subject();
-    let alone = outcome(&subject, &Schedule::solo(), true);
+    let alone = outcome(&subject, &RefineOptions::solo(), true);
     for halving in [false, true] {
-        let schedule = Schedule { halving, ..team(Machine::uniform(4, 1), 4, Contention::Local) };
-        let together = outcome(&subject, &schedule, true);
+        let options =
+            RefineOptions { halving, ..team(Machine::uniform(4, 1), 4, Contention::Local) };
+        let together = outcome(&subject, &options, true);
         assert_alike(subject.name, &alone, &together, 0.02, 0.25);
         let parts: Vec<u64> =
             together.refinement.threads.iter().map(|thread| thread.work.by_rule[0]).collect();
@@ -142,9 +149,9 @@ fn on_one_node_it_is_podm() {
         assert!(podm == mesh(&params), "one thread made another mesh");
     }
     // Several threads on one node beg from each other, and hand nothing over.
-    let schedule = team(Machine::one_node(4), 4, Contention::Local);
+    let options = team(Machine::one_node(4), 4, Contention::Local);
     let subject = large_subject();
-    let counted = Schedule { count_accesses: true, ..schedule };
+    let counted = RefineOptions { count_accesses: true, ..options };
     let together = outcome(&subject, &counted, true);
     let accesses = accesses(&together);
     assert!(accesses.local() > 0 && accesses.remote() == 0, "{accesses:?}");
@@ -155,10 +162,10 @@ fn visits_are_counted_by_hops_when_asked() {
     let subject = large_subject();
     let hops = vec![vec![0, 1, 3], vec![1, 0, 2], vec![3, 2, 0]];
     let machine = Machine::new(vec![1, 1, 1], hops).unwrap();
-    let schedule = team(machine, 3, Contention::Local);
-    let silent = outcome(&subject, &schedule, true);
+    let options = team(machine, 3, Contention::Local);
+    let silent = outcome(&subject, &options, true);
     assert_eq!(accesses(&silent), Accesses::default());
-    let counted = outcome(&subject, &Schedule { count_accesses: true, ..schedule }, true);
+    let counted = outcome(&subject, &RefineOptions { count_accesses: true, ..options }, true);
     let sum = accesses(&counted);
     let counters = counted.refinement.counters;
     assert_eq!(sum.by_hops.len(), 4);
@@ -175,8 +182,9 @@ fn a_limit_of_vertices_ends_all_nodes() {
     let subject = large_subject();
     for most in [500, 7000, 15_000] {
         let limits = Limits { max_vertices: Some(most), ..Limits::default() };
-        let schedule = Schedule { limits, ..team(Machine::uniform(4, 2), 8, Contention::Local) };
-        let ended = outcome(&subject, &schedule, false);
+        let options =
+            RefineOptions { limits, ..team(Machine::uniform(4, 2), 8, Contention::Local) };
+        let ended = outcome(&subject, &options, false);
         assert!(matches!(ended.refinement.ended_by, Some(Error::LimitReached(_))));
         let vertices = ended.vertices as usize;
         assert!((most.saturating_sub(64 * 8)..=most).contains(&vertices), "{vertices} of {most}");
@@ -187,17 +195,18 @@ fn a_limit_of_vertices_ends_all_nodes() {
 fn limits_of_time_and_memory_end_all_nodes() {
     let _watchdog = Watchdog::new("limits_of_time_and_memory_end_all_nodes");
     let subject = large_subject();
-    let alone = outcome(&subject, &Schedule::solo(), true).seconds;
+    let alone = outcome(&subject, &RefineOptions::solo(), true).seconds;
     for part in [0.01, 0.05, 0.1] {
         let deadline = Some((Instant::now() + Duration::from_secs_f64(part * alone), part * alone));
         let limits = Limits { deadline, ..Limits::default() };
-        let schedule = Schedule { limits, ..team(Machine::uniform(2, 3), 6, Contention::Global) };
-        let ended = outcome(&subject, &schedule, false);
+        let options =
+            RefineOptions { limits, ..team(Machine::uniform(2, 3), 6, Contention::Global) };
+        let ended = outcome(&subject, &options, false);
         assert!(matches!(ended.refinement.ended_by, Some(Error::TimeLimit(_))));
     }
     let limits = Limits { max_memory: Some(12 << 20), bytes_per_slot: 60, ..Limits::default() };
-    let schedule = Schedule { limits, ..team(Machine::uniform(4, 1), 4, Contention::Random) };
-    let ended = outcome(&subject, &schedule, false);
+    let options = RefineOptions { limits, ..team(Machine::uniform(4, 1), 4, Contention::Random) };
+    let ended = outcome(&subject, &options, false);
     assert!(matches!(ended.refinement.ended_by, Some(Error::MemoryLimit(_))));
 }
 

@@ -19,21 +19,21 @@ use lapd::monitor::{CancelFlag, Monitor, Phase, Progress};
 use lapd::parallel::machine::Machine;
 use lapd::params::{Begging, Contention, MeshParams};
 use lapd::refine::activity::Overhead;
-use lapd::refine::team::{Limits, Schedule};
+use lapd::refine::team::{Limits, RefineOptions};
 use refining::*;
 
 /// Runs of the stress test, all with several threads.
 const RUNS: usize = 200;
 const SCHEMES: [Begging; 2] = [Begging::ByLevel, Begging::Flat];
 
-fn team(threads: usize, contention: Contention, begging: Begging) -> Schedule {
+fn team(threads: usize, contention: Contention, begging: Begging) -> RefineOptions {
     // Two nodes, so that begging has levels.
-    Schedule {
+    RefineOptions {
         threads,
         contention,
         begging,
         machine: Machine::uniform(2, threads.div_ceil(2)),
-        ..Schedule::solo()
+        ..RefineOptions::solo()
     }
 }
 
@@ -42,7 +42,7 @@ fn many_short_runs_end_in_clean_meshes() {
     let _watchdog = Watchdog::new("many_short_runs_end_in_clean_meshes");
     let subjects = small_subjects();
     let alone: Vec<Outcome> =
-        subjects.iter().map(|subject| outcome(subject, &Schedule::solo(), true)).collect();
+        subjects.iter().map(|subject| outcome(subject, &RefineOptions::solo(), true)).collect();
     let runs = std::env::var("LAPD_STRESS_RUNS")
         .map_or(RUNS, |runs| runs.parse().expect("LAPD_STRESS_RUNS: a number"));
     let mut lost = Overhead::default();
@@ -88,7 +88,7 @@ fn many_short_runs_end_in_clean_meshes() {
 fn several_threads_mesh_as_well_as_one() {
     let _watchdog = Watchdog::new("several_threads_mesh_as_well_as_one");
     let subject = large_subject();
-    let alone = outcome(&subject, &Schedule::solo(), true);
+    let alone = outcome(&subject, &RefineOptions::solo(), true);
     assert!(alone.vertices > 20_000, "{}", alone.vertices);
     for (threads, manager, scheme) in [
         (2, Contention::Local, Begging::ByLevel),
@@ -114,7 +114,7 @@ fn several_threads_mesh_as_well_as_one() {
 fn several_threads_insert_the_samples() {
     let _watchdog = Watchdog::new("several_threads_insert_the_samples");
     let subject = sampled_subject();
-    let alone = outcome(&subject, &Schedule::solo(), true);
+    let alone = outcome(&subject, &RefineOptions::solo(), true);
     for (threads, manager) in [
         (2, Contention::Local),
         (4, Contention::Aggressive),
@@ -144,7 +144,7 @@ fn several_threads_insert_the_samples() {
 fn more_threads_than_processors_do_not_crawl() {
     let _watchdog = Watchdog::new("more_threads_than_processors_do_not_crawl");
     let subject = large_subject();
-    let alone = outcome(&subject, &Schedule::solo(), true).seconds;
+    let alone = outcome(&subject, &RefineOptions::solo(), true).seconds;
     for manager in MANAGERS {
         // The best of three: the machine may have other work.
         let runs =
@@ -168,9 +168,9 @@ fn a_limit_of_vertices_is_never_exceeded() {
     for most in [500, 7000, 15_000] {
         for threads in [1, 2, 8] {
             let limits = Limits { max_vertices: Some(most), ..Limits::default() };
-            let schedule =
-                Schedule { limits, ..team(threads, Contention::Local, Begging::ByLevel) };
-            let ended = outcome(&subject, &schedule, false);
+            let options =
+                RefineOptions { limits, ..team(threads, Contention::Local, Begging::ByLevel) };
+            let ended = outcome(&subject, &options, false);
             assert!(matches!(ended.refinement.ended_by, Some(Error::LimitReached(_))));
             let vertices = ended.vertices as usize;
             // With several threads some permits are with those that do not need them.
@@ -187,19 +187,20 @@ fn a_limit_of_vertices_is_never_exceeded() {
 fn limits_of_time_and_memory_end_all_threads() {
     let _watchdog = Watchdog::new("limits_of_time_and_memory_end_all_threads");
     let subject = large_subject();
-    let alone = outcome(&subject, &Schedule::solo(), true).seconds;
+    let alone = outcome(&subject, &RefineOptions::solo(), true).seconds;
     for threads in [2, 8] {
         for part in [0.01, 0.05, 0.1] {
             let deadline =
                 Some((Instant::now() + Duration::from_secs_f64(part * alone), part * alone));
             let limits = Limits { deadline, ..Limits::default() };
-            let schedule = Schedule { limits, ..team(threads, Contention::Global, Begging::Flat) };
-            let ended = outcome(&subject, &schedule, false);
+            let options =
+                RefineOptions { limits, ..team(threads, Contention::Global, Begging::Flat) };
+            let ended = outcome(&subject, &options, false);
             assert!(matches!(ended.refinement.ended_by, Some(Error::TimeLimit(_))));
         }
         let limits = Limits { max_memory: Some(12 << 20), bytes_per_slot: 60, ..Limits::default() };
-        let schedule = Schedule { limits, ..team(threads, Contention::Random, Begging::Flat) };
-        let ended = outcome(&subject, &schedule, false);
+        let options = RefineOptions { limits, ..team(threads, Contention::Random, Begging::Flat) };
+        let ended = outcome(&subject, &options, false);
         assert!(matches!(ended.refinement.ended_by, Some(Error::MemoryLimit(_))));
     }
 }

@@ -8,7 +8,7 @@ use lapd::Error;
 use lapd::image::phantom::*;
 use lapd::image::{Frame, GrayImage, LabelImage};
 use lapd::mesh::TetMesh;
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
 use lapd::params::MeshParams;
@@ -18,7 +18,7 @@ fn params(delta: f64, curved: bool) -> MeshParams {
     MeshParams { delta, size: 2.0 * delta, order: 2, curved, ..MeshParams::default() }
 }
 
-fn run(image: &LabelImage, params: &MeshParams) -> Meshing {
+fn run(image: &LabelImage, params: &MeshParams) -> MeshResult {
     mesh_image(image, params, &Monitor::silent()).unwrap()
 }
 
@@ -68,7 +68,7 @@ fn places() -> Vec<[f64; 4]> {
 fn tets_of_second_order_are_valid_and_fit_together() {
     for (name, image, delta) in subjects() {
         for curved in [false, true] {
-            let Meshing { mesh, report, .. } = run(&image, &params(delta, curved));
+            let MeshResult { mesh, report, .. } = run(&image, &params(delta, curved));
             let nodes = mesh.mid_nodes.as_ref().unwrap();
             assert_eq!(
                 mesh.points.len(),
@@ -117,7 +117,7 @@ fn tets_of_second_order_are_valid_and_fit_together() {
 #[test]
 fn nodes_are_on_the_interfaces() {
     for (name, image, delta) in subjects() {
-        let Meshing { mesh, report, .. } = run(&image, &params(delta, true));
+        let MeshResult { mesh, report, .. } = run(&image, &params(delta, true));
         let oracle = Oracle::new(&image, lapd::params::SurfaceModel::Smooth, &|| Ok(())).unwrap();
         let id = |label: i32| image.labels().iter().position(|&l| l == label).unwrap() as u16;
         let nodes = mesh.mid_nodes.as_ref().unwrap();
@@ -222,7 +222,7 @@ fn the_volume_of_a_ball_converges_faster() {
     let wanted = 4.0 / 3.0 * std::f64::consts::PI * cubes.sum::<f64>() / f64::from(rays);
     let errors: Vec<[f64; 2]> = [12.0, 6.0, 3.0]
         .map(|delta| {
-            let Meshing { report, .. } =
+            let MeshResult { report, .. } =
                 run(&image, &MeshParams { adaptive: false, ..params(delta, true) });
             let flat: f64 = report.certificate.labels.iter().map(|row| row.mesh_volume).sum();
             let curved = report.second_order.curving.volume;

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use glam::{DMat3, DVec3, EulerRot};
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
 use lapd::mesh::TetMesh;
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::MeshParams;
 
@@ -96,7 +96,7 @@ fn walls(mesh: &TetMesh, image: &LabelImage) -> ([f64; 6], usize) {
 }
 
 /// Meshes an image that its object fills: all of the box, and nothing else.
-fn fills_its_box(image: &LabelImage, delta: f64, what: &str) -> Meshing {
+fn fills_its_box(image: &LabelImage, delta: f64, what: &str) -> MeshResult {
     let meshing = mesh_image(image, &params(delta), &Monitor::silent())
         .unwrap_or_else(|e| panic!("{what}: {e}"));
     let (areas, off) = walls(&meshing.mesh, image);

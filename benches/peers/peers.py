@@ -205,7 +205,7 @@ def check(name, first, runs):
 def phases(run_list):
     parts = [
         f"{phase} {spread([run['seconds'][phase] for run in run_list], 3)}"
-        for phase in ("distance", "refine", "extract")
+        for phase in ("prepare", "refine", "extract")
     ]
     return ", ".join(parts)
 
@@ -264,16 +264,16 @@ def kernel_table(cases):
     ]
     head += [
         "refine / Delaunay",
-        "distance, part of the whole",
+        "preparation, part of the whole",
         "bytes per tet beyond image and oracle",
-        "peak after distance, refine, extract, MB",
+        "peak after preparation, refine, extract, MB",
     ]
     rows = []
     for case in cases:
         lapd, delaunay = case.runs["lapd"], case.runs["delaunay"]
         refine = [run["seconds"]["refine"] for run in lapd]
         plain = [run["seconds"] for run in delaunay]
-        peaks = [case.memory[f"peak_{phase}"] / 1e6 for phase in ("distance", "refine", "extract")]
+        peaks = [case.memory[f"peak_{phase}"] / 1e6 for phase in ("prepare", "refine", "extract")]
         rows.append(
             [
                 case.name,
@@ -282,7 +282,7 @@ def kernel_table(cases):
                 spread(refine, 3),
                 spread(plain, 3),
                 spread([a / b for a, b in zip(refine, plain)], 2),
-                spread([100 * run["seconds"]["distance"] / run["span"] for run in lapd], 1) + " %",
+                spread([100 * run["seconds"]["prepare"] / run["span"] for run in lapd], 1) + " %",
                 f"{beyond_volumes(case.memory, lapd[0]):.0f}",
                 ", ".join(f"{peak:.0f}" for peak in peaks),
             ]
@@ -429,7 +429,7 @@ def growth(options):
         "delta, size",
         "tets",
         "tets of the whole triangulation",
-        "distance, s",
+        "preparation, s",
         "refine, s",
         "extract, s",
         "refine, M tets/s",
@@ -448,7 +448,7 @@ def growth(options):
         rows.append([f"{delta:g}, {2 * delta:g}", str(first["tets"]), str(first["all_tets"])])
         rows[-1] += [
             spread([run["seconds"][phase] for run in done], 2)
-            for phase in ("distance", "refine", "extract")
+            for phase in ("prepare", "refine", "extract")
         ]
         rows[-1] += [
             spread(refine, 3),

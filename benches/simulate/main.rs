@@ -26,7 +26,7 @@ use lapd::params::{Algorithm, Begging, Contention, MeshParams};
 use lapd::refine::activity::Overhead;
 use lapd::refine::refine;
 use lapd::refine::rules::Rules;
-use lapd::refine::team::Schedule;
+use lapd::refine::team::RefineOptions;
 use lapd::simulation::course::Mark;
 use lapd::simulation::platform::{Costs, Level, Network, Platform};
 use lapd::simulation::world::Traffic;
@@ -220,7 +220,9 @@ impl Subject {
     fn find_delta(&self, wanted: f64, guess: f64) -> Result<f64, Failure> {
         // One thread makes the same mesh in every run.
         let count = |delta| {
-            self.with_rules(delta, |rules| refine(rules, &Schedule::solo(), &Monitor::silent()))
+            self.with_rules(delta, |rules| {
+                refine(rules, &RefineOptions::solo(), &Monitor::silent())
+            })
         };
         let (mut delta, mut exponent) = (guess, EXPONENT);
         let mut before: Option<(f64, f64)> = None;
@@ -270,14 +272,14 @@ fn run(
     workers: usize,
     platform: &Platform,
 ) -> Result<(), Failure> {
-    let schedule = Schedule {
+    let how = RefineOptions {
         threads: workers,
         contention: options.contention,
         begging: options.begging,
         algorithm: options.algorithm,
         machine: platform.machine.clone(),
         timeline: true,
-        ..Schedule::solo()
+        ..RefineOptions::solo()
     };
     let real = if options.real {
         // Else the image would be sampled by as many threads as there are cores.
@@ -285,7 +287,7 @@ fn run(
         let mut seconds = 0.0;
         let timed = |rules: &Rules<'_>| {
             let clock = Instant::now();
-            let refinement = pool.install(|| refine(rules, &schedule, &Monitor::silent()))?;
+            let refinement = pool.install(|| refine(rules, &how, &Monitor::silent()))?;
             seconds = clock.elapsed().as_secs_f64();
             Ok(refinement)
         };
@@ -295,8 +297,8 @@ fn run(
         Value::Null
     };
     let clock = Instant::now();
-    let (simulated, tets) = subject
-        .with_rules(delta, |rules| simulate(rules, &schedule, platform, &Monitor::silent()))?;
+    let (simulated, tets) =
+        subject.with_rules(delta, |rules| simulate(rules, &how, platform, &Monitor::silent()))?;
     let mut line = report(&simulated);
     line["workers"] = workers.into();
     line["delta"] = delta.into();

@@ -26,8 +26,8 @@ pub struct lapd_context {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_phase {
-    /// The image is prepared: volumes and weights of the labels, distances to the interfaces.
-    LAPD_PHASE_DISTANCE = 0,
+    /// The image is prepared: volumes and weights of the labels, where the interfaces are.
+    LAPD_PHASE_PREPARE = 0,
     /// Delaunay refinement.
     LAPD_PHASE_REFINE = 1,
     /// The mesh is collected, and the triangulation checked.
@@ -41,7 +41,7 @@ pub enum lapd_phase {
 impl From<Phase> for lapd_phase {
     fn from(phase: Phase) -> Self {
         match phase {
-            Phase::Distance => Self::LAPD_PHASE_DISTANCE,
+            Phase::Prepare => Self::LAPD_PHASE_PREPARE,
             Phase::Refine => Self::LAPD_PHASE_REFINE,
             Phase::Extract => Self::LAPD_PHASE_EXTRACT,
             Phase::Improve => Self::LAPD_PHASE_IMPROVE,

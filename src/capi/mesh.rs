@@ -12,7 +12,7 @@ use crate::image::readers::WorldAxes;
 use crate::io::{MeshFormat, WriteOptions, write_mesh_watching, write_timeline};
 use crate::mesh::TetMesh;
 use crate::mesh::quality::TetMeasure;
-use crate::mesher::Meshing;
+use crate::mesher::MeshResult;
 
 /// A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was
 /// made, so any number of threads may use it at once.
@@ -20,7 +20,7 @@ use crate::mesher::Meshing;
 /// Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the
 /// one opposite to its vertex i.
 pub struct lapd_mesh {
-    pub(super) meshing: Meshing,
+    pub(super) meshing: MeshResult,
     /// What the world axes of its image mean.
     pub(super) world: Option<WorldAxes>,
 }

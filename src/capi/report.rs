@@ -4,7 +4,7 @@
 use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
 use super::status::lapd_status;
-use crate::mesher::{Meshing, RunReport};
+use crate::mesher::{MeshResult, RunReport};
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
 
 /// How large a mesh is. Set struct_size to sizeof(lapd_counts) before the call.
@@ -26,7 +26,7 @@ pub struct lapd_counts {
     pub all_vertices: u64,
     /// Tets of the whole triangulation, when refinement ended.
     pub all_tets: u64,
-    /// Bytes of what refinement keeps of the image: labels and distances.
+    /// Bytes of what refinement keeps of the image: labels, and where interfaces are.
     pub oracle_bytes: u64,
 }
 
@@ -37,8 +37,8 @@ pub struct lapd_counts {
 pub struct lapd_timings {
     /// sizeof(lapd_timings), set by the caller.
     pub struct_size: u64,
-    /// Preparing the image: volumes and weights of the labels, distances to the interfaces.
-    pub distance: f64,
+    /// Preparing the image: volumes and weights of the labels, where the interfaces are.
+    pub prepare: f64,
     /// From there to the last rule satisfied.
     pub refine: f64,
     /// Collecting the mesh.
@@ -251,7 +251,7 @@ pub(super) unsafe fn fill<T: Growing>(
     mesh: *const lapd_mesh,
     out: *mut T,
     name: &str,
-    value: impl FnOnce(&Meshing) -> T,
+    value: impl FnOnce(&MeshResult) -> T,
 ) -> lapd_status {
     // SAFETY: passed on to the caller.
     status_of(|| unsafe { fill_struct(out, value(&borrow(mesh, "mesh")?.meshing), name) })
@@ -296,7 +296,7 @@ pub unsafe extern "C" fn lapd_mesh_get_timings(
             let seconds = &meshing.report.seconds;
             lapd_timings {
                 struct_size: own_size::<lapd_timings>(),
-                distance: seconds.distance,
+                prepare: seconds.prepare,
                 refine: seconds.refine,
                 extract: seconds.extract,
                 certify: seconds.certify,

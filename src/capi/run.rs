@@ -16,7 +16,7 @@ use super::params::lapd_params;
 use super::pool::with_pool;
 use super::status::lapd_status;
 use crate::image::LabelImage;
-use crate::mesher::{Meshing, mesh_image};
+use crate::mesher::{MeshResult, mesh_image};
 use crate::monitor::{CancelFlag, Level, Monitor, Progress};
 use crate::params::MeshParams;
 
@@ -83,7 +83,7 @@ fn run(
     params: &MeshParams,
     cancel: &CancelFlag,
     callbacks: &Callbacks,
-) -> Outcome<Meshing> {
+) -> Outcome<MeshResult> {
     let (sender, messages) = mpsc::channel::<Message>();
     let (answer, answer_receiver) = mpsc::channel::<bool>();
     let (listening, logging) = (callbacks.has_progress(), callbacks.has_log());

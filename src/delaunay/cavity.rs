@@ -5,7 +5,7 @@
 use glam::DVec3;
 
 use super::locks::Locks;
-use super::ownership::Holder;
+use super::ownership::{Claim, Holder};
 use super::probe::{Effort, Probe};
 use super::tet::{FACET, Facet, TetId, TetRecord, VertexId};
 use super::triangulation::Triangulation;
@@ -99,9 +99,9 @@ impl<L: Locks, P: Probe> Worker<L, P> {
         holds: impl FnOnce() -> bool,
     ) -> Dig {
         let first = triangulation.tet(start);
-        let holder = self.try_own(first.owner());
-        if holder != Holder::Nobody {
-            return given_up(holder);
+        let claim = self.try_own(first.owner());
+        if claim != Claim::Acquired {
+            return given_up(claim);
         }
         // Through no facet did one come to it. Facet 0 stands for it.
         self.take_in(triangulation, Facet::new(start, 0), first);
@@ -117,7 +117,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
                 let holder =
                     self.look_across(first, index, outside, triangulation.tet(outside.tet()));
                 if holder != Holder::Nobody {
-                    return given_up(holder);
+                    return given_up(holder.into());
                 }
             }
             if !holds() {
@@ -185,7 +185,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
             match self.look_across(record, index, outside, other) {
                 Holder::Nobody => {}
                 Holder::Own => return Dig::Done,
-                holder => return given_up(holder),
+                holder => return given_up(holder.into()),
             }
             self.probe.visit_tet(outside.tet());
             match self.conflict(triangulation, other, p) {
@@ -195,9 +195,9 @@ impl<L: Locks, P: Probe> Worker<L, P> {
                         // It shares its other vertices with the tet before it.
                         self.probe.visit_vertex(other.vertex(outside.index()));
                     }
-                    let holder = self.try_own(other.owner());
-                    if holder != Holder::Nobody {
-                        return given_up(holder);
+                    let claim = self.try_own(other.owner());
+                    if claim != Claim::Acquired {
+                        return given_up(claim);
                     }
                     self.take_in(triangulation, outside, other);
                     return Dig::Done;
@@ -223,6 +223,6 @@ impl<L: Locks, P: Probe> Worker<L, P> {
 
 /// How a dig ends that was refused a tet.
 #[cold]
-fn given_up(holder: Holder) -> Dig {
-    if matches!(holder, Holder::Other(_)) { Dig::Blocked } else { Dig::Stale }
+fn given_up(claim: Claim) -> Dig {
+    if matches!(claim, Claim::Conflict(_)) { Dig::Blocked } else { Dig::Stale }
 }

@@ -6,15 +6,15 @@
 
 #[cfg(feature = "force-conflicts")]
 use super::forced_conflicts::ForcedConflicts;
-use super::ownership::{Holder, MAX_OWNERS, NOBODY, Owner, OwnerId};
+use super::ownership::{Claim, Holder, MAX_OWNERS, NOBODY, Owner, OwnerId};
 
 /// A locking policy.
 pub trait Locks {
     /// Whether others may operate at the same time: what was read without owning is to be checked.
     const SHARED: bool;
 
-    /// Asks for the tet with this `owner`: [`Holder::Nobody`]: it is the worker's now.
-    fn try_own(&mut self, owner: &Owner) -> Holder;
+    /// Asks for the tet with this `owner`.
+    fn try_own(&mut self, owner: &Owner) -> Claim;
 
     /// Looks whose the tet with this `owner` is, across a facet of one that is owned.
     fn look_across(&mut self, owner: &Owner) -> Holder;
@@ -42,10 +42,10 @@ impl Locks for Solo {
     const SHARED: bool = false;
 
     #[inline(always)]
-    fn try_own(&mut self, owner: &Owner) -> Holder {
+    fn try_own(&mut self, owner: &Owner) -> Claim {
         debug_assert!(owner.is(NOBODY));
         owner.set(LONE);
-        Holder::Nobody
+        Claim::Acquired
     }
 
     #[inline(always)]
@@ -87,11 +87,10 @@ impl TryLock {
 
     /// Remembers whom it met.
     #[inline(always)]
-    fn meet(&mut self, holder: Holder) -> Holder {
-        if let Holder::Other(other) = holder {
+    fn meet(&mut self, claim: Claim) {
+        if let Claim::Conflict(other) = claim {
             self.met = other;
         }
-        holder
     }
 }
 
@@ -99,23 +98,27 @@ impl Locks for TryLock {
     const SHARED: bool = true;
 
     #[inline(always)]
-    fn try_own(&mut self, owner: &Owner) -> Holder {
+    fn try_own(&mut self, owner: &Owner) -> Claim {
         #[cfg(feature = "force-conflicts")]
         if let Some(holder) = self.forced.refuses() {
-            return self.meet(holder);
+            self.meet(holder.into());
+            return holder.into();
         }
-        let holder = owner.claim(self.me);
-        self.meet(holder)
+        let claim = owner.claim(self.me);
+        self.meet(claim);
+        claim
     }
 
     #[inline(always)]
     fn look_across(&mut self, owner: &Owner) -> Holder {
         #[cfg(feature = "force-conflicts")]
         if let Some(holder) = self.forced.refuses() {
-            return self.meet(holder);
+            self.meet(holder.into());
+            return holder;
         }
         let holder = owner.look(self.me);
-        self.meet(holder)
+        self.meet(holder.into());
+        holder
     }
 
     #[inline(always)]

@@ -14,7 +14,7 @@
 //! | [`cavity`] | the conflict zone of a point (digging) |
 //! | [`insert`] | Bowyer-Watson insertion (filling) |
 //! | [`remove`] | vertex removal by the Delaunay triangulation of the link |
-//! | [`places`] | tets and vertices in the order of their places |
+//! | [`spatial_order`] | tets and vertices in the order of their places |
 //! | `forced_conflicts` | locks refused at random, in a build for tests |
 //! | [`check`] | the validator: every invariant below, exactly |
 //!
@@ -41,9 +41,9 @@ pub mod insert;
 pub mod locate;
 pub mod locks;
 pub mod ownership;
-pub mod places;
 pub mod probe;
 pub mod remove;
+pub mod spatial_order;
 pub mod tet;
 pub mod triangulation;
 pub mod worker;

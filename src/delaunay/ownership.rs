@@ -99,10 +99,37 @@ pub const FREE: OwnerId = OwnerId::MAX;
 /// Most workers that can be named.
 pub const MAX_OWNERS: usize = FREE as usize - 1;
 
+/// What came of asking for a tet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Claim {
+    /// It is the worker's now.
+    Acquired,
+    /// It was the worker's own before.
+    Owned,
+    /// It is another worker's.
+    Conflict(OwnerId),
+    /// It is no tet that the worker could want: the slot is free, or another tet's than the link
+    /// said.
+    Stale,
+}
+
+impl From<Holder> for Claim {
+    /// What asking would have come to.
+    #[inline(always)]
+    fn from(holder: Holder) -> Self {
+        match holder {
+            Holder::Nobody => Self::Acquired,
+            Holder::Own => Self::Owned,
+            Holder::Other(other) => Self::Conflict(other),
+            Holder::Changed => Self::Stale,
+        }
+    }
+}
+
 /// Whose a tet is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Holder {
-    /// Nobody's; when it was asked for, it is the worker's now.
+    /// Nobody's.
     Nobody,
     /// The worker's own.
     Own,
@@ -119,12 +146,12 @@ pub struct Owner(AtomicOwnerId);
 impl Owner {
     /// Asks for the tet in the name of worker `me`, without waiting.
     #[inline(always)]
-    pub fn claim(&self, me: OwnerId) -> Holder {
+    pub fn claim(&self, me: OwnerId) -> Claim {
         // SeqCst: before the looks across its facets. Acquire where it fails: the slot's freeing
         // comes after what made its links lead elsewhere.
         match self.0.compare_exchange(NOBODY, me, SeqCst, Acquire) {
-            Ok(_) => Holder::Nobody,
-            Err(holder) => Self::name(holder, me),
+            Ok(_) => Claim::Acquired,
+            Err(holder) => Self::name(holder, me).into(),
         }
     }
 

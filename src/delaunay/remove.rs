@@ -17,7 +17,7 @@
 use glam::DVec3;
 
 use super::locks::Locks;
-use super::ownership::Holder;
+use super::ownership::{Claim, Holder};
 use super::probe::{Effort, Probe};
 use super::tet::{FACET, Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
@@ -238,16 +238,16 @@ impl<L: Locks, P: Probe> Worker<L, P> {
                 return Ok(Removal::Stale);
             }
             match self.gather_star(triangulation, v) {
-                Holder::Nobody => break,
-                Holder::Other(_) => {
+                Claim::Acquired => break,
+                Claim::Conflict(_) => {
                     self.roll_back(triangulation);
                     self.counters.rollbacks += 1;
                     return Ok(Removal::Blocked);
                 }
                 // Others have rewritten the star, or what is around it: the vertex names another
                 // tet, or has been removed.
-                Holder::Changed => self.roll_back(triangulation),
-                Holder::Own => {
+                Claim::Stale => self.roll_back(triangulation),
+                Claim::Owned => {
                     self.roll_back(triangulation);
                     return Err(Error::Internal("a tet of a vertex's star is its own link".into()));
                 }
@@ -276,18 +276,18 @@ impl<L: Locks, P: Probe> Worker<L, P> {
     }
 
     /// Collects the star of `v` into `cavity`, owning its tets, and its link into the scratch.
-    /// [`Holder::Nobody`]: all are owned, and the tets around are nobody's. Otherwise the star is
+    /// [`Claim::Acquired`]: all are owned, and the tets around are nobody's. Otherwise the star is
     /// not complete, and what is owned of it is in `cavity`.
-    fn gather_star(&mut self, triangulation: &Triangulation, v: VertexId) -> Holder {
+    fn gather_star(&mut self, triangulation: &Triangulation, v: VertexId) -> Claim {
         self.cavity.clear();
         let mut link = std::mem::take(&mut self.link);
         link.vertices.clear();
         link.positions.clear();
         link.open.clear();
-        let holder = self.gather(triangulation, v, &mut link);
+        let claim = self.gather(triangulation, v, &mut link);
         link.vertices.iter().for_each(|&w| self.probe.visit_vertex(w));
         self.link = link;
-        holder
+        claim
     }
 
     fn gather(
@@ -295,15 +295,15 @@ impl<L: Locks, P: Probe> Worker<L, P> {
         triangulation: &Triangulation,
         v: VertexId,
         link: &mut LinkScratch,
-    ) -> Holder {
+    ) -> Claim {
         let start = triangulation.vertex(v).star();
-        let holder = self.try_own(triangulation.owner(start));
-        if holder != Holder::Nobody {
-            return holder;
+        let claim = self.try_own(triangulation.owner(start));
+        if claim != Claim::Acquired {
+            return claim;
         }
         self.cavity.push(Facet::new(start, 0));
         if L::SHARED && !triangulation.tet(start).vertices().contains(&v) {
-            return Holder::Changed;
+            return Claim::Stale;
         }
         let mut next = 0;
         while let Some(entry) = self.cavity.get(next) {
@@ -320,12 +320,12 @@ impl<L: Locks, P: Probe> Worker<L, P> {
                     match self.look_across(record, index, neighbor, other) {
                         Holder::Nobody => {}
                         Holder::Own if !is_of_link => continue,
-                        holder => return holder,
+                        holder => return holder.into(),
                     }
                     if !is_of_link {
-                        let holder = self.try_own(other.owner());
-                        if holder != Holder::Nobody {
-                            return holder;
+                        let claim = self.try_own(other.owner());
+                        if claim != Claim::Acquired {
+                            return claim;
                         }
                         self.cavity.push(neighbor);
                     }
@@ -340,7 +340,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
                 }
             }
         }
-        Holder::Nobody
+        Claim::Acquired
     }
 
     /// Writes the tets that fill the hole, for which there is room.

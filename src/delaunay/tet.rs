@@ -247,7 +247,7 @@ pub struct TetStamp {
     pub last: VertexId,
 }
 
-/// What a vertex is to the refinement rules.
+/// What a vertex is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum VertexKind {
@@ -255,9 +255,9 @@ pub enum VertexKind {
     Removed = 0,
     /// A corner of the virtual box.
     Box = 1,
-    /// On an interface (dO).
-    Isovertex = 2,
-    /// An inserted circumcenter.
+    /// One that the layer above means to keep.
+    Fixed = 2,
+    /// One that the layer above may remove.
     Free = 3,
 }
 
@@ -287,7 +287,7 @@ impl VertexRecord {
     pub fn kind(&self) -> VertexKind {
         match self.kind.load(Relaxed) {
             1 => VertexKind::Box,
-            2 => VertexKind::Isovertex,
+            2 => VertexKind::Fixed,
             3 => VertexKind::Free,
             _ => VertexKind::Removed,
         }

@@ -8,7 +8,7 @@ use super::chunked::CHUNK;
 use super::homes::NodeId;
 use super::insert::StarScratch;
 use super::locks::Locks;
-use super::ownership::{Holder, Owner};
+use super::ownership::{Claim, Owner};
 use super::probe::{NoProbe, Probe};
 use super::remove::LinkScratch;
 use super::tet::{Facet, TetId, VertexId, VertexKind};
@@ -300,7 +300,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
 
     /// Asks for the tet with this `owner`.
     #[inline(always)]
-    pub(super) fn try_own(&mut self, owner: &Owner) -> Holder {
+    pub(super) fn try_own(&mut self, owner: &Owner) -> Claim {
         if L::SHARED {
             self.probe.before_claim();
         }

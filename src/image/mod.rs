@@ -8,7 +8,7 @@
 //! | [`probabilities`] | probability maps, one per label |
 //! | `field` | the values that labels of these two come from |
 //! | `relabel` | merging labels, another background, selection |
-//! | [`islands`] | small components, and an image without them |
+//! | [`small_components`] | small components, and an image without them |
 //! | [`phantom`] | analytic images with known volumes |
 //! | [`readers`] | NRRD, NIfTI, MetaImage and INR files |
 
@@ -16,11 +16,11 @@ mod builder;
 mod field;
 pub mod frame;
 pub mod gray;
-pub mod islands;
 pub mod phantom;
 pub mod probabilities;
 pub mod readers;
 mod relabel;
+pub mod small_components;
 pub mod volume;
 
 pub(crate) use builder::numbered_voxels;

@@ -6,8 +6,8 @@
 //! Orientation is exact: Shewchuk's adaptive predicate ("Adaptive precision floating-point
 //! arithmetic and fast robust geometric predicates", 1997) from the `robust` crate. Distances are
 //! those of [`distance`](super::distance), components those of `image_components` and
-//! `mesh_components`, boundaries those of [`sheets`](super::sheets), and which component stands for
-//! which is told by [`matching`](super::matching).
+//! `mesh_components`, boundaries those of [`boundary_surface`](super::boundary_surface), and which
+//! component stands for which is told by [`matching`](super::matching).
 //!
 //! Deterministic whatever the number of threads; parallel in the current rayon pool; safe from any
 //! thread. Linear, but for the distances.
@@ -18,12 +18,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::TetMesh;
+use super::boundary_surface::BoundarySurfaces;
 use super::distance::{Distance, Distances};
 use super::image_components::{ImageComponents, SLICE};
 use super::matching::{Fate, Matching};
 use super::mesh_components::MeshComponents;
 use super::off_walls::facets_off_walls;
-use super::sheets::Sheets;
 use super::tables::Tables;
 use super::voxel_faces::VoxelFaces;
 use crate::Result;
@@ -246,7 +246,7 @@ impl Certificate {
         let facets_off_walls = facets_off_walls(mesh, oracle, monitor)?;
         let image_components = ImageComponents::new(image, monitor)?;
         let mut mesh_components = MeshComponents::new(mesh, image, &image_components, monitor)?;
-        let sheets = Sheets::measure(mesh, &mut mesh_components, monitor)?;
+        let surfaces = BoundarySurfaces::measure(mesh, &mut mesh_components, monitor)?;
         let distances =
             Distances::measure(mesh, image, &mesh_components, &image_components, oracle, monitor)?;
         let (to_faces, to_surface) = (distances.faces.whole, distances.surface.whole);
@@ -260,14 +260,14 @@ impl Certificate {
             )?,
             image_components: &image_components,
             mesh_components: &mesh_components,
-            sheets: &sheets,
+            surfaces: &surfaces,
             distances: &distances,
         };
         Ok(Self {
             non_delaunay_facets,
             inverted_tets,
             orphan_vertices,
-            open_edges: sheets.open_edges,
+            open_edges: surfaces.open_edges,
             facets_off_walls,
             small_lost: tables.small_lost(),
             hausdorff_mesh_to_image: to_faces.mesh_to_image.max,

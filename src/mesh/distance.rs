@@ -48,10 +48,10 @@ use rayon::prelude::*;
 
 use super::TetMesh;
 use super::image_components::ImageComponents;
-use super::ledger::Sums;
+use super::keyed_sums::Sums;
 use super::mesh_components::MeshComponents;
-use super::sets::NO_SET;
 use super::triangle_bins::{Triangle, TriangleBins};
+use super::union_find::NO_SET;
 use super::voxel_faces::VoxelFaces;
 use crate::image::LabelImage;
 use crate::memory::{filled, room};

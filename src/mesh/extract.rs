@@ -1,9 +1,10 @@
 //! From the triangulation to the finished mesh: the tets whose circumcenter lies in the object,
 //! each with the label there.
 //!
-//! Tets and vertices come in the order of their places (`delaunay::places`), facets in that of the
-//! tets that list them: what is near in space is mostly near in the arrays, which whoever goes
-//! through them profits from, the certificate first of all. Vertices of no kept tet are left out.
+//! Tets and vertices come in the order of their places (`delaunay::spatial_order`), facets in that
+//! of the tets that list them: what is near in space is mostly near in the arrays, which whoever
+//! goes through them profits from, the certificate first of all. Vertices of no kept tet are left
+//! out.
 //!
 //! # Passes
 //! 1. *Keep*: a sweep over the slots notes the label ids of the tets that are kept, and the

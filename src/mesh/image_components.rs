@@ -20,7 +20,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::sets::{DisjointSets, Numbered};
+use super::union_find::{Numbered, UnionFind};
 use crate::image::LabelImage;
 use crate::memory::{room, zeroed};
 use crate::monitor::Monitor;
@@ -144,7 +144,7 @@ impl ImageComponents {
             Slice::new(ids[k], nx, counts[k], firsts[k])
         };
         let slices: Vec<Slice> = (0..nz).into_par_iter().map(slice).collect::<Result<_>>()?;
-        let sets = DisjointSets::new(total, "runs of equal voxels")?;
+        let sets = UnionFind::new(total, "runs of equal voxels")?;
         let join = |k: usize| {
             monitor.advance(SLICE / 4)?;
             join_slice(&slices[k], k.checked_sub(1).map(|below| &slices[below]), &sets)
@@ -229,7 +229,7 @@ impl ImageComponents {
 
 /// Joins the runs of a slice with each other and with those of the slice below. Returns what each
 /// contributes to the Euler characteristic.
-fn join_slice(here: &Slice, below: Option<&Slice>, sets: &DisjointSets) -> Result<Vec<i32>> {
+fn join_slice(here: &Slice, below: Option<&Slice>, sets: &UnionFind) -> Result<Vec<i32>> {
     let mut euler: Vec<i32> = zeroed(here.runs.len(), "runs of equal voxels")?;
     euler.fill(1);
     let Some(first) = here.runs.first().map(|run| run.number) else { return Ok(euler) };

@@ -16,9 +16,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::image_components::ImageComponents;
-use super::ledger::{Ledger, Sums};
+use super::keyed_sums::{KeyedSums, Sums};
 use super::quality::tet_volume;
-use super::sets::{DisjointSets, NO_SET, Numbered};
+use super::union_find::{NO_SET, Numbered, UnionFind};
 use super::{NONE, TetMesh};
 use crate::Result;
 use crate::image::LabelImage;
@@ -93,7 +93,7 @@ impl MeshComponents {
         image_components: &ImageComponents,
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
-        let sets = DisjointSets::new(mesh.tets.len(), "sets of tets")?;
+        let sets = UnionFind::new(mesh.tets.len(), "sets of tets")?;
         mesh.neighbors.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, neighbors)| {
             monitor.advance(neighbors.len())?;
             for (t, neighbors) in (chunk * CHUNK..).zip(neighbors) {
@@ -114,7 +114,7 @@ impl MeshComponents {
             sets.numbered(|t| mesh.labels[t as usize] != 0, "components of the mesh", monitor)?;
         let lie = |(chunk, tets): (usize, &[[u32; 4]])| {
             monitor.advance(tets.len())?;
-            let mut ledger = Ledger::default();
+            let mut keyed_sums = KeyedSums::default();
             // Tets mostly have the label of the one before.
             let (mut label, mut id) = (0, None);
             for (t, tet) in (chunk * CHUNK..).zip(tets).filter(|&(t, _)| mesh.labels[t] != 0) {
@@ -128,13 +128,13 @@ impl MeshComponents {
                 let in_image =
                     id.and_then(|id| image_components.near(image, id, index)).unwrap_or(NO_SET);
                 let key = overlap_key(parts.of(t as u32), in_image);
-                ledger.add(key, Tets { count: 1, volume: tet_volume(&corners) });
+                keyed_sums.add(key, Tets { count: 1, volume: tet_volume(&corners) });
             }
-            Ok(ledger.sums())
+            Ok(keyed_sums.sums())
         };
         let pieces: Vec<Sums<Tets>> =
             mesh.tets.par_chunks(CHUNK).enumerate().map(lie).collect::<Result<_>>()?;
-        let overlaps = overlaps(Ledger::total(pieces));
+        let overlaps = overlaps(KeyedSums::total(pieces));
 
         let component = |&first: &u32| MeshComponent {
             label: mesh.labels[first as usize],
@@ -160,7 +160,7 @@ impl MeshComponents {
         groups: impl Iterator<Item = &'g [u32]>,
         monitor: &Monitor<'_>,
     ) -> Result<()> {
-        let sets = DisjointSets::new(self.list.len(), WHAT)?;
+        let sets = UnionFind::new(self.list.len(), WHAT)?;
         for group in groups {
             group.windows(2).for_each(|pair| _ = sets.join(pair[0], pair[1]));
         }
@@ -174,14 +174,14 @@ impl MeshComponents {
             }
         }
         self.list = list;
-        let mut ledger = Ledger::default();
+        let mut keyed_sums = KeyedSums::default();
         for overlap in &self.overlaps {
-            ledger.add(
+            keyed_sums.add(
                 overlap_key(joined.of(overlap.mesh), overlap.image.unwrap_or(NO_SET)),
                 overlap.tets,
             );
         }
-        self.overlaps = overlaps(ledger.sums());
+        self.overlaps = overlaps(keyed_sums.sums());
         Ok(())
     }
 

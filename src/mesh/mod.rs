@@ -1,21 +1,21 @@
 //! The finished mesh: plain arrays, and what is measured on them.
 
+pub mod boundary_surface;
 pub mod certificate;
 pub mod distance;
 pub mod extract;
 mod facets;
 mod grid_corners;
 mod image_components;
-mod ledger;
+mod keyed_sums;
 pub mod matching;
 mod mesh_components;
 mod off_walls;
 pub mod quality;
-mod sets;
-pub mod sheets;
 mod tables;
 mod triangle_bins;
-mod umbrellas;
+mod union_find;
+mod vertex_links;
 mod voxel_faces;
 
 #[cfg(test)]

@@ -6,12 +6,12 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::TetMesh;
+use super::boundary_surface::{BoundarySurfaces, Pinch};
 use super::certificate::{ComponentRow, Defect, DefectKind, LEAST_VOXELS, LabelRow, SmallLost};
 use super::distance::{BothDistances, Sum};
 use super::image_components::{ImageComponent, ImageComponents};
 use super::matching::{Fate, Matching, Role};
 use super::mesh_components::MeshComponents;
-use super::sheets::{Pinch, Sheets};
 use crate::Result;
 use crate::image::LabelImage;
 use crate::memory::{filled, room};
@@ -23,7 +23,7 @@ pub(super) struct Tables<'t> {
     pub matching: Matching,
     pub image_components: &'t ImageComponents,
     pub mesh_components: &'t MeshComponents,
-    pub sheets: &'t Sheets,
+    pub surfaces: &'t BoundarySurfaces,
     pub distances: &'t BothDistances,
 }
 
@@ -61,11 +61,11 @@ impl Tables<'_> {
             open.row.mesh_volume += component.tets.volume;
             open.row.components_mesh += 1;
             open.row.pieces += u64::from(self.matching.roles[c].0 != Role::Main);
-            open.row.euler_mesh += self.sheets.euler[c];
+            open.row.euler_mesh += self.surfaces.euler[c];
             open.mesh_to_image += self.distances.faces.of_mesh[c];
             open.mesh_to_surface += self.distances.surface.of_mesh[c];
         }
-        for pinch in &self.sheets.pinches {
+        for pinch in &self.surfaces.pinches {
             let row = &mut rows.entry(pinch.label).or_default().row;
             *if pinch.is_edge() { &mut row.pinched_edges } else { &mut row.pinched_vertices } += 1;
         }
@@ -115,7 +115,7 @@ impl Tables<'_> {
         for (c, &(_, lies_in)) in self.matching.roles.iter().enumerate() {
             if let Some(place) = lies_in.and_then(|image| places[image as usize]) {
                 rows[place].row.components_mesh += 1;
-                rows[place].row.euler_mesh += self.sheets.euler[c];
+                rows[place].row.euler_mesh += self.surfaces.euler[c];
                 rows[place].mesh_to_image += self.distances.faces.of_mesh[c];
                 rows[place].mesh_to_surface += self.distances.surface.of_mesh[c];
             }
@@ -166,7 +166,7 @@ impl Tables<'_> {
                 Some(Defect { kind, label: component.label, position, size: component.tets.count })
             },
         );
-        let pinches = self.sheets.pinches.iter().map(|pinch| Defect {
+        let pinches = self.surfaces.pinches.iter().map(|pinch| Defect {
             kind: if pinch.is_edge() { DefectKind::PinchedEdge } else { DefectKind::PinchedVertex },
             label: pinch.label,
             position: self.middle(pinch).to_array(),

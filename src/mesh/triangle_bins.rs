@@ -35,7 +35,7 @@ pub(super) struct Triangle {
     pub corners: [DVec3; 3],
     /// The ids of the labels on its two sides.
     pub ids: [u16; 2],
-    /// The components of the mesh there; [`NO_SET`](super::sets::NO_SET) for background.
+    /// The components of the mesh there; [`NO_SET`](super::union_find::NO_SET) for background.
     pub components: [u32; 2],
 }
 
@@ -316,8 +316,8 @@ fn within(x: f64, n: usize) -> usize {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::sets::NO_SET;
     use super::super::testing;
+    use super::super::union_find::NO_SET;
     use super::*;
     use crate::image::Frame;
 

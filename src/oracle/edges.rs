@@ -9,7 +9,7 @@
 use glam::DVec3;
 
 use super::contacts::{self, Contacts};
-use super::{ByCell, Oracle, bricks::Bricks, cells::ones, weights::hash};
+use super::{Oracle, Palette, bricks::Bricks, cells::ones, weights::hash};
 use crate::Result;
 
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the
@@ -60,7 +60,7 @@ pub struct CrossedEdge {
 /// A grid of edges; see [`Oracle::edge_grid`].
 pub struct EdgeGrid<'a> {
     pub(super) oracle: &'a Oracle,
-    divisions: ByCell<'a, Division>,
+    divisions: Palette<'a, Division>,
     /// Whether crossings of undivided edges are looked for, too: not where labels alone tell.
     searches: bool,
     /// Whether voxels are sampled as such: not those of intensities and probabilities.
@@ -78,7 +78,7 @@ struct Division {
 impl Oracle {
     /// The grid whose edges are about as long as `spacings` tell of their cell, at most half as
     /// long again; or as long as the distance of voxel centres where that is less.
-    pub fn edge_grid<'a>(&'a self, spacings: &ByCell<'a, f64>) -> EdgeGrid<'a> {
+    pub fn edge_grid<'a>(&'a self, spacings: &Palette<'a, f64>) -> EdgeGrid<'a> {
         let divisions = spacings.map(|&spacing| Division {
             spacing,
             parts: parts_of((self.spacing / spacing).round()),

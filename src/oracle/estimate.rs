@@ -7,7 +7,7 @@
 
 use rayon::prelude::*;
 
-use super::{ByCell, EdgeGrid, Oracle};
+use super::{EdgeGrid, Oracle, Palette};
 
 /// Tets for each square whose side is the distance of samples; measured on the atlases, where it is
 /// 3 to 6.
@@ -16,7 +16,7 @@ const TETS_PER_SQUARE: f64 = 4.0;
 impl Oracle {
     /// The tets to be expected about interfaces: of samples `delta` apart, and of those as far
     /// apart as `spacings` tell. The latter is right within a factor of two for most images.
-    pub fn expected_tets(&self, delta: f64, spacings: &ByCell<'_, f64>) -> [f64; 2] {
+    pub fn expected_tets(&self, delta: f64, spacings: &Palette<'_, f64>) -> [f64; 2] {
         let sides = self.spacing;
         let largest_face = sides.element_product() / sides.min_element();
         let between_walls = (0..3).filter(|&a| {

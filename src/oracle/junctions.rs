@@ -30,7 +30,7 @@ use super::edges::parts_of;
 use super::indicator::Corners;
 use super::ties::Cube;
 use super::weights::hash;
-use super::{ByCell, Oracle};
+use super::{Oracle, Palette};
 use crate::Result;
 use crate::params::SurfaceModel;
 
@@ -63,7 +63,7 @@ pub struct JunctionPlanes<'a> {
 /// Which planes cut cells.
 enum Cuts<'a> {
     /// For each cell its own: so many across each axis.
-    Spaced(ByCell<'a, [usize; 3]>),
+    Spaced(Palette<'a, [usize; 3]>),
     /// Those through a point, in region coordinates.
     Through(DVec3),
 }
@@ -74,7 +74,7 @@ type Tie = (u64, DVec3);
 impl Oracle {
     /// Planes as far apart as `spacings` tell of cells, about; one to eight between two voxel
     /// centres.
-    pub fn junction_planes<'a>(&'a self, spacings: &ByCell<'a, f64>) -> JunctionPlanes<'a> {
+    pub fn junction_planes<'a>(&'a self, spacings: &Palette<'a, f64>) -> JunctionPlanes<'a> {
         let parts = spacings.map(|&spacing| parts_of((self.spacing / spacing).ceil()));
         JunctionPlanes { oracle: self, cuts: Cuts::Spaced(parts) }
     }

@@ -37,7 +37,6 @@
 
 mod border;
 pub(crate) mod bricks;
-mod by_cell;
 mod cells;
 mod contacts;
 mod crossing;
@@ -47,6 +46,7 @@ mod field;
 mod indicator;
 mod junctions;
 mod mixtures;
+mod palette;
 pub mod region;
 mod smoothing;
 pub mod thickness;
@@ -60,12 +60,12 @@ use glam::{DMat3, DVec3};
 
 use border::Border;
 use bricks::Bricks;
-pub use by_cell::ByCell;
 use cells::Cells;
 use contacts::Contacts;
 pub use edges::{CrossedEdge, EdgeGrid, FeaturePoint};
 use field::Field;
 pub use junctions::{JunctionKind, JunctionPlanes};
+pub use palette::Palette;
 use region::{Region, Rows};
 pub use tiles::Tiles;
 use voxel::{Pairs, Records, Voxel};

@@ -24,8 +24,8 @@
 //! **No gift is lost.** A beggar leaves its list only by the hand of a giver, which then puts the
 //! gift into the beggar's own slot.
 
+use super::parking::Parking;
 use super::topology::Levels;
-use super::waiters::Waiters;
 use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
 
 /// The lists of a team; `G` is what is given.
@@ -101,7 +101,7 @@ impl<G> Begging<G> {
     }
 
     /// Worker `me` has no work: waits for some. `None`: nobody has any, or all waits are ended.
-    pub fn beg(&self, me: usize, waiters: &Waiters) -> Option<G> {
+    pub fn beg(&self, me: usize, parking: &Parking) -> Option<G> {
         {
             let inbox = self.inboxes.get(self.top_of(me));
             let mut gifts = inbox.map(|inbox| lock(&inbox.gifts));
@@ -114,13 +114,13 @@ impl<G> Begging<G> {
             // worker.
             if self.idle.fetch_add(1, AcqRel) + 1 == self.slots.len() {
                 self.over.store(true, Release);
-                waiters.wake_all();
+                parking.wake_all();
                 return None;
             }
             self.join(me);
         }
         let slot = &self.slots[me];
-        waiters.wait(|| slot.ready.load(Acquire) || self.over.load(Acquire));
+        parking.wait(|| slot.ready.load(Acquire) || self.over.load(Acquire));
         if slot.ready.swap(false, AcqRel) { lock(&slot.gift).take() } else { None }
     }
 
@@ -177,13 +177,13 @@ impl<G> Begging<G> {
 
     /// A worker sends something to the group of worker `to`, another one than its own, of groups
     /// that stand apart.
-    pub fn send(&self, to: usize, gift: G, waiters: &Waiters) {
+    pub fn send(&self, to: usize, gift: G, parking: &Parking) {
         let inbox = &self.inboxes[self.top_of(to)];
         let mut gifts = lock(&inbox.gifts);
         match self.take_beggar(to) {
             Some(beggar) => {
                 drop(gifts);
-                self.give(beggar, gift, waiters);
+                self.give(beggar, gift, parking);
             }
             None => {
                 gifts.push(gift);
@@ -193,11 +193,11 @@ impl<G> Begging<G> {
     }
 
     /// Gives to a beggar that was taken.
-    pub fn give(&self, beggar: usize, gift: G, waiters: &Waiters) {
+    pub fn give(&self, beggar: usize, gift: G, parking: &Parking) {
         let slot = &self.slots[beggar];
         *lock(&slot.gift) = Some(gift);
         slot.ready.store(true, Release);
-        waiters.wake(beggar);
+        parking.wake(beggar);
     }
 }
 
@@ -226,8 +226,8 @@ mod tests {
 
     #[test]
     fn groups_that_stand_apart_give_nothing_to_each_other() {
-        let (begging, waiters) =
-            (Begging::<()>::new(Levels::apart(&[0, 1, 0, 1])), Waiters::new(4));
+        let (begging, parking) =
+            (Begging::<()>::new(Levels::apart(&[0, 1, 0, 1])), Parking::new(4));
         begging.join(0);
         assert_eq!([0, 1, 2, 3].map(|me| begging.beggars(me).any()), [true, false, true, false]);
         assert_eq!(begging.take_beggar(3), None);
@@ -235,8 +235,8 @@ mod tests {
         // All groups without work: the end.
         let begging = Begging::<()>::new(Levels::apart(&[0, 1, 0, 1]));
         let ended = std::thread::scope(|scope| {
-            let (begging, waiters) = (&begging, &waiters);
-            let workers = [0, 1, 2, 3].map(|me| scope.spawn(move || begging.beg(me, waiters)));
+            let (begging, parking) = (&begging, &parking);
+            let workers = [0, 1, 2, 3].map(|me| scope.spawn(move || begging.beg(me, parking)));
             workers.map(|worker| worker.join().unwrap())
         });
         assert_eq!(ended, [None; 4]);
@@ -246,14 +246,14 @@ mod tests {
     #[test]
     fn what_is_sent_is_done_before_the_end() {
         const SIZE: u32 = 14;
-        let (begging, waiters) =
-            (Begging::<Vec<u32>>::new(Levels::apart(&[0, 1, 0, 1])), Waiters::new(4));
+        let (begging, parking) =
+            (Begging::<Vec<u32>>::new(Levels::apart(&[0, 1, 0, 1])), Parking::new(4));
         let done = AtomicU64::new(0);
         std::thread::scope(|scope| {
             for me in 0..4 {
-                let (begging, waiters, done) = (&begging, &waiters, &done);
+                let (begging, parking, done) = (&begging, &parking, &done);
                 scope.spawn(move || {
-                    waiters.register(me);
+                    parking.register(me);
                     let mut tasks = if me == 0 { vec![SIZE] } else { Vec::new() };
                     loop {
                         while let Some(task) = tasks.pop() {
@@ -261,11 +261,11 @@ mod tests {
                             let theirs = (0..task).filter(|task| task % 2 == 1).collect::<Vec<_>>();
                             tasks.extend((0..task).filter(|task| task % 2 == 0));
                             if !theirs.is_empty() {
-                                begging.send((me + 1) % 4, theirs, waiters);
+                                begging.send((me + 1) % 4, theirs, parking);
                             }
                             tasks.extend(begging.open_inbox(me).into_iter().flatten());
                         }
-                        let Some(gift) = begging.beg(me, waiters) else { return };
+                        let Some(gift) = begging.beg(me, parking) else { return };
                         tasks = gift;
                     }
                 });
@@ -278,13 +278,13 @@ mod tests {
     #[test]
     fn all_work_is_done_before_the_end() {
         const SIZE: u32 = 14;
-        let (begging, waiters) = (Begging::<Vec<u32>>::new(two_sockets()), Waiters::new(8));
+        let (begging, parking) = (Begging::<Vec<u32>>::new(two_sockets()), Parking::new(8));
         let done = AtomicU64::new(0);
         std::thread::scope(|scope| {
             for me in 0..8 {
-                let (begging, waiters, done) = (&begging, &waiters, &done);
+                let (begging, parking, done) = (&begging, &parking, &done);
                 scope.spawn(move || {
-                    waiters.register(me);
+                    parking.register(me);
                     let mut tasks = if me == 0 { vec![SIZE] } else { Vec::new() };
                     loop {
                         while let Some(task) = tasks.pop() {
@@ -294,10 +294,10 @@ mod tests {
                                 && tasks.len() > 1
                                 && let Some(beggar) = begging.take_beggar(me)
                             {
-                                begging.give(beggar, tasks.split_off(tasks.len() / 2), waiters);
+                                begging.give(beggar, tasks.split_off(tasks.len() / 2), parking);
                             }
                         }
-                        let Some(gift) = begging.beg(me, waiters) else { return };
+                        let Some(gift) = begging.beg(me, parking) else { return };
                         tasks = gift;
                     }
                 });

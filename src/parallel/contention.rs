@@ -26,8 +26,8 @@
 
 use std::collections::VecDeque;
 
+use super::parking::Parking;
 use super::policy::Contention as Policy;
-use super::waiters::Waiters;
 use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
 
 /// Conflicts in sequence after which a worker sleeps, under the policy Random, or offers its
@@ -115,12 +115,12 @@ impl Contention {
         me: usize,
         met: usize,
         streak: &mut Streak,
-        waiters: &Waiters,
+        parking: &Parking,
     ) -> bool {
         streak.conflicts += 1;
         match self.policy {
-            Policy::Local => self.follow(me, met, waiters),
-            Policy::Global => self.stand_in_line(me, waiters),
+            Policy::Local => self.follow(me, met, parking),
+            Policy::Global => self.stand_in_line(me, parking),
             Policy::Random => {
                 let too_many = streak.conflicts.checked_sub(PATIENCE);
                 if let Some(more) = too_many {
@@ -139,7 +139,7 @@ impl Contention {
         }
     }
 
-    fn follow(&self, me: usize, met: usize, waiters: &Waiters) -> bool {
+    fn follow(&self, me: usize, met: usize, parking: &Parking) -> bool {
         let own = &self.workers[me].waits;
         let other = &self.workers[met];
         let follows = {
@@ -159,12 +159,12 @@ impl Contention {
             may
         };
         if follows {
-            waiters.wait(|| !own.load(Acquire));
+            parking.wait(|| !own.load(Acquire));
         }
         follows
     }
 
-    fn stand_in_line(&self, me: usize, waiters: &Waiters) -> bool {
+    fn stand_in_line(&self, me: usize, parking: &Parking) -> bool {
         let own = &self.workers[me].waits;
         {
             let mut line = lock(&self.line);
@@ -175,20 +175,20 @@ impl Contention {
             line.list.push_back(me);
             own.store(true, Relaxed);
         }
-        waiters.wait(|| !own.load(Acquire));
+        parking.wait(|| !own.load(Acquire));
         true
     }
 
     /// Worker `me` completed an operation.
     #[inline]
-    pub fn after_success(&self, me: usize, streak: &mut Streak, waiters: &Waiters) {
+    pub fn after_success(&self, me: usize, streak: &mut Streak, parking: &Parking) {
         streak.conflicts = 0;
         match self.policy {
             // Relaxed: who comes too late to be seen is seen after the next operations, or when
             // this worker has none left.
             Policy::Local if self.workers[me].following.load(Relaxed) == 0 => {}
-            Policy::Local => self.wake_followers(me, waiters),
-            Policy::Global => self.wake_first(waiters),
+            Policy::Local => self.wake_followers(me, parking),
+            Policy::Global => self.wake_first(parking),
             Policy::Random | Policy::Aggressive => {}
         }
     }
@@ -196,17 +196,17 @@ impl Contention {
     /// Wakes all: what they needed has been given back. One at a time they would wait for
     /// operations elsewhere, and those who wait for them as well.
     #[cold]
-    fn wake_followers(&self, me: usize, waiters: &Waiters) {
+    fn wake_followers(&self, me: usize, parking: &Parking) {
         let own = &self.workers[me];
         let list = {
             let mut followers = lock(&own.followers);
             own.following.store(0, Relaxed);
             std::mem::take(&mut followers.list)
         };
-        list.into_iter().for_each(|follower| self.wake(follower, waiters));
+        list.into_iter().for_each(|follower| self.wake(follower, parking));
     }
 
-    fn wake_first(&self, waiters: &Waiters) {
+    fn wake_first(&self, parking: &Parking) {
         let first = {
             let mut line = lock(&self.line);
             let first = line.list.pop_front();
@@ -214,17 +214,17 @@ impl Contention {
             first
         };
         if let Some(first) = first {
-            self.wake(first, waiters);
+            self.wake(first, parking);
         }
     }
 
-    fn wake(&self, who: usize, waiters: &Waiters) {
+    fn wake(&self, who: usize, parking: &Parking) {
         self.workers[who].waits.store(false, Release);
-        waiters.wake(who);
+        parking.wake(who);
     }
 
     /// Worker `me` has no work left: nobody is to wait for it.
-    pub fn leave(&self, me: usize, waiters: &Waiters) {
+    pub fn leave(&self, me: usize, parking: &Parking) {
         match self.policy {
             Policy::Local => {
                 let list = {
@@ -233,11 +233,11 @@ impl Contention {
                     self.workers[me].following.store(0, Relaxed);
                     std::mem::take(&mut followers.list)
                 };
-                list.into_iter().for_each(|follower| self.wake(follower, waiters));
+                list.into_iter().for_each(|follower| self.wake(follower, parking));
             }
             Policy::Global => {
                 lock(&self.line).running -= 1;
-                self.wake_first(waiters);
+                self.wake_first(parking);
             }
             Policy::Random | Policy::Aggressive => {}
         }

@@ -9,10 +9,10 @@
 //! | [`policy`] | what a caller may choose |
 //! | [`contention`] | what a worker does after a conflict; why there is no livelock |
 //! | [`begging`] | who gets work from whom; how the end is noticed |
-//! | [`stretches`] | a list that all work off, each from its own place |
+//! | [`work_ranges`] | a list that all work off, each from its own place |
 //! | [`machine`], [`bisection`] | cores, memory nodes, hops between them; groups of nodes halved |
 //! | [`topology`] | which workers are near to each other, on a machine |
-//! | [`waiters`] | waiting, waking, and ending all waits |
+//! | [`parking`] | waiting, waking, and ending all waits |
 //!
 //! All of it is modelled with the loom model checker, together with the locks of tets:
 //! `verification/loom`.
@@ -21,7 +21,7 @@ pub mod begging;
 pub mod bisection;
 pub mod contention;
 pub mod machine;
+pub mod parking;
 pub mod policy;
-pub mod stretches;
 pub mod topology;
-pub mod waiters;
+pub mod work_ranges;

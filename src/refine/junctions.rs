@@ -80,7 +80,7 @@ pub(super) fn sample_junctions(
     go_on: &(impl Fn() -> Result<()> + Sync),
 ) -> Result<Vec<Vec<DVec3>>> {
     let planes =
-        oracle.junction_planes(&sizing.by_cell().map(|spacing| FINENESS * SPACING * spacing));
+        oracle.junction_planes(&sizing.palette().map(|spacing| FINENESS * SPACING * spacing));
     let of_tile = |(tile, found): (usize, &mut Candidates)| {
         for row in tiles.rows(tile) {
             go_on()?;

@@ -21,9 +21,9 @@
 //! another one meshed. Then nothing is gained by working in common regions in the early rounds, and
 //! memory that others wrote would be left behind: each node works in its own region from the first
 //! round on that all workers share. Rounds before that are too small for all; one worker inserts
-//! the first, some the next (`podm`). [`Schedule::halving`] has the paper's scheme instead: the
-//! last round of samples is inserted node by node, the round before by pairs of nodes in the two
-//! regions of both, and so on. It visits up to twice as much remote memory
+//! the first, some the next (`podm`). [`RefineOptions::halving`] has the paper's scheme instead:
+//! the last round of samples is inserted node by node, the round before by pairs of nodes in the
+//! two regions of both, and so on. It visits up to twice as much remote memory
 //! (docs/notes/design-notes.md).
 //!
 //! # Invariants
@@ -54,22 +54,22 @@ use rayon::prelude::*;
 
 use super::partition::{Blocks, Load, Partition};
 use super::pel::Gift;
-use super::rules::{Demand, Rules};
+use super::rules::{RefinementPoint, Rules};
 use super::sampling::Samples;
-use super::team::{Schedule, TETS_PER_SAMPLE};
+use super::team::{RefineOptions, TETS_PER_SAMPLE};
 use crate::Result;
 use crate::delaunay::{TetStamp, VertexKind};
 use crate::memory::{reserve, room};
-use crate::parallel::stretches::Stretches;
 use crate::parallel::topology::Levels;
+use crate::parallel::work_ranges::WorkRanges;
 use crate::params::Algorithm;
 use crate::sync::lock;
 
-/// Whether memory nodes get regions of their own: the schedule asks for LAPD, and not all workers
+/// Whether memory nodes get regions of their own: the options ask for LAPD, and not all workers
 /// are on one node.
-pub(super) fn divides(schedule: &Schedule) -> bool {
-    let node = |me| schedule.machine.node_of_worker(me);
-    schedule.algorithm == Algorithm::Lapd && (1..schedule.threads).any(|me| node(me) != node(0))
+pub(super) fn divides(options: &RefineOptions) -> bool {
+    let node = |me| options.machine.node_of_worker(me);
+    options.algorithm == Algorithm::Lapd && (1..options.threads).any(|me| node(me) != node(0))
 }
 
 /// The regions of a team's workers, and the tets on their way to the workers in whose regions they
@@ -89,11 +89,15 @@ impl Regions {
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
-    pub fn new(rules: &Rules<'_>, samples: &[DVec3], schedule: &Schedule) -> Result<Option<Self>> {
-        if !divides(schedule) {
+    pub fn new(
+        rules: &Rules<'_>,
+        samples: &[DVec3],
+        options: &RefineOptions,
+    ) -> Result<Option<Self>> {
+        if !divides(options) {
             return Ok(None);
         }
-        let Schedule { threads, ref machine, .. } = *schedule;
+        let RefineOptions { threads, ref machine, .. } = *options;
         let partition = Partition::new(
             &expected_elements(rules, samples, threads)?,
             Load::Elements,
@@ -105,7 +109,7 @@ impl Regions {
             .iter()
             .map(|node| nodes.iter().position(|other| other == node).unwrap_or(0))
             .collect();
-        let halving = schedule.halving;
+        let halving = options.halving;
         Ok(Some(Self {
             partition,
             hosts,
@@ -124,7 +128,7 @@ impl Regions {
         samples: &mut Samples,
         first: usize,
         go_on: impl Fn() -> Result<()>,
-    ) -> Result<Vec<Stretches>> {
+    ) -> Result<Vec<WorkRanges>> {
         let rounds: Vec<Range<usize>> = samples.rounds_from(first).collect();
         let points = &mut samples.points;
         let count = rounds.len();
@@ -134,11 +138,14 @@ impl Regions {
             let level = if self.halving { (last + 1 + round).saturating_sub(count) } else { last };
             let places = self.sort_by_place(&mut points[range.clone()])?;
             let workers = self.partition.order();
-            let mut stretches = vec![0..0; workers.len()];
+            let mut work_ranges = vec![0..0; workers.len()];
             for (place, &worker) in workers.iter().enumerate() {
-                stretches[worker] = range.start + places[place]..range.start + places[place + 1];
+                work_ranges[worker] = range.start + places[place]..range.start + places[place + 1];
             }
-            Ok(Stretches::of_groups(stretches.into_iter(), self.partition.groups(level).to_vec()))
+            Ok(WorkRanges::of_groups(
+                work_ranges.into_iter(),
+                self.partition.groups(level).to_vec(),
+            ))
         };
         rounds.into_iter().enumerate().map(deal).collect()
     }
@@ -212,7 +219,7 @@ impl Outbox {
         &mut self,
         host: usize,
         stamp: TetStamp,
-        demand: &Demand,
+        demand: &RefinementPoint,
         interfaces: u32,
     ) -> Result<bool> {
         if self.0.len() <= host {

@@ -13,7 +13,7 @@
 //!
 //! An entry is never taken out when its tet dies: the stamp tells.
 
-use super::rules::Demand;
+use super::rules::RefinementPoint;
 use crate::delaunay::{TetStamp, VertexId};
 use crate::memory::room;
 use crate::{Error, Result};
@@ -52,7 +52,7 @@ pub struct Gift {
     pub poor: Vec<TetStamp>,
     /// Tets, what they demanded when they were looked at, and which of their facets had not been
     /// asked yet, as bits.
-    pub demands: Vec<(TetStamp, Demand, u32)>,
+    pub demands: Vec<(TetStamp, RefinementPoint, u32)>,
 }
 
 /// The list.

@@ -7,7 +7,7 @@
 //! 2. One worker inserts the first rounds of samples: some hundreds, of which each cavity takes a
 //!    large part of the triangulation. Then as many workers insert the next as there is room for,
 //!    until there is for all.
-//! 3. All workers insert the rest, each along its own stretch of each round's curve, or, under
+//! 3. All workers insert the rest, each along its own range of each round's curve, or, under
 //!    LAPD, in its own region (`lapd`).
 //! 4. When all samples are in, each worker takes the tets of the memory that it claimed into its
 //!    list; under LAPD those whose circumcenters lie in its region.
@@ -25,14 +25,14 @@ use super::probe::RefineProbe;
 use super::refiner::{Refiner, Work};
 use super::rules::Rules;
 use super::sampling::{Growth, Samples, sample_isosurface};
-use super::team::{Schedule, Team};
+use super::team::{RefineOptions, Team};
 use crate::delaunay::ownership::MAX_OWNERS;
 use crate::delaunay::worker::Counters;
 use crate::delaunay::{CountVisits, Locks, NoProbe, Solo, TetId, TryLock};
 use crate::memory::room;
 use crate::monitor::Monitor;
 use crate::panics;
-use crate::parallel::stretches::Stretches;
+use crate::parallel::work_ranges::WorkRanges;
 use crate::params::MAX_THREADS;
 use crate::sync::clock::{Clock, ticks};
 use crate::sync::run_together;
@@ -59,17 +59,21 @@ pub struct Refinement {
 }
 
 /// Refines a triangulation of nothing but its box until no rule applies, or a limit is reached: one
-/// of the schedule's, or that of the ids. Worker threads are joined before this returns.
+/// of the options, or that of the ids. Worker threads are joined before this returns.
 ///
 /// # Errors
 /// [`Error::Cancelled`]; [`Error::OutOfMemory`], also when a thread cannot be had;
 /// [`Error::Internal`], also when a worker panics.
-pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> Result<Refinement> {
+pub fn refine(
+    rules: &Rules<'_>,
+    options: &RefineOptions,
+    monitor: &Monitor<'_>,
+) -> Result<Refinement> {
     let triangulation = rules.triangulation;
-    if schedule.count_accesses {
-        refine_with(rules, schedule, monitor, &|_| CountVisits::new(triangulation))
+    if options.count_accesses {
+        refine_with(rules, options, monitor, &|_| CountVisits::new(triangulation))
     } else {
-        refine_with(rules, schedule, monitor, &|_| NoProbe)
+        refine_with(rules, options, monitor, &|_| NoProbe)
     }
 }
 
@@ -79,17 +83,17 @@ pub fn refine(rules: &Rules<'_>, schedule: &Schedule, monitor: &Monitor<'_>) -> 
 /// As [`refine`].
 pub fn refine_with<P: RefineProbe>(
     rules: &Rules<'_>,
-    schedule: &Schedule,
+    options: &RefineOptions,
     monitor: &Monitor<'_>,
     probe: &(impl Fn(usize) -> P + Sync),
 ) -> Result<Refinement> {
     let clock = Clock::start();
     // Samples are the smaller part: until they are there, reports say that nothing is done.
-    let go_on = || monitor.advance(0).and_then(|()| schedule.limits.check_time());
-    let growth = if lapd::divides(schedule) { Growth::Fourfold } else { Growth::Eightfold };
+    let go_on = || monitor.advance(0).and_then(|()| options.limits.check_time());
+    let growth = if lapd::divides(options) { Growth::Fourfold } else { Growth::Eightfold };
     let samples = sample_isosurface(rules.oracle, &rules.sizing, growth, go_on);
-    let Dealt { samples, regions, stretches } =
-        match samples.and_then(|samples| deal(rules, schedule, samples, go_on)) {
+    let Dealt { samples, regions, work_ranges } =
+        match samples.and_then(|samples| deal(rules, options, samples, go_on)) {
             Err(limit) if limit.is_limit() => {
                 label_all(rules, monitor)?;
                 return Ok(Refinement::none(limit));
@@ -98,23 +102,23 @@ pub fn refine_with<P: RefineProbe>(
         };
     let total = samples.points.len();
     let report_progress = |part, tets| monitor.advance_to(part, tets);
-    let team = Team::new(rules, samples.points, regions, schedule, &report_progress);
+    let team = Team::new(rules, samples.points, regions, options, &report_progress);
     // From here on: what a worker touches first lies in its core's memory. The samples were made by
     // all threads.
     let bound = team.bind(0);
     let mut lead = Refiner::new(&team, 0, team.worker(0, Solo, probe(0)));
-    let end = if schedule.threads == 1 { total } else { first_for(2, &samples.rounds, total) };
+    let end = if options.threads == 1 { total } else { first_for(2, &samples.rounds, total) };
     let mut first_samples = Some(0..end);
     // Before the triangulation takes what memory there is: what has been done is said even if that
     // was too little.
-    let mut threads = room(schedule.threads, "reports of threads")?;
+    let mut threads = room(options.threads, "reports of threads")?;
     let done = lead.insert_samples(|| first_samples.take());
     match done {
         Err(error) => {
             team.stop(error);
             threads.push(report(lead, &clock));
         }
-        Ok(()) if schedule.threads == 1 => {
+        Ok(()) if options.threads == 1 => {
             if let Err(error) = lead.collect().and_then(|()| lead.run()) {
                 team.stop(error);
             }
@@ -122,7 +126,7 @@ pub fn refine_with<P: RefineProbe>(
         }
         Ok(()) => {
             let lead = lead.with_locks(TryLock::new(0));
-            threads.extend(work_together(&team, lead, probe, &stretches, &clock));
+            threads.extend(work_together(&team, lead, probe, &work_ranges, &clock));
         }
     }
     drop(bound);
@@ -158,7 +162,7 @@ struct Dealt {
     samples: Samples,
     regions: Option<Regions>,
     /// Of the rounds that are for several workers.
-    stretches: Vec<Stretches>,
+    work_ranges: Vec<WorkRanges>,
 }
 
 /// Deals samples to the workers.
@@ -167,18 +171,18 @@ struct Dealt {
 /// [`Error::OutOfMemory`]; those of `go_on`.
 fn deal(
     rules: &Rules<'_>,
-    schedule: &Schedule,
+    options: &RefineOptions,
     mut samples: Samples,
     go_on: impl Fn() -> Result<()>,
 ) -> Result<Dealt> {
-    let first = first_for(schedule.threads, &samples.rounds, samples.points.len());
-    let mut stretches = deal_to_some(&samples, first, schedule.threads);
-    let regions = Regions::new(rules, &samples.points, schedule)?;
-    stretches.extend(match &regions {
+    let first = first_for(options.threads, &samples.rounds, samples.points.len());
+    let mut work_ranges = deal_to_some(&samples, first, options.threads);
+    let regions = Regions::new(rules, &samples.points, options)?;
+    work_ranges.extend(match &regions {
         Some(regions) => regions.deal(&mut samples, first, go_on)?,
-        None => deal_alike(&samples, first, schedule.threads),
+        None => deal_alike(&samples, first, options.threads),
     });
-    Ok(Dealt { samples, regions, stretches })
+    Ok(Dealt { samples, regions, work_ranges })
 }
 
 /// Finds the labels of all tets: those that were made before the samples were complete have none.
@@ -203,17 +207,17 @@ fn first_for(workers: usize, rounds: &[usize], total: usize) -> usize {
 
 /// Deals the samples of each round for which there is room for several workers, but not for all,
 /// which have those from `first` on.
-fn deal_to_some(samples: &Samples, first: usize, threads: usize) -> Vec<Stretches> {
+fn deal_to_some(samples: &Samples, first: usize, threads: usize) -> Vec<WorkRanges> {
     let rounds = samples.rounds_from(first_for(2, &samples.rounds, samples.points.len()));
     let before = rounds.take_while(|round| round.start < first);
     before
-        .map(|round| Stretches::of_some(round.clone(), round.start / SAMPLES_PER_WORKER, threads))
+        .map(|round| WorkRanges::of_some(round.clone(), round.start / SAMPLES_PER_WORKER, threads))
         .collect()
 }
 
-/// Deals the samples of each round from `first` on: to each worker a stretch of the round's curve.
-fn deal_alike(samples: &Samples, first: usize, threads: usize) -> Vec<Stretches> {
-    samples.rounds_from(first).map(|round| Stretches::new(round, threads)).collect()
+/// Deals the samples of each round from `first` on: to each worker a range of the round's curve.
+fn deal_alike(samples: &Samples, first: usize, threads: usize) -> Vec<WorkRanges> {
+    samples.rounds_from(first).map(|round| WorkRanges::new(round, threads)).collect()
 }
 
 /// Lets all workers do their part; the first is the calling thread.
@@ -221,18 +225,18 @@ fn work_together<'t, 'a, P: RefineProbe>(
     team: &'t Team<'a>,
     lead: Refiner<'t, 'a, TryLock, P>,
     probe: &(impl Fn(usize) -> P + Sync),
-    stretches: &[Stretches],
+    work_ranges: &[WorkRanges],
     clock: &Clock,
 ) -> impl Iterator<Item = ThreadReport> {
     let part = |me| {
         move || {
             let _bound = team.bind(me);
             let worker = Refiner::new(team, me, team.worker(me, TryLock::new(me), probe(me)));
-            do_part(team, me, worker, stretches, clock)
+            do_part(team, me, worker, work_ranges, clock)
         }
     };
     let lacking = || team.stop(Error::OutOfMemory { count: team.size(), what: "threads" });
-    let lead = || do_part(team, 0, lead, stretches, clock);
+    let lead = || do_part(team, 0, lead, work_ranges, clock);
     let (lead, others) = run_together(lead, (1..team.size()).map(part).collect(), lacking);
     // A worker's panic is caught within its part.
     std::iter::once(lead).chain(others.into_iter().map(Option::unwrap_or_default))
@@ -243,26 +247,26 @@ fn do_part(
     team: &Team<'_>,
     me: usize,
     mut worker: Refiner<'_, '_, TryLock, impl RefineProbe>,
-    stretches: &[Stretches],
+    work_ranges: &[WorkRanges],
     clock: &Clock,
 ) -> ThreadReport {
-    team.waiters.register(me);
+    team.parking.register(me);
     let done = panics::catch(|| {
-        for round in stretches {
+        for round in work_ranges {
             worker.insert_samples(|| round.take(me))?;
             if !round.is_for(me) {
                 let begin = ticks();
-                team.contention.leave(me, &team.waiters);
-                team.waiters.wait(|| round.is_taken());
+                team.contention.leave(me, &team.parking);
+                team.parking.wait(|| round.is_taken());
                 team.contention.come_back(me);
                 worker.lose_idle(begin);
             } else if !round.is_for_all() {
                 // All but what is under way is done: the others may begin.
-                team.waiters.wake_all();
+                team.parking.wake_all();
             }
         }
         // Nobody waits any more for one who waits for all.
-        team.contention.leave(me, &team.waiters);
+        team.contention.leave(me, &team.parking);
         let begin = ticks();
         team.meet(0)?;
         team.contention.come_back(me);

@@ -22,12 +22,12 @@ use super::activity::{Accesses, Doing, Lost, Timeline};
 use super::lapd::Outbox;
 use super::pel::{Gift, Pel, Task};
 use super::probe::RefineProbe;
-use super::rules::{Demand, Facets, Lookups, Rule, Rules};
+use super::rules::{Facets, ISOVERTEX, Lookups, RefinementPoint, Rule, Rules};
 use super::team::{PERMITS, Team};
 use crate::delaunay::homes::MAX_NODES;
 use crate::delaunay::worker::mark_of;
 use crate::delaunay::{
-    Insertion, Locks, Removal, TetId, TetStamp, Triangulation, VertexId, VertexKind, Worker,
+    Insertion, Locks, Removal, TetId, TetStamp, Triangulation, VertexId, Worker,
 };
 use crate::memory::{reserve, room};
 use crate::parallel::contention::Streak;
@@ -191,7 +191,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                 let begin = self.stamp_time();
                 at = self.worker.locate(self.triangulation, at, p);
                 self.take_permit()?;
-                let (rules, kind) = (self.rules, VertexKind::Isovertex);
+                let (rules, kind) = (self.rules, ISOVERTEX);
                 let note = |v, _: &[TetId]| rules.note_vertex(v, p, kind);
                 match self.worker.insert_if(self.triangulation, at, p, kind, || true, note)? {
                     Insertion::Done(_) => {
@@ -361,7 +361,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
 
     /// The next demand of the surface, by R3.
     #[inline]
-    fn ask_surface(&mut self, t: TetId, interfaces: &mut u32) -> Option<Demand> {
+    fn ask_surface(&mut self, t: TetId, interfaces: &mut u32) -> Option<RefinementPoint> {
         let before = self.work.lookups;
         let demand = self.rules.surface_demand(t, interfaces, &mut self.work.lookups);
         self.worker.probe.look_up_labels(self.work.lookups.labels - before.labels);
@@ -370,7 +370,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     }
 
     /// Carries out what the surface demands of a tet.
-    fn settle(&mut self, stamp: TetStamp, demand: &Demand) -> Result<Fate> {
+    fn settle(&mut self, stamp: TetStamp, demand: &RefinementPoint) -> Result<Fate> {
         let fate = self.carry_out(stamp, demand)?;
         // What was inserted may lie in the neighbour's circumball alone: then the tet is looked at
         // again.
@@ -383,7 +383,12 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     /// Leaves to another node what is to be inserted in its region, with the facets that are still
     /// to be asked if it cannot be; `false`: it lies in a region of this node.
     #[inline]
-    fn hand_over(&mut self, stamp: TetStamp, demand: &Demand, interfaces: u32) -> Result<bool> {
+    fn hand_over(
+        &mut self,
+        stamp: TetStamp,
+        demand: &RefinementPoint,
+        interfaces: u32,
+    ) -> Result<bool> {
         if !L::SHARED {
             return Ok(false);
         }
@@ -407,7 +412,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     fn send(&mut self, host: usize) {
         if let Some(parcel) = self.outbox.take(host) {
             self.lost.overhead.gifts += 1;
-            self.team.begging.send(host, parcel, &self.team.waiters);
+            self.team.begging.send(host, parcel, &self.team.parking);
         }
     }
 
@@ -425,7 +430,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     }
 
     /// Inserts what the tet of `stamp` demanded.
-    fn carry_out(&mut self, stamp: TetStamp, demand: &Demand) -> Result<Fate> {
+    fn carry_out(&mut self, stamp: TetStamp, demand: &RefinementPoint) -> Result<Fate> {
         self.take_permit()?;
         let begin = self.stamp_time();
         let (rules, triangulation) = (self.rules, self.triangulation);
@@ -446,7 +451,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             Insertion::Done(_) => {
                 self.work.by_rule[demand.rule as usize] += 1;
                 self.push_created();
-                if demand.kind == VertexKind::Isovertex {
+                if demand.kind == ISOVERTEX {
                     self.rules.near_free_vertices(demand.point, &mut self.near);
                     self.pel.push_removals(&self.near)?;
                 }
@@ -508,7 +513,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     #[inline(always)]
     fn after_success(&mut self) {
         if L::SHARED {
-            self.team.contention.after_success(self.me, &mut self.streak, &self.team.waiters);
+            self.team.contention.after_success(self.me, &mut self.streak, &self.team.parking);
         }
     }
 
@@ -531,7 +536,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         self.lost.overhead.rollbacks[rule as usize] += 1;
         self.lost.rolling_back += end.saturating_sub(begin);
         self.timeline.interrupt(Doing::RollingBack, begin, end);
-        if self.team.contention.after_conflict(self.me, met, &mut self.streak, &self.team.waiters) {
+        if self.team.contention.after_conflict(self.me, met, &mut self.streak, &self.team.parking) {
             let woken = ticks();
             self.lost.overhead.waits += 1;
             self.lost.waiting += woken.saturating_sub(end);
@@ -553,7 +558,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                 self.rules.mark_elsewhere(stamp.tet);
             }
             self.lost.overhead.gifts += 1;
-            self.team.begging.give(beggar, gift, &self.team.waiters);
+            self.team.begging.give(beggar, gift, &self.team.parking);
         }
         Ok(())
     }
@@ -563,9 +568,9 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         self.send_all();
         let begin = ticks();
         self.team.return_permits(std::mem::take(&mut self.permits));
-        self.team.contention.leave(self.me, &self.team.waiters);
+        self.team.contention.leave(self.me, &self.team.parking);
         self.lost.overhead.begs += 1;
-        let gift: Option<Gift> = self.team.begging.beg(self.me, &self.team.waiters);
+        let gift: Option<Gift> = self.team.begging.beg(self.me, &self.team.parking);
         self.lose_idle(begin);
         self.team.go_on()?;
         let Some(gift) = gift else { return Ok(false) };

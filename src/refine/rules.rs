@@ -38,9 +38,13 @@ pub enum Rule {
     R6 = 5,
 }
 
+/// The kernel's kind of isovertices, the vertices on interfaces (dO): they stay. Circumcenters are
+/// free.
+pub const ISOVERTEX: VertexKind = VertexKind::Fixed;
+
 /// What a rule asks for: a vertex of `kind` at `point`, whose conflict zone holds tet `start`.
 #[derive(Clone, Copy, Debug)]
-pub struct Demand {
+pub struct RefinementPoint {
     /// The rule that asks.
     pub rule: Rule,
     /// Where.
@@ -273,7 +277,7 @@ impl<'a> Rules<'a> {
         t: TetId,
         interfaces: &mut u32,
         asked: &mut Lookups,
-    ) -> Option<Demand> {
+    ) -> Option<RefinementPoint> {
         while *interfaces != 0 {
             let i = interfaces.trailing_zeros() as usize;
             *interfaces &= *interfaces - 1;
@@ -290,7 +294,7 @@ impl<'a> Rules<'a> {
     fn is_large(&self, vertices: [VertexId; 4], squared_radius: f64) -> bool {
         let (mut count, mut levels) = (0, 0);
         for vertex in vertices.map(|v| self.triangulation.vertex(v)) {
-            let counts = u32::from(vertex.kind() == VertexKind::Isovertex);
+            let counts = u32::from(vertex.kind() == ISOVERTEX);
             count += counts;
             levels += counts * u32::from(vertex.tag());
         }
@@ -325,7 +329,7 @@ impl<'a> Rules<'a> {
     }
 
     /// R3 for an interface facet: facet `i` of `t`.
-    fn interface_demand(&self, t: TetId, i: usize, asked: &mut Lookups) -> Option<Demand> {
+    fn interface_demand(&self, t: TetId, i: usize, asked: &mut Lookups) -> Option<RefinementPoint> {
         let record = self.triangulation.tet(t);
         let seen = Seen::of(record);
         let neighbor = record.neighbor(i);
@@ -377,14 +381,14 @@ impl<'a> Rules<'a> {
         }
         let point = self.instead_of(x, radius, self.sizing.at(x), tets);
         let start = if here.contains(point) == Some(true) { t } else { neighbor.tet() };
-        let (kind, across) = (VertexKind::Isovertex, Some((neighbor, other)));
-        Some(Demand { rule: Rule::R3, point, kind, start, seen, across })
+        let (kind, across) = (ISOVERTEX, Some((neighbor, other)));
+        Some(RefinementPoint { rule: Rule::R3, point, kind, start, seen, across })
     }
 
     /// Whether an interface facet has a vertex that is no isovertex, or too small an angle.
     #[inline(always)]
     fn is_misshapen(&self, vertices: [VertexId; 3], [a, b, c]: [DVec3; 3]) -> bool {
-        vertices.iter().any(|&v| self.triangulation.vertex(v).kind() != VertexKind::Isovertex)
+        vertices.iter().any(|&v| self.triangulation.vertex(v).kind() != ISOVERTEX)
             || has_angle_below(a, b, c, self.facet_cosine_squared)
     }
 
@@ -438,7 +442,7 @@ impl<'a> Rules<'a> {
     /// Whether a demand of tet `t` is true. To be asked when `demand.start`, which is the tet or
     /// its neighbour across the facet in question, is owned and was looked across: then neither of
     /// the two can change.
-    pub fn is_demanded(&self, t: TetId, demand: &Demand) -> bool {
+    pub fn is_demanded(&self, t: TetId, demand: &RefinementPoint) -> bool {
         let record = self.triangulation.tet(t);
         demand.seen.is(record)
             && demand.across.is_none_or(|(facet, seen)| {
@@ -511,7 +515,7 @@ impl<'a> Rules<'a> {
     }
 
     /// What the first volume rule (R2, R4, R5) that applies to `t` asks for.
-    pub fn volume_demand(&self, t: TetId) -> Option<Demand> {
+    pub fn volume_demand(&self, t: TetId) -> Option<RefinementPoint> {
         let record = self.triangulation.tet(t);
         let (label, sphere) = (record.tag(), record.sphere());
         if label == 0 && (sphere.is_certain() || !self.has_interface(record)) {
@@ -530,9 +534,9 @@ impl<'a> Rules<'a> {
             let (mut point, mut kind) = (sphere.center, VertexKind::Free);
             if let Some(back) = self.oracle.back_to_walls(point) {
                 point = self.volume_point_at_wall(point, back, squared_radius.sqrt())?;
-                kind = VertexKind::Isovertex;
+                kind = ISOVERTEX;
             }
-            Some(Demand { rule, point, kind, start: t, seen, across: None })
+            Some(RefinementPoint { rule, point, kind, start: t, seen, across: None })
         };
         // The cheapest first: all three ask for the same point.
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
@@ -567,7 +571,7 @@ impl<'a> Rules<'a> {
     /// R3 and R6 see to what comes of it. Where the points are as close as sampling may bring them,
     /// or on a wall, whose edges R3 might then cut off, the tet is left, and counts as unmet.
     #[cold]
-    fn flat_demand(&self, record: &TetRecord, seen: Seen) -> Option<Demand> {
+    fn flat_demand(&self, record: &TetRecord, seen: Seen) -> Option<RefinementPoint> {
         let corners = self.triangulation.corners(seen.vertices);
         let centroid = seen.sphere.center;
         let delta = self.sizing.at(centroid);
@@ -580,7 +584,7 @@ impl<'a> Rules<'a> {
             neighbors.map(|facet| (facet, Seen::of(self.triangulation.tet(facet.tet()))));
         let across @ (facet, _) =
             seen_across.find(|(_, seen)| seen.sphere.contains(centroid) == Some(true))?;
-        Some(Demand {
+        Some(RefinementPoint {
             rule: Rule::R4,
             point: centroid,
             kind: VertexKind::Free,
@@ -614,7 +618,7 @@ impl<'a> Rules<'a> {
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
     pub fn note_vertex(&self, v: VertexId, p: DVec3, kind: VertexKind) -> Result<()> {
-        if kind == VertexKind::Isovertex {
+        if kind == ISOVERTEX {
             self.triangulation.vertex(v).set_tag(self.sizing.level(p));
         } else if self.oracle.clearance(p) < 2.0 * self.sizing.greatest() {
             // R6 reaches 2 delta from the interface.

@@ -104,7 +104,7 @@ pub fn sample_isosurface(
     go_on: impl Fn() -> Result<()> + Sync,
 ) -> Result<Samples> {
     let delta = sizing.greatest();
-    let grid = oracle.edge_grid(&sizing.by_cell());
+    let grid = oracle.edge_grid(&sizing.palette());
     let tiles = grid.tiles(2.0 * delta);
     let nets = Nets::new(delta, &tiles)?;
     let corner_voxels = sample_junctions(oracle, sizing, &grid, &tiles, &nets, &go_on)?;

@@ -21,7 +21,7 @@ use crate::memory::zeroed;
 use crate::oracle::bricks::Bricks;
 use crate::oracle::region::{Region, Rows};
 use crate::oracle::thickness::{self, NOT_THIN, ThinVoxels, thin_voxels};
-use crate::oracle::{ByCell, rounded};
+use crate::oracle::{Palette, rounded};
 
 /// Samples of a thin structure are this part of its thickness apart.
 const PER_THICKNESS: f64 = 0.75;
@@ -129,13 +129,13 @@ impl Sizing {
     }
 
     /// The distance of samples in each cell of the oracle that is made from the same image.
-    pub fn by_cell(&self) -> ByCell<'_, f64> {
+    pub fn palette(&self) -> Palette<'_, f64> {
         match &self.field {
             Some(field) => {
                 let of_level = |level| self.least + self.step * f64::from(level);
-                ByCell::of_levels((0..=LEVELS).map(of_level).collect(), &field.levels)
+                Palette::of_levels((0..=LEVELS).map(of_level).collect(), &field.levels)
             }
-            None => ByCell::uniform(self.greatest),
+            None => Palette::uniform(self.greatest),
         }
     }
 

@@ -13,8 +13,8 @@ use crate::delaunay::{Locks, Probe, Worker};
 use crate::parallel::begging::Begging;
 use crate::parallel::contention::Contention;
 use crate::parallel::machine::Machine;
+use crate::parallel::parking::Parking;
 use crate::parallel::topology::Levels;
-use crate::parallel::waiters::Waiters;
 use crate::params;
 use crate::sync::{AtomicU64, AtomicUsize, Mutex, Ordering::*, lock};
 use crate::system::binding::{Bound, Places};
@@ -28,7 +28,7 @@ pub(super) const PERMITS: u64 = 64;
 pub(super) const TETS_PER_SAMPLE: u64 = 8;
 
 /// What a refinement is told beside the rules.
-pub struct Schedule {
+pub struct RefineOptions {
     /// Tets expected in the end, beside those around samples of the isosurface; progress is
     /// measured against it.
     pub expected_tets: u64,
@@ -55,7 +55,7 @@ pub struct Schedule {
     pub count_accesses: bool,
 }
 
-impl Schedule {
+impl RefineOptions {
     /// One worker without limits.
     pub fn solo() -> Self {
         Self {
@@ -123,7 +123,7 @@ pub(super) struct Team<'a> {
     pub rules: &'a Rules<'a>,
     pub samples: Vec<DVec3>,
     pub keeps_timeline: bool,
-    pub waiters: Waiters,
+    pub parking: Parking,
     pub contention: Contention,
     pub begging: Begging<Gift>,
     /// Where each worker works, under LAPD.
@@ -150,32 +150,32 @@ impl<'a> Team<'a> {
         rules: &'a Rules<'a>,
         samples: Vec<DVec3>,
         regions: Option<Regions>,
-        schedule: &'a Schedule,
+        options: &'a RefineOptions,
         report: &'a Report<'a>,
     ) -> Self {
-        let size = schedule.threads;
+        let size = options.threads;
         let levels = match &regions {
             Some(regions) => regions.levels(),
-            None => Levels::of(&schedule.machine, size, schedule.begging),
+            None => Levels::of(&options.machine, size, options.begging),
         };
         Self {
             rules,
-            keeps_timeline: schedule.timeline,
-            waiters: Waiters::new(size),
-            contention: Contention::new(schedule.contention, size),
+            keeps_timeline: options.timeline,
+            parking: Parking::new(size),
+            contention: Contention::new(options.contention, size),
             begging: Begging::new(levels),
             regions,
-            machine: &schedule.machine,
-            places: schedule.places.as_ref(),
-            limits: &schedule.limits,
+            machine: &options.machine,
+            places: options.places.as_ref(),
+            limits: &options.limits,
             report,
-            expected_tets: schedule
+            expected_tets: options
                 .expected_tets
                 .saturating_add(TETS_PER_SAMPLE * samples.len() as u64),
             size,
             samples,
             permits: AtomicU64::new(
-                schedule.limits.max_vertices.map_or(u64::MAX / 2, |most| most as u64),
+                options.limits.max_vertices.map_or(u64::MAX / 2, |most| most as u64),
             ),
             tets: AtomicU64::new(0),
             bytes: AtomicU64::new(0),
@@ -228,7 +228,7 @@ impl<'a> Team<'a> {
                 *failure = Some(reason);
             }
         }
-        self.waiters.stop();
+        self.parking.stop();
     }
 
     /// Nothing while the team works on.
@@ -237,7 +237,7 @@ impl<'a> Team<'a> {
     /// [`Error::Cancelled`] when it was stopped; the reason is told by [`Self::failure`].
     #[inline]
     pub fn go_on(&self) -> Result<()> {
-        if self.waiters.is_stopped() { Err(Error::Cancelled) } else { Ok(()) }
+        if self.parking.is_stopped() { Err(Error::Cancelled) } else { Ok(()) }
     }
 
     /// Why the team was stopped.
@@ -276,9 +276,9 @@ impl<'a> Team<'a> {
         let come = &self.meetings[which];
         // What each did before the meeting all see after it.
         if come.fetch_add(1, AcqRel) + 1 == self.size {
-            self.waiters.wake_all();
+            self.parking.wake_all();
         }
-        self.waiters.wait(|| come.load(Acquire) == self.size);
+        self.parking.wait(|| come.load(Acquire) == self.size);
         self.go_on()
     }
 }

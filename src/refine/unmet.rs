@@ -13,11 +13,11 @@ use rayon::prelude::*;
 
 use super::cell_table::MAX_HEADS;
 use super::recent::Recent;
-use super::rules::{Facets, Lookups, Rule, Rules};
+use super::rules::{Facets, ISOVERTEX, Lookups, Rule, Rules};
 use super::vertex_grid::VertexGrid;
 use crate::Result;
+use crate::delaunay::TetId;
 use crate::delaunay::check::{CHECK_EVERY, Check};
-use crate::delaunay::{TetId, VertexKind};
 use crate::monitor::{Monitor, Step};
 use crate::oracle::CrossedEdge;
 
@@ -76,18 +76,18 @@ impl Rules<'_> {
         // is short.
         let heads = (bound as usize).clamp(1, MAX_HEADS);
         let cell = 2.0 * self.sizing.greatest();
-        let isovertices = VertexGrid::new(self.triangulation, VertexKind::Isovertex, cell, heads)?;
+        let isovertices = VertexGrid::new(self.triangulation, ISOVERTEX, cell, heads)?;
         (0..bound.div_ceil(PIECE)).into_par_iter().try_for_each(|piece| {
             monitor.check_cancelled()?;
             for v in piece * PIECE..((piece + 1) * PIECE).min(bound) {
                 let vertex = self.triangulation.vertex(v);
-                if vertex.kind() == VertexKind::Isovertex {
+                if vertex.kind() == ISOVERTEX {
                     isovertices.push(v, vertex.position())?;
                 }
             }
             Ok(())
         })?;
-        let grid = self.oracle.edge_grid(&self.sizing.by_cell());
+        let grid = self.oracle.edge_grid(&self.sizing.palette());
         let rows = (0..grid.rows()).into_par_iter().map(|row| {
             monitor.check_cancelled()?;
             let mut uncovered = 0;

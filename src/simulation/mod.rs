@@ -29,7 +29,7 @@ use crate::monitor::Monitor;
 use crate::panics;
 use crate::refine::podm::{Refinement, refine_with};
 use crate::refine::rules::Rules;
-use crate::refine::team::Schedule;
+use crate::refine::team::RefineOptions;
 use crate::sync::virtual_time;
 use crate::{Error, Result};
 use course::{Mark, STEADY};
@@ -54,7 +54,7 @@ pub struct Simulated {
     pub tally: Tally,
 }
 
-/// Refines as [`refine`](crate::refine::refine) does, with `schedule.threads` workers on a
+/// Refines as [`refine`](crate::refine::refine) does, with `options.threads` workers on a
 /// simulated platform: worker i on core i of the machine.
 ///
 /// # Errors
@@ -62,11 +62,11 @@ pub struct Simulated {
 /// workers than cores; [`Error::OutOfMemory`] also when there is none for a stack.
 pub fn simulate(
     rules: &Rules<'_>,
-    schedule: &Schedule,
+    options: &RefineOptions,
     platform: &Platform,
     monitor: &Monitor<'_>,
 ) -> Result<Simulated> {
-    let (workers, cores) = (schedule.threads, platform.machine.total_cores());
+    let (workers, cores) = (options.threads, platform.machine.total_cores());
     if workers > cores {
         return Err(Error::InvalidArgument(format!(
             "{workers} workers are simulated on a machine of {cores} cores"
@@ -75,7 +75,7 @@ pub fn simulate(
     probe::exchange(Some(World::new(platform, workers)));
     let ran = panics::catch(|| {
         virtual_time::run(|| {
-            let refined = refine_with(rules, schedule, monitor, &SimProbe::new);
+            let refined = refine_with(rules, options, monitor, &SimProbe::new);
             (refined, virtual_time::now())
         })
     });

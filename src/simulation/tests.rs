@@ -20,7 +20,7 @@ use crate::parallel::machine::Machine;
 use crate::params::{Algorithm, Begging, Contention, MeshParams};
 use crate::refine::activity::Doing;
 use crate::refine::rules::Rules;
-use crate::refine::team::Schedule;
+use crate::refine::team::RefineOptions;
 use crate::refine::{examine, refine};
 
 struct Subject {
@@ -93,10 +93,10 @@ impl Subject {
     fn simulate(
         &self,
         what: &str,
-        schedule: &Schedule,
+        options: &RefineOptions,
         platform: &Platform,
     ) -> (Simulated, Vec<[u32; 4]>) {
-        self.with_rules(what, |rules| simulate(rules, schedule, platform, &Monitor::silent()))
+        self.with_rules(what, |rules| simulate(rules, options, platform, &Monitor::silent()))
     }
 }
 
@@ -111,11 +111,11 @@ fn platform(nodes: usize) -> Platform {
     }
 }
 
-fn schedule(platform: &Platform) -> Schedule {
-    Schedule {
+fn options(platform: &Platform) -> RefineOptions {
+    RefineOptions {
         threads: platform.machine.total_cores(),
         machine: platform.machine.clone(),
-        ..Schedule::solo()
+        ..RefineOptions::solo()
     }
 }
 
@@ -123,10 +123,10 @@ fn schedule(platform: &Platform) -> Schedule {
 fn two_runs_are_the_same() {
     let (subject, platform) = (Subject::octants(0.8), platform(4));
     for algorithm in [Algorithm::Podm, Algorithm::Lapd] {
-        let schedule = Schedule { algorithm, ..schedule(&platform) };
+        let options = RefineOptions { algorithm, ..options(&platform) };
         let what = format!("{algorithm:?}");
-        let (one, tets) = subject.simulate(&what, &schedule, &platform);
-        let (other, other_tets) = subject.simulate(&what, &schedule, &platform);
+        let (one, tets) = subject.simulate(&what, &options, &platform);
+        let (other, other_tets) = subject.simulate(&what, &options, &platform);
         assert!(tets == other_tets, "{what}: two meshes");
         assert_eq!(
             (one.seconds, &one.course, one.tally),
@@ -146,16 +146,17 @@ fn two_runs_are_the_same() {
 fn one_worker_does_what_a_lone_thread_does() {
     let (subject, one) =
         (Subject::octants(0.8), Platform { machine: Machine::one_node(1), ..platform(1) });
-    let (real, tets) =
-        subject.with_rules("real", |rules| refine(rules, &Schedule::solo(), &Monitor::silent()));
-    let (simulated, simulated_tets) = subject.simulate("simulated", &Schedule::solo(), &one);
+    let (real, tets) = subject
+        .with_rules("real", |rules| refine(rules, &RefineOptions::solo(), &Monitor::silent()));
+    let (simulated, simulated_tets) = subject.simulate("simulated", &RefineOptions::solo(), &one);
     assert!(tets == simulated_tets);
     assert_eq!(real.counters, simulated.refinement.counters);
     assert_eq!(real.work, simulated.refinement.work);
     assert!(simulated.seconds > 0.0);
     // Costs are all that time is made of.
     let costs = Costs { slowdown: 2.0, ..one.costs };
-    let (slower, _) = subject.simulate("slower", &Schedule::solo(), &Platform { costs, ..one });
+    let (slower, _) =
+        subject.simulate("slower", &RefineOptions::solo(), &Platform { costs, ..one });
     let ratio = slower.seconds / simulated.seconds;
     assert!((ratio - 2.0).abs() < 1e-6, "{ratio}");
 }
@@ -178,9 +179,9 @@ fn many_workers_make_sound_meshes_under_every_manager() {
                         "subject {number}, {nodes} nodes, {contention:?}, {algorithm:?}, \
                          {begging:?}"
                     );
-                    let schedule =
-                        Schedule { contention, algorithm, begging, ..schedule(&platform) };
-                    let (run, _) = subject.simulate(&what, &schedule, &platform);
+                    let options =
+                        RefineOptions { contention, algorithm, begging, ..options(&platform) };
+                    let (run, _) = subject.simulate(&what, &options, &platform);
                     let threads = &run.refinement.threads;
                     assert_eq!(threads.len(), 4 * nodes, "{what}");
                     for thread in threads {
@@ -209,7 +210,7 @@ fn the_steady_state_is_the_middle_of_a_run() {
     let (subject, platform) = (Subject::octants(0.6), platform(4));
     let workers = platform.machine.total_cores() as f64;
     let run = subject
-        .simulate("steady", &Schedule { timeline: true, ..schedule(&platform) }, &platform)
+        .simulate("steady", &RefineOptions { timeline: true, ..options(&platform) }, &platform)
         .0;
     let (steady, all) = (run.steady(), run.mark_at(1.0));
     assert_eq!((all.seconds, all.made), (run.seconds, run.tally.fills));
@@ -230,7 +231,7 @@ fn far_data_and_full_routers_cost_time() {
     let seconds = |hop: f64, service: f64| {
         let network = Network { hop, levels: vec![Level { nodes: 4, service }] };
         let run =
-            subject.simulate("network", &schedule(&base), &Platform { network, ..base.clone() }).0;
+            subject.simulate("network", &options(&base), &Platform { network, ..base.clone() }).0;
         (run.seconds, run.traffic.iter().map(|one| one.queue_seconds).sum::<f64>())
     };
     let (near, (far, _), (full, queue)) =
@@ -242,11 +243,11 @@ fn far_data_and_full_routers_cost_time() {
 #[test]
 fn more_workers_than_cores_are_refused() {
     let (subject, one) = (Subject::octants(2.0), platform(1));
-    let schedule = Schedule { threads: 5, ..Schedule::solo() };
+    let options = RefineOptions { threads: 5, ..RefineOptions::solo() };
     subject.with_rules("refused", |rules| {
-        let error = simulate(rules, &schedule, &one, &Monitor::silent()).unwrap_err();
+        let error = simulate(rules, &options, &one, &Monitor::silent()).unwrap_err();
         assert!(error.to_string().contains("5 workers"), "{error}");
-        refine(rules, &Schedule::solo(), &Monitor::silent())
+        refine(rules, &RefineOptions::solo(), &Monitor::silent())
     });
 }
 
@@ -267,8 +268,9 @@ fn two_workers_are_as_fast_as_was_measured() {
     let two =
         Platform { machine: Machine::one_node(2), network: Network::of_hops(0.0), ..platform(1) };
     let run = |threads| {
-        let schedule = Schedule { threads, machine: two.machine.clone(), ..Schedule::solo() };
-        let (run, tets) = subject.simulate("abdomen", &schedule, &two);
+        let options =
+            RefineOptions { threads, machine: two.machine.clone(), ..RefineOptions::solo() };
+        let (run, tets) = subject.simulate("abdomen", &options, &two);
         tets.len() as f64 / run.seconds
     };
     let speedup = run(2) / run(1);

@@ -3,7 +3,7 @@
 use lapd::Error;
 use lapd::image::phantom::{ball, ball_volume, sampled};
 use lapd::image::{Frame, LabelImage, Voxels};
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::{MeshParams, SurfaceModel};
 
@@ -16,7 +16,7 @@ fn each_model(
     image: &LabelImage,
     params: &MeshParams,
     most_unmet: f64,
-    mut check: impl FnMut(&Meshing, SurfaceModel),
+    mut check: impl FnMut(&MeshResult, SurfaceModel),
 ) {
     for surface in MODELS {
         let start = std::time::Instant::now();

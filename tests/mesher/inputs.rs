@@ -9,7 +9,7 @@ use lapd::image::phantom::ball_volume;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
 use lapd::mesh::TetMesh;
 use lapd::mesh::certificate::DefectKind;
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::{MeshParams, SurfaceModel};
 
@@ -48,7 +48,7 @@ fn farthest(mesh: &TetMesh, sides: [i32; 2], distance: impl Fn(DVec3) -> f64) ->
     between.flat_map(|(facet, _)| facet).map(|&v| distance(mesh.point(v)).abs()).fold(0.0, f64::max)
 }
 
-fn assert_volume(meshing: &Meshing, label: i32, expected: f64, tolerance: f64) {
+fn assert_volume(meshing: &MeshResult, label: i32, expected: f64, tolerance: f64) {
     let error = volumes(&meshing.mesh)[&label] / expected - 1.0;
     println!("volume of label {label}: {:+.3} %", 100.0 * error);
     assert!(error.abs() < tolerance, "volume of label {label} is off by {error}");
@@ -251,7 +251,7 @@ fn smoothing_takes_the_steps_of_a_coarse_ball() {
     let image = lapd::image::phantom::ball([24; 3], [1.0; 3], radius).unwrap();
     let plain = mesh(&image, &params(0.5));
     let smooth = mesh(&image, &MeshParams { sigma: 1.0, ..params(0.5) });
-    let mean = |meshing: &Meshing| {
+    let mean = |meshing: &MeshResult| {
         let mesh = &meshing.mesh;
         let distances: Vec<f64> =
             mesh.facets.iter().flatten().map(|&v| mesh.point(v).length()).collect();
@@ -289,10 +289,10 @@ fn what_does_not_fit_together_is_refused() {
         message(&scan, &MeshParams { keep: vec![9], ..params(1.0) })
             .starts_with("label 9 is to be kept")
     );
-    let islands = message(&scan, &MeshParams { least_voxels: 8, ..params(1.0) });
+    let small_components = message(&scan, &MeshParams { least_voxels: 8, ..params(1.0) });
     assert!(
-        islands
+        small_components
             .starts_with("components of fewer than 8 voxels can be left out of label images only"),
-        "{islands}"
+        "{small_components}"
     );
 }

@@ -23,7 +23,7 @@ use glam::DVec3;
 use lapd::image::LabelImage;
 use lapd::mesh::quality::{radius_edge_ratio, tet_circumradius, tet_volume, triangle_angles};
 use lapd::mesh::{NONE, TetMesh};
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::{Improve, MeshParams};
 
@@ -36,13 +36,13 @@ fn params(delta: f64) -> MeshParams {
 }
 
 /// Meshes without checking anything.
-fn run(image: &LabelImage, params: &MeshParams) -> Meshing {
+fn run(image: &LabelImage, params: &MeshParams) -> MeshResult {
     mesh_image(image, params, &Monitor::silent()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Meshes, and checks that the mesh is sound, that every bound of `params` holds, and that no rule
 /// is unmet: as refinement leaves it, and as improved.
-fn mesh(image: &LabelImage, params: &MeshParams) -> Meshing {
+fn mesh(image: &LabelImage, params: &MeshParams) -> MeshResult {
     let checked = |params: &MeshParams| {
         let meshing = run(image, params);
         assert_sound(&meshing);
@@ -55,7 +55,7 @@ fn mesh(image: &LabelImage, params: &MeshParams) -> Meshing {
 }
 
 /// Checks what holds for every mesh: the certificate's zeros, and that the arrays fit each other.
-fn assert_sound(meshing: &Meshing) {
+fn assert_sound(meshing: &MeshResult) {
     let (mesh, certificate) = (&meshing.mesh, &meshing.report.certificate);
     assert_eq!(certificate.non_delaunay_facets, 0, "facets that are not Delaunay");
     assert_eq!(certificate.inverted_tets, 0, "inverted tets");

@@ -3,7 +3,7 @@
 
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
-use lapd::mesher::Meshing;
+use lapd::mesher::MeshResult;
 use lapd::params::{MeshParams, SurfaceModel};
 
 use super::{boundary_topology, mesh, params, volumes};
@@ -25,7 +25,7 @@ struct Golden<'a> {
 
 /// Meshes and checks against the golden ranges. Every label of a phantom is one component, in the
 /// image and in the mesh: voxels and tets that touch in an edge or a vertex are joined.
-fn check(image: &LabelImage, params: &MeshParams, golden: &Golden<'_>) -> Meshing {
+fn check(image: &LabelImage, params: &MeshParams, golden: &Golden<'_>) -> MeshResult {
     let meshing = mesh(image, params);
     let (certificate, quality) = (&meshing.report.certificate, &meshing.report.quality);
     let found = volumes(&meshing.mesh);

@@ -10,7 +10,7 @@ use lapd::monitor::{CancelFlag, Level, Monitor, Phase, Progress, Step};
 use lapd::oracle::Oracle;
 use lapd::params::{MeshParams, SurfaceModel};
 use lapd::refine::rules::{Facets, Lookups, Rule, Rules};
-use lapd::refine::team::{Limits, Schedule};
+use lapd::refine::team::{Limits, RefineOptions};
 use lapd::refine::{examine, refine};
 
 use super::{params, run};
@@ -59,7 +59,7 @@ fn nothing_is_demanded_when_refinement_has_ended() {
         let [lower, upper] = oracle.bounds();
         let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
         let rules = Rules::new(&triangulation, &oracle, &params, image.labels()).unwrap();
-        let counters = refine(&rules, &Schedule::solo(), &Monitor::silent()).unwrap().counters;
+        let counters = refine(&rules, &RefineOptions::solo(), &Monitor::silent()).unwrap().counters;
         println!("{surface:?}: {counters:?}");
         assert!(counters.insertions > 1000);
         let order = triangulation.tets_by_place(|| Ok(())).unwrap();
@@ -85,7 +85,7 @@ fn a_demand_is_true_while_its_tets_are_as_they_were_seen() {
     let [lower, upper] = oracle.bounds();
     let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
     let coarse = Rules::new(&triangulation, &oracle, &params(2.6), image.labels()).unwrap();
-    refine(&coarse, &Schedule::solo(), &Monitor::silent()).unwrap();
+    refine(&coarse, &RefineOptions::solo(), &Monitor::silent()).unwrap();
     let fine = Rules::new(&triangulation, &oracle, &params(0.8), image.labels()).unwrap();
     let (mut demands, mut of_two) = (0, 0);
     for t in triangulation.living_tets() {
@@ -127,7 +127,8 @@ fn what_stays_unmet_is_the_same_on_any_number_of_threads() {
     // Ended early, so that rules still apply.
     let limits = Limits { max_vertices: Some(5000), ..Limits::default() };
     let ended =
-        refine(&rules, &Schedule { limits, ..Schedule::solo() }, &Monitor::silent()).unwrap();
+        refine(&rules, &RefineOptions { limits, ..RefineOptions::solo() }, &Monitor::silent())
+            .unwrap();
     assert!(matches!(ended.ended_by, Some(Error::LimitReached(_))));
     let order = triangulation.tets_by_place(|| Ok(())).unwrap();
     let on = |threads| {
@@ -150,7 +151,7 @@ fn progress_is_monotone_and_complete() {
         mesh_image(&busy_image(), &params(0.7), &Monitor::new(Some(&mut record), None)).unwrap();
     assert!(seen.is_sorted_by(|a, b| a.phase <= b.phase && a.fraction <= b.fraction), "{seen:?}");
     assert!(seen.iter().all(|p| (0.0..=1.0).contains(&p.fraction)));
-    for phase in [Phase::Distance, Phase::Refine, Phase::Extract, Phase::Certify] {
+    for phase in [Phase::Prepare, Phase::Refine, Phase::Extract, Phase::Certify] {
         assert!(seen.iter().any(|p| p.phase == phase), "{phase:?} was not reported");
     }
     let last = seen.last().unwrap();
@@ -220,7 +221,7 @@ fn a_callback_cancels_at_any_report() {
 #[test]
 fn a_flag_cancels_in_every_phase() {
     let image = busy_image();
-    for phase in [Phase::Distance, Phase::Refine, Phase::Extract, Phase::Certify] {
+    for phase in [Phase::Prepare, Phase::Refine, Phase::Extract, Phase::Certify] {
         let flag = CancelFlag::default();
         let mut raise = |progress: Progress| {
             if progress.phase == phase {

@@ -4,14 +4,14 @@
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
 use lapd::mesh::DefectKind;
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::MeshParams;
 
 use super::{mesh, params};
 
 /// Every component of the image is one of the mesh, and bounded alike.
-fn assert_same_topology(meshing: &Meshing, what: &str) {
+fn assert_same_topology(meshing: &MeshResult, what: &str) {
     for row in &meshing.report.certificate.labels {
         let found =
             (row.components_mesh, row.euler_mesh, row.components_lost, row.components_merged);

@@ -11,14 +11,14 @@ use lapd::image::phantom::*;
 use lapd::mesh::certificate::Certificate;
 use lapd::mesh::extract::{Background, extract};
 use lapd::mesh::quality::Quality;
-use lapd::mesher::{Meshing, mesh_image};
+use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::{CancelFlag, Monitor, Progress};
 use lapd::oracle::Oracle;
 use lapd::params::{Contention, MeshParams};
 use lapd::refine::activity::Overhead;
 use lapd::refine::podm::Refinement;
 use lapd::refine::rules::Rules;
-use lapd::refine::team::Schedule;
+use lapd::refine::team::RefineOptions;
 use lapd::refine::{examine, refine};
 
 /// Seconds that a test may take, however slow the build; beyond, its threads hang.
@@ -122,19 +122,19 @@ impl Outcome {
     }
 }
 
-/// Refines under `schedule` and asserts all that holds for every run; `complete`: no limit ends it.
-pub fn outcome(subject: &Subject, schedule: &Schedule, complete: bool) -> Outcome {
+/// Refines under `options` and asserts all that holds for every run; `complete`: no limit ends it.
+pub fn outcome(subject: &Subject, options: &RefineOptions, complete: bool) -> Outcome {
     let Subject { name, image, oracle, params } = subject;
     let what = format!(
         "{name}, {} threads, {:?}, {:?}",
-        schedule.threads, schedule.contention, schedule.begging
+        options.threads, options.contention, options.begging
     );
     let monitor = Monitor::silent();
     let [lower, upper] = oracle.bounds();
     let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
     let rules = Rules::new(&triangulation, oracle, params, image.labels()).unwrap();
     let clock = Instant::now();
-    let refinement = refine(&rules, schedule, &monitor).unwrap_or_else(|e| panic!("{what}: {e}"));
+    let refinement = refine(&rules, options, &monitor).unwrap_or_else(|e| panic!("{what}: {e}"));
     let seconds = clock.elapsed().as_secs_f64();
     let mut order = triangulation.tets_by_place(|| Ok(())).unwrap();
     let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
@@ -219,7 +219,7 @@ pub fn mesh_reporting(
     params: MeshParams,
     report: &mut (dyn FnMut(Progress) -> bool + Send),
     flag: &CancelFlag,
-) -> (Result<Meshing, Error>, f64) {
+) -> (Result<MeshResult, Error>, f64) {
     let Subject { image, params: MeshParams { delta, .. }, .. } = large_subject();
     let params = MeshParams { delta: 0.5 * delta, size: delta, ..params };
     let mut report = |progress| report(progress);

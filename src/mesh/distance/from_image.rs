@@ -9,7 +9,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::image_components::ImageComponents;
-use super::super::ledger::{Ledger, Sums};
+use super::super::keyed_sums::{KeyedSums, Sums};
 use super::super::triangle_bins::{Nearest, Triangle, TriangleBins};
 use super::super::voxel_faces::{BRICK, Face, VoxelFaces};
 use super::{CHECK_EVERY, Distance, Max, Sum, spread};
@@ -296,7 +296,7 @@ pub(super) fn image_to_mesh(
     let parts = (0..ny * nz).into_par_iter().map_init(scratch, |(targets, corners), row| {
         monitor.advance(1)?;
         let mut whole = [Sum::default(); 2];
-        let mut ledgers = [Ledger::default(), Ledger::default()];
+        let mut keyed_sums = [KeyedSums::default(), KeyedSums::default()];
         for brick in (nx * row..nx * (row + 1)).filter(|&brick| faces.has_faces(brick)) {
             monitor.advance(0)?;
             targets.collect([brick % nx, row % ny, row / ny], faces, components, reach);
@@ -370,10 +370,10 @@ pub(super) fn image_to_mesh(
                 for (side, best) in target.sides.into_iter().zip(of_sides) {
                     if let Some((component, _)) = side {
                         let sums = measure(best, side, &maxima[component as usize]);
-                        ledgers
+                        keyed_sums
                             .iter_mut()
                             .zip(sums)
-                            .for_each(|(ledger, sum)| ledger.add(component.into(), sum));
+                            .for_each(|(keyed_sums, sum)| keyed_sums.add(component.into(), sum));
                     }
                 }
             }
@@ -392,7 +392,7 @@ pub(super) fn image_to_mesh(
                 }
             }
         }
-        Ok((whole, ledgers.map(Ledger::sums)))
+        Ok((whole, keyed_sums.map(KeyedSums::sums)))
     });
     let (wholes, sums): (Vec<[Sum; 2]>, Vec<[Sums<Sum>; 2]>) =
         parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
@@ -400,7 +400,7 @@ pub(super) fn image_to_mesh(
         sums.into_iter().map(<(_, _)>::from).unzip();
     let measured = |which: usize, sums, max: fn(&Maxima) -> &Max| {
         let whole = Sum { max: max(&maximum).get(), ..wholes.iter().map(|sums| sums[which]).sum() };
-        let mut of_components = spread(Ledger::total(sums), components.list.len())?;
+        let mut of_components = spread(KeyedSums::total(sums), components.list.len())?;
         of_components.iter_mut().zip(&maxima).for_each(|(sum, maxima)| sum.max = max(maxima).get());
         Ok((whole.distance(), of_components))
     };

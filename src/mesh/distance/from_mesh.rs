@@ -4,9 +4,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::grid_corners::Corners;
-use super::super::ledger::{Ledger, Sums};
-use super::super::sets::NO_SET;
+use super::super::keyed_sums::{KeyedSums, Sums};
 use super::super::triangle_bins::Triangle;
+use super::super::union_find::NO_SET;
 use super::super::voxel_faces::{Face, VoxelFaces};
 use super::{CHECK_EVERY, CHUNK, Distance, PART, Sum, TOLERANCE};
 use crate::Result;
@@ -35,7 +35,7 @@ pub(super) fn mesh_to_image(
     let spacing = faces.smallest_spacing();
     let parts = triangles.par_chunks(CHUNK).map(|triangles| {
         let mut whole = Sum::default();
-        let mut ledger = Ledger::default();
+        let mut keyed_sums = KeyedSums::default();
         let mut start = None;
         let mut corners = faces.corners_of_grid();
         // Of each sample in turn, rounded up.
@@ -102,17 +102,17 @@ pub(super) fn mesh_to_image(
             for (side, mut sum) in sides.iter().zip(of_sides) {
                 if let Some(side) = side {
                     sum += of_each;
-                    ledger.add(side.component, sum);
+                    keyed_sums.add(side.component, sum);
                 }
             }
         }
         monitor.advance(triangles.len())?;
-        Ok((whole, (ledger.sums(), distances)))
+        Ok((whole, (keyed_sums.sums(), distances)))
     });
     let (wholes, parts): (Vec<Sum>, Vec<_>) =
         parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
     let (sums, distances): (Vec<Sums<Sum>>, Vec<Vec<f32>>) = parts.into_iter().unzip();
-    let sums = Ledger::total(sums);
+    let sums = KeyedSums::total(sums);
     let sampled = wholes.into_iter().sum::<Sum>().distance();
     if sampled.max.is_infinite() {
         return Ok((sampled, sums));

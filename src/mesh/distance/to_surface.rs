@@ -3,9 +3,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::ledger::{Ledger, Sums};
-use super::super::sets::NO_SET;
+use super::super::keyed_sums::{KeyedSums, Sums};
 use super::super::triangle_bins::Triangle;
+use super::super::union_find::NO_SET;
 use super::{CHECK_EVERY, CHUNK, Distance, Sum};
 use crate::Result;
 use crate::monitor::Monitor;
@@ -24,7 +24,7 @@ pub(super) fn mesh_to_surface(
 ) -> Result<(Distance, Sums<Sum>)> {
     let parts = triangles.par_chunks(CHUNK).map(|triangles| {
         let mut whole = Sum::default();
-        let mut ledger = Ledger::default();
+        let mut keyed_sums = KeyedSums::default();
         for (t, triangle) in triangles.iter().enumerate() {
             if t.is_multiple_of(CHECK_EVERY) {
                 monitor.advance(0)?;
@@ -37,14 +37,14 @@ pub(super) fn mesh_to_surface(
             for component in
                 triangle.components.into_iter().filter(|&component| component != NO_SET)
             {
-                ledger.add(component.into(), sum);
+                keyed_sums.add(component.into(), sum);
             }
         }
-        Ok((whole, ledger.sums()))
+        Ok((whole, keyed_sums.sums()))
     });
     let (wholes, sums): (Vec<Sum>, Vec<Sums<Sum>>) =
         parts.collect::<Result<Vec<_>>>()?.into_iter().unzip();
-    Ok((wholes.into_iter().sum::<Sum>().distance(), Ledger::total(sums)))
+    Ok((wholes.into_iter().sum::<Sum>().distance(), KeyedSums::total(sums)))
 }
 
 /// Distance from the centroid of a facet to the nearest change of label that is found along its

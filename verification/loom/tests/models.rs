@@ -1,5 +1,5 @@
 //! Models of what workers do with each other: locks of tets and rollback, contention, begging and
-//! the end, stopping, stretches. Loom runs each in every order of steps with a bounded number of
+//! the end, stopping, ranges. Loom runs each in every order of steps with a bounded number of
 //! preemptions, and with every value that a load may see under the memory order that was asked for.
 //!
 //! # That they can fail
@@ -19,7 +19,7 @@
 //! | a beggar taken off the count of the idle after its gift | `begging_*` |
 //! | that count or the word of the end relaxed | `begging_*` |
 //! | `ready` raised before the gift is in the slot; a wake forgotten | `begging_*` |
-//! | `Stretches`: the longest stretch read twice | `stretches_*` |
+//! | `WorkRanges`: the longest range read twice | `work_ranges_*` |
 //!
 //! # What they cannot see
 //! Three workers with few steps each, not sixteen with millions; at most so many preemptions;
@@ -27,20 +27,20 @@
 //! that was read before it; wakes that are forgotten, and how long anything takes; the policies
 //! Random and Aggressive, which wait for nobody. Records of tets are a stand-in with the same order
 //! of accesses: `delaunay` itself is too large. The meeting of a team is one counter in
-//! `refine/team.rs`, whose wait is that of `Waiters`.
+//! `refine/team.rs`, whose wait is that of `Parking`.
 
 use loom::cell::UnsafeCell;
 use loom::sync::Arc;
 use loom::sync::atomic::{AtomicU32, AtomicUsize, Ordering::*};
 use loom::thread;
 
-use lapd_loom::ownership::{FREE, Holder, NOBODY, Owner, OwnerId};
+use lapd_loom::ownership::{Claim, FREE, Holder, NOBODY, Owner, OwnerId};
 use lapd_loom::parallel::begging::Begging;
 use lapd_loom::parallel::contention::{Contention, Streak};
-use lapd_loom::parallel::stretches::Stretches;
-use lapd_loom::parallel::topology::Levels;
-use lapd_loom::parallel::waiters::Waiters;
+use lapd_loom::parallel::parking::Parking;
 use lapd_loom::parallel::policy::Contention as Policy;
+use lapd_loom::parallel::topology::Levels;
+use lapd_loom::parallel::work_ranges::WorkRanges;
 
 /// Checks a model of `size` workers, the first of which is the model's own thread.
 fn check<S: Send + Sync + 'static>(
@@ -146,7 +146,7 @@ impl Ring {
     }
 
     fn claim(&self, slot: usize, me: OwnerId) -> bool {
-        self.pieces[slot].owner.claim(me) == Holder::Nobody
+        self.pieces[slot].owner.claim(me) == Claim::Acquired
     }
 
     fn release(&self, slot: usize) {
@@ -294,9 +294,9 @@ fn a_vertex_leads_from_a_free_slot_elsewhere() {
             }
             let star = ring.hint.load(Acquire);
             match ring.pieces[star as usize].owner.claim(me) {
-                Holder::Nobody => ring.release(star as usize),
-                Holder::Changed => assert_ne!(ring.hint.load(Acquire), star),
-                Holder::Own | Holder::Other(_) => {}
+                Claim::Acquired => ring.release(star as usize),
+                Claim::Stale => assert_ne!(ring.hint.load(Acquire), star),
+                Claim::Owned | Claim::Conflict(_) => {}
             }
         },
         Ring::check,
@@ -307,15 +307,15 @@ fn a_vertex_leads_from_a_free_slot_elsewhere() {
 
 struct Managed {
     contention: Contention,
-    waiters: Waiters,
+    parking: Parking,
 }
 
 impl Managed {
     fn new(policy: Policy, size: usize) -> Self {
-        let waiters = Waiters::new(size);
+        let parking = Parking::new(size);
         // All hear one bell, whoever registers them.
-        (0..size).for_each(|who| waiters.register(who));
-        Self { contention: Contention::new(policy, size), waiters }
+        (0..size).for_each(|who| parking.register(who));
+        Self { contention: Contention::new(policy, size), parking }
     }
 
     /// A worker that meets others, makes some progress after each, and then has no work left. How
@@ -325,12 +325,12 @@ impl Managed {
         let mut waits = 0;
         for &met in mets {
             waits +=
-                usize::from(self.contention.after_conflict(me, met, &mut streak, &self.waiters));
+                usize::from(self.contention.after_conflict(me, met, &mut streak, &self.parking));
             for _ in 0..2 {
-                self.contention.after_success(me, &mut streak, &self.waiters);
+                self.contention.after_success(me, &mut streak, &self.parking);
             }
         }
-        self.contention.leave(me, &self.waiters);
+        self.contention.leave(me, &self.parking);
         waits
     }
 }
@@ -399,7 +399,7 @@ impl Team {
 
     /// A worker with some tasks, who meets another at its first, as `refine/refiner.rs` does it.
     fn work(&self, me: usize, mut tasks: usize, mut met: Option<usize>, all: usize) {
-        let Managed { contention, waiters } = &self.managed;
+        let Managed { contention, parking } = &self.managed;
         let mut streak = Streak::new(me);
         loop {
             while tasks > 0 {
@@ -408,17 +408,17 @@ impl Team {
                     && let Some(beggar) = self.begging.take_beggar(me)
                 {
                     tasks -= 1;
-                    self.begging.give(beggar, 1, waiters);
+                    self.begging.give(beggar, 1, parking);
                 }
                 if let Some(met) = met.take() {
-                    contention.after_conflict(me, met, &mut streak, waiters);
+                    contention.after_conflict(me, met, &mut streak, parking);
                 }
                 self.done.fetch_add(1, Relaxed);
                 tasks -= 1;
-                contention.after_success(me, &mut streak, waiters);
+                contention.after_success(me, &mut streak, parking);
             }
-            contention.leave(me, waiters);
-            match self.begging.beg(me, waiters) {
+            contention.leave(me, parking);
+            match self.begging.beg(me, parking) {
                 Some(gift) => tasks = gift,
                 None => break,
             }
@@ -481,18 +481,18 @@ fn all_sent_is_done(
             managed: Managed::new(Policy::Aggressive, groups.len()),
             done: AtomicUsize::new(0),
         },
-        move |me, Shared { begging, managed: Managed { waiters, .. }, done }| {
+        move |me, Shared { begging, managed: Managed { parking, .. }, done }| {
             let (mut tasks, mut to) = (tasks[me], to[me]);
             loop {
                 while tasks > 0 {
                     done.fetch_add(1, Relaxed);
                     tasks -= 1;
                     if let Some(to) = to.take() {
-                        begging.send(to, 1, waiters);
+                        begging.send(to, 1, parking);
                     }
                     tasks += begging.open_inbox(me).unwrap_or(0);
                 }
-                match begging.beg(me, waiters) {
+                match begging.beg(me, parking) {
                     Some(gift) => tasks = gift,
                     None => break,
                 }
@@ -530,24 +530,24 @@ fn who_waits_is_stopped_and_finds_the_reason() {
                 reason: Guarded::default(),
             },
             |me, Shared { team, reason }| {
-                let Managed { contention, waiters } = &team.managed;
+                let Managed { contention, parking } = &team.managed;
                 match me {
                     0 => {
                         // A panic: it neither leaves nor begs.
                         reason.set(1);
-                        waiters.stop();
+                        parking.stop();
                         return;
                     }
                     1 => {
-                        contention.after_conflict(me, 0, &mut Streak::new(me), waiters);
+                        contention.after_conflict(me, 0, &mut Streak::new(me), parking);
                     }
                     _ => {
-                        contention.leave(me, waiters);
-                        assert_eq!(team.begging.beg(me, waiters), None);
-                        assert!(waiters.is_stopped());
+                        contention.leave(me, parking);
+                        assert_eq!(team.begging.beg(me, parking), None);
+                        assert!(parking.is_stopped());
                     }
                 }
-                if waiters.is_stopped() {
+                if parking.is_stopped() {
                     assert_eq!(reason.get(), 1);
                 }
             },
@@ -556,38 +556,38 @@ fn who_waits_is_stopped_and_finds_the_reason() {
     }
 }
 
-// ---- Stretches ----
+// ---- WorkRanges ----
 
-/// Worker 0 has a stretch of its own, and helps with that of the last worker, whose end is long
+/// Worker 0 has a range of its own, and helps with that of the last worker, whose end is long
 /// enough for that.
 fn all_taken_once(size: usize, own: usize, long: usize) {
     let entries = own + long;
     struct Shared {
-        stretches: Stretches,
+        work_ranges: WorkRanges,
         taken: Vec<AtomicUsize>,
     }
     check(
         size,
         move || Shared {
-            stretches: {
+            work_ranges: {
                 let others = std::iter::repeat_n(own..own, size - 2);
-                let stretches = std::iter::once(0..own).chain(others).chain([own..entries]);
-                Stretches::of_groups(stretches, vec![0; size])
+                let work_ranges = std::iter::once(0..own).chain(others).chain([own..entries]);
+                WorkRanges::of_groups(work_ranges, vec![0; size])
             },
             // One count for each sixteen entries: every block begins and ends at such.
             taken: (0..entries.div_ceil(16)).map(|_| AtomicUsize::new(0)).collect(),
         },
-        |me, Shared { stretches, taken }| {
-            while let Some(range) = stretches.take(me) {
+        |me, Shared { work_ranges, taken }| {
+            while let Some(range) = work_ranges.take(me) {
                 for count in &taken[range.start / 16..range.end / 16] {
                     count.fetch_add(1, Relaxed);
                 }
             }
-            assert_eq!(stretches.take(me), None, "there was something left");
+            assert_eq!(work_ranges.take(me), None, "there was something left");
         },
         |shared| {
             assert!(
-                shared.stretches.is_taken()
+                shared.work_ranges.is_taken()
                     && shared.taken.iter().all(|count| count.load(Relaxed) == 1)
             )
         },
@@ -595,11 +595,11 @@ fn all_taken_once(size: usize, own: usize, long: usize) {
 }
 
 #[test]
-fn stretches_of_two_are_taken_once() {
+fn work_ranges_of_two_are_taken_once() {
     all_taken_once(2, 32, 320);
 }
 
 #[test]
-fn stretches_of_three_are_taken_once() {
+fn work_ranges_of_three_are_taken_once() {
     all_taken_once(3, 0, 320);
 }

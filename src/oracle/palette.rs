@@ -2,13 +2,13 @@
 //! what follows from it.
 
 /// One of a few things for each cell; the same for all, where there is but one.
-pub struct ByCell<'a, T> {
+pub struct Palette<'a, T> {
     things: Vec<T>,
     /// Which one each cell has, as the voxels that cells begin with lie in memory.
     levels: Option<&'a [u8]>,
 }
 
-impl<'a, T> ByCell<'a, T> {
+impl<'a, T> Palette<'a, T> {
     /// One thing for all cells.
     pub fn uniform(thing: T) -> Self {
         Self { things: vec![thing], levels: None }
@@ -21,8 +21,8 @@ impl<'a, T> ByCell<'a, T> {
     }
 
     /// What follows from each thing.
-    pub fn map<U>(&self, follows: impl Fn(&T) -> U) -> ByCell<'a, U> {
-        ByCell { things: self.things.iter().map(follows).collect(), levels: self.levels }
+    pub fn map<U>(&self, follows: impl Fn(&T) -> U) -> Palette<'a, U> {
+        Palette { things: self.things.iter().map(follows).collect(), levels: self.levels }
     }
 
     /// That of the cell from the voxel at this address on.

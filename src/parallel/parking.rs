@@ -6,12 +6,12 @@ use crate::sync::{AtomicBool, Ordering::*, Waiter, wait_until};
 
 /// The threads of a team of workers.
 #[derive(Debug)]
-pub struct Waiters {
+pub struct Parking {
     threads: Vec<OnceLock<Waiter>>,
     stopped: AtomicBool,
 }
 
-impl Waiters {
+impl Parking {
     /// Places for `size` workers.
     pub fn new(size: usize) -> Self {
         Self {

@@ -23,12 +23,12 @@ pub(super) const NO_SET: u32 = u32::MAX;
 /// and of two threads that give a root a parent one fails and looks again; and the root of a set is
 /// its smallest number. Relaxed order suffices: the words carry no other data, and each is changed
 /// in one order that all threads agree on.
-pub(super) struct DisjointSets {
+pub(super) struct UnionFind {
     /// How far below a number its parent is; 0 for a root. Zeroed memory holds sets of one.
     steps: Vec<AtomicU32>,
 }
 
-impl DisjointSets {
+impl UnionFind {
     /// As many sets of one.
     ///
     /// # Errors
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn sets_joined_by_many_threads_at_once() {
         let count = 3 * CHUNK as u32;
-        let sets = DisjointSets::new(count as usize, "numbers").unwrap();
+        let sets = UnionFind::new(count as usize, "numbers").unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
         // Each thread joins x with x + 7, in another order: 7 sets remain.
         let (joins, numbered) = pool.install(|| {

@@ -25,7 +25,7 @@ use crate::memory::{parts, room, zeroed};
 
 /// Consecutive numbers of one piece of work, which has counters of its own: some hundred
 /// microseconds, between two questions whether to go on.
-const STRETCH: usize = 1 << 15;
+const PIECE: usize = 1 << 15;
 
 /// As many numbers come to a cell at least, on average; in the object, which fills a part of the
 /// box, some more.
@@ -83,10 +83,10 @@ impl Triangulation {
         let block = |own: u32| ((own - 1) >> low) as usize;
         let blocks = 1 << (3 * bits - low);
         let counts =
-            cells.par_chunks_mut(STRETCH).enumerate().with_max_len(1).map(|(stretch, cells)| {
+            cells.par_chunks_mut(PIECE).enumerate().with_max_len(1).map(|(piece, cells)| {
                 go_on()?;
                 let mut counts: Vec<u32> = zeroed(blocks, "blocks of cells")?;
-                for (own, number) in cells.iter_mut().zip((stretch * STRETCH) as u32..) {
+                for (own, number) in cells.iter_mut().zip((piece * PIECE) as u32..) {
                     if let Some(p) = place(number) {
                         *own = 1 + cell(p);
                         counts[block(*own)] += 1;
@@ -105,11 +105,11 @@ impl Triangulation {
         }
         // Relaxed: each is written by one thread, and the pass is joined before they are read.
         let mut sorted: Vec<AtomicU32> = zeroed(end as usize, "tets by place")?;
-        let stretches = cells.par_chunks(STRETCH).zip(starts).enumerate().with_max_len(1);
-        stretches.try_for_each(|(stretch, (cells, mut starts))| {
+        let pieces = cells.par_chunks(PIECE).zip(starts).enumerate().with_max_len(1);
+        pieces.try_for_each(|(piece, (cells, mut starts))| {
             go_on()?;
             for (&own, number) in
-                cells.iter().zip((stretch * STRETCH) as u32..).filter(|&(&own, _)| own > 0)
+                cells.iter().zip((piece * PIECE) as u32..).filter(|&(&own, _)| own > 0)
             {
                 let at = &mut starts[block(own)];
                 sorted[*at as usize].store(number, Relaxed);

@@ -1,9 +1,9 @@
 //! What the boundaries of the parts of a mesh are around one vertex, and along the edges from it;
-//! see `sheets`.
+//! see `boundary_surface`.
 
-use super::ledger::Ledger;
+use super::boundary_surface::Pinch;
+use super::keyed_sums::KeyedSums;
 use super::mesh_components::MeshComponents;
-use super::sheets::Pinch;
 use super::{NONE, TetMesh};
 
 /// Most tets around an edge that are gone through; a sound mesh has some ten.
@@ -28,7 +28,7 @@ struct Side {
 }
 
 /// Looks at one vertex after the other, and keeps what it finds. The tables are room to work in.
-pub(super) struct Umbrellas<'m> {
+pub(super) struct VertexLinks<'m> {
     mesh: &'m TetMesh,
     parts: &'m MeshComponents,
     /// Edges where the boundary of some label is open.
@@ -36,7 +36,7 @@ pub(super) struct Umbrellas<'m> {
     pub pinches: Vec<Pinch>,
     pub touches: Vec<Touch>,
     /// The Euler characteristic of the boundary of each part, just inside of it.
-    pub euler: Ledger<i64>,
+    pub euler: KeyedSums<i64>,
     /// The facets of the vertex.
     facets: Vec<u32>,
     /// The edge of each facet that is across from the vertex.
@@ -50,18 +50,18 @@ pub(super) struct Umbrellas<'m> {
     parents: Vec<u32>,
     /// The labels whose boundary touches itself along an edge of the vertex.
     pinched: Vec<i32>,
-    /// A side of each umbrella.
+    /// A side of each cycle of facets.
     tops: Vec<Side>,
     /// Tets at the vertex that are joined to each other there.
     cone: Vec<u32>,
 }
 
-impl<'m> Umbrellas<'m> {
+impl<'m> VertexLinks<'m> {
     pub fn new(mesh: &'m TetMesh, parts: &'m MeshComponents) -> Self {
         let (facets, edges, sides, parents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (pinches, touches, pinched, tops, cone) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let euler = Ledger::default();
+        let euler = KeyedSums::default();
         Self {
             mesh,
             parts,
@@ -80,7 +80,7 @@ impl<'m> Umbrellas<'m> {
         }
     }
 
-    /// Counts at vertex `v`, whose facets are given, its umbrellas, and the edges and facets of
+    /// Counts at vertex `v`, whose facets are given, its cycles, and the edges and facets of
     /// which it is the smallest vertex.
     pub fn look_at(&mut self, v: u32, facets: impl Iterator<Item = u32>) {
         self.facets.clear();
@@ -197,7 +197,7 @@ impl<'m> Umbrellas<'m> {
             // tets has around `v`.
             let (mut parts, mut around) = (Vec::new(), 0);
             for top in tops {
-                // The first umbrella of a cone makes a disk, each further one a hole in it.
+                // The first cycle of a cone makes a disk, each further one a hole in it.
                 let Some(t) = self.tet(top.node) else { continue };
                 if self.cone.contains(&t) {
                     self.add(top.node, -1);

@@ -1,16 +1,16 @@
 //! Sums by key, gathered in parallel.
 //!
-//! Each piece of work keeps a ledger of its own. Entries of one key are added up in the order in
-//! which they came, pieces in their order: equal input gives equal bits, whatever the number of
+//! Each piece of work keeps sums of its own. Entries of one key are added up in the order
+//! in which they came, pieces in their order: equal input gives equal bits, whatever the number of
 //! threads. Cost: two comparisons for an entry of the same key as one of the two before, a sort of
 //! the others.
 
 use std::ops::AddAssign;
 
 /// Entries of one piece of work.
-pub(super) struct Ledger<T>(Vec<(u64, T)>);
+pub(super) struct KeyedSums<T>(Vec<(u64, T)>);
 
-impl<T> Default for Ledger<T> {
+impl<T> Default for KeyedSums<T> {
     fn default() -> Self {
         Self(Vec::new())
     }
@@ -19,7 +19,7 @@ impl<T> Default for Ledger<T> {
 /// The sums, in increasing order of key.
 pub(super) type Sums<T> = Vec<(u64, T)>;
 
-impl<T: AddAssign + Copy> Ledger<T> {
+impl<T: AddAssign + Copy> KeyedSums<T> {
     /// Adds `value` to the sum of `key`.
     #[inline]
     pub fn add(&mut self, key: u64, value: T) {
@@ -58,13 +58,13 @@ mod tests {
     #[test]
     fn sums_by_key() {
         let sums = |entries: &[(u64, i64)]| {
-            let mut ledger = Ledger::default();
-            entries.iter().for_each(|&(key, value)| ledger.add(key, value));
-            ledger.sums()
+            let mut keyed_sums = KeyedSums::default();
+            entries.iter().for_each(|&(key, value)| keyed_sums.add(key, value));
+            keyed_sums.sums()
         };
         let pieces =
             vec![sums(&[(3, 1), (3, 1), (1, 5), (3, 10)]), sums(&[]), sums(&[(1, -5), (0, 7)])];
         assert_eq!(pieces[0], [(1, 5), (3, 12)]);
-        assert_eq!(Ledger::total(pieces), [(0, 7), (1, 0), (3, 12)]);
+        assert_eq!(KeyedSums::total(pieces), [(0, 7), (1, 0), (3, 12)]);
     }
 }

@@ -1,8 +1,8 @@
-//! A list that all workers work off. Each begins with a stretch of its own, so that what lies
-//! together in the list is done by one worker, and takes from the ends of others' stretches when
+//! A list that all workers work off. Each begins with a range of its own, so that what lies
+//! together in the list is done by one worker, and takes from the ends of others' ranges when
 //! its own is done. Where workers are in groups, each takes from those of its own group alone.
 //!
-//! Nobody helps with the last of a stretch: many workers would crowd around what lies together
+//! Nobody helps with the last of a range: many workers would crowd around what lies together
 //! there, and wait for each other longer than its own worker needs.
 
 use std::ops::Range;
@@ -12,13 +12,13 @@ use crate::sync::{AtomicU64, Ordering::Relaxed};
 /// Entries that a worker takes at once.
 const BLOCK: usize = 32;
 
-/// Entries up to which a stretch is left to its own worker.
+/// Entries up to which a range is left to its own worker.
 const OWN: usize = 8 * BLOCK;
 
 /// What is left to do.
 #[derive(Debug)]
-pub struct Stretches {
-    /// Of each worker's stretch: first entry, and the one after the last in the upper half.
+pub struct WorkRanges {
+    /// Of each worker's range: first entry, and the one after the last in the upper half.
     left: Vec<AtomicU64>,
     /// The group of each worker.
     groups: Vec<usize>,
@@ -34,7 +34,7 @@ fn unpack(word: u64) -> Range<usize> {
     word as u32 as usize..(word >> 32) as usize
 }
 
-impl Stretches {
+impl WorkRanges {
     /// Divides a range, of numbers below 2^32, among `size` workers of one group.
     pub fn new(range: Range<usize>, size: usize) -> Self {
         let at =
@@ -42,9 +42,10 @@ impl Stretches {
         Self::of_groups((0..size).map(|part| at(part)..at(part + 1)), vec![0; size])
     }
 
-    /// A stretch, of numbers below 2^32, for each worker, and the group of each.
-    pub fn of_groups(stretches: impl Iterator<Item = Range<usize>>, groups: Vec<usize>) -> Self {
-        let left: Vec<AtomicU64> = stretches.map(|stretch| AtomicU64::new(pack(stretch))).collect();
+    /// A range, of numbers below 2^32, for each worker, and the group of each.
+    pub fn of_groups(work_ranges: impl Iterator<Item = Range<usize>>, groups: Vec<usize>) -> Self {
+        let left: Vec<AtomicU64> =
+            work_ranges.map(|work_range| AtomicU64::new(pack(work_range))).collect();
         debug_assert_eq!(left.len(), groups.len());
         Self { active: left.len(), left, groups }
     }
@@ -86,7 +87,7 @@ impl Stretches {
             let group = || (0..self.left.len()).filter(|&who| self.groups[who] == self.groups[me]);
             let left = |who: usize| (unpack(self.left[who].load(Relaxed)).len(), who);
             // Another worker may be faster: then there is another longest, until none is long. Each
-            // is read once: stretches only shrink, so those that are all found short are.
+            // is read once: ranges only shrink, so those that are all found short are.
             loop {
                 let (_, longest) = group().map(left).max().filter(|&(entries, _)| entries > OWN)?;
                 let from =
@@ -100,7 +101,7 @@ impl Stretches {
         })
     }
 
-    /// Takes a part of a stretch. Relaxed: the words say who does what, and publish nothing.
+    /// Takes a part of a range. Relaxed: the words say who does what, and publish nothing.
     fn take_of(
         &self,
         who: usize,
@@ -133,12 +134,12 @@ mod tests {
 
     #[test]
     fn every_entry_is_taken_once() {
-        let stretches = Stretches::new(5..10_000, 3);
+        let work_ranges = WorkRanges::new(5..10_000, 3);
         let taken = std::thread::scope(|scope| {
             let work = |me| {
-                let stretches = &stretches;
+                let work_ranges = &work_ranges;
                 scope.spawn(move || {
-                    std::iter::from_fn(|| stretches.take(me)).flatten().collect::<Vec<_>>()
+                    std::iter::from_fn(|| work_ranges.take(me)).flatten().collect::<Vec<_>>()
                 })
             };
             let workers = [work(0), work(1), work(2)];
@@ -152,9 +153,9 @@ mod tests {
     #[test]
     fn groups_do_each_their_own() {
         let parts = [10..40, 40..200, 200..201, 201..700];
-        let stretches = Stretches::of_groups(parts.into_iter(), vec![0, 1, 1, 0]);
+        let work_ranges = WorkRanges::of_groups(parts.into_iter(), vec![0, 1, 1, 0]);
         let take_all =
-            |me| std::iter::from_fn(|| stretches.take(me)).flatten().collect::<Vec<usize>>();
+            |me| std::iter::from_fn(|| work_ranges.take(me)).flatten().collect::<Vec<usize>>();
         let mut first = take_all(0);
         first.sort_unstable();
         // It helps until what is left is for its own worker.
@@ -165,6 +166,6 @@ mod tests {
 
     #[test]
     fn an_empty_list_has_nothing_to_take() {
-        assert_eq!(Stretches::new(7..7, 4).take(2), None);
+        assert_eq!(WorkRanges::new(7..7, 4).take(2), None);
     }
 }

@@ -6,19 +6,19 @@
 //! (genus) for each piece of it. It is counted on the boundary facets, V - E + F. At an edge the
 //! surface passes once through each wedge of the part's tets; which of its facets bound one wedge
 //! is found out, where there are more than two, by going around the edge from tet to tet. At a
-//! vertex the part's facets form cycles, *umbrellas*; where the tets there are joined across their
-//! facets at the vertex to a cone with n umbrellas, the surface passes through it as a disk with n
+//! vertex the part's facets form *cycles*; where the tets there are joined across their
+//! facets at the vertex to a cone with n cycles, the surface passes through it as a disk with n
 //! - 1 holes, which counts 2 - n: mostly 1.
 //!
 //! **Touching.** The union of a component's closed tets is another solid: there wedges that meet in
-//! an edge are one, cones that meet in a vertex too, and so is a cone with several umbrellas around
+//! an edge are one, cones that meet in a vertex too, and so is a cone with several cycles around
 //! its vertex. Its characteristic, twice V - E + F - T, is that of the boundary, and at each such
 //! vertex 2 (1 - c), at each such edge 2 (c - 1) more: c is the characteristic of what the solid
-//! just inside of the tets has around there, 2 - n for a cone with n umbrellas and 1 for a wedge.
+//! just inside of the tets has around there, 2 - n for a cone with n cycles and 1 for a wedge.
 //! Parts that meet in such places are one component.
 //!
 //! A place where a label's boundary is no surface is a *pinch*: an edge with more than two of its
-//! facets, or a vertex, at no such edge, with more than one umbrella. An edge where the boundary of
+//! facets, or a vertex, at no such edge, with more than one cycle. An edge where the boundary of
 //! a label (0 included) has an odd number of facets is *open*: the boundary of a union of tets has
 //! none.
 //!
@@ -30,9 +30,9 @@ use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 use rayon::prelude::*;
 
 use super::TetMesh;
-use super::ledger::Sums;
+use super::keyed_sums::Sums;
 use super::mesh_components::MeshComponents;
-use super::umbrellas::{Touch, Umbrellas};
+use super::vertex_links::{Touch, VertexLinks};
 use crate::Result;
 use crate::memory::{filled, zeroed};
 use crate::monitor::Monitor;
@@ -58,7 +58,7 @@ impl Pinch {
 
 /// What is measured on the boundaries of components.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Sheets {
+pub struct BoundarySurfaces {
     /// Edges where the boundary of some label is open.
     pub open_edges: u64,
     /// The Euler characteristic of the boundary of each component: twice that of the union of its
@@ -68,7 +68,7 @@ pub struct Sheets {
     pub pinches: Vec<Pinch>,
 }
 
-impl Sheets {
+impl BoundarySurfaces {
     /// Measures the boundaries of the parts of a mesh, and joins those that touch to `components`.
     ///
     /// # Errors
@@ -108,19 +108,19 @@ impl Parts {
         let (ends, stars) = facets_of_vertices(mesh, monitor)?;
         let measure = |chunk: usize| {
             monitor.advance(CHUNK)?;
-            let mut umbrellas = Umbrellas::new(mesh, parts);
+            let mut vertex_links = VertexLinks::new(mesh, parts);
             let mut start = if chunk == 0 { 0 } else { ends[chunk * CHUNK - 1].load(Relaxed) };
             for v in chunk * CHUNK..((chunk + 1) * CHUNK).min(mesh.points.len()) {
                 let end = ends[v].load(Relaxed);
                 if start < end {
-                    umbrellas.look_at(
+                    vertex_links.look_at(
                         v as u32,
                         stars[start..end].iter().map(|facet| facet.load(Relaxed)),
                     );
                 }
                 start = end;
             }
-            let Umbrellas { open_edges, pinches, touches, euler, .. } = umbrellas;
+            let VertexLinks { open_edges, pinches, touches, euler, .. } = vertex_links;
             Ok((Self { open_edges, pinches, touches, euler: Vec::new() }, euler.sums()))
         };
         let chunks = (0..mesh.points.len().div_ceil(CHUNK)).into_par_iter();
@@ -182,11 +182,11 @@ mod tests {
     use super::*;
     use crate::image::{Frame, LabelImage};
 
-    fn measured(mesh: &TetMesh, image: &LabelImage) -> (Sheets, MeshComponents) {
+    fn measured(mesh: &TetMesh, image: &LabelImage) -> (BoundarySurfaces, MeshComponents) {
         let monitor = Monitor::silent();
         let of_image = ImageComponents::new(image, &monitor).unwrap();
         let mut of_mesh = MeshComponents::new(mesh, image, &of_image, &monitor).unwrap();
-        (Sheets::measure(mesh, &mut of_mesh, &monitor).unwrap(), of_mesh)
+        (BoundarySurfaces::measure(mesh, &mut of_mesh, &monitor).unwrap(), of_mesh)
     }
 
     fn measured_by_part(mesh: &TetMesh, image: &LabelImage) -> (Parts, MeshComponents) {
@@ -202,7 +202,10 @@ mod tests {
         measured_by_part(&testing::kuhn_box(dims, [1.0; 3], label), &image).0.euler
     }
 
-    fn of_voxels(dims: [usize; 3], label: impl Fn(usize, usize, usize) -> i32 + Copy) -> Sheets {
+    fn of_voxels(
+        dims: [usize; 3],
+        label: impl Fn(usize, usize, usize) -> i32 + Copy,
+    ) -> BoundarySurfaces {
         let image = testing::image(dims, Frame::axis_aligned([1.0; 3]).unwrap(), label);
         measured(&testing::kuhn_box(dims, [1.0; 3], label), &image).0
     }
@@ -217,7 +220,8 @@ mod tests {
         ) {
             let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
             let image = testing::image(DIMS, Frame::axis_aligned([1.0; 3]).unwrap(), label);
-            let (sheets, components) = measured(&testing::kuhn_box(DIMS, [1.0; 3], label), &image);
+            let (surfaces, components) =
+                measured(&testing::kuhn_box(DIMS, [1.0; 3], label), &image);
             let of_image = ImageComponents::new(&image, &Monitor::silent()).unwrap();
             let first = |at: [usize; 3]| 6 * (at[0] + DIMS[0] * (at[1] + DIMS[1] * at[2])) as u32;
             let mut expected: Vec<_> =
@@ -226,7 +230,7 @@ mod tests {
             let found: Vec<_> = components
                 .list
                 .iter()
-                .zip(&sheets.euler)
+                .zip(&surfaces.euler)
                 .map(|(c, &euler)| (c.first, c.tets.count, euler))
                 .collect();
             prop_assert_eq!(found, expected);
@@ -241,8 +245,8 @@ mod tests {
             let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
             let image = testing::image(DIMS, Frame::axis_aligned([1.0; 3]).unwrap(), label);
             let mesh = testing::kuhn_box(DIMS, [1.0; 3], label);
-            let (sheets, components) = measured_by_part(&mesh, &image);
-            let mut expected = vec![0_i64; sheets.euler.len()];
+            let (surfaces, components) = measured_by_part(&mesh, &image);
+            let mut expected = vec![0_i64; surfaces.euler.len()];
             for (cell, component) in
                 (0..values.len()).filter_map(|cell| Some((cell, components.of(6 * cell as u32)?)))
             {
@@ -261,8 +265,8 @@ mod tests {
                         if bricks.all(|same| same) { 2 * sign } else { 0 };
                 }
             }
-            prop_assert_eq!(sheets.euler, expected);
-            prop_assert_eq!(sheets.open_edges, 0);
+            prop_assert_eq!(surfaces.euler, expected);
+            prop_assert_eq!(surfaces.open_edges, 0);
             // An edge of the grid is pinched where two of the four voxels around it are of a label
             // and across from each other, and the others are not.
             let at = |[i, j, k]: [isize; 3]| {
@@ -296,16 +300,16 @@ mod tests {
                     edges += usize::from(touches);
                 }
             }
-            prop_assert_eq!(sheets.pinches.iter().filter(|pinch| pinch.is_edge()).count(), edges);
+            prop_assert_eq!(surfaces.pinches.iter().filter(|pinch| pinch.is_edge()).count(), edges);
         }
     }
 
     #[test]
     fn surfaces_that_everyone_knows() {
         let euler = |dims, label: fn(usize, usize, usize) -> i32| {
-            let sheets = of_voxels(dims, label);
-            assert_eq!((sheets.open_edges, sheets.pinches), (0, Vec::new()));
-            sheets.euler
+            let surfaces = of_voxels(dims, label);
+            assert_eq!((surfaces.open_edges, surfaces.pinches), (0, Vec::new()));
+            surfaces.euler
         };
         assert_eq!(euler([3; 3], |_, _, _| 1), [2], "a ball");
         assert_eq!(euler([3, 3, 1], |i, j, _| i32::from(!(i == 1 && j == 1))), [0], "a torus");
@@ -328,37 +332,41 @@ mod tests {
         // Two cubes with one edge in common, two with one vertex, and a ring of cubes closed by an
         // edge.
         let edge = |i: usize, j: usize, _: usize| i32::from(i == j);
-        let sheets = of_voxels([2, 2, 1], edge);
+        let surfaces = of_voxels([2, 2, 1], edge);
         assert_eq!(by_part([2, 2, 1], edge), [2, 2]);
         assert_eq!(
-            (sheets.euler, sheets.pinches),
+            (surfaces.euler, surfaces.pinches),
             (vec![2], vec![Pinch { ends: [4, 13], label: 1 }])
         );
         let corner = |i: usize, j: usize, k: usize| i32::from(i == j && j == k);
-        let sheets = of_voxels([2; 3], corner);
+        let surfaces = of_voxels([2; 3], corner);
         assert_eq!(by_part([2; 3], corner), [2, 2]);
         assert_eq!(
-            (sheets.euler, sheets.pinches),
+            (surfaces.euler, surfaces.pinches),
             (vec![2], vec![Pinch { ends: [13, 13], label: 1 }])
         );
         // Two cavities with a vertex in common are two; just inside, one surface goes around both.
         let cavities =
             |i: usize, j: usize, k: usize| i32::from([i, j, k] != [1; 3] && [i, j, k] != [2; 3]);
-        let sheets = of_voxels([4; 3], cavities);
+        let surfaces = of_voxels([4; 3], cavities);
         assert_eq!(by_part([4; 3], cavities), [4]);
         assert_eq!(
-            (sheets.euler, sheets.pinches),
+            (surfaces.euler, surfaces.pinches),
             (vec![6], vec![Pinch { ends: [62, 62], label: 1 }])
         );
         let ring = |i: usize, j: usize, _: usize| [[1, 1, 1], [1, 0, 2], [1, 1, 0]][j][i];
-        let sheets = of_voxels([3, 3, 1], ring);
-        assert_eq!((sheets.euler, sheets.pinches), (vec![2, 2], vec![]), "a bent bar and a cube");
+        let surfaces = of_voxels([3, 3, 1], ring);
+        assert_eq!(
+            (surfaces.euler, surfaces.pinches),
+            (vec![2, 2], vec![]),
+            "a bent bar and a cube"
+        );
         let closed =
             |i: usize, j: usize, _: usize| i32::from([[1, 1, 1], [1, 0, 1], [1, 1, 0]][j][i] == 1);
-        let sheets = of_voxels([3, 3, 1], closed);
+        let surfaces = of_voxels([3, 3, 1], closed);
         assert_eq!(by_part([3, 3, 1], closed), [2]);
         assert_eq!(
-            (sheets.euler, sheets.pinches),
+            (surfaces.euler, surfaces.pinches),
             (vec![0], vec![Pinch { ends: [10, 26], label: 1 }])
         );
     }
@@ -366,8 +374,8 @@ mod tests {
     #[test]
     fn many_labels_at_an_edge_are_closed() {
         // Cubes in a checkerboard of four labels and background meet in every way along edges.
-        let sheets = of_voxels([4, 4, 3], |i, j, k| ((i * 3 + j * 5 + k * 7 + i * j) % 5) as i32);
-        assert_eq!(sheets.open_edges, 0);
+        let surfaces = of_voxels([4, 4, 3], |i, j, k| ((i * 3 + j * 5 + k * 7 + i * j) % 5) as i32);
+        assert_eq!(surfaces.open_edges, 0);
     }
 
     #[test]

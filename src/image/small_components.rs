@@ -10,7 +10,7 @@ use crate::{Error, Result};
 
 /// A component of a label, of voxels joined with all 26 around them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Island {
+pub struct SmallComponent {
     /// Its label; never 0.
     pub label: i32,
     /// World position of the centre of its first voxel (x fastest).
@@ -45,11 +45,11 @@ impl LabelImage {
     /// # Errors
     /// [`Error::InvalidArgument`] for an image made of intensities or probabilities;
     /// [`Error::OutOfMemory`]; those of `go_on`.
-    pub fn without_islands(
+    pub fn without_small_components(
         &self,
         least: u64,
         go_on: impl Fn() -> Result<()>,
-    ) -> Result<(Self, Vec<Island>)> {
+    ) -> Result<(Self, Vec<SmallComponent>)> {
         if self.field().is_some() {
             return Err(Error::InvalidArgument(format!(
                 "components of fewer than {least} voxels can be left out of label images only, not \
@@ -60,7 +60,7 @@ impl LabelImage {
         let mut known = filled(self.ids().len(), Known::Nothing, "voxels of an image", &go_on)?;
         let mut ids = room(self.ids().len(), "voxels of an image")?;
         ids.extend_from_slice(self.ids());
-        let mut islands = Vec::new();
+        let mut small_components = Vec::new();
         let mut reached = Vec::new();
         for first in 0..self.ids().len() {
             if first % nx == 0 {
@@ -81,8 +81,8 @@ impl LabelImage {
                     (first / nx % ny) as f64,
                     (first / (nx * ny)) as f64,
                 );
-                reserve(&mut islands, 1, "small components")?;
-                islands.push(Island {
+                reserve(&mut small_components, 1, "small components")?;
+                small_components.push(SmallComponent {
                     label: self.labels()[usize::from(self.ids()[first])],
                     position: self.frame().to_world(center).to_array(),
                     voxels: reached.len() as u64,
@@ -90,7 +90,7 @@ impl LabelImage {
             }
         }
         let image = Self::from_ids(self.dims(), *self.frame(), ids, self.labels().to_vec())?;
-        Ok((image, islands))
+        Ok((image, small_components))
     }
 
     /// Reaches voxels of the component of `first` until there are no more, which is told, or it is
@@ -177,17 +177,17 @@ mod tests {
         })
         .unwrap();
         assert_eq!(image.voxel_counts(), [12 * 81 - 103, 99, 4]);
-        let (without, islands) = image.without_islands(2, || Ok(())).unwrap();
+        let (without, small_components) = image.without_small_components(2, || Ok(())).unwrap();
         assert_eq!(without.labels(), [0, 5, 7]);
         assert_eq!(without.voxel_counts(), [12 * 81 - 102, 100, 2]);
         let expected = [([-11.0, -4.0, -4.0], 1), ([-1.0, 0.0, 0.0], 1)];
         assert_eq!(
-            islands,
-            expected.map(|(position, voxels)| Island { label: 7, position, voxels })
+            small_components,
+            expected.map(|(position, voxels)| SmallComponent { label: 7, position, voxels })
         );
-        let (without, islands) = image.without_islands(3, || Ok(())).unwrap();
-        assert_eq!((without.labels(), islands.len()), ([0, 5].as_slice(), 3));
-        let (same, none) = image.without_islands(1, || Ok(())).unwrap();
+        let (without, small_components) = image.without_small_components(3, || Ok(())).unwrap();
+        assert_eq!((without.labels(), small_components.len()), ([0, 5].as_slice(), 3));
+        let (same, none) = image.without_small_components(1, || Ok(())).unwrap();
         assert_eq!((same, none.len()), (image, 0));
     }
 }
