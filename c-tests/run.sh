@@ -3,9 +3,19 @@
 # the exit status is 0 only if none failed. What was not tested is said in lines that start with
 # SKIPPED.
 #
+#   sh c-tests/run.sh          without the examples of ITK and VTK, if these are not installed
+#   sh c-tests/run.sh --all    installs these as well, 200 MB
+#
 # Logs are kept in build/logs. Real images are looked for in LAPD_IMAGES or in ../shared/images.
 set -u
 
+case $* in
+'' | --all) all=$* ;;
+*)
+    echo "run.sh: unknown arguments '$*'; the only option is --all" >&2
+    exit 2
+    ;;
+esac
 root=$(cd "$(dirname "$0")/.." && pwd)
 cd "$root" || exit 1
 build=$root/build
@@ -75,6 +85,12 @@ for pair in libGL.so.1=libgl1 libGLU.so.1=libglu1-mesa libgomp.so.1=libgomp1 \
     libXinerama.so.1=libxinerama1; do
     PATH=$PATH:/sbin ldconfig -p | grep -q "${pair%=*}" || missing="$missing ${pair#*=}"
 done
+pkg-config --exists hwloc libudev 2>/dev/null || missing="$missing libhwloc-dev libudev-dev"
+if [ -n "$all" ]; then
+    ls /usr/lib/*/cmake/ITK-5* >/dev/null 2>&1 || missing="$missing libinsighttoolkit5-dev"
+    ls /usr/lib/*/cmake/vtk-9* >/dev/null 2>&1 || missing="$missing libvtk9-dev"
+    have xvfb-run || missing="$missing xvfb xauth libgl1-mesa-dri"
+fi
 have abidiff || missing="$missing abigail-tools"
 have valgrind || missing="$missing valgrind"
 [ -e /usr/share/mricron/templates/aal.nii.gz ] || missing="$missing mricron-data"
@@ -107,6 +123,11 @@ fetch() {
 }
 step fetch fetch
 
+# What tests in Python need, meshio among it.
+python=$build/readback-venv
+step python-env python3 c-tests/environment.py "$python"
+grep -h '^SKIPPED' "$logs/python-env.log" | tee -a "$skipped"
+
 # ---- Form ----
 
 if cargo fmt --version >/dev/null 2>&1; then
@@ -135,7 +156,7 @@ fi
 # ---- Rust: unit tests, the stale header, licences, real images ----
 
 cargo_tests() {
-    cargo test --locked --no-fail-fast -- --show-output
+    PATH=$python/bin:$PATH cargo test --locked --no-fail-fast -- --show-output
 }
 step cargo-test cargo_tests
 sum() {
