@@ -193,12 +193,12 @@ void print_table(const summary *s, const file_seconds *seconds) {
                shown < s->row_count ? ", those with the largest volume error:" : "");
         printf("       label       tets       volume        image    error  parts (image)\n");
         for (size_t i = 0; i < shown; i++) {
-            printf("  %10lld %10llu %12.6g %12.6g %+7.2f%%  %llu (%llu)  %s\n",
+            const char *name = text_of(&s->names, worst[i].label);
+            printf("  %10lld %10llu %12.6g %12.6g %+7.2f%%  %llu (%llu)%s%s\n",
                    (long long)worst[i].label, (unsigned long long)worst[i].tets,
                    worst[i].mesh_volume, worst[i].image_volume, volume_error(&worst[i]),
                    (unsigned long long)worst[i].components_mesh,
-                   (unsigned long long)worst[i].components_image,
-                   text_of(&s->names, worst[i].label));
+                   (unsigned long long)worst[i].components_image, *name != '\0' ? "  " : "", name);
         }
     }
     free(worst);
