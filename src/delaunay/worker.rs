@@ -1,4 +1,4 @@
-//! One thread's view of the triangulation: its policy, its free slots, its scratch memory, its
+//! One thread's view of the triangulation: its locks, its free slots, its scratch memory, its
 //! counters.
 
 use std::ops::Range;
@@ -135,7 +135,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
         Self { node, foreign: keeps_home.then(Vec::new), ..self }
     }
 
-    /// The same worker under another policy.
+    /// The same worker under another locking policy.
     pub fn with_locks<M: Locks>(self, locks: M) -> Worker<M, P> {
         let Self {
             locks: _,

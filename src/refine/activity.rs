@@ -58,7 +58,7 @@ pub struct Overhead {
     pub gifts: u64,
 }
 
-/// Tets and vertices that operations visited (`delaunay::Access::visit_tet`), by the hops from the
+/// Tets and vertices that operations visited (`delaunay::Probe::visit_tet`), by the hops from the
 /// thread's memory node to that where they are; nothing where they were not counted.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Accesses {

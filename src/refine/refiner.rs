@@ -5,10 +5,10 @@
 //! carried out at once; a tet that only a volume rule finds poor waits until no tet is left to be
 //! looked at.
 //!
-//! The same loop serves a lone worker and one of a team (`podm`): the policy of the kernel is a
-//! type parameter, and what concerns others is compiled out for a lone worker. With others at work
-//! a look is a hint, checked when the operation owns what it looked at (`delaunay/ownership`); an
-//! operation that is given up leaves its tet in the list.
+//! The same loop serves a lone worker and one of a team (`podm`): the locking policy of the kernel
+//! is a type parameter, and what concerns others is compiled out for a lone worker. With others at
+//! work a look is a hint, checked when the operation owns what it looked at (`delaunay/ownership`);
+//! an operation that is given up leaves its tet in the list.
 //!
 //! Limits end the loop between two operations, so the triangulation is whole then: a mesh can be
 //! made of it. Time and memory are looked at every thousand steps, as is the cancel flag; a step

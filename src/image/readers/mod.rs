@@ -149,29 +149,12 @@ pub fn read_image(path: &Path) -> Result<ReadImage> {
 pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> {
     let Opened { mut source, layout, frame, world, segments, mut warnings } =
         open(path, Volumes::One, options)?;
-    let mut names = segments.as_ref().map(Segments::names_of_values).unwrap_or_default();
+    let names = segments.as_ref().map(Segments::names_of_values).unwrap_or_default();
     let mut layers = segments.filter(|_| layout.volumes > 1);
     if let Some(order) = &options.layer_order {
-        let count = layout.volumes;
-        let known = layers.as_mut().is_some_and(|layers| layers.set_order(order, count));
-        if !known {
-            let path = path.display();
-            return Err(Error::InvalidArgument(match layers {
-                None => format!(
-                    "{path}: an order of layers is for segmentations of several layers; this has \
-                     one"
-                ),
-                Some(_) => {
-                    format!(
-                        "{path}: the order of layers {order:?} must name each layer, 0 to {}, once",
-                        count - 1
-                    )
-                }
-            }));
-        }
+        set_layer_order(path, order, layers.as_mut(), layout.volumes)?;
     }
-    let mut values = Vec::new();
-    let image = match (options.values, layers) {
+    let (image, values, names) = match (options.values, layers) {
         (LabelValues::Distinct, Some(_)) => {
             return Err(Error::InvalidArgument(format!(
                 "{}: distinct values are numbered where voxels have one value each; here they have \
@@ -179,22 +162,44 @@ pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> 
                 path.display()
             )));
         }
+        // The labels are others than the values that the header names.
         (LabelValues::Distinct, None) => {
-            let image;
-            (image, values) = read_distinct(&mut source, &layout, frame, &mut warnings)?;
-            // The labels are others than the values that the header names.
-            names.clear();
-            image
+            let (image, values) = read_distinct(&mut source, &layout, frame, &mut warnings)?;
+            (image, values, Vec::new())
         }
-        (_, None) => read_labels(&mut source, &layout, frame, options.values, &mut warnings)?,
-        (_, Some(layers)) => {
-            let image;
-            (image, names) =
-                read_layers(&mut source, &layout, frame, options.values, layers, &mut warnings)?;
-            image
+        (whole, None) => {
+            let image = read_labels(&mut source, &layout, frame, whole, &mut warnings)?;
+            (image, Vec::new(), names)
+        }
+        (whole, Some(layers)) => {
+            let (image, names) =
+                read_layers(&mut source, &layout, frame, whole, layers, &mut warnings)?;
+            (image, Vec::new(), names)
         }
     };
     Ok(ReadImage { image, world, warnings, values, names })
+}
+
+/// Has the layers of a file, of which there are `count`, count in this order.
+fn set_layer_order(
+    path: &Path,
+    order: &[usize],
+    layers: Option<&mut Segments>,
+    count: usize,
+) -> Result<()> {
+    let path = path.display();
+    let Some(layers) = layers else {
+        return Err(Error::InvalidArgument(format!(
+            "{path}: an order of layers is for segmentations of several layers; this has one"
+        )));
+    };
+    if !layers.set_order(order, count) {
+        return Err(Error::InvalidArgument(format!(
+            "{path}: the order of layers {order:?} must name each layer, 0 to {}, once",
+            count - 1
+        )));
+    }
+    Ok(())
 }
 
 /// Values per voxel that a reader may find.
