@@ -7,7 +7,7 @@
 
 use std::path::{Path, PathBuf};
 
-use lapd::image::readers::read_image;
+use lapd::io::read::read_image;
 use lapd::mesh::DefectKind;
 use lapd::mesh::quality::{dihedral_angles, radius_edge_ratio, triangle_angles};
 use lapd::mesher::{MeshResult, mesh_image};

@@ -3,8 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use lapd::image::readers::values::{read_gray, read_maps, read_probabilities};
-use lapd::image::readers::{ReadOptions, read_image};
+use lapd::io::read::values::{read_gray, read_maps, read_probabilities};
+use lapd::io::read::{ReadOptions, read_image};
 use lapd::image::{LabelImage, MapValues};
 use lapd::mesh::TetMesh;
 use lapd::mesh::certificate::{DefectKind, SmallLost};

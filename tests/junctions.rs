@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use lapd::image::phantom::{ball_volume, three_labels_in_a_line};
-use lapd::image::readers::read_image;
+use lapd::io::read::read_image;
 use lapd::image::{Frame, LabelImage};
 use lapd::mesh::TetMesh;
 use lapd::mesh::quality::tet_volume;

@@ -7,10 +7,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
-use lapd::image::LabelImage;
-use lapd::image::readers::{
-    LabelValues, ReadImage, ReadOptions, WorldAxes, read_image, read_image_with,
-};
+use lapd::image::{LabelImage, WorldAxes};
+use lapd::io::read::{LabelValues, ReadImage, ReadOptions, read_image, read_image_with};
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 

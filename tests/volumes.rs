@@ -8,7 +8,8 @@ use std::time::Instant;
 
 use glam::DVec3;
 use lapd::{
-    image::{LabelImage, phantom, readers::read_image},
+    image::{LabelImage, phantom},
+    io::read::read_image,
     oracle::Oracle,
     params::SurfaceModel,
 };

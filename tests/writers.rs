@@ -5,8 +5,8 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use lapd::image::readers::WorldAxes;
-use lapd::io::{WriteOptions, write_mesh, write_mesh_watching, write_timeline};
+use lapd::image::WorldAxes;
+use lapd::io::write::{WriteOptions, write_mesh, write_mesh_watching, write_timeline};
 use lapd::mesh::{NONE, TetMesh};
 use lapd::refine::activity::{Doing, Span, ThreadReport};
 

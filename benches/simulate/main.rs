@@ -18,7 +18,7 @@ use std::time::Instant;
 use glam::DVec3;
 use lapd::delaunay::Triangulation;
 use lapd::image::LabelImage;
-use lapd::image::readers::read_image;
+use lapd::io::read::read_image;
 use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
 use lapd::parallel::machine::Machine;

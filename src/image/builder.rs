@@ -26,7 +26,7 @@ pub(crate) fn numbered_voxels(dims: [usize; 3]) -> Option<usize> {
 ///
 /// # Errors
 /// [`Error::InvalidArgument`] when an axis is empty or the voxels cannot be numbered by u32.
-pub(super) fn voxel_count(dims: [usize; 3]) -> Result<usize> {
+pub(crate) fn voxel_count(dims: [usize; 3]) -> Result<usize> {
     if let Some(axis) = dims.iter().position(|&n| n == 0) {
         return Err(Error::InvalidArgument(format!("image axis {axis} has 0 voxels")));
     }
@@ -39,7 +39,7 @@ pub(super) fn voxel_count(dims: [usize; 3]) -> Result<usize> {
 }
 
 /// Collects the labels of an image, x fastest.
-pub(super) struct LabelBuilder {
+pub(crate) struct LabelBuilder {
     dims: [usize; 3],
     total: usize,
     ids: Vec<u16>,
@@ -56,7 +56,7 @@ impl LabelBuilder {
     ///
     /// # Errors
     /// [`Error::InvalidArgument`] for impossible `dims`, [`Error::OutOfMemory`].
-    pub(super) fn new(dims: [usize; 3], reserve: usize) -> Result<Self> {
+    pub(crate) fn new(dims: [usize; 3], reserve: usize) -> Result<Self> {
         let total = voxel_count(dims)?;
         let mut builder = Self {
             dims,
@@ -74,7 +74,7 @@ impl LabelBuilder {
     ///
     /// # Errors
     /// [`Error::InvalidArgument`] on the 65535th label other than 0, [`Error::OutOfMemory`].
-    pub(super) fn push(&mut self, labels: &[i32]) -> Result<()> {
+    pub(crate) fn push(&mut self, labels: &[i32]) -> Result<()> {
         if self.ids.capacity() - self.ids.len() < labels.len() {
             // At least doubling, so that growth stays linear, yet never past the end of the image.
             let room = self.ids.len().max(labels.len()).min(self.total - self.ids.len());
@@ -88,13 +88,13 @@ impl LabelBuilder {
     }
 
     /// Gives each label but 0 another one, all different and none 0.
-    pub(super) fn relabel(&mut self, label: impl Fn(i32) -> i32) {
+    pub(crate) fn relabel(&mut self, label: impl Fn(i32) -> i32) {
         self.labels[1..].iter_mut().for_each(|known| *known = label(*known));
         (self.table, self.rare) = (Vec::new(), HashMap::new());
     }
 
     /// The finished image. All voxels must have been pushed.
-    pub(super) fn finish(mut self, frame: Frame) -> Result<LabelImage> {
+    pub(crate) fn finish(mut self, frame: Frame) -> Result<LabelImage> {
         if self.ids.len() != self.total {
             return Err(Error::Internal(format!(
                 "{} of {} voxels were given",

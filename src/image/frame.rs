@@ -1,10 +1,41 @@
-//! The place of a voxel grid in the world.
+//! The place of a voxel grid in the world, and what the world's axes mean.
 //!
 //! world = origin + direction * (index .* spacing); the origin is the centre of voxel (0, 0, 0).
 
 use glam::{DMat3, DVec3};
 
 use crate::{Error, Result};
+
+/// What the axes of world coordinates mean in the patient.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WorldAxes {
+    /// Left, posterior, superior: DICOM, ITK.
+    Lps,
+    /// Right, anterior, superior: NIfTI, 3D Slicer.
+    Ras,
+    /// Left, anterior, superior.
+    Las,
+}
+
+impl WorldAxes {
+    /// As users write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Lps => "LPS",
+            Self::Ras => "RAS",
+            Self::Las => "LAS",
+        }
+    }
+
+    /// Signs of the axes relative to LPS.
+    pub(crate) fn signs(self) -> DVec3 {
+        match self {
+            Self::Lps => DVec3::new(1.0, 1.0, 1.0),
+            Self::Ras => DVec3::new(-1.0, -1.0, 1.0),
+            Self::Las => DVec3::new(1.0, -1.0, 1.0),
+        }
+    }
+}
 
 /// How far a direction matrix may be from orthonormal before it counts as shear. Headers store
 /// single precision and rounded decimals.

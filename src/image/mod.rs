@@ -10,7 +10,6 @@
 //! | `relabel` | merging labels, another background, selection |
 //! | [`small_components`] | small components, and an image without them |
 //! | [`phantom`] | analytic images with known volumes |
-//! | [`readers`] | NRRD, NIfTI, MetaImage and INR files |
 
 mod builder;
 mod field;
@@ -18,15 +17,14 @@ pub mod frame;
 pub mod gray;
 pub mod phantom;
 pub mod probabilities;
-pub mod readers;
 mod relabel;
 pub mod small_components;
 pub mod volume;
 
-pub(crate) use builder::numbered_voxels;
+pub(crate) use builder::{LabelBuilder, numbered_voxels, voxel_count};
 pub use field::MapValues;
 pub(crate) use field::{Field, Maps};
-pub use frame::Frame;
+pub use frame::{Frame, WorldAxes};
 pub use gray::GrayImage;
 pub use probabilities::ProbabilityImage;
 pub use volume::{LabelImage, Voxels};

@@ -63,7 +63,7 @@ impl ProbabilityImage {
 
     /// As [`Self::new`]; `of_source` makes the error of a map, given by its number, that of where
     /// it comes from.
-    pub(super) fn with_source(
+    pub(crate) fn with_source(
         dims: [usize; 3],
         frame: Frame,
         values: MapValues,

@@ -159,7 +159,7 @@ impl LabelImage {
     }
 
     /// Puts together what the builder made; the invariants above must hold.
-    pub(super) fn assembled(
+    pub(crate) fn assembled(
         ids: Vec<u16>,
         labels: Vec<i32>,
         dims: [usize; 3],
@@ -169,7 +169,7 @@ impl LabelImage {
     }
 
     /// The image with the values that its labels come from.
-    pub(super) fn with_field(self, field: Field) -> Self {
+    pub(crate) fn with_field(self, field: Field) -> Self {
         Self { field: Some(Arc::new(field)), ..self }
     }
 

@@ -11,7 +11,7 @@ use super::{Simulated, simulate};
 use crate::delaunay::Triangulation;
 use crate::image::LabelImage;
 use crate::image::phantom::{nested_shells, torus};
-use crate::image::readers::read_image;
+use crate::io::read::read_image;
 use crate::mesh::certificate::Certificate;
 use crate::mesh::extract::{Background, extract};
 use crate::monitor::Monitor;

@@ -1,14 +1,12 @@
 //! From the bytes of a file to labels or real numbers: the one place that knows number types, byte
 //! orders and text, for all formats.
 
-use super::super::LabelImage;
-use super::super::builder::{LabelBuilder, voxel_count};
-use super::super::frame::Frame;
 use super::LabelValues;
 use super::distinct::{Distinct, Number, told};
 use super::fields::excerpt;
 use super::segments::{Finished, Segments};
 use super::source::Source;
+use crate::image::{Frame, LabelBuilder, LabelImage, voxel_count};
 use crate::memory::{reserve, room};
 use crate::{Error, Result};
 

@@ -12,9 +12,9 @@ use super::fields::{Fields, MAX_HEADER, excerpt, header_line};
 use super::segments::Segments;
 use super::source::Source;
 use super::voxels::{Coding, Layout, Scalar};
-use super::{Opened, Volumes, WorldAxes, frame_from_parts, frame_from_steps};
+use super::{Opened, Volumes, frame_from_parts, frame_from_steps};
 use crate::Result;
-use crate::image::Frame;
+use crate::image::{Frame, WorldAxes};
 
 /// One axis of the array.
 #[derive(Debug)]

@@ -9,9 +9,9 @@ use std::path::Path;
 use super::fields::{Fields, excerpt, header_line};
 use super::source::Source;
 use super::voxels::{Coding, Layout, Scalar};
-use super::{Opened, Volumes, WorldAxes, frame_from_parts};
+use super::{Opened, Volumes, frame_from_parts};
 use crate::Result;
-use crate::image::Frame;
+use crate::image::{Frame, WorldAxes};
 
 pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let mut source = Source::open(path)?;

@@ -11,8 +11,8 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::source::Source;
 use super::voxels::{Coding, Layout, Scalar};
-use super::{Opened, Volumes, WorldAxes, frame_from_parts, frame_from_steps};
-use crate::image::Frame;
+use super::{Opened, Volumes, frame_from_parts, frame_from_steps};
+use crate::image::{Frame, WorldAxes};
 use crate::{Error, Result};
 
 const NIFTI1_SIZE: usize = 348;

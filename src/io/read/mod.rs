@@ -37,44 +37,12 @@ mod voxels;
 use std::path::Path;
 
 use glam::DVec3;
-
 use segments::Segments;
 use source::Source;
 use voxels::{Layout, read_distinct, read_labels, read_layers};
 
-use super::{Frame, LabelImage};
+use crate::image::{Frame, LabelImage, WorldAxes};
 use crate::{Error, Result};
-
-/// What the axes of world coordinates mean in the patient.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WorldAxes {
-    /// Left, posterior, superior: DICOM, ITK.
-    Lps,
-    /// Right, anterior, superior: NIfTI, 3D Slicer.
-    Ras,
-    /// Left, anterior, superior.
-    Las,
-}
-
-impl WorldAxes {
-    /// As users write it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Lps => "LPS",
-            Self::Ras => "RAS",
-            Self::Las => "LAS",
-        }
-    }
-
-    /// Signs of the axes relative to LPS.
-    fn signs(self) -> DVec3 {
-        match self {
-            Self::Lps => DVec3::new(1.0, 1.0, 1.0),
-            Self::Ras => DVec3::new(-1.0, -1.0, 1.0),
-            Self::Las => DVec3::new(1.0, -1.0, 1.0),
-        }
-    }
-}
 
 /// The frame that the image, and so the mesh, is to have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -222,25 +190,32 @@ struct Opened {
     warnings: Vec<String>,
 }
 
+/// Reads the header of a file, up to the first voxel.
+type ReadHeader = fn(&Path, Volumes) -> Result<Opened>;
+
+/// Every ending that is known, in lower case.
+const ENDINGS: [(&str, ReadHeader); 8] = [
+    (".nrrd", nrrd::open),
+    (".nhdr", nrrd::open),
+    (".nii", nifti::open),
+    (".nii.gz", nifti::open),
+    (".mha", metaimage::open),
+    (".mhd", metaimage::open),
+    (".inr", inr::open),
+    (".inr.gz", inr::open),
+];
+
 /// Reads a header, and turns the frame as asked for.
 fn open(path: &Path, volumes: Volumes, options: &ReadOptions) -> Result<Opened> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let ends = |endings: &[&str]| endings.iter().any(|ending| name.ends_with(ending));
-    let mut opened = if ends(&[".nrrd", ".nhdr"]) {
-        nrrd::open(path, volumes)
-    } else if ends(&[".nii", ".nii.gz"]) {
-        nifti::open(path, volumes)
-    } else if ends(&[".mha", ".mhd"]) {
-        metaimage::open(path, volumes)
-    } else if ends(&[".inr", ".inr.gz"]) {
-        inr::open(path, volumes)
-    } else {
-        Err(Error::InvalidArgument(format!(
-            "{}: no reader for this name ending; read are .nrrd .nhdr .nii .nii.gz .mha .mhd .inr \
-             .inr.gz",
-            path.display()
-        )))
-    }?;
+    let Some((_, read_header)) = ENDINGS.iter().find(|(ending, _)| name.ends_with(ending)) else {
+        return Err(Error::InvalidArgument(format!(
+            "{}: no reader for this name ending; read are {}",
+            path.display(),
+            ENDINGS.map(|(ending, _)| ending).join(" ")
+        )));
+    };
+    let mut opened = read_header(path, volumes)?;
     let wanted = match options.world {
         WorldFrame::AsStored => return Ok(opened),
         WorldFrame::Lps => WorldAxes::Lps,

@@ -9,8 +9,8 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::voxels::read_values;
-use super::{Opened, ReadOptions, Volumes, WorldAxes, open};
-use crate::image::{Frame, GrayImage, MapValues, ProbabilityImage};
+use super::{Opened, ReadOptions, Volumes, open};
+use crate::image::{Frame, GrayImage, MapValues, ProbabilityImage, WorldAxes};
 use crate::{Error, Result};
 
 /// How far the places of the same voxel may be apart in two files, in voxels.

@@ -1,0 +1,298 @@
+//! Writers of finished meshes. The ending of the name chooses the format:
+//!
+//! | ending | format | tets | interface facets |
+//! |---|---|---|---|
+//! | `.vtu` | VTK XML, appended raw data in zlib blocks | cell array `label` | no |
+//! | `.vtk` | VTK legacy 4.2, binary | cell scalars `label` | no |
+//! | `.mesh` | MEDIT, ascii | reference is the label | reference per pair |
+//! | `.node`, `.ele`, `.face` | TetGen; all three files | first attribute | marker per pair |
+//! | `.msh`, `.msh4`, `.msh41` | Gmsh MSH 4.1, binary | group per label | group per pair |
+//! | `.msh2`, `.msh22` | Gmsh MSH 2.2, binary | the same | the same |
+//! | `.inp` | Abaqus, ascii | C3D4, element set per label | element-based surface per pair |
+//! | `.stl` | binary STL | no | all |
+//! | `.ply` | PLY, binary | no | all, properties `first_label` and `second_label` |
+//! | `.off` | OFF, ascii | no | all |
+//!
+//! Pairs of labels are numbered from 1 in increasing order of (first label, second label); the
+//! files that use the numbers list them, in comment lines or as the names of physical groups. Names
+//! are `label_7` for a label and `interface_7_-2` for the pair of 7 and -2. Labels may be any
+//! 32-bit integers. Only Gmsh's tags must be positive: there the tag of a positive label is the
+//! label, labels of 0 and below get the numbers after the largest label, 0 first, then -1 and so
+//! on, and the names of the physical groups tell which label it is.
+//!
+//! Meshes of second order go to `.vtu`, `.vtk`, `.mesh`, `.msh`, `.msh2`, `.inp`, with all nodes of
+//! tets and facets; the nodes on edges come in the order of [`MidNodes`](crate::mesh::MidNodes) but
+//! in Gmsh's files, where the last two of a tet change places. STL, PLY and OFF hold the flat
+//! facets between vertices. TetGen's files are refused.
+//!
+//! The order of the vertices of tets is that of [`TetMesh`] in every format, normals of facets
+//! point from the first to the second label. Coordinates are the mesh's; binary formats hold them
+//! as they are (STL in single precision), ascii ones in the shortest form that reads back to the
+//! same number (Abaqus in at most 20 characters). STL, PLY and OFF leave out what is no vertex of a
+//! facet.
+//!
+//! Data go to a temporary file in the folder of the target, are synced, and take the target's name
+//! in the end, so that a file of that name is always whole: the new one, or after an error the old
+//! one. Records are made in parallel batches and written in order; nothing is held in memory but a
+//! few batches, and, where a format wants things by label, their order. Equal meshes give equal
+//! bytes.
+//!
+//! [`write_timeline`] writes in the same way what the threads of a run did when.
+
+mod abaqus;
+mod gmsh;
+mod groups;
+mod medit;
+mod off;
+mod output;
+mod ply;
+mod records;
+mod stl;
+mod surface;
+mod tetgen;
+mod trace;
+mod vtk;
+mod vtu;
+
+use std::path::Path;
+
+use crate::image::WorldAxes;
+use crate::mesh::TetMesh;
+use crate::monitor::CancelFlag;
+use crate::{Error, Result};
+use groups::distinct;
+use output::Output;
+
+pub use trace::write_timeline;
+
+/// A file format for meshes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeshFormat {
+    /// VTK XML unstructured grid.
+    Vtu,
+    /// VTK legacy unstructured grid.
+    Vtk,
+    /// MEDIT ascii.
+    Medit,
+    /// TetGen's three files.
+    TetGen,
+    /// Gmsh MSH 4.1, binary.
+    Msh41,
+    /// Gmsh MSH 2.2, binary.
+    Msh22,
+    /// Abaqus input file.
+    Abaqus,
+    /// Binary STL of the interfaces.
+    Stl,
+    /// Binary PLY of the interfaces.
+    Ply,
+    /// OFF of the interfaces.
+    Off,
+}
+
+/// Every ending that is known.
+const ENDINGS: [(&str, MeshFormat); 15] = [
+    ("vtu", MeshFormat::Vtu),
+    ("vtk", MeshFormat::Vtk),
+    ("mesh", MeshFormat::Medit),
+    ("node", MeshFormat::TetGen),
+    ("ele", MeshFormat::TetGen),
+    ("face", MeshFormat::TetGen),
+    ("msh", MeshFormat::Msh41),
+    ("msh4", MeshFormat::Msh41),
+    ("msh41", MeshFormat::Msh41),
+    ("msh2", MeshFormat::Msh22),
+    ("msh22", MeshFormat::Msh22),
+    ("inp", MeshFormat::Abaqus),
+    ("stl", MeshFormat::Stl),
+    ("ply", MeshFormat::Ply),
+    ("off", MeshFormat::Off),
+];
+
+impl MeshFormat {
+    /// The format that the ending of `path` stands for, upper or lower case. Nothing is opened, so
+    /// a bad name can be refused before any work is done.
+    ///
+    /// # Errors
+    /// [`Error::InvalidArgument`] for another ending, naming those that are known.
+    pub fn from_path(path: &Path) -> Result<Self> {
+        let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+        ENDINGS
+            .iter()
+            .find(|(known, _)| known.eq_ignore_ascii_case(ending))
+            .map(|&(_, format)| format)
+            .ok_or_else(|| {
+                let known = ENDINGS.map(|(known, _)| format!(".{known}")).join(" ");
+                Error::InvalidArgument(format!(
+                    "{}: unknown ending for a mesh, known are {known}",
+                    path.display()
+                ))
+            })
+    }
+}
+
+/// What a file is to hold beside the mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WriteOptions {
+    /// In `.vtu`: the measures of the tets, a cell array for each of
+    /// [`TetMeasure::ALL`](crate::mesh::quality::TetMeasure::ALL). Other formats have no place for
+    /// them.
+    pub measures: bool,
+    /// What the world axes mean, where that is known. It is told as `SPACE=LPS`: in the head of
+    /// `.vtk` and `.stl` and in a comment of `.ply`, where 3D Slicer looks for it; in a comment of
+    /// `.mesh`, `.node`, `.ele`, `.face` and `.inp`; in a section of comments of `.msh` and
+    /// `.msh2`; and in `.vtu` as the field array `SPACE` of its characters' codes.
+    pub world: Option<WorldAxes>,
+}
+
+impl WriteOptions {
+    /// `SPACE=LPS`, with something before and behind it; nothing where the axes are not known.
+    fn space(&self, before: &str, behind: &str) -> String {
+        self.world
+            .map_or_else(String::new, |world| format!("{before}SPACE={}{behind}", world.name()))
+    }
+}
+
+/// Writes `mesh` to `path` in the format of its ending; see the module's table. An existing file is
+/// replaced.
+///
+/// # Errors
+/// [`Error::InvalidArgument`] for an unknown ending; [`Error::LimitReached`] when the mesh has more
+/// vertices or tets than the format can number; [`Error::OutOfMemory`]; [`Error::Io`]. The
+/// temporary files are gone then and no file is half written.
+pub fn write_mesh(mesh: &TetMesh, path: &Path) -> Result<()> {
+    write_mesh_watching(mesh, path, WriteOptions::default(), None)
+}
+
+/// As [`write_mesh`], with options, until a flag is raised. Only the wait for the disk at the end
+/// is not cut short.
+///
+/// # Errors
+/// Those of [`write_mesh`]; [`Error::Cancelled`].
+pub fn write_mesh_watching(
+    mesh: &TetMesh,
+    path: &Path,
+    options: WriteOptions,
+    cancel: Option<&CancelFlag>,
+) -> Result<()> {
+    if options.measures && MeshFormat::from_path(path)? != MeshFormat::Vtu {
+        return Err(Error::InvalidArgument(format!(
+            "{}: only .vtu files can hold measures of tets",
+            path.display()
+        )));
+    }
+    let single = |write: &dyn Fn(&TetMesh, &WriteOptions, &mut Output) -> std::io::Result<()>| {
+        let mut output = Output::create(path)?.watching(cancel);
+        output.fill(|out| write(mesh, &options, out))?;
+        Output::commit(vec![output])
+    };
+    match MeshFormat::from_path(path)? {
+        MeshFormat::Vtu => single(&vtu::write),
+        MeshFormat::Vtk => {
+            vtk::check_limits(mesh, path)?;
+            single(&vtk::write)
+        }
+        MeshFormat::Medit => single(&medit::write),
+        MeshFormat::TetGen => tetgen::write(mesh, &options, path, cancel),
+        MeshFormat::Msh41 => single(&gmsh::write_4_1),
+        MeshFormat::Msh22 => {
+            gmsh::check_limits_2_2(mesh, path)?;
+            single(&gmsh::write_2_2)
+        }
+        MeshFormat::Abaqus => {
+            abaqus::check_limits(mesh, path)?;
+            single(&abaqus::write)
+        }
+        MeshFormat::Stl => single(&stl::write),
+        MeshFormat::Ply => {
+            check_count(path, "PLY", "vertices", mesh.points.len(), i32::MAX as usize)?;
+            single(&ply::write)
+        }
+        MeshFormat::Off => single(&off::write),
+    }
+}
+
+/// Refuses more of a thing than a format can number.
+fn check_count(path: &Path, format: &str, things: &str, count: usize, most: usize) -> Result<()> {
+    if count > most {
+        let path = path.display();
+        return Err(Error::LimitReached(format!(
+            "{path}: {count} {things} are too many for {format}, {most} are the most"
+        )));
+    }
+    Ok(())
+}
+
+/// The name of what has a label.
+fn label_name(label: i32) -> String {
+    format!("label_{label}")
+}
+
+/// The name of the interface of two labels.
+fn pair_name([first, second]: [i32; 2]) -> String {
+    format!("interface_{first}_{second}")
+}
+
+/// The pairs of labels that meet at interfaces, numbered from 1 in increasing order.
+struct LabelPairs(Vec<[i32; 2]>);
+
+impl LabelPairs {
+    fn new(mesh: &TetMesh) -> Self {
+        Self(distinct(&mesh.facet_labels))
+    }
+
+    /// The number of a pair that the mesh has.
+    fn number(&self, pair: &[i32; 2]) -> usize {
+        self.0.partition_point(|known| known < pair) + 1
+    }
+
+    /// The table, a comment line for each number.
+    fn comments(&self) -> String {
+        let lines =
+            self.0.iter().enumerate().map(|(i, [first, second])| {
+                format!("# facets {}: labels {first} {second}\n", i + 1)
+            });
+        lines.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn endings() {
+        assert_eq!(MeshFormat::from_path(Path::new("a.b/c.VTU")).unwrap(), MeshFormat::Vtu);
+        for bad in ["a.msh1", "a", "vtu", "a.vtu/b", ""] {
+            let message = MeshFormat::from_path(Path::new(bad)).unwrap_err().to_string();
+            assert!(
+                message.starts_with(bad)
+                    && message.contains(".vtu .vtk .mesh .node .ele .face .msh "),
+                "{message}"
+            );
+            assert!(!message.contains('\n'));
+        }
+    }
+
+    #[test]
+    fn too_many_are_refused() {
+        assert!(check_count(Path::new("a.inp"), "Abaqus", "tets", 9, 9).is_ok());
+        let error = check_count(Path::new("a.inp"), "Abaqus", "tets", 10, 9).unwrap_err();
+        assert!(matches!(error, Error::LimitReached(_)));
+        assert_eq!(error.to_string(), "a.inp: 10 tets are too many for Abaqus, 9 are the most");
+    }
+
+    #[test]
+    fn pairs_are_numbered_in_order() {
+        let mesh = TetMesh {
+            facet_labels: vec![[3, 1], [2, 0], [3, 1], [1, 0], [3, 0]],
+            ..TetMesh::default()
+        };
+        let pairs = LabelPairs::new(&mesh);
+        assert_eq!(
+            mesh.facet_labels.iter().map(|pair| pairs.number(pair)).collect::<Vec<_>>(),
+            [4, 2, 4, 1, 3]
+        );
+        assert_eq!(pairs.comments().lines().nth(3), Some("# facets 4: labels 3 1"));
+    }
+}
