@@ -9,17 +9,19 @@
 //! | `sync` | waiting, waking and time stamps; chooses threads or virtual time |
 //! | [`parallel`] | how workers wait, and share work; knows no mesh |
 //! | [`params`], [`monitor`] | what a run is asked for; progress and cancellation |
+//! | `reduce` | what parallel passes gather: disjoint sets, sums by key |
 //! | [`geometry`] | predicates, circumspheres, shape measures; the one sign convention |
-//! | [`image`] | label images, their place in the world, readers, phantoms |
+//! | [`image`] | label images, their place in the world, components, phantoms |
 //! | [`oracle`] | where the interfaces are; knows no mesh |
 //! | [`system`] | the machine at hand, synthetic ones, threads bound to cores |
 //! | [`delaunay`] | the Delaunay triangulation; knows no image |
 //! | [`refine`] | the rules R1 to R6 and the loop that applies them |
 //! | `simulation` | a cargo feature: many workers in virtual time, on machines not at hand |
-//! | [`mesh`] | the finished mesh: extraction, measures, certificate |
+//! | [`mesh`] | the finished mesh, collected from the triangulation |
 //! | [`improve`] | slivers removed from the finished mesh |
 //! | [`second_order`] | nodes in the middles of edges, put on the interfaces |
-//! | [`io`] | files of the finished mesh |
+//! | [`verify`] | what is measured on the finished mesh: quality, topology, distance, certificate |
+//! | [`io`] | files: images read, meshes written |
 //! | [`mesher`] | the pipeline |
 //! | [`capi`] | the C interface |
 #![deny(unsafe_op_in_unsafe_fn)]
@@ -40,11 +42,13 @@ pub mod oracle;
 mod panics;
 pub mod parallel;
 pub mod params;
+mod reduce;
 pub mod refine;
 pub mod second_order;
 #[cfg(feature = "simulation")]
 pub mod simulation;
 mod sync;
 pub mod system;
+pub mod verify;
 
 pub use error::{Error, Result};

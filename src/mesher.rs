@@ -18,9 +18,7 @@ use crate::image::small_components::SmallComponent;
 use crate::improve::{Improvement, Settings, improve};
 use crate::memory::reserve;
 use crate::mesh::TetMesh;
-use crate::mesh::certificate::{Certificate, Defect, DefectKind, LEAST_VOXELS, SmallLost};
 use crate::mesh::extract::{BYTES_PER_SLOT, Background, Extracted, extract};
-use crate::mesh::quality::Quality;
 use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::region::{Region, Rows};
 use crate::oracle::{Oracle, Surface};
@@ -35,6 +33,8 @@ use crate::refine::team::{Limits, RefineOptions};
 use crate::refine::{examine, refine};
 use crate::second_order::{self, SecondOrder, add_mid_nodes, curve};
 use crate::system::binding::Places;
+use crate::verify::certificate::{Certificate, Defect, DefectKind, LEAST_VOXELS, SmallLost};
+use crate::verify::quality::Quality;
 use crate::{Error, Result};
 
 /// The virtual box leaves this part of the object's longest side free on every side, so that the
@@ -146,7 +146,7 @@ pub fn mesh_image(
     let (cleared, dropped);
     let image = if params.least_voxels > 1 {
         (cleared, dropped) =
-            image.without_small_components(params.least_voxels, || monitor.check_cancelled())?;
+            image.without_small_components(params.least_voxels, &|_| monitor.check_cancelled())?;
         &cleared
     } else {
         dropped = Vec::new();

@@ -3,14 +3,14 @@
 
 use std::path::{Path, PathBuf};
 
+use lapd::image::{LabelImage, MapValues};
 use lapd::io::read::values::{read_gray, read_maps, read_probabilities};
 use lapd::io::read::{ReadOptions, read_image};
-use lapd::image::{LabelImage, MapValues};
 use lapd::mesh::TetMesh;
-use lapd::mesh::certificate::{DefectKind, SmallLost};
 use lapd::mesher::mesh_image;
 use lapd::monitor::{Level, Monitor};
 use lapd::params::{ImageBorder, MeshParams};
+use lapd::verify::certificate::{DefectKind, SmallLost};
 
 /// A case's file, or `None`, said loudly.
 fn case(name: &str) -> Option<PathBuf> {

@@ -13,7 +13,7 @@ use lapd::image::phantom::*;
 use lapd::image::{Frame, LabelImage};
 use lapd::improve::{Improvement, Settings, improve, tolerance};
 use lapd::mesh::extract::{Background, Extracted, extract};
-use lapd::mesh::{Certificate, NONE, TetMesh};
+use lapd::mesh::{NONE, TetMesh};
 use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
@@ -22,6 +22,7 @@ use lapd::refine::refine;
 use lapd::refine::rules::Rules;
 use lapd::refine::sizing::Sizing;
 use lapd::refine::team::RefineOptions;
+use lapd::verify::Certificate;
 
 /// Labels at random, in clumps: contacts, lines and corners everywhere, cut by walls.
 fn noise(dims: [usize; 3], spacing: [f64; 3], labels: u64, seed: u64) -> LabelImage {

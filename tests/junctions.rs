@@ -5,11 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
+use lapd::geometry::measures::tet_volume;
 use lapd::image::phantom::{ball_volume, three_labels_in_a_line};
-use lapd::io::read::read_image;
 use lapd::image::{Frame, LabelImage};
+use lapd::io::read::read_image;
 use lapd::mesh::TetMesh;
-use lapd::mesh::quality::tet_volume;
 use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::oracle::{JunctionKind, Oracle, Palette};

@@ -268,7 +268,8 @@ fn bad_asks_are_one_clear_error() {
     );
     let folder = tempfile::tempdir().unwrap();
     let mesh = run(&image, &params(2.0, false)).mesh;
-    let error = lapd::io::write::write_mesh(&mesh, &folder.path().join("a.node")).unwrap_err().to_string();
+    let error =
+        lapd::io::write::write_mesh(&mesh, &folder.path().join("a.node")).unwrap_err().to_string();
     assert!(error.contains("order 1 only") && !error.contains('\n'), "{error}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }

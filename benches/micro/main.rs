@@ -18,7 +18,8 @@ use std::time::Duration;
 use criterion::Criterion;
 use glam::DVec3;
 use lapd::Result;
-use lapd::image::{LabelImage, phantom, readers};
+use lapd::image::{LabelImage, phantom};
+use lapd::io::read;
 
 fn main() -> Result<()> {
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global().expect("nobody uses rayon yet");
@@ -39,7 +40,7 @@ fn main() -> Result<()> {
 /// The image to ask about: four labels that meet in a point, in a ball that nearly fills the image.
 fn image() -> Result<LabelImage> {
     match std::env::var("LAPD_BENCH_IMAGE") {
-        Ok(path) => Ok(readers::read_image(Path::new(&path))?.image),
+        Ok(path) => Ok(read::read_image(Path::new(&path))?.image),
         Err(_) => phantom::four_labels_at_a_point([96; 3], [1.0; 3], 44.0),
     }
 }

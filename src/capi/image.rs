@@ -12,9 +12,9 @@ use super::boundary::{
 use super::context::{lapd_context, lapd_log_level, with_context};
 use super::params::unknown;
 use super::status::lapd_status;
-use crate::io::read::{LabelValues, ReadOptions, WorldFrame, read_image_with};
 use crate::image::volume::packed_strides;
 use crate::image::{Frame, LabelImage, Voxels, WorldAxes, numbered_voxels};
+use crate::io::read::{LabelValues, ReadOptions, WorldFrame, read_image_with};
 
 /// A label image: a grid of integer labels, and its place in the world. Label 0 is the background.
 /// Never changes after it was made, so any number of threads may use it at once.

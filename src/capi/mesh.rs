@@ -8,10 +8,10 @@ use super::image::to_path;
 use super::params::unknown;
 use super::pool::{processors, with_pool};
 use super::status::lapd_status;
+use crate::geometry::measures::TetMeasure;
 use crate::image::WorldAxes;
 use crate::io::write::{MeshFormat, WriteOptions, write_mesh_watching, write_timeline};
 use crate::mesh::TetMesh;
-use crate::mesh::quality::TetMeasure;
 use crate::mesher::MeshResult;
 
 /// A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was

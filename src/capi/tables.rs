@@ -4,8 +4,8 @@ use super::boundary::{Failure, Growing, Out, Outcome, borrow, fill_struct, statu
 use super::mesh::lapd_mesh;
 use super::report::own_size;
 use super::status::lapd_status;
-use crate::mesh::certificate::{Certificate, LEAST_VOXELS};
-use crate::mesh::{DefectKind, Fate};
+use crate::verify::certificate::{Certificate, LEAST_VOXELS};
+use crate::verify::{DefectKind, Fate};
 
 /// One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call.
 /// Volumes are in cubic world units.

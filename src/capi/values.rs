@@ -11,8 +11,8 @@ use super::image::{
     frame_of, handle, lapd_image, read_options, strided, strides_of, tell, to_path,
 };
 use super::status::lapd_status;
-use crate::io::read::values::{read_gray, read_maps};
 use crate::image::{Frame, GrayImage, LabelImage, MapValues, ProbabilityImage};
+use crate::io::read::values::{read_gray, read_maps};
 
 /// Copies the numbers of a strided volume, x fastest. Nothing is reserved for a volume that is too
 /// large.

@@ -9,6 +9,7 @@
 //! Shewchuk's `orient3d` and `insphere` (and so the `robust` crate) use the opposite sign; only
 //! [`predicates`] knows that.
 
+pub mod measures;
 pub mod morton;
 pub mod predicates;
 pub mod shape;

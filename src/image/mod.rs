@@ -8,10 +8,12 @@
 //! | [`probabilities`] | probability maps, one per label |
 //! | `field` | the values that labels of these two come from |
 //! | `relabel` | merging labels, another background, selection |
+//! | `components` | the connected components of labels |
 //! | [`small_components`] | small components, and an image without them |
 //! | [`phantom`] | analytic images with known volumes |
 
 mod builder;
+pub(crate) mod components;
 mod field;
 pub mod frame;
 pub mod gray;

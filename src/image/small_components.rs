@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::LabelImage;
-use crate::memory::{filled, reserve, room};
+use super::components::{ImageComponent, ImageComponents};
+use crate::memory::room;
 use crate::{Error, Result};
 
 /// A component of a label, of voxels joined with all 26 around them.
@@ -19,28 +20,13 @@ pub struct SmallComponent {
     pub voxels: u64,
 }
 
-/// Voxels of a component that are reached between two questions whether to go on.
-const ASK_EVERY: usize = 1 << 14;
-
-/// What is known of a voxel.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Known {
-    Nothing,
-    /// It was reached by the search that goes on.
-    Reached,
-    /// Its component is small.
-    Small,
-    /// Its component is not small.
-    Large,
-}
-
 impl LabelImage {
     /// The image in which each component of fewer than `least` voxels has become a part of the
     /// label that most voxels around it have, background included (the smaller label on a tie), and
-    /// these components. Labels of which nothing is left are gone. `go_on` is asked for each row of
-    /// voxels, and every some thousand voxels of a component.
+    /// these components. Labels of which nothing is left are gone. `go_on` is asked as the work goes
+    /// on, from several threads.
     ///
-    /// Linear in the voxels and in those of small components.
+    /// Linear in the voxels and in those of small components. Parallel in the current rayon pool.
     ///
     /// # Errors
     /// [`Error::InvalidArgument`] for an image made of intensities or probabilities;
@@ -48,7 +34,7 @@ impl LabelImage {
     pub fn without_small_components(
         &self,
         least: u64,
-        go_on: impl Fn() -> Result<()>,
+        go_on: &(dyn Fn(usize) -> Result<()> + Sync),
     ) -> Result<(Self, Vec<SmallComponent>)> {
         if self.field().is_some() {
             return Err(Error::InvalidArgument(format!(
@@ -56,90 +42,42 @@ impl LabelImage {
                  of those made of intensities or probabilities"
             )));
         }
-        let [nx, ny, _] = self.dims();
-        let mut known = filled(self.ids().len(), Known::Nothing, "voxels of an image", &go_on)?;
-        let mut ids = room(self.ids().len(), "voxels of an image")?;
-        ids.extend_from_slice(self.ids());
-        let mut small_components = Vec::new();
-        let mut reached = Vec::new();
-        for first in 0..self.ids().len() {
-            if first % nx == 0 {
-                go_on()?;
-            }
-            if self.ids()[first] == 0 || known[first] != Known::Nothing {
-                continue;
-            }
-            let is_small = self.reach(first, least, &mut known, &mut reached, &go_on)?;
-            reached
-                .iter()
-                .for_each(|&v| known[v] = if is_small { Known::Small } else { Known::Large });
-            if is_small {
-                let around = self.most_around(&reached);
-                reached.iter().for_each(|&v| ids[v] = around);
-                let center = DVec3::new(
-                    (first % nx) as f64,
-                    (first / nx % ny) as f64,
-                    (first / (nx * ny)) as f64,
-                );
-                reserve(&mut small_components, 1, "small components")?;
-                small_components.push(SmallComponent {
-                    label: self.labels()[usize::from(self.ids()[first])],
-                    position: self.frame().to_world(center).to_array(),
-                    voxels: reached.len() as u64,
-                });
-            }
-        }
-        let image = Self::from_ids(self.dims(), *self.frame(), ids, self.labels().to_vec())?;
-        Ok((image, small_components))
-    }
-
-    /// Reaches voxels of the component of `first` until there are no more, which is told, or it is
-    /// not small.
-    fn reach(
-        &self,
-        first: usize,
-        least: u64,
-        known: &mut [Known],
-        reached: &mut Vec<usize>,
-        go_on: impl Fn() -> Result<()>,
-    ) -> Result<bool> {
-        reached.clear();
-        reached.push(first);
-        known[first] = Known::Reached;
-        let mut next = 0;
-        while next < reached.len() {
-            if reached.len() as u64 >= least {
-                return Ok(false);
-            }
-            if next % ASK_EVERY == ASK_EVERY - 1 {
-                go_on()?;
-            }
-            reserve(reached, 26, "voxels of a small component")?;
-            let here = reached[next];
-            next += 1;
-            for v in self.around(here).filter(|&v| self.ids()[v] == self.ids()[first]) {
-                match known[v] {
-                    Known::Large => return Ok(false),
-                    Known::Nothing => {
-                        known[v] = Known::Reached;
-                        reached.push(v);
-                    }
-                    Known::Reached | Known::Small => {}
+        let components = ImageComponents::new(self, go_on)?;
+        let is_small = |component: &ImageComponent| component.voxels < least;
+        // How many voxels of each id are around each small component; one that has several voxels
+        // of it for neighbours counts as often.
+        let mut around: BTreeMap<(usize, u16), u64> = BTreeMap::new();
+        for (component, first, count) in components.runs(self.dims(), is_small) {
+            go_on(0)?;
+            let own = self.ids()[first];
+            for v in (first..first + count).flat_map(|v| self.around(v)) {
+                if self.ids()[v] != own {
+                    *around.entry((component, self.ids()[v])).or_default() += 1;
                 }
             }
         }
-        Ok((reached.len() as u64) < least)
-    }
-
-    /// The id that most voxels around those of a component have.
-    fn most_around(&self, component: &[usize]) -> u16 {
-        let own = self.ids()[component[0]];
-        let mut counts = BTreeMap::new();
-        for v in component.iter().flat_map(|&v| self.around(v)).filter(|&v| self.ids()[v] != own) {
-            *counts.entry(self.ids()[v]).or_insert(0_u64) += 1;
-        }
         // Outside of the image there is background.
-        counts.into_iter().rev().max_by_key(|&(_, count)| count).map_or(0, |(id, _)| id)
+        let most_around = |component: usize| {
+            let counts = around.range((component, 0)..=(component, u16::MAX)).rev();
+            counts.max_by_key(|&(_, &count)| count).map_or(0, |(&(_, id), _)| id)
+        };
+        let mut ids = room(self.ids().len(), "voxels of an image")?;
+        ids.extend_from_slice(self.ids());
+        for (component, first, count) in components.runs(self.dims(), is_small) {
+            ids[first..first + count].fill(most_around(component));
+        }
+        let small = components.list.iter().filter(|&component| is_small(component));
+        let mut small_components = room(small.clone().count(), "small components")?;
+        small_components.extend(small.map(|component| {
+            let center = DVec3::from(component.first.map(|c| c as f64));
+            SmallComponent {
+                label: self.labels()[usize::from(component.id)],
+                position: self.frame().to_world(center).to_array(),
+                voxels: component.voxels,
+            }
+        }));
+        let image = Self::from_ids(self.dims(), *self.frame(), ids, self.labels().to_vec())?;
+        Ok((image, small_components))
     }
 
     /// The voxels around one, up to 26.
@@ -160,7 +98,10 @@ impl LabelImage {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+    use crate::image::Frame;
     use crate::image::phantom::sampled;
 
     #[test]
@@ -177,7 +118,7 @@ mod tests {
         })
         .unwrap();
         assert_eq!(image.voxel_counts(), [12 * 81 - 103, 99, 4]);
-        let (without, small_components) = image.without_small_components(2, || Ok(())).unwrap();
+        let (without, small_components) = image.without_small_components(2, &|_| Ok(())).unwrap();
         assert_eq!(without.labels(), [0, 5, 7]);
         assert_eq!(without.voxel_counts(), [12 * 81 - 102, 100, 2]);
         let expected = [([-11.0, -4.0, -4.0], 1), ([-1.0, 0.0, 0.0], 1)];
@@ -185,9 +126,54 @@ mod tests {
             small_components,
             expected.map(|(position, voxels)| SmallComponent { label: 7, position, voxels })
         );
-        let (without, small_components) = image.without_small_components(3, || Ok(())).unwrap();
+        let (without, small_components) = image.without_small_components(3, &|_| Ok(())).unwrap();
         assert_eq!((without.labels(), small_components.len()), ([0, 5].as_slice(), 3));
-        let (same, none) = image.without_small_components(1, || Ok(())).unwrap();
+        let (same, none) = image.without_small_components(1, &|_| Ok(())).unwrap();
         assert_eq!((same, none.len()), (image, 0));
+    }
+
+    proptest! {
+        /// Against a flood fill from each voxel.
+        #[test]
+        fn as_a_flood_fill_finds_them(
+            values in prop::collection::vec(0..4_i32, 6 * 5 * 4),
+            least in 2..9_u64,
+        ) {
+            let dims = [6, 5, 4];
+            let frame = Frame::axis_aligned([1.0; 3]).unwrap();
+            let ids = values.iter().map(|&v| v as u16).collect();
+            let image = LabelImage::from_ids(dims, frame, ids, vec![0, 1, 2, 3]).unwrap();
+            let (without, small) = image.without_small_components(least, &|_| Ok(())).unwrap();
+            let mut found = Vec::new();
+            for v in 0..values.len() {
+                let label = |v: usize| image.labels()[usize::from(image.ids()[v])];
+                let now = without.labels()[usize::from(without.ids()[v])];
+                let mut component = vec![v];
+                let mut next = 0;
+                while let Some(&here) = component.get(next) {
+                    next += 1;
+                    for other in image.around(here).filter(|&other| label(other) == label(v)) {
+                        if !component.contains(&other) {
+                            component.push(other);
+                        }
+                    }
+                }
+                if label(v) == 0 || component.len() as u64 >= least {
+                    prop_assert_eq!(now, label(v));
+                    continue;
+                }
+                let mut counts = [0; 4];
+                for other in component.iter().flat_map(|&v| image.around(v)) {
+                    counts[label(other) as usize] += usize::from(label(other) != label(v));
+                }
+                let most = *counts.iter().max().unwrap();
+                prop_assert_eq!(now, counts.iter().position(|&n| n == most).unwrap() as i32);
+                if component.iter().min() == Some(&v) {
+                    found.push((label(v), component.len() as u64));
+                }
+            }
+            let small: Vec<_> = small.iter().map(|s| (s.label, s.voxels)).collect();
+            prop_assert_eq!(small, found);
+        }
     }
 }

@@ -130,7 +130,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::mesh::quality::{dihedral_angles, radius_edge_ratio};
+    use crate::geometry::measures::{dihedral_angles, radius_edge_ratio};
 
     proptest! {
         /// Against the six angles themselves.

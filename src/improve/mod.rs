@@ -54,10 +54,10 @@ mod worker;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::geometry::measures::dihedral_angles;
 use crate::geometry::predicates::in_sphere;
 use crate::geometry::sphere::Circumsphere;
 use crate::memory::{reserve, zeroed};
-use crate::mesh::quality::dihedral_angles;
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;

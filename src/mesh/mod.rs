@@ -1,29 +1,10 @@
-//! The finished mesh: plain arrays, and what is measured on them.
+//! The finished mesh: plain arrays, collected from the triangulation.
 
-pub mod boundary_surface;
-pub mod certificate;
-pub mod distance;
 pub mod extract;
 mod facets;
-mod grid_corners;
-mod image_components;
-mod keyed_sums;
-pub mod matching;
-mod mesh_components;
-mod off_walls;
-pub mod quality;
-mod tables;
-mod triangle_bins;
-mod union_find;
-mod vertex_links;
-mod voxel_faces;
 
 #[cfg(test)]
 pub(crate) mod testing;
-
-pub use certificate::{Certificate, ComponentRow, Defect, DefectKind, LabelRow};
-pub use matching::Fate;
-pub use quality::Quality;
 
 use glam::DVec3;
 

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use super::voxel_faces::{Face, VoxelFaces};
 use super::{NONE, TetMesh};
 use crate::image::{Frame, LabelImage};
 
@@ -116,16 +115,4 @@ pub fn image(
         .map(|value| labels.iter().position(|label| label == value).unwrap_or(0) as u16)
         .collect();
     LabelImage::from_ids(dims, frame, ids, labels).expect("a valid image")
-}
-
-/// All interface faces of an image.
-pub(super) fn voxel_faces(faces: &VoxelFaces<'_>) -> Vec<Face> {
-    let [nx, ny, nz] = faces.dims();
-    let cells = (0..nx * ny * nz).map(|at| [at % nx, at / nx % ny, at / (nx * ny)]);
-    let of = |cell| {
-        (0..3)
-            .filter(move |axis| faces.mask(cell) >> axis & 1 == 1)
-            .map(move |axis| Face { cell, axis })
-    };
-    cells.flat_map(of).collect()
 }

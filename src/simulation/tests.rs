@@ -12,7 +12,6 @@ use crate::delaunay::Triangulation;
 use crate::image::LabelImage;
 use crate::image::phantom::{nested_shells, torus};
 use crate::io::read::read_image;
-use crate::mesh::certificate::Certificate;
 use crate::mesh::extract::{Background, extract};
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
@@ -22,6 +21,7 @@ use crate::refine::activity::Doing;
 use crate::refine::rules::Rules;
 use crate::refine::team::RefineOptions;
 use crate::refine::{examine, refine};
+use crate::verify::certificate::Certificate;
 
 struct Subject {
     image: LabelImage,

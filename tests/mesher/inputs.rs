@@ -8,10 +8,10 @@ use lapd::Error;
 use lapd::image::phantom::ball_volume;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
 use lapd::mesh::TetMesh;
-use lapd::mesh::certificate::DefectKind;
 use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::{MeshParams, SurfaceModel};
+use lapd::verify::certificate::DefectKind;
 
 use super::{boundary_topology, mesh, params, run, volumes};
 

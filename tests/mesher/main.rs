@@ -20,8 +20,8 @@ mod thin;
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::DVec3;
+use lapd::geometry::measures::{radius_edge_ratio, tet_circumradius, tet_volume, triangle_angles};
 use lapd::image::LabelImage;
-use lapd::mesh::quality::{radius_edge_ratio, tet_circumradius, tet_volume, triangle_angles};
 use lapd::mesh::{NONE, TetMesh};
 use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;

@@ -24,7 +24,7 @@ fn centroid(meshing: &lapd::mesher::MeshResult) -> DVec3 {
     let mesh = &meshing.mesh;
     let sum = mesh.tets.iter().fold((DVec3::ZERO, 0.0), |(moment, volume), tet| {
         let p = tet.map(|v| mesh.point(v));
-        let v = lapd::mesh::quality::tet_volume(&p);
+        let v = lapd::geometry::measures::tet_volume(&p);
         (moment + p.iter().sum::<DVec3>() * (0.25 * v), volume + v)
     });
     sum.0 / sum.1
@@ -230,7 +230,7 @@ fn background_fills_the_box() {
         .mesh
         .tets
         .iter()
-        .map(|t| lapd::mesh::quality::tet_volume(&t.map(|v| whole.mesh.point(v))))
+        .map(|t| lapd::geometry::measures::tet_volume(&t.map(|v| whole.mesh.point(v))))
         .sum();
     assert!((volume / (high - low).element_product() - 1.0).abs() < 1e-12);
     assert!(

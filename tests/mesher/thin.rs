@@ -3,10 +3,10 @@
 
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
-use lapd::mesh::DefectKind;
 use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::MeshParams;
+use lapd::verify::DefectKind;
 
 use super::{mesh, params};
 

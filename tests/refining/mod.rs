@@ -8,9 +8,7 @@ use lapd::Error;
 use lapd::delaunay::Triangulation;
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
-use lapd::mesh::certificate::Certificate;
 use lapd::mesh::extract::{Background, extract};
-use lapd::mesh::quality::Quality;
 use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::{CancelFlag, Monitor, Progress};
 use lapd::oracle::Oracle;
@@ -20,6 +18,8 @@ use lapd::refine::podm::Refinement;
 use lapd::refine::rules::Rules;
 use lapd::refine::team::RefineOptions;
 use lapd::refine::{examine, refine};
+use lapd::verify::certificate::Certificate;
+use lapd::verify::quality::Quality;
 
 /// Seconds that a test may take, however slow the build; beyond, its threads hang.
 const PATIENCE: u64 = 1500;

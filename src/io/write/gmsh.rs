@@ -337,7 +337,7 @@ mod tests {
 
     #[test]
     fn tags_are_positive_and_differ() {
-        assert_eq!(label_tags(&[]), []);
+        assert!(label_tags(&[]).is_empty());
         assert_eq!(label_tags(&[1, 5, 900_000]), [1, 5, 900_000]);
         assert_eq!(label_tags(&[-7, -2, 0, 3, 9]), [12, 11, 10, 3, 9]);
         assert_eq!(label_tags(&[i32::MIN, -1, 0]), [3, 2, 1]);

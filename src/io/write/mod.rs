@@ -135,7 +135,7 @@ impl MeshFormat {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
     /// In `.vtu`: the measures of the tets, a cell array for each of
-    /// [`TetMeasure::ALL`](crate::mesh::quality::TetMeasure::ALL). Other formats have no place for
+    /// [`TetMeasure::ALL`](crate::geometry::measures::TetMeasure::ALL). Other formats have no place for
     /// them.
     pub measures: bool,
     /// What the world axes mean, where that is known. It is told as `SPACE=LPS`: in the head of

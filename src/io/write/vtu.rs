@@ -20,8 +20,8 @@ use super::WriteOptions;
 use super::output::Output;
 use super::records::write_batches;
 use super::vtk::cell_type;
+use crate::geometry::measures::TetMeasure;
 use crate::mesh::TetMesh;
-use crate::mesh::quality::TetMeasure;
 
 /// Uncompressed bytes of a block; a multiple of the size of every kind of value.
 const BLOCK: usize = 1 << 18;

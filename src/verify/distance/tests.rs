@@ -1,10 +1,10 @@
 //! Distances whose values are known, or found by brute force.
 
-use super::super::testing;
 use super::from_mesh::Parts;
 use super::*;
 use crate::geometry::shape::closest_point;
 use crate::image::Frame;
+use crate::mesh::testing;
 use crate::params::SurfaceModel;
 
 fn oracle(image: &LabelImage, model: SurfaceModel) -> Oracle {
@@ -17,7 +17,7 @@ fn measured(mesh: &TetMesh, image: &LabelImage) -> Distances {
 
 fn both(mesh: &TetMesh, image: &LabelImage, model: SurfaceModel) -> BothDistances {
     let monitor = Monitor::silent();
-    let image_components = ImageComponents::new(image, &monitor).unwrap();
+    let image_components = ImageComponents::new(image, &|_| Ok(())).unwrap();
     let mesh_components = MeshComponents::new(mesh, image, &image_components, &monitor).unwrap();
     Distances::measure(
         mesh,
@@ -89,7 +89,7 @@ fn both_sides_against_brute_force() {
     let measured = measured(&mesh, &image).whole;
 
     let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
-    let all = testing::voxel_faces(&faces);
+    let all = faces.all();
     let frame = image.frame();
     let triangles: Vec<[DVec3; 3]> = mesh
         .facets
@@ -150,7 +150,7 @@ fn components_are_held_against_their_own_label() {
         *p = p.map(|x| x + 0.4 * ((v * 37 % 11) as f64 / 11.0 - 0.5));
     }
     let monitor = Monitor::silent();
-    let components = ImageComponents::new(&image, &monitor).unwrap();
+    let components = ImageComponents::new(&image, &|_| Ok(())).unwrap();
     let parts = MeshComponents::new(&mesh, &image, &components, &monitor).unwrap();
     let measured = Distances::measure(
         &mesh,
@@ -163,7 +163,7 @@ fn components_are_held_against_their_own_label() {
     .unwrap()
     .faces;
     let faces = VoxelFaces::new(&image, &monitor).unwrap();
-    let all = testing::voxel_faces(&faces);
+    let all = faces.all();
     let frame = image.frame();
     let local = |v: u32| (frame.to_index(mesh.point(v)) + 0.5) * frame.spacing();
 
@@ -347,7 +347,7 @@ fn distances_to_the_smooth_surface() {
 fn bad_vertices_and_cancellation_are_errors() {
     let (mut mesh, image) = pair(|_, _, _| 1);
     let silent = Monitor::silent();
-    let components = ImageComponents::new(&image, &silent).unwrap();
+    let components = ImageComponents::new(&image, &|_| Ok(())).unwrap();
     let parts = MeshComponents::new(&mesh, &image, &components, &silent).unwrap();
     let oracle = oracle(&image, SurfaceModel::Smooth);
     let flag = crate::monitor::CancelFlag::default();

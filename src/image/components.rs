@@ -20,14 +20,13 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::union_find::{Numbered, UnionFind};
 use crate::image::LabelImage;
 use crate::memory::{room, zeroed};
-use crate::monitor::Monitor;
+use crate::reduce::{Numbered, UnionFind};
 use crate::{Error, Result};
 
 /// A slice of voxels counts as this many pieces of work, a tet as one.
-pub(super) const SLICE: usize = 4096;
+pub(crate) const SLICE: usize = 4096;
 
 /// A component of one label.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -108,7 +107,7 @@ fn common<'a>(a: &'a [Run], b: &'a [Run]) -> impl Iterator<Item = (Run, u32)> + 
 }
 
 /// The components of an image.
-pub(super) struct ImageComponents {
+pub(crate) struct ImageComponents {
     slices: Vec<Slice>,
     numbers: Numbered,
     /// In the order of their first voxels.
@@ -123,11 +122,11 @@ impl ImageComponents {
     /// # Errors
     /// [`Error::Cancelled`]; [`Error::OutOfMemory`]; [`Error::LimitReached`] for an image of more
     /// than 2^32 runs.
-    pub fn new(image: &LabelImage, monitor: &Monitor<'_>) -> Result<Self> {
+    pub fn new(image: &LabelImage, go_on: &(dyn Fn(usize) -> Result<()> + Sync)) -> Result<Self> {
         let [nx, ny, nz] = image.dims();
         let ids: Vec<&[u16]> = image.ids().chunks(nx * ny).collect();
         let runs_in = |ids: &&[u16]| {
-            monitor.advance(SLICE / 4)?;
+            go_on(SLICE / 4)?;
             Ok(ids.chunks(nx).map(|row| runs_of(row).count()).sum())
         };
         let counts: Vec<usize> = ids.par_iter().map(runs_in).collect::<Result<_>>()?;
@@ -140,23 +139,23 @@ impl ImageComponents {
             .scan(0, |next, &n| Some(std::mem::replace(next, *next + n as u32)))
             .collect();
         let slice = |k: usize| {
-            monitor.advance(SLICE / 4)?;
+            go_on(SLICE / 4)?;
             Slice::new(ids[k], nx, counts[k], firsts[k])
         };
         let slices: Vec<Slice> = (0..nz).into_par_iter().map(slice).collect::<Result<_>>()?;
         let sets = UnionFind::new(total, "runs of equal voxels")?;
         let join = |k: usize| {
-            monitor.advance(SLICE / 4)?;
+            go_on(SLICE / 4)?;
             join_slice(&slices[k], k.checked_sub(1).map(|below| &slices[below]), &sets)
         };
         // What each run contributes to the Euler characteristic of its component.
         let contributions: Vec<Vec<i32>> =
             (0..nz).into_par_iter().map(join).collect::<Result<_>>()?;
-        let numbers = sets.numbered(|_| true, "runs of equal voxels", monitor)?;
+        let numbers = sets.numbered(|_| true, "runs of equal voxels", &|| go_on(0))?;
 
         let mut list: Vec<ImageComponent> = room(numbers.roots.len(), "components of the image")?;
         for (k, (slice, contributions)) in slices.iter().zip(&contributions).enumerate() {
-            monitor.advance(SLICE / 4)?;
+            go_on(SLICE / 4)?;
             let mut row = 0;
             for (r, (run, &euler)) in slice.runs.iter().zip(contributions).enumerate() {
                 while slice.ends[row] as usize <= r {
@@ -186,6 +185,28 @@ impl ImageComponents {
             only[usize::from(component.id)] = Some(c as u32);
         }
         Ok(Self { slices, numbers, list, only })
+    }
+
+    /// The runs of voxels along x of the components that `wanted` is true of: the component, the
+    /// first voxel's place in the image, and how many there are.
+    pub fn runs<'a>(
+        &'a self,
+        [nx, ny, _]: [usize; 3],
+        wanted: impl Fn(&ImageComponent) -> bool + 'a,
+    ) -> impl Iterator<Item = (usize, usize, usize)> + 'a {
+        let rows = self.slices.iter().flat_map(|slice| (0..slice.ends.len()).map(|j| slice.row(j)));
+        debug_assert!(self.slices.iter().all(|slice| slice.ends.len() == ny));
+        rows.enumerate().flat_map(|(row, runs)| runs.iter().map(move |run| (row, run))).filter_map(
+            move |(row, run)| {
+                let component = self.numbers.of(run.number) as usize;
+                let place = row * nx + run.start as usize;
+                wanted(&self.list[component]).then_some((
+                    component,
+                    place,
+                    (run.end - run.start) as usize,
+                ))
+            },
+        )
     }
 
     /// The component of a voxel; `None` in the background and outside the image.
@@ -271,9 +292,9 @@ mod tests {
 
     use proptest::prelude::*;
 
-    use super::super::testing;
     use super::*;
     use crate::image::{Frame, phantom};
+    use crate::mesh::testing;
 
     const DIMS: [usize; 3] = [7, 5, 4];
 
@@ -321,7 +342,7 @@ mod tests {
         ) {
             let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
             let image = testing::image(DIMS, Frame::axis_aligned([1.0; 3]).unwrap(), label);
-            let found = ImageComponents::new(&image, &Monitor::silent()).unwrap();
+            let found = ImageComponents::new(&image, &|_| Ok(())).unwrap();
             let component = flood_fill(&values);
             let mut counts =
                 vec![(0_u64, 0_i64); component.values().max().map_or(0, |last| last + 1)];
@@ -365,7 +386,7 @@ mod tests {
     }
 
     fn euler(image: &LabelImage) -> Vec<(i32, i64)> {
-        let components = ImageComponents::new(image, &Monitor::silent()).unwrap();
+        let components = ImageComponents::new(image, &|_| Ok(())).unwrap();
         components.list.iter().map(|c| (image.labels()[usize::from(c.id)], c.euler)).collect()
     }
 
@@ -389,7 +410,7 @@ mod tests {
         let frame = Frame::axis_aligned([1.0, 1.0, 3.0]).unwrap();
         let label = |i: usize, j: usize, k: usize| [[1, 0, 2, 1], [0, 2, 0, 1]][(j + k) % 2][i];
         let image = testing::image([4, 2, 2], frame, label);
-        let components = ImageComponents::new(&image, &Monitor::silent()).unwrap();
+        let components = ImageComponents::new(&image, &|_| Ok(())).unwrap();
         let near = |id, x, y, z| {
             components
                 .near(&image, id, DVec3::new(x, y, z))
@@ -416,7 +437,7 @@ mod tests {
         let image = testing::image([30, 21, 24], Frame::axis_aligned([1.0; 3]).unwrap(), label);
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| ImageComponents::new(&image, &Monitor::silent()).unwrap().list)
+            pool.install(|| ImageComponents::new(&image, &|_| Ok(())).unwrap().list)
         };
         let list = on(1);
         let count = |id| list.iter().filter(|c| c.id == id).count();

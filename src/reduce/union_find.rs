@@ -6,13 +6,12 @@ use rayon::prelude::*;
 
 use crate::Result;
 use crate::memory::{room, zeroed};
-use crate::monitor::Monitor;
 
 /// Numbers of one piece of work.
 const CHUNK: usize = 1 << 14;
 
 /// "In no set", where sets are numbered.
-pub(super) const NO_SET: u32 = u32::MAX;
+pub(crate) const NO_SET: u32 = u32::MAX;
 
 /// Disjoint sets of the numbers from 0 on.
 ///
@@ -23,7 +22,7 @@ pub(super) const NO_SET: u32 = u32::MAX;
 /// and of two threads that give a root a parent one fails and looks again; and the root of a set is
 /// its smallest number. Relaxed order suffices: the words carry no other data, and each is changed
 /// in one order that all threads agree on.
-pub(super) struct UnionFind {
+pub(crate) struct UnionFind {
     /// How far below a number its parent is; 0 for a root. Zeroed memory holds sets of one.
     steps: Vec<AtomicU32>,
 }
@@ -70,15 +69,16 @@ impl UnionFind {
     }
 
     /// Numbers the sets in the order of their smallest numbers, those alone whose root `counts`.
-    /// Does not depend on the number of threads. Nobody may join sets any more.
+    /// Does not depend on the number of threads. Nobody may join sets any more. `go_on` is asked
+    /// for each some thousand numbers.
     ///
     /// # Errors
-    /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
+    /// [`OutOfMemory`](crate::Error::OutOfMemory); those of `go_on`.
     pub fn numbered(
         self,
         counts: impl Fn(u32) -> bool + Sync,
         what: &'static str,
-        monitor: &Monitor<'_>,
+        go_on: &(dyn Fn() -> Result<()> + Sync),
     ) -> Result<Numbered> {
         let numbers: Vec<AtomicU32> = zeroed(self.steps.len(), what)?;
         let is_root = |x: u32| self.steps[x as usize].load(Relaxed) == 0 && counts(x);
@@ -100,7 +100,7 @@ impl UnionFind {
         let firsts: Vec<u32> = starts.collect();
         let each = |pass: &(dyn Fn(usize) + Sync)| {
             chunks.clone().into_par_iter().try_for_each(|chunk| {
-                monitor.check_cancelled()?;
+                go_on()?;
                 pass(chunk);
                 Ok(())
             })
@@ -129,7 +129,7 @@ impl UnionFind {
 }
 
 /// Numbered sets.
-pub(super) struct Numbered {
+pub(crate) struct Numbered {
     numbers: Vec<AtomicU32>,
     /// The smallest number of each set.
     pub roots: Vec<u32>,
@@ -157,7 +157,7 @@ mod tests {
             let order = |n: u32| (0..count - 7).map(move |i| i * (2 * n + 1) % (count - 7));
             let joined = |n| order(n).filter(|&x| sets.join(x, x + 7)).count();
             let joins: usize = (0..6_u32).into_par_iter().map(joined).sum();
-            (joins, sets.numbered(|x| x != 3, "numbers", &Monitor::silent()).unwrap())
+            (joins, sets.numbered(|x| x != 3, "numbers", &|| Ok(())).unwrap())
         });
         assert_eq!((joins, &numbered.roots[..]), (count as usize - 7, &[0, 1, 2, 4, 5, 6][..]));
         let expected = |x: u32| [0, 1, 2, NO_SET, 3, 4, 5][x as usize % 7];

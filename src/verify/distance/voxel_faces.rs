@@ -27,17 +27,17 @@ use crate::memory::zeroed;
 use crate::monitor::Monitor;
 
 /// Cells along each axis of a brick.
-pub(super) const BRICK: usize = 8;
+pub(crate) const BRICK: usize = 8;
 
 /// An interface face: the lower face along `axis` of `cell`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Face {
+pub(crate) struct Face {
     pub cell: [usize; 3],
     pub axis: usize,
 }
 
 /// The interface faces of an image.
-pub(super) struct VoxelFaces<'i> {
+pub(crate) struct VoxelFaces<'i> {
     image: &'i LabelImage,
     /// Cells along each axis: voxels + 1.
     dims: [usize; 3],
@@ -451,19 +451,34 @@ fn cell_below(x: f64, n: usize) -> usize {
 }
 
 #[cfg(test)]
+impl VoxelFaces<'_> {
+    /// All interface faces of the image.
+    pub(super) fn all(&self) -> Vec<Face> {
+        let [nx, ny, nz] = self.dims();
+        let cells = (0..nx * ny * nz).map(|at| [at % nx, at / nx % ny, at / (nx * ny)]);
+        let of = |cell| {
+            (0..3)
+                .filter(move |axis| self.mask(cell) >> axis & 1 == 1)
+                .map(move |axis| Face { cell, axis })
+        };
+        cells.flat_map(of).collect()
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::testing;
     use super::*;
     use crate::image::Frame;
+    use crate::mesh::testing;
 
     #[test]
     fn one_voxel_has_six_faces() {
         let image =
             testing::image([1, 1, 1], Frame::axis_aligned([1.0, 2.0, 3.0]).unwrap(), |_, _, _| 7);
         let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
-        let all = testing::voxel_faces(&faces);
+        let all = faces.all();
         assert_eq!(all.len(), 6);
         assert_eq!(all.iter().map(|&f| faces.area(f)).sum::<f64>(), 22.0);
         assert_eq!(faces.centre(Face { cell: [1, 0, 0], axis: 0 }), DVec3::new(1.0, 1.0, 1.5));
@@ -508,7 +523,7 @@ mod tests {
                     if seed < 2 { 1 + i32::from(seed) } else { 0 }
                 });
             let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
-            let all = testing::voxel_faces(&faces);
+            let all = faces.all();
             let p = DVec3::from(p);
             let expected =
                 all.iter().map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min);

@@ -3,15 +3,15 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::grid_corners::Corners;
-use super::super::keyed_sums::{KeyedSums, Sums};
-use super::super::triangle_bins::Triangle;
-use super::super::union_find::NO_SET;
-use super::super::voxel_faces::{Face, VoxelFaces};
+use super::grid_corners::Corners;
+use super::triangle_bins::Triangle;
+use super::voxel_faces::{Face, VoxelFaces};
 use super::{CHECK_EVERY, CHUNK, Distance, PART, Sum, TOLERANCE};
 use crate::Result;
 use crate::memory::reserve;
 use crate::monitor::Monitor;
+use crate::reduce::NO_SET;
+use crate::reduce::{KeyedSums, Sums};
 
 /// How often parts of a facet are halved by their centroids alone, which costs less than to look
 /// for the faces nearest to their corners, and mostly suffices.
@@ -27,7 +27,7 @@ struct Side {
 
 /// Distances from the mesh to the image: over the whole, and the sums of each component that has
 /// any facets.
-pub(super) fn mesh_to_image(
+pub(crate) fn mesh_to_image(
     triangles: &[Triangle],
     faces: &VoxelFaces<'_>,
     monitor: &Monitor<'_>,
@@ -278,7 +278,7 @@ fn rounded_up(x: f64) -> f32 {
 }
 
 /// A subdivision of a triangle into n x n similar parts, half of them, but for n, upside down.
-pub(super) struct Parts {
+pub(crate) struct Parts {
     /// A corner of the triangle.
     corner: DVec3,
     /// The edges of a part from there.

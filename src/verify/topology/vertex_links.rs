@@ -2,16 +2,16 @@
 //! see `boundary_surface`.
 
 use super::boundary_surface::Pinch;
-use super::keyed_sums::KeyedSums;
 use super::mesh_components::MeshComponents;
-use super::{NONE, TetMesh};
+use crate::mesh::{NONE, TetMesh};
+use crate::reduce::KeyedSums;
 
 /// Most tets around an edge that are gone through; a sound mesh has some ten.
 const MOST_AROUND: usize = 1 << 12;
 
 /// A vertex or edge where tets of one label touch that are not joined there as in a solid.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Touch {
+pub(crate) struct Touch {
     /// The part of each cone or wedge.
     pub parts: Vec<u32>,
     /// What the place adds to the characteristic of the boundary when these are taken for one union
@@ -28,7 +28,7 @@ struct Side {
 }
 
 /// Looks at one vertex after the other, and keeps what it finds. The tables are room to work in.
-pub(super) struct VertexLinks<'m> {
+pub(crate) struct VertexLinks<'m> {
     mesh: &'m TetMesh,
     parts: &'m MeshComponents,
     /// Edges where the boundary of some label is open.

@@ -12,25 +12,27 @@
 //! Deterministic whatever the number of threads; parallel in the current rayon pool; safe from any
 //! thread. Linear, but for the distances.
 
+mod rows;
+
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::TetMesh;
-use super::boundary_surface::BoundarySurfaces;
-use super::distance::{Distance, Distances};
-use super::image_components::{ImageComponents, SLICE};
-use super::matching::{Fate, Matching};
-use super::mesh_components::MeshComponents;
-use super::off_walls::facets_off_walls;
-use super::tables::Tables;
-use super::voxel_faces::VoxelFaces;
 use crate::Result;
 use crate::image::LabelImage;
+use crate::image::components::{ImageComponents, SLICE};
 use crate::memory::zeroed;
+use crate::mesh::TetMesh;
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
+use crate::verify::distance::VoxelFaces;
+use crate::verify::distance::{Distance, Distances};
+use crate::verify::off_walls::facets_off_walls;
+use crate::verify::topology::boundary_surface::BoundarySurfaces;
+use crate::verify::topology::matching::{Fate, Matching};
+use crate::verify::topology::mesh_components::MeshComponents;
+use rows::Tables;
 
 /// Tets per work item.
 const CHUNK: usize = 1 << 12;
@@ -244,7 +246,7 @@ impl Certificate {
         let inverted_tets = inverted_tets(mesh, monitor)?;
         let orphan_vertices = orphan_vertices(mesh, monitor)?;
         let facets_off_walls = facets_off_walls(mesh, oracle, monitor)?;
-        let image_components = ImageComponents::new(image, monitor)?;
+        let image_components = ImageComponents::new(image, &|steps| monitor.advance(steps))?;
         let mut mesh_components = MeshComponents::new(mesh, image, &image_components, monitor)?;
         let surfaces = BoundarySurfaces::measure(mesh, &mut mesh_components, monitor)?;
         let distances =
@@ -346,9 +348,9 @@ pub fn orphan_vertices(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing;
     use super::*;
     use crate::image::Frame;
+    use crate::mesh::{NONE, testing};
     use crate::params::SurfaceModel;
 
     fn oracle(image: &LabelImage) -> Oracle {
@@ -455,7 +457,7 @@ mod tests {
             points: vec![[12.0, 12.0, 12.0], [24.0, 24.0, 24.0], [0.5, 12.5, 0.5], [0.25, 6.25, z]],
             tets: vec![[0, 1, 2, 3]],
             labels: vec![1],
-            neighbors: vec![[super::super::NONE; 4]],
+            neighbors: vec![[NONE; 4]],
             ..TetMesh::default()
         };
         let counts = [0.25 - f64::EPSILON / 4.0, 0.25, 0.25 + f64::EPSILON / 4.0]

@@ -31,11 +31,11 @@ const BRICKS: usize = 1 << 10;
 
 /// An interface facet in the coordinates of [`VoxelFaces`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Triangle {
+pub(crate) struct Triangle {
     pub corners: [DVec3; 3],
     /// The ids of the labels on its two sides.
     pub ids: [u16; 2],
-    /// The components of the mesh there; [`NO_SET`](super::union_find::NO_SET) for background.
+    /// The components of the mesh there; [`NO_SET`](crate::reduce::NO_SET) for background.
     pub components: [u32; 2],
 }
 
@@ -72,13 +72,13 @@ fn bit(id: u16) -> u64 {
 
 /// A triangle and its squared distance from the point that was asked for.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Nearest {
+pub(crate) struct Nearest {
     pub triangle: u32,
     pub distance_squared: f64,
 }
 
 /// The triangles by brick.
-pub(super) struct TriangleBins {
+pub(crate) struct TriangleBins {
     pub triangles: Vec<Triangle>,
     /// Centre and radius of a sphere around each.
     spheres: Vec<[f32; 4]>,
@@ -316,10 +316,10 @@ fn within(x: f64, n: usize) -> usize {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::testing;
-    use super::super::union_find::NO_SET;
     use super::*;
     use crate::image::Frame;
+    use crate::mesh::testing;
+    use crate::reduce::NO_SET;
 
     fn point() -> impl Strategy<Value = DVec3> {
         [-4..=4i32, -4..=4, -4..=4]

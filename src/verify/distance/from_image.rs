@@ -8,16 +8,16 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::image_components::ImageComponents;
-use super::super::keyed_sums::{KeyedSums, Sums};
-use super::super::triangle_bins::{Nearest, Triangle, TriangleBins};
-use super::super::voxel_faces::{BRICK, Face, VoxelFaces};
+use super::triangle_bins::{Nearest, Triangle, TriangleBins};
+use super::voxel_faces::{BRICK, Face, VoxelFaces};
 use super::{CHECK_EVERY, Distance, Max, Sum, spread};
 use crate::Result;
 use crate::geometry::shape::closest_point;
+use crate::image::components::ImageComponents;
 use crate::memory::room;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
+use crate::reduce::{KeyedSums, Sums};
 
 /// "No triangle yet".
 const NONE: u32 = u32::MAX;
@@ -279,7 +279,7 @@ type Measured = (Distance, Vec<Sum>);
 
 /// Distances from the image to the mesh: from the faces of voxels, and from dO. All triangles
 /// within `reach` of a brick are listed there.
-pub(super) fn image_to_mesh(
+pub(crate) fn image_to_mesh(
     bins: &TriangleBins,
     reach: f64,
     faces: &VoxelFaces<'_>,

@@ -15,15 +15,15 @@ use std::ops::AddAssign;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::image_components::ImageComponents;
-use super::keyed_sums::{KeyedSums, Sums};
-use super::quality::tet_volume;
-use super::union_find::{NO_SET, Numbered, UnionFind};
-use super::{NONE, TetMesh};
 use crate::Result;
+use crate::geometry::measures::tet_volume;
 use crate::image::LabelImage;
+use crate::image::components::ImageComponents;
 use crate::memory::room;
+use crate::mesh::{NONE, TetMesh};
 use crate::monitor::Monitor;
+use crate::reduce::{KeyedSums, Sums};
+use crate::reduce::{NO_SET, Numbered, UnionFind};
 
 /// Tets of one piece of work, between two looks at the cancel flag; fixed, so that sums do not
 /// depend on the number of threads.
@@ -68,7 +68,7 @@ pub struct Overlap {
 }
 
 /// The components of a mesh: its parts, until those that touch are joined.
-pub(super) struct MeshComponents {
+pub(crate) struct MeshComponents {
     /// The parts of the tets.
     parts: Numbered,
     of_parts: Vec<u32>,
@@ -111,7 +111,7 @@ impl MeshComponents {
             Ok(())
         })?;
         let parts =
-            sets.numbered(|t| mesh.labels[t as usize] != 0, "components of the mesh", monitor)?;
+            sets.numbered(|t| mesh.labels[t as usize] != 0, WHAT, &|| monitor.check_cancelled())?;
         let lie = |(chunk, tets): (usize, &[[u32; 4]])| {
             monitor.advance(tets.len())?;
             let mut keyed_sums = KeyedSums::default();
@@ -164,7 +164,7 @@ impl MeshComponents {
         for group in groups {
             group.windows(2).for_each(|pair| _ = sets.join(pair[0], pair[1]));
         }
-        let joined = sets.numbered(|_| true, WHAT, monitor)?;
+        let joined = sets.numbered(|_| true, WHAT, &|| monitor.check_cancelled())?;
         self.of_parts.iter_mut().for_each(|component| *component = joined.of(*component));
         let mut list: Vec<MeshComponent> = room(joined.roots.len(), WHAT)?;
         for (part, component) in (0..).zip(self.list.drain(..)) {
@@ -216,15 +216,15 @@ fn overlaps(sums: Sums<Tets>) -> Vec<Overlap> {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::testing;
     use super::*;
     use crate::image::Frame;
+    use crate::mesh::testing;
 
     const DIMS: [usize; 3] = [7, 5, 4];
 
     fn both(mesh: &TetMesh, image: &LabelImage) -> (ImageComponents, MeshComponents) {
         let monitor = Monitor::silent();
-        let of_image = ImageComponents::new(image, &monitor).unwrap();
+        let of_image = ImageComponents::new(image, &|_| Ok(())).unwrap();
         let of_mesh = MeshComponents::new(mesh, image, &of_image, &monitor).unwrap();
         (of_image, of_mesh)
     }

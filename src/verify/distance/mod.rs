@@ -38,7 +38,10 @@
 
 mod from_image;
 mod from_mesh;
+mod grid_corners;
 mod to_surface;
+mod triangle_bins;
+mod voxel_faces;
 
 use std::ops::AddAssign;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -46,18 +49,18 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::TetMesh;
-use super::image_components::ImageComponents;
-use super::keyed_sums::Sums;
-use super::mesh_components::MeshComponents;
-use super::triangle_bins::{Triangle, TriangleBins};
-use super::union_find::NO_SET;
-use super::voxel_faces::VoxelFaces;
 use crate::image::LabelImage;
+use crate::image::components::ImageComponents;
 use crate::memory::{filled, room};
+use crate::mesh::TetMesh;
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
+use crate::reduce::NO_SET;
+use crate::reduce::Sums;
+use crate::verify::topology::mesh_components::MeshComponents;
 use crate::{Error, Result};
+use triangle_bins::{Triangle, TriangleBins};
+pub(crate) use voxel_faces::VoxelFaces;
 
 /// Facets, and rows of voxel faces, per parallel work item; fixed, so that sums do not depend on
 /// the number of threads.
@@ -103,7 +106,7 @@ pub struct SurfaceDistance {
 
 /// Distances over the whole, and for each component.
 #[derive(Default)]
-pub(super) struct Distances {
+pub(crate) struct Distances {
     /// Between all interfaces.
     pub whole: SurfaceDistance,
     /// From the boundary of each component of the mesh.
@@ -113,7 +116,7 @@ pub(super) struct Distances {
 }
 
 /// Distances to the faces of voxels, and to the smooth interfaces.
-pub(super) struct BothDistances {
+pub(crate) struct BothDistances {
     /// Between the mesh and the faces of voxels.
     pub faces: Distances,
     /// Between the mesh and dO.
@@ -185,7 +188,7 @@ impl Distances {
 
 /// Weighted sum and maximum of distances.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Sum {
+pub(crate) struct Sum {
     weight: f64,
     weighted: f64,
     max: f64,

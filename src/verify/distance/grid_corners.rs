@@ -27,7 +27,7 @@ struct Corner {
 
 /// The last corners of the grid that distances were asked at, one of each place modulo 4: who goes
 /// along an interface comes to most of them many times.
-pub(super) struct Corners<'i> {
+pub(crate) struct Corners<'i> {
     image: &'i LabelImage,
     spacing: DVec3,
     per_spacing: DVec3,
@@ -194,8 +194,7 @@ fn around_code(around: &[u16; 8], octant: usize) -> u32 {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::testing;
-    use super::super::voxel_faces::VoxelFaces;
+    use super::super::VoxelFaces;
     use super::*;
     use crate::image::Frame;
     use crate::monitor::Monitor;
@@ -214,7 +213,7 @@ mod tests {
             let frame = Frame::axis_aligned(spacing).unwrap();
             let image = LabelImage::from_ids([5, 4, 3], frame, ids_of, vec![0, 3, 5, 9]).unwrap();
             let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
-            let all = testing::voxel_faces(&faces);
+            let all = faces.all();
             let p = DVec3::from(p) * DVec3::from(spacing);
             let ids = ids.map(|id| id.min(image.labels().len() as u16 - 1));
             let found = Corners::new(&image).near_distances(p, ids);

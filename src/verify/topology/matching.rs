@@ -8,9 +8,9 @@
 //! one stands for is a *piece* torn off; one that lies in no component of its label is *stray*.
 //! Ties go to the one that comes first. Linear in the overlaps.
 
-use super::image_components::ImageComponent;
 use super::mesh_components::{MeshComponent, Overlap, Tets};
 use crate::Result;
+use crate::image::components::ImageComponent;
 use crate::memory::{filled, room};
 
 /// What the mesh made of a component of the image.

@@ -11,8 +11,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::TetMesh;
 use crate::Result;
+use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::oracle::{Oracle, Walls};
 

@@ -8,7 +8,7 @@
 use std::ops::AddAssign;
 
 /// Entries of one piece of work.
-pub(super) struct KeyedSums<T>(Vec<(u64, T)>);
+pub(crate) struct KeyedSums<T>(Vec<(u64, T)>);
 
 impl<T> Default for KeyedSums<T> {
     fn default() -> Self {
@@ -17,7 +17,7 @@ impl<T> Default for KeyedSums<T> {
 }
 
 /// The sums, in increasing order of key.
-pub(super) type Sums<T> = Vec<(u64, T)>;
+pub(crate) type Sums<T> = Vec<(u64, T)>;
 
 impl<T: AddAssign + Copy> KeyedSums<T> {
     /// Adds `value` to the sum of `key`.

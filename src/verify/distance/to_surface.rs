@@ -3,20 +3,20 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::super::keyed_sums::{KeyedSums, Sums};
-use super::super::triangle_bins::Triangle;
-use super::super::union_find::NO_SET;
+use super::triangle_bins::Triangle;
 use super::{CHECK_EVERY, CHUNK, Distance, Sum};
 use crate::Result;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
+use crate::reduce::NO_SET;
+use crate::reduce::{KeyedSums, Sums};
 
 /// How far from a facet dO is looked for, in largest spacings.
 const FAR: f64 = 2.0;
 
 /// Distances from the mesh to dO: over the whole, and the sums of each component that has any
 /// facets. `to_world` leads from the coordinates of the triangles to the oracle's.
-pub(super) fn mesh_to_surface(
+pub(crate) fn mesh_to_surface(
     triangles: &[Triangle],
     to_world: impl Fn(DVec3) -> DVec3 + Sync,
     oracle: &Oracle,

@@ -29,13 +29,13 @@ use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use super::TetMesh;
-use super::keyed_sums::Sums;
 use super::mesh_components::MeshComponents;
 use super::vertex_links::{Touch, VertexLinks};
 use crate::Result;
 use crate::memory::{filled, zeroed};
+use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
+use crate::reduce::Sums;
 
 /// Facets, or vertices, per work item.
 const CHUNK: usize = 1 << 12;
@@ -73,7 +73,7 @@ impl BoundarySurfaces {
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
-    pub(super) fn measure(
+    pub(crate) fn measure(
         mesh: &TetMesh,
         components: &mut MeshComponents,
         monitor: &Monitor<'_>,
@@ -177,21 +177,21 @@ fn facets_of_vertices(
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::image_components::ImageComponents;
-    use super::super::testing;
     use super::*;
+    use crate::image::components::ImageComponents;
     use crate::image::{Frame, LabelImage};
+    use crate::mesh::testing;
 
     fn measured(mesh: &TetMesh, image: &LabelImage) -> (BoundarySurfaces, MeshComponents) {
         let monitor = Monitor::silent();
-        let of_image = ImageComponents::new(image, &monitor).unwrap();
+        let of_image = ImageComponents::new(image, &|_| Ok(())).unwrap();
         let mut of_mesh = MeshComponents::new(mesh, image, &of_image, &monitor).unwrap();
         (BoundarySurfaces::measure(mesh, &mut of_mesh, &monitor).unwrap(), of_mesh)
     }
 
     fn measured_by_part(mesh: &TetMesh, image: &LabelImage) -> (Parts, MeshComponents) {
         let monitor = Monitor::silent();
-        let of_image = ImageComponents::new(image, &monitor).unwrap();
+        let of_image = ImageComponents::new(image, &|_| Ok(())).unwrap();
         let parts = MeshComponents::new(mesh, image, &of_image, &monitor).unwrap();
         (Parts::measure(mesh, &parts, &monitor).unwrap(), parts)
     }
@@ -222,7 +222,7 @@ mod tests {
             let image = testing::image(DIMS, Frame::axis_aligned([1.0; 3]).unwrap(), label);
             let (surfaces, components) =
                 measured(&testing::kuhn_box(DIMS, [1.0; 3], label), &image);
-            let of_image = ImageComponents::new(&image, &Monitor::silent()).unwrap();
+            let of_image = ImageComponents::new(&image, &|_| Ok(())).unwrap();
             let first = |at: [usize; 3]| 6 * (at[0] + DIMS[0] * (at[1] + DIMS[1] * at[2])) as u32;
             let mut expected: Vec<_> =
                 of_image.list.iter().map(|c| (first(c.first), 6 * c.voxels, 2 * c.euler)).collect();

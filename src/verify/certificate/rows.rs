@@ -5,19 +5,19 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::TetMesh;
-use super::boundary_surface::{BoundarySurfaces, Pinch};
-use super::certificate::{ComponentRow, Defect, DefectKind, LEAST_VOXELS, LabelRow, SmallLost};
-use super::distance::{BothDistances, Sum};
-use super::image_components::{ImageComponent, ImageComponents};
-use super::matching::{Fate, Matching, Role};
-use super::mesh_components::MeshComponents;
+use super::{ComponentRow, Defect, DefectKind, LEAST_VOXELS, LabelRow, SmallLost};
 use crate::Result;
 use crate::image::LabelImage;
+use crate::image::components::{ImageComponent, ImageComponents};
 use crate::memory::{filled, room};
+use crate::mesh::TetMesh;
+use crate::verify::distance::{BothDistances, Sum};
+use crate::verify::topology::boundary_surface::{BoundarySurfaces, Pinch};
+use crate::verify::topology::matching::{Fate, Matching, Role};
+use crate::verify::topology::mesh_components::MeshComponents;
 
 /// All that was measured on components.
-pub(super) struct Tables<'t> {
+pub(crate) struct Tables<'t> {
     pub mesh: &'t TetMesh,
     pub image: &'t LabelImage,
     pub matching: Matching,
