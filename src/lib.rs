@@ -12,6 +12,7 @@
 //! | `reduce` | what parallel passes gather: disjoint sets, sums by key |
 //! | [`geometry`] | predicates, circumspheres, shape measures; the one sign convention |
 //! | [`image`] | label images, their place in the world, components, phantoms |
+//! | [`sizing`] | how far apart samples are to be, from place to place |
 //! | [`oracle`] | where the interfaces are; knows no mesh |
 //! | [`system`] | the machine at hand, synthetic ones, threads bound to cores |
 //! | [`delaunay`] | the Delaunay triangulation; knows no image |
@@ -47,6 +48,7 @@ pub mod refine;
 pub mod second_order;
 #[cfg(feature = "simulation")]
 pub mod simulation;
+pub mod sizing;
 mod sync;
 pub mod system;
 pub mod verify;

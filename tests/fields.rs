@@ -5,10 +5,11 @@ use std::cell::Cell;
 
 use glam::DVec3;
 use lapd::Error;
+use lapd::image::Palette;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
 use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
-use lapd::oracle::{Oracle, Palette, Surface};
+use lapd::oracle::{Oracle, Surface};
 use lapd::params::{ImageBorder, MeshParams, SurfaceModel};
 
 struct Random(u64);

@@ -20,8 +20,8 @@ use lapd::oracle::Oracle;
 use lapd::params::{Improve, MeshParams, SurfaceModel};
 use lapd::refine::refine;
 use lapd::refine::rules::Rules;
-use lapd::refine::sizing::Sizing;
 use lapd::refine::team::RefineOptions;
+use lapd::sizing::Sizing;
 use lapd::verify::Certificate;
 
 /// Labels at random, in clumps: contacts, lines and corners everywhere, cut by walls.

@@ -6,13 +6,14 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use lapd::geometry::measures::tet_volume;
+use lapd::image::Palette;
 use lapd::image::phantom::{ball_volume, three_labels_in_a_line};
 use lapd::image::{Frame, LabelImage};
 use lapd::io::read::read_image;
 use lapd::mesh::TetMesh;
 use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
-use lapd::oracle::{JunctionKind, Oracle, Palette};
+use lapd::oracle::{JunctionKind, Oracle};
 use lapd::params::{ImageBorder, MeshParams, SurfaceModel};
 
 /// The edges of a mesh around which three labels or more are, background included.

@@ -10,15 +10,25 @@
 //! | `relabel` | merging labels, another background, selection |
 //! | `components` | the connected components of labels |
 //! | [`small_components`] | small components, and an image without them |
+//! | [`region`] | the bounding box of the object, as rows of labels |
+//! | `grid` | the region's voxels in the world |
+//! | `bricks` | how values of voxels lie in memory |
+//! | [`palette`] | a value per voxel out of a few |
+//! | `bits` | sets of voxels as bits |
 //! | [`phantom`] | analytic images with known volumes |
 
+pub(crate) mod bits;
+pub(crate) mod bricks;
 mod builder;
 pub(crate) mod components;
 mod field;
 pub mod frame;
 pub mod gray;
+pub(crate) mod grid;
+pub mod palette;
 pub mod phantom;
 pub mod probabilities;
+pub mod region;
 mod relabel;
 pub mod small_components;
 pub mod volume;
@@ -28,6 +38,8 @@ pub use field::MapValues;
 pub(crate) use field::{Field, Maps};
 pub use frame::{Frame, WorldAxes};
 pub use gray::GrayImage;
+pub(crate) use grid::Grid;
+pub use palette::Palette;
 pub use probabilities::ProbabilityImage;
 pub use volume::{LabelImage, Voxels};
 

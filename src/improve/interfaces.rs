@@ -6,7 +6,7 @@ use glam::DVec3;
 use crate::geometry::shape::has_angle_below;
 use crate::oracle::{Oracle, Walls};
 use crate::refine::rules::FACET_DISTANCE;
-use crate::refine::sizing::Sizing;
+use crate::sizing::Sizing;
 
 /// The interfaces of a run.
 pub(super) struct Interfaces<'a> {

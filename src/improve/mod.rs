@@ -62,7 +62,7 @@ use crate::mesh::{NONE, TetMesh};
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
 use crate::params::Improve;
-use crate::refine::sizing::Sizing;
+use crate::sizing::Sizing;
 use crate::{Error, Result};
 
 use interfaces::Interfaces;

@@ -34,10 +34,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::sampling::{Nets, drawn};
-use super::sizing::Sizing;
 use crate::Result;
 use crate::memory::{reserve, room};
 use crate::oracle::{EdgeGrid, FeaturePoint, JunctionKind, Oracle, Tiles};
+use crate::sizing::Sizing;
 
 /// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
 const SPACING: f64 = 0.6;

@@ -2,7 +2,6 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`sizing`] | how far apart samples are, from place to place |
 //! | [`sampling`] | R1: samples of the isosurface, before there are tets |
 //! | [`junctions`] | the samples of junctions, from which R1 starts |
 //! | [`rules`] | what each rule asks for; reads only |
@@ -31,7 +30,6 @@ mod recent;
 pub mod refiner;
 pub mod rules;
 pub mod sampling;
-pub mod sizing;
 pub mod team;
 pub mod unmet;
 pub mod vertex_grid;

@@ -12,7 +12,6 @@
 use glam::DVec3;
 
 use super::cell_table::MAX_HEADS;
-use super::sizing::Sizing;
 use super::vertex_grid::VertexGrid;
 use super::walls::FacetAtWall;
 use crate::Result;
@@ -25,6 +24,7 @@ use crate::geometry::sphere::Circumsphere;
 use crate::image::MAX_IDS;
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
+use crate::sizing::Sizing;
 
 /// A rule of the paper's family.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

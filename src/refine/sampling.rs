@@ -44,10 +44,10 @@ use super::cell_table::{CellTable, MAX_HEADS};
 use super::junctions::sample_junctions;
 use super::recent::Recent;
 use super::rules::DRAWN_TO_WALL;
-use super::sizing::Sizing;
 use crate::geometry::morton;
 use crate::memory::{self, filled, reserve, room};
 use crate::oracle::{CrossedEdge, Oracle, Tiles};
+use crate::sizing::Sizing;
 use crate::{Error, Result};
 
 /// How far samples are moved beside their edges at most, in voxels and in deltas.

@@ -17,11 +17,12 @@
 
 use glam::DVec3;
 
-use super::field::MOST_RIVALS;
 use super::junctions::{JunctionKind, JunctionPlanes, low_corner, random_of};
 use super::ties::Square;
-use super::{Oracle, indicator};
 use crate::Result;
+use crate::oracle::Oracle;
+use crate::oracle::model::field::MOST_RIVALS;
+use crate::oracle::model::indicator;
 use crate::params::SurfaceModel;
 
 /// The walls that a point is on: for each axis of the image the coordinate of the wall across it.
@@ -46,12 +47,12 @@ impl Walls {
 impl Oracle {
     /// Whether a point is on a wall, but for rounding.
     pub fn is_on_wall(&self, p: DVec3) -> bool {
-        self.walls.around(self.walls.onto_face(self.region_point(p))).next().is_some()
+        self.walls.around(self.walls.onto_face(self.grid.index_at(p))).next().is_some()
     }
 
     /// The walls that a point is on, but for rounding.
     pub fn walls_at(&self, p: DVec3) -> Walls {
-        let x = self.walls.onto_face(self.region_point(p));
+        let x = self.walls.onto_face(self.grid.index_at(p));
         let mut walls = Walls::NONE;
         for a in self.walls.around(x) {
             walls.0[a] = Some(x[a]);
@@ -64,41 +65,41 @@ impl Oracle {
         if walls.count() == 0 {
             return p;
         }
-        let mut x = self.region_point(p);
+        let mut x = self.grid.index_at(p);
         for a in 0..3 {
             x[a] = walls.0[a].unwrap_or(x[a]);
         }
-        self.world_point(x)
+        self.grid.point_at(x)
     }
 
     /// A point of the same wall no farther than `most` from `p`, if that lies on one wall and not
     /// on the edge of two. Points on walls that meet at a right angle mirror each other, in fours
     /// on a circle; where it is moved to looks random.
     pub fn moved_on_wall(&self, p: DVec3, most: f64) -> Option<DVec3> {
-        let mut x = self.walls.onto_face(self.region_point(p));
+        let mut x = self.walls.onto_face(self.grid.index_at(p));
         let mut walls = self.walls.around(x);
         let [Some(normal), None] = [walls.next(), walls.next()] else {
             return None;
         };
         let random = random_of(p);
         for a in [(normal + 1) % 3, (normal + 2) % 3] {
-            x[a] += std::f64::consts::FRAC_1_SQRT_2 * most * random[a] / self.spacing[a];
+            x[a] += std::f64::consts::FRAC_1_SQRT_2 * most * random[a] / self.grid.spacing[a];
         }
-        (self.label_at(x) != 0).then(|| self.world_point(x))
+        (self.label_at(x) != 0).then(|| self.grid.point_at(x))
     }
 
     /// Whether a point is no farther than `most` from a wall, or beyond it.
     #[inline]
     pub fn is_near_wall(&self, p: DVec3, most: f64) -> bool {
         self.walls.has_walls && {
-            let (x, most) = (self.region_point(p), most / self.spacing);
+            let (x, most) = (self.grid.index_at(p), most / self.grid.spacing);
             self.walls.is_beyond(x + most) || self.walls.is_beyond(x - most)
         }
     }
 
     /// Whether a label, continued beyond the walls, is found around a point, `voxels` away.
     pub fn has_label_near(&self, p: DVec3, label: u16, voxels: f64) -> bool {
-        let x = self.region_point(p);
+        let x = self.grid.index_at(p);
         let step = |n: usize| {
             DVec3::from([n % 3, n / 3 % 3, n / 9].map(|c| c as f64 - 1.0)).normalize_or_zero()
         };
@@ -108,10 +109,10 @@ impl Oracle {
     /// Where a point of dO may be moved onto walls that are no farther than `most` from it: first
     /// onto all of them, then onto the nearest one, and so on. It stays on dO, as it is beyond the
     /// outermost voxel centres.
-    pub fn drawn_to_walls(&self, p: DVec3, most: f64) -> impl Iterator<Item = DVec3> + use<> {
-        let x = self.region_point(p);
-        let (axes, all) = self.walls.drawn(x, most / self.spacing);
-        let mut moves = [0, 1, 2].map(|a| (((all[a] - x[a]) * self.spacing[a]).abs(), a));
+    pub fn drawn_to_walls(&self, p: DVec3, most: f64) -> impl Iterator<Item = DVec3> {
+        let x = self.grid.index_at(p);
+        let (axes, all) = self.walls.drawn(x, most / self.grid.spacing);
+        let mut moves = [0, 1, 2].map(|a| (((all[a] - x[a]) * self.grid.spacing[a]).abs(), a));
         moves.sort_by(|a, b| a.0.total_cmp(&b.0));
         let single = moves.map(|(by, a)| {
             let mut y = x;
@@ -119,9 +120,8 @@ impl Oracle {
             (axes.test(a) && by > 0.0).then_some(y)
         });
         let is_several = single.iter().flatten().count() > 1;
-        let to_world = (self.origin, self.to_world);
         let points = [is_several.then_some(all)].into_iter().chain(single).flatten();
-        points.map(move |y| to_world.0 + to_world.1 * y)
+        points.map(|y| self.grid.point_at(y))
     }
 
     /// Whether the image cuts the object off anywhere.
@@ -133,24 +133,24 @@ impl Oracle {
     /// Whether a point is beyond a wall.
     #[inline]
     pub fn is_beyond_walls(&self, p: DVec3) -> bool {
-        self.walls.has_walls && self.walls.is_beyond(self.region_point(p))
+        self.walls.has_walls && self.walls.is_beyond(self.grid.index_at(p))
     }
 
     /// The point within the walls nearest to `p`, if that is beyond a wall: on the wall, or where
     /// walls meet.
     pub fn back_to_walls(&self, p: DVec3) -> Option<DVec3> {
-        let x = self.region_point(p);
-        self.walls.is_beyond(x).then(|| self.world_point(self.walls.back(x)))
+        let x = self.grid.index_at(p);
+        self.walls.is_beyond(x).then(|| self.grid.point_at(self.walls.back(x)))
     }
 
     /// The dense id at a point, the labels being continued straight beyond the walls.
     #[inline]
     pub fn continued_label(&self, p: DVec3) -> u16 {
-        self.continued_label_at(self.region_point(p))
+        self.continued_label_at(self.grid.index_at(p))
     }
 
     #[inline]
-    pub(super) fn continued_label_at(&self, x: DVec3) -> u16 {
+    pub(crate) fn continued_label_at(&self, x: DVec3) -> u16 {
         match self.model {
             SurfaceModel::Smooth => self.label_inside(x),
             // Of the voxel that it is nearest to.
@@ -174,7 +174,7 @@ impl CellAtWall {
         let (inner, _) = oracle.walls.inner_corners(cell);
         let mut model = Self { ids: Vec::new(), values: Vec::new() };
         match &oracle.field {
-            Some(field) => field.visit_rivals(&oracle.bricks, cell, |id, values| {
+            Some(field) => field.visit_rivals(&oracle.grid.bricks, cell, |id, values| {
                 model.ids.push(id);
                 model.values.push(inner.map(|c| f64::from(values[c])));
             }),
@@ -212,7 +212,7 @@ impl CellAtWall {
 
 impl JunctionPlanes<'_> {
     /// A cell of the smooth model that one, two or three walls halve.
-    pub(super) fn visit_cell_at_wall(
+    pub(crate) fn visit_cell_at_wall(
         &self,
         cell: [usize; 3],
         visit: &mut impl FnMut(JunctionKind, DVec3) -> Result<()>,

@@ -7,7 +7,8 @@
 
 use rayon::prelude::*;
 
-use super::{EdgeGrid, Oracle, Palette};
+use crate::image::palette::Palette;
+use crate::oracle::{EdgeGrid, Oracle};
 
 /// Tets for each square whose side is the distance of samples; measured on the atlases, where it is
 /// 3 to 6.
@@ -17,7 +18,7 @@ impl Oracle {
     /// The tets to be expected about interfaces: of samples `delta` apart, and of those as far
     /// apart as `spacings` tell. The latter is right within a factor of two for most images.
     pub fn expected_tets(&self, delta: f64, spacings: &Palette<'_, f64>) -> [f64; 2] {
-        let sides = self.spacing;
+        let sides = self.grid.spacing;
         let largest_face = sides.element_product() / sides.min_element();
         let between_walls = (0..3).filter(|&a| {
             self.walls.lower[a] < self.walls.first[a] && self.walls.last[a] < self.walls.upper[a]
@@ -32,7 +33,7 @@ impl Oracle {
             // Never an error.
             let _ = self.visit_mixed_cells(row, |[i, j, k]| {
                 cells += 1.0;
-                sum += squares.at(self.bricks.index(i, j, k));
+                sum += squares.at(self.grid.bricks.index(i, j, k));
                 Ok(())
             });
             [cells * largest_face / (delta * delta), sum]

@@ -11,26 +11,26 @@
 
 use rayon::prelude::*;
 
-use super::bricks::Bricks;
-use super::region::Region;
 use super::smoothing::Smoothing;
 use super::voxel::Voxel;
+use crate::image::bricks::Bricks;
+use crate::image::region::Region;
 use crate::image::{LabelImage, Maps};
 use crate::memory::{room, zeroed};
 use crate::{Error, Result};
 
 /// Shares kept of a voxel.
-pub(super) const MOST_SHARES: usize = 4;
+pub(crate) const MOST_SHARES: usize = 4;
 
 /// Part of a voxel that a label has.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Share {
-    pub(super) id: u16,
-    pub(super) value: f32,
+pub(crate) struct Share {
+    pub(crate) id: u16,
+    pub(crate) value: f32,
 }
 
 /// Where shares come from.
-pub(super) enum Source<'a> {
+pub(crate) enum Source<'a> {
     /// Probability maps, and the dense id of each of their distinct labels that has one.
     Maps(&'a Maps, Vec<Option<u16>>),
     /// Labels of an image, smoothed.
@@ -38,7 +38,7 @@ pub(super) enum Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    pub(super) fn of_maps(maps: &'a Maps, image: &LabelImage) -> Self {
+    pub(crate) fn of_maps(maps: &'a Maps, image: &LabelImage) -> Self {
         Self::Maps(maps, maps.distinct.iter().map(|&label| image.id_of(label)).collect())
     }
 
@@ -62,7 +62,7 @@ impl<'a> Source<'a> {
 
 /// The shares of a region's voxels.
 #[derive(Clone, Debug)]
-pub(super) struct Mixtures {
+pub(crate) struct Mixtures {
     /// Where the shares of each voxel begin, in the bricked layout; and at the end, how many there
     /// are.
     starts: Vec<u32>,
@@ -74,7 +74,7 @@ impl Mixtures {
     ///
     /// # Errors
     /// [`Error::OutOfMemory`]; whatever `check` returns.
-    pub(super) fn new(
+    pub(crate) fn new(
         source: &Source<'_>,
         image: &LabelImage,
         region: &Region,
@@ -109,12 +109,12 @@ impl Mixtures {
 
     /// The shares of the voxel at an address, the largest first; none away from mixed cells.
     #[inline]
-    pub(super) fn of(&self, index: usize) -> &[Share] {
+    pub(crate) fn of(&self, index: usize) -> &[Share] {
         &self.shares[self.starts[index] as usize..self.starts[index + 1] as usize]
     }
 
     /// Bytes of memory held.
-    pub(super) fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         size_of_val(&self.starts[..]) + size_of_val(&self.shares[..])
     }
 }

@@ -11,8 +11,9 @@
 
 use glam::DVec3;
 
-use super::contacts::Contacts;
-use super::{Oracle, border::Border, indicator, voxel::Voxel};
+use crate::oracle::model::contacts::Contacts;
+use crate::oracle::model::{border::Border, indicator, voxel::Voxel};
+use crate::oracle::{Crossing, Oracle};
 use crate::params::SurfaceModel;
 
 /// Width of the final bracket.
@@ -94,10 +95,44 @@ impl Line {
 }
 
 impl Oracle {
+    /// Where the segment from `a` to `b` first leaves the label of `a`. Never `None` when the
+    /// labels of `a` and `b` differ. Nor is a shorter stay in another label missed, but for
+    /// rounding.
+    pub fn first_crossing(&self, a: DVec3, b: DVec3) -> Option<Crossing> {
+        self.first_crossing_from(self.label(a), a, b)
+    }
+
+    /// As [`Self::first_crossing`], by a caller who knows the label `from` of `a`.
+    pub fn first_crossing_from(&self, from: u16, a: DVec3, b: DVec3) -> Option<Crossing> {
+        let (point, to) = self.trace(self.grid.index_at(a), self.grid.index_at(b), from)?;
+        Some(Crossing { point: self.grid.point_at(point), from, to })
+    }
+
+    /// The point of an interface near `p`, along `normal`, if the image has the first label of
+    /// `pair` below it and the second one above, both at a distance of `reach`. `labels` has the
+    /// label of each id.
+    pub fn project(
+        &self,
+        p: DVec3,
+        normal: DVec3,
+        reach: f64,
+        [below, above]: [i32; 2],
+        labels: &[i32],
+    ) -> Option<DVec3> {
+        let off = reach * normal;
+        let from = self.label(p - off);
+        if labels[usize::from(from)] != below {
+            return None;
+        }
+        let crossing = self.first_crossing_from(from, p - off, p + off)?;
+        let [past, at_end] = [crossing.to, self.label(p + off)].map(|id| labels[usize::from(id)]);
+        (past == above && at_end == above).then_some(crossing.point)
+    }
+
     /// First point on the way from x, whose label is `from`, to `target` that leaves this label,
     /// and the label past it; region coordinates. Found for certain when the label of `target` is
     /// another one.
-    pub(super) fn trace(&self, x: DVec3, target: DVec3, from: u16) -> Option<(DVec3, u16)> {
+    pub(crate) fn trace(&self, x: DVec3, target: DVec3, from: u16) -> Option<(DVec3, u16)> {
         let mut line = Line::new(x, target - x)?;
         // Outside the border all is background.
         let (enter, leave) = line.span(&self.border);
@@ -114,8 +149,12 @@ impl Oracle {
             SurfaceModel::Voxel => (-0.5, 1),
         };
         let locate = |t: f64| {
-            let at = line.at(t).max(DVec3::ZERO).min(self.last);
-            if self.model == SurfaceModel::Smooth { self.cell(at) } else { self.voxel(at) }
+            let at = line.at(t).max(DVec3::ZERO).min(self.grid.last);
+            if self.model == SurfaceModel::Smooth {
+                self.grid.cell(at)
+            } else {
+                self.grid.voxel(at)
+            }
         };
         if enter > 0.0 && enter < leave.min(1.0) {
             // Into a wall.
@@ -157,7 +196,7 @@ impl Oracle {
             } else {
                 cell[axis].wrapping_sub(beside + 1)
             };
-            if across > self.bricks.dims()[axis] - most {
+            if across > self.grid.bricks.dims()[axis] - most {
                 break;
             }
             entrance =
@@ -180,7 +219,7 @@ impl Oracle {
     /// Where the segment from `a` to `b` leaves the label `from` of `a`, the labels being continued
     /// straight beyond the walls: the first change within the walls, or one beyond.
     pub fn continued_crossing(&self, from: u16, a: DVec3, b: DVec3) -> Option<DVec3> {
-        let [x, target] = [a, b].map(|p| self.region_point(p));
+        let [x, target] = [a, b].map(|p| self.grid.index_at(p));
         let line = Line::new(x, target - x)?;
         let (enter, leave) = line.span(&self.walls);
         let (enter, leave) = (enter.max(0.0), leave.min(1.0));
@@ -191,7 +230,7 @@ impl Oracle {
         } else {
             self.continued_change(&line, from, [0.0, 1.0])
         };
-        found.map(|x| self.world_point(x))
+        found.map(|x| self.grid.point_at(x))
     }
 
     /// The first change from a label on a part of a line, all within the walls.
@@ -246,7 +285,7 @@ impl Oracle {
         let (corners, to) = match () {
             () if !voxel.is_two() => {
                 return match &self.field {
-                    Some(field) => field.overtaken(&self.bricks, cell, from, ends, tolerance),
+                    Some(field) => field.overtaken(&self.grid.bricks, cell, from, ends, tolerance),
                     None if voxel.contacts() != Contacts::None => {
                         self.contact_cell(cell).overtaken(from, ends, tolerance)
                     }

@@ -31,8 +31,8 @@
 
 use rayon::prelude::*;
 
-use super::cells::{gathered, ones};
-use super::region::{Region, Rows};
+use crate::image::bits::{gathered, ones};
+use crate::image::region::{Region, Rows};
 use crate::memory::{filled, reserve, zeroed};
 use crate::{Result, image::LabelImage};
 

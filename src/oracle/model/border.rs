@@ -17,28 +17,28 @@ use super::indicator::Corners;
 /// The box in which labels may differ from the background, and how the labels within go on from the
 /// outermost voxel centres to its faces.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Border {
+pub(crate) struct Border {
     /// The box: the walls, or the box of the region's voxel centres where there is none. On the
     /// faces without a wall all is background.
-    pub(super) lower: DVec3,
-    pub(super) upper: DVec3,
+    pub(crate) lower: DVec3,
+    pub(crate) upper: DVec3,
     /// The box of the voxel centres that count.
-    pub(super) first: DVec3,
-    pub(super) last: DVec3,
+    pub(crate) first: DVec3,
+    pub(crate) last: DVec3,
     /// Whether any face of the box is a wall.
-    pub(super) has_walls: bool,
+    pub(crate) has_walls: bool,
 }
 
 impl Border {
     /// No walls.
-    pub(super) fn none(dims: [usize; 3]) -> Self {
+    pub(crate) fn none(dims: [usize; 3]) -> Self {
         let last = DVec3::from(dims.map(|n| (n - 1) as f64));
         Self { lower: DVec3::ZERO, upper: last, first: DVec3::ZERO, last, has_walls: false }
     }
 
     /// Walls where the region of `dims` voxels from voxel `first` on reaches out of an image of
     /// `image` voxels.
-    pub(super) fn new(first: [isize; 3], dims: [usize; 3], image: [usize; 3]) -> Self {
+    pub(crate) fn new(first: [isize; 3], dims: [usize; 3], image: [usize; 3]) -> Self {
         let mut border = Self::none(dims);
         for a in 0..3 {
             if first[a] < 0 {
@@ -56,13 +56,13 @@ impl Border {
 
     /// Whether a point is inside; a NaN is not.
     #[inline(always)]
-    pub(super) fn holds(&self, x: DVec3) -> bool {
+    pub(crate) fn holds(&self, x: DVec3) -> bool {
         x.cmpge(self.lower).all() && x.cmple(self.upper).all()
     }
 
     /// How many of a voxel's faces are on walls.
     #[inline]
-    pub(super) fn faces_of(&self, voxel: [usize; 3]) -> u32 {
+    pub(crate) fn faces_of(&self, voxel: [usize; 3]) -> u32 {
         let at = DVec3::from(voxel.map(|c| c as f64));
         let lower = at.cmpeq(self.first) & self.lower.cmplt(self.first);
         let upper = at.cmpeq(self.last) & self.last.cmplt(self.upper);
@@ -71,7 +71,7 @@ impl Border {
 
     /// Whether a point is beyond a wall: not where a face of the box is none.
     #[inline]
-    pub(super) fn is_beyond(&self, x: DVec3) -> bool {
+    pub(crate) fn is_beyond(&self, x: DVec3) -> bool {
         let below = x.cmplt(self.lower) & self.lower.cmplt(self.first);
         (below | (x.cmpgt(self.upper) & self.last.cmplt(self.upper))).any()
     }
@@ -79,7 +79,7 @@ impl Border {
     /// The axes across which walls are no farther from a point of the box than `most` and than the
     /// outermost centres are; and the point of all these walls nearest to it.
     #[inline]
-    pub(super) fn drawn(&self, x: DVec3, most: DVec3) -> (BVec3, DVec3) {
+    pub(crate) fn drawn(&self, x: DVec3, most: DVec3) -> (BVec3, DVec3) {
         let lower = x.cmplt(self.first) & x.cmple(self.lower + most);
         let upper = x.cmpgt(self.last) & x.cmpge(self.upper - most);
         (lower | upper, DVec3::select(lower, self.lower, DVec3::select(upper, self.upper, x)))
@@ -87,13 +87,13 @@ impl Border {
 
     /// The point of the box nearest to one.
     #[inline]
-    pub(super) fn back(&self, x: DVec3) -> DVec3 {
+    pub(crate) fn back(&self, x: DVec3) -> DVec3 {
         x.max(self.lower).min(self.upper)
     }
 
     /// A point that is on a face of the box but for rounding, exactly there.
     #[inline]
-    pub(super) fn onto_face(&self, x: DVec3) -> DVec3 {
+    pub(crate) fn onto_face(&self, x: DVec3) -> DVec3 {
         const ROUNDING: f64 = 1e-6;
         let face = |x: f64, face: f64| if (x - face).abs() <= ROUNDING { face } else { x };
         DVec3::from([0, 1, 2].map(|a| face(face(x[a], self.lower[a]), self.upper[a])))
@@ -101,7 +101,7 @@ impl Border {
 
     /// The axes across which a point lies on a face of the box.
     #[inline]
-    pub(super) fn around(&self, x: DVec3) -> impl Iterator<Item = usize> + use<> {
+    pub(crate) fn around(&self, x: DVec3) -> impl Iterator<Item = usize> + use<> {
         let on_face = x.cmpeq(self.lower) | x.cmpeq(self.upper);
         (0..3).filter(move |&a| on_face.test(a))
     }
@@ -109,13 +109,13 @@ impl Border {
     /// The point that has the label of the inside point `x`: its projection, between outermost
     /// centres and wall.
     #[inline(always)]
-    pub(super) fn extend(&self, x: DVec3) -> DVec3 {
+    pub(crate) fn extend(&self, x: DVec3) -> DVec3 {
         x.max(self.first).min(self.last)
     }
 
     /// The coordinate of the wall that halves the cells of number `cell` along an axis.
     #[inline]
-    pub(super) fn wall_of(&self, axis: usize, cell: usize) -> Option<f64> {
+    pub(crate) fn wall_of(&self, axis: usize, cell: usize) -> Option<f64> {
         let at = cell as f64;
         match () {
             () if at < self.first[axis] => Some(self.lower[axis]),
@@ -126,14 +126,14 @@ impl Border {
 
     /// Whether the model in a cell is that between its eight voxel centres, without walls.
     #[inline]
-    pub(super) fn leaves(&self, cell: [usize; 3]) -> bool {
+    pub(crate) fn leaves(&self, cell: [usize; 3]) -> bool {
         let at = DVec3::from(cell.map(|c| c as f64));
         at.cmpge(self.first).all() && at.cmplt(self.last).all()
     }
 
     /// [`Self::leaves`] of 64 cells along x from `cell` on, a bit for each.
     #[inline]
-    pub(super) fn leaves_of_row(&self, [i, j, k]: [usize; 3]) -> u64 {
+    pub(crate) fn leaves_of_row(&self, [i, j, k]: [usize; 3]) -> u64 {
         let [first, last] = [self.first.x as usize, self.last.x as usize];
         if !self.leaves([first, j, k]) {
             return 0;
@@ -148,7 +148,7 @@ impl Border {
     /// walls. In the cell's part there all points are projected onto its faces away from the walls.
     /// And how many walls halve the cell.
     #[inline]
-    pub(super) fn inner_corners(&self, cell: [usize; 3]) -> ([usize; 8], u32) {
+    pub(crate) fn inner_corners(&self, cell: [usize; 3]) -> ([usize; 8], u32) {
         let (mut inner, mut halvings) = (std::array::from_fn(|c| c), 0);
         for a in 0..3 {
             let at = cell[a] as f64;
@@ -167,7 +167,7 @@ impl Border {
     /// The labels at the corners of a cell as the model has them inside of the walls, and how many
     /// walls halve the cell.
     #[inline]
-    pub(super) fn extend_corners(&self, cell: [usize; 3], ids: &Corners) -> (Corners, u32) {
+    pub(crate) fn extend_corners(&self, cell: [usize; 3], ids: &Corners) -> (Corners, u32) {
         let (inner, halvings) = self.inner_corners(cell);
         (inner.map(|c| ids[c]), halvings)
     }

@@ -7,18 +7,18 @@
 //! corners count. Single precision: coordinates within a cell need no more than 1e-7 of it.
 
 /// Corner c of a cell lies at (c & 1, c >> 1 & 1, c >> 2).
-pub(super) type Corners = [u16; 8];
+pub(crate) type Corners = [u16; 8];
 
 /// Which corners have label `id`, one bit each. Without branches: which corners differ is as good
 /// as random.
 #[inline(always)]
-pub(super) fn corners_of(ids: &Corners, id: u16) -> u32 {
+pub(crate) fn corners_of(ids: &Corners, id: u16) -> u32 {
     (0..8).fold(0, |mask, c| mask | u32::from(ids[c] == id) << c)
 }
 
 /// The different labels at some corners, given by their bits, in the order of their first corners.
 #[inline(always)]
-pub(super) fn labels(ids: &Corners, mut among: u32) -> impl Iterator<Item = u16> {
+pub(crate) fn labels(ids: &Corners, mut among: u32) -> impl Iterator<Item = u16> {
     std::iter::from_fn(move || {
         let id = *ids.get(among.trailing_zeros() as usize)?;
         among &= !corners_of(ids, id);
@@ -28,7 +28,7 @@ pub(super) fn labels(ids: &Corners, mut among: u32) -> impl Iterator<Item = u16>
 
 /// The part each of the eight corners has in a point of the cell, given in [0, 1]^3.
 #[inline(always)]
-pub(super) fn parts([x, y, z]: [f32; 3]) -> [f32; 8] {
+pub(crate) fn parts([x, y, z]: [f32; 3]) -> [f32; 8] {
     let xs = [1.0 - x, x];
     let yz = [(1.0 - y) * (1.0 - z), y * (1.0 - z), (1.0 - y) * z, y * z];
     std::array::from_fn(|c| xs[c & 1] * yz[c >> 1])
@@ -46,7 +46,7 @@ fn choose(corners: u32, inside: [f32; 8], outside: f32) -> [f32; 8] {
 
 /// The sum of the parts of some corners: their interpolated indicator.
 #[inline(always)]
-pub(super) fn sum_of(corners: u32, parts: &[f32; 8]) -> f32 {
+pub(crate) fn sum_of(corners: u32, parts: &[f32; 8]) -> f32 {
     let w = choose(corners, *parts, 0.0);
     // Summed in pairs: one order, which vectorises.
     ((w[0] + w[4]) + (w[2] + w[6])) + ((w[1] + w[5]) + (w[3] + w[7]))
@@ -54,13 +54,13 @@ pub(super) fn sum_of(corners: u32, parts: &[f32; 8]) -> f32 {
 
 /// The interpolated indicator of `id`.
 #[inline(always)]
-pub(super) fn indicator(ids: &Corners, parts: &[f32; 8], id: u16) -> f32 {
+pub(crate) fn indicator(ids: &Corners, parts: &[f32; 8], id: u16) -> f32 {
     sum_of(corners_of(ids, id), parts)
 }
 
 /// The label at a point of a cell of two labels, the first of which the `corners` have.
 #[inline(always)]
-pub(super) fn label_of_two(
+pub(crate) fn label_of_two(
     corners: u32,
     [id, other]: [u16; 2],
     weights: &[f32],
@@ -74,7 +74,7 @@ pub(super) fn label_of_two(
 
 /// The label at a point of the cell. `weights`: of each id; `greatest`: the largest of them.
 #[inline]
-pub(super) fn label(ids: &Corners, weights: &[f32], greatest: f32, at: [f32; 3]) -> u16 {
+pub(crate) fn label(ids: &Corners, weights: &[f32], greatest: f32, at: [f32; 3]) -> u16 {
     let parts = parts(at);
     // The nearest corner has the label most often: far enough ahead it needs no rival.
     let nearest =
@@ -112,7 +112,7 @@ pub(super) fn label(ids: &Corners, weights: &[f32], greatest: f32, at: [f32; 3])
 /// The lead of `id` over one other label is trilinear, so along the segment it is a cubic
 /// polynomial.
 #[inline]
-pub(super) fn overtaken(
+pub(crate) fn overtaken(
     ids: &Corners,
     weights: &[f32],
     id: u16,
@@ -134,7 +134,7 @@ pub(super) fn overtaken(
 /// As [`overtaken`], where `lead` tells the lead of `id` over another label at the corners of the
 /// cell, or of a part of it, in which the segment is given.
 #[inline(always)]
-pub(super) fn first_overtaking(
+pub(crate) fn first_overtaking(
     ids: &Corners,
     id: u16,
     ends: [[f32; 3]; 2],
@@ -154,7 +154,7 @@ pub(super) fn first_overtaking(
 
 /// As [`overtaken`], in a cell of two labels, of which the `corners` have `id`.
 #[inline]
-pub(super) fn overtaken_by_other(
+pub(crate) fn overtaken_by_other(
     corners: u32,
     weight: f32,
     against: f32,
@@ -167,7 +167,7 @@ pub(super) fn overtaken_by_other(
 /// Where a trilinear function, given by its values at the corners and not negative at the start of
 /// a segment, first descends below 0 on it: the parameter in [0, 1], to within `tolerance`.
 #[inline(always)]
-pub(super) fn descent_along(
+pub(crate) fn descent_along(
     corners: &[f32; 8],
     [start, end]: [[f32; 3]; 2],
     tolerance: f64,

@@ -27,7 +27,7 @@ impl<'a, T> Palette<'a, T> {
 
     /// That of the cell from the voxel at this address on.
     #[inline(always)]
-    pub(super) fn at(&self, address: usize) -> &T {
+    pub(crate) fn at(&self, address: usize) -> &T {
         &self.things[self.levels.map_or(0, |levels| usize::from(levels[address]))]
     }
 }

@@ -8,9 +8,13 @@
 
 use glam::DVec3;
 
-use super::contacts::{self, Contacts};
-use super::{Oracle, Palette, bricks::Bricks, cells::ones, weights::hash};
 use crate::Result;
+use crate::image::bits::ones;
+use crate::image::bricks::Bricks;
+use crate::image::palette::Palette;
+use crate::oracle::Oracle;
+use crate::oracle::model::contacts::{self, Contacts};
+use crate::oracle::model::weights::hash;
 
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the
 /// surface model has no detail left.
@@ -18,7 +22,7 @@ const MOST_PARTS: f64 = 8.0;
 
 /// Into how many parts a cell is divided along each axis, given by whole numbers that may be too
 /// small or too large.
-pub(super) fn parts_of(numbers: DVec3) -> [usize; 3] {
+pub(crate) fn parts_of(numbers: DVec3) -> [usize; 3] {
     numbers.to_array().map(|n| n.clamp(1.0, MOST_PARTS) as usize)
 }
 
@@ -59,7 +63,7 @@ pub struct CrossedEdge {
 
 /// A grid of edges; see [`Oracle::edge_grid`].
 pub struct EdgeGrid<'a> {
-    pub(super) oracle: &'a Oracle,
+    pub(crate) oracle: &'a Oracle,
     divisions: Palette<'a, Division>,
     /// Whether crossings of undivided edges are looked for, too: not where labels alone tell.
     searches: bool,
@@ -81,7 +85,7 @@ impl Oracle {
     pub fn edge_grid<'a>(&'a self, spacings: &Palette<'a, f64>) -> EdgeGrid<'a> {
         let divisions = spacings.map(|&spacing| Division {
             spacing,
-            parts: parts_of((self.spacing / spacing).round()),
+            parts: parts_of((self.grid.spacing / spacing).round()),
         });
         let knows_voxels = self.field.is_none() || self.is_smoothed;
         EdgeGrid { oracle: self, divisions, searches: self.field.is_some(), knows_voxels }
@@ -91,7 +95,7 @@ impl Oracle {
 impl EdgeGrid<'_> {
     /// Rows of bricks of voxels; [`EdgeGrid::visit_row`] takes one at a time.
     pub fn rows(&self) -> usize {
-        let [_, ny, nz] = self.oracle.bricks.dims();
+        let [_, ny, nz] = self.oracle.grid.bricks.dims();
         ny.div_ceil(Bricks::EDGE) * nz.div_ceil(Bricks::EDGE)
     }
 
@@ -107,7 +111,7 @@ impl EdgeGrid<'_> {
     ) -> Result<()> {
         // The outermost voxels are background, so no edge of theirs is crossed.
         self.oracle.visit_mixed_cells(row, |voxel @ [i, j, k]| {
-            let division = self.divisions.at(self.oracle.bricks.index(i, j, k));
+            let division = self.divisions.at(self.oracle.grid.bricks.index(i, j, k));
             if division.parts == [1; 3] && !self.searches {
                 self.visit_edges_of(voxel, division, &mut visit)
             } else {
@@ -227,7 +231,7 @@ impl EdgeGrid<'_> {
                 } else {
                     x[axis] = self.oracle.crossing_between(from[axis] as f64, axis, ids);
                 }
-                visit(self.oracle.world_point(x))?;
+                visit(self.oracle.grid.point_at(x))?;
             }
         }
         Ok(())
@@ -237,7 +241,11 @@ impl EdgeGrid<'_> {
     /// grid in turn, so that no four around a square stay in a plane.
     fn near_half(&self, half: [usize; 3]) -> DVec3 {
         let turns = [0, 1, 2].map(|a| (half[(a + 1) % 3] + half[(a + 2) % 3]) % 2 == 1);
-        self.oracle.world_point(moved(DVec3::from(half.map(|h| h as f64 / 2.0)), turns, hash(half)))
+        self.oracle.grid.point_at(moved(
+            DVec3::from(half.map(|h| h as f64 / 2.0)),
+            turns,
+            hash(half),
+        ))
     }
 
     /// The edges from a voxel to the next one along each axis; all belong to the cell from this
@@ -252,7 +260,7 @@ impl EdgeGrid<'_> {
         for axis in 0..3 {
             if let Some(crossing) = self.crossing_of(voxel, axis) {
                 let ends = [voxel, step(voxel, axis, 1)].map(|v| DVec3::from(v.map(|c| c as f64)));
-                let point = self.oracle.world_point(crossing);
+                let point = self.oracle.grid.point_at(crossing);
                 visit(CrossedEdge { point, spacing: division.spacing, ends, axis })?;
             }
         }
@@ -297,7 +305,7 @@ impl EdgeGrid<'_> {
                                 .map(|(crossing, _)| crossing)
                         };
                         if let Some(crossing) = crossing {
-                            let point = oracle.world_point(crossing);
+                            let point = oracle.grid.point_at(crossing);
                             visit(CrossedEdge { point, spacing, ends: [from, to], axis })?;
                         }
                     }
@@ -339,10 +347,10 @@ fn moved(x: DVec3, backwards: [bool; 3], random: u64) -> DVec3 {
 impl Oracle {
     /// Whether a contact may be within a voxel of a point.
     pub fn is_near_contact(&self, p: DVec3) -> bool {
-        let x = self.region_point(p);
+        let x = self.grid.index_at(p);
         (0..8).any(|c| {
             let beside = DVec3::from([0, 1, 2].map(|a| if c >> a & 1 == 1 { 0.5 } else { -0.5 }));
-            self.at(self.cell(self.inside(x + beside))).contacts() != Contacts::None
+            self.at(self.grid.cell(self.grid.inside(x + beside))).contacts() != Contacts::None
         })
     }
 }
@@ -350,27 +358,27 @@ impl Oracle {
 impl Oracle {
     /// Calls `visit` for the mixed cells of one row of bricks of voxels, brick after brick.
     #[inline(always)]
-    pub(super) fn visit_mixed_cells(
+    pub(crate) fn visit_mixed_cells(
         &self,
         row: usize,
         visit: impl FnMut([usize; 3]) -> Result<()>,
     ) -> Result<()> {
         let is_mixed = |cell: [usize; 3]| {
             let [i, j, k] = cell;
-            let along_x = &self.voxels[self.bricks.index(i, j, k)..][..Bricks::EDGE];
+            let along_x = &self.voxels[self.grid.bricks.index(i, j, k)..][..Bricks::EDGE];
             let bits = along_x
                 .iter()
                 .enumerate()
                 .fold(0, |bits, (n, voxel)| bits | u64::from(voxel.rings() == 0) << n);
             // Beyond the last cell are voxels without one, and those by which bricks are filled up.
-            bits & ((1 << (self.bricks.dims()[0] - 1 - i).min(Bricks::EDGE)) - 1)
+            bits & ((1 << (self.grid.bricks.dims()[0] - 1 - i).min(Bricks::EDGE)) - 1)
         };
         self.visit_cells(row, is_mixed, visit)
     }
 
     /// As [`Self::visit_mixed_cells`], for those cells that can have points of junctions.
     #[inline(always)]
-    pub(super) fn visit_junction_cells(
+    pub(crate) fn visit_junction_cells(
         &self,
         row: usize,
         visit: impl FnMut([usize; 3]) -> Result<()>,
@@ -387,7 +395,7 @@ impl Oracle {
         among: impl Fn([usize; 3]) -> u64,
         mut visit: impl FnMut([usize; 3]) -> Result<()>,
     ) -> Result<()> {
-        let [nx, ny, nz] = self.bricks.dims();
+        let [nx, ny, nz] = self.grid.bricks.dims();
         let per_layer = nz.div_ceil(Bricks::EDGE);
         let along = |brick: usize, count: usize| {
             brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1)
@@ -424,7 +432,7 @@ impl Oracle {
     /// to 1: the first has index `voxel` (-1 outside of the image), the second the next one along
     /// `axis`; their dense ids are `ids`.
     pub fn crossed_at(&self, voxel: [isize; 3], axis: usize, ids: [u16; 2]) -> f64 {
-        let at = DVec3::from([0, 1, 2].map(|a| (voxel[a] - self.first[a]) as f64));
+        let at = DVec3::from([0, 1, 2].map(|a| (voxel[a] - self.grid.first[a]) as f64));
         if self.field.is_none() {
             return self.crossing_between(at[axis], axis, ids) - at[axis];
         }
@@ -440,13 +448,13 @@ impl Oracle {
     pub fn crossing_beside(&self, edge: &CrossedEdge, offset: [f64; 2]) -> Option<DVec3> {
         let mut shift = DVec3::ZERO;
         for (axis, offset) in [(edge.axis + 1) % 3, (edge.axis + 2) % 3].into_iter().zip(offset) {
-            shift[axis] = offset / self.spacing[axis];
+            shift[axis] = offset / self.grid.spacing[axis];
         }
         let [from, to] = edge.ends.map(|end| end + shift);
         let label = self.label_at(from);
         if label == self.label_at(to) {
             return None;
         }
-        self.trace(from, to, label).map(|(x, _)| self.world_point(x))
+        self.trace(from, to, label).map(|(x, _)| self.grid.point_at(x))
     }
 }

@@ -27,26 +27,26 @@
 
 use rayon::prelude::*;
 
-use super::bricks::Bricks;
 use super::indicator::{descent_along, parts};
 use super::mixtures::{MOST_SHARES, Mixtures, Source};
-use super::region::Region;
 use super::smoothing::Smoothing;
 use super::voxel::Voxel;
+use crate::image::bricks::Bricks;
 use crate::image::gray::MAX_ISOVALUES;
+use crate::image::region::Region;
 use crate::image::{self, LabelImage};
 use crate::memory::zeroed;
 use crate::{Error, Result};
 
 /// Values at the voxel centres of a region.
 #[derive(Clone, Debug)]
-pub(super) enum Field {
+pub(crate) enum Field {
     Intensities(Intensities),
     Mixtures(Mixtures),
 }
 
 /// Most labels that may win in one cell.
-pub(super) const MOST_RIVALS: usize =
+pub(crate) const MOST_RIVALS: usize =
     if MAX_ISOVALUES + 2 > 8 * MOST_SHARES { MAX_ISOVALUES + 2 } else { 8 * MOST_SHARES };
 
 impl Field {
@@ -56,7 +56,7 @@ impl Field {
     /// # Errors
     /// [`Error::InvalidArgument`] for an image with a field that is to be smoothed;
     /// [`Error::OutOfMemory`]; whatever `check` returns.
-    pub(super) fn new(
+    pub(crate) fn new(
         image: &LabelImage,
         sigma: Option<f64>,
         region: &Region,
@@ -91,7 +91,7 @@ impl Field {
     }
 
     /// Bytes of memory held.
-    pub(super) fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         match self {
             Self::Intensities(field) => size_of_val(&field.voxels[..]),
             Self::Mixtures(mixtures) => mixtures.bytes(),
@@ -100,14 +100,14 @@ impl Field {
 
     /// The label at a point of a mixed cell.
     #[inline(never)]
-    pub(super) fn label(&self, bricks: &Bricks, cell: [usize; 3], at: [f32; 3]) -> u16 {
+    pub(crate) fn label(&self, bricks: &Bricks, cell: [usize; 3], at: [f32; 3]) -> u16 {
         self.rivals(bricks, cell).label(at)
     }
 
     /// The first change from the label `from` on a segment within a mixed cell: its parameter in
     /// [0, 1], to within `tolerance`, and the label past it.
     #[inline(never)]
-    pub(super) fn overtaken(
+    pub(crate) fn overtaken(
         &self,
         bricks: &Bricks,
         cell: [usize; 3],
@@ -120,7 +120,7 @@ impl Field {
 
     /// Calls `visit` for the labels that may win in a cell, each with its values at the corners. A
     /// label may come twice.
-    pub(super) fn visit_rivals(
+    pub(crate) fn visit_rivals(
         &self,
         bricks: &Bricks,
         cell: [usize; 3],
@@ -155,7 +155,7 @@ const BEYOND: f32 = f32::NAN;
 
 /// A gray image's region.
 #[derive(Clone, Debug)]
-pub(super) struct Intensities {
+pub(crate) struct Intensities {
     /// In the bricked layout; [`BEYOND`] beyond the image.
     voxels: Vec<f32>,
     /// Those between different labels, each lowered to the next smaller number: x is above that

@@ -14,11 +14,11 @@
 
 use glam::{DMat3, DVec3};
 
-use super::cells::ones;
-use super::indicator::Corners;
+use crate::image::bits::ones;
+use crate::oracle::model::indicator::Corners;
 
 /// Most labels of a cell.
-pub(super) const MOST: usize = 8;
+pub(crate) const MOST: usize = 8;
 /// By how much others may be ahead at a tie, and its own labels apart: rounding.
 const SLACK: f64 = 1e-7;
 /// The least determinant of differences of gradients: below, the labels' interfaces touch rather
@@ -31,7 +31,7 @@ const MARGIN: f64 = 0.25;
 
 /// Weighted indicators of the labels of a cell: of each its weight, and at each corner which of
 /// them is there.
-pub(super) struct Cube {
+pub(crate) struct Cube {
     count: usize,
     weights: [f64; MOST],
     labels: [u8; 8],
@@ -39,14 +39,14 @@ pub(super) struct Cube {
 
 /// Weighted indicators, or other values, of at most N labels on a rectangle, given in [0, 1]^2, by
 /// their values at its corners; corner c lies at (c & 1, c >> 1).
-pub(super) struct Square<const N: usize = MOST> {
+pub(crate) struct Square<const N: usize = MOST> {
     /// A bit for each label that is somewhere on it.
     present: u64,
     values: [[f64; 4]; N],
 }
 
 impl Cube {
-    pub(super) fn new(ids: &Corners, weights: &[f32]) -> Self {
+    pub(crate) fn new(ids: &Corners, weights: &[f32]) -> Self {
         let mut cube = Self { count: 0, weights: [0.0; MOST], labels: [0; 8] };
         for (c, id) in ids.iter().enumerate() {
             cube.labels[c] = match ids[..c].iter().position(|other| other == id) {
@@ -62,13 +62,13 @@ impl Cube {
     }
 
     /// How many labels there are.
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.count
     }
 
     /// The rectangle across the cube at `at` in [0, 1] on an axis. Its own axes are the next two,
     /// in cyclic order.
-    pub(super) fn cut(&self, axis: usize, at: f64) -> Square {
+    pub(crate) fn cut(&self, axis: usize, at: f64) -> Square {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let mut square = Square { present: 0, values: [[0.0; 4]; MOST] };
         for c in 0..4 {
@@ -84,7 +84,7 @@ impl Cube {
 
     /// The point where four labels, given by their numbers, tie and no other is ahead; Newton's
     /// method from `start`.
-    pub(super) fn tie_of_four(&self, labels: [usize; 4], start: DVec3) -> Option<DVec3> {
+    pub(crate) fn tie_of_four(&self, labels: [usize; 4], start: DVec3) -> Option<DVec3> {
         let mut x = start;
         for _ in 0..NEWTON_STEPS {
             let [(base, slope), rest @ ..] = labels.map(|l| self.value_and_gradient(l, x));
@@ -131,7 +131,7 @@ impl Cube {
 
 impl<const N: usize> Square<N> {
     /// The square on which the labels, numbered in turn, have these values at the corners.
-    pub(super) fn new(values: impl Iterator<Item = [f64; 4]>) -> Self {
+    pub(crate) fn new(values: impl Iterator<Item = [f64; 4]>) -> Self {
         const { assert!(N <= u64::BITS as usize, "a bit for each label") };
         let mut square = Self { present: 0, values: [[0.0; 4]; N] };
         for (label, (slot, values)) in square.values.iter_mut().zip(values).enumerate() {
@@ -142,7 +142,7 @@ impl<const N: usize> Square<N> {
     }
 
     /// The number of a label that no other one is ahead of at a point.
-    pub(super) fn leader(&self, at: [f64; 2]) -> usize {
+    pub(crate) fn leader(&self, at: [f64; 2]) -> usize {
         let ahead = |a: usize, b: usize| if self.value(b, at) > self.value(a, at) { b } else { a };
         self.labels(0).reduce(ahead).unwrap_or(0)
     }
@@ -154,7 +154,7 @@ impl<const N: usize> Square<N> {
 
     /// Calls `visit` for each point where three labels tie and no other is ahead, with a bit for
     /// each of the three.
-    pub(super) fn ties_of_three(&self, mut visit: impl FnMut(u64, [f64; 2])) {
+    pub(crate) fn ties_of_three(&self, mut visit: impl FnMut(u64, [f64; 2])) {
         let apart = |a: usize, b: usize| {
             let difference = Bilinear::difference(&self.values[a], &self.values[b]);
             // Otherwise one of the two is ahead everywhere.
@@ -217,7 +217,7 @@ impl<const N: usize> Square<N> {
     /// Calls `visit` where the label changes along the line of the square on which the coordinate
     /// that is not `along` is `at`: with the place, and the numbers of the labels before and past
     /// it.
-    pub(super) fn changes(&self, along: usize, at: f64, mut visit: impl FnMut(f64, [usize; 2])) {
+    pub(crate) fn changes(&self, along: usize, at: f64, mut visit: impl FnMut(f64, [usize; 2])) {
         let other = 1 - along;
         let ends = |label: usize| -> [f64; 2] {
             let v = &self.values[label];

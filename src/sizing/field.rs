@@ -12,16 +12,15 @@
 //! Cost: a few nanoseconds per voxel; a question is one load. Memory: a byte per voxel of the
 //! region, when anything is thin.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
+use super::thickness::{self, NOT_THIN, ThinVoxels, thin_voxels};
 use crate::Result;
-use crate::image::LabelImage;
+use crate::image::bricks::Bricks;
+use crate::image::region::{Region, Rows};
+use crate::image::{Grid, LabelImage, Palette};
 use crate::memory::zeroed;
-use crate::oracle::bricks::Bricks;
-use crate::oracle::region::{Region, Rows};
-use crate::oracle::thickness::{self, NOT_THIN, ThinVoxels, thin_voxels};
-use crate::oracle::{Palette, rounded};
 
 /// Samples of a thin structure are this part of its thickness apart.
 const PER_THICKNESS: f64 = 0.75;
@@ -44,14 +43,10 @@ pub struct Sizing {
 
 #[derive(Debug)]
 struct Field {
-    /// World coordinates to those of the region: `to_region * (p - origin)`.
-    to_region: DMat3,
-    origin: DVec3,
-    last: DVec3,
+    grid: Grid,
     /// The field, from `least` on in steps, in bricks of one cache line: who asks about one place
     /// asks about others nearby.
     levels: Vec<u8>,
-    bricks: Bricks,
 }
 
 impl Sizing {
@@ -79,8 +74,7 @@ impl Sizing {
             return Ok(Self::uniform(delta));
         }
         let thin = thin_voxels(image, rows, delta / PER_THICKNESS, check)?;
-        let ThinVoxels { region: Region { first, dims }, thicknesses, of_voxels: mut levels } =
-            thin;
+        let ThinVoxels { region, thicknesses, of_voxels: mut levels } = thin;
         if levels.is_empty() {
             return Ok(Self::uniform(delta));
         }
@@ -92,22 +86,16 @@ impl Sizing {
                 ((PER_THICKNESS * thickness - least) / step).clamp(0.0, f64::from(LEVELS)) as u8;
         }
         levels.par_iter_mut().for_each(|level| *level = level_of[usize::from(*level)]);
-        let [nx, ny, nz] = dims;
+        let [nx, ny, nz] = region.dims;
         let layer = nx * nz;
         // The side of a thin voxel is as much the next one's.
         widen(&mut levels, nx, layer);
         let growth =
             |axis: usize| (GRADING * spacing[axis] / step).clamp(1.0, f64::from(LEVELS)) as u8;
         grade(&mut levels, [nx, ny, nz], [growth(0), growth(1), growth(2)]);
-        let frame = image.frame();
-        let bricks = Bricks::new(dims);
-        let field = Field {
-            to_region: DMat3::from_diagonal(spacing.recip()) * frame.direction().transpose(),
-            origin: frame.to_world(DVec3::from(first.map(|c| c as f64))),
-            last: DVec3::from(dims.map(|n| (n - 1) as f64)),
-            levels: in_bricks(&levels, &bricks)?,
-            bricks,
-        };
+        let grid = Grid::new(image.frame(), &region);
+        let levels = in_bricks(&levels, &grid.bricks)?;
+        let field = Field { grid, levels };
         Ok(Self { greatest: delta, least, step, field: Some(field) })
     }
 
@@ -172,8 +160,8 @@ impl Field {
     #[inline(always)]
     fn level(&self, p: DVec3) -> u8 {
         // Outside of the region there is nothing to sample; NaN falls to 0.
-        let x = (self.to_region * (p - self.origin)).max(DVec3::ZERO).min(self.last);
-        self.levels[self.bricks.index(rounded(x.x), rounded(x.y), rounded(x.z))]
+        let [i, j, k] = self.grid.voxel(self.grid.inside(self.grid.index_at(p)));
+        self.levels[self.grid.bricks.index(i, j, k)]
     }
 }
 

@@ -15,14 +15,15 @@ use rayon::prelude::*;
 
 use super::{
     border::Border,
-    bricks::Bricks,
-    cells::{Cells, gathered, ones},
+    cells::Cells,
     contacts::{Contacts, IS_PLAIN},
     indicator::Corners,
-    region::Rows,
     weights::{Sampling, Tally, UNITS},
 };
 use crate::Result;
+use crate::image::bits::{gathered, ones};
+use crate::image::bricks::Bricks;
+use crate::image::region::Rows;
 use crate::memory::zeroed;
 use crate::sync::{Mutex, lock};
 
@@ -35,7 +36,7 @@ const MOST_RINGS: u16 = 3;
 /// each corner that has the label of the first; the dense id of the voxel's label in the upper
 /// half.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Voxel(u32);
+pub(crate) struct Voxel(u32);
 
 // SAFETY: an integer; all of its bytes zero are the number 0.
 unsafe impl Zeroable for Voxel {}
@@ -51,32 +52,32 @@ impl Voxel {
 
     /// Dense id of the voxel's label; of a uniform cell too.
     #[inline(always)]
-    pub(super) fn id(self) -> u16 {
+    pub(crate) fn id(self) -> u16 {
         (self.0 >> 16) as u16
     }
 
     /// Rings of cells of one label around the point's cell, that cell being one; 0 for a mixed
     /// cell, at most [`MOST_RINGS`].
     #[inline(always)]
-    pub(super) fn rings(self) -> u32 {
+    pub(crate) fn rings(self) -> u32 {
         self.0 & 3
     }
 
     /// Of a mixed cell: a bit for each corner that has the label of the first.
     #[inline(always)]
-    pub(super) fn first_corners(self) -> u32 {
+    pub(crate) fn first_corners(self) -> u32 {
         self.0 >> 8 & 0xff
     }
 
     /// Of a mixed cell: whether all other corners have one label, and nothing touches in it.
     #[inline(always)]
-    pub(super) fn is_two(self) -> bool {
+    pub(crate) fn is_two(self) -> bool {
         self.0 & u32::from(Self::TWO) != 0
     }
 
     /// Of a mixed cell: its contacts.
     #[inline(always)]
-    pub(super) fn contacts(self) -> Contacts {
+    pub(crate) fn contacts(self) -> Contacts {
         match () {
             () if self.0 & u32::from(Self::CONTACT) == 0 => Contacts::None,
             () if self.0 & u32::from(Self::CENTER) == 0 => Contacts::Faces,
@@ -159,7 +160,7 @@ impl Block {
 
 /// What becomes of cells of two labels.
 #[derive(Clone, Copy)]
-pub(super) enum Pairs<'a> {
+pub(crate) enum Pairs<'a> {
     /// Their records do not say so: what they look like is not told by labels alone.
     Unmarked,
     /// Their records say so, and which have contacts: the voxel model.
@@ -169,21 +170,21 @@ pub(super) enum Pairs<'a> {
 }
 
 /// What is known of the voxels of a region and of its cells.
-pub(super) struct Records<'a> {
+pub(crate) struct Records<'a> {
     /// In the bricked layout.
-    pub(super) voxels: Vec<Voxel>,
+    pub(crate) voxels: Vec<Voxel>,
     /// The mixed cells that can have points of junctions; where pairs are not marked only those
     /// that walls halve.
-    pub(super) junction_cells: Cells,
+    pub(crate) junction_cells: Cells,
     /// What was counted, if that was wanted.
-    pub(super) tally: Option<Tally<'a>>,
+    pub(crate) tally: Option<Tally<'a>>,
 }
 
 /// The records of a region whose `mixed` cells are known.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
-pub(super) fn records<'a>(
+pub(crate) fn records<'a>(
     rows: &Rows,
     mut mixed: Cells,
     walls: &Border,
@@ -296,9 +297,9 @@ fn count(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::region::Region;
     use crate::image::{Frame, LabelImage};
-    use crate::oracle::indicator;
-    use crate::oracle::region::Region;
+    use crate::oracle::model::indicator;
 
     /// Few voxels of other labels, at both ends of words too: rings by definition.
     #[test]

@@ -25,13 +25,14 @@
 
 use glam::DVec3;
 
-use super::cells::ones;
 use super::edges::parts_of;
-use super::indicator::Corners;
 use super::ties::Cube;
-use super::weights::hash;
-use super::{Oracle, Palette};
 use crate::Result;
+use crate::image::bits::ones;
+use crate::image::palette::Palette;
+use crate::oracle::Oracle;
+use crate::oracle::model::indicator::Corners;
+use crate::oracle::model::weights::hash;
 use crate::params::SurfaceModel;
 
 /// How far samples of lines are moved along each axis at most, in voxels. Where lines of a cell
@@ -75,7 +76,7 @@ impl Oracle {
     /// Planes as far apart as `spacings` tell of cells, about; one to eight between two voxel
     /// centres.
     pub fn junction_planes<'a>(&'a self, spacings: &Palette<'a, f64>) -> JunctionPlanes<'a> {
-        let parts = spacings.map(|&spacing| parts_of((self.spacing / spacing).ceil()));
+        let parts = spacings.map(|&spacing| parts_of((self.grid.spacing / spacing).ceil()));
         JunctionPlanes { oracle: self, cuts: Cuts::Spaced(parts) }
     }
 
@@ -83,15 +84,15 @@ impl Oracle {
     /// those on planes across the axes close to `p`, one of which cuts a straight line hardly
     /// farther from `p` than the square root of three times the line's distance.
     pub fn nearest_junction(&self, p: DVec3, reach: f64) -> Option<DVec3> {
-        let x = self.region_point(p);
+        let x = self.grid.index_at(p);
         // Through a point beside: what is inserted for mirror images of each other on parallel
         // lines would be in fours on a circle.
-        let beside = x + BESIDE * reach * random_of(p) / self.spacing;
+        let beside = x + BESIDE * reach * random_of(p) / self.grid.spacing;
         let planes = JunctionPlanes { oracle: self, cuts: Cuts::Through(beside) };
-        let last = self.last - 1.0;
+        let last = self.grid.last - 1.0;
         let cell_of = |x: DVec3| x.max(DVec3::ZERO).min(last).to_array().map(|c| c as usize);
         let [low, high, cut] =
-            [x - reach / self.spacing, x + reach / self.spacing, beside].map(cell_of);
+            [x - reach / self.grid.spacing, x + reach / self.grid.spacing, beside].map(cell_of);
         let (mut nearest, mut squared) = (None, reach * reach);
         let mut ties = Vec::new();
         for j in low[1]..=high[1] {
@@ -108,7 +109,7 @@ impl Oracle {
                         }
                         // Never an error.
                         let _ = planes.visit_mixed_cell(cell, &mut ties, &mut |_, x| {
-                            let q = self.world_point(x);
+                            let q = self.grid.point_at(x);
                             if q.distance_squared(p) < squared {
                                 (nearest, squared) = (Some(q), q.distance_squared(p));
                             }
@@ -126,12 +127,12 @@ impl Oracle {
     fn squared_distance_to_cell(&self, x: DVec3, cell: [usize; 3]) -> f64 {
         let from = x - low_corner(cell);
         let beside = (-from).max(from - 1.0).max(DVec3::ZERO);
-        (beside * self.spacing).length_squared() * (1.0 - 1e-9)
+        (beside * self.grid.spacing).length_squared() * (1.0 - 1e-9)
     }
 }
 
 impl JunctionPlanes<'_> {
-    pub(super) fn oracle(&self) -> &Oracle {
+    pub(crate) fn oracle(&self) -> &Oracle {
         self.oracle
     }
 
@@ -148,7 +149,7 @@ impl JunctionPlanes<'_> {
         let mut ties = Vec::new();
         self.oracle.visit_junction_cells(row, |cell| {
             self.visit_mixed_cell(cell, &mut ties, &mut |kind, x| {
-                visit(kind, self.oracle.world_point(x))
+                visit(kind, self.oracle.grid.point_at(x))
             })
         })
     }
@@ -173,11 +174,11 @@ impl JunctionPlanes<'_> {
     }
 
     /// Where the planes across an axis cut a cell.
-    pub(super) fn cuts(&self, cell: [usize; 3], axis: usize) -> impl Iterator<Item = f64> + use<> {
+    pub(crate) fn cuts(&self, cell: [usize; 3], axis: usize) -> impl Iterator<Item = f64> + use<> {
         let (parts, through) = match &self.cuts {
             Cuts::Spaced(parts) => {
                 let [i, j, k] = cell;
-                (parts.at(self.oracle.bricks.index(i, j, k))[axis], None)
+                (parts.at(self.oracle.grid.bricks.index(i, j, k))[axis], None)
             }
             Cuts::Through(x) => {
                 let at = x[axis] - cell[axis] as f64;
@@ -269,12 +270,12 @@ impl JunctionPlanes<'_> {
 }
 
 /// A vector with coordinates between -1 and 1 that looks random and depends on `p` alone.
-pub(super) fn random_of(p: DVec3) -> DVec3 {
+pub(crate) fn random_of(p: DVec3) -> DVec3 {
     let bits = hash([0, 1, 2].map(|a| p[a].to_bits() as usize));
     DVec3::from([0, 1, 2].map(|a| (bits >> (21 * a) & 0x1f_ffff) as f64 / f64::from(1 << 20) - 1.0))
 }
 
-pub(super) fn low_corner(cell: [usize; 3]) -> DVec3 {
+pub(crate) fn low_corner(cell: [usize; 3]) -> DVec3 {
     DVec3::from(cell.map(|c| c as f64))
 }
 

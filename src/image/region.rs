@@ -122,32 +122,32 @@ impl Rows {
     }
 
     /// Bytes that the rows of a region of `dims` voxels take.
-    pub(super) fn bytes(dims: [usize; 3]) -> u64 {
+    pub(crate) fn bytes(dims: [usize; 3]) -> u64 {
         (size_of::<u16>() * Self::stride(dims)) as u64 * dims[1] as u64 * dims[2] as u64
     }
 
-    pub(super) fn region(&self) -> &Region {
+    pub(crate) fn region(&self) -> &Region {
         &self.region
     }
 
-    pub(super) fn dims(&self) -> [usize; 3] {
+    pub(crate) fn dims(&self) -> [usize; 3] {
         self.region.dims
     }
 
     /// Row (j, k) with its padding.
     #[inline]
-    pub(super) fn row(&self, j: usize, k: usize) -> &[u16] {
+    pub(crate) fn row(&self, j: usize, k: usize) -> &[u16] {
         &self.ids[(j * self.region.dims[2] + k) * self.stride..][..self.stride]
     }
 
     /// The rows that bound row (j, k) of cells: corner c of cell i is `rows[c >> 1][i + (c & 1)]`.
     #[inline]
-    pub(super) fn around(&self, j: usize, k: usize) -> [&[u16]; 4] {
+    pub(crate) fn around(&self, j: usize, k: usize) -> [&[u16]; 4] {
         [self.row(j, k), self.row(j + 1, k), self.row(j, k + 1), self.row(j + 1, k + 1)]
     }
 
     /// About how many voxels each of `labels` ids has: of every fourth voxel along each axis.
-    pub(super) fn rough_counts(&self, labels: usize) -> Vec<u64> {
+    pub(crate) fn rough_counts(&self, labels: usize) -> Vec<u64> {
         const STEP: usize = 4;
         let mut counts = vec![0; labels];
         let [_, ny, nz] = self.dims();

@@ -12,14 +12,15 @@
 
 use rayon::prelude::*;
 
-use super::region::Rows;
+use crate::image::bits::gathered;
+use crate::image::region::Rows;
 use crate::{Result, memory::zeroed};
 
 /// A set of cells of the region; bit i of row (j, k) is the cell between voxels (i, j, k) and (i +
 /// 1, j + 1, k + 1). There is a row for each row of voxels; the last cell of each axis lies outside
 /// of the region, and is uniform.
 #[derive(Clone, Debug)]
-pub(super) struct Cells {
+pub(crate) struct Cells {
     words: usize,
     rows: [usize; 2],
     bits: Vec<u64>,
@@ -30,7 +31,7 @@ impl Cells {
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
-    pub(super) fn mixed(voxels: &Rows, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
+    pub(crate) fn mixed(voxels: &Rows, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let [nx, ny, nz] = voxels.dims();
         let words = nx.div_ceil(64);
         let mut bits: Vec<u64> = zeroed(words * ny * nz, "words of the sets of cells")?;
@@ -48,7 +49,7 @@ impl Cells {
     }
 
     /// The words of all rows of each `count` layers of cells, one after the other.
-    pub(super) fn layers_mut(
+    pub(crate) fn layers_mut(
         &mut self,
         count: usize,
     ) -> impl IndexedParallelIterator<Item = &mut [u64]> {
@@ -57,7 +58,7 @@ impl Cells {
 
     /// A bit for each of `count` cells from `first` on, at most 64: whether it is in the set.
     #[inline]
-    pub(super) fn bits(&self, [i, j, k]: [usize; 3], count: usize) -> u64 {
+    pub(crate) fn bits(&self, [i, j, k]: [usize; 3], count: usize) -> u64 {
         let row = self.row(j, k);
         let word = |w: usize| row.get(w).copied().unwrap_or(0);
         let (w, shift) = (i / 64, i % 64);
@@ -66,17 +67,17 @@ impl Cells {
     }
 
     /// Bytes of memory held.
-    pub(super) fn held(&self) -> usize {
+    pub(crate) fn held(&self) -> usize {
         size_of::<u64>() * self.bits.len()
     }
 
     /// Bytes that one set of a region of `dims` voxels takes.
-    pub(super) fn bytes([nx, ny, nz]: [usize; 3]) -> u64 {
+    pub(crate) fn bytes([nx, ny, nz]: [usize; 3]) -> u64 {
         size_of::<u64>() as u64 * nx.div_ceil(64) as u64 * ny as u64 * nz as u64
     }
 
     #[inline]
-    pub(super) fn row(&self, j: usize, k: usize) -> &[u64] {
+    pub(crate) fn row(&self, j: usize, k: usize) -> &[u64] {
         &self.bits[(j * self.rows[1] + k) * self.words..][..self.words]
     }
 
@@ -84,7 +85,7 @@ impl Cells {
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
-    pub(super) fn dilated(&self, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
+    pub(crate) fn dilated(&self, check: &(dyn Fn() -> Result<()> + Sync)) -> Result<Self> {
         let [ny, nz] = self.rows;
         let mut bits: Vec<u64> = zeroed(self.bits.len(), "words of the sets of cells")?;
         bits.par_chunks_mut(self.words * nz).enumerate().try_for_each(|(j, layer)| {
@@ -109,17 +110,6 @@ impl Cells {
     }
 }
 
-/// The places of the bits of a word, from the lowest on.
-#[inline]
-pub(super) fn ones(mut word: u64) -> impl Iterator<Item = usize> + Clone {
-    std::iter::from_fn(move || {
-        let bit = word.trailing_zeros() as usize;
-        // 0 has no lowest bit.
-        word &= word.wrapping_sub(1);
-        (bit < 64).then_some(bit)
-    })
-}
-
 /// A bit for each of 64 cells: whether its corners differ.
 #[inline]
 fn differ(rows: [&[u16]; 4]) -> u64 {
@@ -132,15 +122,4 @@ fn differ(rows: [&[u16]; 4]) -> u64 {
         u8::from(near | far != 0)
     });
     gathered(&flags)
-}
-
-/// A bit for each of 64 flags, 0 or 1.
-#[inline]
-pub(super) fn gathered(flags: &[u8; 64]) -> u64 {
-    // The product moves the lowest bits of eight bytes side by side to the top.
-    const GATHER: u64 = 0x0102_0408_1020_4080;
-    let (bytes, _) = flags.as_chunks::<8>();
-    bytes.iter().enumerate().fold(0, |word, (n, &eight)| {
-        word | (u64::from_le_bytes(eight).wrapping_mul(GATHER) >> 56) << (8 * n)
-    })
 }

@@ -42,12 +42,12 @@ use crate::memory::reserve;
 use crate::{Error, Result};
 
 /// Weights lie in [1/LIMIT, LIMIT].
-pub(super) const LIMIT: f32 = 1.5;
+pub(crate) const LIMIT: f32 = 1.5;
 /// The largest ratio of two weights.
 const RATIO: f32 = LIMIT * LIMIT;
 /// Volumes are counted in parts of a cell, so that a sample is a whole number of them even where
 /// walls leave an eighth of a cell.
-pub(super) const UNITS: u32 = 512;
+pub(crate) const UNITS: u32 = 512;
 /// Samples in a cell at most. Powers of two.
 const MOST: u32 = 64;
 /// Samples in a cell at least, if it is looked at.
@@ -268,11 +268,11 @@ impl Samples {
 }
 
 /// How many samples the cells with a voxel of each label get.
-pub(super) struct Sampling(Vec<u32>);
+pub(crate) struct Sampling(Vec<u32>);
 
 impl Sampling {
     /// `voxels`: about how many each label has.
-    pub(super) fn new(voxels: impl Iterator<Item = u64>) -> Self {
+    pub(crate) fn new(voxels: impl Iterator<Item = u64>) -> Self {
         // In sixteenths of a sample, so that fewer than LEAST stand for some of the cells.
         let samples = |n: u64| {
             let least = u64::from(LEAST * 16 / SPARSEST);
@@ -286,7 +286,7 @@ impl Sampling {
 const SLOTS: usize = 256;
 
 /// What was counted in some mixed cells. Several are merged into one.
-pub(super) struct Tally<'a> {
+pub(crate) struct Tally<'a> {
     sampling: &'a Sampling,
     contests: Vec<Contest>,
     of_pair: HashMap<[u16; 2], usize>,
@@ -303,7 +303,7 @@ pub(super) struct Tally<'a> {
 }
 
 impl<'a> Tally<'a> {
-    pub(super) fn new(sampling: &'a Sampling) -> Self {
+    pub(crate) fn new(sampling: &'a Sampling) -> Self {
         Self {
             sampling,
             contests: Vec::new(),
@@ -321,7 +321,7 @@ impl<'a> Tally<'a> {
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
-    pub(super) fn add(
+    pub(crate) fn add(
         &mut self,
         border: &Border,
         cell: [usize; 3],
@@ -346,7 +346,7 @@ impl<'a> Tally<'a> {
     /// # Errors
     /// [`Error::OutOfMemory`].
     #[inline(always)]
-    pub(super) fn add_two(
+    pub(crate) fn add_two(
         &mut self,
         corners: u32,
         [id, other]: [u16; 2],
@@ -363,7 +363,7 @@ impl<'a> Tally<'a> {
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
-    pub(super) fn sample(
+    pub(crate) fn sample(
         &mut self,
         cell: [usize; 3],
         ids: &indicator::Corners,
@@ -493,7 +493,7 @@ impl<'a> Tally<'a> {
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
-    pub(super) fn merge(self, other: Self) -> Result<Self> {
+    pub(crate) fn merge(self, other: Self) -> Result<Self> {
         let (mut all, mut part) =
             if self.contests.len() < other.contests.len() { (other, self) } else { (self, other) };
         for (&pair, &at) in &part.of_pair {
@@ -521,7 +521,7 @@ impl<'a> Tally<'a> {
     ///
     /// # Errors
     /// Whatever `check` returns.
-    pub(super) fn weights(self, check: &dyn Fn() -> Result<()>) -> Result<Vec<f32>> {
+    pub(crate) fn weights(self, check: &dyn Fn() -> Result<()>) -> Result<Vec<f32>> {
         let mut met: Vec<_> =
             self.of_pair.iter().map(|(&pair, &at)| (pair, &self.contests[at])).collect();
         // In the order of labels, so that sums of floats do not depend on the order in which pairs
@@ -625,7 +625,7 @@ fn distinct(ids: &indicator::Corners) -> ([u16; 8], usize) {
 
 /// A number of a cell, without order: where its samples start and whether it stands for others, for
 /// one.
-pub(super) fn hash([i, j, k]: [usize; 3]) -> u64 {
+pub(crate) fn hash([i, j, k]: [usize; 3]) -> u64 {
     // The finalizer of splitmix64 (G. Steele, D. Lea, C. Flood, OOPSLA 2014).
     let mut h = (i as u64 ^ (j as u64).rotate_left(21) ^ (k as u64).rotate_left(42))
         .wrapping_add(0x9e37_79b9_7f4a_7c15);

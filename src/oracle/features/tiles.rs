@@ -13,8 +13,8 @@ use std::sync::atomic::{AtomicUsize, Ordering::AcqRel};
 use glam::DVec3;
 use rayon::Scope;
 
-use super::bricks::Bricks;
 use super::edges::EdgeGrid;
+use crate::image::bricks::Bricks;
 use crate::{Error, Result};
 
 /// Least layers of bricks of a tile, along y and z: smaller ones have more to learn from their
@@ -40,10 +40,10 @@ impl EdgeGrid<'_> {
     /// in world units at least. All but the last along an axis are equally thick.
     pub fn tiles(&self, apart: f64) -> Tiles {
         let oracle = self.oracle;
-        let dims = oracle.bricks.dims();
+        let dims = oracle.grid.bricks.dims();
         let layers = [1, 2].map(|axis| dims[axis].div_ceil(Bricks::EDGE));
         let ranges = [0, 1].map(|n| {
-            let voxels = apart / oracle.spacing[n + 1] + 2.0 * BEYOND;
+            let voxels = apart / oracle.grid.spacing[n + 1] + 2.0 * BEYOND;
             let least = LEAST_LAYERS[n].min(layers[n]);
             let thick = ((voxels / Bricks::EDGE as f64).ceil() as usize).clamp(least, layers[n]);
             (0..layers[n])
@@ -53,11 +53,11 @@ impl EdgeGrid<'_> {
         });
         let [along_y, along_z]: &[Vec<Range<usize>>; 2] = &ranges;
         let box_of = |[y, z]: [&Range<usize>; 2]| {
-            let (mut lower, mut upper) = (DVec3::ZERO, oracle.last);
+            let (mut lower, mut upper) = (DVec3::ZERO, oracle.grid.last);
             (lower.y, lower.z) = ((y.start * Bricks::EDGE) as f64, (z.start * Bricks::EDGE) as f64);
             upper.y = upper.y.min((y.end * Bricks::EDGE) as f64);
             upper.z = upper.z.min((z.end * Bricks::EDGE) as f64);
-            oracle.box_of(lower - BEYOND, upper + BEYOND)
+            oracle.grid.bounds_of(lower - BEYOND, upper + BEYOND)
         };
         let bounds =
             along_y.iter().flat_map(|y| along_z.iter().map(move |z| box_of([y, z]))).collect();

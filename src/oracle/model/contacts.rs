@@ -40,7 +40,7 @@ const BONUS: f32 = 4.0;
 
 /// The corners of a cell's faces, two across from each other and the other two: those across each
 /// axis, on the side of the first corner and on the other.
-pub(super) const FACES: [[[usize; 4]; 2]; 3] =
+pub(crate) const FACES: [[[usize; 4]; 2]; 3] =
     [[[0, 6, 2, 4], [1, 7, 3, 5]], [[0, 5, 1, 4], [2, 7, 3, 6]], [[0, 3, 1, 2], [4, 7, 5, 6]]];
 
 /// The corners beside each corner, as bits.
@@ -80,7 +80,7 @@ const JOINED: [u8; 256] = {
 
 /// Of each set of corners whether a cell of two labels, one of which has these, has no contacts,
 /// whatever the labels: both are joined across faces, and do not alternate.
-pub(super) const IS_PLAIN: [bool; 256] = {
+pub(crate) const IS_PLAIN: [bool; 256] = {
     let mut is_plain = [false; 256];
     let mut own = 0;
     while own < 256 {
@@ -105,7 +105,7 @@ pub(super) const IS_PLAIN: [bool; 256] = {
 
 /// Which contacts a cell has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Contacts {
+pub(crate) enum Contacts {
     /// None.
     None,
     /// On faces alone.
@@ -116,13 +116,13 @@ pub(super) enum Contacts {
 
 /// Whether two labels alternate around a face.
 #[inline(always)]
-pub(super) const fn alternates(ids: &Corners, [a, b, c, d]: [usize; 4]) -> bool {
+pub(crate) const fn alternates(ids: &Corners, [a, b, c, d]: [usize; 4]) -> bool {
     ids[a] == ids[b] && ids[c] == ids[d] && ids[a] != ids[c]
 }
 
 impl Contacts {
     /// Of the cell whose corners have these ids.
-    pub(super) fn of(ids: &Corners) -> Self {
+    pub(crate) fn of(ids: &Corners) -> Self {
         let on_faces = FACES.as_flattened().iter().any(|&face| alternates(ids, face));
         let across = (0..4).any(|c| ids[c] == ids[7 - c]);
         if !(on_faces || across) {
@@ -179,11 +179,11 @@ fn needs_center(ids: &Corners, own: u32) -> bool {
 }
 
 /// A cell with contacts.
-pub(super) struct Cell<'a> {
-    pub(super) ids: Corners,
-    pub(super) weights: &'a [f32],
+pub(crate) struct Cell<'a> {
+    pub(crate) ids: Corners,
+    pub(crate) weights: &'a [f32],
     /// Whether its centre is a contact.
-    pub(super) center: bool,
+    pub(crate) center: bool,
 }
 
 /// One eighth of a cell. In its own coordinates the voxel's centre is at 0 and the cell's at 1.
@@ -222,7 +222,7 @@ impl Cell<'_> {
     }
 
     /// The label at a point; the smaller id on a tie.
-    pub(super) fn label(&self, at: [f32; 3]) -> u16 {
+    pub(crate) fn label(&self, at: [f32; 3]) -> u16 {
         self.label_in(&self.octant(at), at)
     }
 
@@ -262,7 +262,7 @@ impl Cell<'_> {
 
     /// The first point of a segment at which another label overtakes `id`, as
     /// [`indicator::overtaken`] has it: here also where it enters another octant.
-    pub(super) fn overtaken(
+    pub(crate) fn overtaken(
         &self,
         id: u16,
         [start, end]: [[f32; 3]; 2],

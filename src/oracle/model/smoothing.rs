@@ -48,7 +48,7 @@ const LEAST_LEAD: f32 = 0.05;
 const LEAST_LEAD_THIN: f32 = 0.75;
 
 /// An image's labels, smoothed.
-pub(super) struct Smoothing<'a> {
+pub(crate) struct Smoothing<'a> {
     image: &'a LabelImage,
     /// The Gaussian's values at distances 0, 1, ... in voxels, of sum 1 over both sides.
     kernel: Vec<f32>,
@@ -58,7 +58,7 @@ pub(super) struct Smoothing<'a> {
 
 impl<'a> Smoothing<'a> {
     /// `sigma`: the standard deviation in voxels; above 0.
-    pub(super) fn new(image: &'a LabelImage, sigma: f64) -> Self {
+    pub(crate) fn new(image: &'a LabelImage, sigma: f64) -> Self {
         let radius = (CUT_OFF * sigma).ceil() as usize;
         let values: Vec<f64> =
             (0..=radius).map(|d| (-0.5 * (d as f64 / sigma).powi(2)).exp()).collect();
@@ -72,7 +72,7 @@ impl<'a> Smoothing<'a> {
     }
 
     /// The shares of voxel number `voxel`, whose label is `own`, in no particular order.
-    pub(super) fn shares(&self, voxel: usize, own: u16, shares: &mut Vec<Share>) {
+    pub(crate) fn shares(&self, voxel: usize, own: u16, shares: &mut Vec<Share>) {
         let [nx, ny, nz] = self.image.dims();
         let (x, y, z) = (voxel % nx, voxel / nx % ny, voxel / (nx * ny));
         let radius = self.kernel.len() - 1;

@@ -1,0 +1,11 @@
+//! How far apart samples are to be, from place to place.
+//!
+//! | file | what it is |
+//! |---|---|
+//! | [`field`] | the sizing field: a distance for each voxel, graded |
+//! | [`thickness`] | where a label is thin, which makes the field small there |
+
+pub mod field;
+pub mod thickness;
+
+pub use field::Sizing;
