@@ -23,7 +23,7 @@
 //! | [`second_order`] | nodes in the middles of edges, put on the interfaces |
 //! | [`verify`] | what is measured on the finished mesh: quality, topology, distance, certificate |
 //! | [`io`] | files: images read, meshes written |
-//! | [`mesher`] | the pipeline |
+//! | [`pipeline`] | the stages, and the run that goes through all of them |
 //! | [`capi`] | the C interface |
 #![deny(unsafe_op_in_unsafe_fn)]
 #![warn(missing_docs)]
@@ -37,12 +37,12 @@ pub mod improve;
 pub mod io;
 mod memory;
 pub mod mesh;
-pub mod mesher;
 pub mod monitor;
 pub mod oracle;
 mod panics;
 pub mod parallel;
 pub mod params;
+pub mod pipeline;
 mod reduce;
 pub mod refine;
 pub mod second_order;

@@ -259,4 +259,19 @@ impl MeshParams {
         }
         Ok(())
     }
+
+    /// Checks what must hold between parameters. Not a part of [`Self::validate`]: whoever sets
+    /// them one by one may set either first.
+    ///
+    /// # Errors
+    /// [`Error::InvalidArgument`].
+    pub fn validate_together(&self) -> Result<()> {
+        if self.curved && self.order != 2 {
+            return Err(Error::InvalidArgument(format!(
+                "curved tets need order 2, got {}",
+                self.order
+            )));
+        }
+        Ok(())
+    }
 }

@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 
 use lapd::geometry::measures::{dihedral_angles, radius_edge_ratio, triangle_angles};
 use lapd::io::read::read_image;
-use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::parallel::machine::Machine;
 use lapd::params::{Algorithm, Improve, MeshParams};
+use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::verify::DefectKind;
 
 /// Voxels from which on a label's volume is held against the image.

@@ -7,9 +7,9 @@ use lapd::image::{LabelImage, MapValues};
 use lapd::io::read::values::{read_gray, read_maps, read_probabilities};
 use lapd::io::read::{ReadOptions, read_image};
 use lapd::mesh::TetMesh;
-use lapd::mesher::mesh_image;
 use lapd::monitor::{Level, Monitor};
 use lapd::params::{ImageBorder, MeshParams};
+use lapd::pipeline::mesh_image;
 use lapd::verify::certificate::{DefectKind, SmallLost};
 
 /// A case's file, or `None`, said loudly.

@@ -7,10 +7,10 @@ use glam::DVec3;
 use lapd::Error;
 use lapd::image::Palette;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
-use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::oracle::{Oracle, Surface};
 use lapd::params::{ImageBorder, MeshParams, SurfaceModel};
+use lapd::pipeline::{MeshResult, mesh_image};
 
 struct Random(u64);
 

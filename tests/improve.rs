@@ -6,18 +6,18 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use glam::DVec3;
 use lapd::Error;
-use lapd::delaunay::Triangulation;
 use lapd::geometry::predicates::orient;
 use lapd::geometry::shape::closest_point;
 use lapd::image::phantom::*;
 use lapd::image::{Frame, LabelImage};
 use lapd::improve::{Improvement, Settings, improve, tolerance};
-use lapd::mesh::extract::{Background, Extracted, extract};
+use lapd::mesh::extract::Background;
 use lapd::mesh::{NONE, TetMesh};
-use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
 use lapd::params::{Improve, MeshParams, SurfaceModel};
+use lapd::pipeline::refine::{Collected, collect, triangulation_around};
+use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::refine::refine;
 use lapd::refine::rules::Rules;
 use lapd::refine::team::RefineOptions;
@@ -79,20 +79,15 @@ struct Refined {
 
 fn refined(image: &LabelImage, params: &MeshParams) -> Refined {
     let oracle = Oracle::new(image, params.surface, &|| Ok(())).unwrap();
-    let [lower, upper] = oracle.bounds();
-    let (lower, upper) = (lower - 9.0, upper + 9.0);
-    let triangulation = Triangulation::new(lower, upper).unwrap();
-    let rules = Rules::new(&triangulation, &oracle, params, image.labels()).unwrap();
+    let triangulation = triangulation_around(&oracle, params.delta).unwrap();
+    let sizing = Sizing::uniform(params.delta);
+    let rules = Rules::new(&triangulation, &oracle, &sizing, params, image.labels());
     let monitor = Monitor::silent();
     refine(&rules, &RefineOptions::solo(), &monitor).unwrap();
-    let mut order = triangulation.tets_by_place(|| Ok(())).unwrap();
-    let label = |t| rules.label(t);
-    let Extracted { mesh, .. } =
-        extract(&triangulation, &mut order, label, image.labels(), Background::Last, &monitor)
-            .unwrap();
-    let sizing = Sizing::uniform(params.delta);
-    drop(rules);
-    let box_volume = (upper - lower).element_product();
+    let Collected { mesh, .. } =
+        collect(&rules, image.labels(), Background::Last, &monitor).unwrap();
+    let corners = [0, 7].map(|v| triangulation.position(v));
+    let box_volume = (corners[1] - corners[0]).element_product().abs();
     Refined { oracle, sizing, labels: image.labels().to_vec(), mesh, box_volume }
 }
 

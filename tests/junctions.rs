@@ -11,10 +11,10 @@ use lapd::image::phantom::{ball_volume, three_labels_in_a_line};
 use lapd::image::{Frame, LabelImage};
 use lapd::io::read::read_image;
 use lapd::mesh::TetMesh;
-use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::oracle::{JunctionKind, Oracle};
 use lapd::params::{ImageBorder, MeshParams, SurfaceModel};
+use lapd::pipeline::{MeshResult, mesh_image};
 
 /// The edges of a mesh around which three labels or more are, background included.
 fn junction_edges(mesh: &TetMesh) -> Vec<[DVec3; 2]> {

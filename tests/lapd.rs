@@ -8,10 +8,10 @@ mod refining;
 use std::time::{Duration, Instant};
 
 use lapd::Error;
-use lapd::mesher::mesh_image;
 use lapd::monitor::{CancelFlag, Monitor, Phase, Progress};
 use lapd::parallel::machine::Machine;
 use lapd::params::{Algorithm, Contention, MeshParams};
+use lapd::pipeline::mesh_image;
 use lapd::refine::activity::{Accesses, Overhead};
 use lapd::refine::team::{Limits, RefineOptions};
 use refining::*;

@@ -8,10 +8,10 @@ use lapd::Error;
 use lapd::image::phantom::*;
 use lapd::image::{Frame, GrayImage, LabelImage};
 use lapd::mesh::TetMesh;
-use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
 use lapd::params::MeshParams;
+use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::second_order::TET_EDGES;
 
 fn params(delta: f64, curved: bool) -> MeshParams {

@@ -6,9 +6,9 @@ use std::f64::consts::PI;
 use glam::{DMat3, DVec3, EulerRot};
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
 use lapd::mesh::TetMesh;
-use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::MeshParams;
+use lapd::pipeline::{MeshResult, mesh_image};
 
 /// Numbers from 0 to 1 by a linear congruential generator.
 struct Random(u64);

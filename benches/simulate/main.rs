@@ -15,14 +15,13 @@
 use std::path::Path;
 use std::time::Instant;
 
-use glam::DVec3;
-use lapd::delaunay::Triangulation;
 use lapd::image::LabelImage;
 use lapd::io::read::read_image;
 use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
 use lapd::parallel::machine::Machine;
 use lapd::params::{Algorithm, Begging, Contention, MeshParams};
+use lapd::pipeline::refine::triangulation_around;
 use lapd::refine::activity::Overhead;
 use lapd::refine::refine;
 use lapd::refine::rules::Rules;
@@ -31,6 +30,7 @@ use lapd::simulation::course::Mark;
 use lapd::simulation::platform::{Costs, Level, Network, Platform};
 use lapd::simulation::world::Traffic;
 use lapd::simulation::{Simulated, simulate};
+use lapd::sizing::Sizing;
 use serde_json::{Value, json};
 
 /// How far the number of tets may be from what was asked for.
@@ -207,10 +207,10 @@ impl Subject {
         work: impl FnOnce(&Rules<'_>) -> lapd::Result<T>,
     ) -> Result<(T, usize), Failure> {
         let params = MeshParams { delta, size: 2.0 * delta, ..MeshParams::default() };
-        let [lower, upper] = self.oracle.bounds();
-        let margin = DVec3::splat((upper - lower).max_element() * 0.25 + 4.0 * delta);
-        let triangulation = Triangulation::new(lower - margin, upper + margin)?;
-        let rules = Rules::new(&triangulation, &self.oracle, &params, self.image.labels())?;
+        let triangulation = triangulation_around(&self.oracle, delta)?;
+        let sizing = Sizing::uniform(delta);
+        let labels = self.image.labels();
+        let rules = Rules::new(&triangulation, &self.oracle, &sizing, &params, labels);
         let done = work(&rules)?;
         let tets = triangulation.living_tets().filter(|&t| rules.label(t) != 0).count();
         Ok((done, tets))

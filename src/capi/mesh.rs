@@ -12,7 +12,7 @@ use crate::geometry::measures::TetMeasure;
 use crate::image::WorldAxes;
 use crate::io::write::{MeshFormat, WriteOptions, write_mesh_watching, write_timeline};
 use crate::mesh::TetMesh;
-use crate::mesher::MeshResult;
+use crate::pipeline::MeshResult;
 
 /// A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was
 /// made, so any number of threads may use it at once.

@@ -4,7 +4,7 @@
 use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
 use super::status::lapd_status;
-use crate::mesher::{MeshResult, RunReport};
+use crate::pipeline::{MeshResult, RunReport};
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
 
 /// How large a mesh is. Set struct_size to sizeof(lapd_counts) before the call.

@@ -16,9 +16,9 @@ use super::params::lapd_params;
 use super::pool::with_pool;
 use super::status::lapd_status;
 use crate::image::LabelImage;
-use crate::mesher::{MeshResult, mesh_image};
 use crate::monitor::{CancelFlag, Level, Monitor, Progress};
 use crate::params::MeshParams;
+use crate::pipeline::{MeshResult, mesh_image};
 
 /// Meshes an image.
 ///

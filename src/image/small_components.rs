@@ -23,8 +23,8 @@ pub struct SmallComponent {
 impl LabelImage {
     /// The image in which each component of fewer than `least` voxels has become a part of the
     /// label that most voxels around it have, background included (the smaller label on a tie), and
-    /// these components. Labels of which nothing is left are gone. `go_on` is asked as the work goes
-    /// on, from several threads.
+    /// these components. Labels of which nothing is left are gone. `go_on` is asked again and
+    /// again, from several threads.
     ///
     /// Linear in the voxels and in those of small components. Parallel in the current rayon pool.
     ///

@@ -10,10 +10,10 @@
 //! of the spacing apart, so that g is hardly more than the spacing. Only where two runs of samples
 //! along a line meet it may be up to twice that.
 //!
-//! **Contacts** (`oracle/contacts`) are places in which the bodies of labels touch as their voxels
-//! do. Each is a sample, with points around it half a voxel away on the lines of the grid: so it is
-//! a vertex whose tets have the labels of the voxels there, if nothing else is inserted within
-//! these octahedra.
+//! **Contacts** (`oracle/model/contacts`) are places in which the bodies of labels touch as their
+//! voxels do. Each is a sample, with points around it half a voxel away on the lines of the grid:
+//! so it is a vertex whose tets have the labels of the voxels there, if nothing else is inserted
+//! within these octahedra.
 //!
 //! **Narrow voxels** are those that have their label in common with two or fewer of the six beside
 //! them: single ones, pairs, rows, and the corners of sheets of one voxel. Where dO crosses the

@@ -5,6 +5,7 @@
 //! | [`sampling`] | R1: samples of the isosurface, before there are tets |
 //! | [`junctions`] | the samples of junctions, from which R1 starts |
 //! | [`rules`] | what each rule asks for; reads only |
+//! | [`state`] | what is written down of tets and vertices, for the rules to read |
 //! | [`cell_table`] | cells of points, for the two that look for near points |
 //! | [`vertex_grid`] | which vertices lie near a point |
 //! | [`recent`] | points found last, asked before a search |
@@ -30,10 +31,10 @@ mod recent;
 pub mod refiner;
 pub mod rules;
 pub mod sampling;
+pub mod state;
 pub mod team;
 pub mod unmet;
 pub mod vertex_grid;
-mod walls;
 
 pub use podm::refine;
 pub use unmet::examine;

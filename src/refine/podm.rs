@@ -25,6 +25,7 @@ use super::probe::RefineProbe;
 use super::refiner::{Refiner, Work};
 use super::rules::Rules;
 use super::sampling::{Growth, Samples, sample_isosurface};
+use super::state::State;
 use super::team::{RefineOptions, Team};
 use crate::delaunay::ownership::MAX_OWNERS;
 use crate::delaunay::worker::Counters;
@@ -88,21 +89,22 @@ pub fn refine_with<P: RefineProbe>(
     probe: &(impl Fn(usize) -> P + Sync),
 ) -> Result<Refinement> {
     let clock = Clock::start();
+    let state = State::new(rules)?;
     // Samples are the smaller part: until they are there, reports say that nothing is done.
     let go_on = || monitor.advance(0).and_then(|()| options.limits.check_time());
     let growth = if lapd::divides(options) { Growth::Fourfold } else { Growth::Eightfold };
-    let samples = sample_isosurface(rules.oracle, &rules.sizing, growth, go_on);
+    let samples = sample_isosurface(rules.oracle, rules.sizing, growth, go_on);
     let Dealt { samples, regions, work_ranges } =
         match samples.and_then(|samples| deal(rules, options, samples, go_on)) {
             Err(limit) if limit.is_limit() => {
-                label_all(rules, monitor)?;
+                label_all(&state, monitor)?;
                 return Ok(Refinement::none(limit));
             }
             dealt => dealt?,
         };
     let total = samples.points.len();
     let report_progress = |part, tets| monitor.advance_to(part, tets);
-    let team = Team::new(rules, samples.points, regions, options, &report_progress);
+    let team = Team::new(&state, samples.points, regions, options, &report_progress);
     // From here on: what a worker touches first lies in its core's memory. The samples were made by
     // all threads.
     let bound = team.bind(0);
@@ -141,7 +143,7 @@ pub fn refine_with<P: RefineProbe>(
         None => None,
     };
     if ended_by.is_some() {
-        label_all(rules, monitor)?;
+        label_all(&state, monitor)?;
     }
     Ok(Refinement { counters, work, threads, ended_by })
 }
@@ -187,14 +189,14 @@ fn deal(
 
 /// Finds the labels of all tets: those that were made before the samples were complete have none.
 /// Some at a time: memory may be what a run has ended by.
-fn label_all(rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<()> {
+fn label_all(state: &State<'_>, monitor: &Monitor<'_>) -> Result<()> {
     let mut tets: Vec<TetId> = room(LABELLED, "tets without a label")?;
-    let mut living = rules.triangulation.living_tets().peekable();
+    let mut living = state.rules.triangulation.living_tets().peekable();
     while living.peek().is_some() {
         monitor.check_cancelled()?;
         tets.clear();
         tets.extend(living.by_ref().take(LABELLED));
-        rules.find_labels(&tets);
+        state.find_labels(&tets);
     }
     Ok(())
 }

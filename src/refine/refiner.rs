@@ -23,6 +23,7 @@ use super::lapd::Outbox;
 use super::pel::{Gift, Pel, Task};
 use super::probe::RefineProbe;
 use super::rules::{Facets, ISOVERTEX, Lookups, RefinementPoint, Rule, Rules};
+use super::state::State;
 use super::team::{PERMITS, Team};
 use crate::delaunay::homes::MAX_NODES;
 use crate::delaunay::worker::mark_of;
@@ -89,6 +90,7 @@ enum Fate {
 pub(super) struct Refiner<'t, 'a, L, P> {
     team: &'t Team<'a>,
     rules: &'t Rules<'a>,
+    state: &'t State<'a>,
     triangulation: &'a Triangulation,
     /// Its number in the team.
     me: usize,
@@ -111,6 +113,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         Self {
             team,
             rules: team.rules,
+            state: team.state,
             triangulation: team.rules.triangulation,
             me,
             worker,
@@ -131,6 +134,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         let Self {
             team,
             rules,
+            state,
             triangulation,
             me,
             worker,
@@ -148,6 +152,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         Refiner {
             team,
             rules,
+            state,
             triangulation,
             me,
             worker,
@@ -191,8 +196,8 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                 let begin = self.stamp_time();
                 at = self.worker.locate(self.triangulation, at, p);
                 self.take_permit()?;
-                let (rules, kind) = (self.rules, ISOVERTEX);
-                let note = |v, _: &[TetId]| rules.note_vertex(v, p, kind);
+                let (state, kind) = (self.state, ISOVERTEX);
+                let note = |v, _: &[TetId]| state.note_vertex(v, p, kind);
                 match self.worker.insert_if(self.triangulation, at, p, kind, || true, note)? {
                     Insertion::Done(_) => {
                         self.work.by_rule[Rule::R1 as usize] += 1;
@@ -238,7 +243,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                     self.triangulation.prefetch_next(t);
                     self.triangulation.is_living(t)
                 }));
-                self.rules.find_labels(&living);
+                self.state.find_labels(&living);
                 self.note_labels(living.len());
                 for &t in &living {
                     let record = self.triangulation.tet(t);
@@ -332,7 +337,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     fn look(&mut self, stamp: TetStamp) -> Result<()> {
         self.work.looks += 1;
         self.worker.probe.look(self.triangulation, stamp.tet);
-        self.rules.mark_elsewhere(stamp.tet);
+        self.state.mark_elsewhere(stamp.tet);
         let interfaces = self.rules.interfaces(stamp.tet, Facets::Second(self.worker.mark()));
         self.look_at(stamp, interfaces)
     }
@@ -433,7 +438,8 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     fn carry_out(&mut self, stamp: TetStamp, demand: &RefinementPoint) -> Result<Fate> {
         self.take_permit()?;
         let begin = self.stamp_time();
-        let (rules, triangulation) = (self.rules, self.triangulation);
+        let (rules, state) = (self.rules, self.state);
+        let triangulation = self.triangulation;
         let outcome = self.worker.insert_if(
             triangulation,
             demand.start,
@@ -441,10 +447,10 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             demand.kind,
             || rules.is_demanded(stamp.tet, demand),
             |v, tets| {
-                rules.find_labels(tets);
+                state.find_labels(tets);
                 // While its tets are owned: an isovertex that is inserted near it later finds it in
                 // the grid.
-                rules.note_vertex(v, demand.point, demand.kind)
+                state.note_vertex(v, demand.point, demand.kind)
             },
         )?;
         let fate = match outcome {
@@ -452,7 +458,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                 self.work.by_rule[demand.rule as usize] += 1;
                 self.push_created();
                 if demand.kind == ISOVERTEX {
-                    self.rules.near_free_vertices(demand.point, &mut self.near);
+                    self.state.near_free_vertices(demand.point, &mut self.near);
                     self.pel.push_removals(&self.near)?;
                 }
                 self.after_success();
@@ -475,8 +481,8 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     /// R6.
     fn remove(&mut self, v: VertexId) -> Result<()> {
         let begin = self.stamp_time();
-        let rules = self.rules;
-        match self.worker.remove_and(self.triangulation, v, |tets| rules.find_labels(tets))? {
+        let state = self.state;
+        match self.worker.remove_and(self.triangulation, v, |tets| state.find_labels(tets))? {
             Removal::Done => {
                 self.work.by_rule[Rule::R6 as usize] += 1;
                 self.permits += 1;
@@ -555,7 +561,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             for stamp in &gift.waiting {
                 // Where the tet has died meanwhile, its slot's next one is looked at twice at
                 // worst.
-                self.rules.mark_elsewhere(stamp.tet);
+                self.state.mark_elsewhere(stamp.tet);
             }
             self.lost.overhead.gifts += 1;
             self.team.begging.give(beggar, gift, &self.team.parking);

@@ -4,12 +4,13 @@
 //! The paper's R1 lets circumcenters look for dO: it inserts their closest surface points as long
 //! as these are delta away from all isovertices. What no circumcenter is near to it never finds,
 //! and every tet has to be asked. Here the image is asked instead, once, before there are tets: an
-//! interface, however small, crosses edges of the grid of voxel centres (`oracle/edges.rs`; divided
-//! where voxels are larger than delta), and each such crossing gets an isovertex within delta.
-//! Isovertices are never removed, so this holds from then on. The greedy choice goes tile by tile
-//! of the image (`oracle/tiles`), of a size that spacing and delta alone decide, in four colours:
-//! each tile is mindful of those beside it that come before, and begins as soon as these are done.
-//! So the samples are the same whatever the number of threads.
+//! interface, however small, crosses edges of the grid of voxel centres
+//! (`oracle/features/edges.rs`; divided where voxels are larger than delta), and each such crossing
+//! gets an isovertex within delta. Isovertices are never removed, so this holds from then on. The
+//! greedy choice goes tile by tile of the image (`oracle/features/tiles`), of a size that spacing
+//! and delta alone decide, in four colours: each tile is mindful of those beside it that come
+//! before, and begins as soon as these are done. So the samples are the same whatever the number of
+//! threads.
 //!
 //! **Junctions first.** The lines and points where labels meet, or touch themselves, are sampled
 //! before all else (`junctions`), and crossings near to their samples get none.

@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::lapd::Regions;
 use super::pel::Gift;
 use super::rules::Rules;
+use super::state::State;
 use crate::delaunay::homes::NodeId;
 use crate::delaunay::{Locks, Probe, Worker};
 use crate::parallel::begging::Begging;
@@ -121,6 +122,7 @@ pub(super) type Report<'a> = dyn Fn(f64, u64) -> Result<()> + Sync + 'a;
 /// The team.
 pub(super) struct Team<'a> {
     pub rules: &'a Rules<'a>,
+    pub state: &'a State<'a>,
     pub samples: Vec<DVec3>,
     pub keeps_timeline: bool,
     pub parking: Parking,
@@ -147,7 +149,7 @@ pub(super) struct Team<'a> {
 
 impl<'a> Team<'a> {
     pub fn new(
-        rules: &'a Rules<'a>,
+        state: &'a State<'a>,
         samples: Vec<DVec3>,
         regions: Option<Regions>,
         options: &'a RefineOptions,
@@ -159,7 +161,8 @@ impl<'a> Team<'a> {
             None => Levels::of(&options.machine, size, options.begging),
         };
         Self {
-            rules,
+            rules: state.rules,
+            state,
             keeps_timeline: options.timeline,
             parking: Parking::new(size),
             contention: Contention::new(options.contention, size),
@@ -215,7 +218,7 @@ impl<'a> Team<'a> {
         let later = u64::from(self.rules.triangulation.tet_bound()) * self.limits.bytes_per_slot;
         let samples = size_of_val(self.samples.as_slice()) as u64;
         let in_the_end = self.rules.oracle.bytes() as u64 + self.limits.bytes_after;
-        self.limits.check_memory((self.rules.bytes() + samples + bytes).max(in_the_end) + later)?;
+        self.limits.check_memory((self.state.bytes() + samples + bytes).max(in_the_end) + later)?;
         self.limits.check_time()
     }
 

@@ -8,20 +8,21 @@ use glam::DVec3;
 use super::course::STEADY;
 use super::platform::{Costs, Level, Network, Platform};
 use super::{Simulated, simulate};
-use crate::delaunay::Triangulation;
 use crate::image::LabelImage;
 use crate::image::phantom::{nested_shells, torus};
 use crate::io::read::read_image;
-use crate::mesh::extract::{Background, extract};
+use crate::mesh::extract::Background;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::parallel::machine::Machine;
 use crate::params::{Algorithm, Begging, Contention, MeshParams};
+use crate::pipeline::finish::measure;
+use crate::pipeline::refine::{Collected, collect, triangulation_around};
 use crate::refine::activity::Doing;
 use crate::refine::rules::Rules;
 use crate::refine::team::RefineOptions;
 use crate::refine::{examine, refine};
-use crate::verify::certificate::Certificate;
+use crate::sizing::Sizing;
 
 struct Subject {
     image: LabelImage,
@@ -54,12 +55,12 @@ impl Subject {
     ) -> (T, Vec<[u32; 4]>) {
         let Self { image, oracle, params } = self;
         let monitor = Monitor::silent();
-        let [lower, upper] = oracle.bounds();
-        let margin = 0.25 * (upper - lower).max_element() + 4.0 * params.delta;
-        let triangulation = Triangulation::new(lower - margin, upper + margin).unwrap();
-        let rules = Rules::new(&triangulation, oracle, params, image.labels()).unwrap();
+        let triangulation = triangulation_around(oracle, params.delta).unwrap();
+        let sizing = Sizing::uniform(params.delta);
+        let rules = Rules::new(&triangulation, oracle, &sizing, params, image.labels());
         let done = work(&rules).unwrap_or_else(|error| panic!("{what}: {error}"));
-        let mut order = triangulation.tets_by_place(|| Ok(())).unwrap();
+        let Collected { mut mesh, order, .. } =
+            collect(&rules, image.labels(), Background::Dropped, &monitor).unwrap();
         let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
         assert!(check.is_sound(), "{what}: {check:?}");
         assert_eq!(
@@ -68,21 +69,8 @@ impl Subject {
             "{what}: tets owned or free slots that do not say so"
         );
         assert_eq!(unmet, [0; 6], "{what}: unmet rules");
-        let label = |t| rules.label(t);
-        let mut mesh = extract(
-            &triangulation,
-            &mut order,
-            label,
-            image.labels(),
-            Background::Dropped,
-            &monitor,
-        )
-        .unwrap()
-        .mesh;
         mesh.collect_facets(&monitor).unwrap();
-        let certificate =
-            Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor)
-                .unwrap();
+        let (_, certificate) = measure(&mesh, image, oracle, &check, unmet, &[], &monitor).unwrap();
         let defects =
             [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
         assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");

@@ -3,9 +3,9 @@
 use lapd::Error;
 use lapd::image::phantom::{ball, ball_volume, sampled};
 use lapd::image::{Frame, LabelImage, Voxels};
-use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::{MeshParams, SurfaceModel};
+use lapd::pipeline::{MeshResult, mesh_image};
 
 use super::{assert_sound, boundary_topology, mesh, params, run, volumes};
 

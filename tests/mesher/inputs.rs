@@ -8,9 +8,9 @@ use lapd::Error;
 use lapd::image::phantom::ball_volume;
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
 use lapd::mesh::TetMesh;
-use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::{MeshParams, SurfaceModel};
+use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::verify::certificate::DefectKind;
 
 use super::{boundary_topology, mesh, params, run, volumes};

@@ -23,9 +23,9 @@ use glam::DVec3;
 use lapd::geometry::measures::{radius_edge_ratio, tet_circumradius, tet_volume, triangle_angles};
 use lapd::image::LabelImage;
 use lapd::mesh::{NONE, TetMesh};
-use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::{Improve, MeshParams};
+use lapd::pipeline::{MeshResult, mesh_image};
 
 /// Relative slack for figures that are computed in another way than the rules do.
 const ROUNDING: f64 = 1e-9;

@@ -3,8 +3,8 @@
 
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
-use lapd::mesher::MeshResult;
 use lapd::params::{MeshParams, SurfaceModel};
+use lapd::pipeline::MeshResult;
 
 use super::{boundary_topology, mesh, params, volumes};
 

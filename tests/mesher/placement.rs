@@ -5,9 +5,9 @@ use lapd::Error;
 use lapd::image::phantom::*;
 use lapd::image::{Frame, LabelImage};
 use lapd::mesh::TetMesh;
-use lapd::mesher::mesh_image;
 use lapd::monitor::Monitor;
 use lapd::params::{Improve, MeshParams};
+use lapd::pipeline::mesh_image;
 
 use super::{boundary_topology, bounds, mesh, params, volumes};
 
@@ -20,7 +20,7 @@ fn placed(origin: [f64; 3], spacing: [f64; 3], axes: [[f64; 3]; 3]) -> (LabelIma
     (LabelImage::from_fn(dims, frame, |p| i32::from(p.distance(center) <= 10.0)).unwrap(), center)
 }
 
-fn centroid(meshing: &lapd::mesher::MeshResult) -> DVec3 {
+fn centroid(meshing: &lapd::pipeline::MeshResult) -> DVec3 {
     let mesh = &meshing.mesh;
     let sum = mesh.tets.iter().fold((DVec3::ZERO, 0.0), |(moment, volume), tet| {
         let p = tet.map(|v| mesh.point(v));
@@ -245,8 +245,9 @@ fn labels_have_their_own_sizes() {
     let one_size = mesh(&image, &MeshParams { size: 4.0, ..params(1.5) });
     let fine_core =
         mesh(&image, &MeshParams { size: 4.0, label_sizes: vec![(1, 0.8)], ..params(1.5) });
-    let tets =
-        |m: &lapd::mesher::MeshResult, label| m.mesh.labels.iter().filter(|&&l| l == label).count();
+    let tets = |m: &lapd::pipeline::MeshResult, label| {
+        m.mesh.labels.iter().filter(|&&l| l == label).count()
+    };
     let (coarse, fine) = (tets(&one_size, 1), tets(&fine_core, 1));
     println!("core {coarse} -> {fine}, shell {} -> {}", tets(&one_size, 2), tets(&fine_core, 2));
     assert!(fine > 4 * coarse, "the core has {fine} tets, {coarse} without a size of its own");

@@ -2,16 +2,17 @@
 //! long a demand is true, and that in the end there is none.
 
 use lapd::Error;
-use lapd::delaunay::Triangulation;
 use lapd::image::phantom::*;
 use lapd::image::{Frame, LabelImage};
-use lapd::mesher::mesh_image;
 use lapd::monitor::{CancelFlag, Level, Monitor, Phase, Progress, Step};
 use lapd::oracle::Oracle;
 use lapd::params::{MeshParams, SurfaceModel};
+use lapd::pipeline::mesh_image;
+use lapd::pipeline::refine::triangulation_around;
 use lapd::refine::rules::{Facets, Lookups, Rule, Rules};
 use lapd::refine::team::{Limits, RefineOptions};
 use lapd::refine::{examine, refine};
+use lapd::sizing::Sizing;
 
 use super::{params, run};
 
@@ -56,9 +57,9 @@ fn nothing_is_demanded_when_refinement_has_ended() {
     for surface in [SurfaceModel::Smooth, SurfaceModel::Voxel] {
         let params = params(1.3);
         let oracle = Oracle::new(&image, surface, &|| Ok(())).unwrap();
-        let [lower, upper] = oracle.bounds();
-        let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
-        let rules = Rules::new(&triangulation, &oracle, &params, image.labels()).unwrap();
+        let triangulation = triangulation_around(&oracle, params.delta).unwrap();
+        let sizing = Sizing::uniform(params.delta);
+        let rules = Rules::new(&triangulation, &oracle, &sizing, &params, image.labels());
         let counters = refine(&rules, &RefineOptions::solo(), &Monitor::silent()).unwrap().counters;
         println!("{surface:?}: {counters:?}");
         assert!(counters.insertions > 1000);
@@ -82,11 +83,12 @@ fn nothing_is_demanded_when_refinement_has_ended() {
 fn a_demand_is_true_while_its_tets_are_as_they_were_seen() {
     let image = busy_image();
     let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
-    let [lower, upper] = oracle.bounds();
-    let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
-    let coarse = Rules::new(&triangulation, &oracle, &params(2.6), image.labels()).unwrap();
+    let triangulation = triangulation_around(&oracle, 2.6).unwrap();
+    let [coarse, fine] = [2.6, 0.8].map(Sizing::uniform);
+    let labels = image.labels();
+    let coarse = Rules::new(&triangulation, &oracle, &coarse, &params(2.6), labels);
     refine(&coarse, &RefineOptions::solo(), &Monitor::silent()).unwrap();
-    let fine = Rules::new(&triangulation, &oracle, &params(0.8), image.labels()).unwrap();
+    let fine = Rules::new(&triangulation, &oracle, &fine, &params(0.8), labels);
     let (mut demands, mut of_two) = (0, 0);
     for t in triangulation.living_tets() {
         let surface =
@@ -121,9 +123,9 @@ fn what_stays_unmet_is_the_same_on_any_number_of_threads() {
     let image = busy_image();
     let params = params(0.5);
     let oracle = Oracle::new(&image, params.surface, &|| Ok(())).unwrap();
-    let [lower, upper] = oracle.bounds();
-    let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
-    let rules = Rules::new(&triangulation, &oracle, &params, image.labels()).unwrap();
+    let triangulation = triangulation_around(&oracle, params.delta).unwrap();
+    let sizing = Sizing::uniform(params.delta);
+    let rules = Rules::new(&triangulation, &oracle, &sizing, &params, image.labels());
     // Ended early, so that rules still apply.
     let limits = Limits { max_vertices: Some(5000), ..Limits::default() };
     let ended =

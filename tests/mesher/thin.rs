@@ -3,9 +3,9 @@
 
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
-use lapd::mesher::{MeshResult, mesh_image};
 use lapd::monitor::Monitor;
 use lapd::params::MeshParams;
+use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::verify::DefectKind;
 
 use super::{mesh, params};

@@ -5,21 +5,22 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use lapd::Error;
-use lapd::delaunay::Triangulation;
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
-use lapd::mesh::extract::{Background, extract};
-use lapd::mesher::{MeshResult, mesh_image};
+use lapd::mesh::extract::Background;
 use lapd::monitor::{CancelFlag, Monitor, Progress};
 use lapd::oracle::Oracle;
 use lapd::params::{Contention, MeshParams};
+use lapd::pipeline::finish::measure;
+use lapd::pipeline::refine::{Collected, collect, triangulation_around};
+use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::refine::activity::Overhead;
 use lapd::refine::podm::Refinement;
 use lapd::refine::rules::Rules;
 use lapd::refine::team::RefineOptions;
 use lapd::refine::{examine, refine};
-use lapd::verify::certificate::Certificate;
-use lapd::verify::quality::Quality;
+use lapd::sizing::Sizing;
+use lapd::verify::{Certificate, Quality};
 
 /// Seconds that a test may take, however slow the build; beyond, its threads hang.
 const PATIENCE: u64 = 1500;
@@ -130,13 +131,14 @@ pub fn outcome(subject: &Subject, options: &RefineOptions, complete: bool) -> Ou
         options.threads, options.contention, options.begging
     );
     let monitor = Monitor::silent();
-    let [lower, upper] = oracle.bounds();
-    let triangulation = Triangulation::new(lower - 8.0, upper + 8.0).unwrap();
-    let rules = Rules::new(&triangulation, oracle, params, image.labels()).unwrap();
+    let triangulation = triangulation_around(oracle, params.delta).unwrap();
+    let sizing = Sizing::uniform(params.delta);
+    let rules = Rules::new(&triangulation, oracle, &sizing, params, image.labels());
     let clock = Instant::now();
     let refinement = refine(&rules, options, &monitor).unwrap_or_else(|e| panic!("{what}: {e}"));
     let seconds = clock.elapsed().as_secs_f64();
-    let mut order = triangulation.tets_by_place(|| Ok(())).unwrap();
+    let Collected { mut mesh, order, .. } =
+        collect(&rules, image.labels(), Background::Dropped, &monitor).unwrap();
     let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
     assert!(check.is_sound(), "{what}: {check:?}");
     assert_eq!(triangulation.left_over(), 0, "{what}: tets owned or free slots that do not say so");
@@ -148,18 +150,11 @@ pub fn outcome(subject: &Subject, options: &RefineOptions, complete: bool) -> Ou
     );
     assert_eq!(refinement.ended_by.is_none(), complete, "{what}: {:?}", refinement.ended_by);
     assert!(!complete || unmet == [0; 6], "{what}: unmet {unmet:?}");
-    let label = |t| rules.label(t);
-    let mut mesh =
-        extract(&triangulation, &mut order, label, image.labels(), Background::Dropped, &monitor)
-            .unwrap()
-            .mesh;
     mesh.collect_facets(&monitor).unwrap();
-    let certificate =
-        Certificate::measure(&mesh, image, oracle, check.non_delaunay_facets, unmet, &monitor)
-            .unwrap();
+    let (quality, certificate) =
+        measure(&mesh, image, oracle, &check, unmet, &[], &monitor).unwrap();
     let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
     assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");
-    let quality = Quality::measure(&mesh, &monitor).unwrap();
     if complete {
         let rounding = 1.0 + 1e-9;
         assert!(

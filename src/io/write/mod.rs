@@ -135,8 +135,8 @@ impl MeshFormat {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
     /// In `.vtu`: the measures of the tets, a cell array for each of
-    /// [`TetMeasure::ALL`](crate::geometry::measures::TetMeasure::ALL). Other formats have no place for
-    /// them.
+    /// [`TetMeasure::ALL`](crate::geometry::measures::TetMeasure::ALL). Other formats have no place
+    /// for them.
     pub measures: bool,
     /// What the world axes mean, where that is known. It is told as `SPACE=LPS`: in the head of
     /// `.vtk` and `.stl` and in a comment of `.ply`, where 3D Slicer looks for it; in a comment of

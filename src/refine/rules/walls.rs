@@ -20,7 +20,7 @@
 
 use glam::DVec3;
 
-use super::rules::{DRAWN_TO_WALL, LEAST_DISTANCE, Rules, SPACING_FLOOR};
+use super::{DRAWN_TO_WALL, LEAST_DISTANCE, Rules, SPACING_FLOOR};
 use crate::delaunay::tet::is_free;
 use crate::delaunay::{BOX_VERTICES, TetId, VertexId};
 use crate::geometry::shape::triangle_circumcircle;
@@ -41,14 +41,14 @@ impl Rules<'_> {
     /// Whether a tet has no corner of the box, and so lies within the walls: then labels are
     /// continued to its circumcenter.
     #[inline]
-    pub(super) fn is_within_walls(vertices: [VertexId; 4]) -> bool {
+    pub(in crate::refine) fn is_within_walls(vertices: [VertexId; 4]) -> bool {
         vertices.iter().all(|&v| v >= BOX_VERTICES)
     }
 
     /// Whether a tet that is too flat to have a circumcenter lies on a wall: rounding makes those
     /// where the axes of the image are oblique. They are outside.
     #[cold]
-    pub(super) fn is_flat_on_wall(&self, vertices: [VertexId; 4]) -> bool {
+    pub(in crate::refine) fn is_flat_on_wall(&self, vertices: [VertexId; 4]) -> bool {
         Self::is_within_walls(vertices)
             && self.common_walls(&self.triangulation.corners(vertices)).count() > 0
     }

@@ -1,0 +1,65 @@
+//! The last stage: what is measured on the mesh, and the nodes of second order.
+
+use crate::Result;
+use crate::delaunay::check::Check;
+use crate::image::LabelImage;
+use crate::image::small_components::SmallComponent;
+use crate::memory::reserve;
+use crate::mesh::TetMesh;
+use crate::monitor::Monitor;
+use crate::oracle::Oracle;
+use crate::params::MeshParams;
+use crate::second_order::{SecondOrder, add_mid_nodes, curve};
+use crate::verify::{Certificate, Defect, DefectKind, Quality};
+
+/// Measures a mesh with its facets: its quality, and how well it stands for the image. `check` and
+/// `unmet` are what [`examine`](crate::refine::examine) found, `dropped` the components that were
+/// left out.
+///
+/// # Errors
+/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
+pub fn measure(
+    mesh: &TetMesh,
+    image: &LabelImage,
+    oracle: &Oracle,
+    check: &Check,
+    unmet: [u64; 6],
+    dropped: &[SmallComponent],
+    monitor: &Monitor<'_>,
+) -> Result<(Quality, Certificate)> {
+    let quality = Quality::measure(mesh, monitor)?;
+    let mut certificate =
+        Certificate::measure(mesh, image, oracle, check.non_delaunay_facets, unmet, monitor)?;
+    reserve(&mut certificate.defects, dropped.len(), "defects")?;
+    certificate.defects.extend(dropped.iter().map(
+        |&SmallComponent { label, position, voxels }| Defect {
+            kind: DefectKind::Dropped,
+            label,
+            position,
+            size: voxels,
+        },
+    ));
+    Ok((quality, certificate))
+}
+
+/// Adds the nodes of second order, if `params` ask for them.
+///
+/// # Errors
+/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory);
+/// [`LimitReached`](crate::Error::LimitReached) for too many nodes.
+pub fn add_nodes(
+    mesh: &mut TetMesh,
+    image: &LabelImage,
+    oracle: &Oracle,
+    params: &MeshParams,
+    monitor: &Monitor<'_>,
+) -> Result<SecondOrder> {
+    if params.order < 2 {
+        return Ok(SecondOrder::default());
+    }
+    let mut second_order = add_mid_nodes(mesh, monitor)?;
+    if params.curved {
+        second_order.curving = curve(mesh, oracle, image.labels(), monitor)?;
+    }
+    Ok(second_order)
+}

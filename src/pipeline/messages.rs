@@ -1,0 +1,116 @@
+//! What a run says as it goes on, and what a caller should know in the end.
+
+use crate::delaunay::worker::Counters;
+use crate::image::LabelImage;
+use crate::improve::Improvement;
+use crate::monitor::{Level, Monitor};
+use crate::params::MeshParams;
+use crate::verify::certificate::{Certificate, Defect, DefectKind, LEAST_VOXELS, SmallLost};
+
+/// A line about what is meshed.
+pub(super) fn describe(image: &LabelImage, params: &MeshParams) -> String {
+    let [nx, ny, nz] = image.dims();
+    let spacing = image.frame().spacing();
+    format!(
+        "meshing {} labels of {nx} x {ny} x {nz} voxels of {} x {} x {} at delta {}, size {}",
+        image.labels().len() - 1,
+        spacing.x,
+        spacing.y,
+        spacing.z,
+        params.delta,
+        params.size
+    )
+}
+
+pub(super) fn log_refinement(monitor: &Monitor<'_>, counters: &Counters, seconds: f64) {
+    let Counters { insertions, removals, created, destroyed, .. } = counters;
+    let tets = created.saturating_sub(*destroyed);
+    let rate = tets as f64 / seconds.max(1e-9);
+    let line = format!(
+        "refinement done in {seconds:.2} s: {tets} tets, {insertions} insertions, {removals} \
+         removals, {rate:.0} tets per second"
+    );
+    monitor.log(Level::Info, &line);
+}
+
+pub(super) fn log_improvement(monitor: &Monitor<'_>, improvement: &Improvement, seconds: f64) {
+    let Improvement { below_before, left, counts, .. } = improvement;
+    let (operations, left) = (counts.operations(), left.len());
+    let line = format!(
+        "slivers removed in {seconds:.2} s: {below_before} tets below the target, {operations} \
+         operations, {left} left"
+    );
+    monitor.log(Level::Info, &line);
+}
+
+/// What a caller should know before relying on the mesh, a line for each kind of defect.
+pub(super) fn warnings(certificate: &Certificate) -> Vec<String> {
+    let mut lines = Vec::new();
+    for (rule, &unmet) in certificate.unmet.iter().enumerate().filter(|&(_, &unmet)| unmet > 0) {
+        lines.push(format!("rule R{} stays unmet {unmet} times", rule + 1));
+    }
+    let lost = || certificate.labels.iter().filter(|row| row.tets == 0);
+    if let Some(first) = lost().next() {
+        let voxels: u64 = lost().map(|row| row.image_voxels).sum();
+        lines.push(format!(
+            "labels without a tet: {}, of {voxels} voxels in all; the first is {}",
+            lost().count(),
+            first.label
+        ));
+    }
+    let topology = [
+        (DefectKind::Lost, "components without a tet"),
+        (DefectKind::Merged, "components merged with another one of their label"),
+        (DefectKind::Torn, "pieces torn off from their component"),
+        (DefectKind::Stray, "pieces where the image does not have their label"),
+        (DefectKind::Dropped, "components left out, as asked"),
+        (DefectKind::PinchedEdge, "edges where a label's boundary touches itself"),
+        (DefectKind::PinchedVertex, "vertices where a label's boundary touches itself"),
+    ];
+    for (kind, what) in topology {
+        let mut of_kind = certificate.defects.iter().filter(|defect| defect.kind == kind);
+        if let Some(Defect { label, position: [x, y, z], .. }) = of_kind.next() {
+            let count = 1 + of_kind.count();
+            lines.push(format!(
+                "{what}: {count}; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"
+            ));
+        }
+    }
+    let SmallLost { count, voxels, first } = certificate.small_lost;
+    if let Some((label, [x, y, z])) = first {
+        lines.push(format!(
+            "components of fewer than {LEAST_VOXELS} voxels without a tet: {count}, of {voxels} \
+             voxels in all; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"
+        ));
+    }
+    let defects = [
+        (certificate.non_delaunay_facets, "facets that are not Delaunay"),
+        (certificate.inverted_tets, "inverted tets"),
+        (certificate.orphan_vertices, "vertices in no tet"),
+        (certificate.open_edges, "open edges of interfaces"),
+        (certificate.facets_off_walls, "outer facets that should lie where the image ends"),
+    ];
+    for (count, what) in defects.into_iter().filter(|&(count, _)| count > 0) {
+        lines.push(format!("certificate: {count} {what}"));
+    }
+    lines
+}
+
+/// Says so if a mesh will have very many tets for its image, and not because delta and size ask for
+/// them: `asked_for` are those that these alone make.
+pub(super) fn warn_of_many([asked_for, expected]: [f64; 2], voxels: u64, monitor: &Monitor<'_>) {
+    /// At half a voxel between samples a mesh has some ten tets per voxel.
+    const MANY_PER_VOXEL: f64 = 100.0;
+    /// How many times as many as asked for are worth a word.
+    const MANY_TIMES: f64 = 4.0;
+    let voxels = voxels as f64;
+    if expected > MANY_PER_VOXEL * voxels && expected > MANY_TIMES * asked_for {
+        let line = format!(
+            "about {expected:.1e} tets are to be expected, {:.0} for each voxel of the object: \
+             what is thin makes all around it small; a larger delta with --no-adaptive, or a \
+             larger --spacing-floor, makes fewer, unless the image itself is thin",
+            expected / voxels
+        );
+        monitor.log(Level::Warning, &line);
+    }
+}

@@ -1,0 +1,145 @@
+//! The first stage: what is to be meshed, where its interfaces are, how densely they are sampled.
+
+use std::borrow::Cow;
+use std::time::{Duration, Instant};
+
+use rayon::prelude::*;
+
+use crate::image::LabelImage;
+use crate::image::region::{Region, Rows};
+use crate::image::small_components::SmallComponent;
+use crate::mesh::extract::BYTES_PER_SLOT;
+use crate::monitor::{Monitor, Step};
+use crate::oracle::{Oracle, Surface};
+use crate::params::MeshParams;
+use crate::refine::team::Limits;
+use crate::second_order;
+use crate::sizing::Sizing;
+use crate::verify::Certificate;
+use crate::{Error, Result};
+
+/// An image whose labels are those to be meshed.
+pub struct Selected<'a> {
+    /// The image.
+    pub image: Cow<'a, LabelImage>,
+    /// The components that were left out for their size.
+    pub dropped: Vec<SmallComponent>,
+}
+
+/// Merges labels, keeps those that are wanted, and leaves out components that are too small, as
+/// `params` ask.
+///
+/// # Errors
+/// [`Error::InvalidArgument`] for a label that does not occur; [`Error::EmptyImage`] when nothing
+/// is left; [`Error::Unsupported`]; [`Error::Cancelled`]; [`Error::OutOfMemory`].
+pub fn select_labels<'a>(
+    image: &'a LabelImage,
+    params: &MeshParams,
+    monitor: &Monitor<'_>,
+) -> Result<Selected<'a>> {
+    let mut image = Cow::Borrowed(image);
+    if !params.merge.is_empty() || params.background_label != 0 {
+        image = Cow::Owned(image.merged(&params.merge, params.background_label)?);
+    }
+    if let Some(&(label, _)) = params.label_sizes.iter().find(|l| image.id_of(l.0).is_none()) {
+        return Err(Error::InvalidArgument(format!(
+            "a size is given for label {label}, which does not occur in the image"
+        )));
+    }
+    if !params.keep.is_empty() {
+        image = Cow::Owned(image.restricted_to(&params.keep)?);
+    }
+    let mut dropped = Vec::new();
+    if params.least_voxels > 1 {
+        let cleared;
+        let go_on = |_| monitor.check_cancelled();
+        (cleared, dropped) = image.without_small_components(params.least_voxels, &go_on)?;
+        image = Cow::Owned(cleared);
+    }
+    if image.is_all_background() {
+        return Err(Error::EmptyImage);
+    }
+    Ok(Selected { image, dropped })
+}
+
+/// What refinement asks about an image.
+pub struct Prepared {
+    /// Where the interfaces are.
+    pub oracle: Oracle,
+    /// How far apart their samples are.
+    pub sizing: Sizing,
+    /// The voxels of the object.
+    pub voxels: u64,
+}
+
+/// Prepares an image, on all threads of the current rayon pool.
+///
+/// # Errors
+/// [`Error::EmptyImage`]; [`Error::InvalidArgument`] for an object that is too large;
+/// [`Error::Cancelled`]; [`Error::OutOfMemory`]; those of `limits`.
+pub fn prepare(
+    image: &LabelImage,
+    params: &MeshParams,
+    limits: &Limits,
+    monitor: &Monitor<'_>,
+) -> Result<Prepared> {
+    let go_on = || monitor.advance(1).and_then(|()| limits.check_time());
+    let region = Region::new(image, &go_on)?;
+    if limits.max_memory.is_some() {
+        let sizing = match params.adaptive {
+            true => Sizing::bytes_needed(image, &region, params.delta, params.spacing_floor),
+            false => 0,
+        };
+        let first = Oracle::bytes_needed(image, &region) + sizing;
+        limits.check_memory(first.max(limits.bytes_after))?;
+    }
+    let surface = Surface {
+        model: params.surface,
+        border: params.border,
+        sigma: (params.sigma > 0.0).then_some(params.sigma),
+    };
+    let rows = Rows::new(image, region, &go_on)?;
+    // Side by side: where the threads have nothing to do for the one they work on the other.
+    let (oracle, sizing) = rayon::join(
+        || Oracle::of_rows(image, &rows, surface, &go_on),
+        || match params.adaptive {
+            true => Sizing::new(image, &rows, params.delta, params.spacing_floor, &go_on),
+            false => Ok(Sizing::uniform(params.delta)),
+        },
+    );
+    Ok(Prepared { oracle: oracle?, sizing: sizing?, voxels: object_voxels(image) })
+}
+
+/// Enters the step of the preparation, with the most that it asks whether to go on: per plane, per
+/// layer in five passes, where a table is filled in, in each step of the weights.
+pub(super) fn enter(image: &LabelImage, monitor: &Monitor<'_>) -> Result<()> {
+    let [nx, ny, nz] = image.dims();
+    monitor.enter(Step::Oracle, nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)
+}
+
+/// The limits of `params` for a run on `image`, or on one of other labels; `start` is when it
+/// began.
+pub fn limits(params: &MeshParams, image: &LabelImage, start: Instant) -> Limits {
+    // A deadline that the clock cannot hold never comes.
+    let deadline = params.time_limit.and_then(|seconds| {
+        let end = start.checked_add(Duration::try_from_secs_f64(seconds).ok()?)?;
+        Some((end, seconds))
+    });
+    let (max_vertices, max_memory) = (params.max_vertices, params.max_memory);
+    let bytes_after = Certificate::bytes_needed(image);
+    let of_nodes = if params.order == 2 { second_order::BYTES_PER_TET } else { 0 };
+    Limits {
+        max_vertices,
+        deadline,
+        max_memory,
+        bytes_per_slot: BYTES_PER_SLOT + of_nodes,
+        bytes_after,
+    }
+}
+
+/// The voxels of the object.
+fn object_voxels(image: &LabelImage) -> u64 {
+    // Few enough at once that 16 bits hold their number, which lets many be counted at a time.
+    let count = |ids: &[u16]| u64::from(ids.iter().map(|&id| u16::from(id != 0)).sum::<u16>());
+    image.ids().par_chunks(1 << 15).map(count).sum()
+}

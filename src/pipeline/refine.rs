@@ -1,0 +1,92 @@
+//! The second stage: from the prepared image to the refined mesh.
+
+use crate::delaunay::{TetId, Triangulation};
+use crate::image::LabelImage;
+use crate::mesh::TetMesh;
+use crate::mesh::extract::{Background, Extracted, extract};
+use crate::monitor::{Monitor, Step};
+use crate::oracle::Oracle;
+use crate::parallel::machine::Machine;
+use crate::params::MeshParams;
+use crate::refine::rules::{Rules, TETS_PER_SIZE};
+use crate::refine::team::{Limits, RefineOptions};
+use crate::system::binding::Places;
+use crate::{Result, pipeline::prepare::Prepared};
+
+/// The box leaves this part of the object's longest side free on every side, so that the
+/// circumcenters of tets between object and box lie inside it.
+const BOX_MARGIN: f64 = 0.25;
+
+/// The triangulation of a box around an object whose interfaces get samples `delta` apart.
+///
+/// # Errors
+/// [`Error::OutOfMemory`](crate::Error::OutOfMemory).
+pub fn triangulation_around(oracle: &Oracle, delta: f64) -> Result<Triangulation> {
+    let [lower, upper] = oracle.bounds();
+    let margin = (upper - lower).max_element() * BOX_MARGIN + 4.0 * delta;
+    Triangulation::new(lower - margin, upper + margin)
+}
+
+/// Tets to be expected for the size that is asked for, beside those about interfaces.
+pub(super) fn expected_by_volume(
+    prepared: &Prepared,
+    image: &LabelImage,
+    params: &MeshParams,
+) -> f64 {
+    TETS_PER_SIZE * prepared.voxels as f64 * image.voxel_volume() / params.size.powi(3)
+}
+
+/// How `params` ask for the refinement to be done.
+///
+/// # Errors
+/// [`Error::Unsupported`](crate::Error::Unsupported) where threads cannot be bound.
+pub fn options(params: &MeshParams, limits: Limits, expected_tets: u64) -> Result<RefineOptions> {
+    let machine = match &params.machine {
+        Some(machine) => machine.clone(),
+        // Has no others to be near to.
+        None if params.threads == 1 => Machine::one_node(1),
+        None => Machine::of_system(),
+    };
+    Ok(RefineOptions {
+        expected_tets,
+        limits,
+        threads: params.threads,
+        contention: params.contention,
+        begging: params.begging,
+        places: params.bind.then(|| Places::new(&machine)).transpose()?,
+        machine,
+        timeline: params.timeline,
+        algorithm: params.algorithm,
+        halving: false,
+        count_accesses: params.count_accesses,
+    })
+}
+
+/// The mesh of a refined triangulation.
+pub struct Collected {
+    /// The mesh, without its facets.
+    pub mesh: TetMesh,
+    /// How many of its points belong to tets that are kept in the end.
+    pub points_kept: usize,
+    /// The tets of the triangulation in the order of their places.
+    pub order: Vec<TetId>,
+}
+
+/// Collects the tets of a triangulation that is at rest, labelled by `rules`.
+///
+/// # Errors
+/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
+pub fn collect(
+    rules: &Rules<'_>,
+    labels: &[i32],
+    background: Background,
+    monitor: &Monitor<'_>,
+) -> Result<Collected> {
+    let triangulation = rules.triangulation();
+    monitor.enter(Step::Extract, triangulation.tet_bound() as usize)?;
+    let mut order = triangulation.tets_by_place(|| monitor.check_cancelled())?;
+    let label = |t| rules.label(t);
+    let Extracted { mesh, points_kept } =
+        extract(triangulation, &mut order, label, labels, background, monitor)?;
+    Ok(Collected { mesh, points_kept, order })
+}
