@@ -468,7 +468,7 @@ static void mesh_getters(void) {
     CHECK(component.label == 7 && component.fate == LAPD_FATE_KEPT &&
           component.components_mesh == 1);
     CHECK(component.euler_image == component.euler_mesh &&
-          component.image_voxels >= LAPD_LEAST_VOXELS);
+          component.image_voxels >= LAPD_MIN_COMPONENT_VOXELS);
     INVALID(lapd_mesh_get_component_row(mesh, components, &component));
     component.struct_size = 4;
     INVALID(lapd_mesh_get_component_row(mesh, 0, &component));

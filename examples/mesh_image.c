@@ -40,7 +40,7 @@ static const char USAGE[] =
     "  --no-adaptive        do not sample more densely what is thinner than 4/3 delta\n"
     "  --spacing-floor V    samples of thin structures come no closer than this many voxels; "
     "default 0.5\n"
-    "  --least-voxels N     leave out components of fewer voxels; for label images; default 0\n"
+    "  --min-voxels N     leave out components of fewer voxels; for label images; default 0\n"
     "  --radius-edge R      largest circumradius over shortest edge; at least 2, default 2\n"
     "  --facet-angle DEG    smallest angle of interface facets; at most 30, default 30\n"
     "  --threads N          threads of the run; default 1, which makes the same mesh each time\n"
@@ -381,10 +381,10 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
         }
         return from_status(lapd_params_set_order(context, params, (int32_t)order));
     }
-    if (strcmp(option, "--least-voxels") == 0) {
+    if (strcmp(option, "--min-voxels") == 0) {
         size_t least;
         return parse_count(value, &least)
-                   ? from_status(lapd_params_set_least_voxels(context, params, least))
+                   ? from_status(lapd_params_set_min_voxels(context, params, least))
                    : SET_BAD_VALUE;
     }
     if (strcmp(option, "--background-label") == 0) {
@@ -515,7 +515,7 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                                                      "--surface",
                                                      "--max-memory",
                                                      "--spacing-floor",
-                                                     "--least-voxels",
+                                                     "--min-voxels",
                                                      "--isovalue",
                                                      "--labels",
                                                      "--frame",

@@ -231,7 +231,7 @@ void print_table(const summary *s, const file_seconds *seconds) {
         if (so->curved > 0) {
             printf(
                 "  moved by %.3f at most; least Jacobian %.3f of the straight one's; volume %.6g\n",
-                so->max_move, so->least_jacobian, so->volume);
+                so->max_move, so->min_jacobian, so->volume);
         }
     }
 
@@ -255,7 +255,7 @@ void print_table(const summary *s, const file_seconds *seconds) {
             defects[kind]++;
         }
     }
-    printf("  components lost %llu, merged %llu, torn off %llu, stray %llu, left out %llu; pinched "
+    printf("  components lost %llu, merged %llu, torn off %llu, stray %llu, left out %llu; non-manifold "
            "edges %llu, "
            "vertices %llu\n",
            (unsigned long long)defects[LAPD_DEFECT_LOST],
@@ -263,8 +263,8 @@ void print_table(const summary *s, const file_seconds *seconds) {
            (unsigned long long)defects[LAPD_DEFECT_TORN],
            (unsigned long long)defects[LAPD_DEFECT_STRAY],
            (unsigned long long)defects[LAPD_DEFECT_DROPPED],
-           (unsigned long long)defects[LAPD_DEFECT_PINCHED_EDGE],
-           (unsigned long long)defects[LAPD_DEFECT_PINCHED_VERTEX]);
+           (unsigned long long)defects[LAPD_DEFECT_NON_MANIFOLD_EDGE],
+           (unsigned long long)defects[LAPD_DEFECT_NON_MANIFOLD_VERTEX]);
     printf("  unmet rules:");
     for (int i = 0; i < 6; i++) {
         printf(" R%d %llu%s", i + 1, (unsigned long long)c->unmet[i], i < 5 ? "," : "\n");
@@ -468,7 +468,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_count(f, ", ", "in_sphere_tests", s->operations.in_sphere_tests);
     json_count(f, ", ", "tets_created", s->operations.tets_created);
     json_count(f, ", ", "cavity_tets", s->operations.cavity_tets);
-    json_count(f, ", ", "looks", s->operations.looks);
+    json_count(f, ", ", "looks", s->operations.inspections);
     json_count(f, ", ", "label_lookups", s->operations.label_lookups);
     json_count(f, ", ", "crossing_lookups", s->operations.crossing_lookups);
     json_rules(f, ", ", "by_rule", s->operations.by_rule);
@@ -479,7 +479,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_number(f, ", ", "removals_per_vertex", ratio((double)s->operations.removals, vertices));
     json_number(f, ", ", "mean_cavity", ratio((double)s->operations.cavity_tets, insertions));
     json_number(f, ", ", "exact_share", ratio((double)s->operations.exact_predicates, tests));
-    json_number(f, ", ", "looks_per_tet", ratio((double)s->operations.looks, tets));
+    json_number(f, ", ", "looks_per_tet", ratio((double)s->operations.inspections, tets));
     json_number(
         f, ", ", "lookups_per_tet",
         ratio((double)(s->operations.label_lookups + s->operations.crossing_lookups), tets));
@@ -554,7 +554,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     json_count(f, ", ", "shortened", so->shortened);
     json_count(f, ", ", "straight", so->straight);
     json_number(f, ", ", "max_move", so->max_move);
-    json_number(f, ", ", "least_jacobian", so->least_jacobian);
+    json_number(f, ", ", "min_jacobian", so->min_jacobian);
     json_number(f, ", ", "volume", so->volume);
 
     const lapd_certificate *c = &s->certificate;
@@ -604,8 +604,8 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
         json_count(f, ", ", "pieces", row->pieces);
         json_integer(f, ", ", "euler_image", row->euler_image);
         json_integer(f, ", ", "euler_mesh", row->euler_mesh);
-        json_count(f, ", ", "pinched_edges", row->pinched_edges);
-        json_count(f, ", ", "pinched_vertices", row->pinched_vertices);
+        json_count(f, ", ", "non_manifold_edges", row->non_manifold_edges);
+        json_count(f, ", ", "non_manifold_vertices", row->non_manifold_vertices);
         json_number(f, ", ", "hausdorff_mesh_to_image", row->mesh_to_image_max);
         json_number(f, ", ", "hausdorff_image_to_mesh", row->image_to_mesh_max);
         json_number(f, ", ", "mean_mesh_to_image", row->mesh_to_image_mean);
@@ -646,7 +646,7 @@ static void write_json(FILE *f, const options *o, const lapd_params *params, con
     fputs("\n  ],\n  \"defects\": [", f);
     for (size_t i = 0; i < s->defect_count; i++) {
         static const char *const kinds[DEFECT_KINDS] = {
-            "lost", "merged", "torn", "stray", "pinched_edge", "pinched_vertex", "dropped"};
+            "lost", "merged", "torn", "stray", "non_manifold_edge", "non_manifold_vertex", "dropped"};
         const lapd_defect *defect = &s->defects[i];
         fprintf(f, "%s\n    {\"kind\": \"%s\", \"label\": %lld", i > 0 ? "," : "",
                 name_of(kinds, DEFECT_KINDS, defect->kind), (long long)defect->label);

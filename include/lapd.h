@@ -59,7 +59,7 @@
  * Components of the image with fewer voxels have no row of their own, and are not listed when they
  * are lost or merged.
  */
-#define LAPD_LEAST_VOXELS 8
+#define LAPD_MIN_COMPONENT_VOXELS 8
 
 /**
  * What a function came to. The numbers are stable: none will ever change its meaning, new ones may
@@ -376,11 +376,11 @@ typedef enum {
  */
 typedef enum {
   /**
-   * A component of the image, of LAPD_LEAST_VOXELS or more, in which no tet of its label lies.
+   * A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, in which no tet of its label lies.
    */
   LAPD_DEFECT_LOST = 0,
   /**
-   * A component of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another
+   * A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to another
    * one of its label.
    */
   LAPD_DEFECT_MERGED = 1,
@@ -396,14 +396,14 @@ typedef enum {
   /**
    * An edge at which more than two facets of the label's boundary meet.
    */
-  LAPD_DEFECT_PINCHED_EDGE = 4,
+  LAPD_DEFECT_NON_MANIFOLD_EDGE = 4,
   /**
    * A vertex, on no such edge, at which more than one sheet of the label's boundary meet.
    */
-  LAPD_DEFECT_PINCHED_VERTEX = 5,
+  LAPD_DEFECT_NON_MANIFOLD_VERTEX = 5,
   /**
    * A component of the image that was left out for its size, as asked
-   * (lapd_params_set_least_voxels).
+   * (lapd_params_set_min_voxels).
    */
   LAPD_DEFECT_DROPPED = 6,
 } lapd_defect_kind;
@@ -658,7 +658,7 @@ typedef struct {
   /**
    * Tets that the rules were asked of.
    */
-  uint64_t looks;
+  uint64_t inspections;
   /**
    * Labels of points that the rules asked for.
    */
@@ -813,7 +813,7 @@ typedef struct {
    */
   uint64_t facets_off_walls;
   /**
-   * Components of the image, of fewer than LAPD_LEAST_VOXELS, in which the mesh has no tet.
+   * Components of the image, of fewer than LAPD_MIN_COMPONENT_VOXELS, in which the mesh has no tet.
    */
   uint64_t small_components_lost;
   /**
@@ -935,11 +935,11 @@ typedef struct {
    */
   uint64_t components_mesh;
   /**
-   * Components of the image, of LAPD_LEAST_VOXELS or more, in which it has no tet.
+   * Components of the image, of LAPD_MIN_COMPONENT_VOXELS or more, in which it has no tet.
    */
   uint64_t components_lost;
   /**
-   * Components of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another
+   * Components of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to another
    * one.
    */
   uint64_t components_merged;
@@ -961,11 +961,11 @@ typedef struct {
   /**
    * Edges at which more than two facets of its boundary meet.
    */
-  uint64_t pinched_edges;
+  uint64_t non_manifold_edges;
   /**
    * Vertices, on no such edge, at which more than one sheet of its boundary meet.
    */
-  uint64_t pinched_vertices;
+  uint64_t non_manifold_vertices;
   /**
    * Mean distance from its boundary in the mesh to that in the image.
    */
@@ -1009,7 +1009,7 @@ typedef struct {
 } lapd_label_row;
 
 /**
- * One component of the image that has LAPD_LEAST_VOXELS or more. Set struct_size to
+ * One component of the image that has LAPD_MIN_COMPONENT_VOXELS or more. Set struct_size to
  * sizeof(lapd_component_row) before the call.
  *
  * Voxels are joined with all 26 around them, tets where they share a facet, an edge or a vertex.
@@ -1121,7 +1121,7 @@ typedef struct {
    */
   double position[3];
   /**
-   * Voxels of the component of the image, tets of that of the mesh; 0 for a pinch.
+   * Voxels of the component of the image, tets of that of the mesh; 0 for an edge or vertex.
    */
   uint64_t size;
 } lapd_defect;
@@ -1261,7 +1261,7 @@ typedef struct {
    * The least determinant of the Jacobian in a tet with a moved node, in parts of the
    * determinant of the straight tet: a bound from below, by Bezier coefficients.
    */
-  double least_jacobian;
+  double min_jacobian;
   /**
    * The volume of all tets, curved as they are.
    */
@@ -2079,9 +2079,9 @@ lapd_status lapd_params_get_spacing_floor(const lapd_params *params, double *spa
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
-lapd_status lapd_params_set_least_voxels(lapd_context *context,
-                                         lapd_params *params,
-                                         uint64_t least_voxels);
+lapd_status lapd_params_set_min_voxels(lapd_context *context,
+                                       lapd_params *params,
+                                       uint64_t min_voxels);
 
 /**
  * The voxels that a component has at least, not to be left out. Any thread, unless another one
@@ -2089,7 +2089,7 @@ lapd_status lapd_params_set_least_voxels(lapd_context *context,
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
-lapd_status lapd_params_get_least_voxels(const lapd_params *params, uint64_t *least_voxels);
+lapd_status lapd_params_get_min_voxels(const lapd_params *params, uint64_t *min_voxels);
 
 /**
  * Gives labels of the image another one before all else: each of `labels` becomes `target`. All
@@ -2338,7 +2338,7 @@ lapd_status lapd_params_get_timeline(const lapd_params *params, int32_t *timelin
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a label is to be merged, the
  * background, kept, or of a size of its own that the image does not have, label 0 occurs beside
  * another background, merging makes more than 65534 labels besides 0, sigma is above 0 or small
- * components are to be left out (lapd_params_set_sigma, lapd_params_set_least_voxels) of an image
+ * components are to be left out (lapd_params_set_sigma, lapd_params_set_min_voxels) of an image
  * made of intensities or probabilities, the box of the object, a voxel more on each side, has more
  * than 2^32 - 1 voxels, or delta is so coarse that no tet lies in the object;
  * LAPD_ERROR_UNSUPPORTED when threads are to be bound to cores and cannot be, see
@@ -2696,7 +2696,7 @@ lapd_status lapd_mesh_get_label_row(const lapd_mesh *mesh, size_t index, lapd_la
 
 /**
  * The number of rows that lapd_mesh_get_component_row has: one for each component of the image
- * that has LAPD_LEAST_VOXELS or more. Any thread.
+ * that has LAPD_MIN_COMPONENT_VOXELS or more. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */

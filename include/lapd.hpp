@@ -553,8 +553,8 @@ class params {
     params &set_spacing_floor(double spacing_floor) {
         return set(lapd_params_set_spacing_floor, spacing_floor);
     }
-    params &set_least_voxels(std::uint64_t least_voxels) {
-        return set(lapd_params_set_least_voxels, least_voxels);
+    params &set_min_voxels(std::uint64_t min_voxels) {
+        return set(lapd_params_set_min_voxels, min_voxels);
     }
     params &set_count_accesses(bool count_accesses) {
         return set(lapd_params_set_count_accesses, count_accesses);
@@ -655,8 +655,8 @@ class params {
     double spacing_floor() const {
         return value<double>(lapd_params_get_spacing_floor);
     }
-    std::uint64_t least_voxels() const {
-        return value<std::uint64_t>(lapd_params_get_least_voxels);
+    std::uint64_t min_voxels() const {
+        return value<std::uint64_t>(lapd_params_get_min_voxels);
     }
     bool count_accesses() const {
         return value<std::int32_t>(lapd_params_get_count_accesses) != 0;

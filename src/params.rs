@@ -77,7 +77,7 @@ pub struct MeshParams {
     /// Components of a label (after merging, of voxels joined with all 26 around them) of fewer
     /// voxels than this are not meshed: they become a part of the label around them, and the report
     /// lists them. 0 or 1: all are meshed, as far as the floor of the spacing allows.
-    pub least_voxels: u64,
+    pub min_voxels: u64,
     /// Upper bound on the circumradius of tets, where no label has its own; > 0.
     pub size: f64,
     /// Bounds for single labels (after merging), overriding `size`.
@@ -158,7 +158,7 @@ impl Default for MeshParams {
             delta: 1.0,
             adaptive: true,
             spacing_floor: 0.5,
-            least_voxels: 0,
+            min_voxels: 0,
             size: 2.0,
             label_sizes: Vec::new(),
             radius_edge: 2.0,

@@ -149,9 +149,9 @@ fn misses(meshing: &MeshResult, params: &MeshParams) -> Vec<String> {
     );
     bar(20 * equal >= 19 * large().count(), euler.clone());
     println!(
-        "{euler}; {} edges and {} vertices pinched",
-        count(DefectKind::PinchedEdge),
-        count(DefectKind::PinchedVertex)
+        "{euler}; {} non-manifold edges and {} vertices",
+        count(DefectKind::NonManifoldEdge),
+        count(DefectKind::NonManifoldVertex)
     );
 
     println!(

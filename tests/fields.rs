@@ -100,7 +100,7 @@ fn compare(
                 "label at {a}, ahead by {ahead}"
             );
         }
-        let clearance = oracle.clearance(a);
+        let bound = oracle.distance_bound(a);
         let crossing = oracle.first_crossing(a, b);
         let length = a.distance(b);
         // Nothing before the crossing is clearly another label.
@@ -119,8 +119,8 @@ fn compare(
         if let Some(c) = crossing {
             found += 1;
             assert!(
-                c.point.distance(a) >= clearance - 1e-6,
-                "a crossing within the clearance {clearance}"
+                c.point.distance(a) >= bound - 1e-6,
+                "a crossing within the distance bound {bound}"
             );
             assert_eq!((c.from, c.from == c.to), (from, false));
         } else {

@@ -232,24 +232,28 @@ fn both(image: &LabelImage, params: &MeshParams, mode: Improve) -> [MeshResult; 
 }
 
 /// Asserts what improvement promises of a finished mesh.
-fn check_promises(name: &str, [before, after]: &[MeshResult; 2], most_left: usize) {
-    check_promises_within(name, [before, after], most_left, 2e-3);
+fn check_promises(name: &str, [before, after]: &[MeshResult; 2], max_left: usize) {
+    check_promises_within(name, [before, after], max_left, 2e-3);
 }
 
 /// The same, where the volume of a label of 1000 voxels or more may change by so much of it.
 fn check_promises_within(
     name: &str,
     [before, after]: [&MeshResult; 2],
-    most_left: usize,
-    most_change: f64,
+    max_left: usize,
+    max_change: f64,
 ) {
     let of = |meshing: &MeshResult| {
         let Certificate { labels, inverted_tets, orphan_vertices, open_edges, .. } =
             &meshing.report.certificate;
         assert_eq!([*inverted_tets, *orphan_vertices, *open_edges], [0; 3], "{name}");
         let rows = labels.iter().map(|row| {
-            let topology =
-                [row.components_mesh, row.pieces, row.pinched_edges, row.pinched_vertices];
+            let topology = [
+                row.components_mesh,
+                row.pieces,
+                row.non_manifold_edges,
+                row.non_manifold_vertices,
+            ];
             (row.label, topology, row.euler_mesh, row.components_lost, row.components_merged)
         });
         rows.collect::<Vec<_>>()
@@ -263,7 +267,7 @@ fn check_promises_within(
             "{name}: label {}",
             a.label
         );
-        let most = if a.image_voxels >= 1000 { most_change } else { 2e-2 };
+        let most = if a.image_voxels >= 1000 { max_change } else { 2e-2 };
         assert!(
             change.abs() <= most * a.mesh_volume,
             "{name}: label {}: {change} of {}",
@@ -275,12 +279,7 @@ fn check_promises_within(
     let mesh = &after.mesh;
     let target = improvement.target;
     let left: BTreeMap<u32, _> = improvement.left.iter().map(|left| (left.tet, left)).collect();
-    assert!(
-        left.len() <= most_left,
-        "{name}: {} tets are left: {:?}",
-        left.len(),
-        improvement.left
-    );
+    assert!(left.len() <= max_left, "{name}: {} tets are left: {:?}", left.len(), improvement.left);
     for (t, tet) in mesh.tets.iter().enumerate().filter(|&(t, _)| mesh.labels[t] != 0) {
         let p = tet.map(|v| mesh.point(v));
         let [least, largest] = angle_range(p);
@@ -346,12 +345,12 @@ fn check_distance(name: &str, before: &MeshResult, after: &MeshResult) {
 fn promises_are_kept() {
     for (name, image, delta) in subjects() {
         // Contacts and corners everywhere, and nothing else: more is left.
-        let most_left = if name == "noise" { 400 } else { 10 };
-        check_promises(name, &both(&image, &params(delta), Improve::Full), most_left);
+        let max_left = if name == "noise" { 400 } else { 10 };
+        check_promises(name, &both(&image, &params(delta), Improve::Full), max_left);
         // Where facets are large for what they bound, a flip changes its volume by more: the shells
         // by 0.25 %.
         let [before, after] = both(&image, &params(3.0 * delta), Improve::Full);
-        check_promises_within(name, [&before, &after], most_left, 4e-3);
+        check_promises_within(name, [&before, &after], max_left, 4e-3);
     }
 }
 

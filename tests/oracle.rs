@@ -288,24 +288,24 @@ fn is_in_region(image: &LabelImage, p: DVec3) -> bool {
 }
 
 #[test]
-fn clearance_is_a_lower_bound_and_not_a_poor_one() {
+fn the_distance_bound_is_a_bound_and_not_a_poor_one() {
     cases(60, |random, image, model, oracle| {
         let surface = surface_points(random, image, |p| naive(image, oracle.weights(), p).0, 60);
         for n in 0..100 {
             let p = random.near(image, if n % 2 == 0 { 1.0 } else { 20.0 });
             let nearest = surface.iter().map(|x| x.distance(p)).fold(f64::INFINITY, f64::min);
-            let clearance = oracle.clearance(p);
+            let bound = oracle.distance_bound(p);
             assert!(
-                clearance <= nearest * (1.0 + 1e-9),
-                "{model:?}: clearance {clearance} but a surface point at {nearest}"
+                bound <= nearest * (1.0 + 1e-9),
+                "{model:?}: a bound of {bound} but a surface point at {nearest}"
             );
             // Where all cells around are of one label, so is what lies between their faces.
             let least = (0..3).find(|&rings| has_surface(image, p, rings)).unwrap_or(3) - 1;
             if is_in_region(image, p) {
                 let spacing = image.frame().spacing().min_element();
                 assert!(
-                    clearance >= least as f64 * spacing - 1e-6,
-                    "{model:?}: clearance {clearance}, {least} cells"
+                    bound >= least as f64 * spacing - 1e-6,
+                    "{model:?}: a bound of {bound}, {least} cells"
                 );
             }
         }
@@ -390,7 +390,7 @@ fn far_and_broken_points_are_answered() {
             for away in [DVec3::X, DVec3::new(-1.0, 0.7, 0.1), DVec3::splat(1.0)] {
                 let p = away * far;
                 assert_eq!(oracle.label(p), 0);
-                assert!(far > 1e150 || oracle.clearance(p) > 0.9 * far);
+                assert!(far > 1e150 || oracle.distance_bound(p) > 0.9 * far);
                 if far <= 1e12 {
                     assert!(oracle.first_crossing(inside, p).is_some());
                     assert!(oracle.first_crossing(p, inside).is_some());
@@ -399,7 +399,7 @@ fn far_and_broken_points_are_answered() {
         }
         for p in [DVec3::NAN, DVec3::INFINITY, DVec3::new(0.0, f64::NAN, f64::NEG_INFINITY)] {
             assert_eq!(oracle.label(p), 0);
-            oracle.clearance(p);
+            oracle.distance_bound(p);
             assert_eq!(oracle.first_crossing(p, inside), None);
             assert_eq!(oracle.first_crossing(inside, p), None);
         }

@@ -235,10 +235,10 @@ fn a_cancel_ends_all_threads() {
 #[cfg(target_os = "linux")]
 #[test]
 fn threads_are_bound_while_they_refine() {
-    use lapd::system::binding::{Places, allowed};
+    use lapd::system::binding::{CoreMap, allowed};
     let _watchdog = Watchdog::new("threads_are_bound_while_they_refine");
     let before = allowed().unwrap();
-    let places = Places::new(&Machine::of_system()).unwrap();
+    let places = CoreMap::new(&Machine::of_system()).unwrap();
     let Subject { image, params, .. } = large_subject();
     for threads in [1, 4] {
         let params = MeshParams {

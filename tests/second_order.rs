@@ -50,7 +50,7 @@ fn determinant(mesh: &TetMesh, t: usize, at: [f64; 4]) -> f64 {
     rows[0].cross(rows[1]).dot(rows[2])
 }
 
-/// Places all over a tet, its vertices and edges among them.
+/// CoreMap all over a tet, its vertices and edges among them.
 fn places() -> Vec<[f64; 4]> {
     const PARTS: usize = 4;
     let mut places = Vec::new();
@@ -102,10 +102,7 @@ fn tets_of_second_order_are_valid_and_fit_together() {
             assert_eq!(of_edge.len() as u64, report.second_order.nodes, "{name}");
             let curving = &report.second_order.curving;
             assert!(least > 0.09, "{name}: {least}");
-            assert!(
-                !curved || least >= curving.least_jacobian - 1e-9,
-                "{name}: {least} {curving:?}"
-            );
+            assert!(!curved || least >= curving.min_jacobian - 1e-9, "{name}: {least} {curving:?}");
             assert_eq!(curved, curving.curved > 0, "{name}");
             // Half of the nodes at least have room to go all the way.
             assert!(2 * curving.shortened <= curving.curved, "{name}: {curving:?}");

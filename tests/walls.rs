@@ -122,7 +122,7 @@ const DELTAS: [f64; 3] = [0.75, 1.5, 3.0];
 
 /// Facets of interfaces and walls are asked to have angles of 30 degrees. Where an interface meets
 /// an edge of the box, at a delta of several voxels, a few have less.
-fn most_have_their_angles(least: &mut [f64], most_below: usize) {
+fn most_have_their_angles(least: &mut [f64], max_below: usize) {
     least.sort_by(f64::total_cmp);
     let below = least.iter().filter(|&&angle| angle < 30.0 - 1e-9).count();
     println!(
@@ -131,7 +131,7 @@ fn most_have_their_angles(least: &mut [f64], most_below: usize) {
         least[0]
     );
     assert!(
-        below <= most_below,
+        below <= max_below,
         "{below} meshes have facets with angles below 30: {:?}",
         &least[..below]
     );

@@ -14,7 +14,7 @@ use lapd::params::SurfaceModel;
 use crate::{Random, sort_along_curve};
 
 const POINTS: usize = 1 << 16;
-/// The points' clearance at most and the segments' length at most, in voxels.
+/// The points' distance bound at most and the segments' length at most, in voxels.
 const NEAR: f64 = 2.0;
 const LONGEST: f64 = 5.0;
 
@@ -51,7 +51,7 @@ pub fn run(criterion: &mut Criterion, image: &LabelImage) -> Result<()> {
                 });
             };
             bench("label", &|[p, _]| f64::from(oracle.label(p)));
-            bench("clearance", &|[p, _]| oracle.clearance(p));
+            bench("distance bound", &|[p, _]| oracle.distance_bound(p));
             bench("first crossing", &|[p, q]| {
                 oracle.first_crossing(p, q).map_or(0.0, |crossing| crossing.point.x)
             });
@@ -61,11 +61,11 @@ pub fn run(criterion: &mut Criterion, image: &LabelImage) -> Result<()> {
     Ok(())
 }
 
-/// Points from all over the image whose clearance is below `near`.
+/// Points from all over the image whose distance bound is below `near`.
 fn near_interfaces(oracle: &Oracle, near: f64, random: &mut Random) -> Vec<DVec3> {
     let [lower, upper] = oracle.bounds();
     std::iter::repeat_with(|| lower + (upper - lower) * random.point())
-        .filter(|&p| oracle.clearance(p) < near)
+        .filter(|&p| oracle.distance_bound(p) < near)
         .take(POINTS)
         .collect()
 }

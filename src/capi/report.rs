@@ -72,7 +72,7 @@ pub struct lapd_operations {
     /// Tets that insertions destroyed: the tets of all cavities.
     pub cavity_tets: u64,
     /// Tets that the rules were asked of.
-    pub looks: u64,
+    pub inspections: u64,
     /// Labels of points that the rules asked for.
     pub label_lookups: u64,
     /// Crossings of segments with the interfaces that the rules asked for.
@@ -160,7 +160,7 @@ pub struct lapd_certificate {
     /// Outer facets that should lie on a wall, a face of the image's box where it cuts the object
     /// off, and do not.
     pub facets_off_walls: u64,
-    /// Components of the image, of fewer than LAPD_LEAST_VOXELS, in which the mesh has no tet.
+    /// Components of the image, of fewer than LAPD_MIN_COMPONENT_VOXELS, in which the mesh has no tet.
     pub small_components_lost: u64,
     /// The world position of the first voxel of the first of these; 0 without any.
     pub small_component_lost_at: [f64; 3],
@@ -329,7 +329,7 @@ pub unsafe extern "C" fn lapd_mesh_get_operations(
                 in_sphere_tests: operations.in_sphere_tests,
                 tets_created: operations.created,
                 cavity_tets: operations.cavity_tets,
-                looks: work.looks,
+                inspections: work.inspections,
                 label_lookups: work.lookups.labels,
                 crossing_lookups: work.lookups.crossings,
                 by_rule: work.by_rule,
@@ -358,14 +358,14 @@ pub unsafe extern "C" fn lapd_mesh_get_quality(
                 max_radius_edge: quality.max_radius_edge,
                 min_facet_angle: quality.min_facet_angle,
                 dihedral_histogram: quality.dihedral_histogram,
-                min_scaled_jacobian: quality.scaled_jacobian.least,
-                max_scaled_jacobian: quality.scaled_jacobian.largest,
+                min_scaled_jacobian: quality.scaled_jacobian.min,
+                max_scaled_jacobian: quality.scaled_jacobian.max,
                 scaled_jacobian_histogram: quality.scaled_jacobian.histogram,
-                min_edge_ratio: quality.edge_ratio.least,
-                max_edge_ratio: quality.edge_ratio.largest,
+                min_edge_ratio: quality.edge_ratio.min,
+                max_edge_ratio: quality.edge_ratio.max,
                 edge_ratio_histogram: quality.edge_ratio.histogram,
-                min_radius_ratio: quality.radius_ratio.least,
-                max_radius_ratio: quality.radius_ratio.largest,
+                min_radius_ratio: quality.radius_ratio.min,
+                max_radius_ratio: quality.radius_ratio.max,
                 radius_ratio_histogram: quality.radius_ratio.histogram,
             }
         })

@@ -39,7 +39,7 @@ use crate::pipeline::{MeshResult, mesh_image};
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, a label is to be merged, the
 /// background, kept, or of a size of its own that the image does not have, label 0 occurs beside
 /// another background, merging makes more than 65534 labels besides 0, sigma is above 0 or small
-/// components are to be left out (lapd_params_set_sigma, lapd_params_set_least_voxels) of an image
+/// components are to be left out (lapd_params_set_sigma, lapd_params_set_min_voxels) of an image
 /// made of intensities or probabilities, the box of the object, a voxel more on each side, has more
 /// than 2^32 - 1 voxels, or delta is so coarse that no tet lies in the object;
 /// LAPD_ERROR_UNSUPPORTED when threads are to be bound to cores and cannot be, see

@@ -25,7 +25,7 @@ pub struct lapd_second_order {
     pub max_move: f64,
     /// The least determinant of the Jacobian in a tet with a moved node, in parts of the
     /// determinant of the straight tet: a bound from below, by Bezier coefficients.
-    pub least_jacobian: f64,
+    pub min_jacobian: f64,
     /// The volume of all tets, curved as they are.
     pub volume: f64,
 }
@@ -57,7 +57,7 @@ pub unsafe extern "C" fn lapd_mesh_get_second_order(
                 shortened: curving.shortened,
                 straight: curving.straight,
                 max_move: curving.max_move,
-                least_jacobian: curving.least_jacobian,
+                min_jacobian: curving.min_jacobian,
                 volume: curving.volume,
             }
         })

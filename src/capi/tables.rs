@@ -4,7 +4,7 @@ use super::boundary::{Failure, Growing, Out, Outcome, borrow, fill_struct, statu
 use super::mesh::lapd_mesh;
 use super::report::own_size;
 use super::status::lapd_status;
-use crate::verify::certificate::{Certificate, LEAST_VOXELS};
+use crate::verify::certificate::{Certificate, MIN_COMPONENT_VOXELS};
 use crate::verify::{DefectKind, Fate};
 
 /// One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call.
@@ -28,9 +28,9 @@ pub struct lapd_label_row {
     pub components_image: u64,
     /// Connected components of its tets, joined where they share a facet, an edge or a vertex.
     pub components_mesh: u64,
-    /// Components of the image, of LAPD_LEAST_VOXELS or more, in which it has no tet.
+    /// Components of the image, of LAPD_MIN_COMPONENT_VOXELS or more, in which it has no tet.
     pub components_lost: u64,
-    /// Components of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another
+    /// Components of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to another
     /// one.
     pub components_merged: u64,
     /// Components of the mesh that are torn off from the one they belong to, or lie in none of the
@@ -43,9 +43,9 @@ pub struct lapd_label_row {
     /// for a torus, added up over all parts.
     pub euler_mesh: i64,
     /// Edges at which more than two facets of its boundary meet.
-    pub pinched_edges: u64,
+    pub non_manifold_edges: u64,
     /// Vertices, on no such edge, at which more than one sheet of its boundary meet.
-    pub pinched_vertices: u64,
+    pub non_manifold_vertices: u64,
     /// Mean distance from its boundary in the mesh to that in the image.
     pub mesh_to_image_mean: f64,
     /// Largest distance from its boundary in the mesh to that in the image.
@@ -72,9 +72,9 @@ pub struct lapd_label_row {
 
 /// Components of the image with fewer voxels have no row of their own, and are not listed when they
 /// are lost or merged.
-pub const LAPD_LEAST_VOXELS: u64 = 8;
+pub const LAPD_MIN_COMPONENT_VOXELS: u64 = 8;
 
-const _: () = assert!(LAPD_LEAST_VOXELS == LEAST_VOXELS);
+const _: () = assert!(LAPD_MIN_COMPONENT_VOXELS == MIN_COMPONENT_VOXELS);
 
 /// What the mesh made of a component of the image.
 #[repr(C)]
@@ -88,7 +88,7 @@ pub enum lapd_fate {
     LAPD_FATE_LOST = 2,
 }
 
-/// One component of the image that has LAPD_LEAST_VOXELS or more. Set struct_size to
+/// One component of the image that has LAPD_MIN_COMPONENT_VOXELS or more. Set struct_size to
 /// sizeof(lapd_component_row) before the call.
 ///
 /// Voxels are joined with all 26 around them, tets where they share a facet, an edge or a vertex.
@@ -144,9 +144,9 @@ pub struct lapd_component_row {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_defect_kind {
-    /// A component of the image, of LAPD_LEAST_VOXELS or more, in which no tet of its label lies.
+    /// A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, in which no tet of its label lies.
     LAPD_DEFECT_LOST = 0,
-    /// A component of the image, of LAPD_LEAST_VOXELS or more, that the mesh has joined to another
+    /// A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to another
     /// one of its label.
     LAPD_DEFECT_MERGED = 1,
     /// A component of the mesh that is torn off from the one that stands for its component of the
@@ -155,11 +155,11 @@ pub enum lapd_defect_kind {
     /// A component of the mesh that lies in no component of its label.
     LAPD_DEFECT_STRAY = 3,
     /// An edge at which more than two facets of the label's boundary meet.
-    LAPD_DEFECT_PINCHED_EDGE = 4,
+    LAPD_DEFECT_NON_MANIFOLD_EDGE = 4,
     /// A vertex, on no such edge, at which more than one sheet of the label's boundary meet.
-    LAPD_DEFECT_PINCHED_VERTEX = 5,
+    LAPD_DEFECT_NON_MANIFOLD_VERTEX = 5,
     /// A component of the image that was left out for its size, as asked
-    /// (lapd_params_set_least_voxels).
+    /// (lapd_params_set_min_voxels).
     LAPD_DEFECT_DROPPED = 6,
 }
 
@@ -177,7 +177,7 @@ pub struct lapd_defect {
     /// Where, in world units: the centre of the component's first voxel, the centroid of its first
     /// tet, the middle of the edge, the vertex.
     pub position: [f64; 3],
-    /// Voxels of the component of the image, tets of that of the mesh; 0 for a pinch.
+    /// Voxels of the component of the image, tets of that of the mesh; 0 for an edge or vertex.
     pub size: u64,
 }
 
@@ -258,8 +258,8 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
             pieces: found.pieces,
             euler_image: found.euler_image,
             euler_mesh: found.euler_mesh,
-            pinched_edges: found.pinched_edges,
-            pinched_vertices: found.pinched_vertices,
+            non_manifold_edges: found.non_manifold_edges,
+            non_manifold_vertices: found.non_manifold_vertices,
             mesh_to_image_mean: found.mesh_to_image.mean,
             mesh_to_image_max: found.mesh_to_image.max,
             image_to_mesh_mean: found.image_to_mesh.mean,
@@ -275,7 +275,7 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
 }
 
 /// The number of rows that lapd_mesh_get_component_row has: one for each component of the image
-/// that has LAPD_LEAST_VOXELS or more. Any thread.
+/// that has LAPD_MIN_COMPONENT_VOXELS or more. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -361,8 +361,8 @@ pub unsafe extern "C" fn lapd_mesh_get_defect(
             DefectKind::Merged => lapd_defect_kind::LAPD_DEFECT_MERGED,
             DefectKind::Torn => lapd_defect_kind::LAPD_DEFECT_TORN,
             DefectKind::Stray => lapd_defect_kind::LAPD_DEFECT_STRAY,
-            DefectKind::PinchedEdge => lapd_defect_kind::LAPD_DEFECT_PINCHED_EDGE,
-            DefectKind::PinchedVertex => lapd_defect_kind::LAPD_DEFECT_PINCHED_VERTEX,
+            DefectKind::NonManifoldEdge => lapd_defect_kind::LAPD_DEFECT_NON_MANIFOLD_EDGE,
+            DefectKind::NonManifoldVertex => lapd_defect_kind::LAPD_DEFECT_NON_MANIFOLD_VERTEX,
             DefectKind::Dropped => lapd_defect_kind::LAPD_DEFECT_DROPPED,
         };
         let value = lapd_defect {

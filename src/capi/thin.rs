@@ -80,15 +80,15 @@ pub unsafe extern "C" fn lapd_params_get_spacing_floor(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_set_least_voxels(
+pub unsafe extern "C" fn lapd_params_set_min_voxels(
     context: *mut lapd_context,
     params: *mut lapd_params,
-    least_voxels: u64,
+    min_voxels: u64,
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
         change(context, params, |p| {
-            p.least_voxels = least_voxels;
+            p.min_voxels = min_voxels;
             Ok(())
         })
     }
@@ -99,10 +99,10 @@ pub unsafe extern "C" fn lapd_params_set_least_voxels(
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_params_get_least_voxels(
+pub unsafe extern "C" fn lapd_params_get_min_voxels(
     params: *const lapd_params,
-    least_voxels: *mut u64,
+    min_voxels: *mut u64,
 ) -> lapd_status {
     // SAFETY: see the module's head.
-    unsafe { read(params, least_voxels, "least_voxels", |p| p.least_voxels) }
+    unsafe { read(params, min_voxels, "min_voxels", |p| p.min_voxels) }
 }

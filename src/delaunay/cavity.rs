@@ -115,7 +115,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
                     continue;
                 }
                 let holder =
-                    self.look_across(first, index, outside, triangulation.tet(outside.tet()));
+                    self.inspect_across(first, index, outside, triangulation.tet(outside.tet()));
                 if holder != Holder::Nobody {
                     return given_up(holder.into());
                 }
@@ -136,14 +136,14 @@ impl<L: Locks, P: Probe> Worker<L, P> {
     /// leads. If it is nobody's, neither the tet nor the link changes as long as the first is
     /// owned.
     #[inline(always)]
-    pub(super) fn look_across(
+    pub(super) fn inspect_across(
         &mut self,
         record: &TetRecord,
         index: usize,
         outside: Facet,
         other: &TetRecord,
     ) -> Holder {
-        let holder = self.locks.look_across(other.owner());
+        let holder = self.locks.inspect_across(other.owner());
         // What was looked at might be another tet's slot by now.
         let changed = L::SHARED && holder == Holder::Nobody && record.neighbor(index) != outside;
         if changed { Holder::Changed } else { holder }
@@ -153,13 +153,13 @@ impl<L: Locks, P: Probe> Worker<L, P> {
     /// neighbours come into the cache.
     fn spread(&mut self, triangulation: &Triangulation, start: TetId, p: DVec3) -> Dig {
         // Facet 0 of the first tet is looked through here.
-        let mut end = self.look_through(triangulation, triangulation.tet(start), 0, p);
+        let mut end = self.inspect_facet(triangulation, triangulation.tet(start), 0, p);
         let mut next = 0;
         while let (Dig::Done, Some(&entry)) = (end, self.cavity.get(next)) {
             next += 1;
             let record = triangulation.tet(entry.tet());
             for k in 1..4 {
-                end = self.look_through(triangulation, record, (entry.index() + k) % 4, p);
+                end = self.inspect_facet(triangulation, record, (entry.index() + k) % 4, p);
                 if end != Dig::Done {
                     break;
                 }
@@ -171,7 +171,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
     /// Asks the tet across facet `index` of a tet of the cavity of `p`: either it is one of the
     /// cavity too, or the facet one of the boundary.
     #[inline(always)]
-    fn look_through(
+    fn inspect_facet(
         &mut self,
         triangulation: &Triangulation,
         record: &TetRecord,
@@ -182,7 +182,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
         if !outside.is_none() {
             // Looked up once: the compiler may not assume that a second time would give the same.
             let other = triangulation.tet(outside.tet());
-            match self.look_across(record, index, outside, other) {
+            match self.inspect_across(record, index, outside, other) {
                 Holder::Nobody => {}
                 Holder::Own => return Dig::Done,
                 holder => return given_up(holder.into()),

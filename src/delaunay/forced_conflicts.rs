@@ -11,7 +11,7 @@
 use super::ownership::{Holder, OwnerId};
 
 /// Most steps of an operation that may be refused.
-const MOST: u64 = 80;
+const MAX: u64 = 80;
 
 /// Which refusals a worker meets, by a pseudo-random sequence of its own.
 #[derive(Debug)]
@@ -58,7 +58,7 @@ impl ForcedConflicts {
     /// The operation has ended.
     pub fn next_operation(&mut self) {
         let draw = self.draw();
-        self.left = if draw.is_multiple_of(3) { 1 + draw / 3 % MOST } else { 0 };
+        self.left = if draw.is_multiple_of(3) { 1 + draw / 3 % MAX } else { 0 };
     }
 }
 
@@ -69,11 +69,11 @@ mod tests {
     #[test]
     fn every_step_is_refused_and_most_operations_are_not() {
         let mut forced = ForcedConflicts::new(3);
-        let mut refused = [0; MOST as usize];
+        let mut refused = [0; MAX as usize];
         let mut changed = 0;
         for _ in 0..100_000 {
             if let Some((step, holder)) =
-                (0..MOST as usize).find_map(|step| Some((step, forced.refuses()?)))
+                (0..MAX as usize).find_map(|step| Some((step, forced.refuses()?)))
             {
                 refused[step] += 1;
                 match holder {

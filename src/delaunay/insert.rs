@@ -108,8 +108,8 @@ impl<L: Locks, P: Probe> Worker<L, P> {
 
 /// Numbers of one byte, one of them to spare: most vertices of a cavity's boundary that are
 /// numbered.
-const MOST_LOCALS: usize = u8::MAX as usize;
-const TABLE: usize = (MOST_LOCALS + 1) * (MOST_LOCALS + 1);
+const MAX_LOCALS: usize = u8::MAX as usize;
+const TABLE: usize = (MAX_LOCALS + 1) * (MAX_LOCALS + 1);
 
 /// The vertices of a cavity's boundary of so many facets.
 fn vertices_of(facets: usize) -> usize {
@@ -130,7 +130,7 @@ fn vertices_of(facets: usize) -> usize {
 /// right all the same; but the vertex gets a second number, and then there are more numbers than
 /// the facets have vertices. So this is seen, and the facets are joined without numbers.
 pub struct StarScratch {
-    locals: [VertexId; MOST_LOCALS + 1],
+    locals: [VertexId; MAX_LOCALS + 1],
     /// The new facet over directed edge (a, b) of the boundary, at a << shift | b.
     sides: Vec<Facet>,
     /// The numbers of each boundary facet's vertices.
@@ -144,7 +144,7 @@ pub struct StarScratch {
 impl Default for StarScratch {
     fn default() -> Self {
         Self {
-            locals: [0; MOST_LOCALS + 1],
+            locals: [0; MAX_LOCALS + 1],
             sides: Vec::new(),
             numbers: Vec::new(),
             edges: Vec::new(),
@@ -181,7 +181,7 @@ impl StarScratch {
         probe: &mut impl Probe,
     ) {
         let vertices = vertices_of(boundary.len());
-        let numbered = vertices <= MOST_LOCALS;
+        let numbered = vertices <= MAX_LOCALS;
         let shift = vertices.next_power_of_two().trailing_zeros();
         // Of one length that the table has, so that no index needs a test.
         let sides: &mut [Facet; TABLE] =

@@ -17,7 +17,7 @@ pub trait Locks {
     fn try_own(&mut self, owner: &Owner) -> Claim;
 
     /// Looks whose the tet with this `owner` is, across a facet of one that is owned.
-    fn look_across(&mut self, owner: &Owner) -> Holder;
+    fn inspect_across(&mut self, owner: &Owner) -> Holder;
 
     /// Whose a tet is that the worker writes.
     fn owner_of_new(&self) -> OwnerId;
@@ -49,7 +49,7 @@ impl Locks for Solo {
     }
 
     #[inline(always)]
-    fn look_across(&mut self, owner: &Owner) -> Holder {
+    fn inspect_across(&mut self, owner: &Owner) -> Holder {
         if owner.is(NOBODY) { Holder::Nobody } else { Holder::Own }
     }
 
@@ -110,7 +110,7 @@ impl Locks for TryLock {
     }
 
     #[inline(always)]
-    fn look_across(&mut self, owner: &Owner) -> Holder {
+    fn inspect_across(&mut self, owner: &Owner) -> Holder {
         #[cfg(feature = "force-conflicts")]
         if let Some(holder) = self.forced.refuses() {
             self.meet(holder.into());

@@ -7,7 +7,7 @@
 //! | [`ownership`] | who owns which tets: why there is no deadlock, and which memory order |
 //! | [`locks`] | who may touch a tet: the locking policy, a type parameter |
 //! | [`probe`] | who is told of what a worker does, a type parameter |
-//! | [`homes`] | the memory node of each chunk; slots on their way home |
+//! | [`numa`] | the memory node of each chunk; slots on their way back to theirs |
 //! | [`triangulation`] | the shared structure and the virtual box |
 //! | [`worker`] | one thread's view: scratch memory, free slots, counters |
 //! | [`locate`] | walking to the tet that holds a point |
@@ -36,10 +36,10 @@ pub mod check;
 pub mod chunked;
 #[cfg(feature = "force-conflicts")]
 mod forced_conflicts;
-pub mod homes;
 pub mod insert;
 pub mod locate;
 pub mod locks;
+pub mod numa;
 pub mod ownership;
 pub mod probe;
 pub mod remove;

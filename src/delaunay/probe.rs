@@ -9,7 +9,7 @@
 //!
 //! Cost of counting: a byte of a small table read and a number added to for each visit.
 
-use super::homes::{Homes, MAX_NODES};
+use super::numa::{MAX_NODES, NodeMap};
 use super::triangulation::Triangulation;
 use super::{TetId, VertexId};
 
@@ -90,26 +90,26 @@ impl Visits {
 
 /// Counts visits.
 pub struct CountVisits<'t> {
-    homes: &'t Homes,
+    nodes: &'t NodeMap,
     visits: Visits,
 }
 
 impl<'t> CountVisits<'t> {
     /// Counts from 0.
     pub fn new(triangulation: &'t Triangulation) -> Self {
-        Self { homes: triangulation.homes(), visits: Visits::default() }
+        Self { nodes: triangulation.node_map(), visits: Visits::default() }
     }
 }
 
 impl Probe for CountVisits<'_> {
     #[inline(always)]
     fn visit_tet(&mut self, t: TetId) {
-        self.visits.0[usize::from(self.homes.of_tet(t))] += 1;
+        self.visits.0[usize::from(self.nodes.of_tet(t))] += 1;
     }
 
     #[inline(always)]
     fn visit_vertex(&mut self, v: VertexId) {
-        self.visits.0[usize::from(self.homes.of_vertex(v))] += 1;
+        self.visits.0[usize::from(self.nodes.of_vertex(v))] += 1;
     }
 
     fn visits(&self) -> Option<&Visits> {

@@ -317,7 +317,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
                 // Facets of the link may lie on the box, those between tets of the star do not.
                 if !neighbor.is_none() {
                     let other = triangulation.tet(neighbor.tet());
-                    match self.look_across(record, index, neighbor, other) {
+                    match self.inspect_across(record, index, neighbor, other) {
                         Holder::Nobody => {}
                         Holder::Own if !is_of_link => continue,
                         holder => return holder.into(),

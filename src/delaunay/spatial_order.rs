@@ -5,7 +5,7 @@
 //! and a sweep that looks at each tet's neighbours and vertices waits for memory most of the time.
 //! In the order of their places what one needs the next one has in the cache.
 //!
-//! Places are cells of a grid over the box, along Morton's curve ([`morton`]); within a cell the
+//! CoreMap are cells of a grid over the box, along Morton's curve ([`morton`]); within a cell the
 //! order is that of the numbers. So the order depends on the triangulation alone, not on the number
 //! of threads.
 //!
@@ -32,7 +32,7 @@ const PIECE: usize = 1 << 15;
 const PER_CELL: u32 = 4;
 
 /// Most bits of a cell's place along an axis.
-const MOST_BITS: u32 = 8;
+const MAX_BITS: u32 = 8;
 
 impl Triangulation {
     /// All living tets, by their circumcenters.
@@ -67,7 +67,7 @@ impl Triangulation {
         place: impl Fn(u32) -> Option<DVec3> + Sync,
         go_on: impl Fn() -> Result<()> + Sync,
     ) -> Result<Vec<u32>> {
-        let bits = ((bound / PER_CELL).max(1).ilog2() / 3).min(MOST_BITS);
+        let bits = ((bound / PER_CELL).max(1).ilog2() / 3).min(MAX_BITS);
         let side = f64::from(1_u32 << bits);
         let per_cell = side / (self.upper() - self.lower());
         // Circumcenters may lie outside of the box.

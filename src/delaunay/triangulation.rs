@@ -10,7 +10,7 @@ use std::sync::{Mutex, MutexGuard};
 use glam::DVec3;
 
 use super::chunked::{CHUNK, Chunked};
-use super::homes::{Homes, NodeId};
+use super::numa::{NodeId, NodeMap};
 use super::ownership::{FREE, NOBODY, Owner, OwnerId};
 use super::tet::{
     FACET, Facet, MAX_TETS, MAX_VERTICES, TetId, TetRecord, TetStamp, VertexId, VertexKind,
@@ -28,7 +28,7 @@ pub const BOX_VERTICES: u32 = 8;
 pub struct Triangulation {
     tets: Chunked<TetRecord>,
     vertices: Chunked<VertexRecord>,
-    homes: Homes,
+    nodes: NodeMap,
     tet_chunks: AtomicU32,
     vertex_chunks: AtomicU32,
     /// Held while a chunk is made and counted, so that every chunk that is counted exists.
@@ -51,7 +51,7 @@ impl Triangulation {
         let triangulation = Self {
             tets: Chunked::with_capacity(MAX_TETS)?,
             vertices: Chunked::with_capacity(MAX_VERTICES)?,
-            homes: Homes::new()?,
+            nodes: NodeMap::new()?,
             tet_chunks: AtomicU32::new(0),
             vertex_chunks: AtomicU32::new(0),
             growing: Mutex::new(()),
@@ -198,8 +198,8 @@ impl Triangulation {
     }
 
     /// Where chunks are at home.
-    pub fn homes(&self) -> &Homes {
-        &self.homes
+    pub fn node_map(&self) -> &NodeMap {
+        &self.nodes
     }
 
     /// Where a vertex is.
@@ -299,7 +299,7 @@ impl Triangulation {
             )));
         }
         self.tets.make_chunk(chunk as usize)?;
-        self.homes.set_tets(chunk as usize, node);
+        self.nodes.set_tets(chunk as usize, node);
         let slots = chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32;
         // Release: whoever counts the chunk finds it.
         self.tet_chunks.store(chunk + 1, Release);
@@ -321,7 +321,7 @@ impl Triangulation {
             )));
         }
         self.vertices.make_chunk(chunk as usize)?;
-        self.homes.set_vertices(chunk as usize, node);
+        self.nodes.set_vertices(chunk as usize, node);
         let ids = chunk * CHUNK as u32..(chunk + 1) * CHUNK as u32;
         // Release: as above.
         self.vertex_chunks.store(chunk + 1, Release);

@@ -5,9 +5,9 @@ use std::ops::Range;
 
 use super::cavity::CavityFacet;
 use super::chunked::CHUNK;
-use super::homes::NodeId;
 use super::insert::StarScratch;
 use super::locks::Locks;
+use super::numa::NodeId;
 use super::ownership::{Claim, Owner};
 use super::probe::{NoProbe, Probe};
 use super::remove::LinkScratch;
@@ -130,7 +130,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
     }
 
     /// The same worker on memory node `node`; it is to have no memory yet. `keeps_home`: it uses
-    /// only slots of its node (`homes`).
+    /// only slots of its node (`numa`).
     pub fn at_node(self, node: NodeId, keeps_home: bool) -> Self {
         Self { node, foreign: keeps_home.then(Vec::new), ..self }
     }
@@ -205,7 +205,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
     pub(super) fn reserve(&mut self, triangulation: &Triangulation, count: usize) -> Result<()> {
         while self.free.len() + self.fresh_tets.len() < count {
             if self.foreign.is_some()
-                && triangulation.homes().take_returned(self.node, &mut self.free)?
+                && triangulation.node_map().take_returned(self.node, &mut self.free)?
             {
                 continue;
             }
@@ -249,7 +249,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
         let record = triangulation.tet(t);
         record.clear();
         record.owner().free_slot();
-        if self.foreign.is_some() && triangulation.homes().of_tet(t) != self.node {
+        if self.foreign.is_some() && triangulation.node_map().of_tet(t) != self.node {
             self.send_home(triangulation, t);
         } else {
             self.free.push(t);
@@ -259,7 +259,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
     /// Sends a free slot of another node home, with some more.
     #[cold]
     fn send_home(&mut self, triangulation: &Triangulation, t: TetId) {
-        let home = triangulation.homes().of_tet(t);
+        let home = triangulation.node_map().of_tet(t);
         let Some(foreign) = &mut self.foreign else { return };
         let at = usize::from(home);
         if foreign.len() <= at {
@@ -268,7 +268,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
         foreign[at].push(t);
         if foreign[at].len().is_multiple_of(PARCEL) {
             // Without memory for the way they stay here, until there are some more.
-            let _ = triangulation.homes().give_back(home, &mut foreign[at]);
+            let _ = triangulation.node_map().give_back(home, &mut foreign[at]);
         }
     }
 
@@ -281,7 +281,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
         self.counters.created += count as u64;
         if self.foreign.is_some() {
             self.cavity.retain(|entry| {
-                let own = triangulation.homes().of_tet(entry.tet()) == self.node;
+                let own = triangulation.node_map().of_tet(entry.tet()) == self.node;
                 if !own {
                     self.freed.push(entry.tet());
                 }

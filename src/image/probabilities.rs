@@ -15,7 +15,7 @@ use crate::{Error, Result};
 const TOLERANCE: f32 = 1e-3;
 
 /// What is below this is no probability: resampling by splines overshoots by less.
-const LEAST: f32 = -0.5;
+const MIN: f32 = -0.5;
 
 /// Probability maps, or level sets, of several labels on one grid. 4 bytes per voxel and map, which
 /// the label image made of them shares.
@@ -179,7 +179,7 @@ fn check_map(dims: [usize; 3], map: &[f32], label: i32, any_scale: bool) -> Resu
             index_of(voxel, dims),
             map[voxel]
         ))),
-        _ => match map.iter().position(|&p| p < LEAST) {
+        _ => match map.iter().position(|&p| p < MIN) {
             Some(voxel) if !any_scale => Err(Error::InvalidArgument(format!(
                 "{what} of voxel {:?} is {}: probabilities lie between 0 and 1; level sets are \
                  read as such (--level-sets)",

@@ -100,7 +100,7 @@ impl Measure {
         let over_b = of_b.length_squared().recip();
         let over_c = of_c.length_squared().recip();
         let over_d = of_d.length_squared().recip();
-        let least_sine = (uu * over_c * over_d)
+        let min_sine = (uu * over_c * over_d)
             .min(vv * over_d * over_b)
             .min(ww * over_b * over_c)
             .min(xx * over_d * over_a)
@@ -109,8 +109,8 @@ impl Measure {
         // The circumradius is the length of this over twice six volumes.
         let to_center = uu * of_b + vv * of_c + ww * of_d;
         let shortest = uu.min(vv).min(ww).min(xx).min(yy).min(zz);
-        let least_ratio = self.ratio * shortest / to_center.length_squared();
-        least_sine.min(least_ratio) * six_volumes * six_volumes
+        let min_ratio = self.ratio * shortest / to_center.length_squared();
+        min_sine.min(min_ratio) * six_volumes * six_volumes
     }
 }
 

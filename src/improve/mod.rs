@@ -135,8 +135,8 @@ pub fn improve(
     if let Err(cancelled) = monitor.enter(Step::Improve, queue.len()) {
         return Ok((improvement, Some(cancelled)));
     }
-    let look_around = |done| monitor.advance(done).and_then(|()| (settings.check_time)());
-    let mut run = Run::new(mesh, &interfaces, measure, queue, &look_around)?;
+    let report_and_check = |done| monitor.advance(done).and_then(|()| (settings.check_time)());
+    let mut run = Run::new(mesh, &interfaces, measure, queue, &report_and_check)?;
     let ended = run.run()?;
     let Run { refined, changed, queue, mut left, counts, rounds, .. } = run;
     if let Some(cancelled @ Error::Cancelled) = ended {

@@ -73,7 +73,7 @@ impl Worker<'_, '_> {
         let mut best: Option<Removal> = None;
         for ring in rings.iter().flatten() {
             let above = best.as_ref().map_or(0.0, |removal| removal.division.least);
-            match self.removal(ring, above.max(self.to_exceed(self.least_of(ring)))) {
+            match self.removal(ring, above.max(self.to_exceed(self.min_of(ring)))) {
                 Ok(removal) => best = Some(removal),
                 Err(Outcome::Foreign) => outcome = Outcome::Foreign,
                 Err(_) => {}
@@ -193,12 +193,12 @@ impl Worker<'_, '_> {
             return Err(Outcome::Failed);
         }
         let points = RingPoints::new(&self.round.shared, ring, self.round.measure);
-        let above = self.least_of(ring).min(self.round.measure.target).next_down();
+        let above = self.min_of(ring).min(self.round.measure.target).next_down();
         self.flip(ring, &points, chord, above, 0.0)
     }
 
     /// The least measure of the tets of a ring that count.
-    fn least_of(&self, ring: &Ring) -> f64 {
+    fn min_of(&self, ring: &Ring) -> f64 {
         let counting = (0..ring.len).filter(|&i| ring.labels[i] != 0);
         counting.map(|i| self.measure_of(ring.tets[i])).fold(f64::INFINITY, f64::min)
     }

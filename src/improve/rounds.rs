@@ -47,7 +47,7 @@ pub(super) struct Run<'m, 'a> {
     /// What is done for the tets that nothing has helped so far.
     last: LastResorts,
     /// Told how many tets were dealt with; an error ends the run.
-    pub look_around: &'a (dyn Fn(usize) -> Result<()> + Sync),
+    pub report_and_check: &'a (dyn Fn(usize) -> Result<()> + Sync),
     /// Where refinement put each vertex.
     pub refined: Vec<[f64; 3]>,
     /// 1 for each tet that is not the one that refinement made.
@@ -68,7 +68,7 @@ impl<'m, 'a> Run<'m, 'a> {
         interfaces: &'a Interfaces<'a>,
         measure: Measure,
         queue: Vec<u32>,
-        look_around: &'a (dyn Fn(usize) -> Result<()> + Sync),
+        report_and_check: &'a (dyn Fn(usize) -> Result<()> + Sync),
     ) -> Result<Self> {
         let mut refined = Vec::new();
         reserve(&mut refined, mesh.points.len(), "vertices of the mesh")?;
@@ -81,7 +81,7 @@ impl<'m, 'a> Run<'m, 'a> {
             interfaces,
             measure,
             last,
-            look_around,
+            report_and_check,
             refined,
             changed,
             queue,
@@ -160,7 +160,7 @@ impl<'m, 'a> Run<'m, 'a> {
             interfaces: self.interfaces,
             measure: self.measure,
             last: self.last,
-            look_around: self.look_around,
+            report_and_check: self.report_and_check,
         };
         let work = |job: Job| {
             let mut worker = Worker::new(&round, job.block, job.slots, job.vertices);

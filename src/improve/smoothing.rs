@@ -64,7 +64,7 @@ const AROUND_CONTACTS: f64 = 0.5;
 
 /// Where a vertex may go.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Home {
+enum Support {
     Inside,
     /// On the interface of two labels, whose normal leads from the first to the second; as far off
     /// it as refinement put it.
@@ -150,17 +150,17 @@ impl Worker<'_, '_> {
             Collected::Open => return Outcome::Failed,
         }
         let start = self.point(v);
-        let before = least_at(star, self.round.measure, start);
+        let before = min_at(star, self.round.measure, start);
         // The worst tet may not be one of this vertex's.
         if before >= self.aim {
             return Outcome::Failed;
         }
         let walls = self.round.interfaces.oracle.walls_at(start);
-        let homes = self.homes(star, start, &walls);
-        for home in homes {
+        let supports = self.supports(star, start, &walls);
+        for support in supports {
             let (mut at, mut least) = (start, before);
             for _ in 0..MAX_STEPS {
-                match self.step(star, home, &walls, at, least) {
+                match self.step(star, support, &walls, at, least) {
                     Some(better) => (at, least) = better,
                     None => break,
                 }
@@ -169,7 +169,7 @@ impl Worker<'_, '_> {
                 }
             }
             if least > self.to_exceed(before) && is_valid(star, at) {
-                self.commit(star, home, at);
+                self.commit(star, support, at);
                 return Outcome::Done;
             }
         }
@@ -179,9 +179,9 @@ impl Worker<'_, '_> {
     /// Where a vertex inside of a label makes the least measure of its star exceed `above`, from
     /// `start` on.
     pub fn best_inside(&self, star: &Star, start: DVec3, above: f64) -> Option<DVec3> {
-        let (mut at, mut least) = (start, least_at(star, self.round.measure, start));
+        let (mut at, mut least) = (start, min_at(star, self.round.measure, start));
         for _ in 0..MAX_STEPS_INSIDE {
-            match self.step(star, Home::Inside, &Walls::NONE, at, least) {
+            match self.step(star, Support::Inside, &Walls::NONE, at, least) {
                 Some(better) => (at, least) = better,
                 None => break,
             }
@@ -194,13 +194,17 @@ impl Worker<'_, '_> {
 
     /// Where the vertex of a star may go: first along what it belongs to, then, for junctions,
     /// anywhere near.
-    fn homes(&self, star: &Star, at: DVec3, walls: &Walls) -> [Home; 2] {
+    fn supports(&self, star: &Star, at: DVec3, walls: &Walls) -> [Support; 2] {
         let interfaces = self.round.interfaces;
         if star.facets.is_empty() {
-            return if walls.count() == 0 { [Home::Inside, Home::Fixed] } else { [Home::Fixed; 2] };
+            return if walls.count() == 0 {
+                [Support::Inside, Support::Fixed]
+            } else {
+                [Support::Fixed; 2]
+            };
         }
         if !interfaces.change || walls.count() == 3 {
-            return [Home::Fixed; 2];
+            return [Support::Fixed; 2];
         }
         let two_labels = star.two_labels();
         let (ends, lines) = star.line_edges();
@@ -208,15 +212,15 @@ impl Worker<'_, '_> {
         if interfaces.oracle.is_near_contact(at) {
             // A contact is where the boundary of a label touches itself.
             let is_contact = two_labels.is_some() && !is_surface;
-            return [if is_contact { Home::Fixed } else { Home::Near }, Home::Fixed];
+            return [if is_contact { Support::Fixed } else { Support::Near }, Support::Fixed];
         }
         if walls.count() > 0 {
             let is_in_walls =
                 |v: u32| walls.common(&interfaces.oracle.walls_at(self.point(v))) == *walls;
             let all_in_walls = star.facets.iter().flat_map(|facet| facet.others).all(is_in_walls);
             return match () {
-                () if all_in_walls && is_surface => [Home::Walls, Home::Fixed],
-                () => [self.line_of(&ends, lines), Home::Near],
+                () if all_in_walls && is_surface => [Support::Walls, Support::Fixed],
+                () => [self.line_of(&ends, lines), Support::Near],
             };
         }
         match two_labels {
@@ -232,36 +236,38 @@ impl Worker<'_, '_> {
                         normal.sum::<DVec3>().normalize_or_zero(),
                         [inner, outer],
                     ),
-                    Home::Fixed,
+                    Support::Fixed,
                 ]
             }
-            _ => [self.line_of(&ends, lines), Home::Near],
+            _ => [self.line_of(&ends, lines), Support::Near],
         }
     }
 
-    /// The home of a vertex on the interface of two labels; `normal` is that of the facets around
+    /// The support of a vertex on the interface of two labels; `normal` is that of the facets around
     /// it.
-    fn on_interface(&self, star: &Star, at: DVec3, normal: DVec3, labels: [i32; 2]) -> Home {
+    fn on_interface(&self, star: &Star, at: DVec3, normal: DVec3, labels: [i32; 2]) -> Support {
         let interfaces = self.round.interfaces;
         let project = |p: DVec3| interfaces.project(p, normal, interfaces.tolerance, labels);
         let refined = DVec3::from_array(self.round.refined[star.vertex as usize]);
-        let [Some(own), Some(here)] = [project(refined), project(at)] else { return Home::Fixed };
+        let [Some(own), Some(here)] = [project(refined), project(at)] else {
+            return Support::Fixed;
+        };
         // The interface's own tangents: it may be inclined against the facets.
         let step = PROBE * interfaces.tolerance;
         let (side, other) = normal.any_orthonormal_pair();
         let tangents = [side, other].map(|way| project(here + way * step).map(|p| p - here));
-        let [Some(u), Some(v)] = tangents else { return Home::Fixed };
+        let [Some(u), Some(v)] = tangents else { return Support::Fixed };
         let own_normal = u.cross(v).normalize_or_zero();
         let own_normal = if own_normal.dot(normal) < 0.0 { -own_normal } else { own_normal };
-        Home::Interface { labels, normal: own_normal, off: refined - own }
+        Support::Interface { labels, normal: own_normal, off: refined - own }
     }
 
-    fn line_of(&self, ends: &[u32; 3], lines: usize) -> Home {
+    fn line_of(&self, ends: &[u32; 3], lines: usize) -> Support {
         if lines != 2 {
-            return Home::Fixed;
+            return Support::Fixed;
         }
         let way = self.point(ends[1]) - self.point(ends[0]);
-        Home::Line(way.normalize_or_zero())
+        Support::Line(way.normalize_or_zero())
     }
 
     /// One step uphill from `at`, where the least measure is `least`: where to, and what it is
@@ -269,36 +275,36 @@ impl Worker<'_, '_> {
     fn step(
         &self,
         star: &Star,
-        home: Home,
+        support: Support,
         walls: &Walls,
         at: DVec3,
         least: f64,
     ) -> Option<(DVec3, f64)> {
-        let facets = self.tight_facets(star, home, at);
+        let facets = self.tight_facets(star, support, at);
         let (way, rate) =
-            ascent(star, self.round.measure, at, least, &facets, |gradient| match home {
-                Home::Interface { normal, .. } => gradient - normal * normal.dot(gradient),
-                Home::Line(way) => way * way.dot(gradient),
-                Home::Fixed => DVec3::ZERO,
-                Home::Inside | Home::Near | Home::Walls => gradient,
+            ascent(star, self.round.measure, at, least, &facets, |gradient| match support {
+                Support::Interface { normal, .. } => gradient - normal * normal.dot(gradient),
+                Support::Line(way) => way * way.dot(gradient),
+                Support::Fixed => DVec3::ZERO,
+                Support::Inside | Support::Near | Support::Walls => gradient,
             })?;
-        let most = match home {
-            Home::Inside => MAX_STEP * star.shortest_edge(at),
-            Home::Interface { .. } | Home::Line(_) => {
+        let most = match support {
+            Support::Inside => MAX_STEP * star.shortest_edge(at),
+            Support::Interface { .. } | Support::Line(_) => {
                 self.farthest() * self.round.interfaces.tolerance
             }
             _ => self.round.interfaces.tolerance,
         };
         // To where the worst tet would reach a little more than the target, if it went on so.
-        // Places on interfaces are found to less than a hundredth of the tolerance, so a step is
+        // CoreMap on interfaces are found to less than a hundredth of the tolerance, so a step is
         // longer than that.
         let shortest = SHORTEST_STEP * self.round.interfaces.tolerance;
         let mut length = (1.2 * (self.aim - least) / rate).max(shortest).min(most);
         for _ in 0..MAX_HALVINGS {
-            if let Some(p) = self.settle(star, home, walls, at + way * length) {
+            if let Some(p) = self.settle(star, support, walls, at + way * length) {
                 let enough = (least + 0.1 * GAIN).min(self.aim.next_down());
                 if exceeds_at(star, self.round.measure, p, enough) && is_valid(star, p) {
-                    return Some((p, least_at(star, self.round.measure, p)));
+                    return Some((p, min_at(star, self.round.measure, p)));
                 }
             }
             length *= 0.5;
@@ -307,8 +313,8 @@ impl Worker<'_, '_> {
     }
 
     /// Where a vertex ends that is to go to `p`; `None`: it may not.
-    fn settle(&self, star: &Star, home: Home, walls: &Walls, p: DVec3) -> Option<DVec3> {
-        if home == Home::Inside {
+    fn settle(&self, star: &Star, support: Support, walls: &Walls, p: DVec3) -> Option<DVec3> {
+        if support == Support::Inside {
             return Some(p);
         }
         let interfaces = self.round.interfaces;
@@ -317,18 +323,18 @@ impl Worker<'_, '_> {
         // What would leave the tolerance goes along its border.
         let within =
             |p: DVec3, most: f64| refined + (p - refined).clamp_length_max(TO_BORDER * most);
-        let p = match home {
-            Home::Inside | Home::Fixed => return None,
-            Home::Interface { labels, normal, off } => {
+        let p = match support {
+            Support::Inside | Support::Fixed => return None,
+            Support::Interface { labels, normal, off } => {
                 most = self.farthest() * interfaces.tolerance;
                 interfaces.project(within(p, most) - off, normal, interfaces.tolerance, labels)?
                     + off
             }
-            Home::Line(_) => {
+            Support::Line(_) => {
                 most = self.farthest() * interfaces.tolerance;
                 interfaces.oracle.nearest_junction(within(p, most), interfaces.tolerance)?
             }
-            Home::Walls | Home::Near => {
+            Support::Walls | Support::Near => {
                 if interfaces.oracle.is_near_contact(refined) {
                     most *= AROUND_CONTACTS;
                 }
@@ -357,9 +363,9 @@ impl Worker<'_, '_> {
 
     /// The other vertices of the interface facets whose angles are hardly larger than what was
     /// asked for.
-    fn tight_facets(&self, star: &Star, home: Home, at: DVec3) -> Tight {
+    fn tight_facets(&self, star: &Star, support: Support, at: DVec3) -> Tight {
         let mut tight = Tight { count: 0, others: [[DVec3::ZERO; 2]; MAX_ACTIVE] };
-        if home == Home::Inside {
+        if support == Support::Inside {
             return tight;
         }
         let bound = TIGHT * (1.0 - self.round.interfaces.facet_cosine_squared);
@@ -382,7 +388,7 @@ impl Worker<'_, '_> {
         })
     }
 
-    fn commit(&mut self, star: &Star, home: Home, at: DVec3) {
+    fn commit(&mut self, star: &Star, support: Support, at: DVec3) {
         let from = self.point(star.vertex);
         for (&label, &[x, y, z]) in star.labels.iter().zip(&star.points) {
             if !star.facets.is_empty() {
@@ -397,10 +403,10 @@ impl Worker<'_, '_> {
         }
         self.round.shared.set_point(star.vertex, at);
         let Counts { moves_inside, moves_on_interfaces, moves_on_junctions, .. } = &mut self.counts;
-        *match home {
-            Home::Inside => moves_inside,
-            Home::Interface { .. } | Home::Walls => moves_on_interfaces,
-            Home::Line(_) | Home::Near | Home::Fixed => moves_on_junctions,
+        *match support {
+            Support::Inside => moves_inside,
+            Support::Interface { .. } | Support::Walls => moves_on_interfaces,
+            Support::Line(_) | Support::Near | Support::Fixed => moves_on_junctions,
         } += 1;
         for &t in &star.tets {
             self.round.shared.note_changed(t);
@@ -424,7 +430,7 @@ fn exceeds_at(star: &Star, measure: Measure, p: DVec3, bound: f64) -> bool {
 }
 
 /// The least measure of the tets that count, with the vertex at `p`.
-fn least_at(star: &Star, measure: Measure, p: DVec3) -> f64 {
+fn min_at(star: &Star, measure: Measure, p: DVec3) -> f64 {
     let counting = star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0);
     counting.map(|(_, &[x, y, z])| measure.of(&[p, x, y, z])).fold(f64::INFINITY, f64::min)
 }

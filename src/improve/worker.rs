@@ -24,7 +24,7 @@ use crate::mesh::NONE;
 /// An operation must raise the least measure by this much.
 pub(super) const GAIN: f64 = 1e-4;
 /// Steps between two looks around.
-const LOOK_EVERY: usize = 32;
+const REPORT_EVERY: usize = 32;
 
 /// What all blocks of a round share.
 pub(super) struct Round<'a> {
@@ -39,7 +39,7 @@ pub(super) struct Round<'a> {
     /// What may be done besides.
     pub last: LastResorts,
     /// Told how many tets were dealt with; an error ends the work.
-    pub look_around: &'a (dyn Fn(usize) -> Result<()> + Sync),
+    pub report_and_check: &'a (dyn Fn(usize) -> Result<()> + Sync),
 }
 
 /// What is done only for tets that nothing else has helped.
@@ -127,14 +127,14 @@ impl<'r, 'a> Worker<'r, 'a> {
     /// Improves `tets`, which the block owns. What changes is in order when this ends early, too.
     ///
     /// # Errors
-    /// Those of the round's `look_around`.
+    /// Those of the round's `report_and_check`.
     pub fn run(&mut self, tets: &[u32]) -> Result<()> {
         tets.iter().for_each(|&t| self.enqueue(t));
         let mut steps = 0;
         loop {
             steps += 1;
-            if steps == LOOK_EVERY {
-                (self.round.look_around)(steps)?;
+            if steps == REPORT_EVERY {
+                (self.round.report_and_check)(steps)?;
                 steps = 0;
             }
             if let Some(entry) = self.queue.pop() {
@@ -142,9 +142,9 @@ impl<'r, 'a> Worker<'r, 'a> {
             } else if let Some(entry) = self.late.pop() {
                 self.move_or_give_up(entry);
                 // Some of these take milliseconds.
-                (self.round.look_around)(0)?;
+                (self.round.report_and_check)(0)?;
             } else {
-                return (self.round.look_around)(steps);
+                return (self.round.report_and_check)(steps);
             }
         }
     }

@@ -18,12 +18,12 @@
 //! - Voxel model: a point of dO is on the common face of two voxels of different labels, and every
 //!   cell that holds a part of this face has both centres as corners.
 //!
-//! **Clearance** is a lower bound of the distance to dO.
+//! **The distance bound** is a lower bound of the distance to dO.
 //! - In a mixed cell it is 0.
 //! - A uniform cell has one ring or more of cells of one label around it, counted up to three (see
 //!   `cells`), and dO is no nearer than the faces of that block.
 //! - For p outside the region, with q its nearest point in the region's box, which is convex and
-//!   holds dO: the squared distance is at least |p - q|^2 + clearance(q)^2.
+//!   holds dO: the squared distance is at least |p - q|^2 + distance bound(q)^2.
 //!
 //! **Volumes.** The smooth model without weights loses volume where interfaces are convex, about
 //! h^2/12 per unit of area and curvature (h here the spacing); the weights restore that of each
@@ -98,7 +98,7 @@ pub struct Oracle {
     /// Weight of each dense id in the smooth model; empty in the voxel model, and with a field.
     weights: Vec<f32>,
     /// The largest weight.
-    greatest: f32,
+    max_weight: f32,
 }
 
 /// A point where a segment crosses dO.
@@ -176,7 +176,7 @@ impl Oracle {
             junction_cells,
             field,
             is_smoothed: sigma.is_some(),
-            greatest: weights.iter().copied().fold(1.0, f32::max),
+            max_weight: weights.iter().copied().fold(1.0, f32::max),
             weights,
         })
     }

@@ -132,7 +132,7 @@ impl<G> Begging<G> {
         for (level, lists) in self.lists.iter().enumerate() {
             let group = self.levels.group(level, me);
             let mut list = lock(&lists[group]);
-            if level == top || list.len() + 1 < self.levels.most_beggars(level, group) {
+            if level == top || list.len() + 1 < self.levels.max_beggars(level, group) {
                 list.push(me);
                 return;
             }

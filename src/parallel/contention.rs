@@ -37,10 +37,10 @@ const PATIENCE: u32 = 3;
 /// each more.
 const SLEEP_LOG: u32 = 4;
 /// Longest sleep at all, as such a power.
-const MOST_SLEEP_LOG: u32 = 10;
+const MAX_SLEEP_LOG: u32 = 10;
 
 /// Most offers of its processor after a conflict, under the policy Aggressive.
-const MOST_OFFERS: u32 = 64;
+const MAX_OFFERS: u32 = 64;
 
 /// What a worker remembers of its own conflicts.
 #[derive(Debug)]
@@ -124,14 +124,14 @@ impl Contention {
             Policy::Random => {
                 let too_many = streak.conflicts.checked_sub(PATIENCE);
                 if let Some(more) = too_many {
-                    let most = 1 << (SLEEP_LOG + more).min(MOST_SLEEP_LOG);
+                    let most = 1 << (SLEEP_LOG + more).min(MAX_SLEEP_LOG);
                     crate::sync::sleep_micros(1 + streak.next_random() % most);
                 }
                 too_many.is_some()
             }
             Policy::Aggressive => {
                 if streak.conflicts >= PATIENCE {
-                    let most = u64::from(streak.conflicts.min(MOST_OFFERS));
+                    let most = u64::from(streak.conflicts.min(MAX_OFFERS));
                     (0..=streak.next_random() % most).for_each(|_| crate::sync::yield_now());
                 }
                 false

@@ -111,7 +111,7 @@ impl Levels {
 
     /// Most workers that beg in a group's list, were all of them without work: its workers at the
     /// lowest level; above, the last of each group of the level below.
-    pub fn most_beggars(&self, level: usize, group: usize) -> usize {
+    pub fn max_beggars(&self, level: usize, group: usize) -> usize {
         self.parts[level][group]
     }
 }
@@ -133,14 +133,14 @@ mod tests {
     fn one_worker_has_one_level() {
         for begging in [Begging::ByLevel, Begging::Flat] {
             let levels = Levels::of(&Machine::blacklight(2), 1, begging);
-            assert_eq!((levels.count(), levels.workers(), levels.most_beggars(0, 0)), (1, 1, 1));
+            assert_eq!((levels.count(), levels.workers(), levels.max_beggars(0, 0)), (1, 1, 1));
         }
     }
 
     #[test]
     fn flat_is_one_group_for_all() {
         let levels = Levels::of(&Machine::uniform(5, 1), 5, Begging::Flat);
-        assert_eq!((levels.count(), levels.groups(0), levels.most_beggars(0, 0)), (1, 1, 5));
+        assert_eq!((levels.count(), levels.groups(0), levels.max_beggars(0, 0)), (1, 1, 5));
     }
 
     /// Sockets of eight cores, two on a blade; and packages of several nodes, of several caches

@@ -5,7 +5,9 @@ use crate::image::LabelImage;
 use crate::improve::Improvement;
 use crate::monitor::{Level, Monitor};
 use crate::params::MeshParams;
-use crate::verify::certificate::{Certificate, Defect, DefectKind, LEAST_VOXELS, SmallLost};
+use crate::verify::certificate::{
+    Certificate, Defect, DefectKind, MIN_COMPONENT_VOXELS, SmallLost,
+};
 
 /// A line about what is meshed.
 pub(super) fn describe(image: &LabelImage, params: &MeshParams) -> String {
@@ -64,8 +66,8 @@ pub(super) fn warnings(certificate: &Certificate) -> Vec<String> {
         (DefectKind::Torn, "pieces torn off from their component"),
         (DefectKind::Stray, "pieces where the image does not have their label"),
         (DefectKind::Dropped, "components left out, as asked"),
-        (DefectKind::PinchedEdge, "edges where a label's boundary touches itself"),
-        (DefectKind::PinchedVertex, "vertices where a label's boundary touches itself"),
+        (DefectKind::NonManifoldEdge, "edges where a label's boundary touches itself"),
+        (DefectKind::NonManifoldVertex, "vertices where a label's boundary touches itself"),
     ];
     for (kind, what) in topology {
         let mut of_kind = certificate.defects.iter().filter(|defect| defect.kind == kind);
@@ -79,7 +81,7 @@ pub(super) fn warnings(certificate: &Certificate) -> Vec<String> {
     let SmallLost { count, voxels, first } = certificate.small_lost;
     if let Some((label, [x, y, z])) = first {
         lines.push(format!(
-            "components of fewer than {LEAST_VOXELS} voxels without a tet: {count}, of {voxels} \
+            "components of fewer than {MIN_COMPONENT_VOXELS} voxels without a tet: {count}, of {voxels} \
              voxels in all; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"
         ));
     }

@@ -50,10 +50,10 @@ pub fn select_labels<'a>(
         image = Cow::Owned(image.restricted_to(&params.keep)?);
     }
     let mut dropped = Vec::new();
-    if params.least_voxels > 1 {
+    if params.min_voxels > 1 {
         let cleared;
         let go_on = |_| monitor.check_cancelled();
-        (cleared, dropped) = image.without_small_components(params.least_voxels, &go_on)?;
+        (cleared, dropped) = image.without_small_components(params.min_voxels, &go_on)?;
         image = Cow::Owned(cleared);
     }
     if image.is_all_background() {

@@ -10,7 +10,7 @@ use crate::parallel::machine::Machine;
 use crate::params::MeshParams;
 use crate::refine::rules::{Rules, TETS_PER_SIZE};
 use crate::refine::team::{Limits, RefineOptions};
-use crate::system::binding::Places;
+use crate::system::binding::CoreMap;
 use crate::{Result, pipeline::prepare::Prepared};
 
 /// The box leaves this part of the object's longest side free on every side, so that the
@@ -53,7 +53,7 @@ pub fn options(params: &MeshParams, limits: Limits, expected_tets: u64) -> Resul
         threads: params.threads,
         contention: params.contention,
         begging: params.begging,
-        places: params.bind.then(|| Places::new(&machine)).transpose()?,
+        places: params.bind.then(|| CoreMap::new(&machine)).transpose()?,
         machine,
         timeline: params.timeline,
         algorithm: params.algorithm,

@@ -159,7 +159,7 @@ impl Lost {
 }
 
 /// Most spans that a thread keeps; later ones are dropped.
-const MOST_SPANS: usize = 1 << 18;
+const MAX_SPANS: usize = 1 << 18;
 
 /// What a thread does when, while it does it: one thing after the other.
 #[derive(Debug)]
@@ -192,7 +192,7 @@ impl Timeline {
     fn push(&mut self, doing: Doing, start: Ticks, end: Ticks) {
         if self.keeps
             && end > start
-            && self.spans.len() < MOST_SPANS
+            && self.spans.len() < MAX_SPANS
             && self.spans.try_reserve(1).is_ok()
         {
             self.spans.push((doing, start, end));

@@ -30,21 +30,21 @@
 //! - A vertex is inserted by a worker of the node in whose region it lies, but for the first
 //!   samples. Samples are dealt so. What a tet demands elsewhere is handed over to the node there:
 //!   a circumcenter with its tet, a point of dO with what was seen about it, which is checked when
-//!   it is carried out, as always (`Rules::is_demanded`). The circumcenter of a tet between two
+//!   it is carried out, as always (`Rules::still_applies`). The circumcenter of a tet between two
 //!   surfaces is far from its facets, so this is not rare as long as tets are large.
 //! - Tets are assigned by circumcenter when all samples are in: every living tet is then in one
 //!   list, that of the worker in whose region its circumcenter lies. A worker that makes a tet
 //!   later keeps it.
 //! - Work is given away only within a node (`Levels::apart`).
 //! - New tets lie in slots of the worker's own node: slots of other nodes that a cavity frees are
-//!   sent home (`delaunay/homes`).
+//!   sent home (`delaunay/numa`).
 //! - The end: all workers of all nodes are idle, and nothing is handed over any more
 //!   (`parallel/begging`).
 //!
 //! On one memory node there are no regions: the algorithm is PODM.
 //!
 //! Cost, beside PODM's: a lookup of a label for each block, a sort of the samples, tets by
-//! circumcenter once, the region of each demand.
+//! circumcenter once, the region of each point.
 
 use std::ops::Range;
 use std::sync::Mutex;
@@ -209,7 +209,7 @@ pub(super) struct Outbox(Vec<Gift>);
 const PARCEL: usize = 32;
 
 impl Outbox {
-    /// Adds what a tet demands: a poor tet asks for its circumcenter, whenever it is asked; a point
+    /// Adds what a tet points: a poor tet asks for its circumcenter, whenever it is asked; a point
     /// of dO was searched for, and goes with the `interfaces` behind it. Returns whether there is
     /// enough for `host`.
     ///
@@ -219,27 +219,27 @@ impl Outbox {
         &mut self,
         host: usize,
         stamp: TetStamp,
-        demand: &RefinementPoint,
+        wanted: &RefinementPoint,
         interfaces: u32,
     ) -> Result<bool> {
         if self.0.len() <= host {
             self.0.resize_with(host + 1, Gift::default);
         }
         let parcel = &mut self.0[host];
-        if demand.kind == VertexKind::Free {
+        if wanted.kind == VertexKind::Free {
             reserve(&mut parcel.poor, 1, "tets of other regions")?;
             parcel.poor.push(stamp);
         } else {
-            reserve(&mut parcel.demands, 1, "demands of other regions")?;
-            parcel.demands.push((stamp, *demand, interfaces));
+            reserve(&mut parcel.points, 1, "points of other regions")?;
+            parcel.points.push((stamp, *wanted, interfaces));
         }
-        Ok(parcel.poor.len() + parcel.demands.len() >= PARCEL)
+        Ok(parcel.poor.len() + parcel.points.len() >= PARCEL)
     }
 
     /// Takes out what is kept for `host`, if anything.
     pub fn take(&mut self, host: usize) -> Option<Gift> {
         let parcel = std::mem::take(self.0.get_mut(host)?);
-        (parcel.poor.len() + parcel.demands.len() > 0).then_some(parcel)
+        (parcel.poor.len() + parcel.points.len() > 0).then_some(parcel)
     }
 
     /// All for whom something may be kept.

@@ -24,7 +24,7 @@ use crate::parallel::machine::Machine;
 /// Blocks for each worker.
 const BLOCKS_PER_WORKER: usize = 1 << 14;
 /// Most blocks at all.
-const MOST_BLOCKS: usize = 1 << 20;
+const MAX_BLOCKS: usize = 1 << 20;
 /// A plane is about as good as the best when it leaves at most this part of the load more on the
 /// wrong side.
 const TOLERANCE: f64 = 0.02;
@@ -57,7 +57,7 @@ impl Blocks {
             Some((upper - lower).max_element()).filter(|&longest| longest > 0.0).unwrap_or(1.0);
         // A flat box is taken for one that is not quite so flat.
         let size = (upper - lower).max(DVec3::splat(longest / 1024.0));
-        let wanted = (BLOCKS_PER_WORKER * workers).min(MOST_BLOCKS) as f64;
+        let wanted = (BLOCKS_PER_WORKER * workers).min(MAX_BLOCKS) as f64;
         let edge = (size.element_product() / wanted).cbrt();
         let dims = (size / edge).ceil().as_usizevec3();
         let elements = filled(dims.element_product(), 0.0, "blocks of a partition", || Ok(()))?;

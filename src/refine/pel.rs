@@ -37,7 +37,7 @@ pub enum Task {
     /// Removes a free vertex near a new isovertex.
     Remove(VertexId),
     /// Looks at a tet.
-    Look(TetStamp),
+    Inspect(TetStamp),
     /// Serves a poor tet.
     Serve(TetStamp),
 }
@@ -52,7 +52,7 @@ pub struct Gift {
     pub poor: Vec<TetStamp>,
     /// Tets, what they demanded when they were looked at, and which of their facets had not been
     /// asked yet, as bits.
-    pub demands: Vec<(TetStamp, RefinementPoint, u32)>,
+    pub points: Vec<(TetStamp, RefinementPoint, u32)>,
 }
 
 /// The list.
@@ -148,7 +148,7 @@ impl Pel {
             return Some(Task::Serve(stamp));
         }
         if let Some(stamp) = self.round.pop() {
-            return Some(Task::Look(stamp));
+            return Some(Task::Inspect(stamp));
         }
         self.turn()
     }
@@ -163,7 +163,7 @@ impl Pel {
             self.round.extend(self.waiting.drain(from..));
         }
         if let Some(stamp) = self.round.pop() {
-            return Some(Task::Look(stamp));
+            return Some(Task::Inspect(stamp));
         }
         let from = self.poor.len().saturating_sub(SERVED);
         self.served.extend(self.poor.drain(from..));
@@ -202,16 +202,16 @@ mod tests {
         let count = 3 * ROUND as u32 + 7;
         pel.make_room(count as usize).unwrap();
         (0..count).for_each(|tet| pel.push_made(TetStamp { tet, last: 0 }));
-        let looks: Vec<u32> = std::iter::from_fn(|| pel.pop())
+        let inspections: Vec<u32> = std::iter::from_fn(|| pel.pop())
             .map(|task| match task {
-                Task::Look(stamp) => stamp.tet,
+                Task::Inspect(stamp) => stamp.tet,
                 other => panic!("{other:?}"),
             })
             .collect();
         // In the order of their making, then those that were made last.
-        assert!(looks[..ROUND].iter().copied().eq(0..ROUND as u32));
-        assert_eq!(looks[ROUND], count - 1);
-        let mut all = looks;
+        assert!(inspections[..ROUND].iter().copied().eq(0..ROUND as u32));
+        assert_eq!(inspections[ROUND], count - 1);
+        let mut all = inspections;
         all.sort_unstable();
         assert!(all.into_iter().eq(0..count));
     }

@@ -12,7 +12,7 @@ pub trait RefineProbe: Probe {
 
     /// Told that the worker looks at tet `t`, of which it owns nothing, for what the rules ask.
     #[inline(always)]
-    fn look(&mut self, _: &Triangulation, _: TetId) {}
+    fn inspect(&mut self, _: &Triangulation, _: TetId) {}
 
     /// Told that so many labels were looked up.
     #[inline(always)]

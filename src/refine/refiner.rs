@@ -25,7 +25,7 @@ use super::probe::RefineProbe;
 use super::rules::{Facets, ISOVERTEX, Lookups, RefinementPoint, Rule, Rules};
 use super::state::State;
 use super::team::{PERMITS, Team};
-use crate::delaunay::homes::MAX_NODES;
+use crate::delaunay::numa::MAX_NODES;
 use crate::delaunay::worker::mark_of;
 use crate::delaunay::{
     Insertion, Locks, Removal, TetId, TetStamp, Triangulation, VertexId, Worker,
@@ -37,16 +37,16 @@ use crate::sync::clock::ticks;
 use crate::{Error, Result};
 
 /// Steps between two looks at the cancel flag and the limits.
-pub(super) const LOOK_EVERY: u64 = 1024;
+pub(super) const REPORT_EVERY: u64 = 1024;
 
 /// Steps between two looks at what other workers want or have sent. Most steps are a look at a tet,
 /// some hundred instructions, of which asking each time would be a tenth.
 const ASK_EVERY: u64 = 8;
-const _: () = assert!(LOOK_EVERY.is_multiple_of(ASK_EVERY));
+const _: () = assert!(REPORT_EVERY.is_multiple_of(ASK_EVERY));
 
 /// Entries that the list has room for at each look: more than the steps until the next one push,
 /// unless cavities are monstrous.
-const ROOM: usize = 64 * LOOK_EVERY as usize;
+const ROOM: usize = 64 * REPORT_EVERY as usize;
 
 /// Slots that are collected at once: their records stay in the nearest cache from one step to the
 /// next.
@@ -58,7 +58,7 @@ pub struct Work {
     /// Vertices that each of R1 to R5 inserted, and those that R6 removed.
     pub by_rule: [u64; 6],
     /// Tets that were looked at.
-    pub looks: u64,
+    pub inspections: u64,
     /// What was asked of the oracle meanwhile.
     pub lookups: Lookups,
 }
@@ -69,7 +69,7 @@ impl Work {
         for (sum, count) in self.by_rule.iter_mut().zip(other.by_rule) {
             *sum += count;
         }
-        self.looks += other.looks;
+        self.inspections += other.inspections;
         self.lookups.labels += other.lookups.labels;
         self.lookups.crossings += other.lookups.crossings;
     }
@@ -188,8 +188,8 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         while let Some(block) = next() {
             let mut waiting = block.map(|sample| self.team.samples[sample]);
             while let Some(p) = waiting.next().or_else(|| again.pop()) {
-                if steps.is_multiple_of(LOOK_EVERY) {
-                    self.look_around()?;
+                if steps.is_multiple_of(REPORT_EVERY) {
+                    self.report_and_check()?;
                 }
                 steps += 1;
                 self.worker.probe.pause();
@@ -235,7 +235,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         let of_box = (self.me == 0).then(|| self.triangulation.box_slots());
         let used: Vec<Range<TetId>> = self.worker.used_slots().chain(of_box).collect();
         for slots in used {
-            self.look_around()?;
+            self.report_and_check()?;
             self.pel.make_room(slots.len())?;
             for first in slots.clone().step_by(COLLECTED) {
                 living.clear();
@@ -281,8 +281,8 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         let mut steps = 0_u64;
         loop {
             if steps.is_multiple_of(ASK_EVERY) {
-                if steps.is_multiple_of(LOOK_EVERY) {
-                    self.look_around()?;
+                if steps.is_multiple_of(REPORT_EVERY) {
+                    self.report_and_check()?;
                 }
                 if L::SHARED && beggars.any() {
                     self.give()?;
@@ -295,13 +295,13 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             self.worker.probe.pause();
             match self.pel.pop() {
                 Some(Task::Remove(v)) => self.remove(v)?,
-                Some(Task::Look(stamp)) if self.triangulation.is_current(stamp) => {
-                    self.look(stamp)?
+                Some(Task::Inspect(stamp)) if self.triangulation.is_current(stamp) => {
+                    self.inspect(stamp)?
                 }
                 Some(Task::Serve(stamp)) if self.triangulation.is_current(stamp) => {
                     self.serve(stamp)?
                 }
-                Some(Task::Look(_) | Task::Serve(_)) => {}
+                Some(Task::Inspect(_) | Task::Serve(_)) => {}
                 None if L::SHARED && self.beg()? => {}
                 None => return Ok(()),
             }
@@ -311,7 +311,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     /// Reports, looks at the limits, and makes room in the list, so that pushing need not ask for
     /// memory.
     #[cold]
-    fn look_around(&mut self) -> Result<()> {
+    fn report_and_check(&mut self) -> Result<()> {
         // The box has some that nobody created.
         let tets = self.worker.counters.created.saturating_sub(self.worker.counters.destroyed);
         self.pel.make_room(ROOM)?;
@@ -322,7 +322,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         self.team.return_permits(surplus);
         let bytes = self.worker.bytes() + self.pel.bytes();
         let told = std::mem::replace(&mut self.told, (tets, bytes));
-        self.team.look_around((tets.wrapping_sub(told.0), bytes.wrapping_sub(told.1)))
+        self.team.report_and_check((tets.wrapping_sub(told.0), bytes.wrapping_sub(told.1)))
     }
 
     #[inline]
@@ -334,30 +334,30 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         Ok(())
     }
 
-    fn look(&mut self, stamp: TetStamp) -> Result<()> {
-        self.work.looks += 1;
-        self.worker.probe.look(self.triangulation, stamp.tet);
+    fn inspect(&mut self, stamp: TetStamp) -> Result<()> {
+        self.work.inspections += 1;
+        self.worker.probe.inspect(self.triangulation, stamp.tet);
         self.state.mark_elsewhere(stamp.tet);
         let interfaces = self.rules.interfaces(stamp.tet, Facets::Second(self.worker.mark()));
-        self.look_at(stamp, interfaces)
+        self.inspect_facets(stamp, interfaces)
     }
 
     /// Does what the surface demands of a tet at these of its facets, or notes what its volume
     /// does. Most looks find nothing: for these a call would be 36 instructions more.
     #[inline(always)]
-    fn look_at(&mut self, stamp: TetStamp, mut interfaces: u32) -> Result<()> {
+    fn inspect_facets(&mut self, stamp: TetStamp, mut interfaces: u32) -> Result<()> {
         // Demands stay where they were made: one is a hundred bytes and more, and a copy of what
         // was just written waits for that.
-        while let Some(demand) = &self.ask_surface(stamp.tet, &mut interfaces) {
+        while let Some(wanted) = &self.ask_surface(stamp.tet, &mut interfaces) {
             // What is dropped keeps nothing else from being asked.
-            if self.hand_over(stamp, demand, interfaces)?
-                || self.settle(stamp, demand)? != Fate::Dropped
+            if self.hand_over(stamp, wanted, interfaces)?
+                || self.settle(stamp, wanted)? != Fate::Dropped
             {
                 return Ok(());
             }
         }
-        if let Some(demand) = &self.rules.volume_demand(stamp.tet)
-            && !self.hand_over(stamp, demand, 0)?
+        if let Some(wanted) = &self.rules.volume_point(stamp.tet)
+            && !self.hand_over(stamp, wanted, 0)?
         {
             self.pel.push_poor(stamp);
         }
@@ -368,15 +368,15 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     #[inline]
     fn ask_surface(&mut self, t: TetId, interfaces: &mut u32) -> Option<RefinementPoint> {
         let before = self.work.lookups;
-        let demand = self.rules.surface_demand(t, interfaces, &mut self.work.lookups);
+        let wanted = self.rules.surface_point(t, interfaces, &mut self.work.lookups);
         self.worker.probe.look_up_labels(self.work.lookups.labels - before.labels);
         self.worker.probe.look_up_crossings(self.work.lookups.crossings - before.crossings);
-        demand
+        wanted
     }
 
     /// Carries out what the surface demands of a tet.
-    fn settle(&mut self, stamp: TetStamp, demand: &RefinementPoint) -> Result<Fate> {
-        let fate = self.carry_out(stamp, demand)?;
+    fn settle(&mut self, stamp: TetStamp, wanted: &RefinementPoint) -> Result<Fate> {
+        let fate = self.carry_out(stamp, wanted)?;
         // What was inserted may lie in the neighbour's circumball alone: then the tet is looked at
         // again.
         if fate != Fate::Dropped && self.triangulation.is_current(stamp) {
@@ -391,7 +391,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     fn hand_over(
         &mut self,
         stamp: TetStamp,
-        demand: &RefinementPoint,
+        wanted: &RefinementPoint,
         interfaces: u32,
     ) -> Result<bool> {
         if !L::SHARED {
@@ -401,10 +401,10 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             .team
             .regions
             .as_ref()
-            .and_then(|regions| regions.elsewhere(self.me, demand.point))
+            .and_then(|regions| regions.elsewhere(self.me, wanted.point))
         {
             Some(host) => {
-                if self.outbox.put(host, stamp, demand, interfaces)? {
+                if self.outbox.put(host, stamp, wanted, interfaces)? {
                     self.send(host);
                 }
                 Ok(true)
@@ -426,8 +426,8 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     }
 
     fn serve(&mut self, stamp: TetStamp) -> Result<()> {
-        if let Some(demand) = &self.rules.volume_demand(stamp.tet)
-            && self.carry_out(stamp, demand)? == Fate::GivenUp
+        if let Some(wanted) = &self.rules.volume_point(stamp.tet)
+            && self.carry_out(stamp, wanted)? == Fate::GivenUp
         {
             self.pel.push_poor(stamp);
         }
@@ -435,30 +435,30 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     }
 
     /// Inserts what the tet of `stamp` demanded.
-    fn carry_out(&mut self, stamp: TetStamp, demand: &RefinementPoint) -> Result<Fate> {
+    fn carry_out(&mut self, stamp: TetStamp, wanted: &RefinementPoint) -> Result<Fate> {
         self.take_permit()?;
         let begin = self.stamp_time();
         let (rules, state) = (self.rules, self.state);
         let triangulation = self.triangulation;
         let outcome = self.worker.insert_if(
             triangulation,
-            demand.start,
-            demand.point,
-            demand.kind,
-            || rules.is_demanded(stamp.tet, demand),
+            wanted.start,
+            wanted.point,
+            wanted.kind,
+            || rules.still_applies(stamp.tet, wanted),
             |v, tets| {
                 state.find_labels(tets);
                 // While its tets are owned: an isovertex that is inserted near it later finds it in
                 // the grid.
-                state.note_vertex(v, demand.point, demand.kind)
+                state.note_vertex(v, wanted.point, wanted.kind)
             },
         )?;
         let fate = match outcome {
             Insertion::Done(_) => {
-                self.work.by_rule[demand.rule as usize] += 1;
+                self.work.by_rule[wanted.rule as usize] += 1;
                 self.push_created();
-                if demand.kind == ISOVERTEX {
-                    self.state.near_free_vertices(demand.point, &mut self.near);
+                if wanted.kind == ISOVERTEX {
+                    self.state.near_free_vertices(wanted.point, &mut self.near);
                     self.pel.push_removals(&self.near)?;
                 }
                 self.after_success();
@@ -470,7 +470,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                 Fate::GivenUp
             }
             Insertion::Blocked => {
-                self.after_conflict(demand.rule, begin)?;
+                self.after_conflict(wanted.rule, begin)?;
                 Fate::GivenUp
             }
         };
@@ -590,10 +590,10 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         self.pel.accept(&mut gift)?;
         // Each demand is a step.
         self.pel.make_room(ROOM)?;
-        for (stamp, demand, interfaces) in gift.demands {
-            if self.triangulation.is_current(stamp) && self.settle(stamp, &demand)? == Fate::Dropped
+        for (stamp, wanted, interfaces) in gift.points {
+            if self.triangulation.is_current(stamp) && self.settle(stamp, &wanted)? == Fate::Dropped
             {
-                self.look_at(stamp, interfaces)?;
+                self.inspect_facets(stamp, interfaces)?;
             }
         }
         Ok(())

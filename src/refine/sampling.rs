@@ -104,7 +104,7 @@ pub fn sample_isosurface(
     growth: Growth,
     go_on: impl Fn() -> Result<()> + Sync,
 ) -> Result<Samples> {
-    let delta = sizing.greatest();
+    let delta = sizing.max();
     let grid = oracle.edge_grid(&sizing.palette());
     let tiles = grid.tiles(2.0 * delta);
     let nets = Nets::new(delta, &tiles)?;
@@ -134,11 +134,11 @@ impl<'a> Nets<'a> {
     fn new(most: f64, tiles: &'a Tiles) -> Result<Self> {
         // A quarter of what the grid of vertices may have: there are fewer samples than vertices,
         // and a limit of memory counts them only when all are there.
-        let most_heads = (MAX_HEADS / 4 / tiles.count().max(1)).max(1);
+        let max_heads = (MAX_HEADS / 4 / tiles.count().max(1)).max(1);
         let mut nets = room(tiles.count(), "nets of tiles")?;
         nets.extend(
             (0..tiles.count())
-                .map(|tile| RwLock::new(Net::new(most, tiles.bounds(tile), most_heads))),
+                .map(|tile| RwLock::new(Net::new(most, tiles.bounds(tile), max_heads))),
         );
         // All before there are samples: lists that grow between the tables would leave gaps.
         nets.par_iter_mut()
@@ -191,8 +191,8 @@ pub(super) struct Net {
 
 impl Net {
     /// For spacings up to `most`; to be opened first.
-    fn new(most: f64, [lower, upper]: [DVec3; 2], most_heads: usize) -> Self {
-        let cells = CellTable::new(lower - 2.0 * most, upper + 2.0 * most, 2.0 * most, most_heads);
+    fn new(most: f64, [lower, upper]: [DVec3; 2], max_heads: usize) -> Self {
+        let cells = CellTable::new(lower - 2.0 * most, upper + 2.0 * most, 2.0 * most, max_heads);
         let reach = [lower - 1.5 * most, upper + 1.5 * most];
         let (heads, next, points, own) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         Self { cells, heads, next, points, own, learned: [0; 8], reach, recent: Recent::new() }

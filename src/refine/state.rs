@@ -30,7 +30,7 @@ impl<'a> State<'a> {
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
     pub fn new(rules: &'a Rules<'a>) -> Result<Self> {
-        let side = 4.0 * rules.sizing.greatest();
+        let side = 4.0 * rules.sizing.max();
         let free_vertices =
             VertexGrid::new(rules.triangulation, VertexKind::Free, side, MAX_HEADS)?;
         Ok(Self { rules, free_vertices })
@@ -81,7 +81,7 @@ impl<'a> State<'a> {
     pub fn note_vertex(&self, v: VertexId, p: DVec3, kind: VertexKind) -> Result<()> {
         if kind == ISOVERTEX {
             self.rules.triangulation.vertex(v).set_tag(self.rules.sizing.level(p));
-        } else if self.rules.oracle.clearance(p) < 2.0 * self.rules.sizing.greatest() {
+        } else if self.rules.oracle.distance_bound(p) < 2.0 * self.rules.sizing.max() {
             // R6 reaches 2 delta from the interface.
             self.free_vertices.push(v, p)?;
         }

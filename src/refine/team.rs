@@ -9,7 +9,7 @@ use super::lapd::Regions;
 use super::pel::Gift;
 use super::rules::Rules;
 use super::state::State;
-use crate::delaunay::homes::NodeId;
+use crate::delaunay::numa::NodeId;
 use crate::delaunay::{Locks, Probe, Worker};
 use crate::parallel::begging::Begging;
 use crate::parallel::contention::Contention;
@@ -18,7 +18,7 @@ use crate::parallel::parking::Parking;
 use crate::parallel::topology::Levels;
 use crate::params;
 use crate::sync::{AtomicU64, AtomicUsize, Mutex, Ordering::*, lock};
-use crate::system::binding::{Bound, Places};
+use crate::system::binding::{Bound, CoreMap};
 use crate::{Error, Result};
 
 /// Permits to insert a vertex that a worker takes at once, at most.
@@ -44,7 +44,7 @@ pub struct RefineOptions {
     /// The machine that workers are taken to run on.
     pub machine: Machine,
     /// The cores that workers are bound to; `None`: they are not.
-    pub places: Option<Places>,
+    pub places: Option<CoreMap>,
     /// Whether to keep what each worker did when.
     pub timeline: bool,
     /// How the work is shared.
@@ -131,7 +131,7 @@ pub(super) struct Team<'a> {
     /// Where each worker works, under LAPD.
     pub regions: Option<Regions>,
     pub machine: &'a Machine,
-    places: Option<&'a Places>,
+    places: Option<&'a CoreMap>,
     limits: &'a Limits,
     report: &'a Report<'a>,
     expected_tets: u64,
@@ -207,7 +207,7 @@ impl<'a> Team<'a> {
 
     /// Reports, and looks at limits and the cancel flag; a worker's tets and bytes have grown by
     /// `more`, which may be less than nothing, wrapped.
-    pub fn look_around(&self, more: (u64, u64)) -> Result<()> {
+    pub fn report_and_check(&self, more: (u64, u64)) -> Result<()> {
         self.go_on()?;
         // Relaxed: sums for people and limits.
         let tets = self.tets.fetch_add(more.0, Relaxed).wrapping_add(more.0);

@@ -62,10 +62,10 @@ impl Rules<'_> {
     /// The first rule that applies to a tet. With all tets each facet is asked once.
     fn unmet_rule(&self, t: TetId) -> Option<Rule> {
         let mut interfaces = self.interfaces(t, Facets::Once);
-        let demand = self
-            .surface_demand(t, &mut interfaces, &mut Lookups::default())
-            .or_else(|| self.volume_demand(t));
-        demand.map(|demand| demand.rule).or_else(|| self.is_undecided(t).then_some(Rule::R4))
+        let wanted = self
+            .surface_point(t, &mut interfaces, &mut Lookups::default())
+            .or_else(|| self.volume_point(t));
+        wanted.map(|wanted| wanted.rule).or_else(|| self.is_undecided(t).then_some(Rule::R4))
     }
 
     /// How many crossed edges of the image's grid have no isovertex within delta: where R1 is
@@ -75,7 +75,7 @@ impl Rules<'_> {
         // Chains of about one vertex: the triangulation and the mesh are there as well, so memory
         // is short.
         let heads = (bound as usize).clamp(1, MAX_HEADS);
-        let cell = 2.0 * self.sizing.greatest();
+        let cell = 2.0 * self.sizing.max();
         let isovertices = VertexGrid::new(self.triangulation, ISOVERTEX, cell, heads)?;
         (0..bound.div_ceil(PIECE)).into_par_iter().try_for_each(|piece| {
             monitor.check_cancelled()?;

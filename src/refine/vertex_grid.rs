@@ -27,7 +27,7 @@ pub struct VertexGrid {
 }
 
 impl VertexGrid {
-    /// A grid over the triangulation's box, for vertices of `kind`, with no more than `most_heads`
+    /// A grid over the triangulation's box, for vertices of `kind`, with no more than `max_heads`
     /// chains, at least 1; queries with radii up to half of `cell` look at no more than eight
     /// cells.
     ///
@@ -37,9 +37,9 @@ impl VertexGrid {
         triangulation: &Triangulation,
         kind: VertexKind,
         cell: f64,
-        most_heads: usize,
+        max_heads: usize,
     ) -> Result<Self> {
-        let cells = CellTable::new(triangulation.lower(), triangulation.upper(), cell, most_heads);
+        let cells = CellTable::new(triangulation.lower(), triangulation.upper(), cell, max_heads);
         let mut no_chains = room(cells.heads(), "cells of a vertex grid")?;
         no_chains.resize_with(cells.heads(), || AtomicU32::new(NO_VERTEX));
         Ok(Self {

@@ -10,7 +10,7 @@
 //! | at a contact, or on a line that the image does not know (scans, probabilities) | nowhere |
 //!
 //! What must hold: the map from a straight tet to the curved one is one to one, with a determinant
-//! of at least [`LEAST`] times that of the straight tet ([`jacobian`](super::jacobian)). Where a
+//! of at least [`MIN`] times that of the straight tet ([`jacobian`](super::jacobian)). Where a
 //! tet does not have that its nodes go half as far, then a quarter, an eighth, at last nowhere.
 //! Straight tets have it, so that this ends.
 //!
@@ -22,7 +22,7 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::jacobian::least_and_mean;
+use super::jacobian::min_and_mean;
 use super::{FACET_EDGES, RANGE};
 use crate::Result;
 use crate::memory::{filled, room, zeroed};
@@ -32,7 +32,7 @@ use crate::oracle::{Oracle, Walls};
 
 /// The least determinant of a curved tet, in parts of that of the straight one. Far above rounding,
 /// so its sign is sure.
-const LEAST: f64 = 0.1;
+const MIN: f64 = 0.1;
 
 /// A node goes no farther than this part of its edge's length.
 const FARTHEST: f64 = 0.25;
@@ -63,7 +63,7 @@ pub struct Curving {
     pub max_move: f64,
     /// The least determinant of the Jacobian of a tet with a moved node, in parts of that of the
     /// straight tet.
-    pub least_jacobian: f64,
+    pub min_jacobian: f64,
     /// The volume of all tets.
     pub volume: f64,
 }
@@ -148,7 +148,7 @@ impl Course<'_> {
         if !nodes.into_iter().any(|node| self.is_moved(node)) {
             return (None, straight);
         }
-        let [least, mean] = least_and_mean(&corners, &nodes.map(|node| self.place(node)));
+        let [least, mean] = min_and_mean(&corners, &nodes.map(|node| self.place(node)));
         (Some(least / straight), mean)
     }
 
@@ -168,7 +168,7 @@ impl Course<'_> {
                 monitor.check_cancelled()?;
                 let is_bad = |&t: &usize| {
                     self.nodes_of(t).into_iter().any(|node| has_changed[node])
-                        && self.measure(t).0.is_some_and(|least| least < LEAST)
+                        && self.measure(t).0.is_some_and(|least| least < MIN)
                 };
                 Ok(tets.filter(is_bad).collect())
             };
@@ -200,9 +200,9 @@ impl Course<'_> {
         };
         // Added in their order, whatever the number of threads.
         let of_chunks: Vec<(f64, f64)> = self.chunks().map(of_chunk).collect();
-        let mut done = Curving { least_jacobian: 1.0, ..Curving::default() };
+        let mut done = Curving { min_jacobian: 1.0, ..Curving::default() };
         for (least, volume) in of_chunks {
-            done.least_jacobian = done.least_jacobian.min(least);
+            done.min_jacobian = done.min_jacobian.min(least);
             done.volume += volume / 6.0;
         }
         for node in (0..self.ways.len()).filter(|&node| self.ways[node] != DVec3::ZERO) {

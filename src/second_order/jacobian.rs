@@ -42,7 +42,7 @@ const NUMBER: [[[usize; 4]; 4]; 4] = {
 };
 
 /// The least of the coefficients, and their mean: six times the volume.
-pub fn least_and_mean(vertices: &[DVec3; 4], nodes: &[DVec3; 6]) -> [f64; 2] {
+pub fn min_and_mean(vertices: &[DVec3; 4], nodes: &[DVec3; 6]) -> [f64; 2] {
     // The control points: a vertex for i = j, else so that the curve of an edge passes through its
     // node.
     let mut control = [[DVec3::ZERO; 4]; 4];
@@ -103,7 +103,7 @@ mod tests {
 
     #[test]
     fn straight_tets_have_one_value() {
-        let [least, mean] = least_and_mean(&VERTICES, &straight(&VERTICES));
+        let [least, mean] = min_and_mean(&VERTICES, &straight(&VERTICES));
         assert!((least - 1.0).abs() < 1e-12 && (mean - 1.0).abs() < 1e-12);
     }
 
@@ -112,7 +112,7 @@ mod tests {
         let mut nodes = straight(&VERTICES);
         nodes[0] = DVec3::new(0.2, 0.0, 0.0);
         // The derivative along the edge is negative at its start.
-        assert!(least_and_mean(&VERTICES, &nodes)[0] < 0.0);
+        assert!(min_and_mean(&VERTICES, &nodes)[0] < 0.0);
     }
 
     proptest! {
@@ -127,7 +127,7 @@ mod tests {
             }
             let sum: f64 = place.iter().sum::<f64>().max(1e-9);
             let found = determinant(&VERTICES, &nodes, place.map(|x| x / sum));
-            let [least, mean] = least_and_mean(&VERTICES, &nodes);
+            let [least, mean] = min_and_mean(&VERTICES, &nodes);
             prop_assert!(found >= least - 1e-9, "{found} {least}");
             // At vertices coefficients are values.
             for i in 0..4 {

@@ -37,7 +37,7 @@ pub struct Costs {
     pub fill: f64,
     /// A pair of a facet and a vertex in a removal.
     pub pair: f64,
-    /// A look at a tet for what the rules demand.
+    /// A look at a tet for what the rules wanted.
     pub look: f64,
     /// A lookup of a point's label.
     pub label: f64,

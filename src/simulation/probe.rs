@@ -80,7 +80,7 @@ impl RefineProbe for SimProbe {
     }
 
     /// A tet and its neighbours.
-    fn look(&mut self, triangulation: &Triangulation, t: TetId) {
+    fn inspect(&mut self, triangulation: &Triangulation, t: TetId) {
         spend(Work::Look);
         self.visit_tet(t);
         let record = triangulation.tet(t);

@@ -69,7 +69,7 @@ pub struct Tally {
     /// Facets and vertices of removals.
     pub pairs: u64,
     /// Looks.
-    pub looks: u64,
+    pub inspections: u64,
     /// Labels.
     pub labels: u64,
     /// Crossings.
@@ -206,7 +206,7 @@ impl World {
             Work::Kernel(Effort::Exact(count)) => (&mut tally.exact, prices.exact, count),
             Work::Kernel(Effort::Fill(count)) => (&mut tally.fills, prices.fill, count as u64),
             Work::Kernel(Effort::Pairs(count)) => (&mut tally.pairs, prices.pair, count as u64),
-            Work::Look => (&mut tally.looks, prices.look, 1),
+            Work::Look => (&mut tally.inspections, prices.look, 1),
             Work::Labels(count) => (&mut tally.labels, prices.label, count),
             Work::Crossings(count) => (&mut tally.crossings, prices.crossing, count),
             Work::Claim => (&mut tally.claims, prices.claim, 1),

@@ -34,9 +34,9 @@ const LEVELS: u8 = u8::MAX;
 /// The distance of samples at each place.
 #[derive(Debug)]
 pub struct Sizing {
-    greatest: f64,
-    least: f64,
-    /// What each level adds to the least; 0 without a table.
+    max: f64,
+    min: f64,
+    /// What each level adds to the smallest; 0 without a table.
     step: f64,
     field: Option<Field>,
 }
@@ -44,7 +44,7 @@ pub struct Sizing {
 #[derive(Debug)]
 struct Field {
     grid: Grid,
-    /// The field, from `least` on in steps, in bricks of one cache line: who asks about one place
+    /// The field, from `min` on in steps, in bricks of one cache line: who asks about one place
     /// asks about others nearby.
     levels: Vec<u8>,
 }
@@ -52,7 +52,7 @@ struct Field {
 impl Sizing {
     /// The same everywhere.
     pub fn uniform(delta: f64) -> Self {
-        Self { greatest: delta, least: delta, step: 0.0, field: None }
+        Self { max: delta, min: delta, step: 0.0, field: None }
     }
 
     /// Delta, and less where the image, the rows of whose region are given, is thin, down to
@@ -69,8 +69,8 @@ impl Sizing {
         check: &(dyn Fn() -> Result<()> + Sync),
     ) -> Result<Self> {
         let spacing = image.frame().spacing();
-        let least = floor * spacing.min_element();
-        if delta <= least {
+        let min = floor * spacing.min_element();
+        if delta <= min {
             return Ok(Self::uniform(delta));
         }
         let thin = thin_voxels(image, rows, delta / PER_THICKNESS, check)?;
@@ -78,12 +78,11 @@ impl Sizing {
         if levels.is_empty() {
             return Ok(Self::uniform(delta));
         }
-        let step = (delta - least) / f64::from(LEVELS);
-        // What is not thin has the greatest.
+        let step = (delta - min) / f64::from(LEVELS);
+        // What is not thin has delta.
         let mut level_of = [LEVELS; NOT_THIN as usize + 1];
         for (level, thickness) in level_of.iter_mut().zip(thicknesses) {
-            *level =
-                ((PER_THICKNESS * thickness - least) / step).clamp(0.0, f64::from(LEVELS)) as u8;
+            *level = ((PER_THICKNESS * thickness - min) / step).clamp(0.0, f64::from(LEVELS)) as u8;
         }
         levels.par_iter_mut().for_each(|level| *level = level_of[usize::from(*level)]);
         let [nx, ny, nz] = region.dims;
@@ -96,7 +95,7 @@ impl Sizing {
         let grid = Grid::new(image.frame(), &region);
         let levels = in_bricks(&levels, &grid.bricks)?;
         let field = Field { grid, levels };
-        Ok(Self { greatest: delta, least, step, field: Some(field) })
+        Ok(Self { max: delta, min, step, field: Some(field) })
     }
 
     /// Bytes that [`Self::new`] needs at its peak, beside the rows, but for some per contact of
@@ -113,17 +112,17 @@ impl Sizing {
     /// The distance of samples at `p`.
     #[inline(always)]
     pub fn at(&self, p: DVec3) -> f64 {
-        self.least + self.step * f64::from(self.level(p))
+        self.min + self.step * f64::from(self.level(p))
     }
 
     /// The distance of samples in each cell of the oracle that is made from the same image.
     pub fn palette(&self) -> Palette<'_, f64> {
         match &self.field {
             Some(field) => {
-                let of_level = |level| self.least + self.step * f64::from(level);
+                let of_level = |level| self.min + self.step * f64::from(level);
                 Palette::of_levels((0..=LEVELS).map(of_level).collect(), &field.levels)
             }
-            None => Palette::uniform(self.greatest),
+            None => Palette::uniform(self.max),
         }
     }
 
@@ -137,17 +136,17 @@ impl Sizing {
     /// The sum of the distances at `count` places, by the sum of their levels.
     #[inline(always)]
     pub fn sum(&self, count: u32, levels: u32) -> f64 {
-        self.least * f64::from(count) + self.step * f64::from(levels)
+        self.min * f64::from(count) + self.step * f64::from(levels)
     }
 
     /// No place has less.
-    pub fn least(&self) -> f64 {
-        self.least
+    pub fn min(&self) -> f64 {
+        self.min
     }
 
     /// No place has more.
-    pub fn greatest(&self) -> f64 {
-        self.greatest
+    pub fn max(&self) -> f64 {
+        self.max
     }
 
     /// Bytes of memory held.
@@ -196,9 +195,9 @@ fn widen(levels: &mut [u8], row: usize, layer: usize) {
                 before = here;
             }
         }
-        least_of_three(&mut rows);
+        min_of_three(&mut rows);
     });
-    across_layers(levels, layer, least_of_three);
+    across_layers(levels, layer, min_of_three);
 }
 
 /// Lowers levels until none is above a neighbour's by more than the growth along that axis: along
@@ -232,7 +231,7 @@ fn across_layers(levels: &mut [u8], layer: usize, work: impl Fn(&mut [&mut [u8]]
 }
 
 /// Gives each element the least of itself and those at its place in the rows before and behind.
-fn least_of_three(rows: &mut [&mut [u8]]) {
+fn min_of_three(rows: &mut [&mut [u8]]) {
     let least = |to: &mut [u8], from: &[u8]| {
         to.iter_mut().zip(from).for_each(|(to, &from)| *to = (*to).min(from))
     };

@@ -26,7 +26,7 @@ use crate::{Error, Result};
 /// The places of a run's workers: for each core in the machine's order the processors that may be
 /// used.
 #[derive(Clone, Debug)]
-pub struct Places {
+pub struct CoreMap {
     cores: Vec<Vec<usize>>,
 }
 
@@ -38,7 +38,7 @@ pub struct Bound {
     thread: PhantomData<*const ()>,
 }
 
-impl Places {
+impl CoreMap {
     /// The cores of `machine`; those of the system where no system is behind it, as with synthetic
     /// machines.
     ///
@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn threads_are_bound_in_order_and_freed() {
         let before = allowed().unwrap();
-        let places = Places::new(&Machine::of_system()).unwrap();
+        let places = CoreMap::new(&Machine::of_system()).unwrap();
         for worker in 0..2 * before.len() + 1 {
             let bound = places.bind(worker).unwrap();
             assert_eq!(allowed().unwrap(), places.of_worker(worker));
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn a_panic_frees_the_thread() {
         let before = allowed().unwrap();
-        let places = Places::new(&Machine::one_node(1)).unwrap();
+        let places = CoreMap::new(&Machine::one_node(1)).unwrap();
         let panicked = crate::panics::catch(|| {
             let _bound = places.bind(0).unwrap();
             panic!("while bound");
@@ -196,7 +196,7 @@ mod tests {
                 affinity::set(&affinity::of_processors(&[last])).unwrap();
                 assert_eq!(Machine::of_system().total_cores(), 1);
                 for machine in [&whole, &Machine::uniform(2, 4)] {
-                    let places = Places::new(machine).unwrap();
+                    let places = CoreMap::new(machine).unwrap();
                     assert_eq!(
                         (places.of_worker(0), places.of_worker(3)),
                         (&[last][..], &[last][..])
@@ -211,7 +211,7 @@ mod tests {
                     }],
                     vec![vec![0]],
                 );
-                let error = Places::new(&elsewhere.unwrap()).unwrap_err();
+                let error = CoreMap::new(&elsewhere.unwrap()).unwrap_err();
                 assert!(error.to_string().contains("none of the machine's processors"), "{error}");
             });
         });

@@ -119,9 +119,9 @@ const OF_RATIOS: (f64, f64) = (1.0, 4.0);
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     /// The least.
-    pub least: f64,
+    pub min: f64,
     /// The largest.
-    pub largest: f64,
+    pub max: f64,
     /// How many tets have values in each bin; what lies beyond the first or the last is in that.
     pub histogram: [u64; BINS],
 }
@@ -129,26 +129,26 @@ pub struct Spread {
 impl Default for Spread {
     /// That of nothing.
     fn default() -> Self {
-        Self { least: 0.0, largest: 0.0, histogram: [0; BINS] }
+        Self { min: 0.0, max: 0.0, histogram: [0; BINS] }
     }
 }
 
 impl Spread {
     const NEUTRAL: Self =
-        Self { least: f64::INFINITY, largest: f64::NEG_INFINITY, histogram: [0; BINS] };
+        Self { min: f64::INFINITY, max: f64::NEG_INFINITY, histogram: [0; BINS] };
 
     #[inline]
     fn add(&mut self, value: f64, (first, per_one): (f64, f64)) {
-        self.least = self.least.min(value);
-        self.largest = self.largest.max(value);
+        self.min = self.min.min(value);
+        self.max = self.max.max(value);
         // The cast cuts off what lies outside, infinity too.
         let bin = ((value - first) * per_one) as usize;
         self.histogram[bin.min(BINS - 1)] += 1;
     }
 
     fn merge(&mut self, other: &Self) {
-        self.least = self.least.min(other.least);
-        self.largest = self.largest.max(other.largest);
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
         self.histogram.iter_mut().zip(other.histogram).for_each(|(bin, more)| *bin += more);
     }
 }

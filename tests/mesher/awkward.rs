@@ -11,11 +11,11 @@ use super::{assert_sound, boundary_topology, mesh, params, run, volumes};
 
 const MODELS: [SurfaceModel; 2] = [SurfaceModel::Smooth, SurfaceModel::Voxel];
 
-/// Meshes under either surface model. `most_unmet` is the part of the facets that may stay unmet.
+/// Meshes under either surface model. `max_unmet` is the part of the facets that may stay unmet.
 fn each_model(
     image: &LabelImage,
     params: &MeshParams,
-    most_unmet: f64,
+    max_unmet: f64,
     mut check: impl FnMut(&MeshResult, SurfaceModel),
 ) {
     for surface in MODELS {
@@ -37,7 +37,7 @@ fn each_model(
         );
         assert_sound(&meshing);
         let unmet = report.unmet.iter().sum::<u64>() as f64;
-        assert!(unmet <= most_unmet * report.quality.facets as f64, "unmet {:?}", report.unmet);
+        assert!(unmet <= max_unmet * report.quality.facets as f64, "unmet {:?}", report.unmet);
         check(&meshing, surface);
     }
 }

@@ -289,7 +289,7 @@ fn what_does_not_fit_together_is_refused() {
         message(&scan, &MeshParams { keep: vec![9], ..params(1.0) })
             .starts_with("label 9 is to be kept")
     );
-    let small_components = message(&scan, &MeshParams { least_voxels: 8, ..params(1.0) });
+    let small_components = message(&scan, &MeshParams { min_voxels: 8, ..params(1.0) });
     assert!(
         small_components
             .starts_with("components of fewer than 8 voxels can be left out of label images only"),

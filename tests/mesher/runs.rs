@@ -71,9 +71,9 @@ fn nothing_is_demanded_when_refinement_has_ended() {
         for t in order {
             let mut interfaces = rules.interfaces(t, NO_WORKER);
             facets += interfaces.count_ones();
-            let demand = rules.surface_demand(t, &mut interfaces, &mut Lookups::default());
-            let demand = demand.or_else(|| rules.volume_demand(t));
-            assert!(demand.is_none(), "{surface:?}: {demand:?}");
+            let wanted = rules.surface_point(t, &mut interfaces, &mut Lookups::default());
+            let wanted = wanted.or_else(|| rules.volume_point(t));
+            assert!(wanted.is_none(), "{surface:?}: {wanted:?}");
         }
         assert!(facets > 1000, "{surface:?}: {facets} sides of interface facets");
     }
@@ -92,24 +92,24 @@ fn a_demand_is_true_while_its_tets_are_as_they_were_seen() {
     let (mut demands, mut of_two) = (0, 0);
     for t in triangulation.living_tets() {
         let surface =
-            fine.surface_demand(t, &mut fine.interfaces(t, NO_WORKER), &mut Lookups::default());
-        for demand in surface.into_iter().chain(fine.volume_demand(t)) {
-            assert!(fine.is_demanded(t, &demand), "{demand:?}");
+            fine.surface_point(t, &mut fine.interfaces(t, NO_WORKER), &mut Lookups::default());
+        for wanted in surface.into_iter().chain(fine.volume_point(t)) {
+            assert!(fine.still_applies(t, &wanted), "{wanted:?}");
             let relabelled = |other: u32| {
                 let record = triangulation.tet(other);
                 let tag = record.tag();
                 record.set_tag(tag ^ 1);
-                let is_demanded = fine.is_demanded(t, &demand);
+                let still_applies = fine.still_applies(t, &wanted);
                 record.set_tag(tag);
-                !is_demanded
+                !still_applies
             };
             let beside =
                 (0..4).map(|i| triangulation.tet(t).neighbor(i)).filter(|facet| !facet.is_none());
             let others = beside.clone().filter(|facet| relabelled(facet.tet())).count();
-            assert!(relabelled(t) && others == usize::from(demand.rule == Rule::R3), "{demand:?}");
+            assert!(relabelled(t) && others == usize::from(wanted.rule == Rule::R3), "{wanted:?}");
             assert!(
-                beside.into_iter().all(|facet| !fine.is_demanded(facet.tet(), &demand)),
-                "{demand:?}"
+                beside.into_iter().all(|facet| !fine.still_applies(facet.tet(), &wanted)),
+                "{wanted:?}"
             );
             demands += 1;
             of_two += others;

@@ -130,7 +130,7 @@ fn pairs_of_voxels_are_kept() {
     keeps_its_topology(&block_with(19, &others), "a block with holes of two voxels");
 }
 
-/// Where the label of a row of voxels changes its body is thinnest; the mesh must not be pinched
+/// Where the label of a row of voxels changes its body is thinnest; the mesh must not touch itself
 /// off there.
 #[test]
 fn rows_of_changing_labels_stay_whole() {
@@ -174,7 +174,7 @@ fn what_is_too_small_is_left_out_and_listed() {
     // label elsewhere.
     let image = cubes(3, 6, |at| i32::from(at == [0; 3]) + 2 * i32::from(at == [2; 3])).unwrap();
     let params = params(1.0);
-    let limit = |least_voxels| MeshParams { least_voxels, ..params.clone() };
+    let limit = |min_voxels| MeshParams { min_voxels, ..params.clone() };
     assert_eq!(mesh(&image, &limit(216)).report.certificate.defects, []);
     let (dims, frame) = (image.dims(), *image.frame());
     let mut voxels: Vec<i32> = image.ids().iter().map(|&id| id.into()).collect();

@@ -126,14 +126,14 @@ impl Distinct {
 
 /// A line that tells what became of values: the first of them.
 pub(super) fn told(texts: &[String]) -> String {
-    const MOST: usize = 5;
+    const MAX: usize = 5;
     let pairs: Vec<String> = texts
         .iter()
-        .take(MOST)
+        .take(MAX)
         .enumerate()
         .map(|(n, text)| format!("{text} is label {}", n + 1))
         .collect();
-    let rest = if texts.len() > MOST { ", and so on" } else { "" };
+    let rest = if texts.len() > MAX { ", and so on" } else { "" };
     format!("{} distinct values became labels: {}{rest}", texts.len(), pairs.join(", "))
 }
 

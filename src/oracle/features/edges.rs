@@ -18,18 +18,18 @@ use crate::oracle::model::weights::hash;
 
 /// Most parts of an edge between two voxel centres: at a spacing below an eighth of a voxel the
 /// surface model has no detail left.
-const MOST_PARTS: f64 = 8.0;
+const MAX_PARTS: f64 = 8.0;
 
 /// Into how many parts a cell is divided along each axis, given by whole numbers that may be too
 /// small or too large.
 pub(crate) fn parts_of(numbers: DVec3) -> [usize; 3] {
-    numbers.to_array().map(|n| n.clamp(1.0, MOST_PARTS) as usize)
+    numbers.to_array().map(|n| n.clamp(1.0, MAX_PARTS) as usize)
 }
 
 /// How far what is sampled around contacts is moved along each axis, in voxels, at most and at
 /// least: on the grid itself it would be massively cocircular.
-const MOST_MOVE: f64 = 0.02;
-const LEAST_MOVE: f64 = 0.01;
+const MAX_MOVE: f64 = 0.02;
+const MIN_MOVE: f64 = 0.01;
 
 /// A *corner voxel* has its label in common with so many of the six beside it, as at the corner of
 /// a block; a *narrow* one with fewer, as along a row of voxels and at the corner of a sheet of
@@ -338,7 +338,7 @@ fn step(from: [usize; 3], axis: usize, by: isize) -> [usize; 3] {
 fn moved(x: DVec3, backwards: [bool; 3], random: u64) -> DVec3 {
     let by = |a: usize| {
         let part = (random >> (16 * a) & 0xffff) as f64 / f64::from(1 << 16);
-        let by = LEAST_MOVE + (MOST_MOVE - LEAST_MOVE) * part;
+        let by = MIN_MOVE + (MAX_MOVE - MIN_MOVE) * part;
         if backwards[a] { -by } else { by }
     };
     x + DVec3::new(by(0), by(1), by(2))

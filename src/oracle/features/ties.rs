@@ -18,12 +18,12 @@ use crate::image::bits::ones;
 use crate::oracle::model::indicator::Corners;
 
 /// Most labels of a cell.
-pub(crate) const MOST: usize = 8;
+pub(crate) const MAX: usize = 8;
 /// By how much others may be ahead at a tie, and its own labels apart: rounding.
 const SLACK: f64 = 1e-7;
 /// The least determinant of differences of gradients: below, the labels' interfaces touch rather
 /// than cross.
-const LEAST_DETERMINANT: f64 = 1e-6;
+const MIN_DETERMINANT: f64 = 1e-6;
 /// Newton steps; four or five are usual.
 const NEWTON_STEPS: usize = 20;
 /// How far outside of a cell Newton's method may look.
@@ -33,13 +33,13 @@ const MARGIN: f64 = 0.25;
 /// them is there.
 pub(crate) struct Cube {
     count: usize,
-    weights: [f64; MOST],
+    weights: [f64; MAX],
     labels: [u8; 8],
 }
 
 /// Weighted indicators, or other values, of at most N labels on a rectangle, given in [0, 1]^2, by
 /// their values at its corners; corner c lies at (c & 1, c >> 1).
-pub(crate) struct Square<const N: usize = MOST> {
+pub(crate) struct Square<const N: usize = MAX> {
     /// A bit for each label that is somewhere on it.
     present: u64,
     values: [[f64; 4]; N],
@@ -47,7 +47,7 @@ pub(crate) struct Square<const N: usize = MOST> {
 
 impl Cube {
     pub(crate) fn new(ids: &Corners, weights: &[f32]) -> Self {
-        let mut cube = Self { count: 0, weights: [0.0; MOST], labels: [0; 8] };
+        let mut cube = Self { count: 0, weights: [0.0; MAX], labels: [0; 8] };
         for (c, id) in ids.iter().enumerate() {
             cube.labels[c] = match ids[..c].iter().position(|other| other == id) {
                 Some(earlier) => cube.labels[earlier],
@@ -70,7 +70,7 @@ impl Cube {
     /// in cyclic order.
     pub(crate) fn cut(&self, axis: usize, at: f64) -> Square {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let mut square = Square { present: 0, values: [[0.0; 4]; MOST] };
+        let mut square = Square { present: 0, values: [[0.0; 4]; MAX] };
         for c in 0..4 {
             let low = (c & 1) << u | (c >> 1) << v;
             for (corner, part) in [(low, 1.0 - at), (low | 1 << axis, at)] {
@@ -91,7 +91,7 @@ impl Cube {
             let apart = DVec3::from(rest.map(|(value, _)| value - base));
             let differences =
                 DMat3::from_cols_array_2d(&rest.map(|(_, gradient)| (gradient - slope).to_array()));
-            if differences.determinant().abs() < LEAST_DETERMINANT {
+            if differences.determinant().abs() < MIN_DETERMINANT {
                 return None;
             }
             let step = differences.transpose().inverse() * apart;
@@ -205,7 +205,7 @@ impl<const N: usize> Square<N> {
             let determinant = (p.x + p.xy * y) * of_q - (q.x + q.xy * y) * of_p;
             let is_tie = p.at(at).abs() <= SLACK
                 && q.at(at).abs() <= SLACK
-                && determinant.abs() >= LEAST_DETERMINANT;
+                && determinant.abs() >= MIN_DETERMINANT;
             if is_tie
                 && self.labels(0).all(|l| labels.contains(&l) || self.value(l, at) <= tie + SLACK)
             {
@@ -337,10 +337,10 @@ mod tests {
                 let square = square(ids, &weights);
                 let mut found = Vec::new();
                 square.ties_of_three(|labels, at| {
-                    let values: Vec<f64> = (0..MOST).map(|l| square.value(l, at)).collect();
+                    let values: Vec<f64> = (0..MAX).map(|l| square.value(l, at)).collect();
                     let best = values.iter().copied().fold(0.0, f64::max);
                     let all_lead =
-                        (0..MOST).all(|l| labels >> l & 1 == 0 || best - values[l] < 1e-9);
+                        (0..MAX).all(|l| labels >> l & 1 == 0 || best - values[l] < 1e-9);
                     found.push((at, all_lead && labels.count_ones() == 3));
                 });
                 found

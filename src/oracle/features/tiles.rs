@@ -19,7 +19,7 @@ use crate::{Error, Result};
 
 /// Least layers of bricks of a tile, along y and z: smaller ones have more to learn from their
 /// neighbours than there are threads to gain.
-const LEAST_LAYERS: [usize; 2] = [2, 8];
+const MIN_LAYERS: [usize; 2] = [2, 8];
 
 /// How far, in voxels, what is found in a row may be outside of its voxels: the sides of narrow
 /// voxels come from the voxel behind them, up to a voxel before it, and are moved a little.
@@ -44,7 +44,7 @@ impl EdgeGrid<'_> {
         let layers = [1, 2].map(|axis| dims[axis].div_ceil(Bricks::EDGE));
         let ranges = [0, 1].map(|n| {
             let voxels = apart / oracle.grid.spacing[n + 1] + 2.0 * BEYOND;
-            let least = LEAST_LAYERS[n].min(layers[n]);
+            let least = MIN_LAYERS[n].min(layers[n]);
             let thick = ((voxels / Bricks::EDGE as f64).ceil() as usize).clamp(least, layers[n]);
             (0..layers[n])
                 .step_by(thick)

@@ -21,7 +21,7 @@ use super::junctions::{JunctionKind, JunctionPlanes, low_corner, random_of};
 use super::ties::Square;
 use crate::Result;
 use crate::oracle::Oracle;
-use crate::oracle::model::field::MOST_RIVALS;
+use crate::oracle::model::field::MAX_RIVALS;
 use crate::oracle::model::indicator;
 use crate::params::SurfaceModel;
 
@@ -160,7 +160,7 @@ impl Oracle {
 }
 
 /// A square on a wall: the numbers of its labels are places in `ids`.
-type WallSquare = Square<MOST_RIVALS>;
+type WallSquare = Square<MAX_RIVALS>;
 
 /// The model of a cell that walls halve, on the walls' side of its outermost voxel centres.
 struct CellAtWall {

@@ -11,7 +11,7 @@
 //!   interfaces are the trilinear isosurfaces themselves.
 //! - [`Mixtures`], of probability maps and of smoothed labels.
 //!
-//! **A cell whose corners all have label a is uniform**, on which rings and clearance rely. At each
+//! **A cell whose corners all have label a is uniform**, on which rings and distance bound rely. At each
 //! corner the value of a is at least that of any other label b. Interpolation is a mean whose
 //! weights are not negative, so that holds at each point of the cell. The two are equal only where
 //! they tie at all corners that count there; a won these because its id is smaller, and so wins the
@@ -28,7 +28,7 @@
 use rayon::prelude::*;
 
 use super::indicator::{descent_along, parts};
-use super::mixtures::{MOST_SHARES, Mixtures, Source};
+use super::mixtures::{MAX_SHARES, Mixtures, Source};
 use super::smoothing::Smoothing;
 use super::voxel::Voxel;
 use crate::image::bricks::Bricks;
@@ -46,8 +46,8 @@ pub(crate) enum Field {
 }
 
 /// Most labels that may win in one cell.
-pub(crate) const MOST_RIVALS: usize =
-    if MAX_ISOVALUES + 2 > 8 * MOST_SHARES { MAX_ISOVALUES + 2 } else { 8 * MOST_SHARES };
+pub(crate) const MAX_RIVALS: usize =
+    if MAX_ISOVALUES + 2 > 8 * MAX_SHARES { MAX_ISOVALUES + 2 } else { 8 * MAX_SHARES };
 
 impl Field {
     /// The field of an image that has one, or of a segmentation whose labels are smoothed over
@@ -132,8 +132,7 @@ impl Field {
 
     fn rivals(&self, bricks: &Bricks, [i, j, k]: [usize; 3]) -> Rivals {
         let corner = |c: usize| bricks.index(i + (c & 1), j + (c >> 1 & 1), k + (c >> 2));
-        let mut rivals =
-            Rivals { count: 0, ids: [0; MOST_RIVALS], values: [[0.0; 8]; MOST_RIVALS] };
+        let mut rivals = Rivals { count: 0, ids: [0; MAX_RIVALS], values: [[0.0; 8]; MAX_RIVALS] };
         match self {
             Self::Intensities(field) => {
                 field.add_rivals(std::array::from_fn(|c| field.voxels[corner(c)]), &mut rivals)
@@ -256,9 +255,9 @@ impl Intensities {
 /// What may win in a cell. A label may be there twice, with different values.
 struct Rivals {
     count: usize,
-    ids: [u16; MOST_RIVALS],
+    ids: [u16; MAX_RIVALS],
     /// Of each rival, at the corners.
-    values: [[f32; 8]; MOST_RIVALS],
+    values: [[f32; 8]; MAX_RIVALS],
 }
 
 impl Rivals {

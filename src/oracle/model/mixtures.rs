@@ -20,7 +20,7 @@ use crate::memory::{room, zeroed};
 use crate::{Error, Result};
 
 /// Shares kept of a voxel.
-pub(crate) const MOST_SHARES: usize = 4;
+pub(crate) const MAX_SHARES: usize = 4;
 
 /// Part of a voxel that a label has.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -154,7 +154,7 @@ fn shares_of_layer(
         });
         let kept = of_voxel
             .iter()
-            .take(MOST_SHARES)
+            .take(MAX_SHARES)
             .filter(|share| share.value > 0.0 || share.id == own)
             .count();
         if is_beyond {

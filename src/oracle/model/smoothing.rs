@@ -41,11 +41,11 @@ const CUT_OFF: f64 = 3.0;
 
 /// Least lead of a voxel's own label; that of a flat interface some hundredths of the deviation
 /// away from the voxel's centre.
-const LEAST_LEAD: f32 = 0.05;
+const MIN_LEAD: f32 = 0.05;
 
 /// The same in thin places: about the lead that the voxels beside sheets, lines and blocks of one
 /// or two voxels keep, for all deviations: from 0.5 (a sheet, 1) to 0.85 (a block, 2).
-const LEAST_LEAD_THIN: f32 = 0.75;
+const MIN_LEAD_THIN: f32 = 0.75;
 
 /// An image's labels, smoothed.
 pub(crate) struct Smoothing<'a> {
@@ -97,11 +97,7 @@ impl<'a> Smoothing<'a> {
                 }
             }
         }
-        keep_lead(
-            own,
-            if self.is_thin([x, y, z], own) { LEAST_LEAD_THIN } else { LEAST_LEAD },
-            shares,
-        );
+        keep_lead(own, if self.is_thin([x, y, z], own) { MIN_LEAD_THIN } else { MIN_LEAD }, shares);
     }
 
     /// Whether neither the voxel `at` nor a neighbour across a face is interior to the label `own`
@@ -204,7 +200,7 @@ mod tests {
             };
             let is_interior = |at: [i64; 3]| own_at(at) && faces(at).all(own_at);
             let thick = is_interior(at) || faces(at).any(is_interior);
-            let least = if thick { LEAST_LEAD } else { LEAST_LEAD_THIN };
+            let least = if thick { MIN_LEAD } else { MIN_LEAD_THIN };
             let needed = lead.max((-2.0 * lead).clamp(f64::from(least), 1.0));
             let indicator = (needed - lead) / (1.0 - lead).max(1e-9);
             for share in smoothed(&image, sigma, voxel) {

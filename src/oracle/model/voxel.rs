@@ -28,7 +28,7 @@ use crate::memory::zeroed;
 use crate::sync::{Mutex, lock};
 
 /// Rings are counted up to this.
-const MOST_RINGS: u16 = 3;
+const MAX_RINGS: u16 = 3;
 
 /// A voxel and its cell, in one word: one load tells a uniform cell and its label. From the lowest
 /// bit on: two bits for the rings, 0 for a mixed cell; of mixed cells a bit "two labels, no
@@ -57,7 +57,7 @@ impl Voxel {
     }
 
     /// Rings of cells of one label around the point's cell, that cell being one; 0 for a mixed
-    /// cell, at most [`MOST_RINGS`].
+    /// cell, at most [`MAX_RINGS`].
     #[inline(always)]
     pub(crate) fn rings(self) -> u32 {
         self.0 & 3
@@ -97,7 +97,7 @@ struct Block {
 impl Block {
     /// The rings, from words of the sets of cells with none, at most one and at most two.
     fn of_rings(sets: [u64; 3]) -> Self {
-        let mut cells = [MOST_RINGS; 64];
+        let mut cells = [MAX_RINGS; 64];
         for (n, eight) in cells.as_chunks_mut::<8>().0.iter_mut().enumerate() {
             for word in sets {
                 let byte = (word >> (8 * n)) as u16;
@@ -350,7 +350,7 @@ mod tests {
             let (voxel, ids) = (voxels[bricks.index(cell[0], cell[1], cell[2])], corners(cell));
             let steps =
                 |m: &[usize; 3]| (0..3).map(|a| m[a].abs_diff(cell[a])).max().unwrap() as u32;
-            let rings = mixed.iter().map(steps).min().unwrap().min(u32::from(MOST_RINGS));
+            let rings = mixed.iter().map(steps).min().unwrap().min(u32::from(MAX_RINGS));
             assert_eq!((voxel.id(), voxel.rings()), (ids[0], rings), "{cell:?}");
             if rings == 0 {
                 assert_eq!(voxel.first_corners(), indicator::corners_of(&ids, ids[0]));

@@ -49,9 +49,9 @@ const RATIO: f32 = LIMIT * LIMIT;
 /// walls leave an eighth of a cell.
 pub(crate) const UNITS: u32 = 512;
 /// Samples in a cell at most. Powers of two.
-const MOST: u32 = 64;
+const MAX: u32 = 64;
 /// Samples in a cell at least, if it is looked at.
-const LEAST: u32 = 4;
+const MIN: u32 = 4;
 /// One in so many cells at least is looked at.
 const SPARSEST: u32 = 16;
 /// Samples of a cell times the square of the voxels of its smallest label: so that labels of 1000
@@ -88,9 +88,9 @@ type Curve = [f64; LEVELS + 1];
 
 /// Points whose coordinates along an axis lie side by side: samples are taken several at a time,
 /// which vectorises.
-type Points = [[f32; MOST as usize]; 3];
+type Points = [[f32; MAX as usize]; 3];
 /// Samples taken at a time.
-const LANES: usize = LEAST as usize;
+const LANES: usize = MIN as usize;
 
 /// The two-label cells: which shape a set of corners has, and the part of the cell that a shape
 /// takes, less its corners' eighths.
@@ -229,14 +229,14 @@ impl Many {
 /// them would take as long as a few samples.
 struct Samples {
     /// The indicators of its labels.
-    values: [[f32; MOST as usize]; 8],
+    values: [[f32; MAX as usize]; 8],
     /// The labels that some weights let win, one bit each; at least one.
-    rivals: [u32; MOST as usize],
+    rivals: [u32; MAX as usize],
 }
 
 impl Default for Samples {
     fn default() -> Self {
-        Self { values: [[0.0; MOST as usize]; 8], rivals: [0; MOST as usize] }
+        Self { values: [[0.0; MAX as usize]; 8], rivals: [0; MAX as usize] }
     }
 }
 
@@ -273,10 +273,10 @@ pub(crate) struct Sampling(Vec<u32>);
 impl Sampling {
     /// `voxels`: about how many each label has.
     pub(crate) fn new(voxels: impl Iterator<Item = u64>) -> Self {
-        // In sixteenths of a sample, so that fewer than LEAST stand for some of the cells.
+        // In sixteenths of a sample, so that fewer than MIN stand for some of the cells.
         let samples = |n: u64| {
-            let least = u64::from(LEAST * 16 / SPARSEST);
-            (16 * ENOUGH / n.saturating_mul(n).max(1)).clamp(least, u64::from(16 * MOST)) as u32
+            let least = u64::from(MIN * 16 / SPARSEST);
+            (16 * ENOUGH / n.saturating_mul(n).max(1)).clamp(least, u64::from(16 * MAX)) as u32
         };
         Self(voxels.map(|n| samples(n).next_power_of_two()).collect())
     }
@@ -371,8 +371,8 @@ impl<'a> Tally<'a> {
     ) -> Result<()> {
         let sixteenths =
             ids.iter().filter(|&&id| id != 0).map(|&id| self.sampling.0[usize::from(id)]).max();
-        let sixteenths = sixteenths.unwrap_or(16 * MOST);
-        let count = (sixteenths / 16).max(LEAST);
+        let sixteenths = sixteenths.unwrap_or(16 * MAX);
+        let count = (sixteenths / 16).max(MIN);
         let stands_for = 16 * count / sixteenths;
         let hash = hash(cell);
         // Bits that the shift does not use.
@@ -409,7 +409,7 @@ impl<'a> Tally<'a> {
         // Sorted by the number of rivals first, without a branch on it, which is as good as random:
         // what one label wins is counted, the others are listed.
         let mut won = [0_u32; 8];
-        let mut lists = [[0_u8; MOST as usize]; 2];
+        let mut lists = [[0_u8; MAX as usize]; 2];
         let mut lengths = [0; 2];
         for (i, &rivals) in self.samples.rivals[..count].iter().enumerate() {
             let rest = rivals & (rivals - 1);

@@ -62,8 +62,8 @@ impl Oracle {
     /// voxels where `p` is in the region: enough to say what is near dO, not how far away the rest
     /// is.
     #[inline]
-    pub fn clearance(&self, p: DVec3) -> f64 {
-        self.clearance_at(self.grid.index_at(p))
+    pub fn distance_bound(&self, p: DVec3) -> f64 {
+        self.distance_bound_at(self.grid.index_at(p))
     }
 
     #[inline(always)]
@@ -102,7 +102,7 @@ impl Oracle {
         } else if voxel.contacts() != Contacts::None {
             self.label_at_contact(cell, x)
         } else {
-            indicator::label(&self.corners(cell), &self.weights, self.greatest, place(x, cell))
+            indicator::label(&self.corners(cell), &self.weights, self.max_weight, place(x, cell))
         }
     }
 
@@ -119,27 +119,27 @@ impl Oracle {
     }
 
     #[inline(always)]
-    pub(crate) fn clearance_at(&self, x: DVec3) -> f64 {
+    pub(crate) fn distance_bound_at(&self, x: DVec3) -> f64 {
         if self.border.holds(x) {
             let cell = self.grid.cell(x);
-            self.clearance_in(cell, self.at(cell), x)
+            self.distance_bound_in(cell, self.at(cell), x)
         } else {
-            self.clearance_outside(x)
+            self.distance_bound_outside(x)
         }
     }
 
-    /// The clearance of a point outside of the border.
-    fn clearance_outside(&self, x: DVec3) -> f64 {
+    /// The distance bound of a point outside of the border.
+    fn distance_bound_outside(&self, x: DVec3) -> f64 {
         let q = self.grid.inside(x);
         let cell = self.grid.cell(q);
-        let within = self.clearance_in(cell, self.at(cell), q);
+        let within = self.distance_bound_in(cell, self.at(cell), q);
         let outside = ((x - q) * self.grid.spacing).length();
         if outside > 0.0 { outside.hypot(within) } else { within }
     }
 
-    /// The clearance of a point of a cell.
+    /// The distance bound of a point of a cell.
     #[inline(always)]
-    pub(crate) fn clearance_in(&self, cell: [usize; 3], voxel: Voxel, x: DVec3) -> f64 {
+    pub(crate) fn distance_bound_in(&self, cell: [usize; 3], voxel: Voxel, x: DVec3) -> f64 {
         let rings = voxel.rings();
         if rings == 0 { 0.0 } else { self.to_faces(x, cell, f64::from(rings - 1)) }
     }

@@ -146,7 +146,7 @@ pub const SPACING_FLOOR: f64 = 0.5;
 /// little into the object; what lies there would part the facet from the wall.
 pub(super) const DRAWN_TO_WALL: f64 = 0.25;
 /// What is inserted in place of a surface center keeps this part of delta from all vertices.
-pub(super) const LEAST_DISTANCE: f64 = 0.25;
+pub(super) const MIN_DISTANCE: f64 = 0.25;
 /// Tets of an object within the cube of its size, as measured on the atlases.
 pub const TETS_PER_SIZE: f64 = 8.0;
 
@@ -168,16 +168,16 @@ impl<'a> Rules<'a> {
             .enumerate()
             .map(|(id, &label)| if id == 0 { f64::INFINITY } else { size(label) * size(label) })
             .collect::<Vec<f64>>();
-        let least_squared = sizing.least() * sizing.least();
-        let least_size_squared = sizes_squared.iter().copied().fold(f64::INFINITY, f64::min);
+        let min_squared = sizing.min() * sizing.min();
+        let min_size_squared = sizes_squared.iter().copied().fold(f64::INFINITY, f64::min);
         let closest_squared =
-            (0.25 * least_size_squared).min(LEAST_DISTANCE * LEAST_DISTANCE * least_squared);
+            (0.25 * min_size_squared).min(MIN_DISTANCE * MIN_DISTANCE * min_squared);
         let radius_edge_squared = params.radius_edge * params.radius_edge;
         Self {
             triangulation,
             oracle,
             sizing,
-            large_squared: LARGE * LARGE * least_squared,
+            large_squared: LARGE * LARGE * min_squared,
             radius_edge_squared,
             // Less a little, for rounding.
             small_squared: 0.999 * radius_edge_squared * closest_squared,
@@ -207,13 +207,13 @@ impl<'a> Rules<'a> {
         }
     }
 
-    /// Whether a demand of tet `t` is true. To be asked when `demand.start`, which is the tet or
+    /// Whether a demand of tet `t` is true. To be asked when `wanted.start`, which is the tet or
     /// its neighbour across the facet in question, is owned and was looked across: then neither of
     /// the two can change.
-    pub fn is_demanded(&self, t: TetId, demand: &RefinementPoint) -> bool {
+    pub fn still_applies(&self, t: TetId, wanted: &RefinementPoint) -> bool {
         let record = self.triangulation.tet(t);
-        demand.seen.is(record)
-            && demand.across.is_none_or(|(facet, seen)| {
+        wanted.seen.is(record)
+            && wanted.across.is_none_or(|(facet, seen)| {
                 let other = self.triangulation.tet(facet.tet());
                 let back = other.neighbor(facet.index());
                 // Asked of both: which of the two is owned is not known, and a tet that has been

@@ -5,8 +5,8 @@ use glam::DVec3;
 
 use super::walls::FacetAtWall;
 use super::{
-    FACET_DISTANCE, Facets, ISOVERTEX, LABEL_UNKNOWN, LEAST_DISTANCE, Lookups, RefinementPoint,
-    Rule, Rules, SPACING_FLOOR, Seen,
+    FACET_DISTANCE, Facets, ISOVERTEX, LABEL_UNKNOWN, Lookups, MIN_DISTANCE, RefinementPoint, Rule,
+    Rules, SPACING_FLOOR, Seen,
 };
 use crate::delaunay::tet::{FACET, is_free};
 use crate::delaunay::{TetId, VertexId};
@@ -23,7 +23,7 @@ impl Rules<'_> {
     /// What R3 asks for the next of `interfaces`, facets of `t` as bits ([`Self::interfaces`]),
     /// that asks for anything; leaves those behind it.
     #[inline]
-    pub fn surface_demand(
+    pub fn surface_point(
         &self,
         t: TetId,
         interfaces: &mut u32,
@@ -32,8 +32,8 @@ impl Rules<'_> {
         while *interfaces != 0 {
             let i = interfaces.trailing_zeros() as usize;
             *interfaces &= *interfaces - 1;
-            if let Some(demand) = self.interface_demand(t, i, asked) {
-                return Some(demand);
+            if let Some(wanted) = self.facet_point(t, i, asked) {
+                return Some(wanted);
             }
         }
         None
@@ -67,7 +67,7 @@ impl Rules<'_> {
     }
 
     /// R3 for an interface facet: facet `i` of `t`.
-    fn interface_demand(&self, t: TetId, i: usize, asked: &mut Lookups) -> Option<RefinementPoint> {
+    fn facet_point(&self, t: TetId, i: usize, asked: &mut Lookups) -> Option<RefinementPoint> {
         let record = self.triangulation.tet(t);
         let seen = Seen::of(record);
         let neighbor = record.neighbor(i);
@@ -161,7 +161,7 @@ impl Rules<'_> {
         let [of_radius, of_delta] = NEAR_JUNCTION;
         let reach = (of_radius * radius).min(of_delta * delta);
         // What is this close keeps the least distance from all vertices.
-        let most = radius - LEAST_DISTANCE * delta;
+        let most = radius - MIN_DISTANCE * delta;
         let at_wall = self.oracle.is_near_wall(x, reach);
         if most <= 0.0 && !at_wall {
             return x;
@@ -170,7 +170,7 @@ impl Rules<'_> {
         // Around contacts samples stand where they do for a reason.
         let near = near.filter(|&y| !self.oracle.is_near_contact(y));
         let near = near.filter(|&y| {
-            y.distance(x) <= most || self.is_free_at_wall(y, LEAST_DISTANCE * delta, tets)
+            y.distance(x) <= most || self.is_free_at_wall(y, MIN_DISTANCE * delta, tets)
         });
         let beside = || self.oracle.moved_on_wall(x, most.max(0.0).min(MOVE_ON_WALL * radius));
         let point = near.or_else(beside).filter(|&y| self.triangulation.holds(y)).unwrap_or(x);

@@ -3,14 +3,14 @@
 
 use glam::DVec3;
 
-use super::{ISOVERTEX, LABEL_UNKNOWN, LARGE, LEAST_DISTANCE, RefinementPoint, Rule, Rules, Seen};
+use super::{ISOVERTEX, LABEL_UNKNOWN, LARGE, MIN_DISTANCE, RefinementPoint, Rule, Rules, Seen};
 use crate::delaunay::tet::{TetRecord, is_free};
 use crate::delaunay::{TetId, VertexId, VertexKind};
 use crate::geometry::shape::shortest_squared_edge;
 
 impl Rules<'_> {
     /// What the first volume rule (R2, R4, R5) that applies to `t` asks for.
-    pub fn volume_demand(&self, t: TetId) -> Option<RefinementPoint> {
+    pub fn volume_point(&self, t: TetId) -> Option<RefinementPoint> {
         let record = self.triangulation.tet(t);
         let (label, sphere) = (record.tag(), record.sphere());
         if label == 0 && (sphere.is_certain() || !self.has_interface(record)) {
@@ -22,10 +22,10 @@ impl Rules<'_> {
             return None;
         }
         if !sphere.is_certain() {
-            return self.flat_demand(record, seen);
+            return self.flat_point(record, seen);
         }
         let squared_radius = sphere.squared_radius();
-        let demand = |rule| {
+        let wanted = |rule| {
             let (mut point, mut kind) = (sphere.center, VertexKind::Free);
             if let Some(back) = self.oracle.back_to_walls(point) {
                 point = self.volume_point_at_wall(point, back, squared_radius.sqrt())?;
@@ -36,15 +36,15 @@ impl Rules<'_> {
         // The cheapest first: all three ask for the same point.
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
         if squared_radius > size_squared {
-            demand(Rule::R5)
+            wanted(Rule::R5)
         } else if squared_radius > self.large_squared
             && self.is_large(seen.vertices, squared_radius)
         {
-            demand(Rule::R2)
+            wanted(Rule::R2)
         } else if squared_radius > self.small_squared
             && self.is_skinny(seen.vertices, squared_radius)
         {
-            demand(Rule::R4)
+            wanted(Rule::R4)
         } else {
             None
         }
@@ -79,11 +79,11 @@ impl Rules<'_> {
     /// R3 and R6 see to what comes of it. Where the points are as close as sampling may bring them,
     /// or on a wall, whose edges R3 might then cut off, the tet is left, and counts as unmet.
     #[cold]
-    fn flat_demand(&self, record: &TetRecord, seen: Seen) -> Option<RefinementPoint> {
+    fn flat_point(&self, record: &TetRecord, seen: Seen) -> Option<RefinementPoint> {
         let corners = self.triangulation.corners(seen.vertices);
         let centroid = seen.sphere.center;
         let delta = self.sizing.at(centroid);
-        let is_close = |p: &DVec3| p.distance_squared(centroid) < (LEAST_DISTANCE * delta).powi(2);
+        let is_close = |p: &DVec3| p.distance_squared(centroid) < (MIN_DISTANCE * delta).powi(2);
         if corners.iter().any(is_close) {
             return None;
         }

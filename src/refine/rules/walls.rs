@@ -20,7 +20,7 @@
 
 use glam::DVec3;
 
-use super::{DRAWN_TO_WALL, LEAST_DISTANCE, Rules, SPACING_FLOOR};
+use super::{DRAWN_TO_WALL, MIN_DISTANCE, Rules, SPACING_FLOOR};
 use crate::delaunay::tet::is_free;
 use crate::delaunay::{BOX_VERTICES, TetId, VertexId};
 use crate::geometry::shape::triangle_circumcircle;
@@ -87,7 +87,7 @@ impl Rules<'_> {
         }
         // On the edge of a wall where the circumcenter lies beyond that.
         let x = back.unwrap_or(x);
-        let floor = if misshapen { LEAST_DISTANCE } else { SPACING_FLOOR };
+        let floor = if misshapen { MIN_DISTANCE } else { SPACING_FLOOR };
         let distance = self.nearest_vertex(x, facet.tets)?;
         (distance > floor * self.sizing.at(x)).then_some((x, distance))
     }
@@ -95,7 +95,7 @@ impl Rules<'_> {
     /// How far the nearest vertex is from a point in a circumball of one of these tets: one of a
     /// tet whose circumball holds the point. `None` where that is not so, or too many do.
     fn nearest_vertex(&self, x: DVec3, tets: [TetId; 2]) -> Option<f64> {
-        const MOST: usize = 100;
+        const MAX: usize = 100;
         let holds = |t: TetId| self.triangulation.tet(t).sphere().contains(x) != Some(false);
         let mut zone: Vec<TetId> = tets.into_iter().filter(|&t| holds(t)).take(1).collect();
         let (mut next, mut squared) = (0, f64::INFINITY);
@@ -103,7 +103,7 @@ impl Rules<'_> {
             next += 1;
             let record = self.triangulation.tet(t);
             // With others at work it may be freed by now.
-            if is_free(record.vertices()) || zone.len() > MOST {
+            if is_free(record.vertices()) || zone.len() > MAX {
                 return None;
             }
             for p in self.triangulation.corners(record.vertices()) {
@@ -132,8 +132,7 @@ impl Rules<'_> {
     pub(super) fn drawn_to_walls(&self, p: DVec3, tets: [TetId; 2]) -> DVec3 {
         // The least distance is that of where samples are closest: nothing is nearer to anything
         // anywhere.
-        let is_free =
-            |&q: &DVec3| self.is_free_at_wall(q, LEAST_DISTANCE * self.sizing.least(), tets);
+        let is_free = |&q: &DVec3| self.is_free_at_wall(q, MIN_DISTANCE * self.sizing.min(), tets);
         self.oracle.drawn_to_walls(p, DRAWN_TO_WALL * self.sizing.at(p)).find(is_free).unwrap_or(p)
     }
 

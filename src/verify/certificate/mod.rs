@@ -39,7 +39,7 @@ const CHUNK: usize = 1 << 12;
 
 /// Components of the image with fewer voxels have no row of their own, and are not listed when they
 /// are lost or merged.
-pub const LEAST_VOXELS: u64 = 8;
+pub const MIN_COMPONENT_VOXELS: u64 = 8;
 
 /// Small components that are lost, together.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -70,9 +70,9 @@ pub struct LabelRow {
     pub components_image: u64,
     /// Components in the mesh, of tets joined where they share a facet, an edge or a vertex.
     pub components_mesh: u64,
-    /// Components of the image, of at least [`LEAST_VOXELS`], in which no tet of the label lies.
+    /// Components of the image, of at least [`MIN_COMPONENT_VOXELS`], in which no tet of the label lies.
     pub components_lost: u64,
-    /// Components of the image, of at least [`LEAST_VOXELS`], that the mesh has joined to another
+    /// Components of the image, of at least [`MIN_COMPONENT_VOXELS`], that the mesh has joined to another
     /// one.
     pub components_merged: u64,
     /// Components of the mesh that are torn off from the one they belong to, or lie in none of the
@@ -86,10 +86,10 @@ pub struct LabelRow {
     /// closed tets, so that tets that meet in an edge or a vertex are joined.
     pub euler_mesh: i64,
     /// Edges of the mesh at which more than two facets of the label's boundary meet.
-    pub pinched_edges: u64,
+    pub non_manifold_edges: u64,
     /// Vertices of the mesh, on no such edge, at which more than one sheet of the label's boundary
     /// meet.
-    pub pinched_vertices: u64,
+    pub non_manifold_vertices: u64,
     /// From the label's boundary in the mesh to that in the image.
     pub mesh_to_image: Distance,
     /// From the label's boundary in the image to that in the mesh; infinite if the mesh lost it.
@@ -101,7 +101,7 @@ pub struct LabelRow {
     pub surface_to_mesh: Distance,
 }
 
-/// One component of the image that has at least [`LEAST_VOXELS`], and what the mesh made of it.
+/// One component of the image that has at least [`MIN_COMPONENT_VOXELS`], and what the mesh made of it.
 /// Volumes are in cubic world units, distances in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ComponentRow {
@@ -140,9 +140,9 @@ pub struct ComponentRow {
 /// What is wrong with the topology of a label somewhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DefectKind {
-    /// A component of the image, of at least [`LEAST_VOXELS`], in which no tet of its label lies.
+    /// A component of the image, of at least [`MIN_COMPONENT_VOXELS`], in which no tet of its label lies.
     Lost,
-    /// A component of the image, of at least [`LEAST_VOXELS`], that the mesh has joined to another
+    /// A component of the image, of at least [`MIN_COMPONENT_VOXELS`], that the mesh has joined to another
     /// one of its label.
     Merged,
     /// A component of the mesh that is torn off from the one that stands for its component of the
@@ -151,10 +151,10 @@ pub enum DefectKind {
     /// A component of the mesh that lies in no component of its label in the image.
     Stray,
     /// An edge of the mesh at which more than two facets of the label's boundary meet.
-    PinchedEdge,
+    NonManifoldEdge,
     /// A vertex of the mesh, on no such edge, at which more than one sheet of the label's boundary
     /// meet.
-    PinchedVertex,
+    NonManifoldVertex,
     /// A component of the image that was left out for its size, as asked.
     Dropped,
 }
@@ -170,7 +170,7 @@ pub struct Defect {
     /// Where, in world coordinates: the centre of the component's first voxel, the centroid of its
     /// first tet, the middle of the edge, the vertex.
     pub position: [f64; 3],
-    /// Voxels of the component of the image, tets of that of the mesh; 0 for a pinch.
+    /// Voxels of the component of the image, tets of that of the mesh; 0 for a place.
     pub size: u64,
 }
 
@@ -188,7 +188,7 @@ pub struct Certificate {
     /// Edges where the boundary of some label (0 included) is not closed: an odd number of its
     /// facets meet there.
     pub open_edges: u64,
-    /// The components of the image of fewer than [`LEAST_VOXELS`] in which no tet of their label
+    /// The components of the image of fewer than [`MIN_COMPONENT_VOXELS`] in which no tet of their label
     /// lies.
     pub small_lost: SmallLost,
     /// Outer facets that should lie on a wall, where the image cuts the object off, and do not.
@@ -214,7 +214,7 @@ pub struct Certificate {
     pub unmet: [u64; 6],
     /// Every label other than 0 that the image or the mesh holds, in increasing order.
     pub labels: Vec<LabelRow>,
-    /// The components of the image that have at least [`LEAST_VOXELS`], in the order of their first
+    /// The components of the image that have at least [`MIN_COMPONENT_VOXELS`], in the order of their first
     /// voxels.
     pub components: Vec<ComponentRow>,
     /// Where the topology is at fault, by kind.
@@ -521,7 +521,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_merged_torn_or_pinched_is_listed() {
+    fn what_is_lost_merged_torn_or_non_manifold_is_listed() {
         // Bars of eight voxels along y, 3 apart. In the mesh the second hangs on to the first, the
         // third is gone, the fourth is cut in two, and a piece of label 2, which the image does not
         // have there, floats beside; a bar of three voxels is gone, too, but is too small to be
@@ -570,7 +570,7 @@ mod tests {
             (DefectKind::Merged, 1, 8),
             (DefectKind::Torn, 1, 12),
             (DefectKind::Stray, 2, 6),
-            (DefectKind::PinchedEdge, 1, 0),
+            (DefectKind::NonManifoldEdge, 1, 0),
         ];
         assert_eq!(defects, expected);
         assert_eq!(certificate.defects[0].position, [6.5, 0.5, 0.5]);
@@ -578,7 +578,7 @@ mod tests {
         let row = &certificate.labels[0];
         assert_eq!((row.components_image, row.components_lost, row.components_merged), (5, 1, 1));
         assert_eq!(
-            (row.components_mesh, row.pieces, row.pinched_edges, row.pinched_vertices),
+            (row.components_mesh, row.pieces, row.non_manifold_edges, row.non_manifold_vertices),
             (3, 1, 1, 0)
         );
         // What touches along an edge is joined, what was cut in two is not.

@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::{ComponentRow, Defect, DefectKind, LEAST_VOXELS, LabelRow, SmallLost};
+use super::{ComponentRow, Defect, DefectKind, LabelRow, MIN_COMPONENT_VOXELS, SmallLost};
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::components::{ImageComponent, ImageComponents};
 use crate::memory::{filled, room};
 use crate::mesh::TetMesh;
 use crate::verify::distance::{BothDistances, Sum};
-use crate::verify::topology::boundary_surface::{BoundarySurfaces, Pinch};
+use crate::verify::topology::boundary_surface::{BoundarySurfaces, NonManifold};
 use crate::verify::topology::matching::{Fate, Matching, Role};
 use crate::verify::topology::mesh_components::MeshComponents;
 
@@ -48,7 +48,9 @@ impl Tables<'_> {
             open.row.components_image += 1;
             open.row.euler_image += 2 * component.euler;
             let listed = |fate| {
-                u64::from(component.voxels >= LEAST_VOXELS && self.matching.fates[c] == fate)
+                u64::from(
+                    component.voxels >= MIN_COMPONENT_VOXELS && self.matching.fates[c] == fate,
+                )
             };
             open.row.components_lost += listed(Fate::Lost);
             open.row.components_merged += listed(Fate::Merged);
@@ -65,9 +67,13 @@ impl Tables<'_> {
             open.mesh_to_image += self.distances.faces.of_mesh[c];
             open.mesh_to_surface += self.distances.surface.of_mesh[c];
         }
-        for pinch in &self.surfaces.pinches {
-            let row = &mut rows.entry(pinch.label).or_default().row;
-            *if pinch.is_edge() { &mut row.pinched_edges } else { &mut row.pinched_vertices } += 1;
+        for place in &self.surfaces.non_manifold {
+            let row = &mut rows.entry(place.label).or_default().row;
+            *if place.is_edge() {
+                &mut row.non_manifold_edges
+            } else {
+                &mut row.non_manifold_vertices
+            } += 1;
         }
         let complete = |(label, open): (i32, Open<LabelRow>)| LabelRow {
             label,
@@ -81,7 +87,7 @@ impl Tables<'_> {
         rows.into_iter().map(complete).collect()
     }
 
-    /// The components of the image that have at least [`LEAST_VOXELS`].
+    /// The components of the image that have at least [`MIN_COMPONENT_VOXELS`].
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
@@ -89,11 +95,11 @@ impl Tables<'_> {
         const WHAT: &str = "components of the image";
         // The place of each in the table.
         let mut places = filled(self.image_components.list.len(), None, WHAT, || Ok(()))?;
-        let is_listed = |component: &&ImageComponent| component.voxels >= LEAST_VOXELS;
+        let is_listed = |component: &&ImageComponent| component.voxels >= MIN_COMPONENT_VOXELS;
         let mut rows: Vec<Open<ComponentRow>> =
             room(self.image_components.list.iter().filter(is_listed).count(), WHAT)?;
         for (c, component) in self.image_components.list.iter().enumerate() {
-            if component.voxels < LEAST_VOXELS {
+            if component.voxels < MIN_COMPONENT_VOXELS {
                 continue;
             }
             places[c] = Some(rows.len());
@@ -128,11 +134,12 @@ impl Tables<'_> {
         Ok(rows.into_iter().map(complete).collect())
     }
 
-    /// The components of fewer than [`LEAST_VOXELS`] that are lost.
+    /// The components of fewer than [`MIN_COMPONENT_VOXELS`] that are lost.
     pub fn small_lost(&self) -> SmallLost {
         let components = self.image_components.list.iter().zip(&self.matching.fates);
-        let lost = components
-            .filter(|&(component, &fate)| component.voxels < LEAST_VOXELS && fate == Fate::Lost);
+        let lost = components.filter(|&(component, &fate)| {
+            component.voxels < MIN_COMPONENT_VOXELS && fate == Fate::Lost
+        });
         lost.fold(SmallLost::default(), |sum, (component, _)| SmallLost {
             count: sum.count + 1,
             voxels: sum.voxels + component.voxels,
@@ -151,7 +158,7 @@ impl Tables<'_> {
                 };
                 let (label, position, size) =
                     (self.label(component), self.position(component), component.voxels);
-                (size >= LEAST_VOXELS).then_some(Defect { kind, label, position, size })
+                (size >= MIN_COMPONENT_VOXELS).then_some(Defect { kind, label, position, size })
             },
         );
         let of_mesh = self.mesh_components.list.iter().zip(&self.matching.roles).filter_map(
@@ -166,13 +173,17 @@ impl Tables<'_> {
                 Some(Defect { kind, label: component.label, position, size: component.tets.count })
             },
         );
-        let pinches = self.surfaces.pinches.iter().map(|pinch| Defect {
-            kind: if pinch.is_edge() { DefectKind::PinchedEdge } else { DefectKind::PinchedVertex },
-            label: pinch.label,
-            position: self.middle(pinch).to_array(),
+        let non_manifold = self.surfaces.non_manifold.iter().map(|place| Defect {
+            kind: if place.is_edge() {
+                DefectKind::NonManifoldEdge
+            } else {
+                DefectKind::NonManifoldVertex
+            },
+            label: place.label,
+            position: self.middle(place).to_array(),
             size: 0,
         });
-        let mut defects: Vec<Defect> = of_image.chain(of_mesh).chain(pinches).collect();
+        let mut defects: Vec<Defect> = of_image.chain(of_mesh).chain(non_manifold).collect();
         // Stable: within a kind they keep their order.
         defects.sort_by_key(|defect| defect.kind);
         defects
@@ -186,8 +197,8 @@ impl Tables<'_> {
         self.image.frame().to_world(DVec3::from(component.first.map(|i| i as f64))).to_array()
     }
 
-    fn middle(&self, pinch: &Pinch) -> DVec3 {
-        let [v, w] = pinch.ends;
+    fn middle(&self, place: &NonManifold) -> DVec3 {
+        let [v, w] = place.ends;
         self.mesh.point(v).midpoint(self.mesh.point(w))
     }
 }

@@ -17,7 +17,7 @@
 //! just inside of the tets has around there, 2 - n for a cone with n cycles and 1 for a wedge.
 //! Parts that meet in such places are one component.
 //!
-//! A place where a label's boundary is no surface is a *pinch*: an edge with more than two of its
+//! A place where a label's boundary is no surface is *non-manifold*: an edge with more than two of its
 //! facets, or a vertex, at no such edge, with more than one cycle. An edge where the boundary of
 //! a label (0 included) has an odd number of facets is *open*: the boundary of a union of tets has
 //! none.
@@ -42,14 +42,14 @@ const CHUNK: usize = 1 << 12;
 
 /// A place where the boundary of a label touches itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Pinch {
+pub struct NonManifold {
     /// The ends of the edge, or twice the vertex.
     pub ends: [u32; 2],
     /// The label.
     pub label: i32,
 }
 
-impl Pinch {
+impl NonManifold {
     /// Whether it is an edge, and not a vertex.
     pub fn is_edge(&self) -> bool {
         self.ends[0] != self.ends[1]
@@ -65,7 +65,7 @@ pub struct BoundarySurfaces {
     /// closed tets.
     pub euler: Vec<i64>,
     /// In the order of their vertices.
-    pub pinches: Vec<Pinch>,
+    pub non_manifold: Vec<NonManifold>,
 }
 
 impl BoundarySurfaces {
@@ -90,7 +90,7 @@ impl BoundarySurfaces {
         for (component, part) in components.of_parts().iter().zip(parts.euler) {
             euler[*component as usize] += part;
         }
-        Ok(Self { open_edges: parts.open_edges, euler, pinches: parts.pinches })
+        Ok(Self { open_edges: parts.open_edges, euler, non_manifold: parts.non_manifold })
     }
 }
 
@@ -99,7 +99,7 @@ impl BoundarySurfaces {
 struct Parts {
     open_edges: u64,
     euler: Vec<i64>,
-    pinches: Vec<Pinch>,
+    non_manifold: Vec<NonManifold>,
     touches: Vec<Touch>,
 }
 
@@ -120,8 +120,8 @@ impl Parts {
                 }
                 start = end;
             }
-            let VertexLinks { open_edges, pinches, touches, euler, .. } = vertex_links;
-            Ok((Self { open_edges, pinches, touches, euler: Vec::new() }, euler.sums()))
+            let VertexLinks { open_edges, non_manifold, touches, euler, .. } = vertex_links;
+            Ok((Self { open_edges, non_manifold, touches, euler: Vec::new() }, euler.sums()))
         };
         let chunks = (0..mesh.points.len().div_ceil(CHUNK)).into_par_iter();
         let pieces: Vec<(Self, Sums<i64>)> = chunks.map(measure).collect::<Result<_>>()?;
@@ -129,12 +129,12 @@ impl Parts {
         let mut all = Self { euler, ..Self::default() };
         for (piece, euler) in pieces {
             all.open_edges += piece.open_edges;
-            all.pinches.extend(piece.pinches);
+            all.non_manifold.extend(piece.non_manifold);
             all.touches.extend(piece.touches);
             euler.into_iter().for_each(|(part, sum)| all.euler[part as usize] += sum);
         }
         // Around one vertex they come in no particular order.
-        all.pinches.sort_unstable();
+        all.non_manifold.sort_unstable();
         Ok(all)
     }
 }
@@ -267,7 +267,7 @@ mod tests {
             }
             prop_assert_eq!(surfaces.euler, expected);
             prop_assert_eq!(surfaces.open_edges, 0);
-            // An edge of the grid is pinched where two of the four voxels around it are of a label
+            // An edge of the grid is non-manifold where two of the four voxels around it are of a label
             // and across from each other, and the others are not.
             let at = |[i, j, k]: [isize; 3]| {
                 let inside = (0..DIMS[0] as isize).contains(&i)
@@ -300,7 +300,7 @@ mod tests {
                     edges += usize::from(touches);
                 }
             }
-            prop_assert_eq!(surfaces.pinches.iter().filter(|pinch| pinch.is_edge()).count(), edges);
+            prop_assert_eq!(surfaces.non_manifold.iter().filter(|place| place.is_edge()).count(), edges);
         }
     }
 
@@ -308,7 +308,7 @@ mod tests {
     fn surfaces_that_everyone_knows() {
         let euler = |dims, label: fn(usize, usize, usize) -> i32| {
             let surfaces = of_voxels(dims, label);
-            assert_eq!((surfaces.open_edges, surfaces.pinches), (0, Vec::new()));
+            assert_eq!((surfaces.open_edges, surfaces.non_manifold), (0, Vec::new()));
             surfaces.euler
         };
         assert_eq!(euler([3; 3], |_, _, _| 1), [2], "a ball");
@@ -335,15 +335,15 @@ mod tests {
         let surfaces = of_voxels([2, 2, 1], edge);
         assert_eq!(by_part([2, 2, 1], edge), [2, 2]);
         assert_eq!(
-            (surfaces.euler, surfaces.pinches),
-            (vec![2], vec![Pinch { ends: [4, 13], label: 1 }])
+            (surfaces.euler, surfaces.non_manifold),
+            (vec![2], vec![NonManifold { ends: [4, 13], label: 1 }])
         );
         let corner = |i: usize, j: usize, k: usize| i32::from(i == j && j == k);
         let surfaces = of_voxels([2; 3], corner);
         assert_eq!(by_part([2; 3], corner), [2, 2]);
         assert_eq!(
-            (surfaces.euler, surfaces.pinches),
-            (vec![2], vec![Pinch { ends: [13, 13], label: 1 }])
+            (surfaces.euler, surfaces.non_manifold),
+            (vec![2], vec![NonManifold { ends: [13, 13], label: 1 }])
         );
         // Two cavities with a vertex in common are two; just inside, one surface goes around both.
         let cavities =
@@ -351,13 +351,13 @@ mod tests {
         let surfaces = of_voxels([4; 3], cavities);
         assert_eq!(by_part([4; 3], cavities), [4]);
         assert_eq!(
-            (surfaces.euler, surfaces.pinches),
-            (vec![6], vec![Pinch { ends: [62, 62], label: 1 }])
+            (surfaces.euler, surfaces.non_manifold),
+            (vec![6], vec![NonManifold { ends: [62, 62], label: 1 }])
         );
         let ring = |i: usize, j: usize, _: usize| [[1, 1, 1], [1, 0, 2], [1, 1, 0]][j][i];
         let surfaces = of_voxels([3, 3, 1], ring);
         assert_eq!(
-            (surfaces.euler, surfaces.pinches),
+            (surfaces.euler, surfaces.non_manifold),
             (vec![2, 2], vec![]),
             "a bent bar and a cube"
         );
@@ -366,8 +366,8 @@ mod tests {
         let surfaces = of_voxels([3, 3, 1], closed);
         assert_eq!(by_part([3, 3, 1], closed), [2]);
         assert_eq!(
-            (surfaces.euler, surfaces.pinches),
-            (vec![0], vec![Pinch { ends: [10, 26], label: 1 }])
+            (surfaces.euler, surfaces.non_manifold),
+            (vec![0], vec![NonManifold { ends: [10, 26], label: 1 }])
         );
     }
 
@@ -402,7 +402,7 @@ mod tests {
             pool.install(|| of_voxels([18, 16, 12], label))
         };
         let one = on(1);
-        assert!(one.pinches.len() > 10);
+        assert!(one.non_manifold.len() > 10);
         assert_eq!(one, on(3));
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Tets of a label are joined across facets, to *parts*, and parts where they touch, to components:
 //! as the voxels of the image are, which all 26 around join. So a component is a connected set of
-//! closed tets, and where its parts only touch is listed as a pinch. A tet lies in the component of
+//! closed tets, and where its parts only touch is listed as a place. A tet lies in the component of
 //! the image that holds the voxel of its label nearest to its centroid, if that voxel is one of
 //! those around it.
 //!

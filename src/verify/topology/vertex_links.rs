@@ -1,13 +1,13 @@
 //! What the boundaries of the parts of a mesh are around one vertex, and along the edges from it;
 //! see `boundary_surface`.
 
-use super::boundary_surface::Pinch;
+use super::boundary_surface::NonManifold;
 use super::mesh_components::MeshComponents;
 use crate::mesh::{NONE, TetMesh};
 use crate::reduce::KeyedSums;
 
 /// Most tets around an edge that are gone through; a sound mesh has some ten.
-const MOST_AROUND: usize = 1 << 12;
+const MAX_AROUND: usize = 1 << 12;
 
 /// A vertex or edge where tets of one label touch that are not joined there as in a solid.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -33,7 +33,7 @@ pub(crate) struct VertexLinks<'m> {
     parts: &'m MeshComponents,
     /// Edges where the boundary of some label is open.
     pub open_edges: u64,
-    pub pinches: Vec<Pinch>,
+    pub non_manifold: Vec<NonManifold>,
     pub touches: Vec<Touch>,
     /// The Euler characteristic of the boundary of each part, just inside of it.
     pub euler: KeyedSums<i64>,
@@ -49,7 +49,7 @@ pub(crate) struct VertexLinks<'m> {
     /// Which sides are on one sheet: a forest, whose roots point to themselves.
     parents: Vec<u32>,
     /// The labels whose boundary touches itself along an edge of the vertex.
-    pinched: Vec<i32>,
+    at_edges: Vec<i32>,
     /// A side of each cycle of facets.
     tops: Vec<Side>,
     /// Tets at the vertex that are joined to each other there.
@@ -59,14 +59,14 @@ pub(crate) struct VertexLinks<'m> {
 impl<'m> VertexLinks<'m> {
     pub fn new(mesh: &'m TetMesh, parts: &'m MeshComponents) -> Self {
         let (facets, edges, sides, parents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let (pinches, touches, pinched, tops, cone) =
+        let (non_manifold, touches, at_edges, tops, cone) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let euler = KeyedSums::default();
         Self {
             mesh,
             parts,
             open_edges: 0,
-            pinches,
+            non_manifold,
             touches,
             euler,
             facets,
@@ -74,7 +74,7 @@ impl<'m> VertexLinks<'m> {
             edges,
             sides,
             parents,
-            pinched,
+            at_edges,
             tops,
             cone,
         }
@@ -86,7 +86,7 @@ impl<'m> VertexLinks<'m> {
         self.facets.clear();
         self.facets.extend(facets);
         if !self.is_disk(v) {
-            self.look_closely(v);
+            self.follow_link(v);
         }
     }
 
@@ -147,7 +147,7 @@ impl<'m> VertexLinks<'m> {
     }
 
     /// Counts where more than two labels meet, or something touches itself.
-    fn look_closely(&mut self, v: u32) {
+    fn follow_link(&mut self, v: u32) {
         self.edges.clear();
         for (&f, place) in self.facets.iter().zip(0..) {
             let others = self.mesh.facets[f as usize].into_iter().filter(|&w| w != v);
@@ -156,7 +156,7 @@ impl<'m> VertexLinks<'m> {
         self.edges.sort_unstable();
         self.parents.clear();
         self.parents.extend(0..2 * self.facets.len() as u32);
-        self.pinched.clear();
+        self.at_edges.clear();
         let mut start = 0;
         while let Some(&(w, _)) = self.edges.get(start) {
             let end = start + self.edges[start..].iter().take_while(|edge| edge.0 == w).count();
@@ -168,7 +168,7 @@ impl<'m> VertexLinks<'m> {
                 self.sides.extend(sides);
             }
             self.sides.sort_unstable();
-            self.look_along(v, w);
+            self.follow_edge(v, w);
             start = end;
         }
 
@@ -189,8 +189,8 @@ impl<'m> VertexLinks<'m> {
                 self.add(top.node, 1);
                 continue;
             }
-            if !self.pinched.contains(&tops[0].label) {
-                self.pinches.push(Pinch { ends: [v; 2], label: tops[0].label });
+            if !self.at_edges.contains(&tops[0].label) {
+                self.non_manifold.push(NonManifold { ends: [v; 2], label: tops[0].label });
             }
             self.cone.clear();
             // The parts of the cones, and the characteristic of what the solid just inside of the
@@ -223,7 +223,7 @@ impl<'m> VertexLinks<'m> {
         let label = self.label(node);
         let mut next = self.cone.len();
         self.cone.extend(self.tet(node));
-        while next < self.cone.len().min(MOST_AROUND) {
+        while next < self.cone.len().min(MAX_AROUND) {
             let t = self.cone[next] as usize;
             for (&across, &opposite) in mesh.neighbors[t].iter().zip(&mesh.tets[t]) {
                 let is_same =
@@ -238,7 +238,7 @@ impl<'m> VertexLinks<'m> {
 
     /// Joins the sheets across the edge from `v` to `w`, whose sides are listed, and counts the
     /// edge if `v` is its smaller vertex.
-    fn look_along(&mut self, v: u32, w: u32) {
+    fn follow_edge(&mut self, v: u32, w: u32) {
         let sides = std::mem::take(&mut self.sides);
         let own = v < w;
         let mut is_open = false;
@@ -255,9 +255,9 @@ impl<'m> VertexLinks<'m> {
                 }
                 continue;
             }
-            self.pinched.push(label);
+            self.at_edges.push(label);
             if own && sides.len() > 2 {
-                self.pinches.push(Pinch { ends: [v, w], label });
+                self.non_manifold.push(NonManifold { ends: [v, w], label });
             }
             let mut wedges = Vec::new();
             for side in sides {
@@ -298,7 +298,7 @@ impl<'m> VertexLinks<'m> {
         let mut t = self.tet(node)?;
         let mut x = self.third(node, v, w)?;
         let label = self.label(node);
-        for _ in 0..MOST_AROUND {
+        for _ in 0..MAX_AROUND {
             let tet = &mesh.tets[t as usize];
             let y = tet.iter().copied().find(|y| ![v, w, x].contains(y))?;
             let across = mesh.neighbors[t as usize][tet.iter().position(|&z| z == x)?];

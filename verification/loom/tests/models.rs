@@ -133,7 +133,7 @@ impl Ring {
     }
 
     /// The owned piece `slot` is looked across; the piece there, if nobody owns it.
-    fn look_across(&self, slot: usize, side: usize, me: OwnerId) -> Option<usize> {
+    fn inspect_across(&self, slot: usize, side: usize, me: OwnerId) -> Option<usize> {
         let link = self.pieces[slot].links[side].load(Acquire);
         let other = link as usize / 2;
         if self.pieces[other].owner.look(me) != Holder::Nobody
@@ -159,7 +159,7 @@ impl Ring {
         if !self.claim(slot, me) {
             return false;
         }
-        let around = (self.look_across(slot, 0, me), self.look_across(slot, 1, me));
+        let around = (self.inspect_across(slot, 0, me), self.inspect_across(slot, 1, me));
         let (Some(before), Some(behind)) = around else {
             self.release(slot);
             return false;
@@ -184,7 +184,7 @@ impl Ring {
         if !self.claim(slot, me) {
             return None;
         }
-        let around = (self.look_across(slot, 0, me), self.look_across(slot, 1, me));
+        let around = (self.inspect_across(slot, 0, me), self.inspect_across(slot, 1, me));
         let (Some(before), Some(gone)) = around else {
             self.release(slot);
             return None;
@@ -193,7 +193,7 @@ impl Ring {
             self.release(slot);
             return None;
         }
-        let Some(behind) = self.look_across(gone, 1, me) else {
+        let Some(behind) = self.inspect_across(gone, 1, me) else {
             self.release(slot);
             self.release(gone);
             return None;
