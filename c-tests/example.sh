@@ -207,8 +207,8 @@ assert all(key in odd for key in keys), [key for key in keys if key not in odd]
 inner = {
     "seconds": "read prepare refine extract improve certify write total",
     "operations": """insertions removals rollbacks exact_predicates in_sphere_tests tets_created
-        cavity_tets looks label_lookups crossing_lookups by_rule insertions_per_vertex
-        removals_per_vertex mean_cavity exact_share looks_per_tet lookups_per_tet""",
+        cavity_tets inspections label_lookups crossing_lookups by_rule insertions_per_vertex
+        removals_per_vertex mean_cavity exact_share inspections_per_tet lookups_per_tet""",
     "overhead": """rollback_s contention_s idle_s rollbacks_by_rule stale waits begs gifts remote_s
         remote_accesses local_accesses access_hops""",
     "quality": """min_dihedral max_dihedral max_radius_edge min_facet_angle dihedral_histogram

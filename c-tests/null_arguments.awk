@@ -18,6 +18,7 @@ BEGIN {
     allowed["lapd_image_create_level_sets strides"]
     allowed["lapd_image_create_level_sets direction"]
     allowed["lapd_image_read_labels layer_order"]
+    allowed["lapd_mesh_write_report extra"]
     allowed["lapd_image_read_gray labels"]
     allowed["lapd_image_read_probabilities labels"]
     allowed["lapd_image_read_level_sets labels"]

@@ -378,6 +378,18 @@ static void meshing(void) {
     INVALID(lapd_mesh_write_timeline(context, mesh, NULL));
     INVALID(lapd_mesh_write_timeline(context, mesh, "timeline.json"));
     CHECK(said("timeline.json: there is no timeline"));
+    INVALID(lapd_mesh_write_report(NULL, mesh, "report.json", NULL));
+    INVALID(lapd_mesh_write_report(context, NULL, "report.json", NULL));
+    INVALID(lapd_mesh_write_report(context, mesh, NULL, NULL));
+    INVALID(lapd_mesh_write_report(context, mesh, "report.json", "[1]"));
+    CHECK(said("extra is no JSON object: "));
+    INVALID(lapd_mesh_write_report(context, mesh, "report.json", "{\"tets\": 1}"));
+    CHECK(said("the member 'tets' beside a report is one of the report's own"));
+    INVALID(lapd_mesh_write_report(context, mesh, "report.json", "{\"seconds\": 1}"));
+    CHECK(said("must be an object, got 1"));
+    CHECK(lapd_mesh_write_report(context, mesh, "no/such/folder/report.json", NULL) ==
+          LAPD_ERROR_IO);
+    CHECK(lapd_mesh_write_report(context, mesh, "report.json", "{\"mine\": [1]}") == LAPD_OK);
     lapd_mesh_free(NULL);
 }
 

@@ -304,6 +304,10 @@ void meshes() {
     CHECK(status_of([&] { mesh.thread_report(1); }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { mesh.write_timeline(moved, "timeline.json"); }) ==
           LAPD_ERROR_INVALID_ARGUMENT);
+    mesh.write_report(moved, "cpp_report.json", "{\"program\": \"test_cpp\"}");
+    CHECK(status_of([&] { mesh.write_report(moved, "cpp_report.json", "{"); }) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
+    CHECK(mesh.label_name(1) == nullptr);
     CHECK(status_of([&] { mesh.write(moved, "mesh.nonsense"); }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { lapd::mesh::check_path(moved, "mesh.nonsense"); }) ==
           LAPD_ERROR_INVALID_ARGUMENT);

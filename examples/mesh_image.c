@@ -656,12 +656,6 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
     seconds.read = now() - start;
     memory.read = resident_memory();
     if (status == LAPD_OK)
-        status = lapd_image_get_world_axes(image, &s.world_axes);
-    if (status == LAPD_OK && o->label_values == LAPD_LABELS_DISTINCT)
-        status = keep_texts(image, lapd_image_get_value, &s.values);
-    if (status == LAPD_OK)
-        status = keep_texts(image, lapd_image_get_label_name, &s.names);
-    if (status == LAPD_OK)
         status = set_defaults(context, params, image, o);
     if (status == LAPD_OK)
         status = lapd_mesh_image(context, image, params, &mesh);
@@ -697,25 +691,19 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
         complain("%s", lapd_status_message(status));
         goto done;
     }
-    if (o->report != NULL && !save_report(o, params, &s, &seconds, line->memory)) {
+    if (o->report != NULL && save_report(context, mesh, o, &seconds, line->memory) != LAPD_OK) {
+        complain("%s", lapd_context_last_error(context));
         goto done;
     }
     if (!o->quiet) {
-        print_table(&s, &seconds);
+        print_table(mesh, &s, &seconds);
     }
     exit_status = EXIT_SUCCESS;
 
 done:
     line->memory = NULL;
-    free(s.values.labels);
-    free(s.values.texts);
-    free(s.names.labels);
-    free(s.names.texts);
     free(s.rows);
-    free(s.components);
     free(s.defects);
-    free(s.left);
-    free(s.threads);
     lapd_mesh_free(mesh);
     return exit_status;
 }

@@ -2368,6 +2368,16 @@ void lapd_mesh_free(lapd_mesh *mesh);
 lapd_status lapd_mesh_get_limit_reached(const lapd_mesh *mesh, int32_t *limit);
 
 /**
+ * The name that the image's file gives to a label, as lapd_image_get_label_name; `*name` is NULL
+ * where it gives none.
+ *
+ * `*name` belongs to the mesh and is valid until it is freed. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_label_name(const lapd_mesh *mesh, int32_t label, const char **name);
+
+/**
  * Checks that lapd_mesh_write knows the end of this name, so that another one can be refused
  * before a mesh is made for it. Nothing is opened: whether the file can be written is seen when it
  * is. Any thread.
@@ -2445,6 +2455,27 @@ lapd_status lapd_mesh_write_with_measures(lapd_context *context,
 lapd_status lapd_mesh_write_timeline(lapd_context *context,
                                      const lapd_mesh *mesh,
                                      const char *path);
+
+/**
+ * Writes all that is known about a mesh, its arrays apart, as one JSON object: what the getters of
+ * this interface tell, with the names and values of labels that the image had. A number that is
+ * infinite or undefined is null.
+ *
+ * `extra` is NULL, or a JSON object in UTF-8 with what only the caller knows. Its members come
+ * beside the library's, and must have other names; but for those of its member "seconds", an
+ * object, which join the library's times.
+ *
+ * `path` is as in lapd_mesh_write, with any ending. An existing file is replaced. Any thread;
+ * several may write at once, to different files.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument other than `extra` is NULL, or `extra` is
+ * no such object; LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_CANCELLED after
+ * lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
+ */
+lapd_status lapd_mesh_write_report(lapd_context *context,
+                                   const lapd_mesh *mesh,
+                                   const char *path,
+                                   const char *extra);
 
 /**
  * The positions of the vertices in world units: `*points` is [count][3]. In a mesh of order 2 the

@@ -736,6 +736,18 @@ class mesh {
         detail::check(lapd_mesh_copy_measure(get(), measure, values.data(), values.size()));
         return values;
     }
+    /** The report as JSON; `extra`, if not empty, is a JSON object of members to put beside. */
+    void write_report(context &context, const std::string &path,
+                      const std::string &extra = {}) const {
+        context.check(lapd_mesh_write_report(context.get(), get(), path.c_str(),
+                                             extra.empty() ? nullptr : extra.c_str()));
+    }
+    /** The name that the image's file gives to a label; nullptr where it gives none. */
+    const char *label_name(std::int32_t label) const {
+        const char *text = nullptr;
+        detail::check(lapd_mesh_get_label_name(get(), label, &text));
+        return text;
+    }
     void write_timeline(context &context, const std::string &path) const {
         context.check(lapd_mesh_write_timeline(context.get(), get(), path.c_str()));
     }

@@ -345,7 +345,7 @@ fn report(simulated: &Simulated) -> Value {
         "tally": {
             "operations": tally.operations, "tets": tally.tets, "vertices": tally.vertices,
             "exact": tally.exact, "fills": tally.fills, "pairs": tally.pairs,
-            "looks": tally.inspections, "labels": tally.labels,
+            "inspections": tally.inspections, "labels": tally.labels,
             "crossings": tally.crossings, "claims": tally.claims,
         },
     })

@@ -29,6 +29,14 @@ pub struct lapd_image {
     names: Vec<(i32, CString)>,
 }
 
+impl lapd_image {
+    /// The names of labels, and the values that labels 1, 2, ... stand for.
+    pub(super) fn texts(&self) -> (Vec<(i32, CString)>, Vec<String>) {
+        let values = self.values.iter().map(|value| value.to_string_lossy().into_owned());
+        (self.names.clone(), values.collect())
+    }
+}
+
 /// Type of the voxels in a caller's buffer.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,8 +1,9 @@
 //! Finished meshes: their arrays, without copying or into a caller's buffers.
 
-use std::ffi::c_char;
+use std::ffi::{CString, c_char};
+use std::ptr;
 
-use super::boundary::{Out, borrow, c_str, catch, check_buffer, status_of, value_or};
+use super::boundary::{Failure, Out, borrow, c_str, catch, check_buffer, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::image::to_path;
 use super::params::unknown;
@@ -12,7 +13,9 @@ use crate::geometry::measures::TetMeasure;
 use crate::image::WorldAxes;
 use crate::io::write::{MeshFormat, WriteOptions, write_mesh_watching, write_timeline};
 use crate::mesh::TetMesh;
+use crate::params::MeshParams;
 use crate::pipeline::MeshResult;
+use crate::pipeline::report::{About, write_report};
 
 /// A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was
 /// made, so any number of threads may use it at once.
@@ -23,6 +26,12 @@ pub struct lapd_mesh {
     pub(super) meshing: MeshResult,
     /// What the world axes of its image mean.
     pub(super) world: Option<WorldAxes>,
+    /// What the run was asked for.
+    pub(super) params: MeshParams,
+    /// The names of labels.
+    pub(super) names: Vec<(i32, CString)>,
+    /// The values that labels 1, 2, ... stand for, where distinct values became labels.
+    pub(super) values: Vec<String>,
 }
 
 /// "No tet", among the neighbours of a tet and beside a facet.
@@ -57,6 +66,28 @@ pub unsafe extern "C" fn lapd_mesh_get_limit_reached(
         let out = Out::new(limit, "limit")?;
         let ended_by = borrow(mesh, "mesh")?.meshing.ended_by.as_ref();
         out.set(ended_by.map_or(lapd_status::LAPD_OK, lapd_status::from) as i32);
+        Ok(())
+    })
+}
+
+/// The name that the image's file gives to a label, as lapd_image_get_label_name; `*name` is NULL
+/// where it gives none.
+///
+/// `*name` belongs to the mesh and is valid until it is freed. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_label_name(
+    mesh: *const lapd_mesh,
+    label: i32,
+    name: *mut *const c_char,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let out = Out::new(name, "name")?;
+        let names = &borrow(mesh, "mesh")?.names;
+        let known = names.iter().find(|&&(named, _)| named == label);
+        out.set(known.map_or(ptr::null(), |(_, name)| name.as_ptr()));
         Ok(())
     })
 }
@@ -134,7 +165,7 @@ unsafe fn write_file(
     // SAFETY: passed on to the caller.
     unsafe {
         with_context(context, |context| {
-            let lapd_mesh { meshing, world } = borrow(mesh, "mesh")?;
+            let lapd_mesh { meshing, world, .. } = borrow(mesh, "mesh")?;
             let path = to_path(c_str(path, "path")?)?;
             let cancel = &context.cancel;
             let options = WriteOptions { measures, world: *world };
@@ -191,6 +222,55 @@ pub unsafe extern "C" fn lapd_mesh_write_timeline(
             let cancel = &context.cancel;
             let write = || Ok(write_timeline(threads, path, Some(cancel))?);
             with_pool(processors(), |pool| pool.install(|| catch(write)))?
+        })
+    }
+}
+
+/// Writes all that is known about a mesh, its arrays apart, as one JSON object: what the getters of
+/// this interface tell, with the names and values of labels that the image had. A number that is
+/// infinite or undefined is null.
+///
+/// `extra` is NULL, or a JSON object in UTF-8 with what only the caller knows. Its members come
+/// beside the library's, and must have other names; but for those of its member "seconds", an
+/// object, which join the library's times.
+///
+/// `path` is as in lapd_mesh_write, with any ending. An existing file is replaced. Any thread;
+/// several may write at once, to different files.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument other than `extra` is NULL, or `extra` is
+/// no such object; LAPD_ERROR_IO when the file cannot be written; LAPD_ERROR_CANCELLED after
+/// lapd_context_cancel, which leaves an existing file as it is; LAPD_ERROR_OUT_OF_MEMORY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_write_report(
+    context: *mut lapd_context,
+    mesh: *const lapd_mesh,
+    path: *const c_char,
+    extra: *const c_char,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |context| {
+            let mesh = borrow(mesh, "mesh")?;
+            let path = to_path(c_str(path, "path")?)?;
+            let extra = if extra.is_null() {
+                serde_json::Map::new()
+            } else {
+                // Names of files may be any bytes: what is no UTF-8 is replaced.
+                let text = c_str(extra, "extra")?.to_string_lossy();
+                serde_json::from_str(&text).map_err(|error| {
+                    Failure::invalid(format!("extra is no JSON object: {error}"))
+                })?
+            };
+            let names = mesh.names.iter().map(|(label, name)| (*label, name.to_string_lossy()));
+            let names: Vec<_> = names.collect();
+            let about = About {
+                params: mesh.params.clone(),
+                world: mesh.world,
+                names: &names,
+                values: &mesh.values,
+                extra,
+            };
+            Ok(write_report(&mesh.meshing, &about, path, Some(&context.cancel))?)
         })
     }
 }

@@ -7,6 +7,8 @@
 //! | improve | [`improve`] | that | mesh without slivers |
 //! | finish | [`finish`] | that | quality, certificate, nodes of second order |
 //!
+//! [`report`] writes all that is known about a run to a file.
+//!
 //! Each stage is a few functions on plain values, which tests and benches call, too.
 //!
 //! A limit that is reached ends the refinement between two operations. The mesh of what there is
@@ -21,6 +23,7 @@ pub mod improve;
 mod messages;
 pub mod prepare;
 pub mod refine;
+pub mod report;
 
 use std::time::Instant;
 

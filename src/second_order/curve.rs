@@ -10,7 +10,7 @@
 //! | at a contact, or on a line that the image does not know (scans, probabilities) | nowhere |
 //!
 //! What must hold: the map from a straight tet to the curved one is one to one, with a determinant
-//! of at least [`MIN`] times that of the straight tet ([`jacobian`](super::jacobian)). Where a
+//! of at least [`MIN_DETERMINANT`] times that of the straight tet ([`jacobian`](super::jacobian)). Where a
 //! tet does not have that its nodes go half as far, then a quarter, an eighth, at last nowhere.
 //! Straight tets have it, so that this ends.
 //!
@@ -32,7 +32,7 @@ use crate::oracle::{Oracle, Walls};
 
 /// The least determinant of a curved tet, in parts of that of the straight one. Far above rounding,
 /// so its sign is sure.
-const MIN: f64 = 0.1;
+const MIN_DETERMINANT: f64 = 0.1;
 
 /// A node goes no farther than this part of its edge's length.
 const FARTHEST: f64 = 0.25;
@@ -168,7 +168,7 @@ impl Course<'_> {
                 monitor.check_cancelled()?;
                 let is_bad = |&t: &usize| {
                     self.nodes_of(t).into_iter().any(|node| has_changed[node])
-                        && self.measure(t).0.is_some_and(|least| least < MIN)
+                        && self.measure(t).0.is_some_and(|least| least < MIN_DETERMINANT)
                 };
                 Ok(tets.filter(is_bad).collect())
             };

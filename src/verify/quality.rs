@@ -134,8 +134,7 @@ impl Default for Spread {
 }
 
 impl Spread {
-    const NEUTRAL: Self =
-        Self { min: f64::INFINITY, max: f64::NEG_INFINITY, histogram: [0; BINS] };
+    const NEUTRAL: Self = Self { min: f64::INFINITY, max: f64::NEG_INFINITY, histogram: [0; BINS] };
 
     #[inline]
     fn add(&mut self, value: f64, (first, per_one): (f64, f64)) {

@@ -61,7 +61,7 @@ use crate::mesh::TetMesh;
 use crate::monitor::CancelFlag;
 use crate::{Error, Result};
 use groups::distinct;
-use output::Output;
+pub(crate) use output::Output;
 
 pub use trace::write_timeline;
 

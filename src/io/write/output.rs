@@ -12,7 +12,7 @@ use crate::{Error, Result};
 const BUFFER: usize = 1 << 20;
 
 /// A temporary file in the folder of its target. Dropped before [`Output::commit`], it is removed.
-pub(super) struct Output<'a> {
+pub(crate) struct Output<'a> {
     writer: BufWriter<NamedTempFile>,
     target: PathBuf,
     cancel: Option<&'a CancelFlag>,
