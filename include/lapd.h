@@ -376,12 +376,13 @@ typedef enum {
  */
 typedef enum {
   /**
-   * A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, in which no tet of its label lies.
+   * A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, in which no tet of its label
+   * lies.
    */
   LAPD_DEFECT_LOST = 0,
   /**
-   * A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to another
-   * one of its label.
+   * A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to
+   * another one of its label.
    */
   LAPD_DEFECT_MERGED = 1,
   /**
@@ -813,7 +814,8 @@ typedef struct {
    */
   uint64_t facets_off_walls;
   /**
-   * Components of the image, of fewer than LAPD_MIN_COMPONENT_VOXELS, in which the mesh has no tet.
+   * Components of the image, of fewer than LAPD_MIN_COMPONENT_VOXELS, in which the mesh has no
+   * tet.
    */
   uint64_t small_components_lost;
   /**
@@ -939,8 +941,8 @@ typedef struct {
    */
   uint64_t components_lost;
   /**
-   * Components of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to another
-   * one.
+   * Components of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to
+   * another one.
    */
   uint64_t components_merged;
   /**

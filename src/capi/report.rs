@@ -160,7 +160,8 @@ pub struct lapd_certificate {
     /// Outer facets that should lie on a wall, a face of the image's box where it cuts the object
     /// off, and do not.
     pub facets_off_walls: u64,
-    /// Components of the image, of fewer than LAPD_MIN_COMPONENT_VOXELS, in which the mesh has no tet.
+    /// Components of the image, of fewer than LAPD_MIN_COMPONENT_VOXELS, in which the mesh has no
+    /// tet.
     pub small_components_lost: u64,
     /// The world position of the first voxel of the first of these; 0 without any.
     pub small_component_lost_at: [f64; 3],

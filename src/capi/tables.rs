@@ -30,8 +30,8 @@ pub struct lapd_label_row {
     pub components_mesh: u64,
     /// Components of the image, of LAPD_MIN_COMPONENT_VOXELS or more, in which it has no tet.
     pub components_lost: u64,
-    /// Components of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to another
-    /// one.
+    /// Components of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to
+    /// another one.
     pub components_merged: u64,
     /// Components of the mesh that are torn off from the one they belong to, or lie in none of the
     /// image.
@@ -144,10 +144,11 @@ pub struct lapd_component_row {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum lapd_defect_kind {
-    /// A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, in which no tet of its label lies.
+    /// A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, in which no tet of its label
+    /// lies.
     LAPD_DEFECT_LOST = 0,
-    /// A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to another
-    /// one of its label.
+    /// A component of the image, of LAPD_MIN_COMPONENT_VOXELS or more, that the mesh has joined to
+    /// another one of its label.
     LAPD_DEFECT_MERGED = 1,
     /// A component of the mesh that is torn off from the one that stands for its component of the
     /// image.

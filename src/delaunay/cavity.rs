@@ -144,7 +144,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
         other: &TetRecord,
     ) -> Holder {
         let holder = self.locks.inspect_across(other.owner());
-        // What was looked at might be another tet's slot by now.
+        // What was inspected might be another tet's slot by now.
         let changed = L::SHARED && holder == Holder::Nobody && record.neighbor(index) != outside;
         if changed { Holder::Changed } else { holder }
     }

@@ -146,7 +146,7 @@ impl Triangulation {
                 check.broken_adjacency += 1;
                 continue;
             }
-            // The two sides name each other; what they share is looked at from one of them.
+            // The two sides name each other; what they share is inspected from one of them.
             if t > twin.tet() {
                 continue;
             }

@@ -119,7 +119,7 @@ impl<T: Zeroable + Sync> Chunked<T> {
         Ok(())
     }
 
-    /// Asks the processor to fetch element `index`, which is looked at soon. Does nothing when
+    /// Asks the processor to fetch element `index`, which is inspected soon. Does nothing when
     /// there is no such element.
     #[inline(always)]
     pub fn prefetch(&self, index: u32) {

@@ -1,6 +1,6 @@
 //! Who may touch a tet: the locking policy of a worker, a type parameter of the kernel.
 //!
-//! An operation asks to own every tet that it will destroy, and looks whose the tets around are,
+//! An operation asks to own every tet that it will destroy, and reads whose the tets around are,
 //! before it writes anything (invariant 4). A refusal ends the operation with *blocked* and nothing
 //! changed. Nobody waits while owning. The protocol is told in `ownership`.
 
@@ -16,7 +16,7 @@ pub trait Locks {
     /// Asks for the tet with this `owner`.
     fn try_own(&mut self, owner: &Owner) -> Claim;
 
-    /// Looks whose the tet with this `owner` is, across a facet of one that is owned.
+    /// Reads whose the tet with this `owner` is, across a facet of one that is owned.
     fn inspect_across(&mut self, owner: &Owner) -> Holder;
 
     /// Whose a tet is that the worker writes.

@@ -40,7 +40,7 @@ pub struct NodeMap {
 #[derive(Default)]
 struct Returned {
     slots: Mutex<Vec<TetId>>,
-    /// How many there are, to be looked at without the lock.
+    /// How many there are, to be inspected without the lock.
     count: AtomicUsize,
 }
 

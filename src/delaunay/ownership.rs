@@ -3,9 +3,9 @@
 //! # The protocol
 //! **What is locked.** Tets, each by a byte of its own record, whose line an operation needs and
 //! writes anyway. An operation owns every tet that it destroys (the cavity of a point, the star of
-//! a vertex) from before it looks across that tet's facets, and what it makes from before anything
-//! leads there, until it has ended, completed or not. Nothing else is locked: an operation writes
-//! to the tets that it owns, to the links that lead to them from the tets around, and of the
+//! a vertex) from before it inspects across that tet's facets, and what it makes from before
+//! anything leads there, until it has ended, completed or not. Nothing else is locked: an operation
+//! writes to the tets that it owns, to the links that lead to them from the tets around, and of the
 //! vertices around which tet is of their star, and a number that means nothing afterwards
 //! (`insert`).
 //!
@@ -13,18 +13,18 @@
 //! once more. Is the tet the worker's own, it is one of those that it came to before. Is it another
 //! worker's, the operation is given up; has the link changed, too. Otherwise the tet u behind it is
 //! nobody's, and neither it nor its link to t changes as long as t is owned. For whoever changes u
-//! owns it and looks across its facet to t, from u or from t. Of the two looks the later one finds
-//! the other's tet owned, and its operation gives up. That is why a worker takes *before* it looks.
-//! Only after the link was read again may the sphere of u be read: before, u's slot may have been
-//! freed, and used again anywhere.
+//! owns it and inspects across its facet to t, from u or from t. Of the two inspections the later
+//! one finds the other's tet owned, and its operation gives up. That is why a worker takes *before*
+//! it inspects. Only after the link was read again may the sphere of u be read: before, u's slot
+//! may have been freed, and used again anywhere.
 //!
 //! **Which operations exclude each other.** Two that destroy the same tet: one of them is refused
-//! it. Two whose cavities share a facet: at least one looks across it when the other's tet is
+//! it. Two whose cavities share a facet: at least one inspects across it when the other's tet is
 //! owned, or comes when the other has completed. Two that share an edge or a vertex alone do each
 //! other no harm, and run side by side.
 //!
 //! **The way in.** A worker comes to its first tet by a note that may be out of date. It owns it,
-//! and looks across its four facets: then the tet and its neighbours stay what they are, and it
+//! and inspects across its four facets: then the tet and its neighbours stay what they are, and it
 //! asks whether they are what the note said. A vertex to be removed leads to a tet of its star; if
 //! the tet, when owned, is without the vertex, others have rewritten the star meanwhile, and the
 //! vertex leads elsewhere or has been removed.
@@ -55,10 +55,10 @@
 //!
 //! # Memory order
 //! *Taking and looking* are sequentially consistent. Let a own t and look at u, b own u and look at
-//! t. Of the four accesses one order is agreed upon, in which each takes before it looks; so the
+//! t. Of the four accesses one order is agreed upon, in which each takes before it inspects; so the
 //! later look comes after both takings, and sees the other's name or what was written after it.
 //!
-//! *Giving back* is `Release`, a look is an `Acquire` too, as is a refusal: who finds a tet
+//! *Giving back* is `Release`, inspecting is an `Acquire` too, as is a refusal: who finds a tet
 //! nobody's that was owned meanwhile, or finds its slot freed, sees all that was written under that
 //! ownership, first of all the links; therefore the link is read again after the look.
 //!
@@ -147,7 +147,7 @@ impl Owner {
     /// Asks for the tet in the name of worker `me`, without waiting.
     #[inline(always)]
     pub fn claim(&self, me: OwnerId) -> Claim {
-        // SeqCst: before the looks across its facets. Acquire where it fails: the slot's freeing
+        // SeqCst: before it inspects across its facets. Acquire where it fails: the slot's freeing
         // comes after what made its links lead elsewhere.
         match self.0.compare_exchange(NOBODY, me, SeqCst, Acquire) {
             Ok(_) => Claim::Acquired,
@@ -183,7 +183,7 @@ impl Owner {
     /// Gives the tet back; only its owner does.
     #[inline(always)]
     pub fn release(&self) {
-        // Release: who takes the tet, or looks at it, sees what was written under this ownership.
+        // Release: who takes the tet, or inspects it, sees what was written under this ownership.
         self.0.store(NOBODY, Release);
     }
 

@@ -2,7 +2,7 @@
 //! other.
 //!
 //! Slots and ids are given out as the refinement goes: it ends with neighbours anywhere in memory,
-//! and a sweep that looks at each tet's neighbours and vertices waits for memory most of the time.
+//! and a sweep that inspects each tet's neighbours and vertices waits for memory most of the time.
 //! In the order of their places what one needs the next one has in the cache.
 //!
 //! CoreMap are cells of a grid over the box, along Morton's curve ([`morton`]); within a cell the

@@ -237,7 +237,7 @@ impl TetRecord {
 /// The last vertex tells. Where an insertion made the tet that is the new vertex, whose id is never
 /// used again: no other insertion gives it to the slot. A removal makes tets of old vertices, and
 /// may give a slot the last vertex that it had before; then a stamp of the former tet is taken for
-/// one of the new one. What is looked at for such a stamp is looked at once too often; what was
+/// one of the new one. What is inspected for such a stamp is inspected once too often; what was
 /// found out about the former tet is to be compared with the new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TetStamp {

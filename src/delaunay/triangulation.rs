@@ -145,7 +145,7 @@ impl Triangulation {
         self.tets.get(t)
     }
 
-    /// Fetches the neighbours of a tet into the cache: whoever looks at them next need not wait.
+    /// Fetches the neighbours of a tet into the cache: whoever inspects them next need not wait.
     #[inline]
     pub fn prefetch_neighbors(&self, tet: &TetRecord) {
         for i in 0..4 {

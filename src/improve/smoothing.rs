@@ -243,8 +243,8 @@ impl Worker<'_, '_> {
         }
     }
 
-    /// The support of a vertex on the interface of two labels; `normal` is that of the facets around
-    /// it.
+    /// The support of a vertex on the interface of two labels; `normal` is that of the facets
+    /// around it.
     fn on_interface(&self, star: &Star, at: DVec3, normal: DVec3, labels: [i32; 2]) -> Support {
         let interfaces = self.round.interfaces;
         let project = |p: DVec3| interfaces.project(p, normal, interfaces.tolerance, labels);

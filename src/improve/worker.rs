@@ -2,7 +2,7 @@
 //!
 //! Each tet below the target is reconnected if that helps (`removal`). What can't be helped so
 //! waits until nothing is left to reconnect; then its vertices are moved (`smoothing`), at last an
-//! edge is split (`split`). After each change the tets that changed are looked at again if they are
+//! edge is split (`split`). After each change the tets that changed are inspected again if they are
 //! below the target. Every change raises the least measure of the tets that it changes by [`GAIN`]
 //! at least, so the work ends.
 
@@ -23,7 +23,7 @@ use crate::mesh::NONE;
 
 /// An operation must raise the least measure by this much.
 pub(super) const GAIN: f64 = 1e-4;
-/// Steps between two looks around.
+/// Steps between two checks.
 const REPORT_EVERY: usize = 32;
 
 /// What all blocks of a round share.
@@ -188,7 +188,7 @@ impl<'r, 'a> Worker<'r, 'a> {
         }
     }
 
-    /// Looks at a tet again that a change did not touch or not help enough.
+    /// Inspects a tet again that a change did not touch or not help enough.
     fn enqueue_again(&mut self, entry: &Entry) {
         if self.round.shared.tet(entry.tet.0) == entry.vertices {
             self.enqueue(entry.tet.0);

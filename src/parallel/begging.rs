@@ -47,7 +47,7 @@ pub struct Begging<G> {
 #[derive(Debug)]
 struct Inbox<G> {
     gifts: Mutex<Vec<G>>,
-    /// How many there are, to be looked at without the lock.
+    /// How many there are, to be inspected without the lock.
     count: AtomicUsize,
 }
 
@@ -74,7 +74,7 @@ impl Beggars<'_> {
     /// Whether there seem to be some.
     #[inline(always)]
     pub fn any(self) -> bool {
-        // Relaxed: a hint; the lists are looked at under their locks.
+        // Relaxed: a hint; the lists are inspected under their locks.
         self.0.load(Relaxed) != 0
     }
 }

@@ -77,7 +77,7 @@ pub struct Contention {
 struct Place {
     waits: AtomicBool,
     followers: Mutex<Followers>,
-    /// How many there are, to be looked at without the lock.
+    /// How many there are, to be inspected without the lock.
     following: AtomicUsize,
 }
 

@@ -81,8 +81,8 @@ pub(super) fn warnings(certificate: &Certificate) -> Vec<String> {
     let SmallLost { count, voxels, first } = certificate.small_lost;
     if let Some((label, [x, y, z])) = first {
         lines.push(format!(
-            "components of fewer than {MIN_COMPONENT_VOXELS} voxels without a tet: {count}, of {voxels} \
-             voxels in all; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"
+            "components of fewer than {MIN_COMPONENT_VOXELS} voxels without a tet: {count}, of \
+             {voxels} voxels in all; the first, of label {label}, at ({x:.2}, {y:.2}, {z:.2})"
         ));
     }
     let defects = [

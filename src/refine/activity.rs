@@ -14,7 +14,7 @@ use crate::sync::clock::{Clock, ticks};
 pub enum Doing {
     /// It inserts samples of the isosurface.
     Sampling,
-    /// It looks at tets and serves those that are poor.
+    /// It inspects tets and serves those that are poor.
     Refining,
     /// It made a part of an operation that it gave up.
     RollingBack,

@@ -9,7 +9,7 @@
 //!
 //! # What a step is here
 //! R1 has sampled dO before there are tets (`sampling`); samples go in first, in rounds, and tets
-//! are looked at when all are in. A round that makes 4 times as many points of a surface halves
+//! are inspected when all are in. A round that makes 4 times as many points of a surface halves
 //! their spacing, so **rounds are steps**: r_i = r_(i-1) / 2 down to the delta of the surface. The
 //! volume rules come when dO has its last sample, and need no steps of their own: rows of tets get
 //! their final size at once.

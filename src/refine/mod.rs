@@ -11,12 +11,12 @@
 //! | [`recent`] | points found last, asked before a search |
 //! | [`pel`] | the poor element list: what a worker does next |
 //! | [`activity`] | what each thread did, and with what it lost time |
-//! | [`probe`] | who is told of looks and lookups |
+//! | [`probe`] | who is told of inspections and lookups |
 //! | [`team`] | what the workers of a refinement share: limits, the way to stop |
 //! | [`podm`] | all workers on one triangulation: the phases of a refinement |
 //! | [`lapd`] | each memory node in a region of its own: whose are which samples and tets |
 //! | [`partition`] | the regions: blocks, bisection |
-//! | [`refiner`] | one worker's loop: look, insert, remove |
+//! | [`refiner`] | one worker's loop: inspect, insert, remove |
 //! | [`unmet`] | what the rules still apply to in the end |
 
 pub mod activity;

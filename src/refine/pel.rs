@@ -1,12 +1,12 @@
 //! A worker's poor element list (PEL): the tets that it has still to look at, and those that it
 //! found poor.
 //!
-//! **Looks** come in rounds. A round holds the tets that one made of the tets of the round before
-//! it, in the order of their making; when none is left, the next round begins with some of the tets
-//! that wait. So a tet that the demand of another of its round destroys is never looked at, while
-//! all tets of a round still lie close together. Where each round makes more than it had, rounds
-//! would become a front that spreads over all of the worker's region, and no cache holds it: so the
-//! tets of a large round that were made last wait, and are the first to begin a round later.
+//! **Inspections** come in rounds. A round holds the tets that one made of the tets of the round
+//! before it, in the order of their making; when none is left, the next round begins with some of
+//! the tets that wait. So a tet that the demand of another of its round destroys is never looked
+//! at, while all tets of a round still lie close together. Where each round makes more than it had,
+//! rounds would become a front that spreads over all of the worker's region, and no cache holds it:
+//! so the tets of a large round that were made last wait, and are the first to begin a round later.
 //! **Poor** tets are served, some at a time, only when none is left to look at: a tet that lives
 //! only for a moment is never refined for its own shape, and all interfaces are sampled before the
 //! first circumcenter is inserted, which leaves R6 next to nothing to do.
@@ -20,7 +20,7 @@ use crate::{Error, Result};
 
 /// Tets of a round at most, and so many waiting tets that begin one.
 const ROUND: usize = 512;
-/// Poor tets that are served before the tets that this makes are looked at.
+/// Poor tets that are served before the tets that this makes are inspected.
 const SERVED: usize = 64;
 
 /// Least tets that wait of which some are given away.
@@ -46,11 +46,11 @@ pub enum Task {
 /// those at hand; or what is to be done in another region.
 #[derive(Debug, Default)]
 pub struct Gift {
-    /// To be looked at.
+    /// To be inspected.
     pub waiting: Vec<TetStamp>,
     /// Poor.
     pub poor: Vec<TetStamp>,
-    /// Tets, what they demanded when they were looked at, and which of their facets had not been
+    /// Tets, what they demanded when they were inspected, and which of their facets had not been
     /// asked yet, as bits.
     pub points: Vec<(TetStamp, RefinementPoint, u32)>,
 }
@@ -60,11 +60,11 @@ pub struct Gift {
 pub struct Pel {
     /// Vertices to be removed.
     removals: Vec<VertexId>,
-    /// To be looked at in a later round: last in, first out.
+    /// To be inspected in a later round: last in, first out.
     waiting: Vec<TetStamp>,
-    /// To be looked at in this round, the first at the end.
+    /// To be inspected in this round, the first at the end.
     round: Vec<TetStamp>,
-    /// To be looked at in the next round, the first at the front.
+    /// To be inspected in the next round, the first at the front.
     made: Vec<TetStamp>,
     /// Found poor: last in, first out.
     poor: Vec<TetStamp>,
@@ -73,12 +73,12 @@ pub struct Pel {
 }
 
 impl Pel {
-    /// Adds a tet to be looked at after all that was made of others.
+    /// Adds a tet to be inspected after all that was made of others.
     pub fn push_waiting(&mut self, stamp: TetStamp) {
         self.waiting.push(stamp);
     }
 
-    /// Adds a tet that an operation made, or that is to be looked at again.
+    /// Adds a tet that an operation made, or that is to be inspected again.
     #[inline]
     pub fn push_made(&mut self, stamp: TetStamp) {
         self.made.push(stamp);

@@ -1,4 +1,4 @@
-//! What a worker tells of beside its operations: looks at tets, and what the image was asked.
+//! What a worker tells of beside its operations: inspects tets, and what the image was asked.
 
 use crate::delaunay::probe::{CountVisits, NoProbe, Probe};
 use crate::delaunay::{TetId, Triangulation};
@@ -10,7 +10,7 @@ pub trait RefineProbe: Probe {
     #[inline(always)]
     fn pause(&mut self) {}
 
-    /// Told that the worker looks at tet `t`, of which it owns nothing, for what the rules ask.
+    /// Told that the worker inspects tet `t`, of which it owns nothing, for what the rules ask.
     #[inline(always)]
     fn inspect(&mut self, _: &Triangulation, _: TetId) {}
 

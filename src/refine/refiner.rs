@@ -1,17 +1,17 @@
 //! One worker's loop over its poor element list.
 //!
-//! First the samples of the isosurface are inserted. Then all tets are looked at, in the order of
-//! the PEL (`pel`): looking asks the surface rule R3, then the volume rules. A surface demand is
+//! First the samples of the isosurface are inserted. Then all tets are inspected, in the order of
+//! the PEL (`pel`): inspecting asks the surface rule R3, then the volume rules. A surface demand is
 //! carried out at once; a tet that only a volume rule finds poor waits until no tet is left to be
-//! looked at.
+//! inspected.
 //!
 //! The same loop serves a lone worker and one of a team (`podm`): the locking policy of the kernel
 //! is a type parameter, and what concerns others is compiled out for a lone worker. With others at
-//! work a look is a hint, checked when the operation owns what it looked at (`delaunay/ownership`);
-//! an operation that is given up leaves its tet in the list.
+//! work an inspection is a hint, checked when the operation owns what it inspected
+//! (`delaunay/ownership`); an operation that is given up leaves its tet in the list.
 //!
 //! Limits end the loop between two operations, so the triangulation is whole then: a mesh can be
-//! made of it. Time and memory are looked at every thousand steps, as is the cancel flag; a step
+//! made of it. Time and memory are checked every thousand steps, as is the cancel flag; a step
 //! takes microseconds.
 
 use std::ops::Range;
@@ -36,10 +36,10 @@ use crate::sync::Ticks;
 use crate::sync::clock::ticks;
 use crate::{Error, Result};
 
-/// Steps between two looks at the cancel flag and the limits.
+/// Steps between two checks of the cancel flag and the limits.
 pub(super) const REPORT_EVERY: u64 = 1024;
 
-/// Steps between two looks at what other workers want or have sent. Most steps are a look at a tet,
+/// Steps between two checks of what other workers want or have sent. Most steps inspect a tet,
 /// some hundred instructions, of which asking each time would be a tenth.
 const ASK_EVERY: u64 = 8;
 const _: () = assert!(REPORT_EVERY.is_multiple_of(ASK_EVERY));
@@ -57,7 +57,7 @@ const COLLECTED: usize = 256;
 pub struct Work {
     /// Vertices that each of R1 to R5 inserted, and those that R6 removed.
     pub by_rule: [u64; 6],
-    /// Tets that were looked at.
+    /// Tets that were inspected.
     pub inspections: u64,
     /// What was asked of the oracle meanwhile.
     pub lookups: Lookups,
@@ -308,7 +308,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         }
     }
 
-    /// Reports, looks at the limits, and makes room in the list, so that pushing need not ask for
+    /// Reports, checks the limits, and makes room in the list, so that pushing need not ask for
     /// memory.
     #[cold]
     fn report_and_check(&mut self) -> Result<()> {
@@ -343,7 +343,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     }
 
     /// Does what the surface demands of a tet at these of its facets, or notes what its volume
-    /// does. Most looks find nothing: for these a call would be 36 instructions more.
+    /// does. Most inspections find nothing: for these a call would be 36 instructions more.
     #[inline(always)]
     fn inspect_facets(&mut self, stamp: TetStamp, mut interfaces: u32) -> Result<()> {
         // Demands stay where they were made: one is a hundred bytes and more, and a copy of what
@@ -377,7 +377,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     /// Carries out what the surface demands of a tet.
     fn settle(&mut self, stamp: TetStamp, wanted: &RefinementPoint) -> Result<Fate> {
         let fate = self.carry_out(stamp, wanted)?;
-        // What was inserted may lie in the neighbour's circumball alone: then the tet is looked at
+        // What was inserted may lie in the neighbour's circumball alone: then the tet is inspected
         // again.
         if fate != Fate::Dropped && self.triangulation.is_current(stamp) {
             self.pel.push_made(stamp);
@@ -559,7 +559,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         {
             let gift = self.pel.gift()?;
             for stamp in &gift.waiting {
-                // Where the tet has died meanwhile, its slot's next one is looked at twice at
+                // Where the tet has died meanwhile, its slot's next one is inspected twice at
                 // worst.
                 self.state.mark_elsewhere(stamp.tet);
             }

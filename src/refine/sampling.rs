@@ -181,7 +181,7 @@ pub(super) struct Net {
     /// Which of the points are the tile's own.
     own: Vec<u32>,
     /// How many of their own points the nets beside this one, in the order of [`Tiles::beside`],
-    /// had when they were looked at last.
+    /// had when they were inspected last.
     learned: [usize; 8],
     /// Holds all that its samples cover, and all that covers what is offered.
     reach: [DVec3; 2],

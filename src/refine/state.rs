@@ -1,7 +1,7 @@
 //! What the refinement writes down beside the triangulation, for the rules to read.
 //!
 //! - The **label of a tet** is that of its circumcenter: the kernel's tag.
-//! - The **mark of a tet** says in which worker's list it waits to be looked at.
+//! - The **mark of a tet** says in which worker's list it waits to be inspected.
 //! - The **tag of an isovertex** is the level of the sizing field there.
 //! - **Free vertices** near interfaces are in a grid, for R6.
 
@@ -15,7 +15,7 @@ use crate::delaunay::worker::MARKS;
 use crate::delaunay::{TetId, VertexId, VertexKind};
 
 /// The mark of a tet that does not wait in the list that its mark names, that of the worker which
-/// made it or was sent it: it was looked at, or waits in another list. No worker's mark.
+/// made it or was sent it: it was inspected, or waits in another list. No worker's mark.
 const ELSEWHERE: u8 = MARKS as u8;
 
 /// What is kept of the tets and vertices that the rules are asked about.
@@ -68,7 +68,7 @@ impl<'a> State<'a> {
     }
 
     /// Notes that a tet is no longer one that waits in the list that its mark names. A note that
-    /// comes too late, to the slot's next tet, only makes its facets be looked at twice.
+    /// comes too late, to the slot's next tet, only makes its facets be inspected twice.
     #[inline]
     pub fn mark_elsewhere(&self, t: TetId) {
         self.rules.triangulation.tet(t).set_mark(ELSEWHERE);

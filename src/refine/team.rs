@@ -205,7 +205,7 @@ impl<'a> Team<'a> {
         self.places?.bind(me).map_err(|error| self.stop(error)).ok()
     }
 
-    /// Reports, and looks at limits and the cancel flag; a worker's tets and bytes have grown by
+    /// Reports, and checks limits and the cancel flag; a worker's tets and bytes have grown by
     /// `more`, which may be less than nothing, wrapped.
     pub fn report_and_check(&self, more: (u64, u64)) -> Result<()> {
         self.go_on()?;

@@ -21,7 +21,7 @@ use crate::delaunay::check::{CHECK_EVERY, Check};
 use crate::monitor::{Monitor, Step};
 use crate::oracle::CrossedEdge;
 
-/// Vertices of one piece of work, between two looks at the cancel flag.
+/// Vertices of one piece of work, between two checks of the cancel flag.
 const PIECE: u32 = 1 << 12;
 
 /// Checks the triangulation, and counts the tets to which a rule still applies, by rule; `order` is

@@ -10,9 +10,9 @@
 //! | at a contact, or on a line that the image does not know (scans, probabilities) | nowhere |
 //!
 //! What must hold: the map from a straight tet to the curved one is one to one, with a determinant
-//! of at least [`MIN_DETERMINANT`] times that of the straight tet ([`jacobian`](super::jacobian)). Where a
-//! tet does not have that its nodes go half as far, then a quarter, an eighth, at last nowhere.
-//! Straight tets have it, so that this ends.
+//! of at least [`MIN_DETERMINANT`] times that of the straight tet ([`jacobian`](super::jacobian)).
+//! Where a tet does not have that its nodes go half as far, then a quarter, an eighth, at last
+//! nowhere. Straight tets have it, so that this ends.
 //!
 //! The result does not depend on the number of threads: what a round changes follows from what all
 //! tets were before it.
@@ -160,7 +160,7 @@ impl Course<'_> {
 
     /// Halves the ways of the nodes of tets that are not valid, until all are.
     fn shorten(&mut self, monitor: &Monitor<'_>) -> Result<()> {
-        // Only tets with a node that has changed since they were looked at may be bad.
+        // Only tets with a node that has changed since they were inspected may be bad.
         let mut has_changed = room(self.ways.len(), "nodes")?;
         has_changed.extend(self.ways.iter().map(|way| *way != DVec3::ZERO));
         loop {

@@ -28,7 +28,7 @@ use crate::sync::virtual_time::{self, NANOSECOND};
 pub enum Work {
     /// A part of an operation.
     Kernel(Effort),
-    /// A tet is looked at for what the rules ask.
+    /// A tet is inspected for what the rules ask.
     Look,
     /// Labels looked up.
     Labels(u64),

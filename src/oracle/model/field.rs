@@ -11,8 +11,8 @@
 //!   interfaces are the trilinear isosurfaces themselves.
 //! - [`Mixtures`], of probability maps and of smoothed labels.
 //!
-//! **A cell whose corners all have label a is uniform**, on which rings and distance bound rely. At each
-//! corner the value of a is at least that of any other label b. Interpolation is a mean whose
+//! **A cell whose corners all have label a is uniform**, on which rings and distance bound rely. At
+//! each corner the value of a is at least that of any other label b. Interpolation is a mean whose
 //! weights are not negative, so that holds at each point of the cell. The two are equal only where
 //! they tie at all corners that count there; a won these because its id is smaller, and so wins the
 //! point, too. (Two intervals of intensity may have the same label, with another one between: where

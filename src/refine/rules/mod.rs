@@ -13,8 +13,8 @@
 //! they stand here, what was added to them, and why the refinement ends.
 //!
 //! A rule only reads; what it reads beside the triangulation is written by
-//! [`State`](super::state::State). It looks at the tet and at its neighbours. So the answer changes
-//! only when one of these does, and a changed neighbour is a new tet, which is looked at itself.
+//! [`State`](super::state::State). It inspects the tet and at its neighbours. So the answer changes
+//! only when one of these does, and a changed neighbour is a new tet, which is inspected itself.
 
 use glam::DVec3;
 
@@ -103,11 +103,11 @@ pub struct Lookups {
 const LABEL_UNKNOWN: u16 = NO_TAG;
 const _: () = assert!(MAX_IDS <= LABEL_UNKNOWN as usize);
 
-/// Which facets of a tet a look is to ask.
+/// Which facets of a tet an inspection is to ask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Facets {
     /// All but those whose other tet still waits in the list of this worker, by its mark: a facet
-    /// is looked at with the second of its tets. Where the two are in different workers' lists,
+    /// is inspected with the second of its tets. Where the two are in different workers' lists,
     /// each asks: both might believe to be the first.
     Second(u8),
     /// Those whose other tet has a smaller id: each facet of a triangulation at rest once, if all
@@ -208,8 +208,8 @@ impl<'a> Rules<'a> {
     }
 
     /// Whether a demand of tet `t` is true. To be asked when `wanted.start`, which is the tet or
-    /// its neighbour across the facet in question, is owned and was looked across: then neither of
-    /// the two can change.
+    /// its neighbour across the facet in question, is owned and was inspected across: then neither
+    /// of the two can change.
     pub fn still_applies(&self, t: TetId, wanted: &RefinementPoint) -> bool {
         let record = self.triangulation.tet(t);
         wanted.seen.is(record)

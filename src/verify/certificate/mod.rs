@@ -70,10 +70,11 @@ pub struct LabelRow {
     pub components_image: u64,
     /// Components in the mesh, of tets joined where they share a facet, an edge or a vertex.
     pub components_mesh: u64,
-    /// Components of the image, of at least [`MIN_COMPONENT_VOXELS`], in which no tet of the label lies.
+    /// Components of the image, of at least [`MIN_COMPONENT_VOXELS`], in which no tet of the label
+    /// lies.
     pub components_lost: u64,
-    /// Components of the image, of at least [`MIN_COMPONENT_VOXELS`], that the mesh has joined to another
-    /// one.
+    /// Components of the image, of at least [`MIN_COMPONENT_VOXELS`], that the mesh has joined to
+    /// another one.
     pub components_merged: u64,
     /// Components of the mesh that are torn off from the one they belong to, or lie in none of the
     /// image.
@@ -101,8 +102,8 @@ pub struct LabelRow {
     pub surface_to_mesh: Distance,
 }
 
-/// One component of the image that has at least [`MIN_COMPONENT_VOXELS`], and what the mesh made of it.
-/// Volumes are in cubic world units, distances in world units.
+/// One component of the image that has at least [`MIN_COMPONENT_VOXELS`], and what the mesh made of
+/// it. Volumes are in cubic world units, distances in world units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ComponentRow {
     /// Its label.
@@ -140,10 +141,11 @@ pub struct ComponentRow {
 /// What is wrong with the topology of a label somewhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum DefectKind {
-    /// A component of the image, of at least [`MIN_COMPONENT_VOXELS`], in which no tet of its label lies.
+    /// A component of the image, of at least [`MIN_COMPONENT_VOXELS`], in which no tet of its label
+    /// lies.
     Lost,
-    /// A component of the image, of at least [`MIN_COMPONENT_VOXELS`], that the mesh has joined to another
-    /// one of its label.
+    /// A component of the image, of at least [`MIN_COMPONENT_VOXELS`], that the mesh has joined to
+    /// another one of its label.
     Merged,
     /// A component of the mesh that is torn off from the one that stands for its component of the
     /// image.
@@ -188,8 +190,8 @@ pub struct Certificate {
     /// Edges where the boundary of some label (0 included) is not closed: an odd number of its
     /// facets meet there.
     pub open_edges: u64,
-    /// The components of the image of fewer than [`MIN_COMPONENT_VOXELS`] in which no tet of their label
-    /// lies.
+    /// The components of the image of fewer than [`MIN_COMPONENT_VOXELS`] in which no tet of their
+    /// label lies.
     pub small_lost: SmallLost,
     /// Outer facets that should lie on a wall, where the image cuts the object off, and do not.
     pub facets_off_walls: u64,
@@ -214,8 +216,8 @@ pub struct Certificate {
     pub unmet: [u64; 6],
     /// Every label other than 0 that the image or the mesh holds, in increasing order.
     pub labels: Vec<LabelRow>,
-    /// The components of the image that have at least [`MIN_COMPONENT_VOXELS`], in the order of their first
-    /// voxels.
+    /// The components of the image that have at least [`MIN_COMPONENT_VOXELS`], in the order of
+    /// their first voxels.
     pub components: Vec<ComponentRow>,
     /// Where the topology is at fault, by kind.
     pub defects: Vec<Defect>,

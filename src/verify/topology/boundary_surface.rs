@@ -17,10 +17,10 @@
 //! just inside of the tets has around there, 2 - n for a cone with n cycles and 1 for a wedge.
 //! Parts that meet in such places are one component.
 //!
-//! A place where a label's boundary is no surface is *non-manifold*: an edge with more than two of its
-//! facets, or a vertex, at no such edge, with more than one cycle. An edge where the boundary of
-//! a label (0 included) has an odd number of facets is *open*: the boundary of a union of tets has
-//! none.
+//! A place where a label's boundary is no surface is *non-manifold*: an edge with more than two of
+//! its facets, or a vertex, at no such edge, with more than one cycle. An edge where the boundary
+//! of a label (0 included) has an odd number of facets is *open*: the boundary of a union of tets
+//! has none.
 //!
 //! Deterministic whatever the number of threads; parallel in the current rayon pool. Facets are
 //! gathered by vertex with a counting sort: linear in them.
@@ -267,8 +267,8 @@ mod tests {
             }
             prop_assert_eq!(surfaces.euler, expected);
             prop_assert_eq!(surfaces.open_edges, 0);
-            // An edge of the grid is non-manifold where two of the four voxels around it are of a label
-            // and across from each other, and the others are not.
+            // An edge of the grid is non-manifold where two of the four voxels around it are of a
+            // label and across from each other, and the others are not.
             let at = |[i, j, k]: [isize; 3]| {
                 let inside = (0..DIMS[0] as isize).contains(&i)
                     && (0..DIMS[1] as isize).contains(&j)
@@ -300,7 +300,8 @@ mod tests {
                     edges += usize::from(touches);
                 }
             }
-            prop_assert_eq!(surfaces.non_manifold.iter().filter(|place| place.is_edge()).count(), edges);
+            let of_edges = surfaces.non_manifold.iter().filter(|place| place.is_edge());
+            prop_assert_eq!(of_edges.count(), edges);
         }
     }
 
