@@ -103,7 +103,7 @@ static const char MORE_USAGE[] =
     "ui.perfetto.dev\n"
     "  --quiet              no progress, no table\n"
     "  --help               this text\n"
-    "  --version            the version of the library\n"
+    "  --version            the version of the library, and its optional parts\n"
     "\n"
     "Exit status: 0 if the mesh was written, 2 for bad usage, 1 else. That a mesh is partial is "
     "said on stderr.\n";
@@ -717,6 +717,7 @@ int main(int argc, char **argv) {
         }
         if (strcmp(argv[i], "--version") == 0) {
             puts(lapd_version());
+            printf("built with: %s\n", *lapd_features() != '\0' ? lapd_features() : "nothing more");
             return EXIT_SUCCESS;
         }
     }

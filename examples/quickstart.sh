@@ -33,6 +33,9 @@ missing=
 have cc || missing="$missing gcc libc6-dev"
 have make || missing="$missing make"
 have cmake || missing="$missing cmake"
+# With hwloc the library knows what cores share, and --topology works.
+have pkg-config || missing="$missing pkg-config"
+pkg-config --exists hwloc libudev 2>/dev/null || missing="$missing libhwloc-dev libudev-dev"
 if [ $# -eq 0 ]; then
     [ -e "$atlas" ] || missing="$missing mricron-data"
 fi

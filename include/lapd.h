@@ -1283,6 +1283,15 @@ extern "C" {
 const char *lapd_version(void);
 
 /**
+ * The optional parts that the library that runs was built with, by name and separated by spaces;
+ * "" for none. "hwloc": the machine is as hwloc tells it, and lapd_params_set_topology takes
+ * descriptions of others; without it Linux tells the machine in /sys.
+ *
+ * The string is static. May be called from any thread.
+ */
+const char *lapd_features(void);
+
+/**
  * The name of a status code, such as "LAPD_ERROR_IO"; "LAPD_UNKNOWN_STATUS" for a number that is
  * none.
  *

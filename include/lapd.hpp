@@ -169,6 +169,11 @@ inline const char *version() noexcept {
     return lapd_version();
 }
 
+/** The optional parts that the library was built with, separated by spaces. */
+inline const char *features() noexcept {
+    return lapd_features();
+}
+
 // What a progress callback wants.
 enum class answer { go_on, cancel };
 

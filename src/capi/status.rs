@@ -139,6 +139,16 @@ pub extern "C" fn lapd_version() -> *const c_char {
     concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
 }
 
+/// The optional parts that the library that runs was built with, by name and separated by spaces;
+/// "" for none. "hwloc": the machine is as hwloc tells it, and lapd_params_set_topology takes
+/// descriptions of others; without it Linux tells the machine in /sys.
+///
+/// The string is static. May be called from any thread.
+#[unsafe(no_mangle)]
+pub extern "C" fn lapd_features() -> *const c_char {
+    if cfg!(feature = "hwloc") { c"hwloc" } else { c"" }.as_ptr()
+}
+
 /// The name of a status code, such as "LAPD_ERROR_IO"; "LAPD_UNKNOWN_STATUS" for a number that is
 /// none.
 ///

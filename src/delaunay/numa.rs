@@ -1,7 +1,7 @@
-//! NodeMap: the memory node of each chunk of tets and vertices, that of the worker that claimed it
-//! and first wrote to it (`chunked`).
+//! The memory node of each chunk of tets and vertices: that of the worker that claimed it and first
+//! wrote to it (`chunked`).
 //!
-//! **Slots sent home.** A worker uses the slots of a cavity again at once, whoever claimed them.
+//! **Slots sent back.** A worker uses the slots of a cavity again at once, whoever claimed them.
 //! Where the region of one node was meshed by others before, its tets would so stay in their memory
 //! for ever: an insertion frees some 18 slots and takes the same 18 and 6 more. A worker that keeps
 //! to its node (paper, section 4.2: new elements are stored in the memory of the node that made

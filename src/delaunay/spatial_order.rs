@@ -5,7 +5,7 @@
 //! and a sweep that inspects each tet's neighbours and vertices waits for memory most of the time.
 //! In the order of their places what one needs the next one has in the cache.
 //!
-//! CoreMap are cells of a grid over the box, along Morton's curve ([`morton`]); within a cell the
+//! Places are cells of a grid over the box, along Morton's curve ([`morton`]); within a cell the
 //! order is that of the numbers. So the order depends on the triangulation alone, not on the number
 //! of threads.
 //!

@@ -296,7 +296,7 @@ impl Worker<'_, '_> {
             _ => self.round.interfaces.tolerance,
         };
         // To where the worst tet would reach a little more than the target, if it went on so.
-        // CoreMap on interfaces are found to less than a hundredth of the tolerance, so a step is
+        // Places on interfaces are found to less than a hundredth of the tolerance, so a step is
         // longer than that.
         let shortest = SHORTEST_STEP * self.round.interfaces.tolerance;
         let mut length = (1.2 * (self.aim - least) / rate).max(shortest).min(most);

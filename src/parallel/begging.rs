@@ -24,6 +24,8 @@
 //! **No gift is lost.** A beggar leaves its list only by the hand of a giver, which then puts the
 //! gift into the beggar's own slot.
 
+use crossbeam_utils::CachePadded;
+
 use super::parking::Parking;
 use super::topology::Levels;
 use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
@@ -38,7 +40,8 @@ pub struct Begging<G> {
     inboxes: Vec<Inbox<G>>,
     slots: Vec<Slot<G>>,
     /// Workers in lists, for each group of the highest level; may be out of date.
-    beggars: Vec<AtomicUsize>,
+    /// On cache lines of their own: workers of a group ask with every step.
+    beggars: Vec<CachePadded<AtomicUsize>>,
     idle: AtomicUsize,
     over: AtomicBool,
 }
@@ -93,7 +96,7 @@ impl<G> Begging<G> {
             lists,
             inboxes,
             slots: (0..levels.workers()).map(slot).collect(),
-            beggars: (0..top).map(|_| AtomicUsize::new(0)).collect(),
+            beggars: (0..top).map(|_| CachePadded::default()).collect(),
             levels,
             idle: AtomicUsize::new(0),
             over: AtomicBool::new(false),

@@ -26,6 +26,8 @@
 
 use std::collections::VecDeque;
 
+use crossbeam_utils::CachePadded;
+
 use super::parking::Parking;
 use super::policy::Contention as Policy;
 use crate::sync::{AtomicBool, AtomicUsize, Mutex, Ordering::*, lock};
@@ -68,7 +70,8 @@ impl Streak {
 #[derive(Debug)]
 pub struct Contention {
     policy: Policy,
-    workers: Vec<Place>,
+    /// Each on cache lines of its own: a worker asks for its followers after every operation.
+    workers: Vec<CachePadded<Place>>,
     line: Mutex<Line>,
 }
 
@@ -100,10 +103,12 @@ struct Line {
 impl Contention {
     /// For `size` workers, all of which run.
     pub fn new(policy: Policy, size: usize) -> Self {
-        let place = |_| Place {
-            waits: AtomicBool::new(false),
-            followers: Mutex::new(Followers { open: true, list: VecDeque::new() }),
-            following: AtomicUsize::new(0),
+        let place = |_| {
+            CachePadded::new(Place {
+                waits: AtomicBool::new(false),
+                followers: Mutex::new(Followers { open: true, list: VecDeque::new() }),
+                following: AtomicUsize::new(0),
+            })
         };
         let line = Mutex::new(Line { running: size, list: VecDeque::new() });
         Self { policy, workers: (0..size).map(place).collect(), line }

@@ -12,7 +12,7 @@ pub struct Parking {
 }
 
 impl Parking {
-    /// CoreMap for `size` workers.
+    /// Places for `size` workers.
     pub fn new(size: usize) -> Self {
         Self {
             threads: (0..size).map(|_| OnceLock::new()).collect(),

@@ -3,6 +3,7 @@
 
 use std::time::Instant;
 
+use crossbeam_utils::CachePadded;
 use glam::DVec3;
 
 use super::lapd::Regions;
@@ -137,10 +138,10 @@ pub(super) struct Team<'a> {
     expected_tets: u64,
     size: usize,
     /// Vertices that may still be inserted and that no worker has a permit for.
-    permits: AtomicU64,
+    permits: CachePadded<AtomicU64>,
     /// Tets, and bytes of the workers, as they last told; sums that wrap.
-    tets: AtomicU64,
-    bytes: AtomicU64,
+    tets: CachePadded<AtomicU64>,
+    bytes: CachePadded<AtomicU64>,
     /// Workers that came to each meeting.
     meetings: [AtomicUsize; 2],
     /// Why the team was stopped: the first reason.
@@ -179,9 +180,10 @@ impl<'a> Team<'a> {
             samples,
             permits: AtomicU64::new(
                 options.limits.max_vertices.map_or(u64::MAX / 2, |most| most as u64),
-            ),
-            tets: AtomicU64::new(0),
-            bytes: AtomicU64::new(0),
+            )
+            .into(),
+            tets: CachePadded::default(),
+            bytes: CachePadded::default(),
             meetings: [AtomicUsize::new(0), AtomicUsize::new(0)],
             failure: Mutex::new(None),
         }

@@ -16,15 +16,11 @@ pub use std::sync::{Mutex, MutexGuard};
 use std::thread::{self, Thread};
 use std::time::Duration;
 
+use crossbeam_utils::Backoff;
+
 /// A time stamp: see [`clock::ticks`].
 pub type Ticks = u64;
 
-/// Turns of a loop before a waiting thread offers its processor to others: about as long as one
-/// operation takes.
-const SPINS: u32 = 200;
-/// Offers before it sleeps.
-const OFFERS: u32 = 16;
-const YIELDS_END: u32 = SPINS + OFFERS;
 /// Longest sleep: who waits also watches what nobody wakes it for.
 const NAP: Duration = Duration::from_millis(1);
 
@@ -42,14 +38,13 @@ pub fn wait_until(done: impl Fn() -> bool) {
     if virtual_time::is_running() {
         return virtual_time::wait_until(done);
     }
-    for turn in 0.. {
-        if done() {
-            return;
-        }
-        match turn {
-            0..SPINS => std::hint::spin_loop(),
-            SPINS..YIELDS_END => thread::yield_now(),
-            _ => thread::park_timeout(NAP),
+    // Spins about as long as one operation takes, then offers the processor to others, then sleeps.
+    let backoff = Backoff::new();
+    while !done() {
+        if backoff.is_completed() {
+            thread::park_timeout(NAP);
+        } else {
+            backoff.snooze();
         }
     }
 }
