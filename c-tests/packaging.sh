@@ -164,7 +164,8 @@ libraries)
     # It needs the system's libraries and hwloc's only, and says its own versioned name.
     readelf -d "$installed/lib/liblapd.so" >"$work/dynamic"
     sed -n 's/.*(NEEDED).*\[\(.*\)\]/\1/p' "$work/dynamic" >"$work/needed"
-    if grep -v -E '^(libc|libm|libgcc_s|libpthread|libdl|librt|libutil|ld-linux[^.]*|libhwloc)\.so\.' \
+    system=libc:libm:libgcc_s:libpthread:libdl:librt:libutil:libhwloc
+    if grep -v -E "^($(echo $system | tr : "|")|ld-linux[^.]*)\.so\." \
         "$work/needed"; then
         echo "these libraries are not the system's"
         exit 1

@@ -75,6 +75,7 @@ have cmake || missing="$missing cmake"
 have pkg-config || missing="$missing pkg-config"
 have nm || missing="$missing binutils"
 have clang-format || missing="$missing clang-format"
+have doxygen || missing="$missing doxygen"
 have python3 || missing="$missing python3"
 # What readback.py needs: CalculiX, virtual environments, and the libraries that the gmsh module
 # from PyPI links to.
@@ -151,6 +152,14 @@ if cargo clippy --version >/dev/null 2>&1; then
         -D warnings
 else
     skip "clippy, this toolchain has none (rustup component add clippy)"
+fi
+
+# ---- The pages of the interfaces ----
+
+if have doxygen; then
+    step api-pages sh docs/api/build.sh
+else
+    skip "the pages of the interfaces, doxygen is missing"
 fi
 
 # ---- Rust: unit tests, the stale header, licences, real images ----

@@ -10,21 +10,16 @@
 //
 // Conventions
 // - What lapd.h says holds here too: units, shapes, thread safety, who may change what. Every
-// member calls the
-//   function of the same name, where its text stands.
-// - A status other than LAPD_OK becomes a lapd::error, which carries the status and the message; a
-// partial mesh
-//   that was asked for is returned instead. Members may throw std::bad_alloc.
+//   member calls the function of the same name, where its text stands.
+// - A status other than LAPD_OK becomes a lapd::error, which carries the status and the message. A
+//   partial mesh that was asked for is returned instead. Members may throw std::bad_alloc.
 // - context, image, params and mesh own their handle and free it. They can be moved, not copied.
-// One that was
-//   moved from holds NULL, which every function refuses: its members throw. get() gives the handle
-//   for calls that are not here.
-// - Arrays come as views, without copying. A view is valid as long as the object that it came from
-// (wherever that
-//   is moved to); for params: until they are changed.
+//   One that was moved from holds NULL, which every function refuses: its members throw. get()
+//   gives the handle for calls that are not here.
+// - Arrays come as views, without copying. A view is valid as long as the object that it came
+//   from, wherever that is moved to; for params: until they are changed.
 // - Callbacks may throw. The exception does not cross the C interface: the run is cancelled, and
-// the exception
-//   leaves the call of this header that was running. What that call made is freed.
+//   the exception leaves the call of this header that was running. What that call made is freed.
 #ifndef LAPD_HPP
 #define LAPD_HPP
 
@@ -48,8 +43,8 @@
 
 namespace lapd {
 
-// A call failed. what() is the one line that the context keeps, or, of a call without a context,
-// what the status means.
+/// A call failed. what() is the one line that the context keeps, or, of a call without a context,
+/// what the status means.
 class error : public std::runtime_error {
   public:
     error(lapd_status status, const std::string &message)
@@ -63,9 +58,9 @@ class error : public std::runtime_error {
     lapd_status status_;
 };
 
-// A view of `size()` values that belong to somebody else. It is the same type in C++17 and in
-// C++20, so that objects compiled by either can be linked together; in C++20 it converts to
-// std::span<const T>.
+/// A view of `size()` values that belong to somebody else. It is the same type in C++17 and in
+/// C++20, so that objects compiled by either can be linked together; in C++20 it converts to
+/// std::span<const T>.
 template <class T> class span {
   public:
     using value_type = T;
@@ -96,7 +91,7 @@ template <class T> class span {
     std::size_t size_ = 0;
 };
 
-// A view of `size()` rows of N values each, one after the other: rows[i][k], k below N.
+/// A view of `size()` rows of N values each, one after the other: rows[i][k], k below N.
 template <class T, std::size_t N> class rows {
   public:
     static constexpr std::size_t width = N;
@@ -115,7 +110,7 @@ template <class T, std::size_t N> class rows {
     constexpr const T *operator[](std::size_t i) const noexcept {
         return data_ + N * i;
     }
-    // All values, size() * N of them.
+    /// All values, size() * N of them.
     constexpr span<T> values() const noexcept {
         return {data_, size_ * N};
     }
@@ -133,7 +128,7 @@ template <class T, void (*Free)(T *)> struct deleter {
     }
 };
 
-// Of calls without a context.
+/// Of calls without a context.
 inline void check(lapd_status status) {
     if (status != LAPD_OK) {
         throw error(status,
@@ -164,23 +159,23 @@ template <class T> constexpr std::int32_t voxel_type() noexcept {
 
 } // namespace detail
 
-// The version of the library that runs.
+/// The version of the library that runs.
 inline const char *version() noexcept {
     return lapd_version();
 }
 
-/** The optional parts that the library was built with, separated by spaces. */
+/// The optional parts that the library was built with, separated by spaces.
 inline const char *features() noexcept {
     return lapd_features();
 }
 
-// What a progress callback wants.
+/// What a progress callback wants.
 enum class answer { go_on, cancel };
 
 using progress_callback = std::function<answer(const lapd_progress &progress)>;
 using log_callback = std::function<void(lapd_log_level level, const char *message)>;
 
-// lapd_context: messages, callbacks, cancellation. One thread at a time, but for cancel().
+/// lapd_context: messages, callbacks, cancellation. One thread at a time, but for cancel().
 class context {
   public:
     context() : callbacks_(std::make_unique<callbacks>()) {
@@ -192,8 +187,8 @@ class context {
         detail::check(lapd_context_set_log(handle, call_log, callbacks_.get()), handle);
     }
 
-    // Both replace what was set before; nullptr means none. Not to be called from a callback of the
-    // same context.
+    /// Both replace what was set before; nullptr means none. Not to be called from a callback of
+    /// the same context.
     void set_progress(progress_callback callback) {
         require_handle();
         callbacks_->progress = std::move(callback);
@@ -203,8 +198,8 @@ class context {
         callbacks_->log = std::move(callback);
     }
 
-    // From any thread and from a signal handler, as long as the context is neither moved nor
-    // destroyed meanwhile.
+    /// From any thread and from a signal handler, as long as the context is neither moved nor
+    /// destroyed meanwhile.
     void cancel() const noexcept {
         lapd_context_cancel(handle_.get());
     }
@@ -218,8 +213,8 @@ class context {
         return handle_.get();
     }
 
-    // After a call with get(): throws what a callback threw during the call, or the error of a
-    // status that is not LAPD_OK.
+    /// After a call with get(): throws what a callback threw during the call, or the error of a
+    /// status that is not LAPD_OK.
     void check(lapd_status status) const {
         if (callbacks_ != nullptr && callbacks_->thrown != nullptr) {
             std::rethrow_exception(std::exchange(callbacks_->thrown, nullptr));
@@ -228,8 +223,8 @@ class context {
     }
 
   private:
-    // Where the C interface finds the callbacks; stays in place when the context is moved. No lock:
-    // callbacks run on the thread that made the call.
+    /// Where the C interface finds the callbacks; stays in place when the context is moved. No
+    /// lock: callbacks run on the thread that made the call.
     struct callbacks {
         progress_callback progress;
         log_callback log;
@@ -266,12 +261,12 @@ class context {
         }
     }
 
-    // The handle is freed first.
+    /// The handle is freed first.
     std::unique_ptr<callbacks> callbacks_;
     std::unique_ptr<lapd_context, detail::deleter<lapd_context, lapd_context_free>> handle_;
 };
 
-// Where the voxels of a buffer are in memory and in the world; see lapd_image_create.
+/// Where the voxels of a buffer are in memory and in the world; see lapd_image_create.
 struct grid {
     std::array<std::size_t, 3> dims{};
     std::array<double, 3> origin{0, 0, 0};
@@ -280,10 +275,10 @@ struct grid {
     std::optional<std::array<std::ptrdiff_t, 3>> strides{};
 };
 
-// lapd_image: never changes, any number of threads.
+/// lapd_image: never changes, any number of threads.
 class image {
   public:
-    // Copies voxels of any integer type; `voxels` points to voxel (0, 0, 0).
+    /// Copies voxels of any integer type; `voxels` points to voxel (0, 0, 0).
     template <class T> static image create(context &context, const T *voxels, const grid &grid) {
         lapd_image *handle = nullptr;
         lapd_status status =
@@ -293,16 +288,16 @@ class image {
         return adopt(context, status, handle);
     }
 
-    // Files may be read in another frame than their own; see lapd_world_frame.
+    /// Files may be read in another frame than their own; see lapd_world_frame.
     static image read(context &context, const std::string &path,
                       lapd_world_frame world = LAPD_WORLD_AS_STORED) {
         lapd_image *handle = nullptr;
         lapd_status status = lapd_image_read(context.get(), path.c_str(), world, &handle);
         return adopt(context, status, handle);
     }
-    // The same, with a choice of what becomes of voxels that are no whole numbers, and of the order
-    // in which the layers of a segmentation count, later over earlier ones; empty for that of the
-    // file.
+    /// The same, with a choice of what becomes of voxels that are no whole numbers, and of the
+    /// order in which the layers of a segmentation count, later over earlier ones; empty for that
+    /// of the file.
     static image read_labels(context &context, const std::string &path, lapd_world_frame world,
                              lapd_label_values values,
                              const std::vector<std::size_t> &layer_order = {}) {
@@ -313,7 +308,7 @@ class image {
         return adopt(context, status, handle);
     }
 
-    // Scans, cut into labels at isovalues; without labels these are 1, 2, ...
+    /// Scans, cut into labels at isovalues; without labels these are 1, 2, ...
     static image create_gray(context &context, const float *voxels, const grid &grid,
                              const std::vector<double> &isovalues,
                              const std::vector<std::int32_t> &labels = {}) {
@@ -337,19 +332,19 @@ class image {
         return adopt(context, status, handle);
     }
 
-    // Probability maps, one for each label; each points to voxel (0, 0, 0).
+    /// Probability maps, one for each label; each points to voxel (0, 0, 0).
     static image create_probabilities(context &context, const std::vector<const float *> &maps,
                                       const std::vector<std::int32_t> &labels, const grid &grid) {
         return create_maps(lapd_image_create_probabilities, context, maps, labels, grid);
     }
-    // All volumes of all files; without labels these are 1, 2, ...
+    /// All volumes of all files; without labels these are 1, 2, ...
     static image read_probabilities(context &context, const std::vector<std::string> &paths,
                                     const std::vector<std::int32_t> &labels = {},
                                     lapd_world_frame world = LAPD_WORLD_AS_STORED) {
         return read_maps(lapd_image_read_probabilities, context, paths, labels, world);
     }
 
-    // Level sets, one for each label: above 0 inside of it, the largest wins.
+    /// Level sets, one for each label: above 0 inside of it, the largest wins.
     static image create_level_sets(context &context, const std::vector<const float *> &maps,
                                    const std::vector<std::int32_t> &labels, const grid &grid) {
         return create_maps(lapd_image_create_level_sets, context, maps, labels, grid);
@@ -360,7 +355,7 @@ class image {
         return read_maps(lapd_image_read_level_sets, context, paths, labels, world);
     }
 
-    // Takes over a handle.
+    /// Takes over a handle.
     explicit image(lapd_image *handle) noexcept : handle_(handle) {
     }
 
@@ -395,7 +390,7 @@ class image {
         detail::check(lapd_image_get_labels(get(), &data, &count));
         return {data, count};
     }
-    // A copy: the image keeps its voxels in another form.
+    /// A copy: the image keeps its voxels in another form.
     std::vector<std::int32_t> voxels() const {
         const auto n = dims();
         std::vector<std::int32_t> values(n[0] * n[1] * n[2]);
@@ -407,13 +402,13 @@ class image {
         detail::check(lapd_image_get_warning_count(get(), &count));
         return count;
     }
-    // What a label stands for in an image read with LAPD_LABELS_DISTINCT.
+    /// What a label stands for in an image read with LAPD_LABELS_DISTINCT.
     const char *value(std::int32_t label) const {
         const char *text = nullptr;
         detail::check(lapd_image_get_value(get(), label, &text));
         return text;
     }
-    // The name that the image's file gives to a label; nullptr where it gives none.
+    /// The name that the image's file gives to a label; nullptr where it gives none.
     const char *label_name(std::int32_t label) const {
         const char *text = nullptr;
         detail::check(lapd_image_get_label_name(get(), label, &text));
@@ -430,7 +425,7 @@ class image {
     }
 
   private:
-    // By the C function for probabilities, or that for level sets.
+    /// By the C function for probabilities, or that for level sets.
     template <class Create>
     static image create_maps(Create *create, context &context,
                              const std::vector<const float *> &maps,
@@ -455,7 +450,7 @@ class image {
         return adopt(context, status, handle);
     }
 
-    // The C function takes one count for both.
+    /// The C function takes one count for both.
     static void check_count(const std::vector<std::int32_t> &labels, std::size_t count,
                             const char *what) {
         if (!labels.empty() && labels.size() != count)
@@ -463,7 +458,7 @@ class image {
                         "as many labels as " + std::string(what) + " are needed");
     }
 
-    // Owns first, so that what was made is freed when this throws.
+    /// Owns first, so that what was made is freed when this throws.
     static image adopt(const context &context, lapd_status status, lapd_image *handle) {
         image made(handle);
         context.check(status);
@@ -473,8 +468,8 @@ class image {
     std::unique_ptr<lapd_image, detail::deleter<lapd_image, lapd_image_free>> handle_;
 };
 
-// lapd_params: the defaults, until changed. Setters return the object, so that they can be written
-// in a row.
+/// lapd_params: the defaults, until changed. Setters return the object, so that they can be written
+/// in a row.
 class params {
   public:
     params() {
@@ -701,16 +696,16 @@ class params {
         return result;
     }
 
-    // Setters leave their message here.
+    /// Setters leave their message here.
     context messages_;
     std::unique_ptr<lapd_params, detail::deleter<lapd_params, lapd_params_free>> handle_;
 };
 
-// lapd_mesh: never changes, any number of threads; needs none of the other objects to live on.
+/// lapd_mesh: never changes, any number of threads; needs none of the other objects to live on.
 class mesh {
   public:
-    // lapd_mesh_image. A partial mesh, where the parameters ask for it, is returned too;
-    // limit_reached() tells.
+    /// lapd_mesh_image. A partial mesh, where the parameters ask for it, is returned too;
+    /// limit_reached() tells.
     static mesh make(context &context, const image &image, const params &params) {
         lapd_mesh *handle = nullptr;
         lapd_status status = lapd_mesh_image(context.get(), image.get(), params.get(), &handle);
@@ -719,35 +714,35 @@ class mesh {
         return made;
     }
 
-    // Throws for a name that write() would not take for its ending, before there is a mesh.
+    /// Throws for a name that write() would not take for its ending, before there is a mesh.
     static void check_path(context &context, const std::string &path) {
         context.check(lapd_mesh_check_path(context.get(), path.c_str()));
     }
 
-    // Takes over a handle.
+    /// Takes over a handle.
     explicit mesh(lapd_mesh *handle) noexcept : handle_(handle) {
     }
 
     void write(context &context, const std::string &path) const {
         context.check(lapd_mesh_write(context.get(), get(), path.c_str()));
     }
-    /** A .vtu file with measures of the tets beside the labels. */
+    /// A .vtu file with measures of the tets beside the labels.
     void write_with_measures(context &context, const std::string &path) const {
         context.check(lapd_mesh_write_with_measures(context.get(), get(), path.c_str()));
     }
-    /** A measure of every tet. */
+    /// A measure of every tet.
     std::vector<double> measure(lapd_tet_measure measure) const {
         std::vector<double> values(tets().size());
         detail::check(lapd_mesh_copy_measure(get(), measure, values.data(), values.size()));
         return values;
     }
-    /** The report as JSON; `extra`, if not empty, is a JSON object of members to put beside. */
+    /// The report as JSON; `extra`, if not empty, is a JSON object of members to put beside.
     void write_report(context &context, const std::string &path,
                       const std::string &extra = {}) const {
         context.check(lapd_mesh_write_report(context.get(), get(), path.c_str(),
                                              extra.empty() ? nullptr : extra.c_str()));
     }
-    /** The name that the image's file gives to a label; nullptr where it gives none. */
+    /// The name that the image's file gives to a label; nullptr where it gives none.
     const char *label_name(std::int32_t label) const {
         const char *text = nullptr;
         detail::check(lapd_mesh_get_label_name(get(), label, &text));
@@ -778,7 +773,7 @@ class mesh {
     rows<std::uint32_t, 2> facet_tets() const {
         return array<rows<std::uint32_t, 2>>(lapd_mesh_get_facet_tets);
     }
-    /** The nodes on the edges of tets and facets; no rows in a mesh of order 1. */
+    /// The nodes on the edges of tets and facets; no rows in a mesh of order 1.
     rows<std::uint32_t, 6> tet_mid_nodes() const {
         return array<rows<std::uint32_t, 6>>(lapd_mesh_get_tet_mid_nodes);
     }
@@ -863,7 +858,7 @@ class mesh {
         detail::check(lapd_mesh_get_thread_count(get(), &count));
         return count;
     }
-    // Of LAPD_ALL_THREADS: the sum.
+    /// Of LAPD_ALL_THREADS: the sum.
     lapd_thread_report thread_report(std::size_t index) const {
         lapd_thread_report report{};
         report.struct_size = sizeof report;
@@ -896,7 +891,7 @@ class mesh {
 } // namespace lapd
 
 #if __cplusplus >= 202002L
-// Views own nothing: iterators outlive them.
+/// Views own nothing: iterators outlive them.
 template <class T> inline constexpr bool std::ranges::enable_view<lapd::span<T>> = true;
 template <class T> inline constexpr bool std::ranges::enable_borrowed_range<lapd::span<T>> = true;
 #endif

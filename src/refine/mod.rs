@@ -3,18 +3,18 @@
 //! | file | what |
 //! |---|---|
 //! | [`sampling`] | R1: samples of the isosurface, before there are tets |
-//! | [`junctions`] | the samples of junctions, from which R1 starts |
+//! | `junctions` | the samples of junctions, from which R1 starts |
 //! | [`rules`] | what each rule asks for; reads only |
 //! | [`state`] | what is written down of tets and vertices, for the rules to read |
 //! | [`cell_table`] | cells of points, for the two that look for near points |
 //! | [`vertex_grid`] | which vertices lie near a point |
-//! | [`recent`] | points found last, asked before a search |
+//! | `recent` | points found last, asked before a search |
 //! | [`pel`] | the poor element list: what a worker does next |
 //! | [`activity`] | what each thread did, and with what it lost time |
 //! | [`probe`] | who is told of inspections and lookups |
 //! | [`team`] | what the workers of a refinement share: limits, the way to stop |
 //! | [`podm`] | all workers on one triangulation: the phases of a refinement |
-//! | [`lapd`] | each memory node in a region of its own: whose are which samples and tets |
+//! | `lapd` | each memory node in a region of its own: whose are which samples and tets |
 //! | [`partition`] | the regions: blocks, bisection |
 //! | [`refiner`] | one worker's loop: inspect, insert, remove |
 //! | [`unmet`] | what the rules still apply to in the end |

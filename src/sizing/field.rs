@@ -1,8 +1,8 @@
 //! The sizing field: how far apart samples of dO are to be, from place to place.
 //!
 //! Where nothing is thin that is delta. A structure of thickness t (`sizing/thickness`) wants
-//! samples [`PER_THICKNESS`] t apart on both of its sides: farther apart, the tets between its
-//! sides reach out of it, and it tears. Away from there the field grows by no more than [`GRADING`]
+//! samples `PER_THICKNESS` t apart on both of its sides: farther apart, the tets between its
+//! sides reach out of it, and it tears. Away from there the field grows by no more than `GRADING`
 //! per unit of distance (along the image axes one after the other), so that elements grow smoothly.
 //! It is never below the floor.
 //!

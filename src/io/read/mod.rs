@@ -17,7 +17,7 @@
 //! dense ids, 2 bytes per voxel, are ever held.
 //!
 //! Labels are integers, or numbers with whole values; what is within 1e-3 of one is rounded with a
-//! warning, the rest where [`ReadOptions::round`] asks for it. [`values`] reads scans and
+//! warning, the rest where [`LabelValues::Rounded`] asks for it. [`values`] reads scans and
 //! probability maps, of any numbers, from the same formats.
 //!
 //! The layers: `source` gives bytes (and decompresses), `fields` parses header values, `voxels`

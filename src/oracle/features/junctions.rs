@@ -137,7 +137,8 @@ impl JunctionPlanes<'_> {
     }
 
     /// Calls `visit` for the points, in world coordinates, of one row of bricks of voxels, numbered
-    /// as by [`super::EdgeGrid::rows`]. Each point is in one row, there once or more often.
+    /// as by [`EdgeGrid::rows`](crate::oracle::EdgeGrid::rows). Each point is in one row, there
+    /// once or more often.
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.

@@ -6,8 +6,8 @@
 //! Orientation is exact: Shewchuk's adaptive predicate ("Adaptive precision floating-point
 //! arithmetic and fast robust geometric predicates", 1997) from the `robust` crate. Distances are
 //! those of [`distance`](super::distance), components those of `image_components` and
-//! `mesh_components`, boundaries those of [`boundary_surface`](super::boundary_surface), and which
-//! component stands for which is told by [`matching`](super::matching).
+//! `mesh_components`, boundaries those of [`boundary_surface`](super::topology::boundary_surface),
+//! and which component stands for which is told by [`matching`](super::topology::matching).
 //!
 //! Deterministic whatever the number of threads; parallel in the current rayon pool; safe from any
 //! thread. Linear, but for the distances.

@@ -1,0 +1,109 @@
+"""Writes small valid files of every format, from which the fuzzer of each reader begins."""
+
+import gzip
+import struct
+import sys
+from pathlib import Path
+
+VOXELS = bytes([0, 0, 1, 1, 0, 2, 2, 1])
+NRRD = """NRRD0005
+type: {type}
+dimension: 3
+space: left-posterior-superior
+sizes: 2 2 2
+space directions: (1,0,0) (0,1,0) (0,0,2)
+space origin: (1,2,3)
+kinds: domain domain domain
+encoding: {encoding}
+{more}
+"""
+SEGMENTS = """Segment0_ID:=a
+Segment0_LabelValue:=1
+Segment0_Layer:=0
+Segment0_Name:=liver
+"""
+META = """ObjectType = Image
+NDims = 3
+DimSize = 2 2 2
+ElementSpacing = 1 1 2
+Offset = 0 0 0
+TransformMatrix = 1 0 0 0 1 0 0 0 1
+CompressedData = {compressed}
+ElementType = MET_UCHAR
+ElementDataFile = LOCAL
+"""
+INR = """#INRIMAGE-4#{{
+XDIM=2
+YDIM=2
+ZDIM=2
+VDIM=1
+VX=1
+VY=1
+VZ=2
+TYPE={type}
+PIXSIZE={bits}
+SCALE=2**0
+CPU=decm
+"""
+
+
+def nrrd(kind, encoding, data, more=""):
+    return NRRD.format(type=kind, encoding=encoding, more=more).encode() + data
+
+
+def inr(kind, bits, data):
+    head = INR.format(type=kind, bits=bits)
+    return (head + "\n" * (252 - len(head)) + "##}\n").encode() + data
+
+
+def nifti(code, bits, data):
+    head = bytearray(352)
+    struct.pack_into("<i", head, 0, 348)
+    struct.pack_into("<8h", head, 40, 3, 2, 2, 2, 1, 1, 1, 1)
+    struct.pack_into("<2h", head, 70, code, bits)
+    struct.pack_into("<8f", head, 76, 1, 1, 1, 2, 0, 0, 0, 0)
+    struct.pack_into("<3f", head, 108, 352, 1, 0)
+    struct.pack_into("<2h", head, 252, 0, 1)
+    struct.pack_into("<12f", head, 280, 1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 2, 7)
+    head[344:348] = b"n+1\0"
+    return bytes(head) + data
+
+
+def seeds():
+    """Seeds by target."""
+    floats = struct.pack("<8f", *VOXELS)
+    text = " ".join(map(str, VOXELS)).encode()
+    return {
+        "read_nrrd": [
+            nrrd("uint8", "raw", VOXELS),
+            nrrd("uint8", "gzip", gzip.compress(VOXELS)),
+            nrrd("uint8", "ascii", text),
+            nrrd("float", "raw", floats, "endian: little\n"),
+            nrrd("uint8", "raw", VOXELS, SEGMENTS),
+        ],
+        "read_nifti": [
+            nifti(2, 8, VOXELS),
+            nifti(16, 32, floats),
+            nifti(4, 16, struct.pack("<8h", *VOXELS)),
+        ],
+        "read_metaimage": [
+            META.format(compressed=False).encode() + VOXELS,
+            META.format(compressed=True).encode() + gzip.zlib.compress(VOXELS),
+        ],
+        "read_inr": [
+            inr("unsigned fixed", "8 bits", VOXELS),
+            inr("float", "32 bits", floats),
+        ],
+        "c_calls": [bytes([2, 0, 40, 1, 80, 5, 5, 5, 40, 40, 40, 0, 0, 0] + [1, 2, 0, 1] * 40)],
+    }
+
+
+def main():
+    for target, files in seeds().items():
+        folder = Path(sys.argv[1]) / target
+        folder.mkdir(parents=True, exist_ok=True)
+        for number, data in enumerate(files):
+            (folder / f"seed-{number}").write_bytes(data)
+
+
+main()
