@@ -201,3 +201,142 @@ fn modules_use_only_those_before_them() {
     }
     assert!(wrong.is_empty(), "against the order of the map:\n{}", wrong.join("\n"));
 }
+
+/// Sentences that end within a line of Markdown, before its last one. Dots in code, after initials
+/// and in abbreviations end none.
+fn inner_sentence_ends(line: &str) -> usize {
+    let mut in_code = false;
+    let mut ends = 0;
+    for (at, c) in line.char_indices() {
+        in_code ^= c == '`';
+        let rest = &line[at..];
+        let next = rest.strip_prefix(". ").and_then(|next| next.chars().next());
+        if in_code || !next.is_some_and(|next| next.is_uppercase()) {
+            continue;
+        }
+        let word = line[..at].rsplit([' ', '(']).next().unwrap_or_default();
+        let is_short = ["e.g", "i.e", "vs", "etc", "al", "Fig", "No", "p", "pp"].contains(&word);
+        let is_initial = word.chars().count() == 1;
+        let open = line[..at].matches('(').count() > line[..at].matches(')').count();
+        ends += usize::from(!is_short && !is_initial && !open);
+    }
+    ends
+}
+
+/// A line of Markdown fits, or is a single sentence. Tables and code may be wider.
+#[test]
+fn markdown_has_short_lines_or_one_sentence_in_each() {
+    const MAX: usize = 120;
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut found = Vec::new();
+    pages(root, &mut found);
+    let mut wrong = Vec::new();
+    for page in found {
+        let text = fs::read_to_string(&page).unwrap();
+        let mut fenced = false;
+        for (line, number) in text.lines().zip(1..) {
+            fenced ^= line.trim_start().starts_with("```");
+            let is_free = fenced || line.starts_with("    ") || line.trim_start().starts_with('|');
+            if !is_free && line.chars().count() > MAX && inner_sentence_ends(line) > 0 {
+                wrong.push(format!("{}:{number}", page.strip_prefix(root).unwrap().display()));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "several sentences in a long line:\n{}", wrong.join("\n"));
+}
+
+/// What errors and warnings are made by; the text comes next.
+const MAKERS: [&str; 14] = [
+    "InvalidArgument(",
+    "Unsupported(",
+    "LimitReached(",
+    "TimeLimit(",
+    "MemoryLimit(",
+    "Error::format(",
+    "Failure::invalid(",
+    ".error(",
+    "#[error(",
+    "warnings.push(",
+    "warning = format!(",
+    "lines.push(",
+    "let message =\n",
+    "(DefectKind::",
+];
+
+/// The string literal that begins next in `code`, within some lines, as it reads.
+fn next_literal(code: &str) -> Option<String> {
+    let near = code.char_indices().nth(300).map_or(code, |(end, _)| &code[..end]);
+    let start = near.find('"')? + 1;
+    let mut text = String::new();
+    let mut chars = code[start..].chars();
+    loop {
+        match chars.next()? {
+            '"' => return Some(text),
+            '\\' => match chars.next()? {
+                // The line goes on behind the indentation.
+                '\n' => {
+                    let rest = chars.as_str().trim_start();
+                    chars = rest.chars();
+                }
+                'n' => text.push('\n'),
+                c => text.push(c),
+            },
+            c => text.push(c),
+        }
+    }
+}
+
+/// Whether a message has the parts of a text between its dots, one after the other.
+fn is_told_by(message: &str, text: &str) -> bool {
+    let mut rest = message;
+    text.split("...")
+        .map(str::trim)
+        .filter(|part| !part.is_empty())
+        .all(|part| rest.find(part).map(|at| rest = &rest[at + part.len()..]).is_some())
+}
+
+/// Every message that the sources make is explained in docs/guide/troubleshooting.md, and what is
+/// explained there is a message of the sources.
+#[test]
+fn messages_are_explained() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = fs::read_to_string(root.join("docs/guide/troubleshooting.md")).unwrap();
+    let cells = page.lines().filter(|line| line.starts_with("| `"));
+    let cells = cells.filter_map(|line| line.split('|').nth(1));
+    let texts: Vec<&str> = cells.flat_map(|cell| cell.split('`').skip(1).step_by(2)).collect();
+    assert!(texts.len() > 100, "only {} texts are explained", texts.len());
+    let mut files = Vec::new();
+    sources(&root.join("src"), &mut files);
+    let mut messages = Vec::new();
+    let mut all = String::new();
+    for path in files {
+        let code = code(&path);
+        // What only programs in Rust can do wrong is explained where they read.
+        let is_for_rust = ["phantom.rs", "volume.rs", "machine.rs", "simulation"];
+        if !is_for_rust.iter().any(|part| path.to_string_lossy().contains(part)) {
+            for maker in MAKERS {
+                for (at, _) in code.match_indices(maker) {
+                    messages.extend(next_literal(&code[at + maker.len()..]));
+                }
+            }
+        }
+        let mut rest = &*code;
+        while let Some(at) = rest.find('"') {
+            let literal = next_literal(&rest[at..]).unwrap_or_default();
+            all.push_str(&literal);
+            all.push('\n');
+            rest = &rest[at + 1..];
+        }
+    }
+    // Names of fields and types, and texts that only pass another one on.
+    let words = |message: &str| message.split_whitespace().filter(|w| !w.contains('{')).count();
+    messages.retain(|message| words(message) > 2);
+    let unexplained: Vec<&String> = messages
+        .iter()
+        .filter(|message| !texts.iter().any(|text| is_told_by(message, text)))
+        .collect();
+    assert!(unexplained.is_empty(), "not in the page:\n{unexplained:#?}");
+    let stale: Vec<&&str> =
+        texts.iter().filter(|text| !all.lines().any(|message| is_told_by(message, text))).collect();
+    assert!(stale.is_empty(), "of no source:\n{stale:#?}");
+}
