@@ -216,8 +216,5 @@ fi
 
 # ---- Sum ----
 
-if [ -s "$skipped" ]; then
-    echo "$(wc -l <"$skipped") things were SKIPPED, see above"
-fi
-echo "$passed passed, $failed failed"
+echo "$passed passed, $failed failed, $(wc -l <"$skipped") skipped"
 [ "$failed" -eq 0 ]

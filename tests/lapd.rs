@@ -65,20 +65,19 @@ fn many_short_runs_on_several_nodes_end_in_clean_meshes() {
     assert!(runs < 10 || lost.gifts > 0, "nothing was handed over");
 }
 
+/// How much less LAPD visits far memory is held against a bar where it is the same in every run: in
+/// virtual time, by `remote_visits_are_less_than_half_of_podms` in src/simulation/tests.rs. Here it
+/// depends on which threads the system lets run.
 #[test]
-fn several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory() {
-    let _watchdog =
-        Watchdog::new("several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory");
+fn several_nodes_mesh_as_well_as_one_thread() {
+    let _watchdog = Watchdog::new("several_nodes_mesh_as_well_as_one_thread");
     let subject = large_subject();
     let alone = outcome(&subject, &RefineOptions::solo(), true);
-    // At most half of PODM's usual share, which depends on which threads the system lets run; that
-    // of LAPD does so only where it keeps some off the processors for long, hence several tries.
-    for (name, machine, threads, most) in [
-        ("2 nodes of 2", Machine::uniform(2, 2), 4, 12.0),
-        ("4 nodes of 2", Machine::uniform(4, 2), 8, 19.0),
-        ("8 nodes of 1", Machine::uniform(8, 1), 8, 24.0),
-        // Of so small a mesh one worker makes a large part before there is room for all.
-        ("Blacklight, 2 blades", Machine::blacklight(2), 32, f64::INFINITY),
+    for (name, machine, threads) in [
+        ("2 nodes of 2", Machine::uniform(2, 2), 4),
+        ("4 nodes of 2", Machine::uniform(4, 2), 8),
+        ("8 nodes of 1", Machine::uniform(8, 1), 8),
+        ("Blacklight, 2 blades", Machine::blacklight(2), 32),
     ] {
         let share = |algorithm| {
             let machine = machine.clone();
@@ -91,17 +90,12 @@ fn several_nodes_mesh_as_well_as_one_thread_and_visit_less_remote_memory() {
             assert_alike(subject.name, &alone, &together, 0.03, 0.3);
             let ratio = alone.quality.mean_radius_edge / together.quality.mean_radius_edge;
             assert!((ratio - 1.0).abs() < 0.02, "{name}: mean radius-edge ratio");
-            100.0 * accesses(&together).remote_share()
+            let visits = accesses(&together);
+            assert!(visits.local() > 0 && visits.remote() > 0, "{name}: {visits:?}");
+            100.0 * visits.remote_share()
         };
-        let podm = share(Algorithm::Podm);
-        let mut lapd = share(Algorithm::Lapd);
-        for _ in 0..2 {
-            if lapd >= most {
-                lapd = lapd.min(share(Algorithm::Lapd));
-            }
-        }
+        let (podm, lapd) = (share(Algorithm::Podm), share(Algorithm::Lapd));
         println!("{name}: {podm:.1} % of visits remote under PODM, {lapd:.1} % under LAPD");
-        assert!(lapd < most, "{name}: {lapd} % of visits remote under LAPD, {podm} % under PODM");
     }
 }
 

@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use super::course::STEADY;
 use super::platform::{Costs, Level, Network, Platform};
+use super::world::Traffic;
 use super::{Simulated, simulate};
 use crate::image::LabelImage;
 use crate::image::phantom::{nested_shells, torus};
@@ -226,6 +227,32 @@ fn far_data_and_full_routers_cost_time() {
         (seconds(0.0, 0.0), seconds(2000.0, 0.0), seconds(0.0, 1000.0));
     assert!(far > 1.2 * near.0 && full > 1.2 * near.0, "{} s, {far} s far, {full} s full", near.0);
     assert!(near.1 == 0.0 && queue > 0.0);
+}
+
+/// The part of all visits that were to memory of other nodes.
+fn remote_share(run: &Simulated) -> f64 {
+    let visits = |far: bool| -> u64 {
+        let of = |one: &Traffic| one.visits_by_hops[usize::from(far)..].iter().sum::<u64>();
+        run.traffic.iter().map(of).sum()
+    };
+    visits(true) as f64 / visits(false) as f64
+}
+
+/// What LAPD is for: workers keep to the memory of their node (paper, section 4).
+#[test]
+fn remote_visits_are_less_than_half_of_podms() {
+    let subject = Subject::octants(0.45);
+    // Of so small a mesh 32 workers on 8 nodes leave each too little to keep to itself.
+    for nodes in [2, 4] {
+        let platform = platform(nodes);
+        let share = |algorithm| {
+            let options = RefineOptions { algorithm, ..options(&platform) };
+            remote_share(&subject.simulate("shares", &options, &platform).0)
+        };
+        let (podm, lapd) = (share(Algorithm::Podm), share(Algorithm::Lapd));
+        println!("{nodes} nodes: {podm:.3} of visits remote under PODM, {lapd:.3} under LAPD");
+        assert!(lapd < 0.5 * podm, "{nodes} nodes: {lapd} of visits, {podm} under PODM");
+    }
 }
 
 #[test]
