@@ -1,7 +1,7 @@
 #!/bin/sh
-# Installs what is missing and runs every test, Rust and C. Ends with a line "N passed, N failed";
-# the exit status is 0 only if none failed. What was not tested is said in lines that start with
-# SKIPPED.
+# Installs what is missing and runs every test, Rust and C. Ends with a line "N passed, N failed, N
+# skipped"; the exit status is 0 only if none failed. What was not tested is said in lines that
+# start with SKIPPED.
 #
 #   sh c-tests/run.sh          without the examples of ITK and VTK, if these are not installed
 #   sh c-tests/run.sh --all    installs these as well, 200 MB
@@ -38,6 +38,19 @@ have() {
 
 skip() {
     echo "SKIPPED: $*" | tee -a "$skipped"
+}
+
+# begin NAME COMMAND...: runs a command beside what follows; "step NAME finish NAME" waits for it.
+begin() {
+    name=$1
+    shift
+    { "$@" >"$logs/$name.beside" 2>&1; echo $? >"$logs/$name.status"; } &
+    eval "beside_$name=$!"
+}
+finish() {
+    eval "wait \$beside_$1"
+    cat "$logs/$1.beside"
+    return "$(cat "$logs/$1.status")"
 }
 
 # step NAME COMMAND...: runs a command, shows its output only if it fails. Counts as one test,
@@ -129,6 +142,24 @@ python=$build/readback-venv
 step python-env python3 c-tests/environment.py "$python"
 grep -h '^SKIPPED' "$logs/python-env.log" | tee -a "$skipped"
 
+# The package, which is built and installed as users do. Whole-program optimisation keeps one core
+# busy; the other one goes on.
+build_package() {
+    cmake -S . -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release \
+        -DCMAKE_INSTALL_PREFIX="$build/install" -DCMAKE_INSTALL_LIBDIR=lib \
+        -DLAPD_CARGO_TARGET_DIR="$root/target" && cmake --build "$build/cmake" &&
+        cmake --install "$build/cmake"
+}
+begin package build_package
+
+# One build of the library serves the tests of all features.
+features=simulation,force-conflicts
+if pkg-config --exists hwloc libudev; then
+    features=$features,hwloc
+else
+    skip "the feature hwloc, libhwloc-dev or libudev-dev is missing"
+fi
+
 # ---- Form ----
 
 if cargo fmt --version >/dev/null 2>&1; then
@@ -146,8 +177,6 @@ else
 fi
 if cargo clippy --version >/dev/null 2>&1; then
     step clippy cargo clippy --quiet --locked --all-targets -- -D warnings
-    features=simulation
-    ! pkg-config --exists hwloc libudev || features=simulation,hwloc
     step clippy-features cargo clippy --quiet --locked --all-targets --features "$features" -- \
         -D warnings
 else
@@ -164,9 +193,20 @@ fi
 
 # ---- Rust: unit tests, the stale header, licences, real images ----
 
-cargo_tests() {
-    PATH=$python/bin:$PATH cargo test --locked --no-fail-fast -- --show-output
+build_tests_of_rust() {
+    cargo test --locked --features "$features" --no-run
 }
+conflicts() {
+    LAPD_FORCE_CONFLICTS=1 cargo test --locked --features "$features" --no-fail-fast \
+        --test podm --test lapd
+}
+cargo_tests() {
+    PATH=$python/bin:$PATH cargo test --locked --features "$features" --no-fail-fast -- \
+        --show-output
+}
+step cargo-build build_tests_of_rust
+# The same tests of threads once more while locks are refused at random (verification/run.sh).
+begin conflicts conflicts
 step cargo-test cargo_tests
 sum() {
     sed -n "s/^test result: .* \([0-9][0-9]*\) $1;.*/\1/p" "$logs/cargo-test.log" |
@@ -176,19 +216,12 @@ passed=$((passed + $(sum passed)))
 failed=$((failed + $(sum failed)))
 grep -h '^ *SKIPPED' "$logs/cargo-test.log" | sort -u | tee -a "$skipped"
 
-# ---- Parallel refinement: models of its coordination, refusing locks, virtual time ----
-
-step verification sh verification/run.sh loom conflicts features
-grep -h '^ *SKIPPED' "$logs/verification.log" | sort -u | tee -a "$skipped"
+step conflicts finish conflicts
+# Models of the coordination between workers, in all orders of steps.
+step loom sh verification/run.sh loom
 
 # ---- C: build and install as users do, then the tests ----
 
-build_package() {
-    cmake -S . -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release \
-        -DCMAKE_INSTALL_PREFIX="$build/install" -DCMAKE_INSTALL_LIBDIR=lib \
-        -DLAPD_CARGO_TARGET_DIR="$root/target" && cmake --build "$build/cmake" &&
-        cmake --install "$build/cmake"
-}
 build_examples() {
     cmake -S examples -B "$build/examples" -DCMAKE_BUILD_TYPE=Release \
         -DCMAKE_PREFIX_PATH="$build/install" \
@@ -202,7 +235,7 @@ build_tests() {
         -DMESH_IMAGE="$build/bin/mesh_image" &&
         cmake --build "$build/c-tests" --parallel "$cores"
 }
-if step package build_package && step examples build_examples && step c-build build_tests; then
+if step package finish package && step examples build_examples && step c-build build_tests; then
     step ctest ctest --test-dir "$build/c-tests" --output-on-failure --timeout 300 \
         --parallel "$cores"
     c_total=$(grep -c -E '^ *[0-9]+/[0-9]+ Test +#[0-9]+:' "$logs/ctest.log")

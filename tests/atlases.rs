@@ -69,8 +69,8 @@ fn misses(meshing: &MeshResult, params: &MeshParams) -> Vec<String> {
             format!("{below} tets below {target} degrees, not all of them listed"),
         );
         bar(below <= 10, format!("{below} tets below {target} degrees"));
-        let (moved, most) = (improvement.counts.max_interface_move, improvement.tolerance);
-        bar(moved <= most, format!("a vertex {moved} off the interface, {most} are allowed"));
+        let (moved, max) = (improvement.counts.max_interface_move, improvement.tolerance);
+        bar(moved <= max, format!("a vertex {moved} off the interface, {max} are allowed"));
         for row in certificate.labels.iter().filter(|row| row.image_voxels >= LARGE) {
             let change = improvement.counts.volume_of(row.label) / row.mesh_volume;
             bar(
@@ -90,8 +90,8 @@ fn misses(meshing: &MeshResult, params: &MeshParams) -> Vec<String> {
     bar(unmet_facets < 0.01, format!("{:.2} % of facets unmet", 100.0 * unmet_facets));
 
     // R4 leaves slivers, but none may be flat to rounding: a solver could not use it.
-    let least = report.quality.min_dihedral;
-    bar(least > 1e-5, format!("a dihedral angle of {least:e} degrees"));
+    let min = report.quality.min_dihedral;
+    bar(min > 1e-5, format!("a dihedral angle of {min:e} degrees"));
 
     let mut worst = (0, 0.0_f64);
     for row in certificate.labels.iter().filter(|row| row.image_voxels >= LARGE) {

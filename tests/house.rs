@@ -103,6 +103,28 @@ fn links_lead_somewhere() {
     assert!(dead.is_empty(), "dead links:\n{}", dead.join("\n"));
 }
 
+/// Sources that pages name are there. Names in capitals stand for others.
+#[test]
+fn sources_that_pages_name_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut found = Vec::new();
+    pages(root, &mut found);
+    let (mut count, mut gone) = (0, Vec::new());
+    for page in found.iter().filter(|page| !page.ends_with("CHANGELOG.md")) {
+        let text = fs::read_to_string(page).unwrap();
+        let is_in_path = |c: char| c.is_alphanumeric() || "/_.-".contains(c);
+        for path in text.split(|c| !is_in_path(c)).filter(|path| path.starts_with("src/")) {
+            let path = path.trim_end_matches(['.', '-', '/']);
+            count += 1;
+            if !path.contains(char::is_uppercase) && !root.join(path).exists() {
+                gone.push(format!("{}: {path}", page.strip_prefix(root).unwrap().display()));
+            }
+        }
+    }
+    assert!(count > 20, "only {count} names of sources were found");
+    assert!(gone.is_empty(), "no such sources:\n{}", gone.join("\n"));
+}
+
 #[test]
 fn the_readme_is_short() {
     let readme = Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md");

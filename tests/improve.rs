@@ -267,9 +267,9 @@ fn check_promises_within(
             "{name}: label {}",
             a.label
         );
-        let most = if a.image_voxels >= 1000 { max_change } else { 2e-2 };
+        let max = if a.image_voxels >= 1000 { max_change } else { 2e-2 };
         assert!(
-            change.abs() <= most * a.mesh_volume,
+            change.abs() <= max * a.mesh_volume,
             "{name}: label {}: {change} of {}",
             a.label,
             a.mesh_volume
@@ -282,19 +282,18 @@ fn check_promises_within(
     assert!(left.len() <= max_left, "{name}: {} tets are left: {:?}", left.len(), improvement.left);
     for (t, tet) in mesh.tets.iter().enumerate().filter(|&(t, _)| mesh.labels[t] != 0) {
         let p = tet.map(|v| mesh.point(v));
-        let [least, largest] = angle_range(p);
-        let is_below = least < target - 1e-6 || largest > 180.0 - target + 1e-6;
+        let [min, largest] = angle_range(p);
+        let is_below = min < target - 1e-6 || largest > 180.0 - target + 1e-6;
         match left.get(&(t as u32)) {
             Some(left) => {
                 assert!(
-                    (left.angles[0] - least).abs() < 1e-4
-                        && (left.angles[1] - largest).abs() < 1e-4,
+                    (left.angles[0] - min).abs() < 1e-4 && (left.angles[1] - largest).abs() < 1e-4,
                     "{name}"
                 );
                 let centroid = p.iter().sum::<DVec3>() / 4.0;
                 assert!(DVec3::from_array(left.position).distance(centroid) < 1e-9, "{name}");
             }
-            None => assert!(!is_below, "{name}: tet {t} has angles of {least} to {largest}"),
+            None => assert!(!is_below, "{name}: tet {t} has angles of {min} to {largest}"),
         }
     }
     assert!(
@@ -308,7 +307,7 @@ fn check_promises_within(
 
 /// Vertices of interfaces must be near where refinement put the interface.
 fn check_distance(name: &str, before: &MeshResult, after: &MeshResult) {
-    let most = after.report.improvement.tolerance;
+    let max = after.report.improvement.tolerance;
     let corners = |mesh: &TetMesh, f: usize| mesh.facets[f].map(|v| mesh.point(v));
     // Facets by cells of space.
     let edge = 4.0;
@@ -316,7 +315,7 @@ fn check_distance(name: &str, before: &MeshResult, after: &MeshResult) {
     let mut cells: HashMap<[i32; 3], Vec<usize>> = HashMap::new();
     for f in 0..before.mesh.facets.len() {
         let [a, b, c] = corners(&before.mesh, f);
-        let (low, high) = (cell(a.min(b).min(c) - most), cell(a.max(b).max(c) + most));
+        let (low, high) = (cell(a.min(b).min(c) - max), cell(a.max(b).max(c) + max));
         for x in low.x..=high.x {
             for y in low.y..=high.y {
                 for z in low.z..=high.z {
@@ -336,8 +335,8 @@ fn check_distance(name: &str, before: &MeshResult, after: &MeshResult) {
     }
     // Flips may have changed the facets beside a vertex before it was moved.
     assert!(
-        farthest <= 1.5 * most,
-        "{name}: a vertex is {farthest} from the interface, {most} are allowed"
+        farthest <= 1.5 * max,
+        "{name}: a vertex is {farthest} from the interface, {max} are allowed"
     );
 }
 

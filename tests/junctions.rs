@@ -45,10 +45,10 @@ impl Cloud {
         Self { cell, cells }
     }
 
-    /// The distance to the nearest point, up to `most`.
-    fn distance(&self, p: DVec3, most: f64) -> f64 {
+    /// The distance to the nearest point, up to `max`.
+    fn distance(&self, p: DVec3, max: f64) -> f64 {
         let at = (p / self.cell).floor().as_i64vec3().to_array();
-        let mut nearest = most;
+        let mut nearest = max;
         for ring in 0.. {
             if (ring - 1) as f64 * self.cell > nearest {
                 break;
@@ -225,12 +225,12 @@ fn sectors_meet_in_a_chain_of_edges() {
             .map(|p| cloud.distance(p, 10.0) / delta)
             .collect();
         off.sort_by(f64::total_cmp);
-        let (most, worst) = (off[off.len() * 19 / 20], off[off.len() - 1]);
+        let (max, worst) = (off[off.len() * 19 / 20], off[off.len() - 1]);
         println!(
-            "delta {delta}: edges with three labels up to {most} deltas off lines, the worst \
+            "delta {delta}: edges with three labels up to {max} deltas off lines, the worst \
              {worst}"
         );
-        assert!(most < 0.2 && worst < 0.55, "{most} deltas off lines, the worst {worst}");
+        assert!(max < 0.2 && worst < 0.55, "{max} deltas off lines, the worst {worst}");
     }
 }
 

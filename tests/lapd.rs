@@ -8,12 +8,18 @@ mod refining;
 use std::time::{Duration, Instant};
 
 use lapd::Error;
+use lapd::delaunay::TetId;
 use lapd::monitor::{CancelFlag, Monitor, Phase, Progress};
 use lapd::parallel::machine::Machine;
 use lapd::params::{Algorithm, Contention, MeshParams};
 use lapd::pipeline::mesh_image;
+use lapd::pipeline::refine::triangulation_around;
 use lapd::refine::activity::{Accesses, Overhead};
+use lapd::refine::refine;
+use lapd::refine::rules::Rules;
 use lapd::refine::team::{Limits, RefineOptions};
+use lapd::sizing::Sizing;
+use lapd::system::binding::CoreMap;
 use refining::*;
 
 /// Runs of the stress test.
@@ -63,6 +69,8 @@ fn many_short_runs_on_several_nodes_end_in_clean_meshes() {
     }
     println!("{runs} runs: {lost:?}");
     assert!(runs < 10 || lost.gifts > 0, "nothing was handed over");
+    let rollbacks: u64 = lost.rollbacks.iter().sum();
+    assert!(!conflicts_are_forced() || rollbacks > 1000, "{rollbacks} rollbacks");
 }
 
 /// How much less LAPD visits far memory is held against a bar where it is the same in every run: in
@@ -174,14 +182,14 @@ fn visits_are_counted_by_hops_when_asked() {
 fn a_limit_of_vertices_ends_all_nodes() {
     let _watchdog = Watchdog::new("a_limit_of_vertices_ends_all_nodes");
     let subject = large_subject();
-    for most in [500, 7000, 15_000] {
-        let limits = Limits { max_vertices: Some(most), ..Limits::default() };
+    for max in [500, 7000, 15_000] {
+        let limits = Limits { max_vertices: Some(max), ..Limits::default() };
         let options =
             RefineOptions { limits, ..team(Machine::uniform(4, 2), 8, Contention::Local) };
         let ended = outcome(&subject, &options, false);
         assert!(matches!(ended.refinement.ended_by, Some(Error::LimitReached(_))));
         let vertices = ended.vertices as usize;
-        assert!((most.saturating_sub(64 * 8)..=most).contains(&vertices), "{vertices} of {most}");
+        assert!((max.saturating_sub(64 * 8)..=max).contains(&vertices), "{vertices} of {max}");
     }
 }
 
@@ -252,4 +260,64 @@ fn a_panic_on_a_node_ends_all_nodes() {
         other => panic!("{:?}", other.map(|meshing| meshing.ended_by)),
     }
     assert!(took < Duration::from_secs(1), "{took:?}");
+}
+
+/// The system's number of each memory node of a machine; `None` where it does not tell.
+#[cfg(target_os = "linux")]
+fn system_nodes(machine: &Machine) -> Option<Vec<i32>> {
+    let mut numbers = vec![None; machine.nodes()];
+    for core in machine.all_cores() {
+        let folder = format!("/sys/devices/system/cpu/cpu{}", core.processors.first()?);
+        let entries = std::fs::read_dir(folder).ok()?;
+        let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+        numbers[core.node] =
+            names.filter_map(|name| name.strip_prefix("node")?.parse().ok()).next();
+    }
+    numbers.into_iter().collect()
+}
+
+/// The system itself says where pages are. On a machine of one node that is this node.
+#[cfg(target_os = "linux")]
+#[test]
+fn tets_lie_in_the_memory_of_their_node() {
+    const PAGE: usize = 4096;
+    let machine = Machine::of_system();
+    let (nodes, map) = (system_nodes(&machine), CoreMap::new(&machine));
+    let (Some(nodes), Ok(map)) = (nodes, map) else {
+        println!("SKIPPED: the system does not tell memory nodes, or binds no threads");
+        return;
+    };
+    let Subject { image, oracle, params, .. } = large_subject();
+    let triangulation = triangulation_around(&oracle, params.delta).unwrap();
+    let sizing = Sizing::uniform(params.delta);
+    let rules = Rules::new(&triangulation, &oracle, &sizing, &params, image.labels());
+    let threads = machine.total_cores().min(8);
+    let options =
+        RefineOptions { places: Some(map), ..team(machine, threads, Contention::default()) };
+    refine(&rules, &options, &Monitor::silent()).unwrap();
+    let tets: Vec<TetId> = triangulation.living_tets().step_by(16).collect();
+    let page = |&t: &TetId| std::ptr::from_ref(triangulation.tet(t)) as usize & !(PAGE - 1);
+    let pages: Vec<usize> = tets.iter().map(page).collect();
+    let mut found = vec![-1_i32; pages.len()];
+    // SAFETY: without a list of nodes the call moves nothing. It reads as many addresses and writes
+    // as many answers as is said.
+    let status = unsafe {
+        libc::syscall(
+            libc::SYS_move_pages,
+            0,
+            pages.len(),
+            pages.as_ptr(),
+            std::ptr::null::<i32>(),
+            found.as_mut_ptr(),
+            0,
+        )
+    };
+    if status != 0 {
+        println!("SKIPPED: move_pages: {}", std::io::Error::last_os_error());
+        return;
+    }
+    let map = triangulation.node_map();
+    let elsewhere =
+        tets.iter().zip(&found).filter(|&(&t, &at)| at != nodes[usize::from(map.of_tet(t))]);
+    assert_eq!(elsewhere.count(), 0, "of {} tets", tets.len());
 }

@@ -300,12 +300,12 @@ fn the_distance_bound_is_a_bound_and_not_a_poor_one() {
                 "{model:?}: a bound of {bound} but a surface point at {nearest}"
             );
             // Where all cells around are of one label, so is what lies between their faces.
-            let least = (0..3).find(|&rings| has_surface(image, p, rings)).unwrap_or(3) - 1;
+            let min = (0..3).find(|&rings| has_surface(image, p, rings)).unwrap_or(3) - 1;
             if is_in_region(image, p) {
                 let spacing = image.frame().spacing().min_element();
                 assert!(
-                    bound >= least as f64 * spacing - 1e-6,
-                    "{model:?}: a bound of {bound}, {least} cells"
+                    bound >= min as f64 * spacing - 1e-6,
+                    "{model:?}: a bound of {bound}, {min} cells"
                 );
             }
         }

@@ -5,9 +5,9 @@
 //! After each run the validator goes over the triangulation, no tet may be owned, no rule unmet,
 //! and the certificate of the mesh must be clean.
 //!
-//! With the feature `force-conflicts` the same tests run while locks are refused at random at every
-//! step of an operation. `LAPD_STRESS_RUNS` is the number of runs of the stress test, for builds
-//! that are slow (`verification/run.sh`).
+//! With the feature `force-conflicts`, and `LAPD_FORCE_CONFLICTS` set, the same tests run while
+//! locks are refused at random at every step of an operation. `LAPD_STRESS_RUNS` is the number of
+//! runs of the stress test, for builds that are slow (`verification/run.sh`).
 
 mod refining;
 
@@ -73,7 +73,7 @@ fn many_short_runs_end_in_clean_meshes() {
             subject.name
         );
     }
-    if cfg!(feature = "force-conflicts") {
+    if conflicts_are_forced() {
         // R2 is next to never the first that applies, and few samples are inserted by one thread.
         let [.., r3, r4, r5, r6] = lost.rollbacks;
         assert!(
@@ -131,10 +131,7 @@ fn several_threads_insert_the_samples() {
         let shares = parts.filter(|&samples| samples > 0).count();
         assert_eq!(shares, threads, "threads that inserted samples");
         let conflicts = together.overhead().rollbacks[0];
-        assert!(
-            !cfg!(feature = "force-conflicts") || conflicts > 1000,
-            "{conflicts} conflicts of samples"
-        );
+        assert!(!conflicts_are_forced() || conflicts > 1000, "{conflicts} conflicts of samples");
     }
 }
 
@@ -152,7 +149,7 @@ fn more_threads_than_processors_do_not_crawl() {
         let together = runs.fold(f64::INFINITY, f64::min);
         println!("{manager:?}: {together:.3} s with 16 threads, {alone:.3} s with one");
         // Those who are refused by force wait for no reason.
-        let bound = if cfg!(feature = "force-conflicts") { 40.0 } else { 4.0 };
+        let bound = if conflicts_are_forced() { 40.0 } else { 4.0 };
         assert!(
             together < bound * alone,
             "{manager:?}: {together} s with 16 threads, {alone} s with one"
@@ -165,9 +162,9 @@ fn a_limit_of_vertices_is_never_exceeded() {
     let _watchdog = Watchdog::new("a_limit_of_vertices_is_never_exceeded");
     let subject = large_subject();
     // While samples are inserted by one thread, by all, and when circumcenters are.
-    for most in [500, 7000, 15_000] {
+    for max in [500, 7000, 15_000] {
         for threads in [1, 2, 8] {
-            let limits = Limits { max_vertices: Some(most), ..Limits::default() };
+            let limits = Limits { max_vertices: Some(max), ..Limits::default() };
             let options =
                 RefineOptions { limits, ..team(threads, Contention::Local, Begging::ByLevel) };
             let ended = outcome(&subject, &options, false);
@@ -176,8 +173,8 @@ fn a_limit_of_vertices_is_never_exceeded() {
             // With several threads some permits are with those that do not need them.
             let unused = if threads == 1 { 0 } else { 64 * threads };
             assert!(
-                (most.saturating_sub(unused)..=most).contains(&vertices),
-                "{threads} threads: {vertices} of {most}"
+                (max.saturating_sub(unused)..=max).contains(&vertices),
+                "{threads} threads: {vertices} of {max}"
             );
         }
     }

@@ -76,7 +76,7 @@ fn tets_of_second_order_are_valid_and_fit_together() {
                 "{name}"
             );
             let mut of_edge: HashMap<[u32; 2], u32> = HashMap::new();
-            let mut least = f64::INFINITY;
+            let mut min = f64::INFINITY;
             for t in 0..mesh.tets.len() {
                 let corners = mesh.tets[t];
                 for ([i, j], node) in TET_EDGES.into_iter().zip(nodes.tets[t]) {
@@ -96,13 +96,13 @@ fn tets_of_second_order_are_valid_and_fit_together() {
                 let [a, b, c, d] = corners.map(|v| mesh.point(v));
                 let straight = (b - a).cross(c - a).dot(d - a);
                 for at in places() {
-                    least = least.min(determinant(&mesh, t, at) / straight);
+                    min = min.min(determinant(&mesh, t, at) / straight);
                 }
             }
             assert_eq!(of_edge.len() as u64, report.second_order.nodes, "{name}");
             let curving = &report.second_order.curving;
-            assert!(least > 0.09, "{name}: {least}");
-            assert!(!curved || least >= curving.min_jacobian - 1e-9, "{name}: {least} {curving:?}");
+            assert!(min > 0.09, "{name}: {min}");
+            assert!(!curved || min >= curving.min_jacobian - 1e-9, "{name}: {min} {curving:?}");
             assert_eq!(curved, curving.curved > 0, "{name}");
             // Half of the nodes at least have room to go all the way.
             assert!(2 * curving.shortened <= curving.curved, "{name}: {curving:?}");

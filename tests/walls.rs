@@ -122,24 +122,24 @@ const DELTAS: [f64; 3] = [0.75, 1.5, 3.0];
 
 /// Facets of interfaces and walls are asked to have angles of 30 degrees. Where an interface meets
 /// an edge of the box, at a delta of several voxels, a few have less.
-fn most_have_their_angles(least: &mut [f64], max_below: usize) {
-    least.sort_by(f64::total_cmp);
-    let below = least.iter().filter(|&&angle| angle < 30.0 - 1e-9).count();
+fn most_have_their_angles(min: &mut [f64], max_below: usize) {
+    min.sort_by(f64::total_cmp);
+    let below = min.iter().filter(|&&angle| angle < 30.0 - 1e-9).count();
     println!(
         "{below} of {} meshes have a facet angle below 30, the least is {}",
-        least.len(),
-        least[0]
+        min.len(),
+        min[0]
     );
     assert!(
         below <= max_below,
         "{below} meshes have facets with angles below 30: {:?}",
-        &least[..below]
+        &min[..below]
     );
 }
 
 #[test]
 fn two_labels_fill_their_box() {
-    let mut least = Vec::new();
+    let mut min = Vec::new();
     for seed in 0..200 {
         let mut random = Random(seed);
         let (dims, frame, normal) = (random.dims(), random.frame(seed), random.direction());
@@ -148,14 +148,14 @@ fn two_labels_fill_their_box() {
         let image = LabelImage::from_ids(dims, frame, ids, vec![0, 1, 2]).unwrap();
         let meshing =
             fills_its_box(&image, DELTAS[seed as usize % 3], &format!("half-spaces {seed}"));
-        least.push(meshing.report.quality.min_facet_angle);
+        min.push(meshing.report.quality.min_facet_angle);
     }
-    most_have_their_angles(&mut least, 6);
+    most_have_their_angles(&mut min, 6);
 }
 
 #[test]
 fn voronoi_cells_fill_their_box() {
-    let mut least = Vec::new();
+    let mut min = Vec::new();
     for seed in 0..200 {
         let mut random = Random(1000 + seed);
         let (dims, frame) = (random.dims(), random.frame(seed));
@@ -177,9 +177,9 @@ fn voronoi_cells_fill_their_box() {
         );
         let meshing =
             fills_its_box(&image.unwrap(), DELTAS[seed as usize % 3], &format!("cells {seed}"));
-        least.push(meshing.report.quality.min_facet_angle);
+        min.push(meshing.report.quality.min_facet_angle);
     }
-    most_have_their_angles(&mut least, 6);
+    most_have_their_angles(&mut min, 6);
 }
 
 /// Three soft blobs, of which at each point one has the largest part.

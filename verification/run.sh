@@ -24,15 +24,13 @@ if [ $# -eq 0 ]; then
     set -- loom conflicts features sanitizer
 fi
 
-features() {
-    features=simulation
-    if pkg-config --exists hwloc libudev; then
-        features=simulation,hwloc
-    else
-        echo "SKIPPED: the feature hwloc, libhwloc-dev or libudev-dev is missing"
-    fi
-    cargo test --locked --features "$features" --lib -- --show-output
-}
+# One build for all parts, that of c-tests/run.sh.
+features=simulation,force-conflicts
+if pkg-config --exists hwloc libudev; then
+    features=$features,hwloc
+else
+    echo "SKIPPED: the feature hwloc, libhwloc-dev or libudev-dev is missing"
+fi
 
 sanitizer() {
     if [ ! -e "$(rustc --print sysroot)/lib/rustlib/src/rust/library/Cargo.lock" ]; then
@@ -52,8 +50,10 @@ for part in "$@"; do
     echo "== $part"
     case $part in
     loom) cargo test --locked --release --manifest-path verification/loom/Cargo.toml ;;
-    conflicts) cargo test --locked --features force-conflicts --test podm --test lapd ;;
-    features) features ;;
+    conflicts)
+        LAPD_FORCE_CONFLICTS=1 cargo test --locked --features "$features" --test podm --test lapd
+        ;;
+    features) cargo test --locked --features "$features" --lib -- --show-output ;;
     sanitizer) sanitizer ;;
     *)
         echo "run.sh: no part $part; there are loom, conflicts, features, sanitizer" >&2

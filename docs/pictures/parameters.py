@@ -2,7 +2,8 @@
 """Makes the pictures of docs/guide/parameters.md: cuts through meshes of the AAL atlas by several
 values of a parameter.
 
-usage: parameters.py [--mesh-image build/bin/mesh_image] [-o docs/pictures] [--work build/parameters]
+usage: parameters.py [--mesh-image build/bin/mesh_image] [-o docs/pictures]
+                     [--work build/parameters]
 
 The atlas is that of Debian's mricron-data. Needs numpy, matplotlib and meshio, and `mesh_image`,
 which `sh examples/quickstart.sh` builds.

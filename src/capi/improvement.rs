@@ -99,8 +99,8 @@ pub unsafe extern "C" fn lapd_mesh_get_improvement(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        fill(mesh, improvement, "improvement", |meshing| {
-            let found = &meshing.report.improvement;
+        fill(mesh, improvement, "improvement", |result| {
+            let found = &result.report.improvement;
             let counts = &found.counts;
             lapd_improvement {
                 struct_size: own_size::<lapd_improvement>(),
@@ -134,7 +134,7 @@ pub unsafe extern "C" fn lapd_mesh_get_left_count(
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(count, "count")?;
-        out.set(borrow(mesh, "mesh")?.meshing.report.improvement.left.len());
+        out.set(borrow(mesh, "mesh")?.result.report.improvement.left.len());
         Ok(())
     })
 }
@@ -151,8 +151,8 @@ pub unsafe extern "C" fn lapd_mesh_get_left(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
-        let meshing = &borrow(mesh, "mesh")?.meshing;
-        let found = meshing.report.improvement.left.get(index);
+        let result = &borrow(mesh, "mesh")?.result;
+        let found = result.report.improvement.left.get(index);
         let found = found
             .ok_or_else(|| Failure::invalid(format!("there is no tet {index} that is left")))?;
         let cause = match found.cause {
@@ -165,7 +165,7 @@ pub unsafe extern "C" fn lapd_mesh_get_left(
         let value = lapd_left {
             struct_size: own_size::<lapd_left>(),
             tet: found.tet.into(),
-            label: meshing.mesh.labels[found.tet as usize].into(),
+            label: result.mesh.labels[found.tet as usize].into(),
             cause: cause as i64,
             position: found.position,
             min_dihedral: found.angles[0],

@@ -23,7 +23,7 @@ use crate::pipeline::report::{About, write_report};
 /// Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the
 /// one opposite to its vertex i.
 pub struct lapd_mesh {
-    pub(super) meshing: MeshResult,
+    pub(super) result: MeshResult,
     /// What the world axes of its image mean.
     pub(super) world: Option<WorldAxes>,
     /// What the run was asked for.
@@ -64,7 +64,7 @@ pub unsafe extern "C" fn lapd_mesh_get_limit_reached(
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(limit, "limit")?;
-        let ended_by = borrow(mesh, "mesh")?.meshing.ended_by.as_ref();
+        let ended_by = borrow(mesh, "mesh")?.result.ended_by.as_ref();
         out.set(ended_by.map_or(lapd_status::LAPD_OK, lapd_status::from) as i32);
         Ok(())
     })
@@ -165,11 +165,11 @@ unsafe fn write_file(
     // SAFETY: passed on to the caller.
     unsafe {
         with_context(context, |context| {
-            let lapd_mesh { meshing, world, .. } = borrow(mesh, "mesh")?;
+            let lapd_mesh { result, world, .. } = borrow(mesh, "mesh")?;
             let path = to_path(c_str(path, "path")?)?;
             let cancel = &context.cancel;
             let options = WriteOptions { measures, world: *world };
-            let write = || Ok(write_mesh_watching(&meshing.mesh, path, options, Some(cancel))?);
+            let write = || Ok(write_mesh_watching(&result.mesh, path, options, Some(cancel))?);
             with_pool(processors(), |pool| pool.install(|| catch(write)))?
         })
     }
@@ -217,7 +217,7 @@ pub unsafe extern "C" fn lapd_mesh_write_timeline(
     // SAFETY: see the module's head.
     unsafe {
         with_context(context, |context| {
-            let threads = &borrow(mesh, "mesh")?.meshing.report.threads;
+            let threads = &borrow(mesh, "mesh")?.result.report.threads;
             let path = to_path(c_str(path, "path")?)?;
             let cancel = &context.cancel;
             let write = || Ok(write_timeline(threads, path, Some(cancel))?);
@@ -270,7 +270,7 @@ pub unsafe extern "C" fn lapd_mesh_write_report(
                 values: &mesh.values,
                 extra,
             };
-            Ok(write_report(&mesh.meshing, &about, path, Some(&context.cancel))?)
+            Ok(write_report(&mesh.result, &about, path, Some(&context.cancel))?)
         })
     }
 }
@@ -288,7 +288,7 @@ unsafe fn lend<T, const N: usize>(
     // SAFETY: passed on to the caller.
     status_of(|| unsafe {
         let (array, count) = (Out::new(array, "array")?, Out::new(count, "count")?);
-        let rows = rows(&borrow(mesh, "mesh")?.meshing.mesh);
+        let rows = rows(&borrow(mesh, "mesh")?.result.mesh);
         array.set(rows.as_ptr().cast());
         count.set(rows.len());
         Ok(())
@@ -307,7 +307,7 @@ unsafe fn copy<T: Copy, const N: usize>(
 ) -> lapd_status {
     // SAFETY: passed on to the caller.
     status_of(|| unsafe {
-        let values = rows(&borrow(mesh, "mesh")?.meshing.mesh).as_flattened();
+        let values = rows(&borrow(mesh, "mesh")?.result.mesh).as_flattened();
         check_buffer(buffer, capacity, values.len())?;
         buffer.copy_from_nonoverlapping(values.as_ptr(), values.len());
         Ok(())
@@ -602,7 +602,7 @@ pub unsafe extern "C" fn lapd_mesh_copy_measure(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
-        let mesh = &borrow(mesh, "mesh")?.meshing.mesh;
+        let mesh = &borrow(mesh, "mesh")?.result.mesh;
         let measure = match measure {
             m if m == lapd_tet_measure::LAPD_MEASURE_MIN_DIHEDRAL as i32 => TetMeasure::MinDihedral,
             m if m == lapd_tet_measure::LAPD_MEASURE_MAX_DIHEDRAL as i32 => TetMeasure::MaxDihedral,

@@ -255,7 +255,7 @@ pub(super) unsafe fn fill<T: Growing>(
     value: impl FnOnce(&MeshResult) -> T,
 ) -> lapd_status {
     // SAFETY: passed on to the caller.
-    status_of(|| unsafe { fill_struct(out, value(&borrow(mesh, "mesh")?.meshing), name) })
+    status_of(|| unsafe { fill_struct(out, value(&borrow(mesh, "mesh")?.result), name) })
 }
 
 /// How large the mesh is. Any thread.
@@ -269,15 +269,15 @@ pub unsafe extern "C" fn lapd_mesh_get_counts(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        fill(mesh, counts, "counts", |meshing| lapd_counts {
+        fill(mesh, counts, "counts", |result| lapd_counts {
             struct_size: own_size::<lapd_counts>(),
-            vertices: meshing.mesh.vertex_count() as u64,
-            tets: meshing.mesh.tets.len() as u64,
-            tissue_tets: meshing.mesh.labels.iter().filter(|&&label| label != 0).count() as u64,
-            interface_facets: meshing.mesh.facets.len() as u64,
-            all_vertices: meshing.report.all_vertices,
-            all_tets: meshing.report.all_tets,
-            oracle_bytes: meshing.report.oracle_bytes,
+            vertices: result.mesh.vertex_count() as u64,
+            tets: result.mesh.tets.len() as u64,
+            tissue_tets: result.mesh.labels.iter().filter(|&&label| label != 0).count() as u64,
+            interface_facets: result.mesh.facets.len() as u64,
+            all_vertices: result.report.all_vertices,
+            all_tets: result.report.all_tets,
+            oracle_bytes: result.report.oracle_bytes,
         })
     }
 }
@@ -293,8 +293,8 @@ pub unsafe extern "C" fn lapd_mesh_get_timings(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        fill(mesh, timings, "timings", |meshing| {
-            let seconds = &meshing.report.seconds;
+        fill(mesh, timings, "timings", |result| {
+            let seconds = &result.report.seconds;
             lapd_timings {
                 struct_size: own_size::<lapd_timings>(),
                 prepare: seconds.prepare,
@@ -319,8 +319,8 @@ pub unsafe extern "C" fn lapd_mesh_get_operations(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        fill(mesh, operations, "operations", |meshing| {
-            let (operations, work) = (&meshing.report.operations, &meshing.report.work);
+        fill(mesh, operations, "operations", |result| {
+            let (operations, work) = (&result.report.operations, &result.report.work);
             lapd_operations {
                 struct_size: own_size::<lapd_operations>(),
                 insertions: operations.insertions,
@@ -350,8 +350,8 @@ pub unsafe extern "C" fn lapd_mesh_get_quality(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        fill(mesh, quality, "quality", |meshing| {
-            let quality = &meshing.report.quality;
+        fill(mesh, quality, "quality", |result| {
+            let quality = &result.report.quality;
             lapd_quality {
                 struct_size: own_size::<lapd_quality>(),
                 min_dihedral: quality.min_dihedral,
@@ -384,8 +384,8 @@ pub unsafe extern "C" fn lapd_mesh_get_certificate(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        fill(mesh, certificate, "certificate", |meshing| {
-            let certificate = &meshing.report.certificate;
+        fill(mesh, certificate, "certificate", |result| {
+            let certificate = &result.report.certificate;
             lapd_certificate {
                 struct_size: own_size::<lapd_certificate>(),
                 non_delaunay_facets: certificate.non_delaunay_facets,
@@ -423,7 +423,7 @@ pub unsafe extern "C" fn lapd_mesh_get_thread_count(
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let out = Out::new(count, "count")?;
-        out.set(borrow(mesh, "mesh")?.meshing.report.threads.len());
+        out.set(borrow(mesh, "mesh")?.result.report.threads.len());
         Ok(())
     })
 }
@@ -457,7 +457,7 @@ pub unsafe extern "C" fn lapd_mesh_get_thread_report(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     status_of(|| unsafe {
-        let run = &borrow(mesh, "mesh")?.meshing.report;
+        let run = &borrow(mesh, "mesh")?.result.report;
         let sum;
         let found = if index == LAPD_ALL_THREADS {
             sum = all_threads(run);

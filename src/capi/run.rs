@@ -62,12 +62,12 @@ pub unsafe extern "C" fn lapd_mesh_image(
             let params = borrow(params, "params")?.params.clone();
             let _run = context.start_run()?;
             let callbacks = context.callbacks();
-            let meshing = run(&image.image, &params, &context.cancel, &callbacks)?;
+            let result = run(&image.image, &params, &context.cancel, &callbacks)?;
             // The one call that hands something out beside an error: the caller has asked for it.
-            let ended_by = meshing.ended_by.as_ref().map(Failure::from);
+            let ended_by = result.ended_by.as_ref().map(Failure::from);
             let (names, values) = image.texts();
             let world = image.world;
-            let mesh = lapd_mesh { meshing, world, params, names, values };
+            let mesh = lapd_mesh { result, world, params, names, values };
             out.set(Box::into_raw(Box::new(mesh)));
             ended_by.map_or(Ok(()), Err)
         })

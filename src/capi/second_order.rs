@@ -47,8 +47,8 @@ pub unsafe extern "C" fn lapd_mesh_get_second_order(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        fill(mesh, second_order, "second_order", |meshing| {
-            let found = &meshing.report.second_order;
+        fill(mesh, second_order, "second_order", |result| {
+            let found = &result.report.second_order;
             let curving = &found.curving;
             lapd_second_order {
                 struct_size: own_size::<lapd_second_order>(),

@@ -196,7 +196,7 @@ unsafe impl Growing for lapd_defect {
 
 unsafe fn certificate_of<'a>(mesh: *const lapd_mesh) -> Outcome<&'a Certificate> {
     // SAFETY: the caller's pointer, as the module's head demands.
-    unsafe { Ok(&borrow(mesh, "mesh")?.meshing.report.certificate) }
+    unsafe { Ok(&borrow(mesh, "mesh")?.result.report.certificate) }
 }
 
 /// Writes how many rows a table of the certificate has.
@@ -244,7 +244,7 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let found = row_of(&certificate_of(mesh)?.labels, index, "label row")?;
-        let improvement = &borrow(mesh, "mesh")?.meshing.report.improvement;
+        let improvement = &borrow(mesh, "mesh")?.result.report.improvement;
         let value = lapd_label_row {
             struct_size: own_size::<lapd_label_row>(),
             label: found.label.into(),

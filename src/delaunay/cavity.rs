@@ -116,7 +116,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
                 }
                 let holder =
                     self.inspect_across(first, index, outside, triangulation.tet(outside.tet()));
-                if holder != Holder::Nobody {
+                if holder != Holder::Unowned {
                     return given_up(holder.into());
                 }
             }
@@ -145,7 +145,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
     ) -> Holder {
         let holder = self.locks.inspect_across(other.owner());
         // What was inspected might be another tet's slot by now.
-        let changed = L::SHARED && holder == Holder::Nobody && record.neighbor(index) != outside;
+        let changed = L::SHARED && holder == Holder::Unowned && record.neighbor(index) != outside;
         if changed { Holder::Changed } else { holder }
     }
 
@@ -183,7 +183,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
             // Looked up once: the compiler may not assume that a second time would give the same.
             let other = triangulation.tet(outside.tet());
             match self.inspect_across(record, index, outside, other) {
-                Holder::Nobody => {}
+                Holder::Unowned => {}
                 Holder::Own => return Dig::Done,
                 holder => return given_up(holder.into()),
             }

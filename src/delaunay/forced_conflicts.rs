@@ -1,12 +1,15 @@
-//! Conflicts by force: in a build with the feature `force-conflicts` every lock step of an
-//! operation is refused now and then, as if another worker owned the tet or, one in four, as if the
-//! tet had changed.
+//! Conflicts by force: in a build with the feature `force-conflicts`, and where the variable
+//! `LAPD_FORCE_CONFLICTS` is set, every lock step of an operation is refused now and then, as if
+//! another worker owned the tet or, one in four, as if the tet had changed. The environment is read
+//! in such a build alone, which is for tests.
 //!
 //! Real conflicts are rare, and those at the last of eighty steps rarer. Here every third operation
 //! is refused at a step drawn at random, the first to the 80th at which it asks for a tet or looks
 //! whose one is: at the way in, in the middle of a cavity, at the last tet of a star. An operation
 //! of fewer steps completes. So any refusal that leaves an owned tet or a half-written one behind
-//! shows in the tests that refine with this feature (`tests/podm.rs`). It is for these alone.
+//! shows in the tests that refine with this feature (`tests/podm.rs`).
+
+use std::sync::LazyLock;
 
 use super::ownership::{Holder, OwnerId};
 
@@ -24,8 +27,15 @@ pub(super) struct ForcedConflicts {
 }
 
 impl ForcedConflicts {
+    /// For worker `me`, if locks are to be refused.
+    pub fn if_asked_for(me: OwnerId) -> Option<Self> {
+        static ASKED_FOR: LazyLock<bool> =
+            LazyLock::new(|| std::env::var_os("LAPD_FORCE_CONFLICTS").is_some());
+        ASKED_FOR.then(|| Self::new(me))
+    }
+
     /// For worker `me`.
-    pub fn new(me: OwnerId) -> Self {
+    fn new(me: OwnerId) -> Self {
         let mut forced =
             Self { me, random: u64::from(me).wrapping_mul(0x9E37_79B9_7F4A_7C15), left: 0 };
         forced.next_operation();

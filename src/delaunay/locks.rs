@@ -50,7 +50,7 @@ impl Locks for Solo {
 
     #[inline(always)]
     fn inspect_across(&mut self, owner: &Owner) -> Holder {
-        if owner.is(NOBODY) { Holder::Nobody } else { Holder::Own }
+        if owner.is(NOBODY) { Holder::Unowned } else { Holder::Own }
     }
 
     #[inline(always)]
@@ -69,7 +69,7 @@ pub struct TryLock {
     me: OwnerId,
     met: OwnerId,
     #[cfg(feature = "force-conflicts")]
-    forced: ForcedConflicts,
+    forced: Option<ForcedConflicts>,
 }
 
 impl TryLock {
@@ -81,7 +81,7 @@ impl TryLock {
             me,
             met: me,
             #[cfg(feature = "force-conflicts")]
-            forced: ForcedConflicts::new(me),
+            forced: ForcedConflicts::if_asked_for(me),
         }
     }
 
@@ -100,7 +100,7 @@ impl Locks for TryLock {
     #[inline(always)]
     fn try_own(&mut self, owner: &Owner) -> Claim {
         #[cfg(feature = "force-conflicts")]
-        if let Some(holder) = self.forced.refuses() {
+        if let Some(holder) = self.forced.as_mut().and_then(ForcedConflicts::refuses) {
             self.meet(holder.into());
             return holder.into();
         }
@@ -112,7 +112,7 @@ impl Locks for TryLock {
     #[inline(always)]
     fn inspect_across(&mut self, owner: &Owner) -> Holder {
         #[cfg(feature = "force-conflicts")]
-        if let Some(holder) = self.forced.refuses() {
+        if let Some(holder) = self.forced.as_mut().and_then(ForcedConflicts::refuses) {
             self.meet(holder.into());
             return holder;
         }
@@ -129,7 +129,9 @@ impl Locks for TryLock {
     #[inline(always)]
     fn end_operation(&mut self) {
         #[cfg(feature = "force-conflicts")]
-        self.forced.next_operation();
+        if let Some(forced) = &mut self.forced {
+            forced.next_operation();
+        }
     }
 
     fn met(&self) -> Option<usize> {

@@ -118,7 +118,7 @@ impl From<Holder> for Claim {
     #[inline(always)]
     fn from(holder: Holder) -> Self {
         match holder {
-            Holder::Nobody => Self::Acquired,
+            Holder::Unowned => Self::Acquired,
             Holder::Own => Self::Owned,
             Holder::Other(other) => Self::Conflict(other),
             Holder::Changed => Self::Stale,
@@ -130,7 +130,7 @@ impl From<Holder> for Claim {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Holder {
     /// Nobody's.
-    Nobody,
+    Unowned,
     /// The worker's own.
     Own,
     /// Another worker's.
@@ -165,7 +165,7 @@ impl Owner {
     #[inline(always)]
     fn name(holder: OwnerId, me: OwnerId) -> Holder {
         match holder {
-            NOBODY => Holder::Nobody,
+            NOBODY => Holder::Unowned,
             _ if holder == me => Holder::Own,
             FREE => Holder::Changed,
             _ => Holder::Other(holder),

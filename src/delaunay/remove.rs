@@ -318,7 +318,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
                 if !neighbor.is_none() {
                     let other = triangulation.tet(neighbor.tet());
                     match self.inspect_across(record, index, neighbor, other) {
-                        Holder::Nobody => {}
+                        Holder::Unowned => {}
                         Holder::Own if !is_of_link => continue,
                         holder => return holder.into(),
                     }

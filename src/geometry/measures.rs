@@ -74,7 +74,7 @@ impl TetShape {
         let [ab, ac, ad, bc, bd, cd] = self.squares;
         // The longest product of the three edges of a vertex.
         let product = (ab * ac * ad).max(ab * bc * bd).max(ac * bc * cd).max(ad * bd * cd);
-        let (least, most) = self
+        let (min, max) = self
             .squares
             .into_iter()
             .fold((f64::INFINITY, 0.0_f64), |(l, m), s| (l.min(s), m.max(s)));
@@ -85,7 +85,7 @@ impl TetShape {
         let radius_ratio = self.circumradius() * areas / (3.0 * self.six_volumes.abs());
         TetMeasures {
             scaled_jacobian: if product > 0.0 { scaled } else { 0.0 },
-            edge_ratio: if least > 0.0 { (most / least).sqrt() } else { f64::INFINITY },
+            edge_ratio: if min > 0.0 { (max / min).sqrt() } else { f64::INFINITY },
             radius_ratio: if radius_ratio.is_nan() { f64::INFINITY } else { radius_ratio },
         }
     }

@@ -92,13 +92,13 @@ impl Maps {
         shares.clear();
         shares.resize(self.distinct.len(), f32::NEG_INFINITY);
         let levels = self.maps.iter().map(|map| map[voxel]).chain([0.0]);
-        let mut least = f32::INFINITY;
+        let mut min = f32::INFINITY;
         for (level, &place) in levels.zip(&self.places) {
             shares[place] = level.max(shares[place]);
-            least = level.min(least);
+            min = level.min(min);
         }
         // A label that lost its maps to others has no level.
-        shares.iter_mut().for_each(|share| *share = (*share - least).max(0.0));
+        shares.iter_mut().for_each(|share| *share = (*share - min).max(0.0));
     }
 }
 

@@ -90,16 +90,16 @@ impl GrayImage {
             Some(labels) => of_class.extend(labels),
             None => of_class.extend(1..=isovalues.len() as i32),
         }
-        let (mut least, mut most) = (f32::INFINITY, f32::NEG_INFINITY);
+        let (mut min, mut max) = (f32::INFINITY, f32::NEG_INFINITY);
         let mut seen = vec![false; of_class.len()];
         for &x in self.voxels.iter() {
-            (least, most) = (least.min(x), most.max(x));
+            (min, max) = (min.min(x), max.max(x));
             seen[rounded.partition_point(|&v| v <= x)] = true;
         }
         if let Some(n) = (1..seen.len()).find(|&n| !seen[n]) {
             let up_to = isovalues.get(n).map_or(String::new(), |next| format!(" and below {next}"));
             return invalid(format!(
-                "no voxel has an intensity of {} or more{up_to}; the image has {least} to {most}",
+                "no voxel has an intensity of {} or more{up_to}; the image has {min} to {max}",
                 isovalues[n - 1]
             ));
         }

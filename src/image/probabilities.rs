@@ -141,8 +141,8 @@ impl ProbabilityImage {
         let (mut count, mut of_object, mut first) = (0_usize, 0_usize, None);
         for voxel in 0..self.dims.iter().product() {
             maps.of_voxel(voxel, &mut shares);
-            let most = shares.iter().copied().fold(0.0, f32::max);
-            let mut leaders = (0..shares.len()).filter(|&n| shares[n] == most);
+            let max = shares.iter().copied().fold(0.0, f32::max);
+            let mut leaders = (0..shares.len()).filter(|&n| shares[n] == max);
             // The background is the first of all, and wins ties.
             let [leader, other] = [leaders.next(), leaders.next()];
             of_object += usize::from(leader != Some(0));

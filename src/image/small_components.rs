@@ -21,7 +21,7 @@ pub struct SmallComponent {
 }
 
 impl LabelImage {
-    /// The image in which each component of fewer than `least` voxels has become a part of the
+    /// The image in which each component of fewer than `min` voxels has become a part of the
     /// label that most voxels around it have, background included (the smaller label on a tie), and
     /// these components. Labels of which nothing is left are gone. `go_on` is asked again and
     /// again, from several threads.
@@ -33,17 +33,17 @@ impl LabelImage {
     /// [`Error::OutOfMemory`]; those of `go_on`.
     pub fn without_small_components(
         &self,
-        least: u64,
+        min: u64,
         go_on: &(dyn Fn(usize) -> Result<()> + Sync),
     ) -> Result<(Self, Vec<SmallComponent>)> {
         if self.field().is_some() {
             return Err(Error::InvalidArgument(format!(
-                "components of fewer than {least} voxels can be left out of label images only, not \
+                "components of fewer than {min} voxels can be left out of label images only, not \
                  of those made of intensities or probabilities"
             )));
         }
         let components = ImageComponents::new(self, go_on)?;
-        let is_small = |component: &ImageComponent| component.voxels < least;
+        let is_small = |component: &ImageComponent| component.voxels < min;
         // How many voxels of each id are around each small component; one that has several voxels
         // of it for neighbours counts as often.
         let mut around: BTreeMap<(usize, u16), u64> = BTreeMap::new();
@@ -137,13 +137,13 @@ mod tests {
         #[test]
         fn as_a_flood_fill_finds_them(
             values in prop::collection::vec(0..4_i32, 6 * 5 * 4),
-            least in 2..9_u64,
+            min in 2..9_u64,
         ) {
             let dims = [6, 5, 4];
             let frame = Frame::axis_aligned([1.0; 3]).unwrap();
             let ids = values.iter().map(|&v| v as u16).collect();
             let image = LabelImage::from_ids(dims, frame, ids, vec![0, 1, 2, 3]).unwrap();
-            let (without, small) = image.without_small_components(least, &|_| Ok(())).unwrap();
+            let (without, small) = image.without_small_components(min, &|_| Ok(())).unwrap();
             let mut found = Vec::new();
             for v in 0..values.len() {
                 let label = |v: usize| image.labels()[usize::from(image.ids()[v])];
@@ -158,7 +158,7 @@ mod tests {
                         }
                     }
                 }
-                if label(v) == 0 || component.len() as u64 >= least {
+                if label(v) == 0 || component.len() as u64 >= min {
                     prop_assert_eq!(now, label(v));
                     continue;
                 }
@@ -166,8 +166,8 @@ mod tests {
                 for other in component.iter().flat_map(|&v| image.around(v)) {
                     counts[label(other) as usize] += usize::from(label(other) != label(v));
                 }
-                let most = *counts.iter().max().unwrap();
-                prop_assert_eq!(now, counts.iter().position(|&n| n == most).unwrap() as i32);
+                let max = *counts.iter().max().unwrap();
+                prop_assert_eq!(now, counts.iter().position(|&n| n == max).unwrap() as i32);
                 if component.iter().min() == Some(&v) {
                     found.push((label(v), component.len() as u64));
                 }

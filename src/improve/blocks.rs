@@ -115,8 +115,8 @@ mod tests {
     fn three_vertices_of_four_make_an_owner() {
         for code in 0..81_u32 {
             let of = [code % 3, code / 3 % 3, code / 9 % 3, code / 27];
-            let most = (0..3).find(|b| of.iter().filter(|&x| x == b).count() >= 3);
-            assert_eq!(owner(of), most, "{of:?}");
+            let max = (0..3).find(|b| of.iter().filter(|&x| x == b).count() >= 3);
+            assert_eq!(owner(of), max, "{of:?}");
         }
     }
 

@@ -72,7 +72,7 @@ impl Worker<'_, '_> {
         }
         let mut best: Option<Removal> = None;
         for ring in rings.iter().flatten() {
-            let above = best.as_ref().map_or(0.0, |removal| removal.division.least);
+            let above = best.as_ref().map_or(0.0, |removal| removal.division.min);
             match self.removal(ring, above.max(self.to_exceed(self.min_of(ring)))) {
                 Ok(removal) => best = Some(removal),
                 Err(Outcome::Foreign) => outcome = Outcome::Foreign,

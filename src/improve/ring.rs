@@ -106,11 +106,11 @@ pub(super) struct Division {
     pub len: usize,
     pub triangles: [[u8; 3]; MAX_RING],
     /// The least measure of the tets; infinite without tets that count.
-    pub least: f64,
+    pub min: f64,
 }
 
 impl Division {
-    pub const EMPTY: Self = Self { len: 0, triangles: [[0; 3]; MAX_RING], least: f64::INFINITY };
+    pub const EMPTY: Self = Self { len: 0, triangles: [[0; 3]; MAX_RING], min: f64::INFINITY };
 
     pub fn triangles(&self) -> &[[u8; 3]] {
         &self.triangles[..self.len]
@@ -121,7 +121,7 @@ impl Division {
         for &triangle in other.triangles() {
             self.push(triangle);
         }
-        self.least = self.least.min(other.least);
+        self.min = self.min.min(other.min);
         self
     }
 
@@ -186,17 +186,17 @@ impl RingPoints {
                         continue;
                     }
                     let triangle = [places[i], places[j], places[k]];
-                    let least = parts.min(self.of_triangle(triangle, counts, above.max(found)));
-                    if least > found {
-                        found = least;
+                    let min = parts.min(self.of_triangle(triangle, counts, above.max(found)));
+                    if min > found {
+                        found = min;
                         apex[i][k] = j as u8;
                     }
                 }
                 best[i][k] = if found > above { found } else { 0.0 };
             }
         }
-        let mut division = Division { least: best[0][n - 1], ..Division::EMPTY };
-        if n > 2 && division.least <= above {
+        let mut division = Division { min: best[0][n - 1], ..Division::EMPTY };
+        if n > 2 && division.min <= above {
             return None;
         }
         let mut parts = [(0_u8, 0_u8); MAX_RING];
@@ -268,7 +268,7 @@ mod tests {
             let places: Vec<u8> = (0..n as u8).collect();
             let best = best_of_all(&points, &places);
             let division = points.divide(&places, true, 0.0).expect("the polygon is nearly convex");
-            assert_eq!((division.least, division.len), (best, n - 2), "{n}");
+            assert_eq!((division.min, division.len), (best, n - 2), "{n}");
             assert!(points.divide(&places, true, best).is_none());
             // Its triangles fill the polygon: each has the places of the ring in rising order, all
             // their tets are positive, and volumes add up.
@@ -296,6 +296,6 @@ mod tests {
         assert_eq!(division.len, 3);
         assert!(division.triangles().iter().all(|&[i, j, k]| i < j && j < k));
         let none = points.divide(&[3, 4], true, 0.5).expect("nothing to divide");
-        assert_eq!((none.len, none.least), (0, f64::INFINITY));
+        assert_eq!((none.len, none.min), (0, f64::INFINITY));
     }
 }

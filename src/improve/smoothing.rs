@@ -158,17 +158,17 @@ impl Worker<'_, '_> {
         let walls = self.round.interfaces.oracle.walls_at(start);
         let supports = self.supports(star, start, &walls);
         for support in supports {
-            let (mut at, mut least) = (start, before);
+            let (mut at, mut min) = (start, before);
             for _ in 0..MAX_STEPS {
-                match self.step(star, support, &walls, at, least) {
-                    Some(better) => (at, least) = better,
+                match self.step(star, support, &walls, at, min) {
+                    Some(better) => (at, min) = better,
                     None => break,
                 }
-                if least >= self.aim {
+                if min >= self.aim {
                     break;
                 }
             }
-            if least > self.to_exceed(before) && is_valid(star, at) {
+            if min > self.to_exceed(before) && is_valid(star, at) {
                 self.commit(star, support, at);
                 return Outcome::Done;
             }
@@ -179,17 +179,17 @@ impl Worker<'_, '_> {
     /// Where a vertex inside of a label makes the least measure of its star exceed `above`, from
     /// `start` on.
     pub fn best_inside(&self, star: &Star, start: DVec3, above: f64) -> Option<DVec3> {
-        let (mut at, mut least) = (start, min_at(star, self.round.measure, start));
+        let (mut at, mut min) = (start, min_at(star, self.round.measure, start));
         for _ in 0..MAX_STEPS_INSIDE {
-            match self.step(star, Support::Inside, &Walls::NONE, at, least) {
-                Some(better) => (at, least) = better,
+            match self.step(star, Support::Inside, &Walls::NONE, at, min) {
+                Some(better) => (at, min) = better,
                 None => break,
             }
-            if least >= self.round.measure.target {
+            if min >= self.round.measure.target {
                 break;
             }
         }
-        (least > above && is_valid(star, at)).then_some(at)
+        (min > above && is_valid(star, at)).then_some(at)
     }
 
     /// Where the vertex of a star may go: first along what it belongs to, then, for junctions,
@@ -270,7 +270,7 @@ impl Worker<'_, '_> {
         Support::Line(way.normalize_or_zero())
     }
 
-    /// One step uphill from `at`, where the least measure is `least`: where to, and what it is
+    /// One step uphill from `at`, where the least measure is `min`: where to, and what it is
     /// there.
     fn step(
         &self,
@@ -278,17 +278,17 @@ impl Worker<'_, '_> {
         support: Support,
         walls: &Walls,
         at: DVec3,
-        least: f64,
+        min: f64,
     ) -> Option<(DVec3, f64)> {
         let facets = self.tight_facets(star, support, at);
         let (way, rate) =
-            ascent(star, self.round.measure, at, least, &facets, |gradient| match support {
+            ascent(star, self.round.measure, at, min, &facets, |gradient| match support {
                 Support::Interface { normal, .. } => gradient - normal * normal.dot(gradient),
                 Support::Line(way) => way * way.dot(gradient),
                 Support::Fixed => DVec3::ZERO,
                 Support::Inside | Support::Near | Support::Walls => gradient,
             })?;
-        let most = match support {
+        let max = match support {
             Support::Inside => MAX_STEP * star.shortest_edge(at),
             Support::Interface { .. } | Support::Line(_) => {
                 self.farthest() * self.round.interfaces.tolerance
@@ -299,10 +299,10 @@ impl Worker<'_, '_> {
         // Places on interfaces are found to less than a hundredth of the tolerance, so a step is
         // longer than that.
         let shortest = SHORTEST_STEP * self.round.interfaces.tolerance;
-        let mut length = (1.2 * (self.aim - least) / rate).max(shortest).min(most);
+        let mut length = (1.2 * (self.aim - min) / rate).max(shortest).min(max);
         for _ in 0..MAX_HALVINGS {
             if let Some(p) = self.settle(star, support, walls, at + way * length) {
-                let enough = (least + 0.1 * GAIN).min(self.aim.next_down());
+                let enough = (min + 0.1 * GAIN).min(self.aim.next_down());
                 if exceeds_at(star, self.round.measure, p, enough) && is_valid(star, p) {
                     return Some((p, min_at(star, self.round.measure, p)));
                 }
@@ -318,31 +318,30 @@ impl Worker<'_, '_> {
             return Some(p);
         }
         let interfaces = self.round.interfaces;
-        let mut most = interfaces.tolerance;
+        let mut max = interfaces.tolerance;
         let refined = DVec3::from_array(self.round.refined[star.vertex as usize]);
         // What would leave the tolerance goes along its border.
-        let within =
-            |p: DVec3, most: f64| refined + (p - refined).clamp_length_max(TO_BORDER * most);
+        let within = |p: DVec3, max: f64| refined + (p - refined).clamp_length_max(TO_BORDER * max);
         let p = match support {
             Support::Inside | Support::Fixed => return None,
             Support::Interface { labels, normal, off } => {
-                most = self.farthest() * interfaces.tolerance;
-                interfaces.project(within(p, most) - off, normal, interfaces.tolerance, labels)?
+                max = self.farthest() * interfaces.tolerance;
+                interfaces.project(within(p, max) - off, normal, interfaces.tolerance, labels)?
                     + off
             }
             Support::Line(_) => {
-                most = self.farthest() * interfaces.tolerance;
-                interfaces.oracle.nearest_junction(within(p, most), interfaces.tolerance)?
+                max = self.farthest() * interfaces.tolerance;
+                interfaces.oracle.nearest_junction(within(p, max), interfaces.tolerance)?
             }
             Support::Walls | Support::Near => {
                 if interfaces.oracle.is_near_contact(refined) {
-                    most *= AROUND_CONTACTS;
+                    max *= AROUND_CONTACTS;
                 }
-                within(p, most)
+                within(p, max)
             }
         };
         let p = interfaces.oracle.onto_walls(p, *walls);
-        let is_near = p.distance_squared(refined) <= most * most;
+        let is_near = p.distance_squared(refined) <= max * max;
         let is_kept = || {
             self.keeps_facets(star, p)
                 && self.distance_from_refined(star, p) <= interfaces.tolerance
@@ -446,11 +445,11 @@ fn ascent(
     star: &Star,
     measure: Measure,
     at: DVec3,
-    least: f64,
+    min: f64,
     tight: &Tight,
     allowed: impl Fn(DVec3) -> DVec3,
 ) -> Option<(DVec3, f64)> {
-    let bound = ACTIVE * least + GAIN;
+    let bound = ACTIVE * min + GAIN;
     let mut active: [(f64, [DVec3; 3]); MAX_ACTIVE] =
         [(f64::INFINITY, [DVec3::ZERO; 3]); MAX_ACTIVE];
     let mut count = 0;

@@ -60,13 +60,13 @@ impl<'a> Bisection<'a> {
     /// both sides most equal.
     fn between_the_farthest(machine: &'a Machine, group: &'a [usize]) -> Self {
         let hops = |a: usize, b: usize| i64::from(machine.hops(group[a], group[b]));
-        let (mut farthest, mut most) = ((0, 1), hops(0, 1));
+        let (mut farthest, mut max) = ((0, 1), hops(0, 1));
         for a in 0..group.len() {
             for b in a + 1..group.len() {
                 // Of pairs that are as far the one whose nodes stand farthest apart in the group:
                 // its order decides where distance does not.
-                if hops(a, b) > most || (hops(a, b) == most && a == farthest.0) {
-                    (farthest, most) = ((a, b), hops(a, b));
+                if hops(a, b) > max || (hops(a, b) == max && a == farthest.0) {
+                    (farthest, max) = ((a, b), hops(a, b));
                 }
             }
         }
@@ -74,12 +74,12 @@ impl<'a> Bisection<'a> {
         order.sort_by_key(|&x| hops(farthest.0, x) - hops(farthest.1, x));
         let cores = |x: usize| machine.cores(group[x]) as u64;
         let all: u64 = order.iter().map(|&x| cores(x)).sum();
-        let (mut taken, mut cut, mut least) = (0, 1, u64::MAX);
+        let (mut taken, mut cut, mut min) = (0, 1, u64::MAX);
         for (count, &x) in order[..order.len() - 1].iter().enumerate() {
             taken += cores(x);
             // Of two that are as good the later: the first side is the larger one.
-            if all.abs_diff(2 * taken) <= least {
-                (cut, least) = (count + 1, all.abs_diff(2 * taken));
+            if all.abs_diff(2 * taken) <= min {
+                (cut, min) = (count + 1, all.abs_diff(2 * taken));
             }
         }
         let mut side = vec![0; group.len()];
@@ -223,13 +223,13 @@ mod tests {
             let group = if nodes == 7 { (0..7).rev().collect() } else { group };
             let (within, difference) = measure(&machine, &machine.bisect(&group));
             assert_eq!(difference, nodes % 2 * 8);
-            let least = (1..1_u32 << nodes)
+            let min = (1..1_u32 << nodes)
                 .filter(|set| (set.count_ones() as usize) == nodes / 2)
                 .map(|set| {
                     let half = |side| (0..nodes).filter(|&node| set >> node & 1 == side).collect();
                     measure(&machine, &[half(1), half(0)]).0
                 });
-            assert_eq!(Some(within), least.min(), "{nodes} nodes in units of {unit} and {subunit}");
+            assert_eq!(Some(within), min.min(), "{nodes} nodes in units of {unit} and {subunit}");
         }
     }
 }

@@ -129,15 +129,15 @@ impl Contention {
             Policy::Random => {
                 let too_many = streak.conflicts.checked_sub(PATIENCE);
                 if let Some(more) = too_many {
-                    let most = 1 << (SLEEP_LOG + more).min(MAX_SLEEP_LOG);
-                    crate::sync::sleep_micros(1 + streak.next_random() % most);
+                    let max = 1 << (SLEEP_LOG + more).min(MAX_SLEEP_LOG);
+                    crate::sync::sleep_micros(1 + streak.next_random() % max);
                 }
                 too_many.is_some()
             }
             Policy::Aggressive => {
                 if streak.conflicts >= PATIENCE {
-                    let most = u64::from(streak.conflicts.min(MAX_OFFERS));
-                    (0..=streak.next_random() % most).for_each(|_| crate::sync::yield_now());
+                    let max = u64::from(streak.conflicts.min(MAX_OFFERS));
+                    (0..=streak.next_random() % max).for_each(|_| crate::sync::yield_now());
                 }
                 false
             }

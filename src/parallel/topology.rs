@@ -41,7 +41,7 @@ impl Levels {
 
     /// One level of groups with nothing above; each worker's group is given, by any number.
     pub fn apart(groups: &[usize]) -> Self {
-        let count = groups.iter().max().map_or(0, |&most| most + 1);
+        let count = groups.iter().max().map_or(0, |&max| max + 1);
         let members =
             (0..count).map(|group| groups.iter().filter(|&&g| g == group).count()).collect();
         Self { group: vec![groups.to_vec()], parts: vec![members] }

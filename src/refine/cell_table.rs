@@ -15,14 +15,14 @@ pub struct CellTable {
 }
 
 impl CellTable {
-    /// Cells of edge `cell` over a box, with no more than `most` heads, at least 1. Points and
+    /// Cells of edge `cell` over a box, with no more than `max` heads, at least 1. Points and
     /// queries beyond the box share cells with others, which costs time alone.
-    pub fn new(lower: DVec3, upper: DVec3, cell: f64, most: usize) -> Self {
+    pub fn new(lower: DVec3, upper: DVec3, cell: f64, max: usize) -> Self {
         let cells = ((upper - lower) / cell).ceil().max(DVec3::ONE);
         // A power of two, not above the most.
-        let heads = ((cells.x * cells.y * cells.z).min(most as f64) as usize)
+        let heads = ((cells.x * cells.y * cells.z).min(max as f64) as usize)
             .next_power_of_two()
-            .min(1 << most.ilog2());
+            .min(1 << max.ilog2());
         Self {
             lower,
             per_cell: 1.0 / cell,

@@ -274,8 +274,8 @@ fn best_cut(blocks: &Blocks, load: Load, region: Region, part: f64) -> Cut {
     }
     let total: f64 = layers[2].iter().sum();
     let cuts = [0, 1, 2].map(|axis| cut_along(&layers[axis], axis, from[axis], part * total));
-    let least = cuts.iter().map(|cut| cut.miss).fold(f64::INFINITY, f64::min);
-    let good = cuts.into_iter().filter(|cut| cut.miss <= least + TOLERANCE * total);
+    let min = cuts.iter().map(|cut| cut.miss).fold(f64::INFINITY, f64::min);
+    let good = cuts.into_iter().filter(|cut| cut.miss <= min + TOLERANCE * total);
     good.min_by(|a, b| a.beside.total_cmp(&b.beside)).expect("the best is as good as itself")
 }
 
@@ -318,7 +318,7 @@ mod tests {
 
     fn imbalance(shares: &[f64]) -> f64 {
         let mean = shares.iter().sum::<f64>() / shares.len() as f64;
-        shares.iter().fold(0.0_f64, |most, &share| most.max(share)) / mean
+        shares.iter().fold(0.0_f64, |max, &share| max.max(share)) / mean
     }
 
     #[test]

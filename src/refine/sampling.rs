@@ -130,15 +130,15 @@ pub(super) struct Nets<'a> {
 }
 
 impl<'a> Nets<'a> {
-    /// Empty ones; no spacing will be above `most`.
-    fn new(most: f64, tiles: &'a Tiles) -> Result<Self> {
+    /// Empty ones; no spacing will be above `max`.
+    fn new(max: f64, tiles: &'a Tiles) -> Result<Self> {
         // A quarter of what the grid of vertices may have: there are fewer samples than vertices,
         // and a limit of memory counts them only when all are there.
         let max_heads = (MAX_HEADS / 4 / tiles.count().max(1)).max(1);
         let mut nets = room(tiles.count(), "nets of tiles")?;
         nets.extend(
             (0..tiles.count())
-                .map(|tile| RwLock::new(Net::new(most, tiles.bounds(tile), max_heads))),
+                .map(|tile| RwLock::new(Net::new(max, tiles.bounds(tile), max_heads))),
         );
         // All before there are samples: lists that grow between the tables would leave gaps.
         nets.par_iter_mut()
@@ -190,10 +190,10 @@ pub(super) struct Net {
 }
 
 impl Net {
-    /// For spacings up to `most`; to be opened first.
-    fn new(most: f64, [lower, upper]: [DVec3; 2], max_heads: usize) -> Self {
-        let cells = CellTable::new(lower - 2.0 * most, upper + 2.0 * most, 2.0 * most, max_heads);
-        let reach = [lower - 1.5 * most, upper + 1.5 * most];
+    /// For spacings up to `max`; to be opened first.
+    fn new(max: f64, [lower, upper]: [DVec3; 2], max_heads: usize) -> Self {
+        let cells = CellTable::new(lower - 2.0 * max, upper + 2.0 * max, 2.0 * max, max_heads);
+        let reach = [lower - 1.5 * max, upper + 1.5 * max];
         let (heads, next, points, own) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         Self { cells, heads, next, points, own, learned: [0; 8], reach, recent: Recent::new() }
     }
@@ -313,13 +313,13 @@ impl Net {
 /// The sample of an edge: its crossing, moved.
 fn moved(oracle: &Oracle, edge: &CrossedEdge) -> DVec3 {
     let (p, delta) = (edge.point, edge.spacing);
-    let most = MOVE * delta.min(oracle.spacing().min_element());
+    let max = MOVE * delta.min(oracle.spacing().min_element());
     let mut state = p.to_array().map(f64::to_bits).into_iter().fold(0, mix);
     let mut random = || {
         state = mix(state, 1);
         (state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     };
-    let offset = [most * random(), most * random()];
+    let offset = [max * random(), max * random()];
     let near = |q: &DVec3| q.distance(p) <= FARTHEST * delta;
     let q = oracle.crossing_beside(edge, offset).filter(near).unwrap_or(p);
     oracle.drawn_to_walls(q, DRAWN_TO_WALL * delta).find(near).unwrap_or(q)

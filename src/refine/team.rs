@@ -109,8 +109,8 @@ impl Limits {
     /// [`Error::MemoryLimit`] when `needed`, in bytes, is more than allowed.
     pub fn check_memory(&self, needed: u64) -> Result<()> {
         match self.max_memory {
-            Some(most) if needed > most => Err(Error::MemoryLimit(format!(
-                "the memory limit of {most} bytes was reached: {needed} are needed"
+            Some(max) if needed > max => Err(Error::MemoryLimit(format!(
+                "the memory limit of {max} bytes was reached: {needed} are needed"
             ))),
             _ => Ok(()),
         }
@@ -179,7 +179,7 @@ impl<'a> Team<'a> {
             size,
             samples,
             permits: AtomicU64::new(
-                options.limits.max_vertices.map_or(u64::MAX / 2, |most| most as u64),
+                options.limits.max_vertices.map_or(u64::MAX / 2, |max| max as u64),
             )
             .into(),
             tets: CachePadded::default(),
@@ -261,8 +261,8 @@ impl<'a> Team<'a> {
         let left = self.permits.fetch_update(Relaxed, Relaxed, |left| Some(left - share(left)));
         match share(left.unwrap_or_else(|left| left)) {
             0 => {
-                let most = self.limits.max_vertices.unwrap_or(usize::MAX);
-                Err(Error::LimitReached(format!("the limit of {most} vertices was reached")))
+                let max = self.limits.max_vertices.unwrap_or(usize::MAX);
+                Err(Error::LimitReached(format!("the limit of {max} vertices was reached")))
             }
             permits => Ok(permits),
         }

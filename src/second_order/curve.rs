@@ -148,8 +148,8 @@ impl Course<'_> {
         if !nodes.into_iter().any(|node| self.is_moved(node)) {
             return (None, straight);
         }
-        let [least, mean] = min_and_mean(&corners, &nodes.map(|node| self.place(node)));
-        (Some(least / straight), mean)
+        let [min, mean] = min_and_mean(&corners, &nodes.map(|node| self.place(node)));
+        (Some(min / straight), mean)
     }
 
     fn chunks(&self) -> impl IndexedParallelIterator<Item = Range<usize>> + use<> {
@@ -168,7 +168,7 @@ impl Course<'_> {
                 monitor.check_cancelled()?;
                 let is_bad = |&t: &usize| {
                     self.nodes_of(t).into_iter().any(|node| has_changed[node])
-                        && self.measure(t).0.is_some_and(|least| least < MIN_DETERMINANT)
+                        && self.measure(t).0.is_some_and(|min| min < MIN_DETERMINANT)
                 };
                 Ok(tets.filter(is_bad).collect())
             };
@@ -194,15 +194,15 @@ impl Course<'_> {
 
     fn summary(&self) -> Curving {
         let of_chunk = |tets: Range<usize>| {
-            tets.map(|t| self.measure(t)).fold((1.0_f64, 0.0), |(all, sum), (least, volume)| {
-                (all.min(least.unwrap_or(1.0)), sum + volume)
+            tets.map(|t| self.measure(t)).fold((1.0_f64, 0.0), |(all, sum), (min, volume)| {
+                (all.min(min.unwrap_or(1.0)), sum + volume)
             })
         };
         // Added in their order, whatever the number of threads.
         let of_chunks: Vec<(f64, f64)> = self.chunks().map(of_chunk).collect();
         let mut done = Curving { min_jacobian: 1.0, ..Curving::default() };
-        for (least, volume) in of_chunks {
-            done.min_jacobian = done.min_jacobian.min(least);
+        for (min, volume) in of_chunks {
+            done.min_jacobian = done.min_jacobian.min(min);
             done.volume += volume / 6.0;
         }
         for node in (0..self.ways.len()).filter(|&node| self.ways[node] != DVec3::ZERO) {
@@ -282,8 +282,8 @@ fn on_interface(
 ) -> Option<DVec3> {
     let (middle, length) = ((a + b) * 0.5, a.distance(b));
     let walls: Walls = oracle.walls_at(a).common(&oracle.walls_at(b));
-    let most = FARTHEST * length;
-    let on_line = || Some(oracle.onto_walls(oracle.nearest_junction(middle, most)?, walls));
+    let max = FARTHEST * length;
+    let on_line = || Some(oracle.onto_walls(oracle.nearest_junction(middle, max)?, walls));
     let to = match (place, walls.count()) {
         (Place::Surface { labels: pair, facets: 2, normal }, 0) => {
             let normal = normal.normalize_or_zero();
@@ -300,5 +300,5 @@ fn on_interface(
     };
     let way = to - middle;
     let along = way.dot(b - a).abs();
-    (way.length() <= most && along <= ALONG * length * length).then_some(way)
+    (way.length() <= max && along <= ALONG * length * length).then_some(way)
 }

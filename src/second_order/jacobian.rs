@@ -68,9 +68,9 @@ pub fn min_and_mean(vertices: &[DVec3; 4], nodes: &[DVec3; 6]) -> [f64; 2] {
         }
     }
     let values = found.sums.iter().zip(found.counts).map(|(sum, count)| sum / f64::from(count));
-    let (least, sum) =
-        values.fold((f64::INFINITY, 0.0), |(least, sum), value| (value.min(least), sum + value));
-    [least, sum / 20.0]
+    let (min, sum) =
+        values.fold((f64::INFINITY, 0.0), |(min, sum), value| (value.min(min), sum + value));
+    [min, sum / 20.0]
 }
 
 #[cfg(test)]
@@ -103,8 +103,8 @@ mod tests {
 
     #[test]
     fn straight_tets_have_one_value() {
-        let [least, mean] = min_and_mean(&VERTICES, &straight(&VERTICES));
-        assert!((least - 1.0).abs() < 1e-12 && (mean - 1.0).abs() < 1e-12);
+        let [min, mean] = min_and_mean(&VERTICES, &straight(&VERTICES));
+        assert!((min - 1.0).abs() < 1e-12 && (mean - 1.0).abs() < 1e-12);
     }
 
     #[test]
@@ -127,13 +127,13 @@ mod tests {
             }
             let sum: f64 = place.iter().sum::<f64>().max(1e-9);
             let found = determinant(&VERTICES, &nodes, place.map(|x| x / sum));
-            let [least, mean] = min_and_mean(&VERTICES, &nodes);
-            prop_assert!(found >= least - 1e-9, "{found} {least}");
+            let [min, mean] = min_and_mean(&VERTICES, &nodes);
+            prop_assert!(found >= min - 1e-9, "{found} {min}");
             // At vertices coefficients are values.
             for i in 0..4 {
                 let mut at = [0.0; 4];
                 at[i] = 1.0;
-                prop_assert!(determinant(&VERTICES, &nodes, at) >= least - 1e-9);
+                prop_assert!(determinant(&VERTICES, &nodes, at) >= min - 1e-9);
             }
             // A rule that is exact for degree three: its mean is the mean of the coefficients.
             let others = (0..4).map(|i| {

@@ -158,7 +158,7 @@ impl World {
         let nodes = machine.nodes();
         let hops: Vec<Vec<u32>> =
             (0..nodes).map(|a| (0..nodes).map(|b| machine.hops(a, b)).collect()).collect();
-        let most = hops.iter().flatten().max().map_or(0, |&most| most as usize);
+        let max = hops.iter().flatten().max().map_or(0, |&max| max as usize);
         let routers = levels.iter().map(|level| {
             let groups = nodes.div_ceil(level.nodes.max(1));
             Routers {
@@ -167,7 +167,7 @@ impl World {
                 busy: vec![(0, 0); groups],
             }
         });
-        let none = vec![0; most + 1];
+        let none = vec![0; max + 1];
         let traffic =
             Traffic { visits_by_hops: none.clone(), fetched_by_hops: none, ..Traffic::default() };
         Self {

@@ -232,7 +232,7 @@ fn across_layers(levels: &mut [u8], layer: usize, work: impl Fn(&mut [&mut [u8]]
 
 /// Gives each element the least of itself and those at its place in the rows before and behind.
 fn min_of_three(rows: &mut [&mut [u8]]) {
-    let least = |to: &mut [u8], from: &[u8]| {
+    let min = |to: &mut [u8], from: &[u8]| {
         to.iter_mut().zip(from).for_each(|(to, &from)| *to = (*to).min(from))
     };
     let (mut before, mut here) = (Vec::new(), Vec::new());
@@ -240,9 +240,9 @@ fn min_of_three(rows: &mut [&mut [u8]]) {
         let (own, behind) = rows[at..].split_at_mut(1);
         here.clear();
         here.extend_from_slice(own[0]);
-        least(own[0], &before);
+        min(own[0], &before);
         if let Some(behind) = behind.first() {
-            least(own[0], behind);
+            min(own[0], behind);
         }
         std::mem::swap(&mut before, &mut here);
     }

@@ -369,8 +369,8 @@ impl ThinVoxels {
     }
 }
 
-/// Finds what is thinner than `most`, in world units; what holds cubes of 32 of the smallest sides
-/// of a voxel is not searched for, however large `most` is. `check` is called many times in each
+/// Finds what is thinner than `max`, in world units; what holds cubes of 32 of the smallest sides
+/// of a voxel is not searched for, however large `max` is. `check` is called many times in each
 /// step, from several threads.
 ///
 /// # Errors
@@ -378,14 +378,14 @@ impl ThinVoxels {
 pub fn thin_voxels(
     image: &LabelImage,
     rows: &Rows,
-    most: f64,
+    max: f64,
     check: Check<'_>,
 ) -> Result<ThinVoxels> {
     let region = *rows.region();
     let mut thin = ThinVoxels { region, thicknesses: Vec::new(), of_voxels: Vec::new() };
     let spacing = image.frame().spacing();
     let unit = spacing.min_element();
-    let Some(largest) = largest_cube(unit, most) else { return Ok(thin) };
+    let Some(largest) = largest_cube(unit, max) else { return Ok(thin) };
     let labels = Labels::new(rows, largest, check)?;
     let [nx, _, nz] = region.dims;
     let padded = nx + 2 * largest;
@@ -429,8 +429,8 @@ const SETS: usize = 7;
 
 /// Bytes that [`thin_voxels`] needs at its peak beside the rows, but for some per contact of
 /// voxels.
-pub fn bytes_needed(image: &LabelImage, region: &Region, most: f64) -> u64 {
-    largest_cube(image.frame().spacing().min_element(), most).map_or(0, |largest| {
+pub fn bytes_needed(image: &LabelImage, region: &Region, max: f64) -> u64 {
+    largest_cube(image.frame().spacing().min_element(), max).map_or(0, |largest| {
         let [nx, ny, nz] = region.dims.map(|n| (n + 2 * largest) as u64);
         let sets = SETS as u64 * nx.div_ceil(64) * ny * nz * size_of::<u64>() as u64;
         sets + region.dims.iter().map(|&n| n as u64).product::<u64>()
@@ -438,9 +438,9 @@ pub fn bytes_needed(image: &LabelImage, region: &Region, most: f64) -> u64 {
 }
 
 /// The largest edge of a cube to be tried, in voxels of side `unit`: what is less than so many
-/// voxels thick is thinner than `most`, if it is a whole number less one at most.
-fn largest_cube(unit: f64, most: f64) -> Option<usize> {
-    sizes().take_while(|&count| thickness_below(count) as f64 * unit < most).last()
+/// voxels thick is thinner than `max`, if it is a whole number less one at most.
+fn largest_cube(unit: f64, max: f64) -> Option<usize> {
+    sizes().take_while(|&count| thickness_below(count) as f64 * unit < max).last()
 }
 
 /// A way in which two voxels of a label can meet. Corner c of a cell is at (c & 1, c >> 1 & 1, c >>
@@ -553,7 +553,7 @@ mod tests {
     fn thin(
         dims: [usize; 3],
         spacing: [f64; 3],
-        most: f64,
+        max: f64,
         label: impl Fn([usize; 3]) -> i32,
     ) -> Vec<(f64, Vec<[usize; 3]>)> {
         let half = dims.map(|n| (n as f64 - 1.0) / 2.0);
@@ -563,7 +563,7 @@ mod tests {
         });
         let image = image.unwrap();
         let rows = Rows::new(&image, Region::new(&image, &|| Ok(())).unwrap(), &|| Ok(())).unwrap();
-        let thin = thin_voxels(&image, &rows, most, &|| Ok(())).unwrap();
+        let thin = thin_voxels(&image, &rows, max, &|| Ok(())).unwrap();
         let Region { first, dims: [nx, _, nz] } = thin.region;
         let place = |v: usize| {
             let at = [v % nx, v / nx / nz, v / nx % nz];

@@ -272,8 +272,8 @@ fn another_thread_cancels_a_run_that_would_take_minutes() {
 fn max_vertices_is_exact() {
     let image = ball([16; 3], [1.0; 3], 6.0).unwrap();
     let free = run(&image, &params(1.0));
-    let limited = |most: u64| {
-        let params = MeshParams { max_vertices: Some(most as usize), ..params(1.0) };
+    let limited = |max: u64| {
+        let params = MeshParams { max_vertices: Some(max as usize), ..params(1.0) };
         mesh_image(&image, &params, &Monitor::silent())
     };
     // The least limit that suffices: the most vertices that were there at any time, by bisection.

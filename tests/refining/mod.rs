@@ -28,6 +28,11 @@ const PATIENCE: u64 = 1500;
 pub const MANAGERS: [Contention; 4] =
     [Contention::Local, Contention::Global, Contention::Random, Contention::Aggressive];
 
+/// Whether locks are refused at random: in a build for that, where it is asked for.
+pub fn conflicts_are_forced() -> bool {
+    cfg!(feature = "force-conflicts") && std::env::var_os("LAPD_FORCE_CONFLICTS").is_some()
+}
+
 /// Ends the process when it is not dropped in time: threads that hang cannot be ended otherwise.
 pub struct Watchdog {
     _alive: Sender<()>,

@@ -256,18 +256,18 @@ impl Header {
     }
 
     fn skip_to_voxels(&self, source: &mut Source, warnings: &mut Vec<String>) -> Result<()> {
-        let least = self.size as u64 + EXTENSION_FLAG;
+        let min = self.size as u64 + EXTENSION_FLAG;
         if !(self.vox_offset.is_finite() && self.vox_offset >= 0.0) {
             return Err(source.error(format!("vox_offset is {}", self.vox_offset)));
         }
         let mut offset = self.vox_offset as u64;
-        if offset < least {
+        if offset < min {
             if offset != 0 {
                 warnings.push(format!(
-                    "vox_offset {offset} lies within the header; voxels are read from byte {least}"
+                    "vox_offset {offset} lies within the header; voxels are read from byte {min}"
                 ));
             }
-            offset = least;
+            offset = min;
         }
         source.skip(offset - self.size as u64, &format!("vox_offset {offset}"))
     }

@@ -140,7 +140,7 @@ impl Layout {
 #[derive(Default)]
 struct Rounding {
     /// How far from a whole number they may be.
-    most: f64,
+    max: f64,
     /// How many there were.
     count: u64,
     /// The first: voxel and value.
@@ -153,7 +153,7 @@ impl Rounding {
     fn label(&mut self, value: f64, exact: f64, voxel: usize) -> Option<i32> {
         let whole = value.round();
         let off = (value - whole).abs();
-        if off.is_nan() || off > exact.max(self.most) {
+        if off.is_nan() || off > exact.max(self.max) {
             return None;
         }
         if off > exact {
@@ -260,8 +260,8 @@ fn read_whole(
     warnings: &mut Vec<String>,
     push: impl FnMut(&Source, &[i32]) -> Result<()>,
 ) -> Result<()> {
-    let most = if values == LabelValues::Rounded { 0.5 } else { NEARLY_WHOLE };
-    let mut rounding = Rounding { most, ..Rounding::default() };
+    let max = if values == LabelValues::Rounded { 0.5 } else { NEARLY_WHOLE };
+    let mut rounding = Rounding { max, ..Rounding::default() };
     read_numbers(source, layout, warnings, &mut rounding, push)?;
     if let Some((voxel, value)) = rounding.first {
         let (place, count) = (place_of(layout, voxel), rounding.count);

@@ -121,10 +121,10 @@ fn write_head(
 
 /// Whether version 2.2, which has 32-bit numbers, can number what `mesh` has.
 pub(super) fn check_limits_2_2(mesh: &TetMesh, path: &Path) -> Result<()> {
-    let most = i32::MAX as usize;
+    let max = i32::MAX as usize;
     let format = "MSH 2.2 (.msh, version 4.1, has no such limit)";
-    check_count(path, format, "vertices", mesh.points.len(), most)?;
-    check_count(path, format, "tets and facets", mesh.tets.len() + mesh.facets.len(), most)
+    check_count(path, format, "vertices", mesh.points.len(), max)?;
+    check_count(path, format, "tets and facets", mesh.tets.len() + mesh.facets.len(), max)
 }
 
 pub(super) fn write_2_2(

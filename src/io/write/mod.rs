@@ -213,11 +213,11 @@ pub fn write_mesh_watching(
 }
 
 /// Refuses more of a thing than a format can number.
-fn check_count(path: &Path, format: &str, things: &str, count: usize, most: usize) -> Result<()> {
-    if count > most {
+fn check_count(path: &Path, format: &str, things: &str, count: usize, max: usize) -> Result<()> {
+    if count > max {
         let path = path.display();
         return Err(Error::LimitReached(format!(
-            "{path}: {count} {things} are too many for {format}, {most} are the most"
+            "{path}: {count} {things} are too many for {format}, {max} are the most"
         )));
     }
     Ok(())

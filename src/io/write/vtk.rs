@@ -24,11 +24,11 @@ pub(super) fn cell_type(mesh: &TetMesh) -> u8 {
 
 /// Whether the format can number what `mesh` has.
 pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
-    let most = i32::MAX as usize;
-    let max_tets = most / (mesh.nodes_per_tet() + 1);
-    if mesh.points.len() > most || mesh.tets.len() > max_tets {
+    let max = i32::MAX as usize;
+    let max_tets = max / (mesh.nodes_per_tet() + 1);
+    if mesh.points.len() > max || mesh.tets.len() > max_tets {
         return Err(Error::LimitReached(format!(
-            "{}: {} nodes and {} tets are too many for a legacy VTK file ({most} and {max_tets}); \
+            "{}: {} nodes and {} tets are too many for a legacy VTK file ({max} and {max_tets}); \
              .vtu has no such limit",
             path.display(),
             mesh.points.len(),

@@ -221,10 +221,10 @@ impl JunctionPlanes<'_> {
                 .into_iter()
                 .try_for_each(|x| visit(JunctionKind::Corner, low + x))?;
         }
-        let most = if matches!(self.cuts, Cuts::Spaced(_)) { MOVE } else { 0.0 };
+        let max = if matches!(self.cuts, Cuts::Spaced(_)) { MOVE } else { 0.0 };
         ties[..of_lines].iter().try_for_each(|&(_, x)| {
             let x = low + x;
-            visit(JunctionKind::Line, x + most * random_of(x))
+            visit(JunctionKind::Line, x + max * random_of(x))
         })
     }
 

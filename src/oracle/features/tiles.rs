@@ -44,8 +44,8 @@ impl EdgeGrid<'_> {
         let layers = [1, 2].map(|axis| dims[axis].div_ceil(Bricks::EDGE));
         let ranges = [0, 1].map(|n| {
             let voxels = apart / oracle.grid.spacing[n + 1] + 2.0 * BEYOND;
-            let least = MIN_LAYERS[n].min(layers[n]);
-            let thick = ((voxels / Bricks::EDGE as f64).ceil() as usize).clamp(least, layers[n]);
+            let min = MIN_LAYERS[n].min(layers[n]);
+            let thick = ((voxels / Bricks::EDGE as f64).ceil() as usize).clamp(min, layers[n]);
             (0..layers[n])
                 .step_by(thick)
                 .map(|first| first..(first + thick).min(layers[n]))

@@ -72,10 +72,10 @@ impl Oracle {
         self.grid.point_at(x)
     }
 
-    /// A point of the same wall no farther than `most` from `p`, if that lies on one wall and not
+    /// A point of the same wall no farther than `max` from `p`, if that lies on one wall and not
     /// on the edge of two. Points on walls that meet at a right angle mirror each other, in fours
     /// on a circle; where it is moved to looks random.
-    pub fn moved_on_wall(&self, p: DVec3, most: f64) -> Option<DVec3> {
+    pub fn moved_on_wall(&self, p: DVec3, max: f64) -> Option<DVec3> {
         let mut x = self.walls.onto_face(self.grid.index_at(p));
         let mut walls = self.walls.around(x);
         let [Some(normal), None] = [walls.next(), walls.next()] else {
@@ -83,17 +83,17 @@ impl Oracle {
         };
         let random = random_of(p);
         for a in [(normal + 1) % 3, (normal + 2) % 3] {
-            x[a] += std::f64::consts::FRAC_1_SQRT_2 * most * random[a] / self.grid.spacing[a];
+            x[a] += std::f64::consts::FRAC_1_SQRT_2 * max * random[a] / self.grid.spacing[a];
         }
         (self.label_at(x) != 0).then(|| self.grid.point_at(x))
     }
 
-    /// Whether a point is no farther than `most` from a wall, or beyond it.
+    /// Whether a point is no farther than `max` from a wall, or beyond it.
     #[inline]
-    pub fn is_near_wall(&self, p: DVec3, most: f64) -> bool {
+    pub fn is_near_wall(&self, p: DVec3, max: f64) -> bool {
         self.walls.has_walls && {
-            let (x, most) = (self.grid.index_at(p), most / self.grid.spacing);
-            self.walls.is_beyond(x + most) || self.walls.is_beyond(x - most)
+            let (x, max) = (self.grid.index_at(p), max / self.grid.spacing);
+            self.walls.is_beyond(x + max) || self.walls.is_beyond(x - max)
         }
     }
 
@@ -106,12 +106,12 @@ impl Oracle {
         (0..27).any(|n| self.continued_label_at(x + voxels * step(n)) == label)
     }
 
-    /// Where a point of dO may be moved onto walls that are no farther than `most` from it: first
+    /// Where a point of dO may be moved onto walls that are no farther than `max` from it: first
     /// onto all of them, then onto the nearest one, and so on. It stays on dO, as it is beyond the
     /// outermost voxel centres.
-    pub fn drawn_to_walls(&self, p: DVec3, most: f64) -> impl Iterator<Item = DVec3> {
+    pub fn drawn_to_walls(&self, p: DVec3, max: f64) -> impl Iterator<Item = DVec3> {
         let x = self.grid.index_at(p);
-        let (axes, all) = self.walls.drawn(x, most / self.grid.spacing);
+        let (axes, all) = self.walls.drawn(x, max / self.grid.spacing);
         let mut moves = [0, 1, 2].map(|a| (((all[a] - x[a]) * self.grid.spacing[a]).abs(), a));
         moves.sort_by(|a, b| a.0.total_cmp(&b.0));
         let single = moves.map(|(by, a)| {

@@ -76,12 +76,12 @@ impl Border {
         (below | (x.cmpgt(self.upper) & self.last.cmplt(self.upper))).any()
     }
 
-    /// The axes across which walls are no farther from a point of the box than `most` and than the
+    /// The axes across which walls are no farther from a point of the box than `max` and than the
     /// outermost centres are; and the point of all these walls nearest to it.
     #[inline]
-    pub(crate) fn drawn(&self, x: DVec3, most: DVec3) -> (BVec3, DVec3) {
-        let lower = x.cmplt(self.first) & x.cmple(self.lower + most);
-        let upper = x.cmpgt(self.last) & x.cmpge(self.upper - most);
+    pub(crate) fn drawn(&self, x: DVec3, max: DVec3) -> (BVec3, DVec3) {
+        let lower = x.cmplt(self.first) & x.cmple(self.lower + max);
+        let upper = x.cmpgt(self.last) & x.cmpge(self.upper - max);
         (lower | upper, DVec3::select(lower, self.lower, DVec3::select(upper, self.upper, x)))
     }
 

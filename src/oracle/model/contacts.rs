@@ -350,7 +350,7 @@ mod tests {
                 let value = |values: &[f32; 8]| {
                     parts.iter().zip(values).map(|(part, value)| part * value).sum::<f32>()
                 };
-                let most = values.iter().map(|(_, values)| value(values)).fold(0.0, f32::max);
+                let max = values.iter().map(|(_, values)| value(values)).fold(0.0, f32::max);
                 let own = values
                     .iter()
                     .filter(|(other, _)| *other == id)
@@ -358,7 +358,7 @@ mod tests {
                     .fold(0.0, f32::max);
                 let place = [0, 1, 2]
                     .map(|a| if corner >> a & 1 == 1 { 2 * STEPS - steps[a] } else { steps[a] });
-                body[place[0] + SIDE * (place[1] + SIDE * place[2])] |= own >= most - 1e-5;
+                body[place[0] + SIDE * (place[1] + SIDE * place[2])] |= own >= max - 1e-5;
             }
         }
         body

@@ -212,13 +212,13 @@ impl Intensities {
         if corners.iter().any(|x| x.is_nan()) {
             return self.add_rivals_at_border(corners, rivals);
         }
-        let (least, most) = corners
+        let (min, max) = corners
             .iter()
             .fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &x| (a.min(x), b.max(x)));
-        let first = self.isovalues.partition_point(|&v| v < least);
+        let first = self.isovalues.partition_point(|&v| v < min);
         let mut values = [0.0; 8];
         rivals.push(self.ids[first], values);
-        for n in (first..self.isovalues.len()).take_while(|&n| self.isovalues[n] < most) {
+        for n in (first..self.isovalues.len()).take_while(|&n| self.isovalues[n] < max) {
             values = std::array::from_fn(|c| values[c] + (corners[c] - self.isovalues[n]));
             rivals.push(self.ids[n + 1], values);
         }
@@ -243,8 +243,8 @@ impl Intensities {
         if self.ids[0] != 0 {
             rivals.push(self.ids[0], values);
         }
-        let most = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
-        for n in (0..self.isovalues.len()).take_while(|&n| self.isovalues[n] < most) {
+        let max = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        for n in (0..self.isovalues.len()).take_while(|&n| self.isovalues[n] < max) {
             let more = |c: usize| if inside(&c) { corners[c] - self.isovalues[n] } else { 0.0 };
             values = std::array::from_fn(|c| values[c] + more(c));
             rivals.push(self.ids[n + 1], values);

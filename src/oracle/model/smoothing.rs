@@ -14,10 +14,10 @@
 //!
 //! That is done by mixing in the unsmoothed indicator, whose lead is 1, as far as needed. Where
 //! smoothing would move the surface just past a voxel centre, as on slopes, it is held back at the
-//! centre: `least` is small. Where it would move it far, as into a corner or across what is much
+//! centre: `min` is small. Where it would move it far, as into a corner or across what is much
 //! thinner than the deviation, the voxel gets about the lead that its neighbours on the other side
 //! keep, which puts the surface between them about where the unsmoothed one is. In *thin* places
-//! `least` is large, for the same reason: where neither the voxel nor one beside it is interior,
+//! `min` is large, for the same reason: where neither the voxel nor one beside it is interior,
 //! that is, has its label on the other side of all six faces. Sheets, lines and blocks of one or
 //! two voxels are thin all over. No half-space is thin anywhere, whatever its slope: from one of
 //! its voxels go a step inwards along the axis that its normal is nearest to; a step back outwards
@@ -127,8 +127,8 @@ fn add(shares: &mut Vec<Share>, id: u16, value: f32) {
     }
 }
 
-/// Gives the label `own`, which has a share, the lead that it needs, at least `least`.
-fn keep_lead(own: u16, least: f32, shares: &mut [Share]) {
+/// Gives the label `own`, which has a share, the lead that it needs, at least `min`.
+fn keep_lead(own: u16, min: f32, shares: &mut [Share]) {
     let largest = |is_own: bool| {
         shares
             .iter()
@@ -136,7 +136,7 @@ fn keep_lead(own: u16, least: f32, shares: &mut [Share]) {
             .fold(0.0_f32, |largest, share| largest.max(share.value))
     };
     let lead = largest(true) - largest(false);
-    let needed = (-2.0 * lead).clamp(least, 1.0);
+    let needed = (-2.0 * lead).clamp(min, 1.0);
     if lead < needed {
         let indicator = (needed - lead) / (1.0 - lead);
         for share in shares {
@@ -200,8 +200,8 @@ mod tests {
             };
             let is_interior = |at: [i64; 3]| own_at(at) && faces(at).all(own_at);
             let thick = is_interior(at) || faces(at).any(is_interior);
-            let least = if thick { MIN_LEAD } else { MIN_LEAD_THIN };
-            let needed = lead.max((-2.0 * lead).clamp(f64::from(least), 1.0));
+            let min = if thick { MIN_LEAD } else { MIN_LEAD_THIN };
+            let needed = lead.max((-2.0 * lead).clamp(f64::from(min), 1.0));
             let indicator = (needed - lead) / (1.0 - lead).max(1e-9);
             for share in smoothed(&image, sigma, voxel) {
                 let n = usize::from(share.id);

@@ -109,7 +109,7 @@ impl Shapes {
         // corners stands for its shape.
         const ORDERS: [[usize; 3]; 6] =
             [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
-        let least = |set: usize| {
+        let min = |set: usize| {
             let images = ORDERS.iter().flat_map(|order| (0..8).map(move |turned| (order, turned)));
             let image = |(order, turned): (&[usize; 3], usize)| {
                 let corner =
@@ -131,9 +131,9 @@ impl Shapes {
         };
         let (mut sets, mut count) = ([0usize; SHAPES], 0);
         for set in 0..256 {
-            let least = least(set);
-            if least < set {
-                shapes.of[set] = shapes.of[least];
+            let min = min(set);
+            if min < set {
+                shapes.of[set] = shapes.of[min];
             } else {
                 shapes.of[set] = count as u8;
                 sets[count] = set;
@@ -275,8 +275,8 @@ impl Sampling {
     pub(crate) fn new(voxels: impl Iterator<Item = u64>) -> Self {
         // In sixteenths of a sample, so that fewer than MIN stand for some of the cells.
         let samples = |n: u64| {
-            let least = u64::from(MIN * 16 / SPARSEST);
-            (16 * ENOUGH / n.saturating_mul(n).max(1)).clamp(least, u64::from(16 * MAX)) as u32
+            let min = u64::from(MIN * 16 / SPARSEST);
+            (16 * ENOUGH / n.saturating_mul(n).max(1)).clamp(min, u64::from(16 * MAX)) as u32
         };
         Self(voxels.map(|n| samples(n).next_power_of_two()).collect())
     }

@@ -144,7 +144,7 @@ impl Oracle {
         // Cells are stepped by index (J. Amanatides, A. Woo, Eurographics 1987), not looked up by
         // position: on a face, rounding could find the same one again and again. The label is
         // `from` up to `known`; the part of the way in the cell starts there.
-        let (shift, most) = match self.model {
+        let (shift, max) = match self.model {
             SurfaceModel::Smooth => (0.0, 2),
             SurfaceModel::Voxel => (-0.5, 1),
         };
@@ -196,7 +196,7 @@ impl Oracle {
             } else {
                 cell[axis].wrapping_sub(beside + 1)
             };
-            if across > self.grid.bricks.dims()[axis] - most {
+            if across > self.grid.bricks.dims()[axis] - max {
                 break;
             }
             entrance =

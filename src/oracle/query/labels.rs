@@ -150,8 +150,8 @@ impl Oracle {
     pub(crate) fn to_faces(&self, x: DVec3, cell: [usize; 3], more: f64) -> f64 {
         let at = x - DVec3::from(cell.map(|c| c as f64));
         // Rounding of x must not matter.
-        let least = at.min(1.0 - at) + (more - 1e-9);
-        (least * self.grid.spacing).min_element().max(0.0)
+        let min = at.min(1.0 - at) + (more - 1e-9);
+        (min * self.grid.spacing).min_element().max(0.0)
     }
 
     #[inline(always)]

@@ -161,18 +161,18 @@ impl Rules<'_> {
         let [of_radius, of_delta] = NEAR_JUNCTION;
         let reach = (of_radius * radius).min(of_delta * delta);
         // What is this close keeps the least distance from all vertices.
-        let most = radius - MIN_DISTANCE * delta;
+        let max = radius - MIN_DISTANCE * delta;
         let at_wall = self.oracle.is_near_wall(x, reach);
-        if most <= 0.0 && !at_wall {
+        if max <= 0.0 && !at_wall {
             return x;
         }
-        let near = self.oracle.nearest_junction(x, if at_wall { reach } else { reach.min(most) });
+        let near = self.oracle.nearest_junction(x, if at_wall { reach } else { reach.min(max) });
         // Around contacts samples stand where they do for a reason.
         let near = near.filter(|&y| !self.oracle.is_near_contact(y));
         let near = near.filter(|&y| {
-            y.distance(x) <= most || self.is_free_at_wall(y, MIN_DISTANCE * delta, tets)
+            y.distance(x) <= max || self.is_free_at_wall(y, MIN_DISTANCE * delta, tets)
         });
-        let beside = || self.oracle.moved_on_wall(x, most.max(0.0).min(MOVE_ON_WALL * radius));
+        let beside = || self.oracle.moved_on_wall(x, max.max(0.0).min(MOVE_ON_WALL * radius));
         let point = near.or_else(beside).filter(|&y| self.triangulation.holds(y)).unwrap_or(x);
         if at_wall { self.drawn_to_walls(point, tets) } else { point }
     }

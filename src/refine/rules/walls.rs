@@ -122,9 +122,9 @@ impl Rules<'_> {
 
     /// Whether a point in a circumball of one of these tets is farther than that from all vertices.
     #[cold]
-    pub(super) fn is_free_at_wall(&self, p: DVec3, least: f64, tets: [TetId; 2]) -> bool {
+    pub(super) fn is_free_at_wall(&self, p: DVec3, min: f64, tets: [TetId; 2]) -> bool {
         self.triangulation.holds(p)
-            && self.nearest_vertex(p, tets).is_some_and(|distance| distance > least)
+            && self.nearest_vertex(p, tets).is_some_and(|distance| distance > min)
     }
 
     /// A point of dO, in a circumball of one of these tets, or the point of a wall close to it if

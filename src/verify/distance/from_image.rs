@@ -214,18 +214,18 @@ impl Targets {
         })
     }
 
-    /// Whether a corner of the grid, at `p`, is farther than `most` from the triangles that the
+    /// Whether a corner of the grid, at `p`, is farther than `max` from the triangles that the
     /// faces there have met, over the whole or of the label of a component.
     fn is_far(
         &self,
         corner: [usize; 3],
         component: Option<u32>,
         p: DVec3,
-        most: f64,
+        max: f64,
         bins: &TriangleBins,
     ) -> bool {
         let mut met = self.around(corner).filter_map(|target| target.triangle_of(component));
-        met.all(|triangle| bins.triangles[triangle as usize].distance_squared(p) > most * most)
+        met.all(|triangle| bins.triangles[triangle as usize].distance_squared(p) > max * max)
     }
 
     /// Shows a triangle to the faces whose centres are within `reach` of the box around it.
@@ -342,8 +342,8 @@ pub(crate) fn image_to_mesh(
                         *known.insert(met.unwrap_or_else(|| Met::new(triangle, crossing, bins)));
                     // A corner with any triangle within the maximum so far cannot raise it: bounds
                     // of the distance, the cheapest first. The margin keeps rounding from deciding.
-                    let most = max.faces.get();
-                    if distance + faces.half_diagonal(target.face) > most * (1.0 - 1e-12) {
+                    let so_far = max.faces.get();
+                    if distance + faces.half_diagonal(target.face) > so_far * (1.0 - 1e-12) {
                         let component = side.map(|(component, _)| component);
                         let corner = faces.corner_cells(target.face).map(|at| Corner {
                             at,
@@ -352,9 +352,9 @@ pub(crate) fn image_to_mesh(
                         });
                         corners.extend(corner.into_iter().filter(|corner| {
                             let p = faces.corner(corner.at);
-                            p.distance_squared(met.point) > most * most
+                            p.distance_squared(met.point) > so_far * so_far
                                 && bins.triangles[triangle as usize].distance_squared(p)
-                                    > most * most
+                                    > so_far * so_far
                         }));
                     }
                     if met.distance > max.surface.get()

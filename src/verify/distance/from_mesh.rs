@@ -292,14 +292,14 @@ pub(crate) struct Parts {
 }
 
 impl Parts {
-    /// Parts with a radius of no more than `most`.
-    pub fn new(&[a, b, c]: &[DVec3; 3], most: f64) -> Self {
+    /// Parts with a radius of no more than `max`.
+    pub fn new(&[a, b, c]: &[DVec3; 3], max: f64) -> Self {
         // By differences: what lies in a plane of the grid stays there.
         let (ab, ac) = (b - a, c - a);
         let middle = (ab + ac) / 3.0;
         let arms = [-middle, ab - middle, ac - middle];
         let radius = arms.iter().map(|arm| arm.length_squared()).fold(0.0, f64::max).sqrt();
-        let along = ((radius / most).ceil() as usize).max(1);
+        let along = ((radius / max).ceil() as usize).max(1);
         let scale = 1.0 / along as f64;
         let (edges, arms) = ([ab, ac].map(|edge| edge * scale), arms.map(|arm| arm * scale));
         Self { corner: a, edges, along, arms, radius: radius * scale }

@@ -62,7 +62,7 @@ impl Matching {
         let mut of_image: Vec<Option<(u32, u64)>> = default(image.len())?;
         let mut of_mesh: Vec<Option<(u32, u64)>> = default(mesh.len())?;
         let raise = |best: &mut Option<(u32, u64)>, component, count| {
-            if best.is_none_or(|(_, most)| count > most) {
+            if best.is_none_or(|(_, max)| count > max) {
                 *best = Some((component, count));
             }
         };
