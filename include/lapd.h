@@ -1193,6 +1193,11 @@ typedef struct {
    * Facets between tets with labels other than 0 that are not Delaunay any more.
    */
   uint64_t non_delaunay_facets;
+  /**
+   * Tets of background within the image that became a part of the label beside them, where the
+   * image cuts that off.
+   */
+  uint64_t nicks_filled;
 } lapd_improvement;
 
 /**

@@ -218,7 +218,7 @@ fn fields_fill_their_box() {
 /// Tubes through two walls, at a slant. The caps are ellipses.
 #[test]
 fn tubes_have_their_caps() {
-    let mut off = 0;
+    let (mut off, mut filled) = (0, 0);
     for seed in 0..200 {
         let mut random = Random(3000 + seed);
         let axis = seed as usize % 3;
@@ -263,9 +263,11 @@ fn tubes_have_their_caps() {
                 assert!((part - 1.0).abs() < 0.02, "{kind} {seed}: a cap of {part} of {wanted}");
             }
             off += meshing.report.certificate.facets_off_walls;
+            filled += meshing.report.improvement.nicks_filled;
         }
     }
-    println!("{off} facets of 600 meshes are off the walls");
     // At the rim of a cap a tet may have its circumcenter outside of the object.
-    assert!(off <= 6, "{off} facets of 600 meshes are off the walls");
+    println!("{filled} nicks were filled");
+    assert!(filled > 0);
+    assert_eq!(off, 0, "facets of 600 meshes are off the walls");
 }

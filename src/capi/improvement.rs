@@ -41,6 +41,9 @@ pub struct lapd_improvement {
     pub max_move: f64,
     /// Facets between tets with labels other than 0 that are not Delaunay any more.
     pub non_delaunay_facets: u64,
+    /// Tets of background within the image that became a part of the label beside them, where the
+    /// image cuts that off.
+    pub nicks_filled: u64,
 }
 
 /// Why a tet is left: the first of these that one of its vertices belongs to.
@@ -118,6 +121,7 @@ pub unsafe extern "C" fn lapd_mesh_get_improvement(
                 max_interface_move: counts.max_interface_move,
                 max_move: found.max_move,
                 non_delaunay_facets: found.non_delaunay_facets,
+                nicks_filled: found.nicks_filled,
             }
         })
     }

@@ -41,6 +41,7 @@
 mod blocks;
 mod interfaces;
 pub mod measure;
+mod nicks;
 mod removal;
 pub mod report;
 mod ring;
@@ -67,6 +68,7 @@ use crate::{Error, Result};
 
 use interfaces::Interfaces;
 use measure::Measure;
+pub use nicks::fill_nicks;
 pub use report::{Cause, Counts, Improvement, Left};
 use rounds::Run;
 use shared::Shared;

@@ -104,7 +104,17 @@ pub struct Improvement {
     pub rounds: u32,
     /// Facets between tets of the object that are not Delaunay afterwards.
     pub non_delaunay_facets: u64,
+    /// Tets of background that became a part of a label where the image cuts it off.
+    pub nicks_filled: u64,
     /// The largest distance of a vertex from where refinement put it; those inside of labels may
     /// move far.
     pub max_move: f64,
+}
+
+impl Improvement {
+    /// Adds nicks that were filled, by label and volume.
+    pub fn add_filled(&mut self, filled: &[(i32, f64)]) {
+        self.nicks_filled += filled.len() as u64;
+        filled.iter().for_each(|&(label, volume)| self.counts.add_volume(label, volume));
+    }
 }

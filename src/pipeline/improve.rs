@@ -1,12 +1,12 @@
-//! The third stage: slivers go, and then the background that is not to be kept.
+//! The third stage: nicks are filled, slivers go, and then the background that is not to be kept.
 
 use crate::Error;
 use crate::Result;
 use crate::image::LabelImage;
-use crate::improve::{Improvement, Settings, improve};
+use crate::improve::{Improvement, Settings, fill_nicks, improve};
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
-use crate::params::MeshParams;
+use crate::params::{Improve, MeshParams};
 use crate::pipeline::prepare::Prepared;
 use crate::refine::team::Limits;
 
@@ -36,12 +36,18 @@ pub fn improve_mesh(
         check_time: &|| limits.check_time(),
     };
     let points_before = mesh.points.len();
+    // Whoever asks for the inside alone keeps interfaces bit for bit.
+    let filled = match params.improve {
+        Improve::Full => fill_nicks(mesh, &prepared.oracle, points_kept, monitor)?,
+        Improve::None | Improve::Interior => Vec::new(),
+    };
     let (mut improvement, ended) = improve(mesh, &settings, monitor)?;
     let ended_by = match ended {
         Some(limit) if limit.is_limit() && params.partial => Some(limit),
         Some(error) => return Err(error),
         None => None,
     };
+    improvement.add_filled(&filled);
     let left: Vec<u32> = improvement.left.iter().map(|left| left.tet).collect();
     let places = mesh.finish(params.background, points_kept, points_before, &left)?;
     improvement.left.iter_mut().zip(places).for_each(|(left, place)| left.tet = place);

@@ -527,6 +527,7 @@ struct ImprovementJson {
     max_interface_move: f64,
     max_move: f64,
     non_delaunay_facets: u64,
+    nicks_filled: u64,
     left_tets: Vec<LeftTet>,
 }
 
@@ -558,6 +559,7 @@ impl ImprovementJson {
             max_interface_move: counts.max_interface_move,
             max_move: improvement.max_move,
             non_delaunay_facets: improvement.non_delaunay_facets,
+            nicks_filled: improvement.nicks_filled,
             left_tets: filled(left, "tets that are left", |left| LeftTet {
                 tet: left.tet,
                 label: labels[left.tet as usize],

@@ -44,7 +44,45 @@ impl Walls {
     }
 }
 
+/// How far around a vertex of an interface background is looked for, in voxels: more than what
+/// vertices are moved by.
+const AROUND: f64 = 0.25;
+
 impl Oracle {
+    /// Whether an outer facet should lie on a wall and does not; its normal times `outwards` points
+    /// out of the mesh.
+    ///
+    /// An outer facet with a vertex on a wall either lies on the wall or is part of an interface
+    /// that ends there. If it is part of an interface, the image has background next to it on its
+    /// outer side. If the way from its centroid along its outer normal stays within the object up
+    /// to the wall, and one of its vertices has no background around it, what lies between is
+    /// missing. (The vertices of an interface are on it, its facets only near it.)
+    pub fn is_off_wall(&self, corners @ [a, b, c]: [DVec3; 3], outwards: f64) -> bool {
+        let walls = corners.map(|p| self.walls_at(p));
+        let [first, second, third] = &walls;
+        if walls.iter().all(|walls| *walls == Walls::NONE)
+            || first.common(second).common(third).count() > 0
+        {
+            return false;
+        }
+        let normal = (b - a).cross(c - a).normalize_or_zero() * outwards;
+        let reach = a.distance(b).max(b.distance(c)).max(c.distance(a));
+        let (mut from, end) = ((a + b + c) / 3.0, (a + b + c) / 3.0 + reach * normal);
+        let mut label = self.label(from);
+        while label != 0 {
+            match self.first_crossing_from(label, from, end) {
+                // As far as a facet reaches there is no end of the object.
+                None => return false,
+                Some(crossing) if crossing.to == 0 => {
+                    return self.is_on_wall(crossing.point)
+                        && corners.iter().any(|&p| !self.has_label_near(p, 0, AROUND));
+                }
+                Some(crossing) => (from, label) = (crossing.point, crossing.to),
+            }
+        }
+        false
+    }
+
     /// Whether a point is on a wall, but for rounding.
     pub fn is_on_wall(&self, p: DVec3) -> bool {
         self.walls.around(self.walls.onto_face(self.grid.index_at(p))).next().is_some()
