@@ -7,8 +7,9 @@ use glam::{DMat3, DVec3, EulerRot};
 use lapd::image::{Frame, GrayImage, LabelImage, ProbabilityImage};
 use lapd::mesh::TetMesh;
 use lapd::monitor::Monitor;
-use lapd::params::MeshParams;
+use lapd::params::{Improve, MeshParams};
 use lapd::pipeline::{MeshResult, mesh_image};
+use lapd::verify::LabelRow;
 
 /// Numbers from 0 to 1 by a linear congruential generator.
 struct Random(u64);
@@ -270,4 +271,46 @@ fn tubes_have_their_caps() {
     println!("{filled} nicks were filled");
     assert!(filled > 0);
     assert_eq!(off, 0, "facets of 600 meshes are off the walls");
+}
+
+/// Filling nicks changes no topology: random blobs of four labels, cut by walls on all sides.
+#[test]
+fn filled_nicks_change_no_topology() {
+    let mut filled = 0;
+    for seed in 0..120 {
+        let mut random = Random(9000 + seed);
+        let (dims, frame) = (random.dims(), random.frame(seed));
+        let balls: Vec<(DVec3, f64, u16)> = (0..14)
+            .map(|n| {
+                let [x, y, z] = dims.map(|n| random.between(0.0, n as f64 - 1.0));
+                (DVec3::new(x, y, z), random.between(1.5, 5.0), 1 + n % 4)
+            })
+            .collect();
+        let ids = volume(dims, |x| {
+            let of = balls.iter().rev().find(|ball| ball.0.distance(x) < ball.1);
+            of.map_or(0, |ball| ball.2)
+        });
+        let image = LabelImage::from_ids(dims, frame, ids, vec![0, 1, 2, 3, 4]).unwrap();
+        let run = |improve| {
+            let params = MeshParams { improve, ..params(1.3) };
+            mesh_image(&image, &params, &Monitor::silent()).unwrap()
+        };
+        let (before, after) = (run(Improve::Interior), run(Improve::Full));
+        filled += after.report.improvement.nicks_filled;
+        let topology = |meshing: &MeshResult| {
+            let rows = meshing.report.certificate.labels.iter();
+            let row = |row: &LabelRow| {
+                let non_manifold = (row.non_manifold_edges, row.non_manifold_vertices);
+                (row.label, row.components_mesh, row.pieces, row.euler_mesh, non_manifold)
+            };
+            rows.map(row).collect::<Vec<_>>()
+        };
+        assert_eq!(topology(&before), topology(&after), "{seed}");
+        assert!(
+            after.report.certificate.facets_off_walls <= before.report.certificate.facets_off_walls,
+            "{seed}"
+        );
+    }
+    println!("{filled} nicks were filled");
+    assert!(filled > 0);
 }

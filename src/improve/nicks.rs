@@ -3,9 +3,9 @@
 //! At the rim of a cap a tet within the walls may have its circumcenter outside of the object. It
 //! is background then, and a facet that should lie on the wall does not. Such a tet becomes a part
 //! of the label that the facet bounds, if that changes no topology: with the closed tets of that
-//! label around it, and with those of the background, it must have a disc in common, and no third
-//! label may touch it. The one is then glued on along a disc, the other cut off along one, so that
-//! components, Euler numbers and non-manifold places stay what they are.
+//! label around it, and with those of the background, it must have a disc in common. It is glued on
+//! to the one along a disc, and cut off from the other along one. So components, Euler numbers and
+//! non-manifold places stay what they are. Other labels keep their tets.
 //!
 //! Serial but for the search, and in the order of the tets: the same for any number of threads.
 //! Cost: a ray for each outer facet that has a vertex on a wall and does not lie on it.
@@ -111,7 +111,8 @@ fn may_become(mesh: &TetMesh, t: u32, label: i32) -> bool {
             match of(other) {
                 0 => background.push(shared),
                 l if l == label => labelled.push(shared),
-                _ => return false,
+                // What another label consists of does not change.
+                _ => {}
             }
         }
     }
