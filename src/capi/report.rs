@@ -4,8 +4,7 @@
 use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
 use super::status::lapd_status;
-use crate::pipeline::{MeshResult, RunReport};
-use crate::refine::activity::{Accesses, Overhead, ThreadReport};
+use crate::pipeline::MeshResult;
 
 /// How large a mesh is. Set struct_size to sizeof(lapd_counts) before the call.
 #[repr(C)]
@@ -428,22 +427,6 @@ pub unsafe extern "C" fn lapd_mesh_get_thread_count(
     })
 }
 
-/// All threads as one.
-fn all_threads(report: &RunReport) -> ThreadReport {
-    let (mut overhead, mut accesses) = (Overhead::default(), Accesses::default());
-    for thread in &report.threads {
-        overhead.add(&thread.overhead);
-        accesses.add(&thread.accesses);
-    }
-    ThreadReport {
-        operations: report.operations,
-        work: report.work,
-        overhead,
-        accesses,
-        timeline: Vec::new(),
-    }
-}
-
 /// What thread `index` (from 0) of the refinement did, or, for LAPD_ALL_THREADS, the sum of what
 /// all of them did. Any thread.
 ///
@@ -460,7 +443,7 @@ pub unsafe extern "C" fn lapd_mesh_get_thread_report(
         let run = &borrow(mesh, "mesh")?.result.report;
         let sum;
         let found = if index == LAPD_ALL_THREADS {
-            sum = all_threads(run);
+            sum = run.all_threads();
             &sum
         } else {
             run.threads

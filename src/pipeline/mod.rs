@@ -37,7 +37,7 @@ use crate::mesh::TetMesh;
 use crate::mesh::extract::Background;
 use crate::monitor::{Level, Monitor, Step};
 use crate::params::{Improve, MeshParams};
-use crate::refine::activity::ThreadReport;
+use crate::refine::activity::{Accesses, Overhead, ThreadReport};
 use crate::refine::podm::Refinement;
 use crate::refine::refiner::Work;
 use crate::refine::rules::Rules;
@@ -102,6 +102,24 @@ pub struct RunReport {
     pub quality: Quality,
     /// What was checked.
     pub certificate: Certificate,
+}
+
+impl RunReport {
+    /// What all threads of the refinement did, as if they were one.
+    pub fn all_threads(&self) -> ThreadReport {
+        let (mut overhead, mut accesses) = (Overhead::default(), Accesses::default());
+        for thread in &self.threads {
+            overhead.add(&thread.overhead);
+            accesses.add(&thread.accesses);
+        }
+        ThreadReport {
+            operations: self.operations,
+            work: self.work,
+            overhead,
+            accesses,
+            timeline: Vec::new(),
+        }
+    }
 }
 
 /// Times the phases one after the other.

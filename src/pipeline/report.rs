@@ -23,6 +23,7 @@ use crate::params::{Algorithm, MeshParams};
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
 use crate::refine::refiner::Work;
 use crate::verify::certificate::Certificate;
+use crate::verify::distance::Distance;
 use crate::verify::quality::{Quality, Spread};
 use crate::verify::{ComponentRow, DefectKind, Fate, LabelRow};
 use crate::{Error, Result};
@@ -259,7 +260,7 @@ impl<'a> Report<'a> {
                 vertices,
                 report.all_tets,
             ),
-            overhead: OverheadJson::all(&report.threads),
+            overhead: OverheadJson::all(&report.all_threads()),
             thread_reports: filled(&report.threads, "threads", Thread::new)?,
             quality: QualityJson::new(&report.quality),
             improvement: ImprovementJson::new(&report.improvement, &mesh.labels)?,
@@ -443,13 +444,8 @@ impl OverheadJson {
         }
     }
 
-    fn all(threads: &[ThreadReport]) -> Self {
-        let (mut overhead, mut accesses) = (Overhead::default(), Accesses::default());
-        for thread in threads {
-            overhead.add(&thread.overhead);
-            accesses.add(&thread.accesses);
-        }
-        Self { remote_s: Some(0.0), ..Self::new(&overhead, &accesses) }
+    fn all(threads: &ThreadReport) -> Self {
+        Self { remote_s: Some(0.0), ..Self::new(&threads.overhead, &threads.accesses) }
     }
 }
 
@@ -602,6 +598,22 @@ struct Distances {
     mean_surface_to_mesh: f64,
 }
 
+impl Distances {
+    /// From mesh to image and back, from mesh to smooth interfaces and back.
+    fn new([to_image, from_image, to_surface, from_surface]: [Distance; 4]) -> Self {
+        Self {
+            hausdorff_mesh_to_image: to_image.max,
+            hausdorff_image_to_mesh: from_image.max,
+            mean_mesh_to_image: to_image.mean,
+            mean_image_to_mesh: from_image.mean,
+            hausdorff_mesh_to_surface: to_surface.max,
+            hausdorff_surface_to_mesh: from_surface.max,
+            mean_mesh_to_surface: to_surface.mean,
+            mean_surface_to_mesh: from_surface.mean,
+        }
+    }
+}
+
 #[derive(Serialize)]
 struct CertificateJson {
     non_delaunay_facets: u64,
@@ -624,16 +636,18 @@ impl CertificateJson {
             open_edges: certificate.open_edges,
             facets_off_walls: certificate.facets_off_walls,
             small_components_lost: certificate.small_lost.count,
-            distances: Distances {
-                hausdorff_mesh_to_image: certificate.hausdorff_mesh_to_image,
-                hausdorff_image_to_mesh: certificate.hausdorff_image_to_mesh,
-                mean_mesh_to_image: certificate.mean_mesh_to_image,
-                mean_image_to_mesh: certificate.mean_image_to_mesh,
-                hausdorff_mesh_to_surface: certificate.mesh_to_surface.max,
-                hausdorff_surface_to_mesh: certificate.surface_to_mesh.max,
-                mean_mesh_to_surface: certificate.mesh_to_surface.mean,
-                mean_surface_to_mesh: certificate.surface_to_mesh.mean,
-            },
+            distances: Distances::new([
+                Distance {
+                    max: certificate.hausdorff_mesh_to_image,
+                    mean: certificate.mean_mesh_to_image,
+                },
+                Distance {
+                    max: certificate.hausdorff_image_to_mesh,
+                    mean: certificate.mean_image_to_mesh,
+                },
+                certificate.mesh_to_surface,
+                certificate.surface_to_mesh,
+            ]),
             unmet: certificate.unmet.into(),
         }
     }
@@ -680,16 +694,12 @@ impl<'a> Label<'a> {
             euler_mesh: row.euler_mesh,
             non_manifold_edges: row.non_manifold_edges,
             non_manifold_vertices: row.non_manifold_vertices,
-            distances: Distances {
-                hausdorff_mesh_to_image: row.mesh_to_image.max,
-                hausdorff_image_to_mesh: row.image_to_mesh.max,
-                mean_mesh_to_image: row.mesh_to_image.mean,
-                mean_image_to_mesh: row.image_to_mesh.mean,
-                hausdorff_mesh_to_surface: row.mesh_to_surface.max,
-                hausdorff_surface_to_mesh: row.surface_to_mesh.max,
-                mean_mesh_to_surface: row.mesh_to_surface.mean,
-                mean_surface_to_mesh: row.surface_to_mesh.mean,
-            },
+            distances: Distances::new([
+                row.mesh_to_image,
+                row.image_to_mesh,
+                row.mesh_to_surface,
+                row.surface_to_mesh,
+            ]),
             volume_change,
         }
     }
@@ -728,16 +738,12 @@ impl Component {
             components_mesh: row.components_mesh,
             euler_image: row.euler_image,
             euler_mesh: row.euler_mesh,
-            distances: Distances {
-                hausdorff_mesh_to_image: row.mesh_to_image.max,
-                hausdorff_image_to_mesh: row.image_to_mesh.max,
-                mean_mesh_to_image: row.mesh_to_image.mean,
-                mean_image_to_mesh: row.image_to_mesh.mean,
-                hausdorff_mesh_to_surface: row.mesh_to_surface.max,
-                hausdorff_surface_to_mesh: row.surface_to_mesh.max,
-                mean_mesh_to_surface: row.mesh_to_surface.mean,
-                mean_surface_to_mesh: row.surface_to_mesh.mean,
-            },
+            distances: Distances::new([
+                row.mesh_to_image,
+                row.image_to_mesh,
+                row.mesh_to_surface,
+                row.surface_to_mesh,
+            ]),
         }
     }
 }
