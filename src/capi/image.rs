@@ -251,8 +251,10 @@ unsafe fn copy_voxels(
 /// - `strides`: 3 values, the distance from a voxel to the next one along x, y, z, counted in
 ///   elements (not bytes); negative ones are allowed. NULL means packed, x fastest: 1, dims[0],
 ///   dims[0] * dims[1].
-/// - `origin`: 3 values, the world position of the centre of voxel (0, 0, 0).
-/// - `spacing`: 3 values, the distance between voxel centres along x, y, z; above 0.
+/// - `origin`: 3 values, the world position of the centre of voxel (0, 0, 0); at most 1e9 of the
+///   smallest spacing away from that of the world.
+/// - `spacing`: 3 values, the distance between voxel centres along x, y, z; between 1e-12 and 1e9,
+///   and no more than a factor of 1e5 apart.
 /// - `direction`: 9 values, row by row; column k is the world direction of image axis k. Must be
 ///   orthonormal; reflections are allowed, and tets have positive volumes all the same. NULL means
 ///   the identity.

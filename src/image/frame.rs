@@ -41,6 +41,18 @@ impl WorldAxes {
 /// single precision and rounded decimals.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-3;
 
+/// The spacings that are taken, in world units. Inside of these bounds, and the two below, squared
+/// radii fit the kernel's single precision, no product of the exact predicates over- or underflows,
+/// and the parts of a voxel that the oracle tells apart differ in their coordinates
+/// (`tests/frames.rs`).
+const SPACINGS: [f64; 2] = [1e-12, 1e9];
+
+/// Spacings may differ by this factor.
+const MAX_RATIO: f64 = 1e5;
+
+/// How far the origin may be from that of the world, in voxels of the smallest spacing.
+const MAX_DISTANCE: f64 = 1e9;
+
 /// Origin, spacing and direction of a voxel grid. The direction is orthonormal: a rotation, or a
 /// rotation and a reflection.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,8 +74,9 @@ impl Frame {
     /// `direction[k]` is the world direction of image axis `k` (a column of the direction matrix).
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`] when a value is not finite, a spacing is not above 0, or the axes
-    /// are not orthonormal (sheared).
+    /// [`Error::InvalidArgument`] when a value is not finite, the axes are not orthonormal
+    /// (sheared), a spacing does not lie between 1e-12 and 1e9, spacings differ by more than a
+    /// factor of 1e5, or the origin is more than 1e9 of the smallest spacing away.
     pub fn new(origin: [f64; 3], spacing: [f64; 3], direction: [[f64; 3]; 3]) -> Result<Self> {
         for (axis, &s) in spacing.iter().enumerate() {
             if !(s.is_finite() && s > 0.0) {
@@ -72,9 +85,31 @@ impl Frame {
                 )));
             }
         }
+        let [low, high] = SPACINGS;
+        if let Some(axis) = spacing.iter().position(|s| !(low..=high).contains(s)) {
+            return Err(Error::InvalidArgument(format!(
+                "spacing of axis {axis} must lie between {low:e} and {high:e}, got {:e}: take \
+                 another unit of length",
+                spacing[axis]
+            )));
+        }
+        let smallest = spacing.iter().copied().fold(f64::INFINITY, f64::min);
+        let largest = spacing.iter().copied().fold(0.0, f64::max);
+        if largest / smallest > MAX_RATIO {
+            return Err(Error::InvalidArgument(format!(
+                "spacings {spacing:?} differ by more than a factor of {MAX_RATIO:e}: resample the \
+                 image"
+            )));
+        }
         if let Some(x) = origin.iter().chain(direction.iter().flatten()).find(|x| !x.is_finite()) {
             return Err(Error::InvalidArgument(format!(
                 "origin and direction must be finite, got {x}"
+            )));
+        }
+        if let Some(x) = origin.iter().find(|x| x.abs() > MAX_DISTANCE * smallest) {
+            return Err(Error::InvalidArgument(format!(
+                "the origin is more than {MAX_DISTANCE:e} voxels away from that of the world, at \
+                 {x:e}: move the image"
             )));
         }
         let direction = DMat3::from_cols_array_2d(&direction);

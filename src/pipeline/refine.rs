@@ -23,7 +23,9 @@ const BOX_MARGIN: f64 = 0.25;
 /// [`Error::OutOfMemory`](crate::Error::OutOfMemory).
 pub fn triangulation_around(oracle: &Oracle, delta: f64) -> Result<Triangulation> {
     let [lower, upper] = oracle.bounds();
-    let margin = (upper - lower).max_element() * BOX_MARGIN + 4.0 * delta;
+    let longest = (upper - lower).max_element();
+    // Samples are no farther apart than the object is long.
+    let margin = longest * BOX_MARGIN + 4.0 * delta.min(longest);
     Triangulation::new(lower - margin, upper + margin)
 }
 
