@@ -8,8 +8,9 @@ use std::collections::HashSet;
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 14] = [
+const SOURCES: [&str; 15] = [
     "status",
+    "about",
     "context",
     "image",
     "values",

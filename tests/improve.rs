@@ -18,9 +18,9 @@ use lapd::oracle::Oracle;
 use lapd::params::{Improve, MeshParams, SurfaceModel};
 use lapd::pipeline::refine::{Collected, collect, triangulation_around};
 use lapd::pipeline::{MeshResult, mesh_image};
+use lapd::refine::options::RefineOptions;
 use lapd::refine::refine;
 use lapd::refine::rules::Rules;
-use lapd::refine::team::RefineOptions;
 use lapd::sizing::Sizing;
 use lapd::verify::Certificate;
 

@@ -19,7 +19,7 @@ use lapd::parallel::machine::Machine;
 use lapd::params::{Begging, Contention, MeshParams};
 use lapd::pipeline::mesh_image;
 use lapd::refine::activity::Overhead;
-use lapd::refine::team::{Limits, RefineOptions};
+use lapd::refine::options::{Limits, RefineOptions};
 use refining::*;
 
 /// Runs of the stress test, all with several threads.

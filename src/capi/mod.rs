@@ -23,6 +23,7 @@
 // The header's text names shapes such as [count][3], which look like links to rustdoc.
 #![allow(rustdoc::broken_intra_doc_links)]
 
+pub mod about;
 mod boundary;
 pub mod context;
 pub mod image;

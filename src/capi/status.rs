@@ -1,8 +1,7 @@
-//! Status codes and the version.
+//! Status codes.
 
-use std::ffi::{CStr, c_char};
+use std::ffi::CStr;
 
-use super::boundary::value_or;
 use crate::Error;
 
 /// What a function came to. The numbers are stable: none will ever change its meaning, new ones may
@@ -63,11 +62,11 @@ const ALL: [lapd_status; 14] = [
 ];
 
 impl lapd_status {
-    fn from_number(number: i32) -> Option<Self> {
+    pub(super) fn from_number(number: i32) -> Option<Self> {
         ALL.into_iter().find(|&status| status as i32 == number)
     }
 
-    fn name(self) -> &'static CStr {
+    pub(super) fn name(self) -> &'static CStr {
         match self {
             LAPD_OK => c"LAPD_OK",
             LAPD_ERROR_INVALID_ARGUMENT => c"LAPD_ERROR_INVALID_ARGUMENT",
@@ -86,7 +85,7 @@ impl lapd_status {
         }
     }
 
-    fn message(self) -> &'static CStr {
+    pub(super) fn message(self) -> &'static CStr {
         match self {
             LAPD_OK => c"success",
             LAPD_ERROR_INVALID_ARGUMENT => {
@@ -128,47 +127,6 @@ impl From<&Error> for lapd_status {
             Error::Internal(_) => LAPD_ERROR_INTERNAL,
         }
     }
-}
-
-/// The version of the library that runs, as "MAJOR.MINOR.PATCH". LAPD_VERSION is that of the header
-/// the caller was compiled with.
-///
-/// The string is static. May be called from any thread.
-#[unsafe(no_mangle)]
-pub extern "C" fn lapd_version() -> *const c_char {
-    concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
-}
-
-/// The optional parts that the library that runs was built with, by name and separated by spaces;
-/// "" for none. "hwloc": the machine is as hwloc tells it, and lapd_params_set_topology takes
-/// descriptions of others; without it Linux tells the machine in /sys.
-///
-/// The string is static. May be called from any thread.
-#[unsafe(no_mangle)]
-pub extern "C" fn lapd_features() -> *const c_char {
-    if cfg!(feature = "hwloc") { c"hwloc" } else { c"" }.as_ptr()
-}
-
-/// The name of a status code, such as "LAPD_ERROR_IO"; "LAPD_UNKNOWN_STATUS" for a number that is
-/// none.
-///
-/// The string is static. May be called from any thread.
-#[unsafe(no_mangle)]
-pub extern "C" fn lapd_status_name(status: i32) -> *const c_char {
-    let unknown = c"LAPD_UNKNOWN_STATUS";
-    value_or(unknown, || lapd_status::from_number(status).map_or(unknown, lapd_status::name))
-        .as_ptr()
-}
-
-/// What a status code means, in one line; "unknown status" for a number that is none.
-/// lapd_context_last_error() says more about the call that failed.
-///
-/// The string is static. May be called from any thread.
-#[unsafe(no_mangle)]
-pub extern "C" fn lapd_status_message(status: i32) -> *const c_char {
-    let unknown = c"unknown status";
-    value_or(unknown, || lapd_status::from_number(status).map_or(unknown, lapd_status::message))
-        .as_ptr()
 }
 
 #[cfg(test)]

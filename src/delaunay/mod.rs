@@ -11,9 +11,9 @@
 //! | [`triangulation`] | the shared structure and the virtual box |
 //! | [`worker`] | one thread's view: scratch memory, free slots, counters |
 //! | [`locate`] | walking to the tet that holds a point |
-//! | [`cavity`] | the conflict zone of a point (digging) |
-//! | [`insert`] | Bowyer-Watson insertion (filling) |
-//! | [`remove`] | vertex removal by the Delaunay triangulation of the link |
+//! | [`worker::cavity`] | the conflict zone of a point (digging) |
+//! | [`worker::insert`] | Bowyer-Watson insertion (filling) |
+//! | [`worker::remove`] | vertex removal by the Delaunay triangulation of the link |
 //! | [`spatial_order`] | tets and vertices in the order of their places |
 //! | `forced_conflicts` | locks refused at random, in a build for tests |
 //! | [`check`] | the validator: every invariant below, exactly |
@@ -31,27 +31,22 @@
 //! All shared words are atomics: a race is a logic error that the ownership protocol excludes,
 //! never undefined behaviour.
 
-pub mod cavity;
 pub mod check;
 pub mod chunked;
 #[cfg(feature = "force-conflicts")]
 mod forced_conflicts;
-pub mod insert;
 pub mod locate;
 pub mod locks;
 pub mod numa;
 pub mod ownership;
 pub mod probe;
-pub mod remove;
 pub mod spatial_order;
 pub mod tet;
 pub mod triangulation;
 pub mod worker;
 
-pub use insert::Insertion;
 pub use locks::{Locks, Solo, TryLock};
 pub use probe::{CountVisits, NoProbe, Probe};
-pub use remove::Removal;
 pub use tet::{BOX_VERTICES, Facet, TetId, TetStamp, VertexId, VertexKind};
 pub use triangulation::Triangulation;
-pub use worker::Worker;
+pub use worker::{Insertion, Removal, Worker};

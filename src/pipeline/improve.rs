@@ -8,7 +8,7 @@ use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::params::{Improve, MeshParams};
 use crate::pipeline::prepare::Prepared;
-use crate::refine::team::Limits;
+use crate::refine::options::Limits;
 
 /// Improves a mesh that has the background around the object, and keeps of it what `params` ask
 /// for; `points_kept` is as [`collect`](super::refine::collect) has it. Told besides: the limit

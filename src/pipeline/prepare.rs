@@ -12,7 +12,7 @@ use crate::mesh::extract::BYTES_PER_SLOT;
 use crate::monitor::{Monitor, Step};
 use crate::oracle::{Oracle, Surface};
 use crate::params::MeshParams;
-use crate::refine::team::Limits;
+use crate::refine::options::Limits;
 use crate::second_order;
 use crate::sizing::Sizing;
 use crate::verify::Certificate;

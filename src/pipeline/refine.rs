@@ -8,8 +8,8 @@ use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
 use crate::parallel::machine::Machine;
 use crate::params::MeshParams;
+use crate::refine::options::{Limits, RefineOptions};
 use crate::refine::rules::{Rules, TETS_PER_SIZE};
-use crate::refine::team::{Limits, RefineOptions};
 use crate::system::binding::CoreMap;
 use crate::{Result, pipeline::prepare::Prepared};
 

@@ -4,10 +4,33 @@
 //! after conflicts, and waiting for work. Remote accesses are counted, where that is asked for, not
 //! timed.
 
-use super::refiner::Work;
+use super::rules::Lookups;
 use crate::delaunay::worker::Counters;
 use crate::sync::Ticks;
 use crate::sync::clock::{Clock, ticks};
+
+/// What a worker of a refinement did beside the operations of the kernel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Vertices that each of R1 to R5 inserted, and those that R6 removed.
+    pub by_rule: [u64; 6],
+    /// Tets that were inspected.
+    pub inspections: u64,
+    /// What was asked of the oracle meanwhile.
+    pub lookups: Lookups,
+}
+
+impl Work {
+    /// Adds what another worker did.
+    pub fn add(&mut self, other: &Self) {
+        for (sum, count) in self.by_rule.iter_mut().zip(other.by_rule) {
+            *sum += count;
+        }
+        self.inspections += other.inspections;
+        self.lookups.labels += other.lookups.labels;
+        self.lookups.crossings += other.lookups.crossings;
+    }
+}
 
 /// What a thread does in a span of time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -52,11 +52,11 @@ use std::sync::Mutex;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::options::{RefineOptions, TETS_PER_SAMPLE};
 use super::partition::{Blocks, Load, Partition};
 use super::pel::Gift;
 use super::rules::{RefinementPoint, Rules};
 use super::sampling::Samples;
-use super::team::{RefineOptions, TETS_PER_SAMPLE};
 use crate::Result;
 use crate::delaunay::{TetStamp, VertexKind};
 use crate::memory::{reserve, room};

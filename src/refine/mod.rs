@@ -3,7 +3,6 @@
 //! | file | what |
 //! |---|---|
 //! | [`sampling`] | R1: samples of the isosurface, before there are tets |
-//! | `junctions` | the samples of junctions, from which R1 starts |
 //! | [`rules`] | what each rule asks for; reads only |
 //! | [`state`] | what is written down of tets and vertices, for the rules to read |
 //! | [`cell_table`] | cells of points, for the two that look for near points |
@@ -12,6 +11,7 @@
 //! | [`pel`] | the poor element list: what a worker does next |
 //! | [`activity`] | what each thread did, and with what it lost time |
 //! | [`probe`] | who is told of inspections and lookups |
+//! | [`options`] | what a refinement is told: limits, threads, the machine |
 //! | [`team`] | what the workers of a refinement share: limits, the way to stop |
 //! | [`podm`] | all workers on one triangulation: the phases of a refinement |
 //! | `lapd` | each memory node in a region of its own: whose are which samples and tets |
@@ -21,8 +21,8 @@
 
 pub mod activity;
 pub mod cell_table;
-mod junctions;
 mod lapd;
+pub mod options;
 pub mod partition;
 pub mod pel;
 pub mod podm;

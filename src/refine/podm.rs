@@ -19,14 +19,15 @@
 //! A worker that ends early, because of a limit, a cancel or a panic, stops the team: every wait
 //! ends at once, and the others end at their next look around, between two operations.
 
-use super::activity::ThreadReport;
+use super::activity::{ThreadReport, Work};
 use super::lapd::{self, Regions};
+use super::options::RefineOptions;
 use super::probe::RefineProbe;
-use super::refiner::{Refiner, Work};
+use super::refiner::Refiner;
 use super::rules::Rules;
 use super::sampling::{Growth, Samples, sample_isosurface};
 use super::state::State;
-use super::team::{RefineOptions, Team};
+use super::team::Team;
 use crate::delaunay::ownership::MAX_OWNERS;
 use crate::delaunay::worker::Counters;
 use crate::delaunay::{CountVisits, Locks, NoProbe, Solo, TetId, TryLock};

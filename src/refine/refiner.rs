@@ -18,11 +18,11 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::activity::{Accesses, Doing, Lost, Timeline};
+use super::activity::{Accesses, Doing, Lost, Timeline, Work};
 use super::lapd::Outbox;
 use super::pel::{Gift, Pel, Task};
 use super::probe::RefineProbe;
-use super::rules::{Facets, ISOVERTEX, Lookups, RefinementPoint, Rule, Rules};
+use super::rules::{Facets, ISOVERTEX, RefinementPoint, Rule, Rules};
 use super::state::State;
 use super::team::{PERMITS, Team};
 use crate::delaunay::numa::MAX_NODES;
@@ -51,29 +51,6 @@ const ROOM: usize = 64 * REPORT_EVERY as usize;
 /// Slots that are collected at once: their records stay in the nearest cache from one step to the
 /// next.
 const COLLECTED: usize = 256;
-
-/// What a worker of a refinement did beside the operations of the kernel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Work {
-    /// Vertices that each of R1 to R5 inserted, and those that R6 removed.
-    pub by_rule: [u64; 6],
-    /// Tets that were inspected.
-    pub inspections: u64,
-    /// What was asked of the oracle meanwhile.
-    pub lookups: Lookups,
-}
-
-impl Work {
-    /// Adds what another worker did.
-    pub fn add(&mut self, other: &Self) {
-        for (sum, count) in self.by_rule.iter_mut().zip(other.by_rule) {
-            *sum += count;
-        }
-        self.inspections += other.inspections;
-        self.lookups.labels += other.lookups.labels;
-        self.lookups.crossings += other.lookups.crossings;
-    }
-}
 
 /// What came of an operation that a rule asked for.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -27,9 +27,9 @@ pub mod world;
 
 use crate::monitor::Monitor;
 use crate::panics;
+use crate::refine::options::RefineOptions;
 use crate::refine::podm::{Refinement, refine_with};
 use crate::refine::rules::Rules;
-use crate::refine::team::RefineOptions;
 use crate::sync::virtual_time;
 use crate::{Error, Result};
 use course::{Mark, STEADY};

@@ -20,8 +20,8 @@ use crate::params::{Algorithm, Begging, Contention, MeshParams};
 use crate::pipeline::finish::measure;
 use crate::pipeline::refine::{Collected, collect, triangulation_around};
 use crate::refine::activity::Doing;
+use crate::refine::options::RefineOptions;
 use crate::refine::rules::Rules;
-use crate::refine::team::RefineOptions;
 use crate::refine::{examine, refine};
 use crate::sizing::Sizing;
 

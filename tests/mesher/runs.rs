@@ -9,8 +9,8 @@ use lapd::oracle::Oracle;
 use lapd::params::{MeshParams, SurfaceModel};
 use lapd::pipeline::mesh_image;
 use lapd::pipeline::refine::triangulation_around;
+use lapd::refine::options::{Limits, RefineOptions};
 use lapd::refine::rules::{Facets, Lookups, Rule, Rules};
-use lapd::refine::team::{Limits, RefineOptions};
 use lapd::refine::{examine, refine};
 use lapd::sizing::Sizing;
 

@@ -11,7 +11,7 @@
 
 use rayon::prelude::*;
 
-use super::smoothing::Smoothing;
+use super::smoothing::{Share, Smoothing};
 use super::voxel::Voxel;
 use crate::image::bricks::Bricks;
 use crate::image::region::Region;
@@ -21,13 +21,6 @@ use crate::{Error, Result};
 
 /// Shares kept of a voxel.
 pub(crate) const MAX_SHARES: usize = 4;
-
-/// Part of a voxel that a label has.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Share {
-    pub(crate) id: u16,
-    pub(crate) value: f32,
-}
 
 /// Where shares come from.
 pub(crate) enum Source<'a> {

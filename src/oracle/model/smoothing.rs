@@ -33,7 +33,6 @@
 //! Cost: per voxel beside an interface a look at the runs of labels in the rows around it; about
 //! half a microsecond at a deviation of 1, growing with about its square.
 
-use super::mixtures::Share;
 use crate::image::LabelImage;
 
 /// Where the Gaussian ends, in standard deviations.
@@ -46,6 +45,13 @@ const MIN_LEAD: f32 = 0.05;
 /// The same in thin places: about the lead that the voxels beside sheets, lines and blocks of one
 /// or two voxels keep, for all deviations: from 0.5 (a sheet, 1) to 0.85 (a block, 2).
 const MIN_LEAD_THIN: f32 = 0.75;
+
+/// Part of a voxel that a label has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Share {
+    pub(crate) id: u16,
+    pub(crate) value: f32,
+}
 
 /// An image's labels, smoothed.
 pub(crate) struct Smoothing<'a> {

@@ -30,6 +30,7 @@ use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 use rayon::prelude::*;
 
 use super::mesh_components::MeshComponents;
+pub use super::vertex_links::NonManifold;
 use super::vertex_links::{Touch, VertexLinks};
 use crate::Result;
 use crate::memory::{filled, zeroed};
@@ -39,22 +40,6 @@ use crate::reduce::Sums;
 
 /// Facets, or vertices, per work item.
 const CHUNK: usize = 1 << 12;
-
-/// A place where the boundary of a label touches itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct NonManifold {
-    /// The ends of the edge, or twice the vertex.
-    pub ends: [u32; 2],
-    /// The label.
-    pub label: i32,
-}
-
-impl NonManifold {
-    /// Whether it is an edge, and not a vertex.
-    pub fn is_edge(&self) -> bool {
-        self.ends[0] != self.ends[1]
-    }
-}
 
 /// What is measured on the boundaries of components.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -1,10 +1,25 @@
 //! What the boundaries of the parts of a mesh are around one vertex, and along the edges from it;
 //! see `boundary_surface`.
 
-use super::boundary_surface::NonManifold;
 use super::mesh_components::MeshComponents;
 use crate::mesh::{NONE, TetMesh};
 use crate::reduce::KeyedSums;
+
+/// A place where the boundary of a label touches itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct NonManifold {
+    /// The ends of the edge, or twice the vertex.
+    pub ends: [u32; 2],
+    /// The label.
+    pub label: i32,
+}
+
+impl NonManifold {
+    /// Whether it is an edge, and not a vertex.
+    pub fn is_edge(&self) -> bool {
+        self.ends[0] != self.ends[1]
+    }
+}
 
 /// Most tets around an edge that are gone through; a sound mesh has some ten.
 const MAX_AROUND: usize = 1 << 12;

@@ -33,7 +33,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::sampling::{Nets, drawn};
+use super::{Nets, drawn};
 use crate::Result;
 use crate::memory::{reserve, room};
 use crate::oracle::{EdgeGrid, FeaturePoint, JunctionKind, Oracle, Tiles};

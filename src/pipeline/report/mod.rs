@@ -4,12 +4,14 @@
 //! file appears whole or not at all. Members keep their names and meaning from version to version;
 //! new ones may come.
 
+mod outline;
+mod tables;
+
 use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 
 use serde::Serialize;
-use serde_json::ser::{CompactFormatter, Formatter};
 use serde_json::{Map, Value};
 
 use super::MeshResult;
@@ -20,13 +22,14 @@ use crate::io::write::Output;
 use crate::memory::room;
 use crate::monitor::CancelFlag;
 use crate::params::{Algorithm, MeshParams};
+use crate::refine::activity::Work;
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
-use crate::refine::refiner::Work;
 use crate::verify::certificate::Certificate;
 use crate::verify::distance::Distance;
 use crate::verify::quality::{Quality, Spread};
-use crate::verify::{ComponentRow, DefectKind, Fate, LabelRow};
 use crate::{Error, Result};
+use outline::Outline;
+use tables::{Component, DefectJson, Distances, Label};
 
 /// What a report tells beside the result of a run.
 #[derive(Clone, Debug, Default)]
@@ -63,84 +66,6 @@ pub fn write_report(
         out.write_all(b"\n")
     })?;
     Output::commit(vec![output])
-}
-
-/// A line for each member of the outermost object, and for each entry of the tables in it.
-#[derive(Default)]
-struct Outline {
-    depth: usize,
-    is_table: bool,
-}
-
-impl Outline {
-    fn separate<W: ?Sized + Write>(&self, out: &mut W, first: bool) -> std::io::Result<()> {
-        match (self.depth, first) {
-            (1, true) => out.write_all(b"\n  "),
-            (1, false) => out.write_all(b",\n  "),
-            (2, true) if self.is_table => out.write_all(b"\n    "),
-            (2, false) if self.is_table => out.write_all(b",\n    "),
-            (_, true) => Ok(()),
-            (_, false) => out.write_all(b", "),
-        }
-    }
-
-    fn open(&mut self, is_table: bool) {
-        self.depth += 1;
-        if self.depth == 2 {
-            self.is_table = is_table;
-        }
-    }
-
-    fn close<W: ?Sized + Write>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.depth -= 1;
-        match self.depth {
-            0 => out.write_all(b"\n"),
-            1 if self.is_table => out.write_all(b"\n  "),
-            _ => Ok(()),
-        }
-    }
-}
-
-impl Formatter for Outline {
-    fn begin_array<W: ?Sized + Write>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.open(true);
-        CompactFormatter.begin_array(out)
-    }
-
-    fn end_array<W: ?Sized + Write>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.close(out)?;
-        CompactFormatter.end_array(out)
-    }
-
-    fn begin_array_value<W: ?Sized + Write>(
-        &mut self,
-        out: &mut W,
-        first: bool,
-    ) -> std::io::Result<()> {
-        self.separate(out, first)
-    }
-
-    fn begin_object<W: ?Sized + Write>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.open(false);
-        CompactFormatter.begin_object(out)
-    }
-
-    fn end_object<W: ?Sized + Write>(&mut self, out: &mut W) -> std::io::Result<()> {
-        self.close(out)?;
-        CompactFormatter.end_object(out)
-    }
-
-    fn begin_object_key<W: ?Sized + Write>(
-        &mut self,
-        out: &mut W,
-        first: bool,
-    ) -> std::io::Result<()> {
-        self.separate(out, first)
-    }
-
-    fn begin_object_value<W: ?Sized + Write>(&mut self, out: &mut W) -> std::io::Result<()> {
-        out.write_all(b": ")
-    }
 }
 
 #[derive(Serialize)]
@@ -282,12 +207,7 @@ impl<'a> Report<'a> {
                 Label::new(row, name_of(row.label), volume_change(row.label))
             })?,
             components: filled(&certificate.components, "components", Component::new)?,
-            defects: filled(&certificate.defects, "defects", |defect| DefectJson {
-                kind: name_of_defect(defect.kind),
-                label: defect.label,
-                position: defect.position,
-                size: defect.size,
-            })?,
+            defects: filled(&certificate.defects, "defects", DefectJson::from)?,
         })
     }
 }
@@ -309,18 +229,6 @@ fn name_of_limit(limit: &Error) -> &'static str {
         Error::TimeLimit(_) => "LAPD_ERROR_TIME_LIMIT",
         Error::MemoryLimit(_) => "LAPD_ERROR_MEMORY_LIMIT",
         _ => "LAPD_ERROR_LIMIT_REACHED",
-    }
-}
-
-fn name_of_defect(kind: DefectKind) -> &'static str {
-    match kind {
-        DefectKind::Lost => "lost",
-        DefectKind::Merged => "merged",
-        DefectKind::Torn => "torn",
-        DefectKind::Stray => "stray",
-        DefectKind::NonManifoldEdge => "non_manifold_edge",
-        DefectKind::NonManifoldVertex => "non_manifold_vertex",
-        DefectKind::Dropped => "dropped",
     }
 }
 
@@ -585,35 +493,6 @@ struct SecondOrderJson {
     volume: f64,
 }
 
-/// Largest and mean distances, to the faces of the image's voxels and to the smooth interfaces.
-#[derive(Serialize)]
-struct Distances {
-    hausdorff_mesh_to_image: f64,
-    hausdorff_image_to_mesh: f64,
-    mean_mesh_to_image: f64,
-    mean_image_to_mesh: f64,
-    hausdorff_mesh_to_surface: f64,
-    hausdorff_surface_to_mesh: f64,
-    mean_mesh_to_surface: f64,
-    mean_surface_to_mesh: f64,
-}
-
-impl Distances {
-    /// From mesh to image and back, from mesh to smooth interfaces and back.
-    fn new([to_image, from_image, to_surface, from_surface]: [Distance; 4]) -> Self {
-        Self {
-            hausdorff_mesh_to_image: to_image.max,
-            hausdorff_image_to_mesh: from_image.max,
-            mean_mesh_to_image: to_image.mean,
-            mean_image_to_mesh: from_image.mean,
-            hausdorff_mesh_to_surface: to_surface.max,
-            hausdorff_surface_to_mesh: from_surface.max,
-            mean_mesh_to_surface: to_surface.mean,
-            mean_surface_to_mesh: from_surface.mean,
-        }
-    }
-}
-
 #[derive(Serialize)]
 struct CertificateJson {
     non_delaunay_facets: u64,
@@ -651,109 +530,6 @@ impl CertificateJson {
             unmet: certificate.unmet.into(),
         }
     }
-}
-
-#[derive(Serialize)]
-struct Label<'a> {
-    label: i32,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    name: Option<&'a str>,
-    tets: u64,
-    mesh_volume: f64,
-    image_volume: f64,
-    image_voxels: u64,
-    components_image: u64,
-    components_mesh: u64,
-    components_lost: u64,
-    components_merged: u64,
-    pieces: u64,
-    euler_image: i64,
-    euler_mesh: i64,
-    non_manifold_edges: u64,
-    non_manifold_vertices: u64,
-    #[serde(flatten)]
-    distances: Distances,
-    volume_change: f64,
-}
-
-impl<'a> Label<'a> {
-    fn new(row: &LabelRow, name: Option<&'a str>, volume_change: f64) -> Self {
-        Self {
-            label: row.label,
-            name,
-            tets: row.tets,
-            mesh_volume: row.mesh_volume,
-            image_volume: row.image_volume,
-            image_voxels: row.image_voxels,
-            components_image: row.components_image,
-            components_mesh: row.components_mesh,
-            components_lost: row.components_lost,
-            components_merged: row.components_merged,
-            pieces: row.pieces,
-            euler_image: row.euler_image,
-            euler_mesh: row.euler_mesh,
-            non_manifold_edges: row.non_manifold_edges,
-            non_manifold_vertices: row.non_manifold_vertices,
-            distances: Distances::new([
-                row.mesh_to_image,
-                row.image_to_mesh,
-                row.mesh_to_surface,
-                row.surface_to_mesh,
-            ]),
-            volume_change,
-        }
-    }
-}
-
-#[derive(Serialize)]
-struct Component {
-    label: i32,
-    fate: &'static str,
-    position: [f64; 3],
-    image_voxels: u64,
-    image_volume: f64,
-    tets: u64,
-    mesh_volume: f64,
-    components_mesh: u64,
-    euler_image: i64,
-    euler_mesh: i64,
-    #[serde(flatten)]
-    distances: Distances,
-}
-
-impl Component {
-    fn new(row: &ComponentRow) -> Self {
-        Self {
-            label: row.label,
-            fate: match row.fate {
-                Fate::Kept => "kept",
-                Fate::Merged => "merged",
-                Fate::Lost => "lost",
-            },
-            position: row.position,
-            image_voxels: row.image_voxels,
-            image_volume: row.image_volume,
-            tets: row.tets,
-            mesh_volume: row.mesh_volume,
-            components_mesh: row.components_mesh,
-            euler_image: row.euler_image,
-            euler_mesh: row.euler_mesh,
-            distances: Distances::new([
-                row.mesh_to_image,
-                row.image_to_mesh,
-                row.mesh_to_surface,
-                row.surface_to_mesh,
-            ]),
-        }
-    }
-}
-
-#[derive(Serialize)]
-struct DefectJson {
-    kind: &'static str,
-    label: i32,
-    position: [f64; 3],
-    size: u64,
 }
 
 #[cfg(test)]

@@ -6,14 +6,14 @@
 
 use glam::DVec3;
 
+use super::Worker;
 use super::cavity::{CavityFacet, Dig};
-use super::locks::Locks;
-use super::ownership::OwnerId;
-use super::probe::{Effort, Probe};
-use super::tet::{Facet, TetId, VertexId, VertexKind};
-use super::triangulation::Triangulation;
-use super::worker::Worker;
 use crate::Result;
+use crate::delaunay::locks::Locks;
+use crate::delaunay::ownership::OwnerId;
+use crate::delaunay::probe::{Effort, Probe};
+use crate::delaunay::tet::{Facet, TetId, VertexId, VertexKind};
+use crate::delaunay::triangulation::Triangulation;
 use crate::geometry::star::StarSpheres;
 use crate::memory::{filled, reserve};
 

@@ -16,12 +16,12 @@
 
 use glam::DVec3;
 
-use super::locks::Locks;
-use super::ownership::{Claim, Holder};
-use super::probe::{Effort, Probe};
-use super::tet::{FACET, Facet, TetId, VertexId, VertexKind};
-use super::triangulation::Triangulation;
-use super::worker::Worker;
+use super::Worker;
+use crate::delaunay::locks::Locks;
+use crate::delaunay::ownership::{Claim, Holder};
+use crate::delaunay::probe::{Effort, Probe};
+use crate::delaunay::tet::{FACET, Facet, TetId, VertexId, VertexKind};
+use crate::delaunay::triangulation::Triangulation;
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::{Error, Result};
 

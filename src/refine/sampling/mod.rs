@@ -35,6 +35,8 @@
 //! Cost: some tens of nanoseconds per crossed edge, some hundreds per sample. Memory: 56 bytes per
 //! sample; while tiles are sampled 32, and 28 in each other tile that it matters in.
 
+mod junctions;
+
 use std::ops::Range;
 use std::sync::{PoisonError, RwLock};
 
@@ -42,7 +44,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cell_table::{CellTable, MAX_HEADS};
-use super::junctions::sample_junctions;
 use super::recent::Recent;
 use super::rules::DRAWN_TO_WALL;
 use crate::geometry::morton;
@@ -50,6 +51,7 @@ use crate::memory::{self, filled, reserve, room};
 use crate::oracle::{CrossedEdge, Oracle, Tiles};
 use crate::sizing::Sizing;
 use crate::{Error, Result};
+use junctions::sample_junctions;
 
 /// How far samples are moved beside their edges at most, in voxels and in deltas.
 const MOVE: f64 = 0.2;

@@ -1,21 +1,28 @@
 //! One thread's view of the triangulation: its locks, its free slots, its scratch memory, its
 //! counters.
 
+pub mod cavity;
+pub mod insert;
+pub mod remove;
+
+pub use insert::Insertion;
+pub use remove::Removal;
+
 use std::ops::Range;
 
-use super::cavity::CavityFacet;
 use super::chunked::CHUNK;
-use super::insert::StarScratch;
 use super::locks::Locks;
 use super::numa::NodeId;
 use super::ownership::{Claim, Owner};
 use super::probe::{NoProbe, Probe};
-use super::remove::LinkScratch;
 use super::tet::{Facet, TetId, VertexId, VertexKind};
 use super::triangulation::Triangulation;
 use crate::Result;
 use crate::memory::reserve;
+use cavity::CavityFacet;
 use glam::DVec3;
+use insert::StarScratch;
+use remove::LinkScratch;
 
 /// What a worker has done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
