@@ -75,15 +75,15 @@ impl Triangulation {
     }
 
     /// As [`Self::check`], by the `order` of [`Self::tets_by_place`]. Shows each piece of
-    /// [`CHECK_EVERY`] tets to `look` after it was checked, while it is in the cache, on any thread
-    /// of the pool; and as often no tets while it goes through the vertices.
+    /// [`CHECK_EVERY`] tets to `inspect` after it was checked, while it is in the cache, on any
+    /// thread of the pool; and as often no tets while it goes through the vertices.
     ///
     /// # Errors
-    /// Those of `look`.
+    /// Those of `inspect`.
     pub fn check_in(
         &self,
         order: &[TetId],
-        look: impl Fn(&[TetId]) -> Result<()> + Sync,
+        inspect: impl Fn(&[TetId]) -> Result<()> + Sync,
     ) -> Result<Check> {
         let tets = order.par_chunks(CHECK_EVERY).map(|tets| {
             let mut check = Check { tets: tets.len() as u64, ..Check::default() };
@@ -93,7 +93,7 @@ impl Triangulation {
                 self.prefetch_around(tets[(i + AHEAD_AROUND).min(tets.len() - 1)]);
                 self.check_tet(t, &mut check, &mut stars);
             }
-            look(tets)?;
+            inspect(tets)?;
             Ok((check, stars))
         });
         // Counts: their sums do not depend on the order.
@@ -101,7 +101,7 @@ impl Triangulation {
             tets.try_reduce(Default::default, |a, b| Ok((a.0.merged(b.0), a.1 + b.1)))?;
         let bound = self.vertex_bound();
         let vertices = (0..bound.div_ceil(CHECK_EVERY as u32)).into_par_iter().map(|piece| {
-            look(&[])?;
+            inspect(&[])?;
             let first = piece * CHECK_EVERY as u32;
             let pieces = first..(first + CHECK_EVERY as u32).min(bound);
             Ok(pieces.filter(|&v| self.vertex(v).kind() != VertexKind::Removed).count() as u64)

@@ -116,7 +116,7 @@ impl Locks for TryLock {
             self.meet(holder.into());
             return holder;
         }
-        let holder = owner.look(self.me);
+        let holder = owner.inspect(self.me);
         self.meet(holder.into());
         holder
     }

@@ -54,13 +54,14 @@
 //! read.
 //!
 //! # Memory order
-//! *Taking and looking* are sequentially consistent. Let a own t and look at u, b own u and look at
-//! t. Of the four accesses one order is agreed upon, in which each takes before it inspects; so the
-//! later look comes after both takings, and sees the other's name or what was written after it.
+//! *Taking and inspecting* are sequentially consistent. Let a own t and inspect u, b own u and
+//! inspect t. Of the four accesses one order is agreed upon, in which each takes before it
+//! inspects; so the later inspection comes after both takings, and sees the other's name or what
+//! was written after it.
 //!
 //! *Giving back* is `Release`, inspecting is an `Acquire` too, as is a refusal: who finds a tet
 //! nobody's that was owned meanwhile, or finds its slot freed, sees all that was written under that
-//! ownership, first of all the links; therefore the link is read again after the look.
+//! ownership, first of all the links; therefore the link is read again after the inspection.
 //!
 //! One case is left, by the language's model alone and on no processor that we know: the first link
 //! is older than the taking, the same bits are there again in the second, and the tet behind them
@@ -71,9 +72,9 @@
 //! So all other words can be relaxed. The ids in a tet's record, of its neighbours and its
 //! vertices, and a vertex's star are written with `Release` and read with `Acquire`: who reads an
 //! id finds the memory that it names, the name of the owner in a slot that was just taken, and for
-//! those who look without owning a record that was filled once or is all zeros. One who sees zeros
-//! sees four vertices of id 0, which is what a walk is blocked by or finds stale, and a demand is
-//! not true of. On x86 all of these are plain loads and stores but the exchange itself.
+//! those who inspect without owning a record that was filled once or is all zeros. One who sees
+//! zeros sees four vertices of id 0, which is what a walk is blocked by or finds stale, and a
+//! demand is not true of. On x86 all of these are plain loads and stores but the exchange itself.
 
 use crate::sync::Ordering::*;
 
@@ -157,7 +158,7 @@ impl Owner {
 
     /// Whose it is; of a tet across a facet of one that is owned.
     #[inline(always)]
-    pub fn look(&self, me: OwnerId) -> Holder {
+    pub fn inspect(&self, me: OwnerId) -> Holder {
         // SeqCst: after the taking of the tet that is owned.
         Self::name(self.0.load(SeqCst), me)
     }

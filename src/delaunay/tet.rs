@@ -137,7 +137,7 @@ impl TetRecord {
     /// The four vertices.
     #[inline(always)]
     pub fn vertices(&self) -> [VertexId; 4] {
-        // Acquire: pairs with the release of fill, for those who look without owning.
+        // Acquire: pairs with the release of fill, for those who inspect without owning.
         [0, 1, 2, 3].map(|i: usize| self.vertices[i].load(Acquire))
     }
 
@@ -180,7 +180,7 @@ impl TetRecord {
     /// The facet of the neighbour that is this tet's facet `i`.
     #[inline(always)]
     pub fn neighbor(&self, i: usize) -> Facet {
-        // Acquire: pairs with the release of set_neighbor, for those who look without owning.
+        // Acquire: pairs with the release of set_neighbor, for those who inspect without owning.
         Facet(self.neighbors[i].load(Acquire))
     }
 

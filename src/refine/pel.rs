@@ -1,4 +1,4 @@
-//! A worker's poor element list (PEL): the tets that it has still to look at, and those that it
+//! A worker's poor element list (PEL): the tets that it has still to inspect, and those that it
 //! found poor.
 //!
 //! **Inspections** come in rounds. A round holds the tets that one made of the tets of the round
@@ -7,7 +7,7 @@
 //! at, while all tets of a round still lie close together. Where each round makes more than it had,
 //! rounds would become a front that spreads over all of the worker's region, and no cache holds it:
 //! so the tets of a large round that were made last wait, and are the first to begin a round later.
-//! **Poor** tets are served, some at a time, only when none is left to look at: a tet that lives
+//! **Poor** tets are served, some at a time, only when none is left to inspect: a tet that lives
 //! only for a moment is never refined for its own shape, and all interfaces are sampled before the
 //! first circumcenter is inserted, which leaves R6 next to nothing to do.
 //!

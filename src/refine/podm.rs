@@ -17,7 +17,7 @@
 //! one worker is the same in every run; that of several depends on who came first.
 //!
 //! A worker that ends early, because of a limit, a cancel or a panic, stops the team: every wait
-//! ends at once, and the others end at their next look around, between two operations.
+//! ends at once, and the others end at their next check, between two operations.
 
 use super::activity::{ThreadReport, Work};
 use super::lapd::{self, Regions};

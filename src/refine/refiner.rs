@@ -44,7 +44,7 @@ pub(super) const REPORT_EVERY: u64 = 1024;
 const ASK_EVERY: u64 = 8;
 const _: () = assert!(REPORT_EVERY.is_multiple_of(ASK_EVERY));
 
-/// Entries that the list has room for at each look: more than the steps until the next one push,
+/// Entries that the list has room for at each check: more than the steps until the next one push,
 /// unless cavities are monstrous.
 const ROOM: usize = 64 * REPORT_EVERY as usize;
 

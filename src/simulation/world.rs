@@ -41,7 +41,7 @@ pub enum Work {
 /// What a worker did, and what it waited for.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Traffic {
-    /// Visits to records, by the hops to their homes: the first are local.
+    /// Visits to records, by the hops to their home nodes: the first are local.
     pub visits_by_hops: Vec<u64>,
     /// Records that came from another core of the node.
     pub shared: u64,
@@ -90,7 +90,7 @@ pub(super) enum Kind {
 struct Records {
     lines: Vec<Line>,
     /// The node of each chunk.
-    homes: Vec<u16>,
+    home_nodes: Vec<u16>,
 }
 
 /// Who visited a record last, from 1, and how many records its node had brought in then.
@@ -260,9 +260,9 @@ impl World {
         if at >= records.lines.len() {
             records.lines.resize((chunk + 1) * CHUNK, Line::default());
             // Nobody's yet.
-            records.homes.resize(chunk + 1, u16::MAX);
+            records.home_nodes.resize(chunk + 1, u16::MAX);
         }
-        let home = &mut records.homes[chunk];
+        let home = &mut records.home_nodes[chunk];
         if *home == u16::MAX {
             *home = node;
         }

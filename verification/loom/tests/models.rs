@@ -136,7 +136,7 @@ impl Ring {
     fn inspect_across(&self, slot: usize, side: usize, me: OwnerId) -> Option<usize> {
         let link = self.pieces[slot].links[side].load(Acquire);
         let other = link as usize / 2;
-        if self.pieces[other].owner.look(me) != Holder::Unowned
+        if self.pieces[other].owner.inspect(me) != Holder::Unowned
             || self.pieces[slot].links[side].load(Acquire) != link
         {
             return None;
