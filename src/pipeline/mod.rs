@@ -167,12 +167,9 @@ pub fn mesh_image(
     let seconds = watch.add_to(|seconds| &mut seconds.prepare);
     monitor.log(Level::Info, &format!("image prepared in {seconds:.2} s"));
 
-    let improves = params.improve != Improve::None;
     let refined = refine_and_collect(&image, &prepared, params, &limits, &mut watch, monitor)?;
-    let Refined { mut mesh, points_kept, refinement, check, unmet } = refined;
+    let Refined { mut mesh, points_kept, improves, refinement, check, unmet } = refined;
     let Refinement { counters, work, threads, mut ended_by } = refinement;
-    // What refinement did not finish is left as it is.
-    let improves = improves && ended_by.is_none();
     let mut improvement = Improvement::default();
     if improves {
         let done = improve::improve_mesh(
@@ -186,7 +183,9 @@ pub fn mesh_image(
         )?;
         (improvement, ended_by) = done;
     }
-    let Prepared { oracle, .. } = prepared;
+    // The certificate needs room, and no sizing field.
+    let Prepared { oracle, sizing, .. } = prepared;
+    drop(sizing);
     let seconds = watch.add_to(|seconds| &mut seconds.improve);
     mesh.collect_facets(monitor)?;
     watch.add_to(|seconds| &mut seconds.extract);
@@ -226,6 +225,8 @@ pub fn mesh_image(
 struct Refined {
     mesh: TetMesh,
     points_kept: usize,
+    /// Whether the mesh is to be improved, and so has the background around the object.
+    improves: bool,
     refinement: Refinement,
     check: Check,
     unmet: [u64; 6],
@@ -255,7 +256,8 @@ fn refine_and_collect(
     let seconds = watch.add_to(|seconds| &mut seconds.refine);
     messages::log_refinement(monitor, &refinement.counters, seconds);
 
-    // Improvement needs the background around the object.
+    // Improvement needs the background around the object. What refinement did not finish is left as
+    // it is.
     let improves = params.improve != Improve::None && refinement.ended_by.is_none();
     let background = match (params.background, improves) {
         (true, _) => Background::Kept,
@@ -285,5 +287,5 @@ fn refine_and_collect(
     monitor.note_tets(check.tets);
     drop(triangulation);
     watch.add_to(|seconds| &mut seconds.certify);
-    Ok(Refined { mesh, points_kept, refinement, check, unmet })
+    Ok(Refined { mesh, points_kept, improves, refinement, check, unmet })
 }
