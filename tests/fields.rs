@@ -1,6 +1,8 @@
 //! The oracle of images made of intensities or probabilities, and of smoothed labels, against
 //! definitions evaluated by brute force on random images, cut by the border.
 
+mod random;
+
 use std::cell::Cell;
 
 use glam::DVec3;
@@ -11,16 +13,9 @@ use lapd::monitor::Monitor;
 use lapd::oracle::{Oracle, Surface};
 use lapd::params::{ImageBorder, MeshParams, SurfaceModel};
 use lapd::pipeline::{MeshResult, mesh_image};
-
-struct Random(u64);
+use random::Random;
 
 impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
     /// A smooth function with noise: flat and steep places, leaps of several isovalues.
     fn volume(&mut self, dims: [usize; 3], scale: f64) -> Vec<f32> {
         let way = DVec3::new(self.unit(), self.unit(), self.unit()) - 0.5;

@@ -1,6 +1,8 @@
 //! Frames of all sizes: inside of the range that is accepted every mesh is sound, outside of it
 //! there is one clear error. `LAPD_FRAMES` is the number of frames to try (150).
 
+mod random;
+
 use std::path::Path;
 
 use lapd::Error;
@@ -9,17 +11,9 @@ use lapd::io::read::read_image;
 use lapd::monitor::Monitor;
 use lapd::params::MeshParams;
 use lapd::pipeline::mesh_image;
-
-/// Numbers from 0 to 1 by a linear congruential generator.
-struct Random(u64);
+use random::Random;
 
 impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
     fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }

@@ -1,6 +1,8 @@
 //! The oracle against definitions evaluated by brute force, on random images: anisotropic, rotated,
 //! cut by the border, both models.
 
+mod random;
+
 use glam::{DMat3, DVec3};
 use lapd::{
     Error,
@@ -8,18 +10,11 @@ use lapd::{
     oracle::Oracle,
     params::SurfaceModel,
 };
+use random::Random;
 
 const MODELS: [SurfaceModel; 2] = [SurfaceModel::Smooth, SurfaceModel::Voxel];
 
-struct Random(u64);
-
 impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
     fn below(&mut self, n: usize) -> usize {
         (self.unit() * n as f64) as usize
     }

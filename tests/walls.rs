@@ -1,5 +1,7 @@
 //! Where the image cuts the object off the mesh ends in flat walls: random images of all kinds.
 
+mod random;
+
 use std::collections::HashMap;
 use std::f64::consts::PI;
 
@@ -10,17 +12,9 @@ use lapd::monitor::Monitor;
 use lapd::params::{Improve, MeshParams};
 use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::verify::LabelRow;
-
-/// Numbers from 0 to 1 by a linear congruential generator.
-struct Random(u64);
+use random::Random;
 
 impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
     fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
