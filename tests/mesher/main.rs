@@ -8,12 +8,16 @@
 //! | `placement` | spacing, direction, origin, parameters that choose what is meshed |
 //! | `inputs` | intensities, probability maps, smoothed labels |
 //! | `awkward` | images and sizes that nobody plans for |
+//! | `anything` | any image with any parameters, by random numbers |
 //! | `runs` | one run against another: determinism, cancelling, limits, demands that are left |
 
+mod anything;
 mod awkward;
 mod inputs;
 mod phantoms;
 mod placement;
+#[path = "../random/mod.rs"]
+mod random;
 mod runs;
 mod thin;
 

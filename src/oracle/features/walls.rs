@@ -67,20 +67,14 @@ impl Oracle {
         }
         let normal = (b - a).cross(c - a).normalize_or_zero() * outwards;
         let reach = a.distance(b).max(b.distance(c)).max(c.distance(a));
-        let (mut from, end) = ((a + b + c) / 3.0, (a + b + c) / 3.0 + reach * normal);
-        let mut label = self.label(from);
-        while label != 0 {
-            match self.first_crossing_from(label, from, end) {
-                // As far as a facet reaches there is no end of the object.
-                None => return false,
-                Some(crossing) if crossing.to == 0 => {
-                    return self.is_on_wall(crossing.point)
-                        && corners.iter().any(|&p| !self.has_label_near(p, 0, AROUND));
-                }
-                Some(crossing) => (from, label) = (crossing.point, crossing.to),
-            }
+        let centroid = (a + b + c) / 3.0;
+        if self.label(centroid) == 0 {
+            return false;
         }
-        false
+        // As far as the facet reaches.
+        self.first_background(centroid, centroid + reach * normal).is_some_and(|end| {
+            self.is_on_wall(end) && corners.iter().any(|&p| !self.has_label_near(p, 0, AROUND))
+        })
     }
 
     /// Whether a point is on a wall, but for rounding.

@@ -108,6 +108,30 @@ impl Oracle {
         Some(Crossing { point: self.grid.point_at(point), from, to })
     }
 
+    /// Where the segment from `a` to `b` first reaches background, whatever labels come before.
+    pub fn first_background(&self, a: DVec3, b: DVec3) -> Option<DVec3> {
+        let [x, target] = [a, b].map(|p| self.grid.index_at(p));
+        let line = Line::new(x, target - x)?;
+        // Each part of the way begins a little past the crossing before it. Where three labels meet
+        // rounding may give a crossing at the very start of a part, back to the label before it.
+        let step = 2.0 * TOLERANCE * line.unit;
+        let mut t = 0.0;
+        while t < 1.0 {
+            let from = line.at(t);
+            let label = self.label_at(from);
+            if label == 0 {
+                return Some(self.grid.point_at(from));
+            }
+            let (crossing, to) = self.trace(from, target, label)?;
+            if to == 0 {
+                return Some(self.grid.point_at(crossing));
+            }
+            let reached = (crossing - x).dot(line.way) / line.way.length_squared();
+            t = reached.max(t) + step;
+        }
+        None
+    }
+
     /// The point of an interface near `p`, along `normal`, if the image has the first label of
     /// `pair` below it and the second one above, both at a distance of `reach`. `labels` has the
     /// label of each id.
