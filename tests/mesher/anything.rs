@@ -3,6 +3,7 @@
 //! `LAPD_RANDOM_MESHES` is how many to try (300), `LAPD_RANDOM_FIRST` the seed of the first (0):
 //! `LAPD_RANDOM_MESHES=20000 cargo test --test mesher anything`
 
+use std::io::Write;
 use std::panic::catch_unwind;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
@@ -21,6 +22,9 @@ use super::random::Random;
 
 /// Seconds that one of these small runs may take.
 const PATIENCE: u64 = 60;
+
+/// Seeds that failed once: a search for a crossing without an end.
+const FAILED: [u64; 1] = [2199];
 
 impl Random {
     /// A whole number below `end`.
@@ -144,13 +148,14 @@ fn any_image_with_any_parameters_gives_a_sound_mesh() {
     let of = |name: &str, usual| std::env::var(name).map_or(usual, |n| n.parse().unwrap());
     let first: u64 = of("LAPD_RANDOM_FIRST", 0);
     let mut failed = Vec::new();
-    for seed in first..first + of("LAPD_RANDOM_MESHES", 300) {
+    for seed in FAILED.into_iter().chain(first..first + of("LAPD_RANDOM_MESHES", 300)) {
         let (ended, wait) = channel::<()>();
         // A run that hangs cannot be ended otherwise.
         std::thread::spawn(move || {
             let waited = wait.recv_timeout(Duration::from_secs(PATIENCE));
             if waited == Err(RecvTimeoutError::Timeout) {
-                eprintln!("seed {seed}: not ended after {PATIENCE} s");
+                // Past the test's own output, which ends with the process.
+                let _ = writeln!(std::io::stderr(), "seed {seed}: not ended in {PATIENCE} s");
                 std::process::abort();
             }
         });

@@ -232,6 +232,7 @@ const SECANT_STEPS: usize = 8;
 /// The only root in [0, 1] of a cubic that is not negative at 0 and negative at 1, by the Illinois
 /// variant of the secant method.
 fn descent(b: [f64; 4], tolerance: f64) -> f64 {
+    debug_assert!(tolerance > 0.0, "a tolerance of {tolerance} ends no search");
     let c = [
         b[0],
         3.0 * (b[1] - b[0]),

@@ -204,7 +204,8 @@ impl Oracle {
             let part = exit.min(stop);
             if self.model == SurfaceModel::Smooth && voxel.rings() == 0 {
                 let ends = [t, part].map(|t| line.in_cell(t, cell, &self.border));
-                let tolerance = TOLERANCE * line.unit / (part - t);
+                // A part of no length has any tolerance, but no negative one: the exit may be -0.
+                let tolerance = TOLERANCE * line.unit / (part - t).abs();
                 if let Some((s, to)) = self.overtaken(cell, voxel, from, ends, tolerance) {
                     return Some((line.at(t + (part - t) * s), to));
                 }
