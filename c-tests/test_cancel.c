@@ -1,13 +1,15 @@
 /* Progress is monotone and comes on the calling thread, also when it is slow; log lines tell what
  * each phase did and what is wrong with the mesh; a run is cancelled by its callback, before it
- * starts, and by another thread. */
+ * starts, and by another thread. Reading has progress, an end by cancelling, and limits. */
 #define _POSIX_C_SOURCE 200809L
 
 #include <pthread.h>
 #include <sched.h>
 #include <stdatomic.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -237,6 +239,71 @@ static void from_another_thread(void) {
     CHECK(best < 0.1);
 }
 
+static int32_t on_reading(void *user, const lapd_progress *progress) {
+    record *r = user;
+    r->calls++;
+    r->wrong += !pthread_equal(r->thread, pthread_self());
+    r->wrong += progress->phase != LAPD_PHASE_READ;
+    r->wrong += !(progress->fraction >= r->last_fraction && progress->fraction <= 1);
+    r->last_fraction = progress->fraction;
+    return r->calls == r->cancel_at_call;
+}
+
+/* A million voxels in a folder of their own, and a header that names what lies outside of it. */
+static void reading(void) {
+    char folder[] = "/tmp/lapd_reading_XXXXXX";
+    char inside[64], header[64], outside[64];
+    CHECK(mkdtemp(folder) != NULL);
+    snprintf(outside, sizeof outside, "%s/voxels.nrrd", folder);
+    snprintf(inside, sizeof inside, "%s/inside", folder);
+    snprintf(header, sizeof header, "%s/inside/a.nhdr", folder);
+    static const char fields[] = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 100 100 100\n"
+                                 "encoding: raw\n";
+    FILE *file = fopen(outside, "wb");
+    fprintf(file, "%s\n", fields);
+    for (int i = 0; i < 1000000; i++) {
+        fputc(1, file);
+    }
+    fclose(file);
+    CHECK(mkdir(inside, 0700) == 0);
+    file = fopen(header, "wb");
+    fprintf(file, "%sbyte skip: -1\ndata file: ../voxels.nrrd\n", fields);
+    fclose(file);
+
+    record r = {.thread = pthread_self()};
+    lapd_image *read = NULL;
+    lapd_context_set_progress(context, on_reading, &r);
+    CHECK(lapd_image_read(context, outside, LAPD_WORLD_AS_STORED, &read) == LAPD_OK);
+    CHECK(r.calls > 0 && r.wrong == 0);
+    lapd_image_free(read);
+    read = NULL;
+
+    r = (record){.thread = pthread_self(), .cancel_at_call = 1};
+    CHECK(lapd_image_read(context, outside, LAPD_WORLD_AS_STORED, &read) == LAPD_ERROR_CANCELLED);
+    CHECK(lapd_context_cancel(context) == LAPD_OK);
+    lapd_context_set_progress(context, NULL, NULL);
+    CHECK(lapd_image_read(context, outside, LAPD_WORLD_AS_STORED, &read) == LAPD_ERROR_CANCELLED);
+    CHECK(lapd_context_reset_cancel(context) == LAPD_OK);
+
+    CHECK(lapd_context_set_max_read_bytes(context, 1999999) == LAPD_OK);
+    CHECK(lapd_image_read(context, outside, LAPD_WORLD_AS_STORED, &read) ==
+          LAPD_ERROR_MEMORY_LIMIT);
+    CHECK(strstr(lapd_context_last_error(context), "--max-read-bytes") != NULL);
+    CHECK(lapd_context_set_max_read_bytes(context, 0) == LAPD_OK);
+
+    CHECK(lapd_image_read(context, header, LAPD_WORLD_AS_STORED, &read) == LAPD_ERROR_FORMAT);
+    CHECK(strstr(lapd_context_last_error(context), "lies outside") != NULL);
+    CHECK(read == NULL);
+    CHECK(lapd_context_set_allow_outside(context, 1) == LAPD_OK);
+    CHECK(lapd_image_read(context, header, LAPD_WORLD_AS_STORED, &read) == LAPD_OK);
+    lapd_image_free(read);
+    CHECK(lapd_context_set_allow_outside(context, 0) == LAPD_OK);
+    unlink(header);
+    unlink(outside);
+    rmdir(inside);
+    rmdir(folder);
+}
+
 int main(void) {
     uint8_t *voxels = ball_voxels(48, 21);
     CHECK(lapd_context_create(&context) == LAPD_OK);
@@ -249,6 +316,7 @@ int main(void) {
     before_the_run();
     before_writing();
     from_another_thread();
+    reading();
     lapd_params_free(params);
     lapd_image_free(image);
     lapd_context_free(context);

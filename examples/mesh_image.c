@@ -79,6 +79,10 @@ static const char MORE_USAGE[] =
     "  --frame NAME         lps | ras: world axes that grow to the patient's left, posterior, "
     "superior, or right,\n"
     "                       anterior, superior; default as the file has them\n"
+    "  --allow-outside      read data files that lie outside of the folder of their header\n"
+    "  --max-read-bytes B   the most memory that the image may take, as for --max-memory; default "
+    "1000 times the\n"
+    "                       file's bytes or 1 GiB, and no more than half of the machine's\n"
     "  --background         keep the whole triangulation, with label 0 outside of the object\n"
     "  --surface NAME       smooth | voxel; default smooth\n"
     "  --border NAME        flat | smooth: how the object is closed where the image cuts it off; "
@@ -152,12 +156,14 @@ typedef struct {
 } progress_line;
 
 static int32_t show_progress(void *user, const lapd_progress *progress) {
-    static const char *const phases[] = {"preparing the image", "refinement", "extraction",
-                                         "improvement", "certificate"};
+    static const char *const phases[] = {"preparing the image", "refinement",  "extraction",
+                                         "improvement",         "certificate", "reading the image"};
     progress_line *line = user;
     /* The first report of a phase comes before anything is done in it, and the run waits for the
-     * answer. */
-    for (; line->phase < progress->phase && line->phase < LAPD_PHASE_CERTIFY; line->phase++) {
+     * answer. Reading, whose number is the largest, comes before all of them. */
+    for (; progress->phase != LAPD_PHASE_READ && line->phase < progress->phase &&
+           line->phase < LAPD_PHASE_CERTIFY;
+         line->phase++) {
         if (line->memory != NULL) {
             line->memory->peak[line->phase] = peak_memory();
         }
@@ -365,6 +371,12 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
                    ? from_status(lapd_params_set_max_memory(context, params, bytes))
                    : SET_BAD_VALUE;
     }
+    if (strcmp(option, "--max-read-bytes") == 0) {
+        uint64_t bytes;
+        return parse_bytes(value, &bytes)
+                   ? from_status(lapd_context_set_max_read_bytes(context, bytes))
+                   : SET_BAD_VALUE;
+    }
     if (strcmp(option, "--label-size") == 0) {
         int32_t label;
         double size;
@@ -491,6 +503,8 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
             o->measures = true;
         } else if (strcmp(option, "--memory") == 0) {
             o->memory = true;
+        } else if (strcmp(option, "--allow-outside") == 0) {
+            status = lapd_context_set_allow_outside(context, 1);
         } else if (strcmp(option, "--quiet") == 0) {
             o->quiet = true;
         } else {
@@ -514,6 +528,7 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                                                      "--time-limit",
                                                      "--surface",
                                                      "--max-memory",
+                                                     "--max-read-bytes",
                                                      "--spacing-floor",
                                                      "--min-voxels",
                                                      "--isovalue",

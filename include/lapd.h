@@ -151,6 +151,10 @@ typedef enum {
    * Quality and certificate are measured.
    */
   LAPD_PHASE_CERTIFY = 4,
+  /**
+   * An image is read from files: before all others, in a call of its own.
+   */
+  LAPD_PHASE_READ = 5,
 } lapd_phase;
 
 /**
@@ -525,7 +529,7 @@ typedef struct {
    */
   int32_t phase;
   /**
-   * Part of the whole run that is done, 0 to 1: an estimate that never decreases.
+   * Part of the call's work that is done, 0 to 1: an estimate that never decreases.
    */
   double fraction;
   /**
@@ -535,9 +539,9 @@ typedef struct {
 } lapd_progress;
 
 /**
- * Receives progress on the thread that called lapd_mesh_image. Returns 0 to go on, anything else
- * to cancel the run. `progress` is valid during the call only. Must not throw, nor leave by
- * longjmp; must not free the context.
+ * Receives progress on the thread that called lapd_mesh_image, or a function that reads an image.
+ * Returns 0 to go on, anything else to cancel the call. `progress` is valid during the call only.
+ * Must not throw, nor leave by longjmp; must not free the context.
  */
 typedef int32_t (*lapd_progress_fn)(void *user, const lapd_progress *progress);
 
@@ -1338,7 +1342,7 @@ const char *lapd_context_last_error(const lapd_context *context);
 
 /**
  * Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means
- * none. Takes effect with the next lapd_mesh_image.
+ * none. Takes effect with the next call that meshes or reads an image.
  *
  * The library keeps `user` but never looks at it; both must stay valid until replaced or the
  * context is freed. No other thread may use the context meanwhile.
@@ -1359,11 +1363,36 @@ lapd_status lapd_context_set_progress(lapd_context *context, lapd_progress_fn ca
 lapd_status lapd_context_set_log(lapd_context *context, lapd_log_fn callback, void *user);
 
 /**
- * Asks the run of this context to end, or the writing of a mesh with it; the call returns
- * LAPD_ERROR_CANCELLED within 100 ms, as long as the run holds less than some 500 MB: the system
- * takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk when a file is
- * complete, comes on top. The calls that obey are lapd_mesh_image, lapd_mesh_write and
- * lapd_mesh_write_timeline; all others, those that make or read an image too, run to their end.
+ * The most bytes that an image which is read with this context may take in memory; 0 for the
+ * default. A file that asks for more is refused before anything is allocated: few bytes of a
+ * compressed file can ask for a thousand times as many. By default that is 1000 times the file's
+ * own bytes, or 1 GiB where that is more, and never more than half of the machine's memory.
+ *
+ * A label takes 2 bytes, an intensity or probability 4. No other thread may use the context
+ * meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
+ */
+lapd_status lapd_context_set_max_read_bytes(lapd_context *context, uint64_t bytes);
+
+/**
+ * Whether headers that are read with this context may name a data file outside of their own
+ * folder: not 0 for yes. By default (0) they may not, links that lead outside included, so that a
+ * header from a stranger can't have other files read.
+ *
+ * No other thread may use the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
+ */
+lapd_status lapd_context_set_allow_outside(lapd_context *context, int32_t allow);
+
+/**
+ * Asks the run of this context to end, or the reading or writing of a file with it; the call
+ * returns LAPD_ERROR_CANCELLED within 100 ms, as long as the run holds less than some 500 MB: the
+ * system takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk when a
+ * file is complete, comes on top. The calls that obey are lapd_mesh_image, those that read an
+ * image from files, lapd_mesh_write and lapd_mesh_write_timeline; all others, those that make an
+ * image from memory too, run to their end.
  * The request stays until lapd_context_reset_cancel: without a call under way that obeys, the next
  * one ends at once, so that no request is ever lost.
  *
@@ -1433,11 +1462,13 @@ lapd_status lapd_image_create(lapd_context *context,
  * (lapd_image_get_warning).
  *
  * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
- * this one. lapd_context_cancel does not end the call.
+ * this one. What files may ask for is limited: see lapd_context_set_max_read_bytes and
+ * lapd_context_set_allow_outside.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `world` is unknown, or no format
  * has this ending; LAPD_ERROR_IO when the file cannot be read; LAPD_ERROR_FORMAT when it is not a
- * valid image, is cut off, or uses what this version does not read; LAPD_ERROR_OUT_OF_MEMORY.
+ * valid image, is cut off, or uses what this version does not read; LAPD_ERROR_MEMORY_LIMIT when
+ * it asks for more memory than it may; LAPD_ERROR_CANCELLED; LAPD_ERROR_OUT_OF_MEMORY.
  */
 lapd_status lapd_image_read(lapd_context *context,
                             const char *path,
@@ -1453,7 +1484,7 @@ lapd_status lapd_image_read(lapd_context *context,
  *   of the later layer of this order counts. NULL for the order of the file.
  *
  * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
- * this one. lapd_context_cancel does not end the call.
+ * this one.
  *
  * Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown, when
  * `layer_order` does not name each layer once or the file has no layers, and for
@@ -1667,7 +1698,7 @@ lapd_status lapd_image_create_level_sets(lapd_context *context,
  * to single precision. `path` and `world`, a lapd_world_frame, are as in lapd_image_read.
  *
  * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
- * this one. lapd_context_cancel does not end the call.
+ * this one.
  *
  * Errors: those of lapd_image_read, and those of lapd_image_create_gray for isovalues and labels;
  * LAPD_ERROR_FORMAT for an intensity that is not finite, and for more than one value per voxel.
@@ -1693,7 +1724,7 @@ lapd_status lapd_image_read_gray(lapd_context *context,
  *   ..., `label_count` is not read then.
  *
  * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
- * this one. lapd_context_cancel does not end the call.
+ * this one.
  *
  * Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT for no files, a label given twice,
  * and not as many labels as volumes; LAPD_ERROR_FORMAT, naming the file, for files whose grids
@@ -1712,7 +1743,7 @@ lapd_status lapd_image_read_probabilities(lapd_context *context,
  * them, as lapd_image_create_level_sets does.
  *
  * The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
- * this one. lapd_context_cancel does not end the call.
+ * this one.
  *
  * Errors: those of lapd_image_read_probabilities, but for values out of a range.
  */

@@ -198,6 +198,15 @@ class context {
         callbacks_->log = std::move(callback);
     }
 
+    /// What files that are read with this context may ask for: bytes of memory (0 for the
+    /// default), and data files outside of their header's folder.
+    void set_max_read_bytes(std::uint64_t bytes) {
+        check(lapd_context_set_max_read_bytes(handle_.get(), bytes));
+    }
+    void set_allow_outside(bool allow) {
+        check(lapd_context_set_allow_outside(handle_.get(), allow));
+    }
+
     /// From any thread and from a signal handler, as long as the context is neither moved nor
     /// destroyed meanwhile.
     void cancel() const noexcept {

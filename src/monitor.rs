@@ -77,7 +77,7 @@ const STEPS: [(Phase, f64); 11] = [
 ];
 
 /// Time between two reports of progress, those at the start of steps apart.
-const INTERVAL: Duration = Duration::from_millis(50);
+pub(crate) const INTERVAL: Duration = Duration::from_millis(50);
 
 /// One report of progress.
 #[derive(Clone, Copy, Debug)]

@@ -30,8 +30,13 @@ fn case(name: &str) -> Option<PathBuf> {
 /// The same object as labels to be smoothed, as a scan, and as probabilities.
 fn fields(path: &Path) -> [(&'static str, LabelImage, f64); 3] {
     let options = ReadOptions::default();
-    let gray = read_gray(path, &options).unwrap().image.label_image(&[0.5], None).unwrap();
-    let likely = read_probabilities(&[path], None, &options).unwrap().image.label_image().unwrap();
+    let gray =
+        read_gray(path, &options, &|_| Ok(())).unwrap().image.label_image(&[0.5], None).unwrap();
+    let likely = read_probabilities(&[path], None, &options, &|_| Ok(()))
+        .unwrap()
+        .image
+        .label_image()
+        .unwrap();
     [
         ("smoothed labels", read_image(path).unwrap().image, 1.0),
         ("scan", gray, 0.0),
@@ -153,7 +158,7 @@ fn an_oblique_interface_leaves_no_nicks() {
 #[test]
 fn a_tube_has_its_caps() {
     let [Some(labels), Some(scan)] = ["tube_lab.nrrd", "tube_ct.nrrd"].map(case) else { return };
-    let scan = read_gray(&scan, &ReadOptions::default())
+    let scan = read_gray(&scan, &ReadOptions::default(), &|_| Ok(()))
         .unwrap()
         .image
         .label_image(&[300.0], None)
@@ -182,9 +187,9 @@ fn a_tube_has_its_caps() {
 fn level_sets_are_meshed_as_such_or_refused() {
     let Some(path) = case("levelset1.nrrd") else { return };
     let options = ReadOptions::default();
-    let error = read_probabilities(&[&path], None, &options).unwrap_err().to_string();
+    let error = read_probabilities(&[&path], None, &options, &|_| Ok(())).unwrap_err().to_string();
     assert!(error.contains("--level-sets"), "{error}");
-    let image = read_maps(&[&path], MapValues::LevelSets, None, &options)
+    let image = read_maps(&[&path], MapValues::LevelSets, None, &options, &|_| Ok(()))
         .unwrap()
         .image
         .label_image()

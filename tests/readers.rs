@@ -41,6 +41,7 @@ fn cases_are_read_as_expected() {
         read_image_with(
             &folder.join(name),
             &ReadOptions { values: LabelValues::Rounded, ..ReadOptions::default() },
+            &|_| Ok(()),
         )
     };
     let nearly = read(&folder.join("near_int_slope.nii.gz"));
@@ -54,7 +55,7 @@ fn cases_are_read_as_expected() {
     assert!(refused.contains("42.5: labels must be whole numbers; --round"), "{refused}");
     let mapped = |name: &str| {
         let options = ReadOptions { values: LabelValues::Distinct, ..ReadOptions::default() };
-        let read = read_image_with(&folder.join(name), &options).unwrap();
+        let read = read_image_with(&folder.join(name), &options, &|_| Ok(())).unwrap();
         assert!(read.warnings[0].contains("distinct values became labels"), "{:?}", read.warnings);
         assert!(read.image.labels().iter().copied().eq(0..=read.values.len() as i32));
         read.values
@@ -189,7 +190,7 @@ fn random_layers_are_combined_in_their_order() {
                     })
                     .collect();
                 let options = ReadOptions { layer_order: order.clone(), ..ReadOptions::default() };
-                let found = read_image_with(&path, &options).unwrap();
+                let found = read_image_with(&path, &options, &|_| Ok(())).unwrap();
                 let labels = found.image.labels();
                 let got: Vec<i32> =
                     found.image.ids().iter().map(|&id| labels[usize::from(id)]).collect();
@@ -242,7 +243,11 @@ fn orders_of_layers_are_checked() {
     let two = write("two.seg.nrrd", &two);
     let read = |path: &Path, order: Option<&[usize]>, values| {
         let layer_order = order.map(<[usize]>::to_vec);
-        read_image_with(path, &ReadOptions { layer_order, values, ..ReadOptions::default() })
+        read_image_with(
+            path,
+            &ReadOptions { layer_order, values, ..ReadOptions::default() },
+            &|_| Ok(()),
+        )
     };
     let error = |path: &Path, order: Option<&[usize]>, values| {
         read(path, order, values).unwrap_err().to_string()
@@ -327,6 +332,7 @@ fn numbers_that_are_not_quite_whole_are_rounded() {
                 read_image_with(
                     &path,
                     &ReadOptions { values: LabelValues::Rounded, ..ReadOptions::default() },
+                    &|_| Ok(()),
                 )
                 .unwrap(),
             );
@@ -353,6 +359,7 @@ fn rounding_takes_no_number_that_is_none() {
         let error = read_image_with(
             &path,
             &ReadOptions { values: LabelValues::Rounded, ..ReadOptions::default() },
+            &|_| Ok(()),
         )
         .unwrap_err();
         assert!(error.to_string().contains(why), "{error}");

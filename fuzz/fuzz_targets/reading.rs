@@ -22,7 +22,7 @@ pub fn read(ending: &str, data: &[u8]) {
         std::fs::write(&path, data).unwrap();
         for values in [LabelValues::Whole, LabelValues::Rounded, LabelValues::Distinct] {
             let options = ReadOptions { world: WorldFrame::Ras, values, layer_order: None };
-            match read_image_with(&path, &options) {
+            match read_image_with(&path, &options, &|_| Ok(())) {
                 Ok(read) => {
                     check(&read.image);
                     assert!(read.warnings.iter().all(|line| !line.contains('\n')));
@@ -30,7 +30,7 @@ pub fn read(ending: &str, data: &[u8]) {
                 Err(error) => assert!(!error.to_string().contains('\n'), "{error}"),
             }
         }
-        if let Ok(read) = read_gray(&path, &ReadOptions::default()) {
+        if let Ok(read) = read_gray(&path, &ReadOptions::default(), &|_| Ok(())) {
             let _ = format!("{:?}", read.warnings);
         }
     });

@@ -1,14 +1,18 @@
 //! The context of calls: where their error message is kept, whom a run reports to, how it is
 //! cancelled.
 
+use std::cell::Cell;
 use std::ffi::{CString, c_char, c_void};
 use std::ptr;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use super::boundary::{Failure, Out, Outcome, borrow, catch, status_of, value_or};
 use super::status::lapd_status;
-use crate::monitor::{CancelFlag, Level, Phase, Progress};
+use crate::io::read::{GoOn, ReadOptions};
+use crate::monitor::{CancelFlag, INTERVAL, Level, Phase, Progress};
+use crate::{Error, Result};
 
 /// What a call reports to. Holds the message of the last call that failed, the callbacks for
 /// progress and log lines, and the cancel flag.
@@ -20,6 +24,9 @@ pub struct lapd_context {
     running: AtomicBool,
     last_error: Mutex<CString>,
     callbacks: Mutex<Callbacks>,
+    /// What files may ask for; see [`ReadOptions`].
+    max_read_bytes: AtomicU64,
+    allow_outside: AtomicBool,
 }
 
 /// The phases of a run, in their order. More may be added in between, with numbers of their own.
@@ -36,6 +43,8 @@ pub enum lapd_phase {
     LAPD_PHASE_IMPROVE = 3,
     /// Quality and certificate are measured.
     LAPD_PHASE_CERTIFY = 4,
+    /// An image is read from files: before all others, in a call of its own.
+    LAPD_PHASE_READ = 5,
 }
 
 impl From<Phase> for lapd_phase {
@@ -56,7 +65,7 @@ impl From<Phase> for lapd_phase {
 pub struct lapd_progress {
     /// The phase, a lapd_phase.
     pub phase: i32,
-    /// Part of the whole run that is done, 0 to 1: an estimate that never decreases.
+    /// Part of the call's work that is done, 0 to 1: an estimate that never decreases.
     pub fraction: f64,
     /// Tets of the triangulation so far, those outside of the object included.
     pub tets: u64,
@@ -81,9 +90,9 @@ impl From<Level> for lapd_log_level {
     }
 }
 
-/// Receives progress on the thread that called lapd_mesh_image. Returns 0 to go on, anything else
-/// to cancel the run. `progress` is valid during the call only. Must not throw, nor leave by
-/// longjmp; must not free the context.
+/// Receives progress on the thread that called lapd_mesh_image, or a function that reads an image.
+/// Returns 0 to go on, anything else to cancel the call. `progress` is valid during the call only.
+/// Must not throw, nor leave by longjmp; must not free the context.
 pub type lapd_progress_fn =
     Option<unsafe extern "C" fn(user: *mut c_void, progress: *const lapd_progress) -> i32>;
 
@@ -121,12 +130,13 @@ impl Callbacks {
 
     /// Whether to go on.
     pub fn report(&self, progress: Progress) -> bool {
+        let Progress { phase, fraction, tets } = progress;
+        self.report_of(phase.into(), fraction, tets)
+    }
+
+    fn report_of(&self, phase: lapd_phase, fraction: f64, tets: u64) -> bool {
         let Some(callback) = self.progress else { return true };
-        let progress = lapd_progress {
-            phase: lapd_phase::from(progress.phase) as i32,
-            fraction: progress.fraction,
-            tets: progress.tets,
-        };
+        let progress = lapd_progress { phase: phase as i32, fraction, tets };
         // SAFETY: whoever set the callback promised that it may be called so.
         unsafe { callback(self.progress_user, &raw const progress) == 0 }
     }
@@ -146,6 +156,30 @@ impl lapd_context {
 
     pub(super) fn callbacks(&self) -> Callbacks {
         *lock(&self.callbacks)
+    }
+
+    /// Calls `read` with `options` that have what the context lets files ask for, and with what is
+    /// to be told how much has been read: it reports to the callback and asks whether to go on.
+    pub(super) fn reading<T>(
+        &self,
+        mut options: ReadOptions,
+        read: impl FnOnce(&ReadOptions, &GoOn<'_>) -> Result<T>,
+    ) -> Outcome<T> {
+        // Relaxed: no other thread may use the context meanwhile.
+        let max_bytes = self.max_read_bytes.load(Ordering::Relaxed);
+        options.max_bytes = (max_bytes > 0).then_some(max_bytes);
+        options.allow_outside = self.allow_outside.load(Ordering::Relaxed);
+        let callbacks = self.callbacks();
+        let last = Cell::new(None::<Instant>);
+        let go_on = |part: f64| {
+            let mut stops = self.cancel.is_cancelled();
+            if !stops && last.get().is_none_or(|last| last.elapsed() >= INTERVAL) {
+                stops = !callbacks.report_of(lapd_phase::LAPD_PHASE_READ, part, 0);
+                last.set(Some(Instant::now()));
+            }
+            if stops { Err(Error::Cancelled) } else { Ok(()) }
+        };
+        Ok(read(&options, &go_on)?)
     }
 
     /// Marks the context as used by a run until the guard is dropped.
@@ -210,6 +244,8 @@ pub unsafe extern "C" fn lapd_context_create(context: *mut *mut lapd_context) ->
             running: AtomicBool::new(false),
             last_error: Mutex::default(),
             callbacks: Mutex::new(Callbacks::NONE),
+            max_read_bytes: AtomicU64::new(0),
+            allow_outside: AtomicBool::new(false),
         })));
         Ok(())
     })
@@ -244,7 +280,7 @@ pub unsafe extern "C" fn lapd_context_last_error(context: *const lapd_context) -
 }
 
 /// Sets the function that receives progress, and the pointer handed to it. A NULL `callback` means
-/// none. Takes effect with the next lapd_mesh_image.
+/// none. Takes effect with the next call that meshes or reads an image.
 ///
 /// The library keeps `user` but never looks at it; both must stay valid until replaced or the
 /// context is freed. No other thread may use the context meanwhile.
@@ -291,11 +327,56 @@ pub unsafe extern "C" fn lapd_context_set_log(
     }
 }
 
-/// Asks the run of this context to end, or the writing of a mesh with it; the call returns
-/// LAPD_ERROR_CANCELLED within 100 ms, as long as the run holds less than some 500 MB: the system
-/// takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk when a file is
-/// complete, comes on top. The calls that obey are lapd_mesh_image, lapd_mesh_write and
-/// lapd_mesh_write_timeline; all others, those that make or read an image too, run to their end.
+/// The most bytes that an image which is read with this context may take in memory; 0 for the
+/// default. A file that asks for more is refused before anything is allocated: few bytes of a
+/// compressed file can ask for a thousand times as many. By default that is 1000 times the file's
+/// own bytes, or 1 GiB where that is more, and never more than half of the machine's memory.
+///
+/// A label takes 2 bytes, an intensity or probability 4. No other thread may use the context
+/// meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_context_set_max_read_bytes(
+    context: *mut lapd_context,
+    bytes: u64,
+) -> lapd_status {
+    // SAFETY: the caller's promise.
+    unsafe {
+        with_context(context, |context| {
+            context.max_read_bytes.store(bytes, Ordering::Relaxed);
+            Ok(())
+        })
+    }
+}
+
+/// Whether headers that are read with this context may name a data file outside of their own
+/// folder: not 0 for yes. By default (0) they may not, links that lead outside included, so that a
+/// header from a stranger can't have other files read.
+///
+/// No other thread may use the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_context_set_allow_outside(
+    context: *mut lapd_context,
+    allow: i32,
+) -> lapd_status {
+    // SAFETY: the caller's promise.
+    unsafe {
+        with_context(context, |context| {
+            context.allow_outside.store(allow != 0, Ordering::Relaxed);
+            Ok(())
+        })
+    }
+}
+
+/// Asks the run of this context to end, or the reading or writing of a file with it; the call
+/// returns LAPD_ERROR_CANCELLED within 100 ms, as long as the run holds less than some 500 MB: the
+/// system takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk when a
+/// file is complete, comes on top. The calls that obey are lapd_mesh_image, those that read an
+/// image from files, lapd_mesh_write and lapd_mesh_write_timeline; all others, those that make an
+/// image from memory too, run to their end.
 /// The request stays until lapd_context_reset_cancel: without a call under way that obeys, the next
 /// one ends at once, so that no request is ever lost.
 ///

@@ -341,11 +341,13 @@ fn rows_to_matrix(rows: [f64; 9]) -> DMat3 {
 /// (lapd_image_get_warning).
 ///
 /// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
-/// this one. lapd_context_cancel does not end the call.
+/// this one. What files may ask for is limited: see lapd_context_set_max_read_bytes and
+/// lapd_context_set_allow_outside.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `world` is unknown, or no format
 /// has this ending; LAPD_ERROR_IO when the file cannot be read; LAPD_ERROR_FORMAT when it is not a
-/// valid image, is cut off, or uses what this version does not read; LAPD_ERROR_OUT_OF_MEMORY.
+/// valid image, is cut off, or uses what this version does not read; LAPD_ERROR_MEMORY_LIMIT when
+/// it asks for more memory than it may; LAPD_ERROR_CANCELLED; LAPD_ERROR_OUT_OF_MEMORY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_image_read(
     context: *mut lapd_context,
@@ -366,7 +368,7 @@ pub unsafe extern "C" fn lapd_image_read(
 ///   of the later layer of this order counts. NULL for the order of the file.
 ///
 /// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
-/// this one. lapd_context_cancel does not end the call.
+/// this one.
 ///
 /// Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT when `values` is unknown, when
 /// `layer_order` does not name each layer once or the file has no layers, and for
@@ -398,7 +400,8 @@ pub unsafe extern "C" fn lapd_image_read_labels(
                 Some(slice(layer_order, layer_count, "layer_order")?.to_vec())
             };
             let options = ReadOptions { values, layer_order, ..read_options(world)? };
-            let read = read_image_with(path, &options)?;
+            let read =
+                context.reading(options, |options, go_on| read_image_with(path, options, go_on))?;
             tell(context, &read.warnings);
             let image = handle(read.image, read.world, read.warnings);
             // What the caller will own, and nobody else knows yet.

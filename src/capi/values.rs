@@ -236,7 +236,7 @@ unsafe fn create_maps(
 /// to single precision. `path` and `world`, a lapd_world_frame, are as in lapd_image_read.
 ///
 /// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
-/// this one. lapd_context_cancel does not end the call.
+/// this one.
 ///
 /// Errors: those of lapd_image_read, and those of lapd_image_create_gray for isovalues and labels;
 /// LAPD_ERROR_FORMAT for an intensity that is not finite, and for more than one value per voxel.
@@ -258,7 +258,8 @@ pub unsafe extern "C" fn lapd_image_read_gray(
             let options = read_options(world)?;
             let isovalues = slice(isovalues, isovalue_count, "isovalues")?;
             let labels = optional_labels(labels, isovalue_count)?;
-            let read = read_gray(path, &options)?;
+            let read =
+                context.reading(options, |options, go_on| read_gray(path, options, go_on))?;
             let image = read.image.label_image(isovalues, labels)?;
             tell(context, &read.warnings);
             out.set(handle(image, read.world, read.warnings));
@@ -279,7 +280,7 @@ pub unsafe extern "C" fn lapd_image_read_gray(
 ///   ..., `label_count` is not read then.
 ///
 /// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
-/// this one. lapd_context_cancel does not end the call.
+/// this one.
 ///
 /// Errors: those of lapd_image_read; LAPD_ERROR_INVALID_ARGUMENT for no files, a label given twice,
 /// and not as many labels as volumes; LAPD_ERROR_FORMAT, naming the file, for files whose grids
@@ -311,7 +312,7 @@ pub unsafe extern "C" fn lapd_image_read_probabilities(
 /// them, as lapd_image_create_level_sets does.
 ///
 /// The caller owns `*image` and frees it with lapd_image_free. Any thread; callbacks are called on
-/// this one. lapd_context_cancel does not end the call.
+/// this one.
 ///
 /// Errors: those of lapd_image_read_probabilities, but for values out of a range.
 #[unsafe(no_mangle)]
@@ -360,7 +361,9 @@ unsafe fn read_files(
             let paths: Vec<&Path> = paths.into_iter().map(to_path).collect::<Outcome<_>>()?;
             let options = read_options(world)?;
             let labels = optional_labels(labels, label_count)?;
-            let mut read = read_maps(&paths, values, labels, &options)?;
+            let mut read = context.reading(options, |options, go_on| {
+                read_maps(&paths, values, labels, options, go_on)
+            })?;
             let image = likeliest(&read.image, &mut read.warnings)?;
             tell(context, &read.warnings);
             out.set(handle(image, read.world, read.warnings));

@@ -1,10 +1,12 @@
 //! The machine that the library runs on, and synthetic ones: the one place that asks the system
-//! about processors.
+//! about processors, memory, and what kind of file a name stands for.
 //!
 //! | file | what |
 //! |---|---|
 //! | `sysfs` | cores, caches and memory nodes as Linux tells them in `/sys` |
 //! | `hwloc` | the same by hwloc, and machines that it describes; the cargo feature `hwloc` |
+//! | [`files`] | files opened without waiting, and only below a folder |
+//! | [`memory`] | how much memory there is |
 //! | [`binding`] | the processors that a thread may use; threads bound to cores |
 //!
 //! hwloc knows more machines and systems than `/sys` does, and its descriptions, but it is a
@@ -23,8 +25,10 @@
 //! some file reads for each processor, or hwloc's discovery: milliseconds.
 
 pub mod binding;
+pub mod files;
 #[cfg(feature = "hwloc")]
 mod hwloc;
+pub mod memory;
 mod sysfs;
 
 use std::path::Path;

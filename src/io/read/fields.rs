@@ -95,23 +95,30 @@ impl Fields {
         ))
     }
 
+    /// An error about the last line that was read. It isn't quoted: the file may be any other.
+    pub(super) fn no_field(&self, read: Place, form: &str) -> Error {
+        self.error(format!("line {} of the header is not of the form '{form}'", read.lines))
+    }
+
     pub(super) fn error(&self, message: impl Into<String>) -> Error {
         Error::format(&self.path, message)
     }
-
-    /// The file that a header names, relative to the header's own place.
-    pub(super) fn sibling(&self, name: &str) -> PathBuf {
-        self.path.parent().unwrap_or(Path::new("")).join(name)
-    }
 }
 
-/// Next line of a text header without its line ending; `None` at the end of the file. `read` counts
-/// the header's bytes.
-pub(super) fn header_line(source: &mut Source, read: &mut u64) -> Result<Option<String>> {
+/// How much of a header has been read.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Place {
+    pub(super) bytes: u64,
+    lines: u64,
+}
+
+/// Next line of a text header without its line ending; `None` at the end of the file.
+pub(super) fn header_line(source: &mut Source, read: &mut Place) -> Result<Option<String>> {
     let mut line = Vec::new();
-    let n = source.read_line(MAX_HEADER.saturating_sub(*read), &mut line)? as u64;
-    *read += n;
-    if *read >= MAX_HEADER {
+    let n = source.read_line(MAX_HEADER.saturating_sub(read.bytes), &mut line)? as u64;
+    read.bytes += n;
+    read.lines += 1;
+    if read.bytes >= MAX_HEADER {
         return Err(source.error(format!("the header does not end within {MAX_HEADER} bytes")));
     }
     Ok((n > 0).then(|| String::from_utf8_lossy(&line).trim_end_matches(['\n', '\r']).to_owned()))

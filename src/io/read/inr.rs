@@ -6,8 +6,8 @@
 
 use std::path::Path;
 
-use super::fields::{Fields, excerpt, header_line};
-use super::source::Source;
+use super::fields::{Fields, Place, header_line};
+use super::source::{Access, Source};
 use super::voxels::{Coding, Layout, Scalar};
 use super::{Opened, Volumes, frame_from_parts};
 use crate::Result;
@@ -15,8 +15,8 @@ use crate::Result;
 /// The header is a multiple of this long.
 const BLOCK: u64 = 256;
 
-pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
-    let mut source = Source::open_maybe_gzip(path)?;
+pub(super) fn open<'a>(path: &Path, volumes: Volumes, access: Access<'a>) -> Result<Opened<'a>> {
+    let mut source = Source::open_maybe_gzip(path, access)?;
     let fields = read_header(&mut source)?;
     let mut warnings = Vec::new();
 
@@ -66,21 +66,19 @@ fn read_header(source: &mut Source) -> Result<Fields> {
         return Err(source.error("not an INR file: it does not begin with '#INRIMAGE-4#{'"));
     }
     let mut fields = Fields::new(source.path());
-    let mut read = 0;
+    let mut read = Place::default();
     header_line(source, &mut read)?;
     while let Some(line) = header_line(source, &mut read)? {
         let line = line.trim();
         if line == "##}" {
-            source.skip(read.next_multiple_of(BLOCK) - read, "header padding")?;
+            source.skip(read.bytes.next_multiple_of(BLOCK) - read.bytes, "header padding")?;
             return Ok(fields);
         }
         if line.is_empty() || line.starts_with('#') {
             continue;
         }
         let Some((name, value)) = line.split_once('=') else {
-            return Err(
-                fields.error(format!("header line '{}' is not 'NAME=value'", excerpt(line)))
-            );
+            return Err(fields.no_field(read, "NAME=value"));
         };
         fields.insert(name, value)?;
     }

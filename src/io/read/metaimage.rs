@@ -6,15 +6,15 @@
 
 use std::path::Path;
 
-use super::fields::{Fields, excerpt, header_line};
-use super::source::Source;
+use super::fields::{Fields, Place, header_line};
+use super::source::{Access, Source};
 use super::voxels::{Coding, Layout, Scalar};
 use super::{Opened, Volumes, frame_from_parts};
 use crate::Result;
 use crate::image::{Frame, WorldAxes};
 
-pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
-    let mut source = Source::open(path)?;
+pub(super) fn open<'a>(path: &Path, volumes: Volumes, access: Access<'a>) -> Result<Opened<'a>> {
+    let mut source = Source::open(path, access)?;
     let fields = read_header(&mut source)?;
     let mut warnings = Vec::new();
     if fields.get("ObjectType").is_some_and(|kind| !kind.eq_ignore_ascii_case("image")) {
@@ -33,7 +33,7 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
                 fields.refuse("ElementDataFile", "data split over several files is not supported")
             );
         }
-        source = Source::open(&fields.sibling(data_file))?;
+        source = source.open_data(data_file)?;
     }
     let header_size = fields.number::<i64>("HeaderSize")?.unwrap_or(0);
     if let Ok(skip @ 1..) = u64::try_from(header_size) {
@@ -59,16 +59,13 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
 /// Reads up to and including `ElementDataFile`, which ends the header.
 fn read_header(source: &mut Source) -> Result<Fields> {
     let mut fields = Fields::new(source.path());
-    let mut read = 0;
+    let mut read = Place::default();
     while let Some(line) = header_line(source, &mut read)? {
         if line.trim().is_empty() {
             continue;
         }
         let Some((name, value)) = line.split_once('=') else {
-            return Err(fields.error(format!(
-                "not a MetaImage: header line '{}' is not 'name = value'",
-                excerpt(&line)
-            )));
+            return Err(fields.no_field(read, "name = value"));
         };
         fields.insert(name, value)?;
         if name.trim().eq_ignore_ascii_case("ElementDataFile") {
@@ -298,7 +295,7 @@ mod tests {
             ("NDims = 3\nHeaderSize = -2", "HeaderSize"),
             ("NDims = 3\nHeaderSize = 13", "HeaderSize 13 lies past the end"),
             ("NDims = 3\nCompressedData = True", "damaged"),
-            ("nonsense", "not 'name = value'"),
+            ("nonsense", "line 4 of the header is not of the form 'name = value'"),
         ] {
             let message = read_bytes("a.mha", &mha(lines, &little())).unwrap_err();
             assert!(message.contains(expected), "{lines:?} gave {message:?}");

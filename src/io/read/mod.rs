@@ -13,8 +13,10 @@
 //! Files may be damaged or hostile. Whatever they hold, a reader gives the whole image or one
 //! error; it never panics, and memory stays in proportion to the file: sizes are multiplied with
 //! checks, a header that promises more than the file can hold even compressed (deflate reaches 1032
-//! to 1) is refused before anything is allocated, and voxels are read as a stream, so that only the
-//! dense ids, 2 bytes per voxel, are ever held.
+//! to 1), or more than [`ReadOptions::max_bytes`], is refused before anything is allocated, and
+//! voxels are read as a stream, so that only the dense ids, 2 bytes per voxel, are ever held. A
+//! detached header names a file below its own folder, or is refused
+//! ([`ReadOptions::allow_outside`]). No error quotes voxels that are no numbers.
 //!
 //! Labels are integers, or numbers with whole values; what is within 1e-3 of one is rounded with a
 //! warning, the rest where [`LabelValues::Rounded`] asks for it. [`values`] reads scans and
@@ -38,7 +40,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use segments::Segments;
-use source::Source;
+use source::{Access, Source};
 use voxels::{Layout, read_distinct, read_labels, read_layers};
 
 use crate::image::{Frame, LabelImage, WorldAxes};
@@ -66,6 +68,20 @@ pub struct ReadOptions {
     /// The layers of a segmentation, from 0 on, in the order in which they count: of segments that
     /// overlap, that of the later one. `None` for the order of the file.
     pub layer_order: Option<Vec<usize>>,
+    /// Detached headers may name data files that are not below the header's own folder, links that
+    /// lead outside included.
+    pub allow_outside: bool,
+    /// The most bytes that the image may take in memory. `None` for 1000 times the file's bytes, or
+    /// 1 GiB where that is more, and no more than half of the machine's memory.
+    pub max_bytes: Option<u64>,
+}
+
+impl ReadOptions {
+    /// What a file may do, of which reading is this part of the call's work.
+    fn access<'a>(&self, go_on: &'a GoOn<'a>, share: (f64, f64)) -> Access<'a> {
+        let &Self { allow_outside, max_bytes, .. } = self;
+        Access { go_on, allow_outside, max_bytes, share }
+    }
 }
 
 /// What becomes of numbers of a label image that are no whole ones, or too large for labels.
@@ -104,8 +120,12 @@ pub struct ReadImage {
 /// # Errors
 /// As [`read_image_with`].
 pub fn read_image(path: &Path) -> Result<ReadImage> {
-    read_image_with(path, &ReadOptions::default())
+    read_image_with(path, &ReadOptions::default(), &|_| Ok(()))
 }
+
+/// Is told how much of a call's work is done, 0 to 1, some thousand times a second; its error ends
+/// the call.
+pub type GoOn<'a> = dyn Fn(f64) -> Result<()> + 'a;
 
 /// Reads a label image. The file's name ending, in any case, chooses the format.
 ///
@@ -113,10 +133,12 @@ pub fn read_image(path: &Path) -> Result<ReadImage> {
 /// [`Error::InvalidArgument`]: no reader for this ending; an order of layers that is not one of
 /// this file's layers; [`LabelValues::Distinct`] of several layers. [`Error::Io`]: the file, or the
 /// data file that it names, cannot be opened or read. [`Error::Format`]: it is damaged, cut off, or
-/// uses what this library does not read. [`Error::OutOfMemory`].
-pub fn read_image_with(path: &Path, options: &ReadOptions) -> Result<ReadImage> {
+/// uses what this library does not read. [`Error::MemoryLimit`]: it asks for more memory than it
+/// may. [`Error::Cancelled`]; [`Error::OutOfMemory`].
+pub fn read_image_with(path: &Path, options: &ReadOptions, go_on: &GoOn<'_>) -> Result<ReadImage> {
+    let access = options.access(go_on, (0.0, 1.0));
     let Opened { mut source, layout, frame, world, segments, mut warnings } =
-        open(path, Volumes::One, options)?;
+        open(path, Volumes::One, options, access)?;
     let names = segments.as_ref().map(Segments::names_of_values).unwrap_or_default();
     let mut layers = segments.filter(|_| layout.volumes > 1);
     if let Some(order) = &options.layer_order {
@@ -179,9 +201,9 @@ enum Volumes {
 }
 
 /// A file whose header has been read.
-struct Opened {
+struct Opened<'a> {
     /// At the first voxel.
-    source: Source,
+    source: Source<'a>,
     layout: Layout,
     frame: Frame,
     world: Option<WorldAxes>,
@@ -191,7 +213,7 @@ struct Opened {
 }
 
 /// Reads the header of a file, up to the first voxel.
-type ReadHeader = fn(&Path, Volumes) -> Result<Opened>;
+type ReadHeader = for<'a> fn(&Path, Volumes, Access<'a>) -> Result<Opened<'a>>;
 
 /// Every ending that is known, in lower case.
 const ENDINGS: [(&str, ReadHeader); 8] = [
@@ -206,7 +228,12 @@ const ENDINGS: [(&str, ReadHeader); 8] = [
 ];
 
 /// Reads a header, and turns the frame as asked for.
-fn open(path: &Path, volumes: Volumes, options: &ReadOptions) -> Result<Opened> {
+fn open<'a>(
+    path: &Path,
+    volumes: Volumes,
+    options: &ReadOptions,
+    access: Access<'a>,
+) -> Result<Opened<'a>> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let Some((_, read_header)) = ENDINGS.iter().find(|(ending, _)| name.ends_with(ending)) else {
         return Err(Error::InvalidArgument(format!(
@@ -215,7 +242,7 @@ fn open(path: &Path, volumes: Volumes, options: &ReadOptions) -> Result<Opened> 
             ENDINGS.map(|(ending, _)| ending).join(" ")
         )));
     };
-    let mut opened = read_header(path, volumes)?;
+    let mut opened = read_header(path, volumes, access)?;
     let wanted = match options.world {
         WorldFrame::AsStored => return Ok(opened),
         WorldFrame::Lps => WorldAxes::Lps,
@@ -336,6 +363,7 @@ pub(crate) mod tests {
             read_image_with(
                 &files.write("a.NRRD", &tilted(space)),
                 &ReadOptions { world, ..ReadOptions::default() },
+                &|_| Ok(()),
             )
             .unwrap()
         };
@@ -374,5 +402,118 @@ pub(crate) mod tests {
         assert!(
             read_image(directory.path()).unwrap_err().to_string().contains("not a regular file")
         );
+    }
+
+    /// A MetaImage header of 4 voxels in another file.
+    fn header_of(data: &str) -> Vec<u8> {
+        format!("NDims = 3\nDimSize = 4 1 1\nElementType = MET_UCHAR\nElementDataFile = {data}\n")
+            .into_bytes()
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn headers_name_files_below_their_own_folder_only() {
+        use std::os::unix::fs::symlink;
+        let outer = tempfile::tempdir().unwrap();
+        let at = |name: &str| outer.path().join(name);
+        std::fs::create_dir_all(at("inner/deep")).unwrap();
+        for (name, text) in [("secret", "\x01\x02\x03\x04"), ("inner/deep/data", "\0\x01\x02\x03")]
+        {
+            std::fs::write(at(name), text).unwrap();
+        }
+        symlink(at("secret"), at("inner/link_out")).unwrap();
+        symlink("deep/data", at("inner/link_in")).unwrap();
+        symlink(outer.path(), at("inner/folder_out")).unwrap();
+        let read = |name: &str, allow_outside| {
+            std::fs::write(at("inner/a.mhd"), header_of(name)).unwrap();
+            let options = ReadOptions { allow_outside, ..ReadOptions::default() };
+            read_image_with(&at("inner/a.mhd"), &options, &|_| Ok(())).map_err(|e| e.to_string())
+        };
+        for inside in ["deep/data", "./deep/data", "link_in", "deep/../deep/data"] {
+            assert!(read(inside, false).is_ok(), "{inside}");
+        }
+        let absolute = at("inner/deep/data");
+        assert!(read(absolute.to_str().unwrap(), false).is_ok());
+        let secret = at("secret");
+        for outside in ["../secret", "link_out", "folder_out/secret", secret.to_str().unwrap()] {
+            let refused = read(outside, false).unwrap_err();
+            assert!(refused.contains("lies outside of the header's folder"), "{refused}");
+            assert!(refused.contains("--allow-outside"), "{refused}");
+            assert!(read(outside, true).is_ok(), "{outside}");
+        }
+        // What does not exist elsewhere is refused as what does.
+        for missing in ["/nonexistent/x", "../missing"] {
+            assert!(read(missing, false).unwrap_err().contains("lies outside"), "{missing}");
+        }
+        assert!(read("missing", false).unwrap_err().contains("No such file"));
+        let refused = read("deep", false).unwrap_err();
+        assert!(refused.contains("not a regular file"), "{refused}");
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_pipe_without_a_writer_is_refused_at_once() {
+        let files = Files::new();
+        let path = files.write("gone", b"").with_file_name("pipe.nii");
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        assert!(read_image(&path).unwrap_err().to_string().contains("not a regular file"));
+    }
+
+    /// Text instead of binary voxels: what is no number stays unsaid, as it may be of any file.
+    #[test]
+    fn errors_quote_no_voxels() {
+        let files = Files::new();
+        files.write("secret", b"root:x:0 is a secret");
+        let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 1 1\nencoding: text\n\
+                      data file: secret\n\n";
+        let refused = read_image(&files.write("a.nhdr", header.as_bytes())).unwrap_err();
+        let refused = refused.to_string();
+        assert!(refused.contains("voxel (0, 0, 0) is not a number"), "{refused}");
+        assert!(!refused.contains("root"), "{refused}");
+    }
+
+    #[test]
+    fn a_small_file_may_not_ask_for_much_memory() {
+        let files = Files::new();
+        let header =
+            "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 1000 1000 700\nencoding: gzip\n\n";
+        let mut file = header.as_bytes().to_vec();
+        // More bytes than zeros would take: the promise is one that deflate could keep.
+        file.resize(file.len() + 800_000, 1);
+        let path = files.write("a.nrrd", &file);
+        let error = read_image(&path).unwrap_err();
+        assert!(matches!(error, Error::MemoryLimit(_)), "{error}");
+        let error = error.to_string();
+        assert!(error.contains("takes 1400000000 bytes") && error.contains("--max-read-bytes"));
+        // With more allowed the file itself is the fault.
+        let options = ReadOptions { max_bytes: Some(2 << 30), ..ReadOptions::default() };
+        let error = read_image_with(&path, &options, &|_| Ok(())).unwrap_err();
+        assert!(matches!(error, Error::Format { .. }), "{error}");
+        // Scans take twice as much.
+        let small = b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 1 1\nencoding: raw\n\n\x01\x02";
+        let path = files.write("b.nrrd", small);
+        let options = ReadOptions { max_bytes: Some(4), ..ReadOptions::default() };
+        assert!(read_image_with(&path, &options, &|_| Ok(())).is_ok());
+        let error = values::read_gray(&path, &options, &|_| Ok(())).unwrap_err();
+        assert!(error.to_string().contains("takes 8 bytes"), "{error}");
+    }
+
+    #[test]
+    fn reading_tells_how_far_it_is_and_ends_where_it_is_told_to() {
+        let files = Files::new();
+        let header = b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 100 100 100\nencoding: raw\n\n";
+        let path = files.write("a.nrrd", &[&header[..], &[1; 1_000_000]].concat());
+        let parts = std::cell::RefCell::new(Vec::new());
+        let watch = |part| {
+            parts.borrow_mut().push(part);
+            Ok(())
+        };
+        read_image_with(&path, &ReadOptions::default(), &watch).unwrap();
+        let parts = parts.into_inner();
+        assert!(parts.len() > 10 && parts.is_sorted(), "{parts:?}");
+        assert!(parts[0] == 0.0 && parts[parts.len() - 1] > 0.9, "{parts:?}");
+        let stop = |part| if part > 0.5 { Err(Error::Cancelled) } else { Ok(()) };
+        let error = read_image_with(&path, &ReadOptions::default(), &stop).unwrap_err();
+        assert!(matches!(error, Error::Cancelled), "{error}");
     }
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::source::Source;
+use super::source::{Access, Source};
 use super::voxels::{Coding, Layout, Scalar};
 use super::{Opened, Volumes, frame_from_parts, frame_from_steps};
 use crate::image::{Frame, WorldAxes};
@@ -42,8 +42,8 @@ struct Header {
     sform: [[f64; 4]; 3],
 }
 
-pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
-    let mut source = Source::open_maybe_gzip(path)?;
+pub(super) fn open<'a>(path: &Path, volumes: Volumes, access: Access<'a>) -> Result<Opened<'a>> {
+    let mut source = Source::open_maybe_gzip(path, access)?;
     let header = Header::read(&mut source)?;
     let mut warnings = Vec::new();
     let (sizes, values) = header.sizes(&source, volumes)?;

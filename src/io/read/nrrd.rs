@@ -8,9 +8,9 @@
 
 use std::path::Path;
 
-use super::fields::{Fields, MAX_HEADER, excerpt, header_line};
+use super::fields::{Fields, MAX_HEADER, Place, excerpt, header_line};
 use super::segments::Segments;
-use super::source::Source;
+use super::source::{Access, Source};
 use super::voxels::{Coding, Layout, Scalar};
 use super::{Opened, Volumes, frame_from_parts, frame_from_steps};
 use crate::Result;
@@ -27,8 +27,8 @@ struct Axis {
     spacing: f64,
 }
 
-pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
-    let mut source = Source::open(path)?;
+pub(super) fn open<'a>(path: &Path, volumes: Volumes, access: Access<'a>) -> Result<Opened<'a>> {
+    let mut source = Source::open(path, access)?;
     let fields = read_header(&mut source)?;
     let mut warnings = Vec::new();
     let segments = Segments::of_header(&fields);
@@ -52,7 +52,7 @@ pub(super) fn open(path: &Path, volumes: Volumes) -> Result<Opened> {
     let layout = layout.with_volumes(&source, values, interleaved)?;
 
     let mut source = match data_file(&fields)? {
-        Some(name) => Source::open(&fields.sibling(name))?,
+        Some(name) => source.open_data(name)?,
         None => source,
     };
     skip_lines(&mut source, &fields)?;
@@ -78,7 +78,7 @@ fn read_header(source: &mut Source) -> Result<Fields> {
         return Err(source.error("not a NRRD file: it does not begin with 'NRRD'"));
     }
     let mut fields = Fields::new(source.path());
-    let mut read = 0;
+    let mut read = Place::default();
     header_line(source, &mut read)?;
     while let Some(line) = header_line(source, &mut read)? {
         if line.is_empty() {
@@ -95,9 +95,7 @@ fn read_header(source: &mut Source) -> Result<Fields> {
             continue;
         }
         let Some((name, value)) = line.split_once(':') else {
-            return Err(
-                fields.error(format!("header line '{}' is not 'field: value'", excerpt(&line)))
-            );
+            return Err(fields.no_field(read, "field: value"));
         };
         fields.insert(name, value)?;
         if fields.get("data file").is_some_and(|file| file.starts_with("LIST")) {
@@ -546,7 +544,10 @@ mod tests {
             (rest, "'dimension' is missing"),
             ("dimension: 2\nencoding: raw", "only volumes"),
             ("dimension: 3\ndimension: 3\nencoding: raw", "given twice"),
-            ("dimension: 3\nencoding raw", "not 'field: value'"),
+            (
+                "dimension: 3\nencoding raw",
+                "line 7 of the header is not of the form 'field: value'",
+            ),
             (
                 "dimension: 3\nspace directions: (1,0,0) (0,1,0)\nencoding: raw",
                 "2 axes, but dimension is 3",
@@ -595,7 +596,7 @@ mod tests {
         assert!(
             read_bytes("a.nrrd", &nrrd("dimension: 3\nencoding: text", b"1 2 3 4 5 6 7 x"))
                 .unwrap_err()
-                .contains("'x' is not")
+                .contains("voxel (1, 1, 1) is not a number")
         );
         assert!(
             read_bytes("a.nrrd", &nrrd("dimension: 3\nencoding: text", b"1 2 3 4 5 6 7 0.5"))

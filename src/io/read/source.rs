@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 
 use flate2::bufread::{GzDecoder, ZlibDecoder};
 
+use super::GoOn;
+use super::fields::excerpt;
+use crate::system::{files, memory};
 use crate::{Error, Result};
 
 /// Deflate codes at most 258 bytes in 2 bits (RFC 1951: a match of full length with one-bit codes):
@@ -16,20 +19,62 @@ const DEFLATE_RATIO: u64 = 1032;
 /// What is read past the voxels of a compressed stream to reach its checksum, at most.
 const MAX_EXCESS: u64 = 16 << 20;
 
-/// The members of a gzip file, one after the other. Zeros behind the last one, which tapes and
-/// disks leave, are ignored, as gzip does.
-struct Members {
-    /// `None` at the end.
-    member: Option<GzDecoder<Box<dyn BufRead>>>,
+/// What an image may take in memory unless the caller says otherwise: so many times the bytes of
+/// its file, or this much where that is more; never more than the machine's memory by this.
+const USUAL_RATIO: u64 = 1000;
+const USUAL_BYTES: u64 = 1 << 30;
+const USUAL_PART: u64 = 2;
+
+/// Bytes of a file that are read at once. Deflate makes a thousand times as many of them, and
+/// between two reads nobody asks whether to go on.
+const BLOCK: usize = 1 << 14;
+
+/// What a file may do, and who is told how far reading is.
+#[derive(Clone, Copy)]
+pub(super) struct Access<'a> {
+    /// Is told which part of the call's work is done; its error ends the call.
+    pub(super) go_on: &'a GoOn<'a>,
+    /// Headers may name files outside of their folder.
+    pub(super) allow_outside: bool,
+    /// The most bytes that the image may take in memory, if the caller says.
+    pub(super) max_bytes: Option<u64>,
+    /// Which part of the call's work the file is: from, and how much.
+    pub(super) share: (f64, f64),
 }
 
-impl Members {
-    fn new(stream: Box<dyn BufRead>) -> Self {
+/// A file that says how far it has been read.
+struct Watched<'a> {
+    file: File,
+    access: Access<'a>,
+    read: u64,
+    length: u64,
+}
+
+impl Read for Watched<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let (from, share) = self.access.share;
+        let part = from + share * (self.read as f64 / self.length as f64).min(1.0);
+        (self.access.go_on)(part).map_err(io::Error::other)?;
+        let count = self.file.read(buffer)?;
+        self.read += count as u64;
+        Ok(count)
+    }
+}
+
+/// The members of a gzip file, one after the other. Zeros behind the last one, which tapes and
+/// disks leave, are ignored, as gzip does.
+struct Members<'a> {
+    /// `None` at the end.
+    member: Option<GzDecoder<Box<dyn BufRead + 'a>>>,
+}
+
+impl<'a> Members<'a> {
+    fn new(stream: Box<dyn BufRead + 'a>) -> Self {
         Self { member: Some(GzDecoder::new(stream)) }
     }
 }
 
-impl Read for Members {
+impl Read for Members<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         while let Some(member) = &mut self.member {
             let count = member.read(buffer)?;
@@ -57,9 +102,12 @@ impl Read for Members {
 }
 
 /// A stream of bytes that knows its place.
-pub(super) struct Source {
+pub(super) struct Source<'a> {
     path: PathBuf,
-    stream: Box<dyn BufRead>,
+    access: Access<'a>,
+    stream: Box<dyn BufRead + 'a>,
+    /// Bytes of the file.
+    length: u64,
     /// Bytes consumed of this stream.
     position: u64,
     /// The stream's length if plain, an upper bound of it if compressed.
@@ -67,17 +115,16 @@ pub(super) struct Source {
     compressed: bool,
 }
 
-impl Source {
+impl<'a> Source<'a> {
     /// Opens a file as it is.
-    pub(super) fn open(path: &Path) -> Result<Self> {
-        let fail = |e| Error::io(path, e);
-        // Before opening: opening a pipe would wait for a writer.
-        let metadata = std::fs::metadata(path).map_err(fail)?;
+    pub(super) fn open(path: &Path, access: Access<'a>) -> Result<Self> {
+        let (file, metadata) = files::open_at_once(path).map_err(|e| Error::io(path, e))?;
         if !metadata.is_file() {
             return Err(Error::format(path, "not a regular file"));
         }
-        let mut stream = BufReader::with_capacity(1 << 16, File::open(path).map_err(fail)?);
-        let start = stream.fill_buf().map_err(fail)?;
+        let watched = Watched { file, access, read: 0, length: metadata.len() };
+        let mut stream = BufReader::with_capacity(BLOCK, watched);
+        let start = stream.fill_buf().map_err(|e| failure(path, e))?;
         if start.is_empty() {
             return Err(Error::format(path, "the file is empty"));
         }
@@ -89,16 +136,38 @@ impl Source {
         }
         Ok(Self {
             path: path.to_owned(),
+            access,
             stream: Box::new(stream),
+            length: metadata.len(),
             position: 0,
             bound: metadata.len(),
             compressed: false,
         })
     }
 
+    /// Opens the data file that the header in `self` names: one below the header's own folder,
+    /// unless the caller allows others.
+    pub(super) fn open_data(&self, name: &str) -> Result<Self> {
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let path = folder.join(name);
+        if self.access.allow_outside {
+            return Self::open(&path, self.access);
+        }
+        match files::real_path_below(folder, Path::new(name)) {
+            // By the real path: a link that is put in its place now is not followed.
+            Ok(Some(real)) => Self::open(&real, self.access).map(|source| Self { path, ..source }),
+            Ok(None) => Err(self.error(format!(
+                "the data file '{}' lies outside of the header's folder; --allow-outside \
+                 (lapd_context_set_allow_outside) reads it",
+                excerpt(name)
+            ))),
+            Err(e) => Err(Error::io(&path, e)),
+        }
+    }
+
     /// Opens a file and decompresses it if it is a gzip file, whatever its name says.
-    pub(super) fn open_maybe_gzip(path: &Path) -> Result<Self> {
-        let mut source = Self::open(path)?;
+    pub(super) fn open_maybe_gzip(path: &Path, access: Access<'a>) -> Result<Self> {
+        let mut source = Self::open(path, access)?;
         Ok(if source.starts_with(&[0x1f, 0x8b])? { source.gunzip() } else { source })
     }
 
@@ -125,9 +194,31 @@ impl Source {
         })
     }
 
-    fn decompressed(self, decoder: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
+    fn decompressed(
+        self,
+        decoder: impl FnOnce(Box<dyn BufRead + 'a>) -> Box<dyn BufRead + 'a>,
+    ) -> Self {
         let bound = self.remaining().saturating_mul(DEFLATE_RATIO);
-        Self { path: self.path, stream: decoder(self.stream), position: 0, bound, compressed: true }
+        Self { stream: decoder(self.stream), position: 0, bound, compressed: true, ..self }
+    }
+
+    /// Refuses an image that would take so many bytes in memory, where that is more than a file
+    /// may ask for.
+    pub(super) fn check_memory(&self, bytes: u64) -> Result<()> {
+        let usual = || {
+            let of_file = self.length.saturating_mul(USUAL_RATIO).max(USUAL_BYTES);
+            memory::total().map_or(of_file, |total| of_file.min(total / USUAL_PART))
+        };
+        let max = self.access.max_bytes.unwrap_or_else(usual);
+        if bytes <= max {
+            return Ok(());
+        }
+        Err(Error::MemoryLimit(format!(
+            "{}: the image takes {bytes} bytes in memory, and this file of {} bytes may ask for \
+             {max}; --max-read-bytes (lapd_context_set_max_read_bytes) sets how much it may",
+            self.path.display(),
+            self.length
+        )))
     }
 
     /// The file, for errors.
@@ -159,7 +250,7 @@ impl Source {
             ErrorKind::InvalidInput | ErrorKind::InvalidData if self.compressed => {
                 self.error(format!("the compressed data is damaged ({e})"))
             }
-            _ => Error::io(&self.path, e),
+            _ => failure(&self.path, e),
         }
     }
 
@@ -254,4 +345,9 @@ impl Source {
         io::copy(&mut self.stream.by_ref().take(MAX_EXCESS), &mut io::sink())
             .map_err(|e| self.failure(e))
     }
+}
+
+/// A failure of the system to read, or what ends the call.
+fn failure(path: &Path, error: io::Error) -> Error {
+    error.downcast::<Error>().unwrap_or_else(|error| Error::io(path, error))
 }

@@ -8,8 +8,9 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use super::source::Access;
 use super::voxels::read_values;
-use super::{Opened, ReadOptions, Volumes, open};
+use super::{GoOn, Opened, ReadOptions, Volumes, open};
 use crate::image::{Frame, GrayImage, MapValues, ProbabilityImage, WorldAxes};
 use crate::{Error, Result};
 
@@ -32,8 +33,9 @@ pub struct Read<T> {
 /// # Errors
 /// Those of [`super::read_image_with`]; [`Error::Format`] for a file of several volumes, and for an
 /// intensity that is not finite.
-pub fn read_gray(path: &Path, options: &ReadOptions) -> Result<Read<GrayImage>> {
-    let Stack { dims, frame, mut volumes, world, warnings } = Stack::read(path, options)?;
+pub fn read_gray(path: &Path, options: &ReadOptions, go_on: &GoOn<'_>) -> Result<Read<GrayImage>> {
+    let access = options.access(go_on, (0.0, 1.0));
+    let Stack { dims, frame, mut volumes, world, warnings } = Stack::read(path, options, access)?;
     if volumes.len() != 1 {
         return Err(Error::format(
             path,
@@ -55,8 +57,9 @@ pub fn read_probabilities(
     paths: &[&Path],
     labels: Option<&[i32]>,
     options: &ReadOptions,
+    go_on: &GoOn<'_>,
 ) -> Result<Read<ProbabilityImage>> {
-    read_maps(paths, MapValues::Probabilities, labels, options)
+    read_maps(paths, MapValues::Probabilities, labels, options, go_on)
 }
 
 /// As [`read_probabilities`], maps whose values are those of `values`.
@@ -68,15 +71,18 @@ pub fn read_maps(
     values: MapValues,
     labels: Option<&[i32]>,
     options: &ReadOptions,
+    go_on: &GoOn<'_>,
 ) -> Result<Read<ProbabilityImage>> {
     let Some((first, others)) = paths.split_first() else {
         return Err(Error::InvalidArgument("no file of probability maps is given".into()));
     };
-    let mut all = Stack::read(first, options)?;
+    let share = 1.0 / paths.len() as f64;
+    let mut all = Stack::read(first, options, options.access(go_on, (0.0, share)))?;
     // The file of each map.
     let mut files = vec![*first; all.volumes.len()];
-    for path in others {
-        let stack = Stack::read(path, options)?;
+    for (path, nth) in others.iter().zip(1..) {
+        let access = options.access(go_on, (share * f64::from(nth), share));
+        let stack = Stack::read(path, options, access)?;
         if stack.dims != all.dims {
             return Err(Error::format(
                 path,
@@ -133,9 +139,9 @@ struct Stack {
 }
 
 impl Stack {
-    fn read(path: &Path, options: &ReadOptions) -> Result<Self> {
+    fn read(path: &Path, options: &ReadOptions, access: Access<'_>) -> Result<Self> {
         let Opened { mut source, layout, frame, world, mut warnings, .. } =
-            open(path, Volumes::Many, options)?;
+            open(path, Volumes::Many, options, access)?;
         let volumes = read_values(&mut source, &layout, &mut warnings)?;
         Ok(Self { dims: layout.dims, frame, volumes, world, warnings })
     }
@@ -232,19 +238,26 @@ mod tests {
         ]
     }
 
+    fn stack(path: &Path) -> Result<Stack> {
+        let options = ReadOptions::default();
+        Stack::read(path, &options, options.access(&|_| Ok(()), (0.0, 1.0)))
+    }
+
     #[test]
     fn volumes_of_every_format_and_order() {
         let files = Files::new();
         for (name, file) in stacks() {
             let path = files.write(name, &file);
-            let stack = Stack::read(&path, &ReadOptions::default()).unwrap();
+            let stack = stack(&path).unwrap();
             let head = String::from_utf8_lossy(&file[..file.len() - 48]).into_owned();
             assert_eq!((stack.dims, stack.volumes.len()), ([3, 2, 1], 2), "{head}");
             assert_eq!(stack.volumes.concat(), VALUES, "{head}");
             let read =
-                read_probabilities(&[&path], Some(&[4, 0]), &ReadOptions::default()).unwrap();
+                read_probabilities(&[&path], Some(&[4, 0]), &ReadOptions::default(), &|_| Ok(()))
+                    .unwrap();
             assert_eq!(read.image.label_image().unwrap().label_at([1, 0, 0]), Some(4));
-            let message = read_gray(&path, &ReadOptions::default()).unwrap_err().to_string();
+            let message =
+                read_gray(&path, &ReadOptions::default(), &|_| Ok(())).unwrap_err().to_string();
             assert!(message.ends_with("2 values per voxel, a gray image has one"), "{message}");
             assert!(super::super::read_image(&path).is_err(), "labels of {head}");
         }
@@ -263,15 +276,15 @@ mod tests {
         let files = Files::new();
         let options = ReadOptions::default();
         let good = text(&files, "good.nrrd", "", "0.5 1");
-        assert_eq!(read_gray(&good, &options).unwrap().image.voxels(), [0.5, 1.0]);
+        assert_eq!(read_gray(&good, &options, &|_| Ok(())).unwrap().image.voxels(), [0.5, 1.0]);
         let nan = text(&files, "nan.nrrd", "", "0.5 nan");
-        let message = read_gray(&nan, &options).unwrap_err().to_string();
+        let message = read_gray(&nan, &options, &|_| Ok(())).unwrap_err().to_string();
         assert!(
             message.ends_with("nan.nrrd: intensity of voxel [1, 0, 0] is NaN; it must be finite"),
             "{message}"
         );
         let message = |paths: &[&Path], labels: Option<&[i32]>| {
-            read_probabilities(paths, labels, &options).unwrap_err().to_string()
+            read_probabilities(paths, labels, &options, &|_| Ok(())).unwrap_err().to_string()
         };
         assert_eq!(message(&[], None), "no file of probability maps is given");
         assert_eq!(
@@ -288,7 +301,7 @@ mod tests {
         );
         let invalid = |paths: &[&Path], labels: &[i32]| {
             matches!(
-                read_probabilities(paths, Some(labels), &options),
+                read_probabilities(paths, Some(labels), &options, &|_| Ok(())),
                 Err(Error::InvalidArgument(_))
             )
         };
@@ -301,7 +314,8 @@ mod tests {
         let high = text(&files, "high.nrrd", "", "0.5 2");
         for bad in [&nan, &high] {
             let error =
-                read_probabilities(&[&good, bad, &good], Some(&[1, 12, 2]), &options).unwrap_err();
+                read_probabilities(&[&good, bad, &good], Some(&[1, 12, 2]), &options, &|_| Ok(()))
+                    .unwrap_err();
             let named = error
                 .to_string()
                 .starts_with(&format!("{}: the probability of label 12 of", bad.display()));
@@ -318,7 +332,7 @@ mod tests {
         };
         let (lps, ras) = (tilted("lps.nrrd", "LPS"), tilted("ras.nrrd", "RAS"));
         assert!(message(&[&lps, &ras], None).ends_with("lps.nrrd are LPS: ask for one frame"));
-        let known = read_probabilities(&[&good, &ras], None, &options).unwrap();
+        let known = read_probabilities(&[&good, &ras], None, &options, &|_| Ok(())).unwrap();
         assert_eq!(known.world, Some(WorldAxes::Ras));
         let larger = files.write(
             "larger.nrrd",
@@ -336,7 +350,7 @@ mod tests {
         let (_, mut nifti) = stacks().pop().unwrap();
         nifti[112..116].copy_from_slice(&2.0_f32.to_le_bytes());
         nifti[116..120].copy_from_slice(&(-1.0_f32).to_le_bytes());
-        let stack = Stack::read(&files.write("a.nii", &nifti), &ReadOptions::default()).unwrap();
+        let stack = stack(&files.write("a.nii", &nifti)).unwrap();
         assert_eq!(stack.volumes.concat(), VALUES.map(|v| 2.0 * v - 1.0));
     }
 }

@@ -3,7 +3,6 @@
 
 use super::LabelValues;
 use super::distinct::{Distinct, Number, told};
-use super::fields::excerpt;
 use super::segments::{Finished, Segments};
 use super::source::Source;
 use crate::image::{Frame, LabelBuilder, LabelImage, voxel_count};
@@ -127,6 +126,10 @@ impl Layout {
         self.dims.iter().product::<usize>() * self.volumes
     }
 
+    fn voxels(&self) -> u64 {
+        self.dims.iter().product::<usize>() as u64
+    }
+
     /// Bytes that the numbers take in the stream; for text, the least they can take.
     pub(super) fn bytes(&self) -> u64 {
         match self.coding {
@@ -174,7 +177,7 @@ pub(super) fn read_distinct(
     frame: Frame,
     warnings: &mut Vec<String>,
 ) -> Result<(LabelImage, Vec<String>)> {
-    let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
+    let mut builder = LabelBuilder::new(layout.dims, trusted_labels(source, layout)?)?;
     let (mut distinct, mut numbers) = (Distinct::default(), Vec::new());
     read_numbers(
         source,
@@ -207,7 +210,7 @@ pub(super) fn read_labels(
     values: LabelValues,
     warnings: &mut Vec<String>,
 ) -> Result<LabelImage> {
-    let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
+    let mut builder = LabelBuilder::new(layout.dims, trusted_labels(source, layout)?)?;
     read_whole(source, layout, values, warnings, |source, labels| {
         builder.push(labels).map_err(|e| of_source(source, e))
     })?;
@@ -224,7 +227,7 @@ pub(super) fn read_layers(
     mut segments: Segments,
     warnings: &mut Vec<String>,
 ) -> Result<(LabelImage, Vec<(i32, String)>)> {
-    let mut builder = LabelBuilder::new(layout.dims, trusted(source, layout)?)?;
+    let mut builder = LabelBuilder::new(layout.dims, trusted_labels(source, layout)?)?;
     // Values of a voxel whose others are still to come; numbers of segments of whole voxels.
     let (mut waiting, mut numbers) = (Vec::new(), Vec::new());
     read_whole(source, layout, values, warnings, |source, values| {
@@ -279,7 +282,11 @@ pub(super) fn read_values(
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Vec<f32>>> {
     const WHAT: &str = "values of an image";
-    let mut values: Vec<f32> = room(trusted(source, layout)?.min(layout.numbers()), WHAT)?;
+    let trusted = trusted(source, layout)?.min(layout.numbers());
+    // Volumes are parted at the end, which takes as much again.
+    let copies = if layout.volumes > 1 { 2 } else { 1 };
+    source.check_memory(copies * layout.numbers() as u64 * size_of::<f32>() as u64)?;
+    let mut values: Vec<f32> = room(trusted, WHAT)?;
     read_numbers(source, layout, warnings, &mut Rounding::default(), |_, more: &[f32]| {
         reserve(&mut values, more.len(), WHAT)?;
         values.extend_from_slice(more);
@@ -324,6 +331,16 @@ fn trusted(source: &Source, layout: &Layout) -> Result<usize> {
     }
     let file_bytes = if source.is_compressed() { held / 1032 } else { held };
     Ok(usize::try_from(file_bytes.saturating_mul(TRUSTED_RATIO)).unwrap_or(usize::MAX))
+}
+
+/// As [`trusted`], for labels.
+///
+/// # Errors
+/// Also [`Error::MemoryLimit`] when these may not take so much memory.
+fn trusted_labels(source: &Source, layout: &Layout) -> Result<usize> {
+    let trusted = trusted(source, layout)?;
+    source.check_memory(layout.voxels() * size_of::<u16>() as u64)?;
+    Ok(trusted)
 }
 
 /// Hands the numbers over, chunk by chunk in their order, and reads whatever follows them. Warns
@@ -597,10 +614,7 @@ fn read_text<V: Value>(
         for byte in bytes[..filled].iter().copied().chain(end) {
             if !byte.is_ascii_whitespace() {
                 if word.len() == MAX_WORD {
-                    return Err(source.error(format!(
-                        "'{}' is not a number",
-                        excerpt(&String::from_utf8_lossy(&word))
-                    )));
+                    return Err(no_number(source, layout, done + values.len()));
                 }
                 word.push(byte);
                 continue;
@@ -631,6 +645,11 @@ fn read_text<V: Value>(
     Ok(())
 }
 
+/// What is no number is not quoted: a header may have named any file.
+fn no_number(source: &Source, layout: &Layout, voxel: usize) -> Error {
+    source.error(format!("{} is not a number", place_of(layout, voxel)))
+}
+
 fn value_of_word<V: Value>(
     source: &Source,
     layout: &Layout,
@@ -638,8 +657,7 @@ fn value_of_word<V: Value>(
     word: &[u8],
     rounding: &mut Rounding,
 ) -> Result<V> {
-    let text = String::from_utf8_lossy(word);
-    let value: f64 =
-        text.parse().map_err(|_| source.error(format!("'{}' is not a number", excerpt(&text))))?;
+    let text = std::str::from_utf8(word).unwrap_or_default();
+    let value: f64 = text.parse().map_err(|_| no_number(source, layout, voxel))?;
     V::plain(value, voxel, rounding).ok_or_else(|| bad_voxel(source, layout, voxel, value))
 }
