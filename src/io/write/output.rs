@@ -3,6 +3,7 @@
 use std::fs;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use tempfile::NamedTempFile;
 
@@ -10,6 +11,28 @@ use crate::monitor::CancelFlag;
 use crate::{Error, Result};
 
 const BUFFER: usize = 1 << 20;
+
+/// Names of temporary files.
+const PREFIX: &str = ".lapd-";
+const SUFFIX: &str = ".tmp";
+
+/// Temporary files that nobody has written to for so long are left over from a process that was
+/// killed.
+const OLD: Duration = Duration::from_secs(24 * 60 * 60);
+
+/// Removes temporary files of killed processes from a folder. What cannot be removed stays.
+fn remove_old(folder: &Path) {
+    let is_old = |entry: &fs::DirEntry| {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let metadata = entry.metadata().ok().filter(|metadata| metadata.is_file());
+        let age = metadata.and_then(|metadata| metadata.modified().ok()?.elapsed().ok());
+        age.is_some_and(|age| age > OLD) && name.starts_with(PREFIX) && name.ends_with(SUFFIX)
+    };
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten().filter(is_old) {
+        let _ = fs::remove_file(entry.path());
+    }
+}
 
 /// A temporary file in the folder of its target. Dropped before [`Output::commit`], it is removed.
 pub(crate) struct Output<'a> {
@@ -32,9 +55,11 @@ impl<'a> Output<'a> {
             Some(folder) if folder != Path::new("") => folder,
             _ => Path::new("."),
         };
+        remove_old(folder);
         let mut builder = tempfile::Builder::new();
-        builder.prefix(".lapd-").suffix(".tmp");
-        // Temporary files are private by default; a mesh gets what the user's umask says.
+        builder.prefix(PREFIX).suffix(SUFFIX);
+        // Temporary files are private by default; a new mesh gets what the user's umask says, one
+        // that replaces another what that had (see `commit`).
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         // The error of the builder names the temporary file, which tells a user nothing; the kind
@@ -74,8 +99,12 @@ impl<'a> Output<'a> {
         let mut ready = Vec::with_capacity(outputs.len());
         for Self { mut writer, target, .. } in outputs {
             let synced = writer.flush().and_then(|()| writer.get_ref().as_file().sync_data());
-            let file =
-                synced.and_then(|()| writer.into_inner().map_err(|error| error.into_error()));
+            // The mode of a file that is replaced.
+            let kept = synced.and_then(|()| match fs::metadata(&target) {
+                Ok(old) => writer.get_ref().as_file().set_permissions(old.permissions()),
+                Err(_) => Ok(()),
+            });
+            let file = kept.and_then(|()| writer.into_inner().map_err(|error| error.into_error()));
             ready.push((file.map_err(|error| Error::io(&target, error))?, target));
         }
         for (file, target) in ready {
@@ -174,6 +203,36 @@ mod tests {
         );
         let error = Output::create(folder.path()).err().unwrap().to_string();
         assert!(error.ends_with("exists and is no regular file"), "{error}");
+    }
+
+    #[test]
+    fn what_a_killed_process_left_is_removed_a_day_later() {
+        let folder = tempfile::tempdir().unwrap();
+        let names_and_ages = [(".lapd-old.tmp", 25), (".lapd-new.tmp", 23), ("other.tmp", 99)];
+        for (name, hours) in names_and_ages {
+            let file = fs::File::create(folder.path().join(name)).unwrap();
+            let age = Duration::from_secs(60 * 60 * hours);
+            file.set_modified(std::time::SystemTime::now() - age).unwrap();
+        }
+        Output::commit(vec![Output::create(&folder.path().join("a.vtu")).unwrap()]).unwrap();
+        assert_eq!(names(folder.path()), [".lapd-new.tmp", "a.vtu", "other.tmp"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_file_that_is_replaced_keeps_its_mode() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vtu");
+        fs::write(&path, "old").unwrap();
+        for mode in [0o600, 0o664, 0o444] {
+            fs::set_permissions(&path, PermissionsExt::from_mode(mode)).unwrap();
+            let mut output = Output::create(&path).unwrap();
+            output.write_all(b"new").unwrap();
+            Output::commit(vec![output]).unwrap();
+            assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, mode);
+            assert_eq!(fs::read(&path).unwrap(), b"new");
+        }
     }
 
     #[cfg(unix)]
