@@ -1,6 +1,8 @@
 //! What a run is asked for: sizes, quality bounds, the surface model. All lengths are in the
 //! image's world units (mm for medical images).
 
+use std::collections::BTreeMap;
+
 use crate::parallel::machine::Machine;
 pub use crate::parallel::policy::{Begging, Contention};
 use crate::{Error, Result};
@@ -81,7 +83,7 @@ pub struct MeshParams {
     /// Upper bound on the circumradius of tets, where no label has its own; > 0.
     pub size: f64,
     /// Bounds for single labels (after merging), overriding `size`.
-    pub label_sizes: Vec<(i32, f64)>,
+    pub label_sizes: BTreeMap<i32, f64>,
     /// Upper bound on circumradius over shortest edge; at least 2 (below, Delaunay refinement need
     /// not end).
     pub radius_edge: f64,
@@ -109,7 +111,7 @@ pub struct MeshParams {
     pub border: ImageBorder,
     /// Before all else the first label of each pair becomes the second, all at once. Label 0 may be
     /// either.
-    pub merge: Vec<(i32, i32)>,
+    pub merge: BTreeMap<i32, i32>,
     /// The label, after merging, that counts as background; it becomes 0. Where it is another than
     /// 0, no voxel may have label 0.
     pub background_label: i32,
@@ -160,7 +162,7 @@ impl Default for MeshParams {
             spacing_floor: 0.5,
             min_voxels: 0,
             size: 2.0,
-            label_sizes: Vec::new(),
+            label_sizes: BTreeMap::new(),
             radius_edge: 2.0,
             facet_angle: 30.0,
             improve: Improve::Full,
@@ -170,7 +172,7 @@ impl Default for MeshParams {
             surface: SurfaceModel::Smooth,
             sigma: 0.0,
             border: ImageBorder::Flat,
-            merge: Vec::new(),
+            merge: BTreeMap::new(),
             background_label: 0,
             keep: Vec::new(),
             background: false,
@@ -196,21 +198,32 @@ impl MeshParams {
     /// # Errors
     /// [`Error::InvalidArgument`] or [`Error::Unsupported`], naming the parameter and its value.
     pub fn validate(&self) -> Result<()> {
-        let positive = |name: &str, value: f64| {
-            if value.is_finite() && value > 0.0 {
-                Ok(())
-            } else {
-                Err(Error::InvalidArgument(format!(
-                    "{name} must be a finite number above 0, got {value}"
-                )))
-            }
-        };
         positive("delta", self.delta)?;
         positive("spacing floor", self.spacing_floor)?;
         positive("size", self.size)?;
-        for &(label, size) in &self.label_sizes {
-            positive(&format!("size of label {label}"), size)?;
-        }
+/// # Errors
+/// [`Error::InvalidArgument`], naming the parameter and its value.
+fn positive(name: &str, value: f64) -> Result<()> {
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        Err(Error::InvalidArgument(format!("{name} must be a finite number above 0, got {value}")))
+    }
+}
+
+/// Checks the range of a single label's size.
+///
+/// # Errors
+/// [`Error::InvalidArgument`], naming the label and the size.
+pub fn check_label_size(label: i32, size: f64) -> Result<()> {
+    // Named where it is wrong only: there may be many of them.
+    if size.is_finite() && size > 0.0 {
+        return Ok(());
+    }
+    positive(&format!("size of label {label}"), size)
+}
+
+        self.label_sizes.iter().try_for_each(|(&label, &size)| check_label_size(label, size))?;
         if !(self.radius_edge.is_finite() && self.radius_edge >= 2.0) {
             return Err(Error::InvalidArgument(format!(
                 "radius-edge bound must be at least 2, got {}",

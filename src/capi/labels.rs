@@ -2,7 +2,7 @@
 
 use super::boundary::{Failure, Out, borrow, slice, status_of};
 use super::context::lapd_context;
-use super::params::{change, lapd_params, read};
+use super::params::{change, edit, lapd_params, read};
 use super::status::lapd_status;
 use crate::params::MeshParams;
 
@@ -23,16 +23,12 @@ pub unsafe extern "C" fn lapd_params_set_merge(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        change(context, params, |p| {
+        edit(context, params, |p| {
             let labels = slice(labels, count, "labels")?;
             if labels.is_empty() {
                 return Err(Failure::invalid(format!("there are no labels to become {target}")));
             }
-            p.merge.retain(|(known, _)| !labels.contains(known));
-            let mut merged = labels.to_vec();
-            merged.sort_unstable();
-            merged.dedup();
-            p.merge.extend(merged.into_iter().map(|label| (label, target)));
+            p.merge.extend(labels.iter().map(|&label| (label, target)));
             Ok(())
         })
     }
@@ -48,9 +44,7 @@ pub unsafe extern "C" fn lapd_params_get_merge(
     label: i32,
     target: *mut i32,
 ) -> lapd_status {
-    let merged = |p: &MeshParams| {
-        p.merge.iter().find(|&&(known, _)| known == label).map_or(label, |&(_, to)| to)
-    };
+    let merged = |p: &MeshParams| p.merge.get(&label).copied().unwrap_or(label);
     // SAFETY: see the module's head.
     unsafe { read(params, target, "target", merged) }
 }
@@ -66,7 +60,7 @@ pub unsafe extern "C" fn lapd_params_clear_merge(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        change(context, params, |p| {
+        edit(context, params, |p| {
             p.merge.clear();
             Ok(())
         })

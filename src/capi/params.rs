@@ -9,7 +9,7 @@ use std::ffi::CString;
 use super::boundary::{Failure, Out, Outcome, borrow, borrow_mut, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::status::lapd_status;
-use crate::params::{Algorithm, ImageBorder, Improve, MeshParams, SurfaceModel};
+use crate::params::{Algorithm, ImageBorder, Improve, MeshParams, SurfaceModel, check_label_size};
 
 /// Parameters of a run, with defaults for all. Not to be changed while another thread uses them; a
 /// run takes a copy.
@@ -77,6 +77,20 @@ pub(super) fn flag(number: i32, argument: &str) -> Outcome<bool> {
         1 => Ok(true),
         _ => Err(unknown(argument, "0 or 1", number)),
     }
+}
+
+/// Makes a change in place: one that leaves all as it was where it fails, and all valid where it
+/// does not. Of single labels there may be many: no time may be spent on all for each of them.
+///
+/// # Safety
+/// See the module's head.
+pub(super) unsafe fn edit(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    edit: impl FnOnce(&mut MeshParams) -> Outcome<()>,
+) -> lapd_status {
+    // SAFETY: passed on to the caller.
+    unsafe { with_context(context, |_| edit(&mut borrow_mut(params, "params")?.params)) }
 }
 
 /// Applies a change if the result is valid.
@@ -226,9 +240,9 @@ pub unsafe extern "C" fn lapd_params_set_label_size(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        change(context, params, |p| {
-            p.label_sizes.retain(|&(known, _)| known != label);
-            p.label_sizes.push((label, size));
+        edit(context, params, |p| {
+            check_label_size(label, size)?;
+            p.label_sizes.insert(label, size);
             Ok(())
         })
     }
@@ -244,9 +258,7 @@ pub unsafe extern "C" fn lapd_params_get_label_size(
     label: i32,
     size: *mut f64,
 ) -> lapd_status {
-    let size_of_label = |p: &MeshParams| {
-        p.label_sizes.iter().find(|&&(known, _)| known == label).map_or(p.size, |&(_, s)| s)
-    };
+    let size_of_label = |p: &MeshParams| p.label_sizes.get(&label).copied().unwrap_or(p.size);
     // SAFETY: see the module's head.
     unsafe { read(params, size, "size", size_of_label) }
 }
@@ -261,7 +273,7 @@ pub unsafe extern "C" fn lapd_params_clear_label_sizes(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        change(context, params, |p| {
+        edit(context, params, |p| {
             p.label_sizes.clear();
             Ok(())
         })

@@ -164,7 +164,7 @@ mod tests {
         let merged = image
             .label_image(&[1.2, 2.0, 3.0], None)
             .unwrap()
-            .merged(&[(1, 3), (0, 8)], 0)
+            .merged(&[(1, 3), (0, 8)].into(), 0)
             .unwrap();
         assert_eq!(labels_of(&merged), [8, 8, 3, 2, 3]);
         assert_eq!(labels_of(&merged.restricted_to(&[2]).unwrap()), [0, 0, 0, 2, 0]);

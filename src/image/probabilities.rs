@@ -234,7 +234,7 @@ mod tests {
         assert_eq!(labels_of(&labelled)[1..], [7, -2]);
         assert_eq!(image.nowhere_likeliest(&labelled), [3]);
         // Merged labels have the sum of their probabilities.
-        let merged = labelled.merged(&[(7, 5), (-2, 5)], 0).unwrap();
+        let merged = labelled.merged(&[(7, 5), (-2, 5)].into(), 0).unwrap();
         assert_eq!(labels_of(&merged), [5, 5, 5]);
         // Labels that are not kept are background: 0.3 against 0.7, 0.6 against 0.4.
         assert_eq!(labels_of(&labelled.restricted_to(&[7]).unwrap()), [0, 7, 0]);
@@ -278,7 +278,7 @@ mod tests {
         assert_eq!(labels_of(&labelled), [0, 4, 5]);
         // Merged labels have the larger level, those that are not kept leave theirs to the
         // background.
-        assert_eq!(labels_of(&labelled.merged(&[(4, 6), (5, 6)], 0).unwrap()), [0, 6, 6]);
+        assert_eq!(labels_of(&labelled.merged(&[(4, 6), (5, 6)].into(), 0).unwrap()), [0, 6, 6]);
         assert_eq!(labels_of(&labelled.restricted_to(&[5]).unwrap()), [0, 0, 5]);
         // A map of the background takes the place of the level 0.
         assert_eq!(

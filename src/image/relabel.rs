@@ -2,6 +2,8 @@
 //!
 //! A pass over the voxels each, linear; the image itself stays as it is.
 
+use std::collections::BTreeMap;
+
 use rayon::prelude::*;
 
 use super::{LabelImage, MAX_IDS};
@@ -9,18 +11,18 @@ use crate::memory::room;
 use crate::{Error, Result};
 
 impl LabelImage {
-    /// The image in which each first label of `merge` has become the second, all at once (so labels
-    /// can be exchanged), and in which label `background` then counts as background. The second
-    /// labels need not occur. 0 is a label like any other here: as a first one it gives voxels of
-    /// label 0 a label to be meshed with, as a second one it makes a label background.
+    /// The image in which each key of `merge` has become its value, all at once (so labels can be
+    /// exchanged), and in which label `background` then counts as background. The values need not
+    /// occur. 0 is a label like any other here: as a key it gives voxels of label 0 a label to be
+    /// meshed with, as a value it makes a label background.
     ///
     /// # Errors
     /// [`Error::InvalidArgument`], naming the label: one that does not occur in the image, one that
-    /// is to become two different ones, one that does not fit into the table of labels, or label 0
-    /// beside another background, which would leave two of them.
-    pub fn merged(&self, merge: &[(i32, i32)], background: i32) -> Result<Self> {
+    /// does not fit into the table of labels, or label 0 beside another background, which would
+    /// leave two of them.
+    pub fn merged(&self, merge: &BTreeMap<i32, i32>, background: i32) -> Result<Self> {
         let mut label_of: Vec<Option<i32>> = vec![None; self.labels().len()];
-        for &(from, to) in merge {
+        for (&from, &to) in merge {
             let id = self.id_of(from).filter(|&id| id != 0 || self.ids().contains(&0)).ok_or_else(
                 || {
                     Error::InvalidArgument(format!(
@@ -28,14 +30,7 @@ impl LabelImage {
                     ))
                 },
             )?;
-            match label_of[usize::from(id)].replace(to) {
-                Some(other) if other != to => {
-                    return Err(Error::InvalidArgument(format!(
-                        "label {from} is to become both {other} and {to}"
-                    )));
-                }
-                _ => {}
-            }
+            label_of[usize::from(id)] = Some(to);
         }
         let new_labels = label_of.iter().zip(self.labels()).map(|(new, &old)| new.unwrap_or(old));
         let merged = self.with_labels(new_labels.collect())?;
@@ -135,10 +130,12 @@ mod tests {
     #[test]
     fn merging_is_simultaneous() {
         let image = image(&[0, i32::MAX, 3, 4, i32::MIN, 3]);
-        let merged = |merge: &[(i32, i32)]| image.merged(merge, 0).map(|merged| labels_of(&merged));
+        let merged = |merge: &[(i32, i32)]| {
+            image.merged(&merge.iter().copied().collect(), 0).map(|merged| labels_of(&merged))
+        };
         assert_eq!(merged(&[]).unwrap(), labels_of(&image));
         assert_eq!(merged(&[(3, 10), (4, 10)]).unwrap(), [0, i32::MAX, 10, 10, i32::MIN, 10]);
-        assert_eq!(merged(&[(3, 4), (4, 3), (3, 4)]).unwrap(), [0, i32::MAX, 4, 3, i32::MIN, 4]);
+        assert_eq!(merged(&[(3, 4), (4, 3)]).unwrap(), [0, i32::MAX, 4, 3, i32::MIN, 4]);
         assert_eq!(
             merged(&[(i32::MIN, i32::MAX), (0, i32::MIN)]).unwrap(),
             [i32::MIN, i32::MAX, 3, 4, i32::MAX, 3]
@@ -149,16 +146,15 @@ mod tests {
             message(&[(3, 4), (5, 4)]),
             "label 5 is to become 4, but does not occur in the image"
         );
-        assert_eq!(message(&[(3, 4), (3, 5)]), "label 3 is to become both 4 and 5");
     }
 
     #[test]
     fn any_label_may_be_the_background() {
         let image = image(&[7, -2, 7, 9]);
-        assert_eq!(labels_of(&image.merged(&[], 7).unwrap()), [0, -2, 0, 9]);
-        assert_eq!(labels_of(&image.merged(&[(9, 7)], 7).unwrap()), [0, -2, 0, 0]);
+        assert_eq!(labels_of(&image.merged(&BTreeMap::new(), 7).unwrap()), [0, -2, 0, 9]);
+        assert_eq!(labels_of(&image.merged(&BTreeMap::from([(9, 7)]), 7).unwrap()), [0, -2, 0, 0]);
         let message = |merge: &[(i32, i32)], background| {
-            image.merged(merge, background).unwrap_err().to_string()
+            image.merged(&merge.iter().copied().collect(), background).unwrap_err().to_string()
         };
         assert_eq!(
             message(&[], 3),
@@ -170,6 +166,6 @@ mod tests {
         );
         assert!(message(&[(9, 0)], 7).starts_with("label 0 occurs beside the background label 7"));
         let both = self::image(&[0, 7, 1]);
-        assert_eq!(labels_of(&both.merged(&[(0, 5)], 7).unwrap()), [5, 0, 1]);
+        assert_eq!(labels_of(&both.merged(&[(0, 5)].into(), 7).unwrap()), [5, 0, 1]);
     }
 }

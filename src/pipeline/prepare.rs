@@ -41,7 +41,7 @@ pub fn select_labels<'a>(
     if !params.merge.is_empty() || params.background_label != 0 {
         image = Cow::Owned(image.merged(&params.merge, params.background_label)?);
     }
-    if let Some(&(label, _)) = params.label_sizes.iter().find(|l| image.id_of(l.0).is_none()) {
+    if let Some(label) = params.label_sizes.keys().find(|&&label| image.id_of(label).is_none()) {
         return Err(Error::InvalidArgument(format!(
             "a size is given for label {label}, which does not occur in the image"
         )));

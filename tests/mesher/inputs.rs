@@ -1,6 +1,7 @@
 //! Images that know more than labels, and coarse ones whose labels are smoothed: intensities with
 //! isovalues, probability maps, sigma. Bodies with a formula.
 
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 use glam::DVec3;
@@ -90,7 +91,7 @@ fn two_isovalues_make_a_shell_in_a_shell() {
     // The same interval alone, above it background; and both as one label.
     let window = mesh(&scan.label_image(&[100.0, 260.0], Some(&[7, 0])).unwrap(), &params(0.5));
     assert_volume(&window, 7, outer - inner, 0.004);
-    let merged = mesh(&image, &MeshParams { merge: vec![(1, 2)], ..params(0.5) });
+    let merged = mesh(&image, &MeshParams { merge: BTreeMap::from([(1, 2)]), ..params(0.5) });
     assert_volume(&merged, 2, outer, 0.004);
     let kept = mesh(&image, &MeshParams { keep: vec![2], ..params(0.5) });
     assert_volume(&kept, 2, inner, 0.005);
@@ -168,7 +169,8 @@ fn likely_labels_meet_where_they_are_equally_likely() {
         assert!((found[&20] / found[&-1] - 1.0).abs() < 0.01, "{found:?}");
         assert_eq!(boundary_topology(&meshing.mesh, &[20, -1]), (2, 0));
         // As one label the sum of both counts.
-        let merged = mesh(&image, &MeshParams { merge: vec![(20, 3), (-1, 3)], ..params(0.5) });
+        let merged =
+            mesh(&image, &MeshParams { merge: BTreeMap::from([(20, 3), (-1, 3)]), ..params(0.5) });
         assert!(volumes(&merged.mesh)[&3] >= 0.99 * (found[&20] + found[&-1]));
     }
 }

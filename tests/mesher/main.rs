@@ -124,8 +124,7 @@ const IMPROVED: f64 = 3.0;
 /// Checks the bounds on radius-edge ratio, circumradius and facet angle. Improvement gives up the
 /// first, and some of the second.
 fn assert_bounds(mesh: &TetMesh, params: &MeshParams) {
-    let size_of =
-        |label: i32| params.label_sizes.iter().find(|l| l.0 == label).map_or(params.size, |l| l.1);
+    let size_of = |label: i32| params.label_sizes.get(&label).copied().unwrap_or(params.size);
     for (tet, &label) in mesh.tets.iter().zip(&mesh.labels).filter(|&(_, &label)| label != 0) {
         let corners = tet.map(|v| mesh.point(v));
         let (ratio, radius) = (radius_edge_ratio(&corners), tet_circumradius(&corners));

@@ -1,5 +1,7 @@
 //! Where an image lies in the world, and which parts of it are meshed.
 
+use std::collections::BTreeMap;
+
 use glam::{DMat3, DVec3, EulerRot};
 use lapd::Error;
 use lapd::image::phantom::*;
@@ -176,10 +178,14 @@ fn labels_are_merged_and_the_background_is_chosen() {
     let image = nested_shells([24; 3], [1.0; 3], &[4.0, 7.0, 10.0]).unwrap();
     // Labels from the ends of what 32 bits hold come back as they are.
     let (first, last) = (i32::MIN, i32::MAX);
-    let merge = vec![(1, first), (2, first), (3, last), (0, 5)];
+    let merge = BTreeMap::from([(1, first), (2, first), (3, last), (0, 5)]);
     let merged = mesh(
         &image,
-        &MeshParams { merge: merge.clone(), label_sizes: vec![(first, 1.5)], ..params(1.5) },
+        &MeshParams {
+            merge: merge.clone(),
+            label_sizes: BTreeMap::from([(first, 1.5)]),
+            ..params(1.5)
+        },
     );
     assert_eq!(volumes(&merged.mesh).keys().copied().collect::<Vec<_>>(), [first, 5, last]);
     let rows: Vec<_> = merged.report.certificate.labels.iter().map(|row| row.label).collect();
@@ -189,15 +195,18 @@ fn labels_are_merged_and_the_background_is_chosen() {
 
     // The outer shell as background leaves the core; what was around it must not be background as
     // well without being told.
-    let inverted =
-        MeshParams { merge: vec![(0, 3)], background_label: 3, keep: vec![2], ..params(1.5) };
+    let inverted = MeshParams {
+        merge: BTreeMap::from([(0, 3)]),
+        background_label: 3,
+        keep: vec![2],
+        ..params(1.5)
+    };
     let shell = mesh(&image, &inverted);
     assert_eq!(volumes(&shell.mesh).keys().copied().collect::<Vec<_>>(), [2]);
     for (merge, background_label, said) in [
-        (vec![], 3, "label 0 occurs beside the background label 3"),
-        (vec![], 9, "label 9 is to be the background, but does not occur"),
-        (vec![(8, 1)], 0, "label 8 is to become 1, but does not occur"),
-        (vec![(1, 2), (1, 3)], 0, "label 1 is to become both 2 and 3"),
+        (BTreeMap::new(), 3, "label 0 occurs beside the background label 3"),
+        (BTreeMap::new(), 9, "label 9 is to be the background, but does not occur"),
+        (BTreeMap::from([(8, 1)]), 0, "label 8 is to become 1, but does not occur"),
     ] {
         let refused = mesh_image(
             &image,
@@ -243,8 +252,10 @@ fn background_fills_the_box() {
 fn labels_have_their_own_sizes() {
     let image = nested_shells([24; 3], [1.0; 3], &[6.0, 10.0]).unwrap();
     let one_size = mesh(&image, &MeshParams { size: 4.0, ..params(1.5) });
-    let fine_core =
-        mesh(&image, &MeshParams { size: 4.0, label_sizes: vec![(1, 0.8)], ..params(1.5) });
+    let fine_core = mesh(
+        &image,
+        &MeshParams { size: 4.0, label_sizes: BTreeMap::from([(1, 0.8)]), ..params(1.5) },
+    );
     let tets = |m: &lapd::pipeline::MeshResult, label| {
         m.mesh.labels.iter().filter(|&&l| l == label).count()
     };
@@ -253,7 +264,7 @@ fn labels_have_their_own_sizes() {
     assert!(fine > 4 * coarse, "the core has {fine} tets, {coarse} without a size of its own");
     let missing = mesh_image(
         &image,
-        &MeshParams { label_sizes: vec![(9, 1.0)], ..params(1.5) },
+        &MeshParams { label_sizes: BTreeMap::from([(9, 1.0)]), ..params(1.5) },
         &Monitor::silent(),
     );
     assert!(matches!(missing, Err(Error::InvalidArgument(m)) if m.contains('9')));

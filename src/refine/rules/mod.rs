@@ -160,9 +160,7 @@ impl<'a> Rules<'a> {
         params: &MeshParams,
         labels: &[i32],
     ) -> Self {
-        let size = |label: i32| {
-            params.label_sizes.iter().rev().find(|l| l.0 == label).map_or(params.size, |l| l.1)
-        };
+        let size = |label| params.label_sizes.get(&label).copied().unwrap_or(params.size);
         let sizes_squared = labels
             .iter()
             .enumerate()
