@@ -218,7 +218,8 @@ static void choice_parameters(void) {
                  {lapd_params_set_bind, lapd_params_get_bind, 2, 2},
                  {lapd_params_set_timeline, lapd_params_get_timeline, 2, 2},
                  {lapd_params_set_curved, lapd_params_get_curved, 2, 2},
-                 {lapd_params_set_improve, lapd_params_get_improve, 3, 3}};
+                 {lapd_params_set_improve, lapd_params_get_improve, 3, 3},
+                 {lapd_params_set_certificate, lapd_params_get_certificate, 3, 3}};
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
         int32_t value = -7;
         INVALID(table[i].set(NULL, params, 0));
@@ -524,6 +525,53 @@ static void mesh_getters(void) {
     INVALID(lapd_mesh_get_thread_report(mesh, 0, &report));
 }
 
+/* What was not measured says so, and is never 0. */
+static void levels(void) {
+    lapd_certificate certificate = {.struct_size = sizeof certificate};
+    lapd_quality quality = {.struct_size = sizeof quality};
+    lapd_label_row row = {.struct_size = sizeof row};
+    lapd_component_row component = {.struct_size = sizeof component};
+    lapd_defect defect = {.struct_size = sizeof defect};
+    size_t count = 77;
+    /* Sound is the default. */
+    for (int32_t level = LAPD_CERTIFICATE_SOUND; level <= LAPD_CERTIFICATE_FULL; level++) {
+        lapd_mesh *measured = mesh;
+        if (level > LAPD_CERTIFICATE_SOUND) {
+            CHECK(lapd_params_set_certificate(context, params, level) == LAPD_OK);
+            CHECK(lapd_mesh_image(context, image, params, &measured) == LAPD_OK);
+        }
+        const int full = level == LAPD_CERTIFICATE_FULL;
+        CHECK(lapd_mesh_get_certificate(measured, &certificate) == LAPD_OK);
+        CHECK(certificate.level == level);
+        CHECK(isnan(certificate.mesh_to_image_mean) != full);
+        CHECK(isnan(certificate.surface_to_mesh_max) != full);
+        CHECK(lapd_mesh_get_label_row(measured, 0, &row) == LAPD_OK);
+        CHECK(isnan(row.image_to_mesh_mean) != full && isnan(row.mesh_to_surface_max) != full);
+        CHECK(lapd_mesh_get_component_row(measured, 0, &component) == LAPD_OK);
+        CHECK(isnan(component.mesh_to_image_max) != full);
+        if (measured != mesh) {
+            lapd_mesh_free(measured);
+        }
+    }
+    lapd_mesh *plain = NULL;
+    CHECK(lapd_params_set_certificate(context, params, LAPD_CERTIFICATE_NONE) == LAPD_OK);
+    CHECK(lapd_mesh_image(context, image, params, &plain) == LAPD_OK);
+    CHECK(lapd_mesh_get_certificate(plain, &certificate) == LAPD_ERROR_NOT_MEASURED);
+    CHECK(lapd_mesh_get_quality(plain, &quality) == LAPD_ERROR_NOT_MEASURED);
+    CHECK(lapd_mesh_get_label_row_count(plain, &count) == LAPD_ERROR_NOT_MEASURED);
+    CHECK(lapd_mesh_get_label_row(plain, 0, &row) == LAPD_ERROR_NOT_MEASURED);
+    CHECK(lapd_mesh_get_component_row_count(plain, &count) == LAPD_ERROR_NOT_MEASURED);
+    CHECK(lapd_mesh_get_component_row(plain, 0, &component) == LAPD_ERROR_NOT_MEASURED);
+    CHECK(lapd_mesh_get_defect_count(plain, &count) == LAPD_ERROR_NOT_MEASURED);
+    CHECK(lapd_mesh_get_defect(plain, 0, &defect) == LAPD_ERROR_NOT_MEASURED);
+    CHECK(count == 77);
+    lapd_counts counts = {.struct_size = sizeof counts}, expected = {.struct_size = sizeof counts};
+    CHECK(lapd_mesh_get_counts(plain, &counts) == LAPD_OK);
+    CHECK(lapd_mesh_get_counts(mesh, &expected) == LAPD_OK);
+    CHECK(memcmp(&counts, &expected, sizeof counts) == 0);
+    lapd_mesh_free(plain);
+}
+
 int main(void) {
     uint8_t *voxels = ball_voxels(10, 3.5);
     CHECK(lapd_context_create(&context) == LAPD_OK);
@@ -542,6 +590,7 @@ int main(void) {
     other_parameters();
     meshing();
     mesh_getters();
+    levels();
 
     lapd_mesh_free(mesh);
     lapd_params_free(params);

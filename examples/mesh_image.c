@@ -93,6 +93,9 @@ static const char MORE_USAGE[] =
     "  --target-dihedral D  smallest dihedral angle of tets, in degrees; the largest is 180 less "
     "this; at most 30,\n"
     "                       default 15\n"
+    "  --certificate NAME   none | sound | full: what is measured on the mesh: nothing, all that "
+    "is exact, or\n"
+    "                       distances to the image, too; default sound, full with --report\n"
     "  --order N            1 | 2: order 2 has a node in the middle of each edge, too; default 1\n"
     "  --curved             with order 2: the nodes on interfaces go where the image has them\n"
     "  --max-vertices N     give up when the mesh needs more\n"
@@ -308,6 +311,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     static const char *const surfaces[] = {"smooth", "voxel"};
     static const char *const borders[] = {"flat", "smooth"};
     static const char *const improves[] = {"none", "interior", "full"};
+    static const char *const levels[] = {"none", "sound", "full"};
     static const char *const algorithms[] = {"podm", "lapd"};
     static const char *const contentions[] = {"local", "global", "random", "aggressive"};
     static const char *const beggings[] = {"levels", "flat"};
@@ -335,6 +339,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     } choices[] = {{"--surface", lapd_params_set_surface, surfaces, 2},
                    {"--border", lapd_params_set_border, borders, 2},
                    {"--improve", lapd_params_set_improve, improves, 3},
+                   {"--certificate", lapd_params_set_certificate, levels, 3},
                    {"--algorithm", lapd_params_set_algorithm, algorithms, 2},
                    {"--contention", lapd_params_set_contention, contentions, 4},
                    {"--begging", lapd_params_set_begging, beggings, 2}};
@@ -538,6 +543,7 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                                                      "--gaussian",
                                                      "--border",
                                                      "--improve",
+                                                     "--certificate",
                                                      "--target-dihedral",
                                                      "--order"};
             int32_t known;
@@ -572,6 +578,7 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                 }
                 o->has_delta = o->has_delta || strcmp(option, "--delta") == 0;
                 o->has_size = o->has_size || strcmp(option, "--size") == 0;
+                o->has_level = o->has_level || strcmp(option, "--certificate") == 0;
             }
         }
         if (status != LAPD_OK) {
@@ -625,6 +632,9 @@ static lapd_status set_defaults(lapd_context *context, lapd_params *params, cons
             status = lapd_params_set_delta(context, params,
                                            1.5 * cbrt(spacing[0] * spacing[1] * spacing[2]));
         }
+    }
+    if (status == LAPD_OK && !o->has_level && o->report != NULL) {
+        status = lapd_params_set_certificate(context, params, LAPD_CERTIFICATE_FULL);
     }
     if (status == LAPD_OK && !o->has_size) {
         status = lapd_params_get_delta(params, &delta);

@@ -27,21 +27,26 @@ lapd_status summarize(const lapd_mesh *mesh, summary *s) {
     if (status == LAPD_OK)
         status = lapd_mesh_get_timings(mesh, &s->timings);
     if (status == LAPD_OK)
-        status = lapd_mesh_get_quality(mesh, &s->quality);
-    if (status == LAPD_OK)
-        status = lapd_mesh_get_certificate(mesh, &s->certificate);
-    if (status == LAPD_OK)
         status = lapd_mesh_get_improvement(mesh, &s->improvement);
     if (status == LAPD_OK)
         status = lapd_mesh_get_second_order(mesh, &s->second_order);
     if (status == LAPD_OK)
-        status = lapd_mesh_get_label_row_count(mesh, &s->row_count);
-    if (status == LAPD_OK)
-        status = lapd_mesh_get_defect_count(mesh, &s->defect_count);
-    if (status == LAPD_OK)
         status = lapd_mesh_get_thread_count(mesh, &s->thread_count);
     if (status == LAPD_OK)
         status = lapd_mesh_get_thread_report(mesh, LAPD_ALL_THREADS, &s->all_threads);
+    if (status == LAPD_OK) {
+        status = lapd_mesh_get_certificate(mesh, &s->certificate);
+        if (status == LAPD_ERROR_NOT_MEASURED) {
+            s->certificate.level = LAPD_CERTIFICATE_NONE;
+            return LAPD_OK;
+        }
+    }
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_quality(mesh, &s->quality);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_label_row_count(mesh, &s->row_count);
+    if (status == LAPD_OK)
+        status = lapd_mesh_get_defect_count(mesh, &s->defect_count);
     if (status != LAPD_OK) {
         return status;
     }
@@ -77,31 +82,26 @@ static int by_volume_error(const void *a, const void *b) {
     return (x < y) - (x > y);
 }
 
-void print_table(const lapd_mesh *mesh, const summary *s, const file_seconds *seconds) {
-    const lapd_quality *q = &s->quality;
-    const lapd_certificate *c = &s->certificate;
-    enum { WORST = 10, BAR = 40 };
+static void print_volume(const summary *s) {
     double mesh_volume = 0, image_volume = 0;
     for (size_t i = 0; i < s->row_count; i++) {
         mesh_volume += s->rows[i].mesh_volume;
         image_volume += s->rows[i].image_volume;
     }
-    printf("tets                 %12llu\n", (unsigned long long)s->counts.tissue_tets);
-    printf("vertices             %12llu\n", (unsigned long long)s->counts.vertices);
-    printf("interface facets     %12llu\n", (unsigned long long)s->counts.interface_facets);
     printf("volume               %12.6g  (image %.6g, %+.3f %%)\n", mesh_volume, image_volume,
            image_volume > 0 ? 100 * (mesh_volume / image_volume - 1) : 0);
+}
+
+static void print_quality(const lapd_quality *q) {
     printf("dihedral angles      %12.2f to %.2f degrees\n", q->min_dihedral, q->max_dihedral);
     printf("largest radius-edge  %12.3f\n", q->max_radius_edge);
     printf("scaled Jacobians     %12.3f to %.3f, edge ratio up to %.2f, radius ratio up to %.2f\n",
            q->min_scaled_jacobian, q->max_scaled_jacobian, q->max_edge_ratio, q->max_radius_ratio);
     printf("smallest facet angle %12.2f degrees\n", q->min_facet_angle);
-    printf("seconds              %12.2f  (read %.2f, prepare %.2f, refine %.2f, extract %.2f, "
-           "improve %.2f, "
-           "certify %.2f, write %.2f)\n",
-           seconds->total, seconds->read, s->timings.prepare, s->timings.refine, s->timings.extract,
-           s->timings.improve, s->timings.certify, seconds->write);
+}
 
+static void print_angles(const lapd_quality *q) {
+    enum { BAR = 40 };
     uint64_t largest = 1, all = 0;
     for (int i = 0; i < 18; i++) {
         largest = q->dihedral_histogram[i] > largest ? q->dihedral_histogram[i] : largest;
@@ -115,7 +115,10 @@ void print_table(const lapd_mesh *mesh, const summary *s, const file_seconds *se
                all > 0 ? 100.0 * (double)n / (double)all : 0.0,
                (int)(BAR * (double)n / (double)largest + 0.5), bar);
     }
+}
 
+static void print_labels(const lapd_mesh *mesh, const summary *s) {
+    enum { WORST = 10 };
     lapd_label_row *worst = malloc((s->row_count + 1) * sizeof *worst);
     if (worst != NULL && s->row_count > 0) {
         memcpy(worst, s->rows, s->row_count * sizeof *worst);
@@ -136,8 +139,9 @@ void print_table(const lapd_mesh *mesh, const summary *s, const file_seconds *se
         }
     }
     free(worst);
+}
 
-    const lapd_improvement *im = &s->improvement;
+static void print_improvement(const lapd_improvement *im) {
     if (im->target_dihedral > 0) {
         printf("\nimprovement to dihedral angles of %g to %g degrees\n", im->target_dihedral,
                180 - im->target_dihedral);
@@ -154,8 +158,9 @@ void print_table(const lapd_mesh *mesh, const summary *s, const file_seconds *se
                "Delaunay %llu\n",
                im->max_interface_move, im->tolerance, (unsigned long long)im->non_delaunay_facets);
     }
+}
 
-    const lapd_second_order *so = &s->second_order;
+static void print_second_order(const lapd_second_order *so) {
     if (so->nodes > 0) {
         printf("\nsecond order\n");
         printf("  nodes on edges %llu, on interfaces moved %llu, of these not all the way %llu, "
@@ -168,7 +173,10 @@ void print_table(const lapd_mesh *mesh, const summary *s, const file_seconds *se
                 so->max_move, so->min_jacobian, so->volume);
         }
     }
+}
 
+static void print_certificate(const summary *s) {
+    const lapd_certificate *c = &s->certificate;
     printf("\ncertificate\n");
     printf("  non-Delaunay facets %llu, inverted tets %llu, orphan vertices %llu, open edges %llu, "
            "facets off walls "
@@ -176,12 +184,16 @@ void print_table(const lapd_mesh *mesh, const summary *s, const file_seconds *se
            (unsigned long long)c->non_delaunay_facets, (unsigned long long)c->inverted_tets,
            (unsigned long long)c->orphan_vertices, (unsigned long long)c->open_edges,
            (unsigned long long)c->facets_off_walls);
-    printf("  mesh to image: mean %.3f, largest %.3f; image to mesh: mean %.3f, largest %.3f\n",
-           c->mesh_to_image_mean, c->mesh_to_image_max, c->image_to_mesh_mean,
-           c->image_to_mesh_max);
-    printf("  mesh to smooth surface: mean %.3f, largest %.3f; back: mean %.3f, largest %.3f\n",
-           c->mesh_to_surface_mean, c->mesh_to_surface_max, c->surface_to_mesh_mean,
-           c->surface_to_mesh_max);
+    if (c->level >= LAPD_CERTIFICATE_FULL) {
+        printf("  mesh to image: mean %.3f, largest %.3f; image to mesh: mean %.3f, largest %.3f\n",
+               c->mesh_to_image_mean, c->mesh_to_image_max, c->image_to_mesh_mean,
+               c->image_to_mesh_max);
+        printf("  mesh to smooth surface: mean %.3f, largest %.3f; back: mean %.3f, largest %.3f\n",
+               c->mesh_to_surface_mean, c->mesh_to_surface_max, c->surface_to_mesh_mean,
+               c->surface_to_mesh_max);
+    } else {
+        printf("  distances: not measured (--certificate full)\n");
+    }
     uint64_t defects[DEFECT_KINDS] = {0};
     for (size_t i = 0; i < s->defect_count; i++) {
         const int64_t kind = s->defects[i].kind;
@@ -202,7 +214,9 @@ void print_table(const lapd_mesh *mesh, const summary *s, const file_seconds *se
     for (int i = 0; i < 6; i++) {
         printf(" R%d %llu%s", i + 1, (unsigned long long)c->unmet[i], i < 5 ? "," : "\n");
     }
+}
 
+static void print_threads(const summary *s) {
     if (s->thread_count > 1) {
         const lapd_thread_report *all = &s->all_threads;
         const double attempts = (double)(all->insertions + all->removals + all->rollbacks);
@@ -221,6 +235,34 @@ void print_table(const lapd_mesh *mesh, const summary *s, const file_seconds *se
                    (double)all->access_hops / accesses);
         }
     }
+}
+
+void print_table(const lapd_mesh *mesh, const summary *s, const file_seconds *seconds) {
+    const bool measured = s->certificate.level >= LAPD_CERTIFICATE_SOUND;
+    printf("tets                 %12llu\n", (unsigned long long)s->counts.tissue_tets);
+    printf("vertices             %12llu\n", (unsigned long long)s->counts.vertices);
+    printf("interface facets     %12llu\n", (unsigned long long)s->counts.interface_facets);
+    if (measured) {
+        print_volume(s);
+        print_quality(&s->quality);
+    }
+    printf("seconds              %12.2f  (read %.2f, prepare %.2f, refine %.2f, extract %.2f, "
+           "improve %.2f, "
+           "certify %.2f, write %.2f)\n",
+           seconds->total, seconds->read, s->timings.prepare, s->timings.refine, s->timings.extract,
+           s->timings.improve, s->timings.certify, seconds->write);
+    if (measured) {
+        print_angles(&s->quality);
+        print_labels(mesh, s);
+    }
+    print_improvement(&s->improvement);
+    print_second_order(&s->second_order);
+    if (measured) {
+        print_certificate(s);
+    } else {
+        printf("\nnothing was measured (--certificate sound, full)\n");
+    }
+    print_threads(s);
 }
 
 /* ---- The JSON report ---- */

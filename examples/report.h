@@ -32,6 +32,7 @@ typedef struct {
     const char *timeline;
     bool has_delta;
     bool has_size;
+    bool has_level;
     bool measures;
     bool memory;
     bool quiet;

@@ -125,6 +125,10 @@ typedef enum {
    * The caller's limit of memory was reached.
    */
   LAPD_ERROR_MEMORY_LIMIT = 13,
+  /**
+   * The mesh has no certificate: nothing was measured on it.
+   */
+  LAPD_ERROR_NOT_MEASURED = 14,
 } lapd_status;
 
 /**
@@ -431,6 +435,27 @@ typedef enum {
    */
   LAPD_IMPROVE_FULL = 2,
 } lapd_improve;
+
+/**
+ * What is measured on the finished mesh.
+ */
+typedef enum {
+  /**
+   * Nothing. Functions that tell of it return LAPD_ERROR_NOT_MEASURED.
+   */
+  LAPD_CERTIFICATE_NONE = 0,
+  /**
+   * All that is exact, and the shapes of tets: Delaunay and orientation, closed interfaces,
+   * rules that stay unmet, volumes, components with what became of them, Euler numbers, defects,
+   * quality. The default.
+   */
+  LAPD_CERTIFICATE_SOUND = 1,
+  /**
+   * That, and the distances between mesh and image, in both directions, which take about as long
+   * as the refinement.
+   */
+  LAPD_CERTIFICATE_FULL = 2,
+} lapd_certificate_level;
 
 /**
  * Why a tet is left: the first of these that one of its vertices belongs to.
@@ -826,6 +851,11 @@ typedef struct {
    * The world position of the first voxel of the first of these; 0 without any.
    */
   double small_component_lost_at[3];
+  /**
+   * What was measured, a lapd_certificate_level: LAPD_CERTIFICATE_SOUND or more. Without
+   * LAPD_CERTIFICATE_FULL all distances are NaN.
+   */
+  int64_t level;
 } lapd_certificate;
 
 /**
@@ -905,7 +935,8 @@ typedef struct {
 
 /**
  * One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call.
- * Volumes are in cubic world units.
+ * Volumes are in cubic world units. Distances are NaN unless the certificate has the level
+ * LAPD_CERTIFICATE_FULL.
  */
 typedef struct {
   /**
@@ -1019,7 +1050,8 @@ typedef struct {
  * sizeof(lapd_component_row) before the call.
  *
  * Voxels are joined with all 26 around them, tets where they share a facet, an edge or a vertex.
- * Volumes are in cubic world units, positions and distances in world units.
+ * Volumes are in cubic world units, positions and distances in world units. Distances are NaN
+ * unless the certificate has the level LAPD_CERTIFICATE_FULL.
  */
 typedef struct {
   /**
@@ -2082,6 +2114,23 @@ lapd_status lapd_params_set_curved(lapd_context *context, lapd_params *params, i
 lapd_status lapd_params_get_curved(const lapd_params *params, int32_t *curved);
 
 /**
+ * Sets what is measured on the finished mesh, a lapd_certificate_level. What was not measured says
+ * so where it is asked for, and is never 0. No other thread may use `params` or the context
+ * meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is none of the enum.
+ */
+lapd_status lapd_params_set_certificate(lapd_context *context, lapd_params *params, int32_t level);
+
+/**
+ * What is measured on the finished mesh, a lapd_certificate_level. Any thread, unless another one
+ * changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_certificate(const lapd_params *params, int32_t *level);
+
+/**
  * Whether components and layers of a label that are thinner than 4/3 of the distance of samples
  * (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so
  * farther away (1, the default), or not (0). The mesh then has as many more elements as it takes
@@ -2728,7 +2777,7 @@ lapd_status lapd_mesh_get_operations(const lapd_mesh *mesh, lapd_operations *ope
  * The quality of the mesh. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
- * known version.
+ * known version; LAPD_ERROR_NOT_MEASURED when the mesh has no certificate.
  */
 lapd_status lapd_mesh_get_quality(const lapd_mesh *mesh, lapd_quality *quality);
 
@@ -2736,7 +2785,7 @@ lapd_status lapd_mesh_get_quality(const lapd_mesh *mesh, lapd_quality *quality);
  * The certificate of the mesh. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
- * known version.
+ * known version; LAPD_ERROR_NOT_MEASURED when the mesh has none.
  */
 lapd_status lapd_mesh_get_certificate(const lapd_mesh *mesh, lapd_certificate *certificate);
 
@@ -2762,7 +2811,8 @@ lapd_status lapd_mesh_get_thread_report(const lapd_mesh *mesh,
  * The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any
  * thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_NOT_MEASURED when the
+ * mesh has no certificate.
  */
 lapd_status lapd_mesh_get_label_row_count(const lapd_mesh *mesh, size_t *count);
 
@@ -2770,7 +2820,8 @@ lapd_status lapd_mesh_get_label_row_count(const lapd_mesh *mesh, size_t *count);
  * Row `index` (from 0) of the table of labels. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
- * struct_size is not that of a known version.
+ * struct_size is not that of a known version; LAPD_ERROR_NOT_MEASURED when the mesh has no
+ * certificate.
  */
 lapd_status lapd_mesh_get_label_row(const lapd_mesh *mesh, size_t index, lapd_label_row *row);
 
@@ -2778,7 +2829,8 @@ lapd_status lapd_mesh_get_label_row(const lapd_mesh *mesh, size_t index, lapd_la
  * The number of rows that lapd_mesh_get_component_row has: one for each component of the image
  * that has LAPD_MIN_COMPONENT_VOXELS or more. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_NOT_MEASURED when the
+ * mesh has no certificate.
  */
 lapd_status lapd_mesh_get_component_row_count(const lapd_mesh *mesh, size_t *count);
 
@@ -2786,7 +2838,8 @@ lapd_status lapd_mesh_get_component_row_count(const lapd_mesh *mesh, size_t *cou
  * Row `index` (from 0) of the table of components. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
- * struct_size is not that of a known version.
+ * struct_size is not that of a known version; LAPD_ERROR_NOT_MEASURED when the mesh has no
+ * certificate.
  */
 lapd_status lapd_mesh_get_component_row(const lapd_mesh *mesh,
                                         size_t index,
@@ -2795,7 +2848,8 @@ lapd_status lapd_mesh_get_component_row(const lapd_mesh *mesh,
 /**
  * The number of places that lapd_mesh_get_defect has. Any thread.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_NOT_MEASURED when the
+ * mesh has no certificate.
  */
 lapd_status lapd_mesh_get_defect_count(const lapd_mesh *mesh, size_t *count);
 
@@ -2804,7 +2858,8 @@ lapd_status lapd_mesh_get_defect_count(const lapd_mesh *mesh, size_t *count);
  * lapd_defect_kind. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
- * struct_size is not that of a known version.
+ * struct_size is not that of a known version; LAPD_ERROR_NOT_MEASURED when the mesh has no
+ * certificate.
  */
 lapd_status lapd_mesh_get_defect(const lapd_mesh *mesh, size_t index, lapd_defect *defect);
 

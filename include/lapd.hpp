@@ -577,6 +577,9 @@ class params {
     params &set_improve(lapd_improve improve) {
         return set(lapd_params_set_improve, improve);
     }
+    params &set_certificate(lapd_certificate_level level) {
+        return set(lapd_params_set_certificate, level);
+    }
     params &set_target_dihedral(double degrees) {
         return set(lapd_params_set_target_dihedral, degrees);
     }
@@ -678,6 +681,10 @@ class params {
     }
     lapd_improve improve() const {
         return static_cast<lapd_improve>(value<std::int32_t>(lapd_params_get_improve));
+    }
+    lapd_certificate_level certificate() const {
+        return static_cast<lapd_certificate_level>(
+            value<std::int32_t>(lapd_params_get_certificate));
     }
     double target_dihedral() const {
         return value<double>(lapd_params_get_target_dihedral);

@@ -72,6 +72,11 @@ impl Error {
         Self::Format { path: path.to_owned(), message: message.into() }
     }
 
+    /// The [`Error::TimeLimit`] of this many seconds.
+    pub fn time_limit(seconds: f64) -> Self {
+        Self::TimeLimit(format!("the time limit of {seconds} seconds was reached"))
+    }
+
     /// Whether this is a limit, of which a partial mesh may come.
     pub fn is_limit(&self) -> bool {
         matches!(self, Self::LimitReached(_) | Self::TimeLimit(_) | Self::MemoryLimit(_))

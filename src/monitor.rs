@@ -148,7 +148,16 @@ pub struct Monitor<'a> {
     start: Instant,
     /// When the next report is due, in milliseconds after `start`.
     due: AtomicU64,
+    /// When the step is to end, in the same measure, and the limit in seconds that this comes from,
+    /// as bits.
+    ends_at: AtomicU64,
+    time_limit: AtomicU64,
+    /// The first step that the run leaves out at its end.
+    last: AtomicUsize,
 }
+
+/// `ends_at` without an end.
+const NEVER: u64 = u64::MAX;
 
 impl Default for Monitor<'_> {
     fn default() -> Self {
@@ -176,6 +185,9 @@ impl<'a> Monitor<'a> {
             tets: AtomicU64::new(0),
             start: Instant::now(),
             due: AtomicU64::new(0),
+            ends_at: AtomicU64::new(NEVER),
+            time_limit: AtomicU64::new(0),
+            last: AtomicUsize::new(Step::Done as usize),
         }
     }
 
@@ -242,16 +254,37 @@ impl<'a> Monitor<'a> {
         self.tets.store(tets, Relaxed);
     }
 
-    /// Checks for cancellation alone; relaxed loads.
+    /// Checks for cancellation, and for the end of time where [`Self::end_at`] has set one; relaxed
+    /// loads.
     ///
     /// # Errors
-    /// [`Error::Cancelled`] when the flag is raised or the callback returned `false`.
+    /// [`Error::Cancelled`] when the flag is raised or the callback returned `false`;
+    /// [`Error::TimeLimit`].
     #[inline]
     pub fn check_cancelled(&self) -> Result<()> {
         if self.cancel.is_some_and(CancelFlag::is_cancelled) || self.stopped.load(Relaxed) {
             return Err(Error::Cancelled);
         }
+        let ends_at = self.ends_at.load(Relaxed);
+        if ends_at != NEVER && self.milliseconds() >= ends_at {
+            return Err(Error::time_limit(f64::from_bits(self.time_limit.load(Relaxed))));
+        }
         Ok(())
+    }
+
+    /// Says that the run goes from the step before this one to its end; before the run begins.
+    pub fn leave_out_from(&self, step: Step) {
+        self.last.store(step as usize, Relaxed);
+    }
+
+    /// Ends what follows at a time, which the limit `seconds` has led to; `None`: at no time. No
+    /// step may be under way.
+    pub fn end_at(&self, deadline: Option<(Instant, f64)>) {
+        let ends_at = deadline.map_or(NEVER, |(end, seconds)| {
+            self.time_limit.store(seconds.to_bits(), Relaxed);
+            end.saturating_duration_since(self.start).as_millis() as u64
+        });
+        self.ends_at.store(ends_at, Relaxed);
     }
 
     fn milliseconds(&self) -> u64 {
@@ -276,8 +309,9 @@ impl<'a> Monitor<'a> {
         let step = self.step.load(Relaxed);
         let (phase, start) = STEPS[step];
         let end = STEPS[(step + 1).min(STEPS.len() - 1)].1;
-        reporter.last_fraction =
-            reporter.last_fraction.max(start + (end - start) * part.clamp(0.0, 1.0));
+        let whole = STEPS[self.last.load(Relaxed)].1;
+        let fraction = (start + (end - start) * part.clamp(0.0, 1.0)) / whole;
+        reporter.last_fraction = reporter.last_fraction.max(fraction.min(1.0));
         let progress =
             Progress { phase, fraction: reporter.last_fraction, tets: self.tets.load(Relaxed) };
         if !(reporter.callback)(progress) {

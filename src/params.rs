@@ -55,6 +55,20 @@ pub enum Improve {
     Full,
 }
 
+/// What is measured on the finished mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum CertificateLevel {
+    /// Nothing.
+    None,
+    /// All that is exact, and the shapes of tets: Delaunay and orientation, closed interfaces,
+    /// rules that stay unmet, volumes, components with what became of them, Euler numbers, defects,
+    /// quality.
+    #[default]
+    Sound,
+    /// That, and the distances between mesh and image, in both directions.
+    Full,
+}
+
 /// Largest value of [`MeshParams::target_dihedral`], in degrees.
 pub const MAX_TARGET_DIHEDRAL: f64 = 30.0;
 
@@ -95,6 +109,8 @@ pub struct MeshParams {
     /// Tets with a dihedral angle below this, or above 180 less this, are improved; in degrees,
     /// above 0 and at most [`MAX_TARGET_DIHEDRAL`].
     pub target_dihedral: f64,
+    /// What is measured on the finished mesh.
+    pub certificate: CertificateLevel,
     /// The order of tets: 1 for four nodes each, 2 for ten, one more in the middle of each edge.
     pub order: u32,
     /// Put the nodes in the middle of the edges of interface facets on the interfaces of the image,
@@ -109,7 +125,7 @@ pub struct MeshParams {
     pub sigma: f64,
     /// How the object is closed at the border of the image.
     pub border: ImageBorder,
-    /// Before all else the first label of each pair becomes the second, all at once. Label 0 may be
+    /// Before all else each of these labels becomes another one, all at once. Label 0 may be
     /// either.
     pub merge: BTreeMap<i32, i32>,
     /// The label, after merging, that counts as background; it becomes 0. Where it is another than
@@ -144,13 +160,14 @@ pub struct MeshParams {
     /// End the refinement with [`Error::LimitReached`] when it needs more vertices than this;
     /// `None` is no limit of the caller's.
     pub max_vertices: Option<usize>,
-    /// End the refinement with [`Error::TimeLimit`] when the run has taken this many wall-clock
-    /// seconds; > 0. What follows the refinement is not cut short.
+    /// End the run with [`Error::TimeLimit`] when it has taken this many wall-clock seconds; > 0.
+    /// Collecting the mesh and adding nodes of second order are not cut short.
     pub time_limit: Option<f64>,
     /// End the refinement with [`Error::MemoryLimit`] when the run's tables, those of the mesh to
     /// come included, would need more bytes than this.
     pub max_memory: Option<u64>,
-    /// A limit that ends the refinement is no error: the mesh is made of what there is.
+    /// A limit that ends the run is no error: the mesh is made of what there is, and measured as
+    /// far as the limit allows.
     pub partial: bool,
 }
 
@@ -167,6 +184,7 @@ impl Default for MeshParams {
             facet_angle: 30.0,
             improve: Improve::Full,
             target_dihedral: 15.0,
+            certificate: CertificateLevel::Sound,
             order: 1,
             curved: false,
             surface: SurfaceModel::Smooth,
@@ -192,15 +210,6 @@ impl Default for MeshParams {
     }
 }
 
-impl MeshParams {
-    /// Checks every range.
-    ///
-    /// # Errors
-    /// [`Error::InvalidArgument`] or [`Error::Unsupported`], naming the parameter and its value.
-    pub fn validate(&self) -> Result<()> {
-        positive("delta", self.delta)?;
-        positive("spacing floor", self.spacing_floor)?;
-        positive("size", self.size)?;
 /// # Errors
 /// [`Error::InvalidArgument`], naming the parameter and its value.
 fn positive(name: &str, value: f64) -> Result<()> {
@@ -223,6 +232,15 @@ pub fn check_label_size(label: i32, size: f64) -> Result<()> {
     positive(&format!("size of label {label}"), size)
 }
 
+impl MeshParams {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`Error::InvalidArgument`] or [`Error::Unsupported`], naming the parameter and its value.
+    pub fn validate(&self) -> Result<()> {
+        positive("delta", self.delta)?;
+        positive("spacing floor", self.spacing_floor)?;
+        positive("size", self.size)?;
         self.label_sizes.iter().try_for_each(|(&label, &size)| check_label_size(label, size))?;
         if !(self.radius_edge.is_finite() && self.radius_edge >= 2.0) {
             return Err(Error::InvalidArgument(format!(

@@ -11,7 +11,7 @@ use lapd::geometry::measures::{dihedral_angles, radius_edge_ratio, triangle_angl
 use lapd::io::read::read_image;
 use lapd::monitor::Monitor;
 use lapd::parallel::machine::Machine;
-use lapd::params::{Algorithm, Improve, MeshParams};
+use lapd::params::{Algorithm, CertificateLevel, Improve, MeshParams};
 use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::verify::DefectKind;
 
@@ -113,12 +113,16 @@ fn misses(meshing: &MeshResult, params: &MeshParams) -> Vec<String> {
     bar(total.abs() < 0.002, format!("total volume {:+.2} %", 100.0 * total));
 
     let voxel = certificate.voxel;
-    let (mean, max) =
-        (certificate.mean_mesh_to_image / voxel, certificate.hausdorff_mesh_to_image / voxel);
+    let (mean, max) = (
+        certificate.mesh_to_image.unwrap().mean / voxel,
+        certificate.mesh_to_image.unwrap().max / voxel,
+    );
     bar(mean < 0.25, format!("mean distance to the image {mean:.3} voxels"));
     bar(max < 1.2, format!("largest distance to the image {max:.3} voxels"));
-    let (mean_to_mesh, max_to_mesh) =
-        (certificate.mean_image_to_mesh / voxel, certificate.hausdorff_image_to_mesh / voxel);
+    let (mean_to_mesh, max_to_mesh) = (
+        certificate.image_to_mesh.unwrap().mean / voxel,
+        certificate.image_to_mesh.unwrap().max / voxel,
+    );
     bar(mean_to_mesh < 0.25, format!("mean distance to the mesh {mean_to_mesh:.3} voxels"));
     bar(max_to_mesh < 1.2, format!("largest distance to the mesh {max_to_mesh:.3} voxels"));
 
@@ -174,7 +178,9 @@ fn misses(meshing: &MeshResult, params: &MeshParams) -> Vec<String> {
 }
 
 fn clears_the_bars(path: &Path, delta: f64, size: f64) {
-    clears_the_bars_with(path, MeshParams { delta, size, ..MeshParams::default() });
+    let certificate = CertificateLevel::Full;
+    let params = MeshParams { delta, size, certificate, ..MeshParams::default() };
+    clears_the_bars_with(path, params);
 }
 
 fn clears_the_bars_with(path: &Path, params: MeshParams) {
@@ -213,6 +219,7 @@ fn abdomen() {
 fn abdomen_under_lapd() {
     let machine = Some(Machine::uniform(8, 1));
     let params = MeshParams {
+        certificate: CertificateLevel::Full,
         delta: 1.25,
         size: 2.5,
         threads: 8,

@@ -8,13 +8,14 @@ use std::collections::HashSet;
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 15] = [
+const SOURCES: [&str; 16] = [
     "status",
     "about",
     "context",
     "image",
     "values",
     "params",
+    "level",
     "thin",
     "labels",
     "threads",

@@ -13,7 +13,7 @@ use lapd::io::read::read_image;
 use lapd::mesh::TetMesh;
 use lapd::monitor::Monitor;
 use lapd::oracle::{JunctionKind, Oracle};
-use lapd::params::{ImageBorder, MeshParams, SurfaceModel};
+use lapd::params::{CertificateLevel, ImageBorder, MeshParams, SurfaceModel};
 use lapd::pipeline::{MeshResult, mesh_image};
 
 /// The edges of a mesh around which three labels or more are, background included.
@@ -385,7 +385,9 @@ fn figures_of_the_atlases() {
         let cloud = Cloud::new(voxel, points.iter().copied());
         for voxels in [1.0, 2.0] {
             let delta = voxels * voxel;
-            let params = MeshParams { delta, size: 2.0 * delta, ..MeshParams::default() };
+            let certificate = CertificateLevel::Full;
+            let params =
+                MeshParams { delta, size: 2.0 * delta, certificate, ..MeshParams::default() };
             let MeshResult { mesh, report, .. } =
                 mesh_image(&image, &params, &Monitor::silent()).unwrap();
             let edges = junction_edges(&mesh);
@@ -437,10 +439,10 @@ fn figures_of_the_atlases() {
                 report.quality.max_radius_edge,
                 report.seconds.refine,
                 certificate.defects.len(),
-                certificate.mean_mesh_to_image / certificate.voxel,
-                certificate.hausdorff_mesh_to_image / certificate.voxel,
-                certificate.mean_image_to_mesh / certificate.voxel,
-                certificate.hausdorff_image_to_mesh / certificate.voxel,
+                certificate.mesh_to_image.unwrap().mean / certificate.voxel,
+                certificate.mesh_to_image.unwrap().max / certificate.voxel,
+                certificate.image_to_mesh.unwrap().mean / certificate.voxel,
+                certificate.image_to_mesh.unwrap().max / certificate.voxel,
             );
         }
     }

@@ -29,6 +29,7 @@ pub mod context;
 pub mod image;
 pub mod improvement;
 pub mod labels;
+pub mod level;
 pub mod mesh;
 pub mod params;
 mod pool;

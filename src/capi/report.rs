@@ -1,10 +1,14 @@
 //! The report of a run, as plain structs that may grow; the tables of its certificate are in
 //! [`tables`](super::tables).
 
-use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
+use super::boundary::{Failure, Growing, Out, Outcome, borrow, fill_struct, status_of};
+use super::level::lapd_certificate_level;
 use super::mesh::lapd_mesh;
 use super::status::lapd_status;
+use crate::params::CertificateLevel;
 use crate::pipeline::MeshResult;
+use crate::verify::Certificate;
+use crate::verify::distance::Distance;
 
 /// How large a mesh is. Set struct_size to sizeof(lapd_counts) before the call.
 #[repr(C)]
@@ -164,6 +168,9 @@ pub struct lapd_certificate {
     pub small_components_lost: u64,
     /// The world position of the first voxel of the first of these; 0 without any.
     pub small_component_lost_at: [f64; 3],
+    /// What was measured, a lapd_certificate_level: LAPD_CERTIFICATE_SOUND or more. Without
+    /// LAPD_CERTIFICATE_FULL all distances are NaN.
+    pub level: i64,
 }
 
 /// What one thread of the refinement did, and with what it lost time. Set struct_size to
@@ -241,6 +248,32 @@ pub(super) const fn own_size<T: Growing>() -> u64 {
     let size = size_of::<T>() as u64;
     assert!(T::FIRST_SIZE <= size);
     size
+}
+
+/// The largest distance; NaN where none was measured.
+pub(super) fn max(distance: Option<Distance>) -> f64 {
+    distance.map_or(f64::NAN, |distance| distance.max)
+}
+
+/// The mean distance; NaN where none was measured.
+pub(super) fn mean(distance: Option<Distance>) -> f64 {
+    distance.map_or(f64::NAN, |distance| distance.mean)
+}
+
+/// The certificate of a mesh, if there is one.
+///
+/// # Safety
+/// See the module's head.
+pub(super) unsafe fn certificate_of<'a>(mesh: *const lapd_mesh) -> Outcome<&'a Certificate> {
+    // SAFETY: the caller's pointer, as the module's head demands.
+    let certificate = unsafe { &borrow(mesh, "mesh")?.result.report.certificate };
+    match certificate.level {
+        CertificateLevel::None => Err(Failure::new(
+            lapd_status::LAPD_ERROR_NOT_MEASURED,
+            "nothing was measured on the mesh (lapd_params_set_certificate)",
+        )),
+        CertificateLevel::Sound | CertificateLevel::Full => Ok(certificate),
+    }
 }
 
 /// Fills a caller's struct from the report.
@@ -341,74 +374,74 @@ pub unsafe extern "C" fn lapd_mesh_get_operations(
 /// The quality of the mesh. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
-/// known version.
+/// known version; LAPD_ERROR_NOT_MEASURED when the mesh has no certificate.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_quality(
     mesh: *const lapd_mesh,
     quality: *mut lapd_quality,
 ) -> lapd_status {
     // SAFETY: see the module's head.
-    unsafe {
-        fill(mesh, quality, "quality", |result| {
-            let quality = &result.report.quality;
-            lapd_quality {
-                struct_size: own_size::<lapd_quality>(),
-                min_dihedral: quality.min_dihedral,
-                max_dihedral: quality.max_dihedral,
-                max_radius_edge: quality.max_radius_edge,
-                min_facet_angle: quality.min_facet_angle,
-                dihedral_histogram: quality.dihedral_histogram,
-                min_scaled_jacobian: quality.scaled_jacobian.min,
-                max_scaled_jacobian: quality.scaled_jacobian.max,
-                scaled_jacobian_histogram: quality.scaled_jacobian.histogram,
-                min_edge_ratio: quality.edge_ratio.min,
-                max_edge_ratio: quality.edge_ratio.max,
-                edge_ratio_histogram: quality.edge_ratio.histogram,
-                min_radius_ratio: quality.radius_ratio.min,
-                max_radius_ratio: quality.radius_ratio.max,
-                radius_ratio_histogram: quality.radius_ratio.histogram,
-            }
-        })
-    }
+    status_of(|| unsafe {
+        certificate_of(mesh)?;
+        let measured = &borrow(mesh, "mesh")?.result.report.quality;
+        let value = lapd_quality {
+            struct_size: own_size::<lapd_quality>(),
+            min_dihedral: measured.min_dihedral,
+            max_dihedral: measured.max_dihedral,
+            max_radius_edge: measured.max_radius_edge,
+            min_facet_angle: measured.min_facet_angle,
+            dihedral_histogram: measured.dihedral_histogram,
+            min_scaled_jacobian: measured.scaled_jacobian.min,
+            max_scaled_jacobian: measured.scaled_jacobian.max,
+            scaled_jacobian_histogram: measured.scaled_jacobian.histogram,
+            min_edge_ratio: measured.edge_ratio.min,
+            max_edge_ratio: measured.edge_ratio.max,
+            edge_ratio_histogram: measured.edge_ratio.histogram,
+            min_radius_ratio: measured.radius_ratio.min,
+            max_radius_ratio: measured.radius_ratio.max,
+            radius_ratio_histogram: measured.radius_ratio.histogram,
+        };
+        fill_struct(quality, value, "quality")
+    })
 }
 
 /// The certificate of the mesh. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or struct_size is not that of a
-/// known version.
+/// known version; LAPD_ERROR_NOT_MEASURED when the mesh has none.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_certificate(
     mesh: *const lapd_mesh,
     certificate: *mut lapd_certificate,
 ) -> lapd_status {
     // SAFETY: see the module's head.
-    unsafe {
-        fill(mesh, certificate, "certificate", |result| {
-            let certificate = &result.report.certificate;
-            lapd_certificate {
-                struct_size: own_size::<lapd_certificate>(),
-                non_delaunay_facets: certificate.non_delaunay_facets,
-                inverted_tets: certificate.inverted_tets,
-                orphan_vertices: certificate.orphan_vertices,
-                open_edges: certificate.open_edges,
-                unmet: certificate.unmet,
-                mesh_to_image_mean: certificate.mean_mesh_to_image,
-                mesh_to_image_max: certificate.hausdorff_mesh_to_image,
-                image_to_mesh_mean: certificate.mean_image_to_mesh,
-                image_to_mesh_max: certificate.hausdorff_image_to_mesh,
-                mesh_to_surface_mean: certificate.mesh_to_surface.mean,
-                mesh_to_surface_max: certificate.mesh_to_surface.max,
-                surface_to_mesh_mean: certificate.surface_to_mesh.mean,
-                surface_to_mesh_max: certificate.surface_to_mesh.max,
-                facets_off_walls: certificate.facets_off_walls,
-                small_components_lost: certificate.small_lost.count,
-                small_component_lost_at: certificate
-                    .small_lost
-                    .first
-                    .map_or([0.0; 3], |(_, position)| position),
-            }
-        })
-    }
+    status_of(|| unsafe {
+        let measured = certificate_of(mesh)?;
+        let value = lapd_certificate {
+            struct_size: own_size::<lapd_certificate>(),
+            non_delaunay_facets: measured.non_delaunay_facets,
+            inverted_tets: measured.inverted_tets,
+            orphan_vertices: measured.orphan_vertices,
+            open_edges: measured.open_edges,
+            unmet: measured.unmet,
+            mesh_to_image_mean: mean(measured.mesh_to_image),
+            mesh_to_image_max: max(measured.mesh_to_image),
+            image_to_mesh_mean: mean(measured.image_to_mesh),
+            image_to_mesh_max: max(measured.image_to_mesh),
+            mesh_to_surface_mean: mean(measured.mesh_to_surface),
+            mesh_to_surface_max: max(measured.mesh_to_surface),
+            surface_to_mesh_mean: mean(measured.surface_to_mesh),
+            surface_to_mesh_max: max(measured.surface_to_mesh),
+            facets_off_walls: measured.facets_off_walls,
+            small_components_lost: measured.small_lost.count,
+            small_component_lost_at: measured
+                .small_lost
+                .first
+                .map_or([0.0; 3], |(_, position)| position),
+            level: lapd_certificate_level::from(measured.level) as i64,
+        };
+        fill_struct(certificate, value, "certificate")
+    })
 }
 
 /// The number of threads that refined. Any thread.

@@ -40,11 +40,13 @@ pub enum lapd_status {
     LAPD_ERROR_TIME_LIMIT = 12,
     /// The caller's limit of memory was reached.
     LAPD_ERROR_MEMORY_LIMIT = 13,
+    /// The mesh has no certificate: nothing was measured on it.
+    LAPD_ERROR_NOT_MEASURED = 14,
 }
 
 use lapd_status::*;
 
-const ALL: [lapd_status; 14] = [
+const ALL: [lapd_status; 15] = [
     LAPD_OK,
     LAPD_ERROR_INVALID_ARGUMENT,
     LAPD_ERROR_UNSUPPORTED,
@@ -59,6 +61,7 @@ const ALL: [lapd_status; 14] = [
     LAPD_ERROR_BUSY,
     LAPD_ERROR_TIME_LIMIT,
     LAPD_ERROR_MEMORY_LIMIT,
+    LAPD_ERROR_NOT_MEASURED,
 ];
 
 impl lapd_status {
@@ -82,6 +85,7 @@ impl lapd_status {
             LAPD_ERROR_BUSY => c"LAPD_ERROR_BUSY",
             LAPD_ERROR_TIME_LIMIT => c"LAPD_ERROR_TIME_LIMIT",
             LAPD_ERROR_MEMORY_LIMIT => c"LAPD_ERROR_MEMORY_LIMIT",
+            LAPD_ERROR_NOT_MEASURED => c"LAPD_ERROR_NOT_MEASURED",
         }
     }
 
@@ -107,6 +111,7 @@ impl lapd_status {
             LAPD_ERROR_BUSY => c"the context is in use by a run that has not returned yet",
             LAPD_ERROR_TIME_LIMIT => c"the limit of time was reached",
             LAPD_ERROR_MEMORY_LIMIT => c"the limit of memory was reached",
+            LAPD_ERROR_NOT_MEASURED => c"nothing was measured on the mesh: it has no certificate",
         }
     }
 }

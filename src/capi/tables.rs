@@ -2,13 +2,14 @@
 
 use super::boundary::{Failure, Growing, Out, Outcome, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
-use super::report::own_size;
+use super::report::{certificate_of, max, mean, own_size};
 use super::status::lapd_status;
 use crate::verify::certificate::{Certificate, MIN_COMPONENT_VOXELS};
 use crate::verify::{DefectKind, Fate};
 
 /// One label, mesh against image. Set struct_size to sizeof(lapd_label_row) before the call.
-/// Volumes are in cubic world units.
+/// Volumes are in cubic world units. Distances are NaN unless the certificate has the level
+/// LAPD_CERTIFICATE_FULL.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_label_row {
@@ -92,7 +93,8 @@ pub enum lapd_fate {
 /// sizeof(lapd_component_row) before the call.
 ///
 /// Voxels are joined with all 26 around them, tets where they share a facet, an edge or a vertex.
-/// Volumes are in cubic world units, positions and distances in world units.
+/// Volumes are in cubic world units, positions and distances in world units. Distances are NaN
+/// unless the certificate has the level LAPD_CERTIFICATE_FULL.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_component_row {
@@ -194,11 +196,6 @@ unsafe impl Growing for lapd_defect {
     const FIRST_SIZE: u64 = 56;
 }
 
-unsafe fn certificate_of<'a>(mesh: *const lapd_mesh) -> Outcome<&'a Certificate> {
-    // SAFETY: the caller's pointer, as the module's head demands.
-    unsafe { Ok(&borrow(mesh, "mesh")?.result.report.certificate) }
-}
-
 /// Writes how many rows a table of the certificate has.
 unsafe fn count_rows(
     mesh: *const lapd_mesh,
@@ -221,7 +218,8 @@ fn row_of<'a, T>(rows: &'a [T], index: usize, what: &str) -> Outcome<&'a T> {
 /// The number of rows that lapd_mesh_get_label_row has: one for each label that was meshed. Any
 /// thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_NOT_MEASURED when the
+/// mesh has no certificate.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_label_row_count(
     mesh: *const lapd_mesh,
@@ -234,7 +232,8 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row_count(
 /// Row `index` (from 0) of the table of labels. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
-/// struct_size is not that of a known version.
+/// struct_size is not that of a known version; LAPD_ERROR_NOT_MEASURED when the mesh has no
+/// certificate.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_label_row(
     mesh: *const lapd_mesh,
@@ -261,14 +260,14 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
             euler_mesh: found.euler_mesh,
             non_manifold_edges: found.non_manifold_edges,
             non_manifold_vertices: found.non_manifold_vertices,
-            mesh_to_image_mean: found.mesh_to_image.mean,
-            mesh_to_image_max: found.mesh_to_image.max,
-            image_to_mesh_mean: found.image_to_mesh.mean,
-            image_to_mesh_max: found.image_to_mesh.max,
-            mesh_to_surface_mean: found.mesh_to_surface.mean,
-            mesh_to_surface_max: found.mesh_to_surface.max,
-            surface_to_mesh_mean: found.surface_to_mesh.mean,
-            surface_to_mesh_max: found.surface_to_mesh.max,
+            mesh_to_image_mean: mean(found.mesh_to_image),
+            mesh_to_image_max: max(found.mesh_to_image),
+            image_to_mesh_mean: mean(found.image_to_mesh),
+            image_to_mesh_max: max(found.image_to_mesh),
+            mesh_to_surface_mean: mean(found.mesh_to_surface),
+            mesh_to_surface_max: max(found.mesh_to_surface),
+            surface_to_mesh_mean: mean(found.surface_to_mesh),
+            surface_to_mesh_max: max(found.surface_to_mesh),
             volume_change: improvement.counts.volume_of(found.label),
         };
         fill_struct(row, value, "row")
@@ -278,7 +277,8 @@ pub unsafe extern "C" fn lapd_mesh_get_label_row(
 /// The number of rows that lapd_mesh_get_component_row has: one for each component of the image
 /// that has LAPD_MIN_COMPONENT_VOXELS or more. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_NOT_MEASURED when the
+/// mesh has no certificate.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_component_row_count(
     mesh: *const lapd_mesh,
@@ -291,7 +291,8 @@ pub unsafe extern "C" fn lapd_mesh_get_component_row_count(
 /// Row `index` (from 0) of the table of components. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
-/// struct_size is not that of a known version.
+/// struct_size is not that of a known version; LAPD_ERROR_NOT_MEASURED when the mesh has no
+/// certificate.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_component_row(
     mesh: *const lapd_mesh,
@@ -318,14 +319,14 @@ pub unsafe extern "C" fn lapd_mesh_get_component_row(
             components_mesh: found.components_mesh,
             euler_image: found.euler_image,
             euler_mesh: found.euler_mesh,
-            mesh_to_image_mean: found.mesh_to_image.mean,
-            mesh_to_image_max: found.mesh_to_image.max,
-            image_to_mesh_mean: found.image_to_mesh.mean,
-            image_to_mesh_max: found.image_to_mesh.max,
-            mesh_to_surface_mean: found.mesh_to_surface.mean,
-            mesh_to_surface_max: found.mesh_to_surface.max,
-            surface_to_mesh_mean: found.surface_to_mesh.mean,
-            surface_to_mesh_max: found.surface_to_mesh.max,
+            mesh_to_image_mean: mean(found.mesh_to_image),
+            mesh_to_image_max: max(found.mesh_to_image),
+            image_to_mesh_mean: mean(found.image_to_mesh),
+            image_to_mesh_max: max(found.image_to_mesh),
+            mesh_to_surface_mean: mean(found.mesh_to_surface),
+            mesh_to_surface_max: max(found.mesh_to_surface),
+            surface_to_mesh_mean: mean(found.surface_to_mesh),
+            surface_to_mesh_max: max(found.surface_to_mesh),
         };
         fill_struct(row, value, "row")
     })
@@ -333,7 +334,8 @@ pub unsafe extern "C" fn lapd_mesh_get_component_row(
 
 /// The number of places that lapd_mesh_get_defect has. Any thread.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_NOT_MEASURED when the
+/// mesh has no certificate.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_defect_count(
     mesh: *const lapd_mesh,
@@ -347,7 +349,8 @@ pub unsafe extern "C" fn lapd_mesh_get_defect_count(
 /// lapd_defect_kind. Any thread.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, `index` is not below the count, or
-/// struct_size is not that of a known version.
+/// struct_size is not that of a known version; LAPD_ERROR_NOT_MEASURED when the mesh has no
+/// certificate.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_get_defect(
     mesh: *const lapd_mesh,

@@ -1,6 +1,5 @@
 //! The last stage: what is measured on the mesh, and the nodes of second order.
 
-use crate::Result;
 use crate::delaunay::check::Check;
 use crate::image::LabelImage;
 use crate::image::small_components::SmallComponent;
@@ -10,26 +9,35 @@ use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
 use crate::second_order::{SecondOrder, add_mid_nodes, curve};
-use crate::verify::{Certificate, Defect, DefectKind, Quality};
+use crate::verify::{Certificate, Defect, DefectKind, Extent, Quality};
+use crate::{Error, Result};
 
 /// Measures a mesh with its facets: its quality, and how well it stands for the image. `check` and
 /// `unmet` are what [`examine`](crate::refine::examine) found, `dropped` the components that were
-/// left out.
+/// left out. Told besides: the limit that ended the measuring of distances.
 ///
 /// # Errors
-/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
+/// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory); a limit,
+/// before the distances.
 pub fn measure(
     mesh: &TetMesh,
     image: &LabelImage,
     oracle: &Oracle,
-    check: &Check,
-    unmet: [u64; 6],
+    (check, unmet): (&Check, [u64; 6]),
     dropped: &[SmallComponent],
+    extent: Extent,
     monitor: &Monitor<'_>,
-) -> Result<(Quality, Certificate)> {
+) -> Result<(Quality, Certificate, Option<Error>)> {
     let quality = Quality::measure(mesh, monitor)?;
-    let mut certificate =
-        Certificate::measure(mesh, image, oracle, check.non_delaunay_facets, unmet, monitor)?;
+    let (mut certificate, ended_by) = Certificate::measure(
+        mesh,
+        image,
+        oracle,
+        check.non_delaunay_facets,
+        unmet,
+        extent,
+        monitor,
+    )?;
     reserve(&mut certificate.defects, dropped.len(), "defects")?;
     certificate.defects.extend(dropped.iter().map(
         |&SmallComponent { label, position, voxels }| Defect {
@@ -39,7 +47,7 @@ pub fn measure(
             size: voxels,
         },
     ));
-    Ok((quality, certificate))
+    Ok((quality, certificate, ended_by))
 }
 
 /// Adds the nodes of second order, if `params` ask for them.

@@ -36,14 +36,14 @@ use crate::improve::Improvement;
 use crate::mesh::TetMesh;
 use crate::mesh::extract::Background;
 use crate::monitor::{Level, Monitor, Step};
-use crate::params::{Improve, MeshParams};
+use crate::params::{CertificateLevel, Improve, MeshParams};
 use crate::refine::activity::Work;
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
 use crate::refine::options::Limits;
 use crate::refine::podm::Refinement;
 use crate::refine::rules::Rules;
 use crate::second_order::SecondOrder;
-use crate::verify::{Certificate, Quality};
+use crate::verify::{Certificate, Extent, Quality};
 use crate::{Error, Result};
 use prepare::{Prepared, Selected};
 use refine::Collected;
@@ -98,7 +98,7 @@ pub struct RunReport {
     pub second_order: SecondOrder,
     /// Tets and facets to which rules R1 to R6 still apply, but cannot be carried out.
     pub unmet: [u64; 6],
-    /// Shape of tets and interface facets.
+    /// Shape of tets and interface facets; measured with the certificate, so nothing without one.
     pub quality: Quality,
     /// What was checked.
     pub certificate: Certificate,
@@ -160,6 +160,11 @@ pub fn mesh_image(
     let mut watch = Stopwatch::new(start);
     let limits = prepare::limits(params, image, start);
 
+    monitor.leave_out_from(match params.certificate {
+        CertificateLevel::None => Step::Quality,
+        CertificateLevel::Sound => Step::MeshToImage,
+        CertificateLevel::Full => Step::Done,
+    });
     prepare::enter(image, monitor)?;
     let Selected { image, dropped } = prepare::select_labels(image, params, monitor)?;
     monitor.log(Level::Info, &messages::describe(&image, params));
@@ -193,15 +198,35 @@ pub fn mesh_image(
         messages::log_improvement(monitor, &improvement, seconds);
     }
 
-    let (quality, certificate) =
-        finish::measure(&mesh, &image, &oracle, &check, unmet, &dropped, monitor)?;
+    if let Some(limit) = &ended_by {
+        monitor.log(Level::Warning, &format!("the mesh is partial: {limit}"));
+    }
+
+    let level = params.certificate;
+    let (quality, certificate) = if level == CertificateLevel::None {
+        (Quality::default(), Certificate::none())
+    } else {
+        // Of a mesh that may be partial what is exact is always told, only distances are left out.
+        monitor.end_at(limits.deadline.filter(|_| !params.partial));
+        let extent = Extent { level, distances_until: limits.deadline };
+        let examined = (&check, unmet);
+        let measured = finish::measure(&mesh, &image, &oracle, examined, &dropped, extent, monitor);
+        monitor.end_at(None);
+        let (quality, certificate, limit) = measured?;
+        match limit {
+            Some(limit) if !params.partial => return Err(limit),
+            Some(limit) if ended_by.is_none() => {
+                monitor.log(Level::Warning, &format!("the certificate has no distances: {limit}"));
+                ended_by = Some(limit);
+            }
+            _ => {}
+        }
+        (quality, certificate)
+    };
     let seconds = watch.add_to(|seconds| &mut seconds.certify);
     let second_order = finish::add_nodes(&mut mesh, &image, &oracle, params, monitor)?;
     watch.add_to(|seconds| &mut seconds.extract);
     monitor.log(Level::Info, &format!("certificate measured in {seconds:.2} s"));
-    if let Some(limit) = &ended_by {
-        monitor.log(Level::Warning, &format!("the mesh is partial: {limit}"));
-    }
     messages::warnings(&certificate).iter().for_each(|line| monitor.log(Level::Warning, line));
     monitor.enter(Step::Done, 0)?;
     let report = RunReport {
@@ -220,6 +245,9 @@ pub fn mesh_image(
     };
     Ok(MeshResult { mesh, report, ended_by })
 }
+
+/// Vertices of a triangulation that nothing has been inserted into.
+const BOX_CORNERS: u64 = 8;
 
 /// What the stage of refinement leaves; the triangulation is gone.
 struct Refined {
@@ -283,7 +311,13 @@ fn refine_and_collect(
             mesh.points.len(),
         ),
     );
-    let (check, unmet) = crate::refine::examine(&rules, &order, monitor)?;
+    let (check, unmet) = if params.certificate == CertificateLevel::None {
+        let Counters { insertions, removals, .. } = refinement.counters;
+        let vertices = BOX_CORNERS + insertions - removals;
+        (Check { tets: order.len() as u64, vertices, ..Check::default() }, [0; 6])
+    } else {
+        crate::refine::examine(&rules, &order, monitor)?
+    };
     monitor.note_tets(check.tets);
     drop(triangulation);
     watch.add_to(|seconds| &mut seconds.certify);

@@ -11,7 +11,7 @@ use crate::image::small_components::SmallComponent;
 use crate::mesh::extract::BYTES_PER_SLOT;
 use crate::monitor::{Monitor, Step};
 use crate::oracle::{Oracle, Surface};
-use crate::params::MeshParams;
+use crate::params::{CertificateLevel, MeshParams};
 use crate::refine::options::Limits;
 use crate::second_order;
 use crate::sizing::Sizing;
@@ -126,7 +126,10 @@ pub fn limits(params: &MeshParams, image: &LabelImage, start: Instant) -> Limits
         Some((end, seconds))
     });
     let (max_vertices, max_memory) = (params.max_vertices, params.max_memory);
-    let bytes_after = Certificate::bytes_needed(image);
+    let bytes_after = match params.certificate {
+        CertificateLevel::Full => Certificate::bytes_needed(image),
+        CertificateLevel::None | CertificateLevel::Sound => 0,
+    };
     let of_nodes = if params.order == 2 { second_order::BYTES_PER_TET } else { 0 };
     Limits {
         max_vertices,

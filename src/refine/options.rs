@@ -80,9 +80,7 @@ impl Limits {
     /// [`Error::TimeLimit`] past the deadline.
     pub fn check_time(&self) -> Result<()> {
         match self.deadline {
-            Some((end, seconds)) if Instant::now() >= end => {
-                Err(Error::TimeLimit(format!("the time limit of {seconds} seconds was reached")))
-            }
+            Some((end, seconds)) if Instant::now() >= end => Err(Error::time_limit(seconds)),
             _ => Ok(()),
         }
     }

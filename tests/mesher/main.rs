@@ -28,15 +28,16 @@ use lapd::geometry::measures::{radius_edge_ratio, tet_circumradius, tet_volume, 
 use lapd::image::LabelImage;
 use lapd::mesh::{NONE, TetMesh};
 use lapd::monitor::Monitor;
-use lapd::params::{Improve, MeshParams};
+use lapd::params::{CertificateLevel, Improve, MeshParams};
 use lapd::pipeline::{MeshResult, mesh_image};
 
 /// Relative slack for figures that are computed in another way than the rules do.
 const ROUNDING: f64 = 1e-9;
 
-/// Parameters of the usual proportions.
+/// Parameters of the usual proportions; all that can be measured is.
 fn params(delta: f64) -> MeshParams {
-    MeshParams { delta, size: 2.0 * delta, ..MeshParams::default() }
+    let certificate = CertificateLevel::Full;
+    MeshParams { delta, size: 2.0 * delta, certificate, ..MeshParams::default() }
 }
 
 /// Meshes without checking anything.

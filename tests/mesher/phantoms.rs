@@ -31,15 +31,15 @@ fn check(image: &LabelImage, params: &MeshParams, golden: &Golden<'_>) -> MeshRe
     let found = volumes(&meshing.mesh);
     let errors: Vec<f64> =
         found.values().zip(golden.volumes).map(|(found, wanted)| found / wanted - 1.0).collect();
-    let to_image = certificate.hausdorff_mesh_to_image / certificate.voxel;
-    let to_mesh = certificate.hausdorff_image_to_mesh / certificate.voxel;
+    let to_image = certificate.mesh_to_image.unwrap().max / certificate.voxel;
+    let to_mesh = certificate.image_to_mesh.unwrap().max / certificate.voxel;
     println!(
         "tets {} facets {} volume errors {errors:.4?} distances {to_image:.3} {to_mesh:.3} voxels, \
          means {:.3} {:.3}",
         quality.tets,
         quality.facets,
-        certificate.mean_mesh_to_image / certificate.voxel,
-        certificate.mean_image_to_mesh / certificate.voxel,
+        certificate.mesh_to_image.unwrap().mean / certificate.voxel,
+        certificate.image_to_mesh.unwrap().mean / certificate.voxel,
     );
     let labels: Vec<i32> = (1..=golden.volumes.len() as i32).collect();
     assert_eq!(found.keys().copied().collect::<Vec<_>>(), labels);

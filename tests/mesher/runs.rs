@@ -1,18 +1,22 @@
 //! One run against another: equal input gives equal meshes, a run can be stopped anywhere. And how
 //! long a demand is true, and that in the end there is none.
 
+use std::time::Duration;
+
 use lapd::Error;
 use lapd::image::phantom::*;
 use lapd::image::{Frame, LabelImage};
 use lapd::monitor::{CancelFlag, Level, Monitor, Phase, Progress, Step};
 use lapd::oracle::Oracle;
-use lapd::params::{MeshParams, SurfaceModel};
+use lapd::params::{CertificateLevel, MeshParams, SurfaceModel};
 use lapd::pipeline::mesh_image;
 use lapd::pipeline::refine::triangulation_around;
 use lapd::refine::options::{Limits, RefineOptions};
 use lapd::refine::rules::{Facets, Lookups, Rule, Rules};
 use lapd::refine::{examine, refine};
 use lapd::sizing::Sizing;
+use lapd::verify::distance::Distance;
+use lapd::verify::{Certificate, Quality};
 
 use super::{params, run};
 
@@ -217,6 +221,84 @@ fn a_callback_cancels_at_any_report() {
         let result = mesh_image(&image, &params(1.0), &Monitor::new(Some(&mut stopping), None));
         assert!(matches!(result, Err(Error::Cancelled)), "at report {stop}");
         assert_eq!(calls, stop + 1, "the callback was called after it had cancelled");
+    }
+}
+
+#[test]
+fn a_certificate_has_the_level_that_is_asked_for() {
+    let image = busy_image();
+    let of = |certificate| run(&image, &MeshParams { certificate, ..params(1.0) });
+    let full = of(CertificateLevel::Full);
+    assert_eq!(full.report.certificate.level, CertificateLevel::Full);
+    assert!(full.report.certificate.mesh_to_image.unwrap().mean > 0.0);
+    // All but the distances is the same.
+    let sound = of(CertificateLevel::Sound);
+    let mut expected = full.report.certificate.clone();
+    expected.level = CertificateLevel::Sound;
+    let clear = |distances: [&mut Option<Distance>; 4]| distances.map(|distance| *distance = None);
+    for row in &mut expected.labels {
+        clear([
+            &mut row.mesh_to_image,
+            &mut row.image_to_mesh,
+            &mut row.mesh_to_surface,
+            &mut row.surface_to_mesh,
+        ]);
+    }
+    for row in &mut expected.components {
+        clear([
+            &mut row.mesh_to_image,
+            &mut row.image_to_mesh,
+            &mut row.mesh_to_surface,
+            &mut row.surface_to_mesh,
+        ]);
+    }
+    clear([
+        &mut expected.mesh_to_image,
+        &mut expected.image_to_mesh,
+        &mut expected.mesh_to_surface,
+        &mut expected.surface_to_mesh,
+    ]);
+    assert_eq!(sound.report.certificate, expected);
+    assert_eq!(sound.report.quality, full.report.quality);
+    let none = of(CertificateLevel::None);
+    assert_eq!(none.report.certificate, Certificate::none());
+    assert_eq!(none.report.quality, Quality::default());
+    for other in [sound, none] {
+        assert!(other.mesh == full.mesh);
+        assert_eq!(other.report.all_tets, full.report.all_tets);
+        assert_eq!(other.report.all_vertices, full.report.all_vertices);
+    }
+}
+
+/// The limit of time is reached while the certificate is measured. Where the mesh may be partial
+/// only the distances are left out.
+#[test]
+fn a_limit_of_time_counts_for_the_certificate() {
+    let image = busy_image();
+    // At the beginning of the certificate, and at that of the distances.
+    for from in [0.55, 0.71] {
+        for partial in [false, true] {
+            let mut slept = false;
+            let mut sleeping = |progress: Progress| {
+                if !slept && progress.phase == Phase::Certify && progress.fraction >= from {
+                    std::thread::sleep(Duration::from_millis(3100));
+                    slept = true;
+                }
+                true
+            };
+            let monitor = Monitor::new(Some(&mut sleeping), None);
+            let limited = MeshParams { time_limit: Some(3.0), partial, ..params(1.0) };
+            let meshing = mesh_image(&image, &limited, &monitor);
+            match (partial, meshing) {
+                (false, Err(Error::TimeLimit(_))) => {}
+                (true, Ok(meshing)) => {
+                    assert!(matches!(meshing.ended_by, Some(Error::TimeLimit(_))));
+                    assert_eq!(meshing.report.certificate.level, CertificateLevel::Sound);
+                    assert!(!meshing.mesh.tets.is_empty());
+                }
+                (_, other) => panic!("{partial}: {:?}", other.map(|_| ())),
+            }
+        }
     }
 }
 

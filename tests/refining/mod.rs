@@ -10,7 +10,7 @@ use lapd::image::phantom::*;
 use lapd::mesh::extract::Background;
 use lapd::monitor::{CancelFlag, Monitor, Progress};
 use lapd::oracle::Oracle;
-use lapd::params::{Contention, MeshParams};
+use lapd::params::{CertificateLevel, Contention, MeshParams};
 use lapd::pipeline::finish::measure;
 use lapd::pipeline::refine::{Collected, collect, triangulation_around};
 use lapd::pipeline::{MeshResult, mesh_image};
@@ -20,7 +20,7 @@ use lapd::refine::podm::Refinement;
 use lapd::refine::rules::Rules;
 use lapd::refine::{examine, refine};
 use lapd::sizing::Sizing;
-use lapd::verify::{Certificate, Quality};
+use lapd::verify::{Certificate, Extent, Quality};
 
 /// Seconds that a test may take, however slow the build; beyond, its threads hang.
 const PATIENCE: u64 = 1500;
@@ -156,8 +156,9 @@ pub fn outcome(subject: &Subject, options: &RefineOptions, complete: bool) -> Ou
     assert_eq!(refinement.ended_by.is_none(), complete, "{what}: {:?}", refinement.ended_by);
     assert!(!complete || unmet == [0; 6], "{what}: unmet {unmet:?}");
     mesh.collect_facets(&monitor).unwrap();
-    let (quality, certificate) =
-        measure(&mesh, image, oracle, &check, unmet, &[], &monitor).unwrap();
+    let extent = Extent { level: CertificateLevel::Full, distances_until: None };
+    let (quality, certificate, _) =
+        measure(&mesh, image, oracle, (&check, unmet), &[], extent, &monitor).unwrap();
     let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
     assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");
     if complete {
@@ -205,10 +206,10 @@ pub fn assert_alike(name: &str, one: &Outcome, other: &Outcome, spread: f64, lar
         );
     }
     for (what, a, b, bound) in [
-        ("mesh to image", a.hausdorff_mesh_to_image, b.hausdorff_mesh_to_image, largest),
-        ("image to mesh", a.hausdorff_image_to_mesh, b.hausdorff_image_to_mesh, largest),
-        ("mean, mesh to image", a.mean_mesh_to_image, b.mean_mesh_to_image, 0.1),
-        ("mean, image to mesh", a.mean_image_to_mesh, b.mean_image_to_mesh, 0.1),
+        ("mesh to image", a.mesh_to_image.unwrap().max, b.mesh_to_image.unwrap().max, largest),
+        ("image to mesh", a.image_to_mesh.unwrap().max, b.image_to_mesh.unwrap().max, largest),
+        ("mean, mesh to image", a.mesh_to_image.unwrap().mean, b.mesh_to_image.unwrap().mean, 0.1),
+        ("mean, image to mesh", a.image_to_mesh.unwrap().mean, b.image_to_mesh.unwrap().mean, 0.1),
     ] {
         assert!((a - b).abs() < bound, "{name}, {what}: {a} and {b}");
     }

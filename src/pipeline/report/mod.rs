@@ -21,11 +21,10 @@ use crate::improve::{Cause, Improvement};
 use crate::io::write::Output;
 use crate::memory::room;
 use crate::monitor::CancelFlag;
-use crate::params::{Algorithm, MeshParams};
+use crate::params::{Algorithm, CertificateLevel, MeshParams};
 use crate::refine::activity::Work;
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
 use crate::verify::certificate::Certificate;
-use crate::verify::distance::Distance;
 use crate::verify::quality::{Quality, Spread};
 use crate::{Error, Result};
 use outline::Outline;
@@ -89,15 +88,15 @@ struct Report<'a> {
     operations: Operations,
     overhead: OverheadJson,
     thread_reports: Vec<Thread>,
-    quality: QualityJson,
+    quality: Option<QualityJson>,
     improvement: ImprovementJson,
     second_order: SecondOrderJson,
-    certificate: CertificateJson,
+    certificate: Option<CertificateJson>,
     #[serde(skip_serializing_if = "Map::is_empty")]
     values: Map<String, Value>,
-    labels: Vec<Label<'a>>,
-    components: Vec<Component>,
-    defects: Vec<DefectJson>,
+    labels: Option<Vec<Label<'a>>>,
+    components: Option<Vec<Component>>,
+    defects: Option<Vec<DefectJson>>,
 }
 
 /// The names of the members of [`Report`], which nobody else may use.
@@ -152,7 +151,10 @@ impl<'a> Report<'a> {
         let vertices = report.all_vertices;
         let name_of = |label| names.iter().find(|name| name.0 == label).map(|name| &*name.1);
         let volume_change = |label| report.improvement.counts.volume_of(label);
-        let certificate = &report.certificate;
+        // What was not measured is null, and never 0.
+        let certificate = Some(&report.certificate)
+            .filter(|certificate| certificate.level != CertificateLevel::None);
+        let label_row = |row| Label::new(row, name_of(row.label), volume_change(row.label));
         Ok(Self {
             version: env!("CARGO_PKG_VERSION"),
             world: world.map_or("unknown", WorldAxes::name),
@@ -187,7 +189,7 @@ impl<'a> Report<'a> {
             ),
             overhead: OverheadJson::all(&report.all_threads()),
             thread_reports: filled(&report.threads, "threads", Thread::new)?,
-            quality: QualityJson::new(&report.quality),
+            quality: certificate.map(|_| QualityJson::new(&report.quality)),
             improvement: ImprovementJson::new(&report.improvement, &mesh.labels)?,
             second_order: SecondOrderJson {
                 nodes: report.second_order.nodes,
@@ -198,16 +200,18 @@ impl<'a> Report<'a> {
                 min_jacobian: report.second_order.curving.min_jacobian,
                 volume: report.second_order.curving.volume,
             },
-            certificate: CertificateJson::new(certificate),
+            certificate: certificate.map(CertificateJson::new),
             values: (1..)
                 .zip(values.iter())
                 .map(|(label, value): (u32, _)| (label.to_string(), Value::from(value.as_str())))
                 .collect(),
-            labels: filled(&certificate.labels, "labels", |row| {
-                Label::new(row, name_of(row.label), volume_change(row.label))
-            })?,
-            components: filled(&certificate.components, "components", Component::new)?,
-            defects: filled(&certificate.defects, "defects", DefectJson::from)?,
+            labels: certificate.map(|all| filled(&all.labels, "labels", label_row)).transpose()?,
+            components: certificate
+                .map(|all| filled(&all.components, "components", Component::new))
+                .transpose()?,
+            defects: certificate
+                .map(|all| filled(&all.defects, "defects", DefectJson::from))
+                .transpose()?,
         })
     }
 }
@@ -495,6 +499,7 @@ struct SecondOrderJson {
 
 #[derive(Serialize)]
 struct CertificateJson {
+    level: &'static str,
     non_delaunay_facets: u64,
     inverted_tets: u64,
     orphan_vertices: u64,
@@ -509,6 +514,11 @@ struct CertificateJson {
 impl CertificateJson {
     fn new(certificate: &Certificate) -> Self {
         Self {
+            level: match certificate.level {
+                CertificateLevel::None => "none",
+                CertificateLevel::Sound => "sound",
+                CertificateLevel::Full => "full",
+            },
             non_delaunay_facets: certificate.non_delaunay_facets,
             inverted_tets: certificate.inverted_tets,
             orphan_vertices: certificate.orphan_vertices,
@@ -516,14 +526,8 @@ impl CertificateJson {
             facets_off_walls: certificate.facets_off_walls,
             small_components_lost: certificate.small_lost.count,
             distances: Distances::new([
-                Distance {
-                    max: certificate.hausdorff_mesh_to_image,
-                    mean: certificate.mean_mesh_to_image,
-                },
-                Distance {
-                    max: certificate.hausdorff_image_to_mesh,
-                    mean: certificate.mean_image_to_mesh,
-                },
+                certificate.mesh_to_image,
+                certificate.image_to_mesh,
                 certificate.mesh_to_surface,
                 certificate.surface_to_mesh,
             ]),

@@ -5,22 +5,39 @@ use serde::Serialize;
 use crate::verify::distance::Distance;
 use crate::verify::{ComponentRow, Defect, DefectKind, Fate, LabelRow};
 
+/// A distance, or that there is none.
+struct Parts {
+    max: Option<f64>,
+    mean: Option<f64>,
+}
+
+impl From<Option<Distance>> for Parts {
+    fn from(distance: Option<Distance>) -> Self {
+        Self {
+            max: distance.map(|distance| distance.max),
+            mean: distance.map(|distance| distance.mean),
+        }
+    }
+}
+
 /// Largest and mean distances, to the faces of the image's voxels and to the smooth interfaces.
 #[derive(Serialize)]
 pub(super) struct Distances {
-    hausdorff_mesh_to_image: f64,
-    hausdorff_image_to_mesh: f64,
-    mean_mesh_to_image: f64,
-    mean_image_to_mesh: f64,
-    hausdorff_mesh_to_surface: f64,
-    hausdorff_surface_to_mesh: f64,
-    mean_mesh_to_surface: f64,
-    mean_surface_to_mesh: f64,
+    hausdorff_mesh_to_image: Option<f64>,
+    hausdorff_image_to_mesh: Option<f64>,
+    mean_mesh_to_image: Option<f64>,
+    mean_image_to_mesh: Option<f64>,
+    hausdorff_mesh_to_surface: Option<f64>,
+    hausdorff_surface_to_mesh: Option<f64>,
+    mean_mesh_to_surface: Option<f64>,
+    mean_surface_to_mesh: Option<f64>,
 }
 
 impl Distances {
-    /// From mesh to image and back, from mesh to smooth interfaces and back.
-    pub(super) fn new([to_image, from_image, to_surface, from_surface]: [Distance; 4]) -> Self {
+    /// From mesh to image and back, from mesh to smooth interfaces and back; `None`, in a file
+    /// `null`, where they were not measured.
+    pub(super) fn new(distances: [Option<Distance>; 4]) -> Self {
+        let [to_image, from_image, to_surface, from_surface] = distances.map(Parts::from);
         Self {
             hausdorff_mesh_to_image: to_image.max,
             hausdorff_image_to_mesh: from_image.max,

@@ -15,23 +15,24 @@
 mod rows;
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::Instant;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::Result;
 use crate::image::LabelImage;
 use crate::image::components::{ImageComponents, SLICE};
 use crate::memory::zeroed;
 use crate::mesh::TetMesh;
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
-use crate::verify::distance::VoxelFaces;
-use crate::verify::distance::{Distance, Distances};
+use crate::params::CertificateLevel;
+use crate::verify::distance::{BothDistances, Distance, Distances, SurfaceDistance, VoxelFaces};
 use crate::verify::off_walls::facets_off_walls;
 use crate::verify::topology::boundary_surface::BoundarySurfaces;
 use crate::verify::topology::matching::{Fate, Matching};
 use crate::verify::topology::mesh_components::MeshComponents;
+use crate::{Error, Result};
 use rows::Tables;
 
 /// Tets per work item.
@@ -52,8 +53,17 @@ pub struct SmallLost {
     pub first: Option<(i32, [f64; 3])>,
 }
 
+/// How much of a certificate is to be measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Extent {
+    /// What.
+    pub level: CertificateLevel,
+    /// When the measuring of distances is to end, and the limit in seconds that this comes from.
+    pub distances_until: Option<(Instant, f64)>,
+}
+
 /// One label, in the mesh and in the image. Volumes are in cubic world units, distances in world
-/// units.
+/// units, and `None` where they were not measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LabelRow {
     /// The label; never 0.
@@ -92,18 +102,19 @@ pub struct LabelRow {
     /// meet.
     pub non_manifold_vertices: u64,
     /// From the label's boundary in the mesh to that in the image.
-    pub mesh_to_image: Distance,
+    pub mesh_to_image: Option<Distance>,
     /// From the label's boundary in the image to that in the mesh; infinite if the mesh lost it.
-    pub image_to_mesh: Distance,
+    pub image_to_mesh: Option<Distance>,
     /// From the label's boundary in the mesh to the smooth interfaces.
-    pub mesh_to_surface: Distance,
+    pub mesh_to_surface: Option<Distance>,
     /// From the smooth interfaces around the label to its boundary in the mesh; infinite if the
     /// mesh lost it.
-    pub surface_to_mesh: Distance,
+    pub surface_to_mesh: Option<Distance>,
 }
 
 /// One component of the image that has at least [`MIN_COMPONENT_VOXELS`], and what the mesh made of
-/// it. Volumes are in cubic world units, distances in world units.
+/// it. Volumes are in cubic world units, distances in world units, and `None` where they were not
+/// measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ComponentRow {
     /// Its label.
@@ -129,13 +140,13 @@ pub struct ComponentRow {
     pub euler_mesh: i64,
     /// From the boundary of the components of the mesh that belong to it to that of its label in
     /// the image.
-    pub mesh_to_image: Distance,
+    pub mesh_to_image: Option<Distance>,
     /// From its boundary to that of its label in the mesh.
-    pub image_to_mesh: Distance,
+    pub image_to_mesh: Option<Distance>,
     /// From the boundary of the components of the mesh that belong to it to the smooth interfaces.
-    pub mesh_to_surface: Distance,
+    pub mesh_to_surface: Option<Distance>,
     /// From the smooth interfaces around it to its label's boundary in the mesh.
-    pub surface_to_mesh: Distance,
+    pub surface_to_mesh: Option<Distance>,
 }
 
 /// What is wrong with the topology of a label somewhere.
@@ -177,9 +188,11 @@ pub struct Defect {
 }
 
 /// What holds for a finished mesh. Distances are in world units; divided by [`voxel`](Self::voxel)
-/// they are in voxels.
+/// they are in voxels. Those that were not measured are `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Certificate {
+    /// What was measured. With [`CertificateLevel::None`] nothing below means anything.
+    pub level: CertificateLevel,
     /// Facets whose tets' circumspheres hold the opposite vertex; counted by the caller on the
     /// triangulation.
     pub non_delaunay_facets: u64,
@@ -195,20 +208,16 @@ pub struct Certificate {
     pub small_lost: SmallLost,
     /// Outer facets that should lie on a wall, where the image cuts the object off, and do not.
     pub facets_off_walls: u64,
-    /// Largest distance from the mesh's interfaces to the faces between voxels of different label,
-    /// to within a hundredth of the smallest spacing.
-    pub hausdorff_mesh_to_image: f64,
-    /// Largest distance from those faces to the mesh's interfaces; infinite if the mesh has none.
-    pub hausdorff_image_to_mesh: f64,
-    /// Area-weighted mean of the distance from the mesh's interfaces.
-    pub mean_mesh_to_image: f64,
-    /// Area-weighted mean of the distance from the faces of the voxels.
-    pub mean_image_to_mesh: f64,
+    /// From the mesh's interfaces to the faces between voxels of different label; the largest to
+    /// within a hundredth of the smallest spacing.
+    pub mesh_to_image: Option<Distance>,
+    /// From those faces to the mesh's interfaces; infinite if the mesh has none.
+    pub image_to_mesh: Option<Distance>,
     /// From the mesh's interfaces to the smooth ones, those of the oracle: of its samples, as
     /// `distance` tells.
-    pub mesh_to_surface: Distance,
+    pub mesh_to_surface: Option<Distance>,
     /// From the smooth interfaces to those of the mesh; infinite if the mesh has none.
-    pub surface_to_mesh: Distance,
+    pub surface_to_mesh: Option<Distance>,
     /// The smallest spacing of the image.
     pub voxel: f64,
     /// Elements that rules R1 to R6 still apply to, and that the spacing floor leaves as they are;
@@ -224,20 +233,29 @@ pub struct Certificate {
 }
 
 impl Certificate {
+    /// Of a mesh that nothing is measured on.
+    pub fn none() -> Self {
+        Self { level: CertificateLevel::None, ..Self::default() }
+    }
+
     /// Certifies `mesh` against the `image` it was made from (with the labels that were not to be
-    /// meshed already set to 0), and the `oracle` made from that.
+    /// meshed already set to 0), and the `oracle` made from that. Told besides: the limit that
+    /// ended the measuring of distances. The certificate is [`Sound`](CertificateLevel::Sound)
+    /// then.
     ///
     /// # Errors
     /// [`InvalidArgument`](crate::Error::InvalidArgument) when a vertex is not finite;
-    /// [`OutOfMemory`](crate::Error::OutOfMemory); [`Cancelled`](crate::Error::Cancelled).
+    /// [`OutOfMemory`](crate::Error::OutOfMemory); [`Cancelled`](crate::Error::Cancelled); a limit,
+    /// before the distances.
     pub fn measure(
         mesh: &TetMesh,
         image: &LabelImage,
         oracle: &Oracle,
         non_delaunay_facets: u64,
         unmet: [u64; 6],
+        extent: Extent,
         monitor: &Monitor<'_>,
-    ) -> Result<Self> {
+    ) -> Result<(Self, Option<Error>)> {
         let [_, _, nz] = image.dims();
         // Tets are gone over four times, facets twice, vertices and slices of voxels once; these
         // count as some thousand tets each.
@@ -251,9 +269,34 @@ impl Certificate {
         let image_components = ImageComponents::new(image, &|steps| monitor.advance(steps))?;
         let mut mesh_components = MeshComponents::new(mesh, image, &image_components, monitor)?;
         let surfaces = BoundarySurfaces::measure(mesh, &mut mesh_components, monitor)?;
-        let distances =
-            Distances::measure(mesh, image, &mesh_components, &image_components, oracle, monitor)?;
-        let (to_faces, to_surface) = (distances.faces.whole, distances.surface.whole);
+        let mut ended_by = None;
+        let distances = match extent.level {
+            CertificateLevel::None | CertificateLevel::Sound => None,
+            CertificateLevel::Full => {
+                monitor.end_at(extent.distances_until);
+                let of_all = Distances::measure(
+                    mesh,
+                    image,
+                    &mesh_components,
+                    &image_components,
+                    oracle,
+                    monitor,
+                );
+                monitor.end_at(None);
+                match of_all {
+                    Err(limit) if limit.is_limit() => {
+                        ended_by = Some(limit);
+                        None
+                    }
+                    distances => Some(distances?),
+                }
+            }
+        };
+        let level =
+            if distances.is_some() { CertificateLevel::Full } else { CertificateLevel::Sound };
+        let whole = |both: fn(&BothDistances) -> SurfaceDistance| distances.as_ref().map(both);
+        let to_faces = whole(|both| both.faces.whole);
+        let to_surface = whole(|both| both.surface.whole);
         let tables = Tables {
             mesh,
             image,
@@ -265,31 +308,31 @@ impl Certificate {
             image_components: &image_components,
             mesh_components: &mesh_components,
             surfaces: &surfaces,
-            distances: &distances,
+            distances: distances.as_ref(),
         };
-        Ok(Self {
+        let certificate = Self {
+            level,
             non_delaunay_facets,
             inverted_tets,
             orphan_vertices,
             open_edges: surfaces.open_edges,
             facets_off_walls,
             small_lost: tables.small_lost(),
-            hausdorff_mesh_to_image: to_faces.mesh_to_image.max,
-            hausdorff_image_to_mesh: to_faces.image_to_mesh.max,
-            mean_mesh_to_image: to_faces.mesh_to_image.mean,
-            mean_image_to_mesh: to_faces.image_to_mesh.mean,
-            mesh_to_surface: to_surface.mesh_to_image,
-            surface_to_mesh: to_surface.image_to_mesh,
+            mesh_to_image: to_faces.map(|distance| distance.mesh_to_image),
+            image_to_mesh: to_faces.map(|distance| distance.image_to_mesh),
+            mesh_to_surface: to_surface.map(|distance| distance.mesh_to_image),
+            surface_to_mesh: to_surface.map(|distance| distance.image_to_mesh),
             voxel: image.frame().spacing().min_element(),
             unmet,
             labels: tables.labels(),
             components: tables.components()?,
             defects: tables.defects(),
-        })
+        };
+        Ok((certificate, ended_by))
     }
 
-    /// Bytes that [`Self::measure`] needs for the voxels of `image`, beside what the mesh and the
-    /// components need.
+    /// Bytes that distances need for the voxels of `image`, beside what the mesh and the components
+    /// need.
     pub fn bytes_needed(image: &LabelImage) -> u64 {
         VoxelFaces::bytes(image.dims())
     }
@@ -375,14 +418,34 @@ mod tests {
         (testing::kuhn_box([4; 3], spacing, nested), testing::image([4; 3], frame, nested))
     }
 
+    fn full(
+        mesh: &TetMesh,
+        image: &LabelImage,
+        oracle: &Oracle,
+        non_delaunay_facets: u64,
+        unmet: [u64; 6],
+    ) -> Certificate {
+        let extent = Extent { level: CertificateLevel::Full, distances_until: None };
+        let measured = Certificate::measure(
+            mesh,
+            image,
+            oracle,
+            non_delaunay_facets,
+            unmet,
+            extent,
+            &Monitor::silent(),
+        );
+        let (certificate, ended_by) = measured.unwrap();
+        assert!(ended_by.is_none());
+        certificate
+    }
+
     #[test]
     fn a_perfect_mesh() {
         let (mesh, image) = nested_pair();
         // Its surface is the faces of the voxels; crossings are found to a thousandth of a voxel.
         let oracle = Oracle::new(&image, SurfaceModel::Voxel, &|| Ok(())).unwrap();
-        let mut certificate =
-            Certificate::measure(&mesh, &image, &oracle, 3, [1, 2, 3, 4, 5, 6], &Monitor::silent())
-                .unwrap();
+        let mut certificate = full(&mesh, &image, &oracle, 3, [1, 2, 3, 4, 5, 6]);
         let in_rows = certificate
             .labels
             .iter_mut()
@@ -390,9 +453,10 @@ mod tests {
         for distance in
             in_rows.chain([&mut certificate.mesh_to_surface, &mut certificate.surface_to_mesh])
         {
-            assert!(distance.max < 2e-3, "{distance:?}");
-            *distance = Distance::default();
+            assert!(distance.unwrap().max < 2e-3, "{distance:?}");
+            *distance = Some(Distance::default());
         }
+        let zero = Some(Distance::default());
         let row = |label, voxels: u64| LabelRow {
             label,
             tets: 6 * voxels,
@@ -403,6 +467,10 @@ mod tests {
             components_mesh: 1,
             euler_image: if label == 5 { 4 } else { 2 },
             euler_mesh: if label == 5 { 4 } else { 2 },
+            mesh_to_image: zero,
+            image_to_mesh: zero,
+            mesh_to_surface: zero,
+            surface_to_mesh: zero,
             ..LabelRow::default()
         };
         let expected = Certificate {
@@ -410,6 +478,11 @@ mod tests {
             unmet: [1, 2, 3, 4, 5, 6],
             voxel: 0.5,
             labels: vec![row(5, 56), row(900, 8)],
+            level: CertificateLevel::Full,
+            mesh_to_image: zero,
+            image_to_mesh: zero,
+            mesh_to_surface: zero,
+            surface_to_mesh: zero,
             ..Certificate::default()
         };
         assert_eq!(certificate.labels.len(), 2);
@@ -443,9 +516,7 @@ mod tests {
         mesh.facets.pop();
         mesh.facet_labels.pop();
         mesh.facet_tets.pop();
-        let certificate =
-            Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent())
-                .unwrap();
+        let certificate = full(&mesh, &image, &oracle(&image), 0, [0; 6]);
         assert_eq!(
             (certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges),
             (2, 1, 3)
@@ -488,10 +559,7 @@ mod tests {
         }
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent())
-                    .unwrap()
-            })
+            pool.install(|| full(&mesh, &image, &oracle(&image), 0, [0; 6]))
         };
         let certificate = on(1);
         assert!(mesh.tets.len() > 4 * CHUNK && mesh.facets.len() > CHUNK);
@@ -508,16 +576,13 @@ mod tests {
         let image =
             testing::image([2, 1, 1], Frame::axis_aligned([1.0; 3]).unwrap(), |i, _, _| [1, 7][i]);
         let mesh = testing::kuhn_box([2, 1, 1], [1.0; 3], |i, _, _| [7, -3][i]);
-        let rows =
-            Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent())
-                .unwrap()
-                .labels;
+        let rows = full(&mesh, &image, &oracle(&image), 0, [0; 6]).labels;
         assert_eq!(
             rows.iter().map(|r| (r.label, r.tets, r.image_voxels)).collect::<Vec<_>>(),
             [(-3, 6, 0), (1, 0, 1), (7, 6, 1)]
         );
         assert_eq!(
-            (rows[0].mesh_to_image.max, rows[1].image_to_mesh.max),
+            (rows[0].mesh_to_image.unwrap().max, rows[1].image_to_mesh.unwrap().max),
             (f64::INFINITY, f64::INFINITY)
         );
     }
@@ -548,9 +613,7 @@ mod tests {
                 .unwrap();
         let (mesh, image) =
             (testing::kuhn_box(dims, spacing, meshed), testing::image(dims, frame, bars));
-        let certificate =
-            Certificate::measure(&mesh, &image, &oracle(&image), 0, [0; 6], &Monitor::silent())
-                .unwrap();
+        let certificate = full(&mesh, &image, &oracle(&image), 0, [0; 6]);
         let fates: Vec<_> = certificate
             .components
             .iter()
@@ -588,7 +651,7 @@ mod tests {
         // The lost bar is three voxels from what is left of its label on the one side, two and a
         // bit on the other.
         assert!(
-            certificate.components[2].image_to_mesh.max >= 2.0,
+            certificate.components[2].image_to_mesh.unwrap().max >= 2.0,
             "{:?}",
             certificate.components[2]
         );

@@ -11,7 +11,7 @@ use crate::image::LabelImage;
 use crate::image::components::{ImageComponent, ImageComponents};
 use crate::memory::{filled, room};
 use crate::mesh::TetMesh;
-use crate::verify::distance::{BothDistances, Sum};
+use crate::verify::distance::{BothDistances, Distance, Sum};
 use crate::verify::topology::boundary_surface::{BoundarySurfaces, NonManifold};
 use crate::verify::topology::matching::{Fate, Matching, Role};
 use crate::verify::topology::mesh_components::MeshComponents;
@@ -24,7 +24,8 @@ pub(crate) struct Tables<'t> {
     pub image_components: &'t ImageComponents,
     pub mesh_components: &'t MeshComponents,
     pub surfaces: &'t BoundarySurfaces,
-    pub distances: &'t BothDistances,
+    /// `None` where they were not measured.
+    pub distances: Option<&'t BothDistances>,
 }
 
 /// A row, and the sums of distances from which it is completed.
@@ -54,8 +55,10 @@ impl Tables<'_> {
             };
             open.row.components_lost += listed(Fate::Lost);
             open.row.components_merged += listed(Fate::Merged);
-            open.image_to_mesh += self.distances.faces.of_image[c];
-            open.surface_to_mesh += self.distances.surface.of_image[c];
+            if let Some(BothDistances { faces, surface }) = self.distances {
+                open.image_to_mesh += faces.of_image[c];
+                open.surface_to_mesh += surface.of_image[c];
+            }
         }
         for (c, component) in self.mesh_components.list.iter().enumerate() {
             let open = rows.entry(component.label).or_default();
@@ -64,8 +67,10 @@ impl Tables<'_> {
             open.row.components_mesh += 1;
             open.row.pieces += u64::from(self.matching.roles[c].0 != Role::Main);
             open.row.euler_mesh += self.surfaces.euler[c];
-            open.mesh_to_image += self.distances.faces.of_mesh[c];
-            open.mesh_to_surface += self.distances.surface.of_mesh[c];
+            if let Some(BothDistances { faces, surface }) = self.distances {
+                open.mesh_to_image += faces.of_mesh[c];
+                open.mesh_to_surface += surface.of_mesh[c];
+            }
         }
         for place in &self.surfaces.non_manifold {
             let row = &mut rows.entry(place.label).or_default().row;
@@ -78,10 +83,10 @@ impl Tables<'_> {
         let complete = |(label, open): (i32, Open<LabelRow>)| LabelRow {
             label,
             image_volume: open.row.image_voxels as f64 * self.image.voxel_volume(),
-            mesh_to_image: open.mesh_to_image.distance(),
-            image_to_mesh: open.image_to_mesh.distance(),
-            mesh_to_surface: open.mesh_to_surface.distance(),
-            surface_to_mesh: open.surface_to_mesh.distance(),
+            mesh_to_image: self.measured(open.mesh_to_image),
+            image_to_mesh: self.measured(open.image_to_mesh),
+            mesh_to_surface: self.measured(open.mesh_to_surface),
+            surface_to_mesh: self.measured(open.surface_to_mesh),
             ..open.row
         };
         rows.into_iter().map(complete).collect()
@@ -112,8 +117,8 @@ impl Tables<'_> {
                 tets: self.matching.tets[c].count,
                 mesh_volume: self.matching.tets[c].volume,
                 euler_image: 2 * component.euler,
-                image_to_mesh: self.distances.faces.of_image[c].distance(),
-                surface_to_mesh: self.distances.surface.of_image[c].distance(),
+                image_to_mesh: self.distances.map(|both| both.faces.of_image[c].distance()),
+                surface_to_mesh: self.distances.map(|both| both.surface.of_image[c].distance()),
                 ..ComponentRow::default()
             };
             rows.push(Open { row, ..Open::default() });
@@ -122,13 +127,15 @@ impl Tables<'_> {
             if let Some(place) = lies_in.and_then(|image| places[image as usize]) {
                 rows[place].row.components_mesh += 1;
                 rows[place].row.euler_mesh += self.surfaces.euler[c];
-                rows[place].mesh_to_image += self.distances.faces.of_mesh[c];
-                rows[place].mesh_to_surface += self.distances.surface.of_mesh[c];
+                if let Some(BothDistances { faces, surface }) = self.distances {
+                    rows[place].mesh_to_image += faces.of_mesh[c];
+                    rows[place].mesh_to_surface += surface.of_mesh[c];
+                }
             }
         }
         let complete = |open: Open<ComponentRow>| ComponentRow {
-            mesh_to_image: open.mesh_to_image.distance(),
-            mesh_to_surface: open.mesh_to_surface.distance(),
+            mesh_to_image: self.measured(open.mesh_to_image),
+            mesh_to_surface: self.measured(open.mesh_to_surface),
             ..open.row
         };
         Ok(rows.into_iter().map(complete).collect())
@@ -187,6 +194,11 @@ impl Tables<'_> {
         // Stable: within a kind they keep their order.
         defects.sort_by_key(|defect| defect.kind);
         defects
+    }
+
+    /// The distance of a sum, if any was measured.
+    fn measured(&self, sum: Sum) -> Option<Distance> {
+        self.distances.map(|_| sum.distance())
     }
 
     fn label(&self, component: &ImageComponent) -> i32 {
