@@ -288,7 +288,9 @@ fn a_limit_of_time_counts_for_the_certificate() {
             };
             let monitor = Monitor::new(Some(&mut sleeping), None);
             let limited = MeshParams { time_limit: Some(3.0), partial, ..params(1.0) };
-            let meshing = mesh_image(&image, &limited, &monitor);
+            // A pool of its own: that of all tests may be busy for seconds.
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+            let meshing = pool.install(|| mesh_image(&image, &limited, &monitor));
             match (partial, meshing) {
                 (false, Err(Error::TimeLimit(_))) => {}
                 (true, Ok(meshing)) => {
