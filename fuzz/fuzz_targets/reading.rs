@@ -21,7 +21,7 @@ pub fn read(ending: &str, data: &[u8]) {
         let path = folder.path().join(format!("image.{ending}"));
         std::fs::write(&path, data).unwrap();
         for values in [LabelValues::Whole, LabelValues::Rounded, LabelValues::Distinct] {
-            let options = ReadOptions { world: WorldFrame::Ras, values, layer_order: None };
+            let options = ReadOptions { world: WorldFrame::Ras, values, ..ReadOptions::default() };
             match read_image_with(&path, &options, &|_| Ok(())) {
                 Ok(read) => {
                     check(&read.image);

@@ -98,6 +98,18 @@ pub(super) fn warnings(certificate: &Certificate) -> Vec<String> {
     lines
 }
 
+/// Says so if the size of tets asks for denser samples than delta does.
+pub(super) fn warn_of_lowered(params: &MeshParams, lowered: f64, monitor: &Monitor<'_>) {
+    if lowered < params.delta {
+        let line = format!(
+            "size {} needs samples of the interfaces no more than {lowered} apart: delta {} is \
+             lowered to that",
+            params.size, params.delta
+        );
+        monitor.log(Level::Warning, &line);
+    }
+}
+
 /// Says so if a mesh will have very many tets for its image, and not because delta and size ask for
 /// them: `asked_for` are those that these alone make.
 pub(super) fn warn_of_many([asked_for, expected]: [f64; 2], voxels: u64, monitor: &Monitor<'_>) {

@@ -271,10 +271,10 @@ fn refine_and_collect(
 ) -> Result<Refined> {
     let Prepared { oracle, sizing, voxels } = prepared;
     let by_volume = refine::expected_by_volume(prepared, image, params);
-    let about_interfaces = oracle.expected_tets(params.delta, &sizing.palette());
+    let about_interfaces = oracle.expected_tets(sizing.max(), &sizing.palette());
     messages::warn_of_many(about_interfaces.map(|tets| tets + by_volume), *voxels, monitor);
     monitor.enter(Step::Refine, 1)?;
-    let triangulation = refine::triangulation_around(oracle, params.delta)?;
+    let triangulation = refine::triangulation_around(oracle, sizing.max())?;
     let rules = Rules::new(&triangulation, oracle, sizing, params, image.labels());
     let options = refine::options(params, limits.clone(), by_volume as u64)?;
     let mut refinement = crate::refine::refine(&rules, &options, monitor)?;

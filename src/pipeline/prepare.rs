@@ -12,9 +12,10 @@ use crate::mesh::extract::BYTES_PER_SLOT;
 use crate::monitor::{Monitor, Step};
 use crate::oracle::{Oracle, Surface};
 use crate::params::{CertificateLevel, MeshParams};
+use crate::pipeline::messages;
 use crate::refine::options::Limits;
 use crate::second_order;
-use crate::sizing::Sizing;
+use crate::sizing::{Sizing, Spacing};
 use crate::verify::Certificate;
 use crate::{Error, Result};
 
@@ -85,11 +86,10 @@ pub fn prepare(
 ) -> Result<Prepared> {
     let go_on = || monitor.advance(1).and_then(|()| limits.check_time());
     let region = Region::new(image, &go_on)?;
+    let spacing = Spacing::new(params, image.labels());
+    messages::warn_of_lowered(params, spacing.delta, monitor);
     if limits.max_memory.is_some() {
-        let sizing = match params.adaptive {
-            true => Sizing::bytes_needed(image, &region, params.delta, params.spacing_floor),
-            false => 0,
-        };
+        let sizing = Sizing::bytes_needed(image, &region, &spacing);
         let first = Oracle::bytes_needed(image, &region) + sizing;
         limits.check_memory(first.max(limits.bytes_after))?;
     }
@@ -102,10 +102,7 @@ pub fn prepare(
     // Side by side: where the threads have nothing to do for the one they work on the other.
     let (oracle, sizing) = rayon::join(
         || Oracle::of_rows(image, &rows, surface, &go_on),
-        || match params.adaptive {
-            true => Sizing::new(image, &rows, params.delta, params.spacing_floor, &go_on),
-            false => Ok(Sizing::uniform(params.delta)),
-        },
+        || Sizing::new(image, &rows, &spacing, &go_on),
     );
     Ok(Prepared { oracle: oracle?, sizing: sizing?, voxels: object_voxels(image) })
 }

@@ -1,10 +1,13 @@
 //! The sizing field: how far apart samples of dO are to be, from place to place.
 //!
-//! Where nothing is thin that is delta. A structure of thickness t (`sizing/thickness`) wants
-//! samples `PER_THICKNESS` t apart on both of its sides: farther apart, the tets between its
-//! sides reach out of it, and it tears. Away from there the field grows by no more than `GRADING`
-//! per unit of distance (along the image axes one after the other), so that elements grow smoothly.
-//! It is never below the floor.
+//! Where nothing is thin that is delta, but no more than a part of the largest circumradius asked
+//! for of the tets there (`PER_SIZE`): such tets need vertices nearer to the interface than its samples
+//! are to each other, and rule R6 would remove what rule R5 inserts.
+//!
+//! A structure of thickness t (`sizing/thickness`) wants samples `PER_THICKNESS` t apart on both of
+//! its sides: farther apart, the tets between its sides reach out of it, and it tears. Away from
+//! there the field grows by no more than `GRADING` per unit of distance (along the image axes one
+//! after the other), so that elements grow smoothly. What is thin never takes it below the floor.
 //!
 //! It is kept for each voxel of the region, in a byte, and constant within a voxel. Without thin
 //! structures there is no table, and every answer is delta.
@@ -20,16 +23,58 @@ use crate::Result;
 use crate::image::bricks::Bricks;
 use crate::image::region::{Region, Rows};
 use crate::image::{Grid, LabelImage, Palette};
-use crate::memory::zeroed;
+use crate::memory::{filled, zeroed};
+use crate::params::MeshParams;
 
 /// Samples of a thin structure are this part of its thickness apart.
 const PER_THICKNESS: f64 = 0.75;
+
+/// Samples beside tets of a largest circumradius are this part of it apart, or less. Measured
+/// (docs/notes/design-notes.md): with 1 a fifth of what R5 inserts is removed again, with 0.7
+/// nothing is, and the mesh has as many tets.
+const PER_SIZE: f64 = 0.7;
 
 /// Growth of the field per distance.
 const GRADING: f64 = 0.4;
 
 /// Levels between the floor and delta.
 const LEVELS: u8 = u8::MAX;
+
+/// What a field is made for.
+#[derive(Debug)]
+pub struct Spacing {
+    /// How far apart samples are at most.
+    pub delta: f64,
+    /// The same where the interface bounds a label, for each id.
+    of_labels: Vec<f64>,
+    /// Whether what is thin is sampled more densely, down to this times the smallest side of a
+    /// voxel.
+    floor: Option<f64>,
+}
+
+impl Spacing {
+    /// What `params` ask for in an image of these labels, background first.
+    pub fn new(params: &MeshParams, labels: &[i32]) -> Self {
+        let size = |label| params.label_sizes.get(label).copied().unwrap_or(params.size);
+        let tissues = labels.iter().skip(1).map(|label| PER_SIZE * size(label));
+        let of_labels: Vec<f64> = std::iter::once(f64::INFINITY).chain(tissues).collect();
+        let largest = of_labels.iter().skip(1).copied().fold(0.0, f64::max);
+        // Of no label nothing is asked.
+        let largest = if largest > 0.0 { largest } else { f64::INFINITY };
+        Self {
+            delta: params.delta.min(largest),
+            of_labels,
+            floor: params.adaptive.then_some(params.spacing_floor),
+        }
+    }
+
+    /// The smallest value that what is thin, and that what labels are asked for leads to.
+    fn lowest(&self, image: &LabelImage) -> [f64; 2] {
+        let voxel = image.frame().spacing().min_element();
+        let of_thin = self.floor.map_or(self.delta, |floor| (floor * voxel).min(self.delta));
+        [of_thin, self.of_labels.iter().copied().fold(self.delta, f64::min)]
+    }
+}
 
 /// The distance of samples at each place.
 #[derive(Debug)]
@@ -55,39 +100,57 @@ impl Sizing {
         Self { max: delta, min: delta, step: 0.0, field: None }
     }
 
-    /// Delta, and less where the image, the rows of whose region are given, is thin, down to
-    /// `floor` times the smallest side of a voxel. `check` is called many times in each step, from
-    /// several threads.
+    /// Delta, and less where the image, the rows of whose region are given, is thin, and where
+    /// labels want it. `check` is called many times in each step, from several threads.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
     pub fn new(
         image: &LabelImage,
         rows: &Rows,
-        delta: f64,
-        floor: f64,
+        wanted: &Spacing,
         check: &(dyn Fn() -> Result<()> + Sync),
     ) -> Result<Self> {
         let spacing = image.frame().spacing();
-        let min = floor * spacing.min_element();
+        let &Spacing { delta, ref of_labels, .. } = wanted;
+        let [of_thin, of_label] = wanted.lowest(image);
+        let min = of_thin.min(of_label);
         if delta <= min {
             return Ok(Self::uniform(delta));
         }
-        let thin = thin_voxels(image, rows, delta / PER_THICKNESS, check)?;
+        let thin = if of_thin < delta {
+            thin_voxels(image, rows, delta / PER_THICKNESS, check)?
+        } else {
+            ThinVoxels::none(*rows.region())
+        };
         let ThinVoxels { region, thicknesses, of_voxels: mut levels } = thin;
-        if levels.is_empty() {
-            return Ok(Self::uniform(delta));
-        }
-        let step = (delta - min) / f64::from(LEVELS);
-        // What is not thin has delta.
-        let mut level_of = [LEVELS; NOT_THIN as usize + 1];
-        for (level, thickness) in level_of.iter_mut().zip(thicknesses) {
-            *level = ((PER_THICKNESS * thickness - min) / step).clamp(0.0, f64::from(LEVELS)) as u8;
-        }
-        levels.par_iter_mut().for_each(|level| *level = level_of[usize::from(*level)]);
         let [nx, ny, nz] = region.dims;
         let layer = nx * nz;
-        // The side of a thin voxel is as much the next one's.
+        if levels.is_empty() {
+            if of_label >= delta {
+                return Ok(Self::uniform(delta));
+            }
+            levels = filled(layer * ny, NOT_THIN, "voxels of the sizing field", check)?;
+        }
+        let step = (delta - min) / f64::from(LEVELS);
+        let level = |value: f64| ((value - min) / step).clamp(0.0, f64::from(LEVELS)) as u8;
+        // What is not thin has delta.
+        let mut level_of = [LEVELS; NOT_THIN as usize + 1];
+        for (level_of, thickness) in level_of.iter_mut().zip(thicknesses) {
+            *level_of = level((PER_THICKNESS * thickness).max(of_thin));
+        }
+        levels.par_iter_mut().for_each(|level| *level = level_of[usize::from(*level)]);
+        if of_label < delta {
+            let of_id: Vec<u8> = of_labels.iter().map(|&value| level(value)).collect();
+            levels.par_chunks_mut(layer).enumerate().for_each(|(j, levels)| {
+                for (k, levels) in levels.chunks_mut(nx).enumerate() {
+                    for (level, &id) in levels.iter_mut().zip(rows.row(j, k)) {
+                        *level = (*level).min(of_id[usize::from(id)]);
+                    }
+                }
+            });
+        }
+        // The side of a thin voxel is as much the next one's, and so is that of a label.
         widen(&mut levels, nx, layer);
         let growth =
             |axis: usize| (GRADING * spacing[axis] / step).clamp(1.0, f64::from(LEVELS)) as u8;
@@ -100,13 +163,17 @@ impl Sizing {
 
     /// Bytes that [`Self::new`] needs at its peak, beside the rows, but for some per contact of
     /// voxels.
-    pub fn bytes_needed(image: &LabelImage, region: &Region, delta: f64, floor: f64) -> u64 {
-        if delta <= floor * image.frame().spacing().min_element() {
+    pub fn bytes_needed(image: &LabelImage, region: &Region, wanted: &Spacing) -> u64 {
+        let [of_thin, of_label] = wanted.lowest(image);
+        if wanted.delta <= of_thin.min(of_label) {
             return 0;
         }
         // The table, twice while it is put into bricks, comes when what finds thin voxels has gone.
         let table = 2 * Bricks::new(region.dims).len() as u64;
-        table.max(thickness::bytes_needed(image, region, delta / PER_THICKNESS))
+        if wanted.delta <= of_thin {
+            return table;
+        }
+        table.max(thickness::bytes_needed(image, region, wanted.delta / PER_THICKNESS))
     }
 
     /// The distance of samples at `p`.

@@ -355,6 +355,11 @@ pub struct ThinVoxels {
 pub const NOT_THIN: u8 = u8::MAX;
 
 impl ThinVoxels {
+    /// Of a region in which nothing is looked for.
+    pub fn none(region: Region) -> Self {
+        Self { region, thicknesses: Vec::new(), of_voxels: Vec::new() }
+    }
+
     /// The number of a thickness, which is no smaller than those before it, and a table to note it
     /// in.
     fn number(&mut self, thickness: f64, check: Check<'_>) -> Result<u8> {
@@ -382,7 +387,7 @@ pub fn thin_voxels(
     check: Check<'_>,
 ) -> Result<ThinVoxels> {
     let region = *rows.region();
-    let mut thin = ThinVoxels { region, thicknesses: Vec::new(), of_voxels: Vec::new() };
+    let mut thin = ThinVoxels::none(region);
     let spacing = image.frame().spacing();
     let unit = spacing.min_element();
     let Some(largest) = largest_cube(unit, max) else { return Ok(thin) };

@@ -1,5 +1,8 @@
 //! Images and sizes that nobody plans for: the mesher ends, and what it makes is sound.
 
+use std::collections::BTreeMap;
+
+use glam::DVec3;
 use lapd::Error;
 use lapd::image::phantom::{ball, ball_volume, sampled};
 use lapd::image::{Frame, LabelImage, Voxels};
@@ -205,4 +208,63 @@ fn size_below_delta() {
         assert!((volume / ball_volume(6.0) - 1.0).abs() < 0.08, "volume {volume}");
         assert!(meshing.report.quality.max_circumradius <= 0.7 * super::IMPROVED);
     });
+}
+
+/// R6 removes what R5 inserts where samples are far apart for the size of tets: delta gives way.
+#[test]
+fn what_size_inserts_stays() {
+    let image = ball([20; 3], [1.0; 3], 8.0).unwrap();
+    let mut last = None;
+    for (delta, size) in [(0.35, 0.5), (0.5, 0.5), (2.0, 0.5), (40.0, 0.5), (2.0, 1.0), (2.0, 2.4)]
+    {
+        let meshing = run(&image, &MeshParams { size, ..params(delta) });
+        let (operations, quality) = (&meshing.report.operations, &meshing.report.quality);
+        assert!(
+            20 * operations.removals < operations.insertions,
+            "delta {delta}, size {size}: {} of {} removed",
+            operations.removals,
+            operations.insertions
+        );
+        assert!(quality.max_circumradius <= size * super::IMPROVED);
+        // With the size given, any larger delta gives the same mesh.
+        if let Some((of_size, tets)) = last.replace((size, meshing.mesh.tets))
+            && of_size == size
+            && delta > 0.5
+        {
+            assert!(last.as_ref().is_some_and(|(_, now)| *now == tets), "delta {delta}");
+        }
+    }
+}
+
+/// A label with a size of its own is sampled for it, and what is far from it is not.
+#[test]
+fn what_a_label_size_inserts_stays() {
+    let image = two_balls();
+    for adaptive in [true, false] {
+        let plain = run(&image, &MeshParams { adaptive, ..params(2.0) });
+        let sizes = BTreeMap::from([(1, 0.6)]);
+        let fine = run(&image, &MeshParams { adaptive, label_sizes: sizes, ..params(2.0) });
+        let operations = &fine.report.operations;
+        assert!(
+            20 * operations.removals < operations.insertions,
+            "{} of {} removed",
+            operations.removals,
+            operations.insertions
+        );
+        let tets = |meshing: &MeshResult, label| {
+            meshing.mesh.labels.iter().filter(|&&l| l == label).count()
+        };
+        assert!(tets(&fine, 1) > 10 * tets(&plain, 1), "{}", tets(&fine, 1));
+        assert!(tets(&fine, 2) < 2 * tets(&plain, 2), "{}", tets(&fine, 2));
+    }
+}
+
+/// Of labels 1 and 2, far apart.
+fn two_balls() -> LabelImage {
+    let frame = Frame::axis_aligned([1.0; 3]).unwrap();
+    LabelImage::from_fn([40, 14, 14], frame, |p: DVec3| {
+        let in_ball = |x: f64| p.distance(DVec3::new(x, 6.5, 6.5)) < 5.0;
+        i32::from(in_ball(6.5)) + 2 * i32::from(in_ball(32.5))
+    })
+    .unwrap()
 }
