@@ -1,8 +1,8 @@
 //! The sizing field: how far apart samples of dO are to be, from place to place.
 //!
-//! Where nothing is thin that is delta, but no more than a part of the largest circumradius asked
-//! for of the tets there (`PER_SIZE`): such tets need vertices nearer to the interface than its samples
-//! are to each other, and rule R6 would remove what rule R5 inserts.
+//! Where nothing is thin that is delta, but no more than a part of the largest circumradius that
+//! tets there may have (`PER_SIZE`): such tets need vertices nearer to the interface than its
+//! samples are to each other, and rule R6 would remove what rule R5 inserts.
 //!
 //! A structure of thickness t (`sizing/thickness`) wants samples `PER_THICKNESS` t apart on both of
 //! its sides: farther apart, the tets between its sides reach out of it, and it tears. Away from
