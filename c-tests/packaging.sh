@@ -170,6 +170,13 @@ libraries)
         echo "these libraries are not the system's"
         exit 1
     fi
+    # Nor does it hold paths of the machine that built it.
+    for path in "$source" "$target" "${CARGO_HOME:-$HOME/.cargo}"; do
+        if strings "$installed/lib/liblapd.so" | grep -F "$path/"; then
+            echo "the library holds the path $path"
+            exit 1
+        fi
+    done
     soname=$(sed -n 's/.*(SONAME).*\[\(.*\)\]/\1/p' "$work/dynamic")
     echo "soname $soname"
     [ "$soname" != liblapd.so ] && [ -e "$installed/lib/$soname" ]

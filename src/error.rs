@@ -14,7 +14,7 @@ pub enum Error {
     #[error("{0}")]
     Unsupported(String),
     /// The file could not be opened, read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}", shown(path))]
     Io {
         /// The file.
         path: PathBuf,
@@ -22,7 +22,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The file was read, but what it holds is not a valid image of its format.
-    #[error("{}: {message}", path.display())]
+    #[error("{}: {message}", shown(path))]
     Format {
         /// The file.
         path: PathBuf,
@@ -58,6 +58,16 @@ pub enum Error {
     Internal(String),
 }
 
+/// A path for a message of one line: characters that would steer a terminal are shown as `?`.
+pub fn shown(path: &Path) -> String {
+    one_line(&path.to_string_lossy())
+}
+
+/// A text without control characters, which are shown as `?`.
+pub fn one_line(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
+}
+
 /// `Result` with the crate's error.
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -80,5 +90,20 @@ impl Error {
     /// Whether this is a limit, of which a partial mesh may come.
     pub fn is_limit(&self) -> bool {
         matches!(self, Self::LimitReached(_) | Self::TimeLimit(_) | Self::MemoryLimit(_))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_files_keep_a_message_on_its_line() {
+        let path = Path::new("a\nb\x1b[31m.nrrd");
+        let errors =
+            [Error::format(path, "wrong"), Error::io(path, std::io::Error::other("wrong"))];
+        for error in errors {
+            assert_eq!(error.to_string(), "a?b?[31m.nrrd: wrong");
+        }
     }
 }

@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use super::boundary::{Failure, Out, Outcome, borrow, catch, status_of, value_or};
 use super::status::lapd_status;
+use crate::error::one_line;
 use crate::io::read::{GoOn, ReadOptions};
 use crate::monitor::{CancelFlag, INTERVAL, Level, Phase, Progress};
 use crate::{Error, Result};
@@ -211,7 +212,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 fn to_c_string(text: &str) -> CString {
-    CString::new(text.replace('\0', "\u{fffd}")).unwrap_or_default()
+    // Without control characters, NUL is none of them.
+    CString::new(one_line(text)).unwrap_or_default()
 }
 
 /// Boundary of a function with a context: the message of a failure is kept there.

@@ -43,6 +43,7 @@ use segments::Segments;
 use source::{Access, Source};
 use voxels::{Layout, read_distinct, read_labels, read_layers};
 
+use crate::error::shown;
 use crate::image::{Frame, LabelImage, WorldAxes};
 use crate::{Error, Result};
 
@@ -149,7 +150,7 @@ pub fn read_image_with(path: &Path, options: &ReadOptions, go_on: &GoOn<'_>) -> 
             return Err(Error::InvalidArgument(format!(
                 "{}: distinct values are numbered where voxels have one value each; here they have \
                  one per layer, and segments become labels without that",
-                path.display()
+                shown(path)
             )));
         }
         // The labels are others than the values that the header names.
@@ -177,7 +178,7 @@ fn set_layer_order(
     layers: Option<&mut Segments>,
     count: usize,
 ) -> Result<()> {
-    let path = path.display();
+    let path = shown(path);
     let Some(layers) = layers else {
         return Err(Error::InvalidArgument(format!(
             "{path}: an order of layers is for segmentations of several layers; this has one"
@@ -238,7 +239,7 @@ fn open<'a>(
     let Some((_, read_header)) = ENDINGS.iter().find(|(ending, _)| name.ends_with(ending)) else {
         return Err(Error::InvalidArgument(format!(
             "{}: no reader for this name ending; read are {}",
-            path.display(),
+            shown(path),
             ENDINGS.map(|(ending, _)| ending).join(" ")
         )));
     };

@@ -9,6 +9,7 @@ use flate2::bufread::{GzDecoder, ZlibDecoder};
 
 use super::GoOn;
 use super::fields::excerpt;
+use crate::error::shown;
 use crate::system::{files, memory};
 use crate::{Error, Result};
 
@@ -216,7 +217,7 @@ impl<'a> Source<'a> {
         Err(Error::MemoryLimit(format!(
             "{}: the image takes {bytes} bytes in memory, and this file of {} bytes may ask for \
              {max}; --max-read-bytes (lapd_context_set_max_read_bytes) sets how much it may",
-            self.path.display(),
+            shown(&self.path),
             self.length
         )))
     }

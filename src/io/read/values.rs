@@ -11,6 +11,7 @@ use glam::DVec3;
 use super::source::Access;
 use super::voxels::read_values;
 use super::{GoOn, Opened, ReadOptions, Volumes, open};
+use crate::error::shown;
 use crate::image::{Frame, GrayImage, MapValues, ProbabilityImage, WorldAxes};
 use crate::{Error, Result};
 
@@ -89,7 +90,7 @@ pub fn read_maps(
                 format!(
                     "a grid of {:?} voxels, but {} has {:?}",
                     stack.dims,
-                    first.display(),
+                    shown(first),
                     all.dims
                 ),
             ));
@@ -100,7 +101,7 @@ pub fn read_maps(
             if apart.abs().max_element() > SAME_PLACE {
                 let message = format!(
                     "another place in the world than {}: {apart} voxels apart",
-                    first.display()
+                    shown(first)
                 );
                 return Err(Error::format(path, message));
             }
@@ -111,7 +112,7 @@ pub fn read_maps(
             let message = format!(
                 "its axes are {}, those of {} are {}: ask for one frame",
                 world.name(),
-                first.display(),
+                shown(first),
                 of_first.name()
             );
             return Err(Error::format(path, message));

@@ -56,6 +56,7 @@ mod vtu;
 
 use std::path::Path;
 
+use crate::error::shown;
 use crate::image::WorldAxes;
 use crate::mesh::TetMesh;
 use crate::monitor::CancelFlag;
@@ -125,7 +126,7 @@ impl MeshFormat {
                 let known = ENDINGS.map(|(known, _)| format!(".{known}")).join(" ");
                 Error::InvalidArgument(format!(
                     "{}: unknown ending for a mesh, known are {known}",
-                    path.display()
+                    shown(path)
                 ))
             })
     }
@@ -178,7 +179,7 @@ pub fn write_mesh_watching(
     if options.measures && MeshFormat::from_path(path)? != MeshFormat::Vtu {
         return Err(Error::InvalidArgument(format!(
             "{}: only .vtu files can hold measures of tets",
-            path.display()
+            shown(path)
         )));
     }
     let single = |write: &dyn Fn(&TetMesh, &WriteOptions, &mut Output) -> std::io::Result<()>| {
@@ -215,7 +216,7 @@ pub fn write_mesh_watching(
 /// Refuses more of a thing than a format can number.
 fn check_count(path: &Path, format: &str, things: &str, count: usize, max: usize) -> Result<()> {
     if count > max {
-        let path = path.display();
+        let path = shown(path);
         return Err(Error::LimitReached(format!(
             "{path}: {count} {things} are too many for {format}, {max} are the most"
         )));

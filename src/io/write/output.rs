@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use tempfile::NamedTempFile;
 
+use crate::error::shown;
 use crate::monitor::CancelFlag;
 use crate::{Error, Result};
 
@@ -66,7 +67,7 @@ impl<'a> Output<'a> {
         // tells all.
         let file = builder.tempfile_in(folder).map_err(|error| {
             let message =
-                format!("no file can be created in folder {}: {}", folder.display(), error.kind());
+                format!("no file can be created in folder {}: {}", shown(folder), error.kind());
             Error::io(path, io::Error::new(error.kind(), message))
         })?;
         Ok(Self { writer: BufWriter::with_capacity(BUFFER, file), target, cancel: None })

@@ -11,6 +11,7 @@ use std::path::Path;
 use super::output::Output;
 use super::records::{push_float, push_int, push_ints, write_records};
 use super::{LabelPairs, WriteOptions};
+use crate::error::shown;
 use crate::mesh::TetMesh;
 use crate::monitor::CancelFlag;
 use crate::{Error, Result};
@@ -26,7 +27,7 @@ pub(super) fn write(
         return Err(Error::InvalidArgument(format!(
             "{}: TetGen's files are written for tets of order 1 only; .vtu .vtk .msh .inp .mesh \
              have order 2",
-            path.display()
+            shown(path)
         )));
     }
     let create = |ending: &str| Ok(Output::create(&path.with_extension(ending))?.watching(cancel));

@@ -14,6 +14,7 @@ use std::path::Path;
 
 use super::output::Output;
 use super::records::{push_int, write_records};
+use crate::error::shown;
 use crate::monitor::CancelFlag;
 use crate::refine::activity::{Doing, Span, ThreadReport};
 use crate::{Error, Result};
@@ -33,7 +34,7 @@ pub fn write_timeline(
     if threads.iter().all(|thread| thread.timeline.is_empty()) {
         return Err(Error::InvalidArgument(format!(
             "{}: there is no timeline to write, the run was not asked to keep one",
-            path.display()
+            shown(path)
         )));
     }
     let mut output = Output::create(path)?.watching(cancel);

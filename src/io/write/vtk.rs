@@ -10,6 +10,7 @@ use std::path::Path;
 use super::WriteOptions;
 use super::output::Output;
 use super::records::write_records;
+use crate::error::shown;
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
 
@@ -30,7 +31,7 @@ pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
         return Err(Error::LimitReached(format!(
             "{}: {} nodes and {} tets are too many for a legacy VTK file ({max} and {max_tets}); \
              .vtu has no such limit",
-            path.display(),
+            shown(path),
             mesh.points.len(),
             mesh.tets.len()
         )));
