@@ -4,8 +4,9 @@
 #
 #   sh fuzz/run.sh [SECONDS] [TARGET ...]        60 seconds for each of all targets
 #
-# What was found to be of interest is kept in build/fuzz/corpus/TARGET. An input that fails is in
-# build/fuzz, and the script ends with an error.
+# They begin with what fuzz/seeds.py writes, the committed corpus included. What was found to be of
+# interest is kept in build/fuzz/corpus/TARGET. An input that fails is in build/fuzz, and the script
+# ends with an error.
 set -eu
 cd "$(dirname "$0")/.."
 root=$(pwd)

@@ -1,10 +1,18 @@
-"""Writes small valid files of every format, from which the fuzzer of each reader begins."""
+"""Writes the files from which the fuzzers begin: small valid ones of every format, and those of the
+corpus.
 
+The corpus of a target, corpus/TARGET.txt, has inputs in base64: the lines of one up to an empty
+line. An input that made a target fail belongs into it. `seeds.py --keep FOLDER N TARGET` takes in
+N files of a folder, of all lengths; those that libFuzzer has merged (-merge=1) say most.
+"""
+
+import base64
 import gzip
 import struct
 import sys
 from pathlib import Path
 
+CORPUS = Path(__file__).parent / "corpus"
 VOXELS = bytes([0, 0, 1, 1, 0, 2, 2, 1])
 NRRD = """NRRD0005
 type: {type}
@@ -98,11 +106,35 @@ def seeds():
     }
 
 
+def corpus(target):
+    """Inputs that were found to be of interest."""
+    path = CORPUS / f"{target}.txt"
+    if not path.exists():
+        return []
+    blocks = path.read_text().split("\n\n")
+    return [base64.b64decode(block) for block in blocks if block.strip()]
+
+
+def keep(folder, count, target):
+    """Adds files of a folder, evenly from the shortest to the longest, to a corpus."""
+    files = [file.read_bytes() for file in Path(folder).iterdir()]
+    files.sort(key=lambda data: (len(data), data))
+    chosen = files[:: max(1, len(files) // int(count))][: int(count)]
+    inputs = corpus(target)
+    inputs += [data for data in chosen if data not in inputs]
+    CORPUS.mkdir(exist_ok=True)
+    texts = [base64.encodebytes(data).decode() for data in inputs]
+    (CORPUS / f"{target}.txt").write_text("\n".join(texts))
+
+
 def main():
+    if sys.argv[1] == "--keep":
+        keep(*sys.argv[2:])
+        return
     for target, files in seeds().items():
         folder = Path(sys.argv[1]) / target
         folder.mkdir(parents=True, exist_ok=True)
-        for number, data in enumerate(files):
+        for number, data in enumerate(files + corpus(target)):
             (folder / f"seed-{number}").write_bytes(data)
 
 
