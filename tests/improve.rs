@@ -199,6 +199,36 @@ fn all_tets_are_positive_and_cover_the_box() {
     }
 }
 
+/// Tets a fiftieth as high as they are wide cannot have the target: that is given up soon, the same
+/// way on any number of threads.
+#[test]
+fn what_is_hopeless_is_given_up() {
+    let image = noise([60, 60, 1], [1.0, 1.0, 0.02], 4, 3);
+    let refined = refined(&image, &params(1.0));
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| improved(&refined, Improve::Full, 15.0, &|| Ok(())))
+    };
+    let (mesh, improvement, ended) = on(1);
+    println!(
+        "{} below, {} left, {} rounds",
+        improvement.below_before,
+        improvement.left.len(),
+        improvement.rounds
+    );
+    assert!(ended.is_none());
+    assert!(
+        2 * improvement.left.len() as u64 > improvement.below_before
+            && improvement.left.len() > 1000
+    );
+    assert!(improvement.rounds <= 10, "{} rounds", improvement.rounds);
+    check_cover(&mesh, refined.box_volume, "slab");
+    let bits = |mesh: &TetMesh| -> (Vec<u64>, Vec<[u32; 4]>) {
+        (mesh.points.iter().flatten().map(|x| x.to_bits()).collect(), mesh.tets.clone())
+    };
+    assert!(bits(&on(3).0) == bits(&mesh));
+}
+
 #[test]
 fn an_early_end_leaves_a_valid_mesh() {
     let image = noise([14, 12, 13], [1.0, 1.2, 0.8], 4, 3);

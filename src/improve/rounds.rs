@@ -16,6 +16,10 @@ use crate::{Error, Result};
 
 /// Most rounds with one measure.
 const MAX_ROUNDS: u32 = 30;
+/// Where more than this part of the tets below the target is left once all have been tried, the
+/// mesh cannot have the target: it is as coarse as what it stands for is thin. The work ends there.
+/// On meshes that can have it a fiftieth is left at most.
+const HOPELESS_PART: usize = 4;
 /// Rounds in sequence in which nothing helped: enough that each tet was inside of a block in one of
 /// them.
 const MAX_IDLE: u32 = 4;
@@ -97,8 +101,9 @@ impl<'m, 'a> Run<'m, 'a> {
     /// [`OutOfMemory`](Error::OutOfMemory), with the mesh valid.
     pub fn run(&mut self) -> Result<Option<Error>> {
         let blocks = Blocks::new(&self.mesh.points, self.mesh.tets.len());
+        let below = self.queue.len();
         let ended = self.run_until_idle(&blocks)?;
-        if ended.is_some() {
+        if ended.is_some() || self.is_hopeless(below) {
             return Ok(ended);
         }
         // What is left may get long and thin tets around it, and move farther.
@@ -109,12 +114,18 @@ impl<'m, 'a> Run<'m, 'a> {
         self.run_until_idle(&blocks)
     }
 
+    /// Whether so much of what was `below` the target is left that trying further is in vain.
+    fn is_hopeless(&self, below: usize) -> bool {
+        self.left.len() > MAX_RELAXED.max(below / HOPELESS_PART)
+    }
+
     /// Works until some rounds in sequence did nothing.
     fn run_until_idle(&mut self, blocks: &Blocks) -> Result<Option<Error>> {
         let (mut seen, mut idle) = (self.counts.operations(), 0);
-        let first = self.rounds;
+        let (first, below) = (self.rounds, self.queue.len());
         while self.rounds < first + MAX_ROUNDS && idle < MAX_IDLE {
-            if self.queue.is_empty() && seen < self.counts.operations() {
+            if self.queue.is_empty() && seen < self.counts.operations() && !self.is_hopeless(below)
+            {
                 // What nothing helped may be helped by now.
                 seen = self.counts.operations();
                 std::mem::swap(&mut self.queue, &mut self.left);

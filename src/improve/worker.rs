@@ -88,6 +88,8 @@ pub(super) struct Worker<'r, 'a> {
     pub deferred: Vec<u32>,
     /// Tets that nothing helped.
     pub left: Vec<u32>,
+    /// Tets in sequence that nothing helped.
+    in_vain: usize,
     pub counts: Counts,
     /// The measure at which a vertex need not be moved any farther: the target, or more while the
     /// surroundings of a tet that nothing helped are relaxed.
@@ -95,6 +97,10 @@ pub(super) struct Worker<'r, 'a> {
     /// The star at hand.
     pub star: Star,
 }
+
+/// After so many tets in sequence that nothing helped nothing helps the others of the block: each
+/// attempt takes up to milliseconds.
+const MAX_IN_VAIN: usize = 256;
 
 impl<'r, 'a> Worker<'r, 'a> {
     /// The worker of block `me`, which may fill the slots `fresh` and use the numbers
@@ -118,6 +124,7 @@ impl<'r, 'a> Worker<'r, 'a> {
             fresh_vertices,
             deferred,
             left,
+            in_vain: 0,
             counts,
             aim: round.measure.target,
             star,
@@ -171,20 +178,30 @@ impl<'r, 'a> Worker<'r, 'a> {
             self.reconnect(t);
             return;
         }
+        if self.in_vain == MAX_IN_VAIN {
+            self.left.push(t);
+            return;
+        }
         let mut outcome = Outcome::Failed;
         // Reconnecting may help by now.
         let attempts = [Self::reconnect, Self::smooth, Self::split, Self::make_way, Self::relax];
         let count = attempts.len() - usize::from(!self.round.last.relax);
         for attempt in &attempts[..count] {
             match attempt(self, t) {
-                Outcome::Done => return self.enqueue_again(&entry),
+                Outcome::Done => {
+                    self.in_vain = 0;
+                    return self.enqueue_again(&entry);
+                }
                 Outcome::Foreign => outcome = Outcome::Foreign,
                 Outcome::Failed => {}
             }
         }
         match outcome {
             Outcome::Foreign => self.deferred.push(t),
-            _ => self.left.push(t),
+            _ => {
+                self.in_vain += 1;
+                self.left.push(t);
+            }
         }
     }
 
