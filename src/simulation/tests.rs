@@ -16,7 +16,7 @@ use crate::mesh::extract::Background;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::parallel::machine::Machine;
-use crate::params::{Algorithm, Begging, Contention, MeshParams};
+use crate::params::{Algorithm, Begging, CertificateLevel, Contention, MeshParams};
 use crate::pipeline::finish::measure;
 use crate::pipeline::refine::{Collected, collect, triangulation_around};
 use crate::refine::activity::Doing;
@@ -24,6 +24,7 @@ use crate::refine::options::RefineOptions;
 use crate::refine::rules::Rules;
 use crate::refine::{examine, refine};
 use crate::sizing::Sizing;
+use crate::verify::Extent;
 
 struct Subject {
     image: LabelImage,
@@ -71,7 +72,9 @@ impl Subject {
         );
         assert_eq!(unmet, [0; 6], "{what}: unmet rules");
         mesh.collect_facets(&monitor).unwrap();
-        let (_, certificate) = measure(&mesh, image, oracle, &check, unmet, &[], &monitor).unwrap();
+        let extent = Extent { level: CertificateLevel::Sound, distances_until: None };
+        let (_, certificate, _) =
+            measure(&mesh, image, oracle, (&check, unmet), &[], extent, &monitor).unwrap();
         let defects =
             [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
         assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");
