@@ -533,12 +533,13 @@ static void levels(void) {
     lapd_component_row component = {.struct_size = sizeof component};
     lapd_defect defect = {.struct_size = sizeof defect};
     size_t count = 77;
+    lapd_params *fresh = params_with_delta(context, 1);
     /* Sound is the default. */
     for (int32_t level = LAPD_CERTIFICATE_SOUND; level <= LAPD_CERTIFICATE_FULL; level++) {
         lapd_mesh *measured = mesh;
         if (level > LAPD_CERTIFICATE_SOUND) {
-            CHECK(lapd_params_set_certificate(context, params, level) == LAPD_OK);
-            CHECK(lapd_mesh_image(context, image, params, &measured) == LAPD_OK);
+            CHECK(lapd_params_set_certificate(context, fresh, level) == LAPD_OK);
+            CHECK(lapd_mesh_image(context, image, fresh, &measured) == LAPD_OK);
         }
         const int full = level == LAPD_CERTIFICATE_FULL;
         CHECK(lapd_mesh_get_certificate(measured, &certificate) == LAPD_OK);
@@ -554,8 +555,8 @@ static void levels(void) {
         }
     }
     lapd_mesh *plain = NULL;
-    CHECK(lapd_params_set_certificate(context, params, LAPD_CERTIFICATE_NONE) == LAPD_OK);
-    CHECK(lapd_mesh_image(context, image, params, &plain) == LAPD_OK);
+    CHECK(lapd_params_set_certificate(context, fresh, LAPD_CERTIFICATE_NONE) == LAPD_OK);
+    CHECK(lapd_mesh_image(context, image, fresh, &plain) == LAPD_OK);
     CHECK(lapd_mesh_get_certificate(plain, &certificate) == LAPD_ERROR_NOT_MEASURED);
     CHECK(lapd_mesh_get_quality(plain, &quality) == LAPD_ERROR_NOT_MEASURED);
     CHECK(lapd_mesh_get_label_row_count(plain, &count) == LAPD_ERROR_NOT_MEASURED);
@@ -570,6 +571,7 @@ static void levels(void) {
     CHECK(lapd_mesh_get_counts(mesh, &expected) == LAPD_OK);
     CHECK(memcmp(&counts, &expected, sizeof counts) == 0);
     lapd_mesh_free(plain);
+    lapd_params_free(fresh);
 }
 
 int main(void) {
