@@ -184,12 +184,7 @@ fn what_is_lost_is_said_with_its_place() {
         }
     };
     let monitor = Monitor::silent().with_log(Some(&mut log));
-    mesh_image(
-        &image.unwrap(),
-        &MeshParams { delta: 4.0, adaptive: false, ..params(1.0) },
-        &monitor,
-    )
-    .unwrap();
+    mesh_image(&image.unwrap(), &MeshParams { adaptive: false, ..params(4.0) }, &monitor).unwrap();
     let said = |line: &str| warnings.iter().any(|warning| warning == line);
     assert!(said("labels without a tet: 1, of 1 voxels in all; the first is 2"), "{warnings:?}");
     assert!(
