@@ -11,14 +11,32 @@ use std::path::{Component, Path, PathBuf};
 /// # Errors
 /// What the system says.
 pub fn open_at_once(path: &Path) -> io::Result<(File, Metadata)> {
+    open(path, false)
+}
+
+/// As [`open_at_once`], of a path without links: if its last part has become a link, that is an
+/// error. (Folders that are replaced meanwhile are not noticed.)
+///
+/// # Errors
+/// What the system says.
+pub fn open_real_path(path: &Path) -> io::Result<(File, Metadata)> {
+    open(path, true)
+}
+
+fn open(path: &Path, is_real: bool) -> io::Result<(File, Metadata)> {
     let mut options = OpenOptions::new();
     options.read(true);
     #[cfg(unix)]
     {
+        use rustix::fs::OFlags;
         use std::os::unix::fs::OpenOptionsExt;
         // Regular files read as ever with this flag.
-        options.custom_flags(rustix::fs::OFlags::NONBLOCK.bits() as i32);
+        let flags = OFlags::NONBLOCK;
+        let flags = if is_real { flags | OFlags::NOFOLLOW } else { flags };
+        options.custom_flags(flags.bits() as i32);
     }
+    #[cfg(not(unix))]
+    let _ = is_real;
     let file = options.open(path)?;
     let metadata = file.metadata()?;
     Ok((file, metadata))

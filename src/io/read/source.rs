@@ -1,7 +1,7 @@
 //! The bytes of an image file, decompressed where its format says so, with a bound on how many can
 //! come.
 
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::{self, BufRead, BufReader, Cursor, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
@@ -119,7 +119,12 @@ pub(super) struct Source<'a> {
 impl<'a> Source<'a> {
     /// Opens a file as it is.
     pub(super) fn open(path: &Path, access: Access<'a>) -> Result<Self> {
-        let (file, metadata) = files::open_at_once(path).map_err(|e| Error::io(path, e))?;
+        Self::of(files::open_at_once(path), path, access)
+    }
+
+    /// What was opened, called `path`.
+    fn of(opened: io::Result<(File, Metadata)>, path: &Path, access: Access<'a>) -> Result<Self> {
+        let (file, metadata) = opened.map_err(|e| Error::io(path, e))?;
         if !metadata.is_file() {
             return Err(Error::format(path, "not a regular file"));
         }
@@ -155,8 +160,7 @@ impl<'a> Source<'a> {
             return Self::open(&path, self.access);
         }
         match files::real_path_below(folder, Path::new(name)) {
-            // By the real path: a link that is put in its place now is not followed.
-            Ok(Some(real)) => Self::open(&real, self.access).map(|source| Self { path, ..source }),
+            Ok(Some(real)) => Self::of(files::open_real_path(&real), &path, self.access),
             Ok(None) => Err(self.error(format!(
                 "the data file '{}' lies outside of the header's folder; --allow-outside \
                  (lapd_context_set_allow_outside) reads it",
