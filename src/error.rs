@@ -68,6 +68,15 @@ pub fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { '?' } else { c }).collect()
 }
 
+/// As much of a text as fits a message, on one line.
+pub fn excerpt(text: &str) -> String {
+    let mut short: String = text.chars().take(60).collect();
+    if short.len() < text.len() {
+        short.push_str("...");
+    }
+    one_line(&short)
+}
+
 /// `Result` with the crate's error.
 pub type Result<T> = std::result::Result<T, Error>;
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use super::source::Source;
+use crate::error::excerpt;
 use crate::{Error, Result};
 
 /// The longest header read. Segmentations of 3D Slicer describe every segment in it.
@@ -122,14 +123,4 @@ pub(super) fn header_line(source: &mut Source, read: &mut Place) -> Result<Optio
         return Err(source.error(format!("the header does not end within {MAX_HEADER} bytes")));
     }
     Ok((n > 0).then(|| String::from_utf8_lossy(&line).trim_end_matches(['\n', '\r']).to_owned()))
-}
-
-/// As much of a text as fits an error message, on one line.
-pub(super) fn excerpt(text: &str) -> String {
-    let printable = |c: char| if c.is_control() { '?' } else { c };
-    let mut short: String = text.chars().take(60).map(printable).collect();
-    if text.chars().nth(60).is_some() {
-        short.push_str("...");
-    }
-    short
 }

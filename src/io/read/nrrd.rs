@@ -8,12 +8,13 @@
 
 use std::path::Path;
 
-use super::fields::{Fields, MAX_HEADER, Place, excerpt, header_line};
+use super::fields::{Fields, MAX_HEADER, Place, header_line};
 use super::segments::Segments;
 use super::source::{Access, Source};
 use super::voxels::{Coding, Layout, Scalar};
 use super::{Opened, Volumes, frame_from_parts, frame_from_steps};
 use crate::Result;
+use crate::error::excerpt;
 use crate::image::{Frame, WorldAxes};
 
 /// One axis of the array.

@@ -10,7 +10,8 @@
 
 use std::collections::HashMap;
 
-use super::fields::{Fields, excerpt};
+use super::fields::Fields;
+use crate::error::excerpt;
 use crate::image::MAX_IDS;
 
 /// Segments that a warning names.

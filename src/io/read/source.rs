@@ -8,8 +8,7 @@ use std::path::{Path, PathBuf};
 use flate2::bufread::{GzDecoder, ZlibDecoder};
 
 use super::GoOn;
-use super::fields::excerpt;
-use crate::error::shown;
+use crate::error::{excerpt, shown};
 use crate::system::{files, memory};
 use crate::{Error, Result};
 
