@@ -1819,8 +1819,9 @@ lapd_status lapd_params_set_delta(lapd_context *context, lapd_params *params, do
 lapd_status lapd_params_get_delta(const lapd_params *params, double *delta);
 
 /**
- * Sets the largest circumradius of tets, in world units; above 0. No other thread may use `params`
- * or the context meanwhile.
+ * Sets the largest circumradius of tets, in world units; above 0. Samples on the interfaces are no
+ * farther apart than 0.7 of it: a larger delta is lowered to that, with a warning. No other thread
+ * may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
@@ -1835,7 +1836,8 @@ lapd_status lapd_params_get_size(const lapd_params *params, double *size);
 
 /**
  * Sets the largest circumradius of the tets of one label (after merging), in world units; above 0.
- * A second call for the label replaces the first. lapd_mesh_image refuses a label that the image
+ * Around the label delta is lowered to 0.7 of that, if it is more. A second call for the label
+ * replaces the first. lapd_mesh_image refuses a label that the image
  * does not have. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.

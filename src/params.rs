@@ -94,9 +94,11 @@ pub struct MeshParams {
     /// voxels than this are not meshed: they become a part of the label around them, and the report
     /// lists them. 0 or 1: all are meshed, as far as the floor of the spacing allows.
     pub min_voxels: u64,
-    /// Upper bound on the circumradius of tets, where no label has its own; > 0.
+    /// Upper bound on the circumradius of tets, where no label has its own; > 0. Samples are no
+    /// farther apart than 0.7 of it: a larger delta is lowered to that.
     pub size: f64,
-    /// Bounds for single labels (after merging), overriding `size`.
+    /// Bounds for single labels (after merging), overriding `size`; delta is lowered around these
+    /// labels likewise.
     pub label_sizes: BTreeMap<i32, f64>,
     /// Upper bound on circumradius over shortest edge; at least 2 (below, Delaunay refinement need
     /// not end).

@@ -14,10 +14,6 @@ use lapd::pipeline::mesh_image;
 use random::Random;
 
 impl Random {
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
     /// Ten to a power between these.
     fn power(&mut self, low: f64, high: f64) -> f64 {
         10_f64.powf(self.between(low, high))

@@ -15,10 +15,6 @@ use lapd::verify::LabelRow;
 use random::Random;
 
 impl Random {
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
     fn direction(&mut self) -> DVec3 {
         loop {
             let v = 2.0 * DVec3::new(self.unit(), self.unit(), self.unit()) - 1.0;

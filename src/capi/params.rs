@@ -195,8 +195,9 @@ pub unsafe extern "C" fn lapd_params_get_delta(
     unsafe { read(params, delta, "delta", |p| p.delta) }
 }
 
-/// Sets the largest circumradius of tets, in world units; above 0. No other thread may use `params`
-/// or the context meanwhile.
+/// Sets the largest circumradius of tets, in world units; above 0. Samples on the interfaces are no
+/// farther apart than 0.7 of it: a larger delta is lowered to that, with a warning. No other thread
+/// may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -227,7 +228,8 @@ pub unsafe extern "C" fn lapd_params_get_size(
 }
 
 /// Sets the largest circumradius of the tets of one label (after merging), in world units; above 0.
-/// A second call for the label replaces the first. lapd_mesh_image refuses a label that the image
+/// Around the label delta is lowered to 0.7 of that, if it is more. A second call for the label
+/// replaces the first. lapd_mesh_image refuses a label that the image
 /// does not have. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.

@@ -32,10 +32,6 @@ impl Random {
         (self.unit() * end as f64) as usize
     }
 
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
     fn is(&mut self, chance: f64) -> bool {
         self.unit() < chance
     }
