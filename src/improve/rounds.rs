@@ -9,17 +9,13 @@ use super::interfaces::Interfaces;
 use super::measure::Measure;
 use super::report::Counts;
 use super::shared::Shared;
-use super::worker::{LastResorts, Round, Worker};
+use super::worker::{HOPELESS_PART, LastResorts, Round, Worker};
 use crate::memory::{reserve, zeroed};
 use crate::mesh::{NONE, TetMesh};
 use crate::{Error, Result};
 
 /// Most rounds with one measure.
 const MAX_ROUNDS: u32 = 30;
-/// Where more than this part of the tets below the target is left once all have been tried, the
-/// mesh cannot have the target: it is as coarse as what it stands for is thin. The work ends there.
-/// On meshes that can have it a fiftieth is left at most.
-const HOPELESS_PART: usize = 4;
 /// Rounds in sequence in which nothing helped: enough that each tet was inside of a block in one of
 /// them.
 const MAX_IDLE: u32 = 4;
@@ -124,8 +120,7 @@ impl<'m, 'a> Run<'m, 'a> {
         let (mut seen, mut idle) = (self.counts.operations(), 0);
         let (first, below) = (self.rounds, self.queue.len());
         while self.rounds < first + MAX_ROUNDS && idle < MAX_IDLE {
-            if self.queue.is_empty() && seen < self.counts.operations() && !self.is_hopeless(below)
-            {
+            if self.queue.is_empty() && seen < self.counts.operations() {
                 // What nothing helped may be helped by now.
                 seen = self.counts.operations();
                 std::mem::swap(&mut self.queue, &mut self.left);
@@ -135,7 +130,7 @@ impl<'m, 'a> Run<'m, 'a> {
             }
             let before = self.counts.operations();
             let ended = self.round(blocks)?;
-            if ended.is_some() {
+            if ended.is_some() || self.is_hopeless(below) {
                 return Ok(ended);
             }
             idle = if self.counts.operations() == before { idle + 1 } else { 0 };

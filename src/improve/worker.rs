@@ -88,8 +88,8 @@ pub(super) struct Worker<'r, 'a> {
     pub deferred: Vec<u32>,
     /// Tets that nothing helped.
     pub left: Vec<u32>,
-    /// Tets in sequence that nothing helped.
-    in_vain: usize,
+    /// So many more tets that nothing helps are tried.
+    patience: usize,
     pub counts: Counts,
     /// The measure at which a vertex need not be moved any farther: the target, or more while the
     /// surroundings of a tet that nothing helped are relaxed.
@@ -98,9 +98,15 @@ pub(super) struct Worker<'r, 'a> {
     pub star: Star,
 }
 
-/// After so many tets in sequence that nothing helped nothing helps the others of the block: each
-/// attempt takes up to milliseconds.
-const MAX_IN_VAIN: usize = 256;
+/// Where more than this part of the tets below the target is left once they have been tried, the
+/// mesh cannot have the target: it is as coarse as what it stands for is thin. The work ends there.
+/// On meshes that can have it a fiftieth is left at most.
+pub(super) const HOPELESS_PART: usize = 4;
+
+/// Once nothing has helped so many tets of a block, or [`HOPELESS_PART`] of those that it began
+/// with, the others are left as they are: each attempt takes up to milliseconds, and there may be
+/// many times more of them than tets, where changes make new tets below the target.
+const PATIENCE: usize = 256;
 
 impl<'r, 'a> Worker<'r, 'a> {
     /// The worker of block `me`, which may fill the slots `fresh` and use the numbers
@@ -124,7 +130,7 @@ impl<'r, 'a> Worker<'r, 'a> {
             fresh_vertices,
             deferred,
             left,
-            in_vain: 0,
+            patience: 0,
             counts,
             aim: round.measure.target,
             star,
@@ -137,6 +143,7 @@ impl<'r, 'a> Worker<'r, 'a> {
     /// Those of the round's `report_and_check`.
     pub fn run(&mut self, tets: &[u32]) -> Result<()> {
         tets.iter().for_each(|&t| self.enqueue(t));
+        self.patience = PATIENCE.max(tets.len() / HOPELESS_PART);
         let mut steps = 0;
         loop {
             steps += 1;
@@ -178,7 +185,7 @@ impl<'r, 'a> Worker<'r, 'a> {
             self.reconnect(t);
             return;
         }
-        if self.in_vain == MAX_IN_VAIN {
+        if self.patience == 0 {
             self.left.push(t);
             return;
         }
@@ -188,10 +195,7 @@ impl<'r, 'a> Worker<'r, 'a> {
         let count = attempts.len() - usize::from(!self.round.last.relax);
         for attempt in &attempts[..count] {
             match attempt(self, t) {
-                Outcome::Done => {
-                    self.in_vain = 0;
-                    return self.enqueue_again(&entry);
-                }
+                Outcome::Done => return self.enqueue_again(&entry),
                 Outcome::Foreign => outcome = Outcome::Foreign,
                 Outcome::Failed => {}
             }
@@ -199,7 +203,7 @@ impl<'r, 'a> Worker<'r, 'a> {
         match outcome {
             Outcome::Foreign => self.deferred.push(t),
             _ => {
-                self.in_vain += 1;
+                self.patience -= 1;
                 self.left.push(t);
             }
         }

@@ -23,8 +23,9 @@ use super::random::Random;
 /// Seconds that one of these small runs may take.
 const PATIENCE: u64 = 60;
 
-/// Seeds that failed once: a search for a crossing without an end.
-const FAILED: [u64; 1] = [2199];
+/// Seeds that failed once: a search for a crossing without an end; improvement that took 35 s for
+/// 110 000 tets.
+const FAILED: [u64; 2] = [2199, 117_121];
 
 impl Random {
     /// A whole number below `end`.
