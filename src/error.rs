@@ -1,5 +1,6 @@
 //! The one error type. Every variant maps to one stable status code of the C interface.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// What can go wrong. Each message is one line that names the thing and the value.
@@ -81,9 +82,12 @@ pub fn excerpt(text: &str) -> String {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// An [`Error::Io`] for `path`.
+    /// An [`Error::Io`] for `path`; memory that was refused is [`Error::OutOfMemory`] here, too.
     pub fn io(path: &Path, source: std::io::Error) -> Self {
-        Self::Io { path: path.to_owned(), source }
+        match source.kind() {
+            ErrorKind::OutOfMemory => Self::OutOfMemory { count: 1, what: "buffer of a file" },
+            _ => Self::Io { path: path.to_owned(), source },
+        }
     }
 
     /// An [`Error::Format`] for `path`.

@@ -5,7 +5,7 @@
 //! | module | what it is |
 //! |---|---|
 //! | [`error`] | the one error type |
-//! | `memory`, `panics` | tables that may not fit, panics caught |
+//! | `memory`, `panics` | tables that may not fit, blocks in reserve, panics caught |
 //! | `sync` | waiting, waking and time stamps; chooses threads or virtual time |
 //! | [`parallel`] | how workers wait, and share work; knows no mesh |
 //! | [`params`], [`monitor`] | what a run is asked for; progress and cancellation |

@@ -7,13 +7,14 @@
 //! Thread safety: a [`Monitor`] is shared by all threads of a run. The callbacks are called by
 //! whichever of them comes by, one call at a time.
 //!
-//! Cost: without a progress callback a look is two relaxed loads; with one, also a clock, read no
+//! Cost: without a progress callback a look is some relaxed loads; with one, also a clock, read no
 //! more often than pieces are finished.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
+use crate::memory::Watch;
 use crate::{Error, Result};
 
 /// The phases of a run, in their order.
@@ -154,6 +155,8 @@ pub struct Monitor<'a> {
     time_limit: AtomicU64,
     /// The first step that the run leaves out at its end.
     last: AtomicUsize,
+    /// Whether the system refuses memory.
+    memory: Watch,
 }
 
 /// `ends_at` without an end.
@@ -188,6 +191,7 @@ impl<'a> Monitor<'a> {
             ends_at: AtomicU64::new(NEVER),
             time_limit: AtomicU64::new(0),
             last: AtomicUsize::new(Step::Done as usize),
+            memory: Watch::new(),
         }
     }
 
@@ -254,17 +258,18 @@ impl<'a> Monitor<'a> {
         self.tets.store(tets, Relaxed);
     }
 
-    /// Checks for cancellation, and for the end of time where [`Self::end_at`] has set one; relaxed
-    /// loads.
+    /// Checks for cancellation, for memory that the system refuses, and for the end of time where
+    /// [`Self::end_at`] has set one; relaxed loads.
     ///
     /// # Errors
     /// [`Error::Cancelled`] when the flag is raised or the callback returned `false`;
-    /// [`Error::TimeLimit`].
+    /// [`Error::OutOfMemory`]; [`Error::TimeLimit`].
     #[inline]
     pub fn check_cancelled(&self) -> Result<()> {
         if self.cancel.is_some_and(CancelFlag::is_cancelled) || self.stopped.load(Relaxed) {
             return Err(Error::Cancelled);
         }
+        self.memory.check()?;
         let ends_at = self.ends_at.load(Relaxed);
         if ends_at != NEVER && self.milliseconds() >= ends_at {
             return Err(Error::time_limit(f64::from_bits(self.time_limit.load(Relaxed))));

@@ -54,8 +54,8 @@ const HEAD: &str = "\
  *   may be read by many threads as long as none changes them. A context belongs to one thread at
  *   a time, but for lapd_context_cancel.
  * - The library prints nothing, reads no environment, installs no signal handler, and does not
- *   end the process: memory that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, but for small
- *   tables and within the pool of threads, where Rust's standard library aborts.
+ *   end the process: memory that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, in every call of
+ *   the process that works at that moment.
  */";
 
 fn generate(root: &Path) -> String {

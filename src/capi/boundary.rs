@@ -7,6 +7,7 @@
 use std::ffi::{CStr, c_char};
 
 use super::status::lapd_status;
+use crate::memory::Watch;
 use crate::{Error, panics};
 
 /// Why a call failed: the code, and the line for `lapd_context_last_error`.
@@ -41,10 +42,15 @@ impl From<Error> for Failure {
     }
 }
 
-/// Runs `f`; a panic becomes an internal error that says where it happened.
+/// Runs `f`; a panic becomes an internal error that says where it happened. Libraries that we use
+/// panic where memory is refused.
 pub(super) fn catch<T>(f: impl FnOnce() -> Outcome<T>) -> Outcome<T> {
+    let memory = Watch::new();
     // What `f` was changing is dropped or, in a context, kept behind mutexes that tolerate poison.
-    panics::catch(f).unwrap_or_else(|line| Err(Error::Internal(line).into()))
+    panics::catch(f).unwrap_or_else(|line| {
+        memory.check()?;
+        Err(Error::Internal(line).into())
+    })
 }
 
 /// Boundary of a function without a context: the status alone tells what went wrong.

@@ -16,10 +16,19 @@ use hwlocality::topology::builder::TopologyBuilder;
 
 use super::assemble;
 use crate::parallel::machine::{Core, Machine};
-use crate::{Error, Result};
+use crate::{Error, Result, memory};
 
-/// The system's processors that `may_use` names; `None` when hwloc finds none.
+/// Bytes that hwloc must be able to have before it is asked. Where memory is refused it does not
+/// look at what it gets, or tries for ever (2.9, in `hwloc_linux_get_tid_cpubind`).
+const ROOM: usize = 8 << 20;
+
+fn has_room() -> Result<()> {
+    memory::room::<u8>(ROOM, "bytes for hwloc").map(drop)
+}
+
+/// The system's processors that `may_use` names; `None` when hwloc finds none, or has no room.
 pub fn system(may_use: impl Fn(usize) -> bool) -> Option<Machine> {
+    has_room().ok()?;
     let topology = Topology::new().ok().filter(Topology::is_this_system)?;
     let nodes = memory_nodes(&topology);
     assemble(cores(&topology, &nodes, may_use), &distances(&topology, &nodes))
@@ -28,8 +37,9 @@ pub fn system(may_use: impl Fn(usize) -> bool) -> Option<Machine> {
 /// The machine of a synthetic description.
 ///
 /// # Errors
-/// [`Error::InvalidArgument`] where hwloc does not understand it.
+/// [`Error::InvalidArgument`] where hwloc does not understand it; [`Error::OutOfMemory`].
 pub fn synthetic(description: &str) -> Result<Machine> {
+    has_room()?;
     let build =
         |description: &str| TopologyBuilder::new().from_synthetic(description).ok()?.build().ok();
     let machine = || {

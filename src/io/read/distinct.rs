@@ -8,6 +8,10 @@ use std::cmp::Ordering;
 use std::collections::HashMap;
 
 use crate::image::MAX_IDS;
+use crate::{Result, memory};
+
+/// What is counted where there is no memory.
+const WHAT: &str = "distinct values";
 
 /// A finite number of a file.
 #[derive(Clone, Copy, Debug)]
@@ -92,18 +96,27 @@ pub(super) struct Distinct {
 }
 
 impl Distinct {
-    /// Appends the numbers of values.
-    pub(super) fn number(&mut self, values: &[Number], numbers: &mut Vec<i32>) {
+    /// Appends the numbers of values; there is room for them.
+    pub(super) fn number(&mut self, values: &[Number], numbers: &mut Vec<i32>) -> Result<()> {
         for run in values.chunk_by(|a, b| a == b) {
             let number = match run[0] {
                 Number::Whole(0) => 0,
-                value => *self.numbers.entry(value.key()).or_insert_with(|| {
-                    self.values.push(value);
-                    self.values.len() as i32
-                }),
+                value => match self.numbers.get(&value.key()) {
+                    Some(&known) => known,
+                    None => self.add(value)?,
+                },
             };
             numbers.extend(std::iter::repeat_n(number, run.len()));
         }
+        Ok(())
+    }
+
+    fn add(&mut self, value: Number) -> Result<i32> {
+        memory::reserve(&mut self.values, 1, WHAT)?;
+        self.values.push(value);
+        let number = self.values.len() as i32;
+        memory::insert(&mut self.numbers, value.key(), number, WHAT)?;
+        Ok(number)
     }
 
     /// Whether there are more values than labels.
@@ -113,14 +126,15 @@ impl Distinct {
 
     /// The label of each number from 1 on, in order of value, and the text of the value of each
     /// label from 1 on.
-    pub(super) fn finish(self) -> (Vec<i32>, Vec<String>) {
-        let mut order: Vec<usize> = (0..self.values.len()).collect();
-        order.sort_by(|&a, &b| self.values[a].order(self.values[b]));
-        let mut labels = vec![0; order.len()];
+    pub(super) fn finish(self) -> Result<(Vec<i32>, Vec<String>)> {
+        let mut order = memory::collected(0..self.values.len(), WHAT)?;
+        order.sort_unstable_by(|&a, &b| self.values[a].order(self.values[b]));
+        let mut labels = memory::zeroed(order.len(), WHAT)?;
         for (rank, &n) in order.iter().enumerate() {
             labels[n] = rank as i32 + 1;
         }
-        (labels, order.into_iter().map(|n| self.values[n].text()).collect())
+        let texts = order.into_iter().map(|n| self.values[n].text());
+        Ok((labels, memory::collected(texts, WHAT)?))
     }
 }
 
@@ -147,13 +161,15 @@ mod tests {
         let mut numbers = Vec::new();
         let large = 1_i128 << 60;
         let values = [85.0, 0.0, 42.5, -3.0, 85.0].map(|x| Number::of_real(x).unwrap());
-        distinct.number(&values, &mut numbers);
-        distinct.number(
-            &[Number::Whole(large + 1), Number::Whole(large), Number::Whole(85)],
-            &mut numbers,
-        );
+        distinct.number(&values, &mut numbers).unwrap();
+        distinct
+            .number(
+                &[Number::Whole(large + 1), Number::Whole(large), Number::Whole(85)],
+                &mut numbers,
+            )
+            .unwrap();
         assert_eq!(numbers, [1, 0, 2, 3, 1, 4, 5, 1]);
-        let (labels, texts) = distinct.finish();
+        let (labels, texts) = distinct.finish().unwrap();
         assert_eq!(labels, [3, 2, 1, 5, 4]);
         assert_eq!(texts, ["-3", "42.5", "85", "1152921504606846976", "1152921504606846977"]);
         assert!(

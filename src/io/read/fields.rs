@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use super::source::Source;
 use crate::error::excerpt;
-use crate::{Error, Result};
+use crate::{Error, Result, memory};
 
 /// The longest header read. Segmentations of 3D Slicer describe every segment in it.
 pub(super) const MAX_HEADER: u64 = 16 << 20;
@@ -20,8 +20,14 @@ pub(super) struct Fields {
     pairs: HashMap<String, String>,
 }
 
-fn key(name: &str) -> String {
-    name.chars().filter(|c| !c.is_whitespace()).map(|c| c.to_ascii_lowercase()).collect()
+/// What is counted where there is no memory for a header.
+const WHAT: &str = "bytes or fields of a header";
+
+fn key(name: &str) -> Result<String> {
+    let mut key = memory::text(name, WHAT)?;
+    key.retain(|c| !c.is_whitespace());
+    key.make_ascii_lowercase();
+    Ok(key)
 }
 
 impl Fields {
@@ -31,15 +37,17 @@ impl Fields {
 
     /// Takes a value in; the same name twice is an error.
     pub(super) fn insert(&mut self, name: &str, value: &str) -> Result<()> {
-        match self.values.insert(key(name), value.trim().to_owned()) {
+        let value = memory::text(value.trim(), WHAT)?;
+        match memory::insert(&mut self.values, key(name)?, value, WHAT)? {
             None => Ok(()),
             Some(_) => Err(self.error(format!("header field '{}' is given twice", name.trim()))),
         }
     }
 
     /// Takes in a key/value pair, which means nothing to the format.
-    pub(super) fn insert_pair(&mut self, name: &str, value: &str) {
-        self.pairs.insert(name.trim().to_owned(), value.trim().to_owned());
+    pub(super) fn insert_pair(&mut self, name: &str, value: &str) -> Result<()> {
+        let [name, value] = [name, value].map(|text| memory::text(text.trim(), WHAT));
+        memory::insert(&mut self.pairs, name?, value?, WHAT).map(drop)
     }
 
     /// The value of a pair.
@@ -48,7 +56,8 @@ impl Fields {
     }
 
     pub(super) fn get(&self, name: &str) -> Option<&str> {
-        self.values.get(&key(name)).map(String::as_str)
+        // Names that are asked for are short.
+        self.values.get(&key(name).ok()?).map(String::as_str)
     }
 
     pub(super) fn required(&self, name: &str) -> Result<&str> {
@@ -67,17 +76,16 @@ impl Fields {
         count: Option<usize>,
     ) -> Result<Option<Vec<T>>> {
         let Some(value) = self.get(name) else { return Ok(None) };
-        let list: Vec<T> = value
-            .split_whitespace()
-            .map(|word| {
-                word.parse().map_err(|_| {
-                    self.error(format!(
-                        "header field '{name}': '{}' is not a number that fits",
-                        excerpt(word)
-                    ))
-                })
-            })
-            .collect::<Result<_>>()?;
+        let mut list = Vec::new();
+        for word in value.split_whitespace() {
+            memory::reserve(&mut list, 1, "numbers of a header")?;
+            list.push(word.parse().map_err(|_| {
+                self.error(format!(
+                    "header field '{name}': '{}' is not a number that fits",
+                    excerpt(word)
+                ))
+            })?);
+        }
         match count {
             Some(count) if count != list.len() => Err(self.error(format!(
                 "header field '{name}' must give {count} number(s), got {}: '{}'",
@@ -122,5 +130,10 @@ pub(super) fn header_line(source: &mut Source, read: &mut Place) -> Result<Optio
     if read.bytes >= MAX_HEADER {
         return Err(source.error(format!("the header does not end within {MAX_HEADER} bytes")));
     }
-    Ok((n > 0).then(|| String::from_utf8_lossy(&line).trim_end_matches(['\n', '\r']).to_owned()))
+    let ending = line.iter().rev().take_while(|byte| b"\r\n".contains(byte)).count();
+    line.truncate(line.len() - ending);
+    // What is no UTF-8 is rare, and in text that means nothing to a format.
+    let text = String::from_utf8(line)
+        .unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned());
+    Ok((n > 0).then_some(text))
 }

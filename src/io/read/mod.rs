@@ -140,7 +140,7 @@ pub fn read_image_with(path: &Path, options: &ReadOptions, go_on: &GoOn<'_>) -> 
     let access = options.access(go_on, (0.0, 1.0));
     let Opened { mut source, layout, frame, world, segments, mut warnings } =
         open(path, Volumes::One, options, access)?;
-    let names = segments.as_ref().map(Segments::names_of_values).unwrap_or_default();
+    let names = segments.as_ref().map(Segments::names_of_values).transpose()?.unwrap_or_default();
     let mut layers = segments.filter(|_| layout.volumes > 1);
     if let Some(order) = &options.layer_order {
         set_layer_order(path, order, layers.as_mut(), layout.volumes)?;

@@ -32,7 +32,7 @@ pub(super) fn open<'a>(path: &Path, volumes: Volumes, access: Access<'a>) -> Res
     let mut source = Source::open(path, access)?;
     let fields = read_header(&mut source)?;
     let mut warnings = Vec::new();
-    let segments = Segments::of_header(&fields);
+    let segments = Segments::of_header(&fields)?;
     let (axes, values, interleaved) = three_axes(&fields, volumes, segments.is_some())?;
     let world = world_of(&fields)?;
     let frame = frame_of(path, &fields, &axes, &mut warnings)?;
@@ -91,7 +91,7 @@ fn read_header(source: &mut Source) -> Result<Fields> {
         // Key/value pairs mean nothing to the format; 3D Slicer's tell of segments.
         if let Some((name, value)) = line.split_once(":=").filter(|(name, _)| !name.contains(':')) {
             if name.starts_with("Segment") {
-                fields.insert_pair(name, value);
+                fields.insert_pair(name, value)?;
             }
             continue;
         }

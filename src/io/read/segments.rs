@@ -13,6 +13,10 @@ use std::collections::HashMap;
 use super::fields::Fields;
 use crate::error::excerpt;
 use crate::image::MAX_IDS;
+use crate::{Result, memory};
+
+/// What is counted where there is no memory.
+const WHAT: &str = "segments of a file";
 
 /// Segments that a warning names.
 const NAMED: usize = 20;
@@ -49,7 +53,10 @@ struct Segment {
 
 impl Segments {
     /// The segments that a header names with their layers, if it does, all by numbers.
-    pub(super) fn of_header(fields: &Fields) -> Option<Self> {
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`](crate::Error).
+    pub(super) fn of_header(fields: &Fields) -> Result<Option<Self>> {
         let mut found = Self {
             numbers: HashMap::new(),
             segments: Vec::new(),
@@ -60,16 +67,18 @@ impl Segments {
         for n in 0.. {
             let of = |what: &str| fields.pair(&format!("Segment{n}_{what}"));
             let (Some(layer), Some(value)) = (of("Layer"), of("LabelValue")) else { break };
-            let (layer, value) = (layer.parse().ok()?, value.parse().ok()?);
-            found.add(layer, value, excerpt(of("Name").or_else(|| of("ID")).unwrap_or("unnamed")));
+            let (Ok(layer), Ok(value)) = (layer.parse(), value.parse()) else { return Ok(None) };
+            let name = excerpt(of("Name").or_else(|| of("ID")).unwrap_or("unnamed"));
+            found.add(layer, value, name)?;
         }
         found.named = found.segments.len();
-        (found.named > 0).then_some(found)
+        Ok((found.named > 0).then_some(found))
     }
 
     /// The names of the labels of a file with a single layer, whose values are its labels.
-    pub(super) fn names_of_values(&self) -> Vec<(i32, String)> {
-        self.segments.iter().map(|segment| (segment.value, segment.name.clone())).collect()
+    pub(super) fn names_of_values(&self) -> Result<Vec<(i32, String)>> {
+        let names = self.segments.iter().map(|segment| (segment.value, segment.name.clone()));
+        memory::collected(names, WHAT)
     }
 
     /// Has the `count` layers count in another order than that of the file: later ones over earlier
@@ -90,17 +99,18 @@ impl Segments {
         self.segments.len() >= MAX_IDS
     }
 
-    fn add(&mut self, layer: usize, value: i32, name: String) -> i32 {
+    fn add(&mut self, layer: usize, value: i32, name: String) -> Result<i32> {
+        memory::reserve(&mut self.segments, 1, WHAT)?;
         self.segments.push(Segment { value, name, occurs: false });
         let number = self.segments.len() as i32;
-        self.numbers.insert((layer, value), number);
-        number
+        memory::insert(&mut self.numbers, (layer, value), number, WHAT)?;
+        Ok(number)
     }
 
     /// The number of the segment that a voxel belongs to, by its values in all layers; 0 for none.
     /// Segments that the header does not name get their numbers in the order of the file, whatever
     /// the order in which layers count.
-    pub(super) fn number(&mut self, values: &[i32]) -> i32 {
+    pub(super) fn number(&mut self, values: &[i32]) -> Result<i32> {
         let (mut number, mut highest, mut count) = (0, 0, 0);
         for (layer, &value) in values.iter().enumerate().filter(|&(_, &value)| value != 0) {
             let of_layer = match self.numbers.get(&(layer, value)) {
@@ -109,7 +119,7 @@ impl Segments {
                     layer,
                     value,
                     format!("value {value} of layer {layer}, which the header does not name"),
-                ),
+                )?,
             };
             self.segments[of_layer as usize - 1].occurs = true;
             let place = self.places.get(layer).copied().unwrap_or(layer);
@@ -119,18 +129,18 @@ impl Segments {
             count += 1;
         }
         self.overlapping += u64::from(count > 1);
-        number
+        Ok(number)
     }
 
     /// When all voxels were seen.
-    pub(super) fn finish(self) -> Finished<impl Fn(i32) -> i32> {
-        let mut values: Vec<i32> =
-            self.segments.iter().filter(|s| s.occurs).map(|s| s.value).collect();
+    pub(super) fn finish(self) -> Result<Finished<impl Fn(i32) -> i32>> {
+        let mut values = memory::room(self.segments.len(), WHAT)?;
+        values.extend(self.segments.iter().filter(|s| s.occurs).map(|s| s.value));
         let count = values.len();
         values.sort_unstable();
         values.dedup();
         let differ = values.len() == count;
-        let values: Vec<i32> = self.segments.iter().map(|segment| segment.value).collect();
+        let values = memory::collected(self.segments.iter().map(|segment| segment.value), WHAT)?;
         let label = move |number: i32| if differ { values[number as usize - 1] } else { number };
         let mut warnings = Vec::new();
         let mut tell = |why: &str, numbers: std::ops::RangeInclusive<usize>| {
@@ -162,7 +172,8 @@ impl Segments {
         }
         let named =
             self.segments[..self.named].iter().zip(1..).filter(|(segment, _)| segment.occurs);
-        let names = named.map(|(segment, number)| (label(number), segment.name.clone())).collect();
-        Finished { label, names, warnings }
+        let mut names = memory::room(self.named, WHAT)?;
+        names.extend(named.map(|(segment, number)| (label(number), segment.name.clone())));
+        Ok(Finished { label, names, warnings })
     }
 }

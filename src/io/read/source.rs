@@ -9,6 +9,7 @@ use flate2::bufread::{GzDecoder, ZlibDecoder};
 
 use super::GoOn;
 use crate::error::{excerpt, shown};
+use crate::memory::Watch;
 use crate::system::{files, memory};
 use crate::{Error, Result};
 
@@ -46,6 +47,7 @@ pub(super) struct Access<'a> {
 struct Watched<'a> {
     file: File,
     access: Access<'a>,
+    memory: Watch,
     read: u64,
     length: u64,
 }
@@ -54,7 +56,8 @@ impl Read for Watched<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let (from, share) = self.access.share;
         let part = from + share * (self.read as f64 / self.length as f64).min(1.0);
-        (self.access.go_on)(part).map_err(io::Error::other)?;
+        let going = (self.access.go_on)(part).and_then(|()| self.memory.check());
+        going.map_err(io::Error::other)?;
         let count = self.file.read(buffer)?;
         self.read += count as u64;
         Ok(count)
@@ -127,7 +130,8 @@ impl<'a> Source<'a> {
         if !metadata.is_file() {
             return Err(Error::format(path, "not a regular file"));
         }
-        let watched = Watched { file, access, read: 0, length: metadata.len() };
+        let watched =
+            Watched { file, access, memory: Watch::new(), read: 0, length: metadata.len() };
         let mut stream = BufReader::with_capacity(BLOCK, watched);
         let start = stream.fill_buf().map_err(|e| failure(path, e))?;
         if start.is_empty() {
@@ -278,12 +282,23 @@ impl<'a> Source<'a> {
     /// Appends to `buffer` up to and including the next `\n`, or to the end of the stream; returns
     /// the number of bytes, at most `limit`.
     pub(super) fn read_line(&mut self, limit: u64, buffer: &mut Vec<u8>) -> Result<usize> {
-        match self.stream.by_ref().take(limit).read_until(b'\n', buffer) {
-            Ok(n) => {
-                self.position += n as u64;
-                Ok(n)
+        let start = buffer.len();
+        loop {
+            let ahead = match self.stream.fill_buf() {
+                Ok(ahead) => ahead,
+                Err(e) if e.kind() == ErrorKind::Interrupted => continue,
+                Err(e) => return Err(self.failure(e)),
+            };
+            let most = (limit - (buffer.len() - start) as u64).min(ahead.len() as u64) as usize;
+            let end = ahead[..most].iter().position(|&byte| byte == b'\n');
+            let count = end.map_or(most, |end| end + 1);
+            crate::memory::reserve(buffer, count, "bytes of a header")?;
+            buffer.extend_from_slice(&ahead[..count]);
+            self.stream.consume(count);
+            self.position += count as u64;
+            if end.is_some() || count == 0 {
+                return Ok(buffer.len() - start);
             }
-            Err(e) => Err(self.failure(e)),
         }
     }
 

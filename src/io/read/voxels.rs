@@ -6,11 +6,14 @@ use super::distinct::{Distinct, Number, told};
 use super::segments::{Finished, Segments};
 use super::source::Source;
 use crate::image::{Frame, LabelBuilder, LabelImage, voxel_count};
-use crate::memory::{reserve, room};
+use crate::memory::{filled, reserve, room, zeroed};
 use crate::{Error, Result};
 
 /// Voxels decoded at a time.
 const CHUNK: usize = 1 << 16;
+
+/// What is counted where there is no memory for them.
+const NUMBERS: &str = "numbers of a file";
 
 /// Voxels per byte of the file for which room is made before they are seen; segmentations compress
 /// about so well.
@@ -186,7 +189,8 @@ pub(super) fn read_distinct(
         &mut Rounding::default(),
         |source, values: &[Number]| {
             numbers.clear();
-            distinct.number(values, &mut numbers);
+            reserve(&mut numbers, values.len(), NUMBERS)?;
+            distinct.number(values, &mut numbers)?;
             if distinct.are_too_many() {
                 return Err(
                     source.error("more than 65534 different values: is this a segmentation?")
@@ -195,7 +199,7 @@ pub(super) fn read_distinct(
             builder.push(&numbers)
         },
     )?;
-    let (labels, texts) = distinct.finish();
+    let (labels, texts) = distinct.finish()?;
     builder.relabel(|number| labels[number as usize - 1]);
     warnings.push(told(&texts));
     Ok((builder.finish(frame)?, texts))
@@ -234,14 +238,16 @@ pub(super) fn read_layers(
         waiting.extend_from_slice(values);
         let whole = waiting.len() - waiting.len() % layout.volumes;
         numbers.clear();
-        numbers.extend(waiting[..whole].chunks_exact(layout.volumes).map(|v| segments.number(v)));
+        for values in waiting[..whole].chunks_exact(layout.volumes) {
+            numbers.push(segments.number(values)?);
+        }
         waiting.drain(..whole);
         if segments.are_too_many() {
             return Err(source.error("more than 65534 segments: is this a segmentation?"));
         }
         builder.push(&numbers).map_err(|e| of_source(source, e))
     })?;
-    let Finished { label, names, warnings: told } = segments.finish();
+    let Finished { label, names, warnings: told } = segments.finish()?;
     builder.relabel(label);
     warnings.extend(told);
     Ok((builder.finish(frame)?, names))
@@ -396,8 +402,8 @@ fn read_binary<V: Value>(
     mut push: impl FnMut(&Source, &[V]) -> Result<()>,
 ) -> Result<()> {
     let (total, size) = (layout.numbers(), layout.scalar.size());
-    let mut bytes = vec![0_u8; CHUNK.min(total) * size];
-    let mut values = vec![V::default(); CHUNK.min(total)];
+    let mut bytes = zeroed::<u8>(CHUNK.min(total) * size, "bytes of a file")?;
+    let mut values = filled(CHUNK.min(total), V::default(), NUMBERS, || Ok(()))?;
     let mut done = 0;
     while done < total {
         let count = CHUNK.min(total - done);
@@ -603,8 +609,8 @@ fn read_text<V: Value>(
     mut push: impl FnMut(&Source, &[V]) -> Result<()>,
 ) -> Result<()> {
     let total = layout.numbers();
-    let mut bytes = vec![0_u8; CHUNK];
-    let mut values: Vec<V> = Vec::with_capacity(CHUNK);
+    let mut bytes = zeroed::<u8>(CHUNK, "bytes of a file")?;
+    let mut values: Vec<V> = room(CHUNK, NUMBERS)?;
     let mut word: Vec<u8> = Vec::new();
     let mut done = 0;
     loop {

@@ -8,6 +8,7 @@ use std::time::Duration;
 use tempfile::NamedTempFile;
 
 use crate::error::shown;
+use crate::memory::Watch;
 use crate::monitor::CancelFlag;
 use crate::{Error, Result};
 
@@ -40,11 +41,13 @@ pub(crate) struct Output<'a> {
     writer: BufWriter<NamedTempFile>,
     target: PathBuf,
     cancel: Option<&'a CancelFlag>,
+    memory: Watch,
 }
 
 impl<'a> Output<'a> {
     /// Creates the temporary file for `path`. A symbolic link stays, what it points to is replaced.
     pub fn create(path: &Path) -> Result<Self> {
+        let memory = Watch::new();
         let target = match fs::canonicalize(path) {
             Ok(target) if target.is_file() => target,
             Ok(_) => {
@@ -70,10 +73,11 @@ impl<'a> Output<'a> {
                 format!("no file can be created in folder {}: {}", shown(folder), error.kind());
             Error::io(path, io::Error::new(error.kind(), message))
         })?;
-        Ok(Self { writer: BufWriter::with_capacity(BUFFER, file), target, cancel: None })
+        let writer = BufWriter::with_capacity(BUFFER, file);
+        Ok(Self { writer, target, cancel: None, memory })
     }
 
-    /// Lets a raised flag end [`Output::fill`] at the next write.
+    /// Lets a raised flag end [`Output::fill`] at the next write. Refused memory always does.
     pub fn watching(self, cancel: Option<&'a CancelFlag>) -> Self {
         Self { cancel, ..self }
     }
@@ -120,6 +124,7 @@ impl Write for Output<'_> {
         if self.is_cancelled() {
             return Err(io::Error::other("cancelled"));
         }
+        self.memory.check().map_err(io::Error::other)?;
         self.writer.write(bytes)
     }
 

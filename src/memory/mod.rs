@@ -1,5 +1,13 @@
 //! Large tables: an error that names the table where `Vec` alone would end the process; and
-//! fetching ahead of a sweep through them.
+//! fetching ahead of a sweep through them. Small blocks: `reserve`.
+
+#[cfg(any(test, feature = "memory-reserve"))]
+pub mod reserve;
+
+use std::collections::HashMap;
+use std::hash::Hash;
+use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::Ordering::Relaxed;
 
 use bytemuck::Zeroable;
 
@@ -8,6 +16,52 @@ use crate::{Error, Result};
 /// Values between two questions whether to go on: the system hands out memory when it is first
 /// written to, which takes its time for large tables.
 const STEP: usize = 1 << 16;
+
+/// What the system refused and the reserve gave.
+static REFUSALS: Refusals = Refusals::new();
+
+/// How often the system refused a small block. Relaxed: it only has to be seen in the end.
+pub struct Refusals {
+    count: AtomicUsize,
+    /// Bytes of the last block.
+    size: AtomicUsize,
+}
+
+impl Refusals {
+    const fn new() -> Self {
+        Self { count: AtomicUsize::new(0), size: AtomicUsize::new(0) }
+    }
+
+    #[cfg(any(test, feature = "memory-reserve"))]
+    fn note(&self, size: usize) {
+        self.size.store(size, Relaxed);
+        self.count.fetch_add(1, Relaxed);
+    }
+}
+
+/// Notices that the system refused small blocks, to whichever call of the process, since it was
+/// made.
+#[derive(Clone, Copy, Debug)]
+pub struct Watch(usize);
+
+impl Watch {
+    /// From now on.
+    pub fn new() -> Self {
+        Self(REFUSALS.count.load(Relaxed))
+    }
+
+    /// Ends a call before the reserve is used up.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    #[inline]
+    pub fn check(&self) -> Result<()> {
+        match REFUSALS.count.load(Relaxed) {
+            count if count == self.0 => Ok(()),
+            _ => Err(Error::OutOfMemory { count: REFUSALS.size.load(Relaxed), what: "bytes" }),
+        }
+    }
+}
 
 /// Room for exactly `count` values, counted as `what`.
 ///
@@ -26,6 +80,45 @@ pub fn room<T>(count: usize, what: &'static str) -> Result<Vec<T>> {
 #[inline(always)]
 pub fn reserve<T>(values: &mut Vec<T>, more: usize, what: &'static str) -> Result<()> {
     values.try_reserve(more).map_err(|_| Error::OutOfMemory { count: values.len() + more, what })
+}
+
+/// The values of an iterator that says how many there are, counted as `what`.
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+pub fn collected<T>(
+    values: impl ExactSizeIterator<Item = T>,
+    what: &'static str,
+) -> Result<Vec<T>> {
+    let mut all = room(values.len(), what)?;
+    all.extend(values);
+    Ok(all)
+}
+
+/// A copy of a text, counted by its bytes as `what`.
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+pub fn text(text: &str, what: &'static str) -> Result<String> {
+    let mut copy = String::new();
+    let lack = |_| Error::OutOfMemory { count: text.len(), what };
+    copy.try_reserve_exact(text.len()).map_err(lack)?;
+    copy.push_str(text);
+    Ok(copy)
+}
+
+/// Puts a value into a table by its key, counted as `what`; returns the value that was there.
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+pub fn insert<K: Eq + Hash, V>(
+    table: &mut HashMap<K, V>,
+    key: K,
+    value: V,
+    what: &'static str,
+) -> Result<Option<V>> {
+    table.try_reserve(1).map_err(|_| Error::OutOfMemory { count: table.len() + 1, what })?;
+    Ok(table.insert(key, value))
 }
 
 /// `count` values of all bytes zero, counted as `what`. The system hands out the memory of a large
