@@ -232,7 +232,6 @@ const SECANT_STEPS: usize = 8;
 /// The only root in [0, 1] of a cubic that is not negative at 0 and negative at 1, by the Illinois
 /// variant of the secant method.
 fn descent(b: [f64; 4], tolerance: f64) -> f64 {
-    debug_assert!(tolerance > 0.0, "a tolerance of {tolerance} ends no search");
     let c = [
         b[0],
         3.0 * (b[1] - b[0]),
@@ -253,6 +252,10 @@ fn descent(b: [f64; 4], tolerance: f64) -> f64 {
         // At least half a tolerance from both ends: once one end has converged, the next step
         // passes the root and closes the bracket.
         let s = s.max(low + 0.5 * tolerance).min(high - 0.5 * tolerance);
+        // No number lies between the ends, or one of the values is none.
+        if !(low < s && s < high) {
+            return 0.5 * (low + high);
+        }
         let value = c[0] + s * (c[1] + s * (c[2] + s * c[3]));
         let leads = value >= 0.0;
         if leads {
@@ -292,6 +295,21 @@ mod tests {
         let mut sums: Vec<(u16, f64)> = sums.into_iter().collect();
         sums.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         (sums[0].0, sums[0].1 - sums.get(1).map_or(0.0, |s| s.1))
+    }
+
+    #[test]
+    fn any_tolerance_ends_the_search_for_a_descent() {
+        let b = [1.0, 0.7, -0.3, -1.0];
+        let root = descent(b, 1e-9);
+        for tolerance in [1e-300, 1e-18, 0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let s = descent(b, tolerance);
+            assert!((0.0..=1.0).contains(&s), "{s} at {tolerance}");
+            let ends_at_once = !(tolerance <= 1.0);
+            assert!(ends_at_once || (s - root).abs() < 1e-6, "{s} at {tolerance}");
+        }
+        // It ends, whatever it says.
+        descent([f64::NAN, 1.0, 1.0, -1.0], 1e-9);
+        descent([1.0, f64::NAN, 1.0, -1.0], 0.0);
     }
 
     proptest! {

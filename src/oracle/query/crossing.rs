@@ -127,7 +127,12 @@ impl Oracle {
                 return Some(self.grid.point_at(crossing));
             }
             let reached = (crossing - x).dot(line.way) / line.way.length_squared();
-            t = reached.max(t) + step;
+            let next = reached.max(t) + step;
+            // On a way so long that a step is lost in rounding the search ends.
+            if next <= t {
+                return None;
+            }
+            t = next;
         }
         None
     }
