@@ -40,7 +40,7 @@ static const char USAGE[] =
     "  --no-adaptive        do not sample more densely what is thinner than 4/3 delta\n"
     "  --spacing-floor V    samples of thin structures come no closer than this many voxels; "
     "default 0.5\n"
-    "  --min-voxels N     leave out components of fewer voxels; for label images; default 0\n"
+    "  --min-voxels N       leave out components of fewer voxels; for label images; default 0\n"
     "  --radius-edge R      largest circumradius over shortest edge; at least 2, default 2\n"
     "  --facet-angle DEG    smallest angle of interface facets; at most 30, default 30\n"
     "  --threads N          threads of the run; default 1, which makes the same mesh each time\n"

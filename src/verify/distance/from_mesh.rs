@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::grid_corners::Corners;
 use super::triangle_bins::Triangle;
 use super::voxel_faces::{Face, VoxelFaces};
-use super::{CHECK_EVERY, CHUNK, Distance, PART, Sum, TOLERANCE};
+use super::{CHECK_EVERY, CHUNK, Distance, MAX_ALONG, PART, Sum, TOLERANCE};
 use crate::Result;
 use crate::memory::reserve;
 use crate::monitor::Monitor;
@@ -292,14 +292,14 @@ pub(crate) struct Parts {
 }
 
 impl Parts {
-    /// Parts with a radius of no more than `max`.
+    /// Parts with a radius of no more than `max`, or of a [`MAX_ALONG`]th of the triangle's.
     pub fn new(&[a, b, c]: &[DVec3; 3], max: f64) -> Self {
         // By differences: what lies in a plane of the grid stays there.
         let (ab, ac) = (b - a, c - a);
         let middle = (ab + ac) / 3.0;
         let arms = [-middle, ab - middle, ac - middle];
         let radius = arms.iter().map(|arm| arm.length_squared()).fold(0.0, f64::max).sqrt();
-        let along = ((radius / max).ceil() as usize).max(1);
+        let along = ((radius / max).ceil() as usize).clamp(1, MAX_ALONG);
         let scale = 1.0 / along as f64;
         let (edges, arms) = ([ab, ac].map(|edge| edge * scale), arms.map(|arm| arm * scale));
         Self { corner: a, edges, along, arms, radius: radius * scale }

@@ -7,10 +7,10 @@
 //! each sample to the other side is exact.
 //!
 //! - Mesh to image: each facet is cut into n x n similar triangles; samples are their centroids, no
-//!   more than 0.34 smallest spacings from any point of the facet, weighted by area (the midpoint
-//!   rule, exact for a linear distance). What lies between the samples can only raise the maximum
-//!   where bounds permit it; there facets are cut further, until the maximum is known to a
-//!   hundredth of the smallest spacing (`Search`).
+//!   more than 0.34 smallest spacings from any point of the facet (a 64th of the facet's radius,
+//!   where that is more), weighted by area (the midpoint rule, exact for a linear distance). What
+//!   lies between the samples can only raise the maximum where bounds permit it; there facets are
+//!   cut further, until the maximum is known to a hundredth of the smallest spacing (`Search`).
 //! - Image to mesh: the mean is over the centres of the voxel faces, weighted by area; the maximum
 //!   is over centres and corners, and may miss the true one by at most the distance to the nearest
 //!   of these.
@@ -76,6 +76,11 @@ const FILL: usize = 1 << 16;
 /// where edges of the grid are crossed, near voxel faces, and their middles elsewhere: with one
 /// sample for most facets the mean is 12 % too large, with this distance less than a per cent.
 const PART: f64 = 0.34;
+
+/// A facet is cut into no more than the square of this many triangles: else slices a thousand times
+/// as thick as pixels would need millions for each. Facets of up to 20 smallest spacings have all
+/// that they need.
+const MAX_ALONG: usize = 64;
 
 /// The largest distance from the mesh may be farther by this part of the smallest spacing.
 const TOLERANCE: f64 = 0.01;
