@@ -62,18 +62,18 @@ pub enum Step {
 }
 
 /// Phase of each step, and the part of a run's time at which it starts: as on the abdomen at delta
-/// 1.25, one thread.
+/// 2, one thread, with all that is measured.
 const STEPS: [(Phase, f64); 11] = [
     (Phase::Prepare, 0.0),
-    (Phase::Refine, 0.02),
-    (Phase::Extract, 0.35),
-    (Phase::Extract, 0.39),
-    (Phase::Extract, 0.47),
-    (Phase::Improve, 0.52),
-    (Phase::Certify, 0.55),
-    (Phase::Certify, 0.59),
-    (Phase::Certify, 0.71),
-    (Phase::Certify, 0.87),
+    (Phase::Refine, 0.01),
+    (Phase::Extract, 0.385),
+    (Phase::Extract, 0.44),
+    (Phase::Extract, 0.505),
+    (Phase::Improve, 0.565),
+    (Phase::Certify, 0.665),
+    (Phase::Certify, 0.70),
+    (Phase::Certify, 0.80),
+    (Phase::Certify, 0.91),
     (Phase::Certify, 1.0),
 ];
 

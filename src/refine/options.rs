@@ -7,9 +7,13 @@ use crate::params;
 use crate::system::binding::CoreMap;
 use crate::{Error, Result};
 
-/// Tets of the whole triangulation that a sample of the isosurface comes to have about it, for
-/// progress and the sharing of work alone.
+/// Tets of the whole triangulation that a sample of the isosurface comes to have about it, for the
+/// sharing of work alone.
 pub(super) const TETS_PER_SAMPLE: u64 = 8;
+
+/// Tets of the whole triangulation for each sample of the isosurface, those far from it included,
+/// for progress alone: 12 to 17 on the atlases, 8 of noise.
+pub(super) const ALL_TETS_PER_SAMPLE: u64 = 14;
 
 /// What a refinement is told beside the rules.
 pub struct RefineOptions {

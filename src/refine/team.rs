@@ -5,7 +5,7 @@ use crossbeam_utils::CachePadded;
 use glam::DVec3;
 
 use super::lapd::Regions;
-use super::options::{Limits, RefineOptions, TETS_PER_SAMPLE};
+use super::options::{ALL_TETS_PER_SAMPLE, Limits, RefineOptions};
 use super::pel::Gift;
 use super::rules::Rules;
 use super::state::State;
@@ -54,6 +54,14 @@ pub(super) struct Team<'a> {
     failure: Mutex<Option<Error>>,
 }
 
+/// The part of the work that is done, 0 to 1, where so large a part of the tets that were expected
+/// is there. Below 1 however wrong the expectation is.
+fn part_done(tets: f64) -> f64 {
+    const TRUSTED: f64 = 0.8;
+    const REST: f64 = 1.0 - TRUSTED;
+    if tets < TRUSTED { tets } else { 1.0 - REST * ((TRUSTED - tets) / REST).exp() }
+}
+
 impl<'a> Team<'a> {
     pub fn new(
         state: &'a State<'a>,
@@ -81,7 +89,7 @@ impl<'a> Team<'a> {
             report,
             expected_tets: options
                 .expected_tets
-                .saturating_add(TETS_PER_SAMPLE * samples.len() as u64),
+                .saturating_add(ALL_TETS_PER_SAMPLE * samples.len() as u64),
             size,
             samples,
             permits: AtomicU64::new(
@@ -120,9 +128,7 @@ impl<'a> Team<'a> {
         // Relaxed: sums for people and limits.
         let tets = self.tets.fetch_add(more.0, Relaxed).wrapping_add(more.0);
         let bytes = self.bytes.fetch_add(more.1, Relaxed).wrapping_add(more.1);
-        // Approaches 1 from below however wrong the expectation is.
-        let part = 1.0 - (-2.0 * tets as f64 / self.expected_tets.max(1) as f64).exp();
-        (self.report)(part, tets)?;
+        (self.report)(part_done(tets as f64 / self.expected_tets.max(1) as f64), tets)?;
         let later = u64::from(self.rules.triangulation.tet_bound()) * self.limits.bytes_per_slot;
         let samples = size_of_val(self.samples.as_slice()) as u64;
         let in_the_end = self.rules.oracle.bytes() as u64 + self.limits.bytes_after;
