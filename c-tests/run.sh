@@ -177,8 +177,8 @@ else
 fi
 if cargo clippy --version >/dev/null 2>&1; then
     step clippy cargo clippy --quiet --locked --all-targets -- -D warnings
-    step clippy-features cargo clippy --quiet --locked --all-targets --features "$features" -- \
-        -D warnings
+    step clippy-features cargo clippy --quiet --locked --all-targets \
+        --features "$features,memory-reserve" -- -D warnings
 else
     skip "clippy, this toolchain has none (rustup component add clippy)"
 fi

@@ -23,9 +23,6 @@ use std::sync::atomic::Ordering::{AcqRel, Relaxed};
 
 use super::Refusals;
 
-/// Bytes of the reserve of the process.
-pub const RESERVE: usize = 4 << 20;
-
 /// The largest block that comes out of it. Larger ones grow with an image or a mesh, and whoever
 /// asks for them takes a refusal.
 pub const LARGEST: usize = 1 << 20;
@@ -159,9 +156,10 @@ unsafe impl<A: GlobalAlloc, const SIZE: usize> GlobalAlloc for WithReserve<A, SI
     }
 }
 
+/// The process's allocator, with 4 MiB in reserve.
 #[cfg(feature = "memory-reserve")]
 #[global_allocator]
-static ALLOCATOR: WithReserve<std::alloc::System, RESERVE> =
+static ALLOCATOR: WithReserve<std::alloc::System, { 4 << 20 }> =
     WithReserve::new(std::alloc::System, &super::REFUSALS);
 
 #[cfg(test)]
