@@ -103,9 +103,9 @@ pub(super) struct Worker<'r, 'a> {
 /// On meshes that can have it a fiftieth is left at most.
 pub(super) const HOPELESS_PART: usize = 4;
 
-/// Once nothing has helped so many tets of a block, or [`HOPELESS_PART`] of those that it began
-/// with, the others are left as they are: each attempt takes up to milliseconds, and there may be
-/// many times more of them than tets, where changes make new tets below the target.
+/// A block gives up once nothing has helped so many of its tets, or one in [`HOPELESS_PART`] of
+/// those that it began with, whichever is more. An attempt takes up to milliseconds. Where changes
+/// make new tets below the target, there may be many times more attempts than tets.
 const PATIENCE: usize = 256;
 
 impl<'r, 'a> Worker<'r, 'a> {

@@ -252,9 +252,12 @@ fn descent(b: [f64; 4], tolerance: f64) -> f64 {
         // At least half a tolerance from both ends: once one end has converged, the next step
         // passes the root and closes the bracket.
         let s = s.max(low + 0.5 * tolerance).min(high - 0.5 * tolerance);
-        // No number lies between the ends, or one of the values is none.
+        // Where half a tolerance is lost in rounding the secant may stay at an end.
+        let middle = 0.5 * (low + high);
+        let s = if low < s && s < high { s } else { middle };
         if !(low < s && s < high) {
-            return 0.5 * (low + high);
+            // No number lies between the ends.
+            return middle;
         }
         let value = c[0] + s * (c[1] + s * (c[2] + s * c[3]));
         let leads = value >= 0.0;
@@ -307,6 +310,8 @@ mod tests {
             let ends_at_once = tolerance.is_nan() || tolerance > 1.0;
             assert!(ends_at_once || (s - root).abs() < 1e-6, "{s} at {tolerance}");
         }
+        // The first secant is exact, and stays at the root.
+        assert!((descent([1.0, 0.0, -1.0, -2.0], 0.0) - 1.0 / 3.0).abs() < 1e-15);
         // It ends, whatever it says.
         descent([f64::NAN, 1.0, 1.0, -1.0], 1e-9);
         descent([1.0, f64::NAN, 1.0, -1.0], 0.0);
