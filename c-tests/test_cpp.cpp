@@ -254,6 +254,25 @@ void parameters() {
           params.set_keep({}).keep().empty());
 }
 
+/// A mesh of the arrays of another one, with a certificate of its own.
+void certify_again(const lapd::mesh &mesh) {
+    lapd::context context;
+    const lapd::span<double> points = mesh.points().values();
+    const lapd::span<std::uint32_t> tets = mesh.tets().values();
+    const lapd::span<std::int32_t> labels = mesh.labels();
+    const std::vector<double> coordinates(points.begin(), points.end());
+    const std::vector<std::uint32_t> corners(tets.begin(), tets.end());
+    const std::vector<std::int32_t> names(labels.begin(), labels.end());
+    lapd::mesh again = lapd::mesh::from_arrays(context, coordinates, corners, names);
+    CHECK(status_of([&] { again.certificate(); }) == LAPD_ERROR_NOT_MEASURED);
+    again.certify(context, block_image(context), lapd::params());
+    CHECK(again.certificate().inverted_tets == 0 &&
+          again.certificate().unmet[0] == LAPD_NOT_COUNTED);
+    CHECK(again.quality().min_dihedral == mesh.quality().min_dihedral);
+    CHECK(status_of([&] { lapd::mesh::from_arrays(context, coordinates, corners, {}); }) ==
+          LAPD_ERROR_INVALID_ARGUMENT);
+}
+
 void meshes() {
     lapd::context context;
     std::vector<std::string> lines;
@@ -297,6 +316,7 @@ void meshes() {
     CHECK(volume > 100 && volume < 216);
     CHECK(status_of([&] { mesh.label_row(2); }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(mesh.certificate().inverted_tets == 0 && mesh.quality().min_dihedral >= 10);
+    certify_again(mesh);
     CHECK(mesh.timings().refine >= 0 && mesh.operations().insertions > 0);
     CHECK(mesh.thread_count() == 1 &&
           mesh.thread_report(0).insertions == mesh.operations().insertions);

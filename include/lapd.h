@@ -20,7 +20,8 @@
  * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and
  *   programs and libraries of different versions understand each other. What the library does not
  *   know yet reads 0.
- * - Images and meshes never change and may be used by any number of threads at once. Parameters
+ * - Images never change, meshes only by lapd_mesh_certify; any number of threads may use them at
+ *   once. Parameters
  *   may be read by many threads as long as none changes them. A context belongs to one thread at
  *   a time, but for lapd_context_cancel.
  * - The library prints nothing, reads no environment, installs no signal handler, and does not
@@ -49,6 +50,11 @@
  * "No tet", among the neighbours of a tet and beside a facet.
  */
 #define LAPD_NO_TET UINT32_MAX
+
+/**
+ * "Not counted", as one of the counts of lapd_certificate that say so.
+ */
+#define LAPD_NOT_COUNTED (uint64_t)-1ll
 
 /**
  * "The sum of all threads", as the number of a thread.
@@ -531,8 +537,8 @@ typedef struct lapd_context lapd_context;
 typedef struct lapd_image lapd_image;
 
 /**
- * A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was
- * made, so any number of threads may use it at once.
+ * A finished tetrahedral mesh in world coordinates, with its report. Nothing but
+ * lapd_mesh_certify changes it after it was made, so any number of threads may use it at once.
  *
  * Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the
  * one opposite to its vertex i.
@@ -783,7 +789,8 @@ typedef struct {
   /**
    * Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic, as
    * refinement left the mesh: 0, as that is Delaunay. lapd_improvement tells of the mesh without
-   * slivers.
+   * slivers. LAPD_NOT_COUNTED where the run had no certificate and the mesh was improved since.
+   * In a mesh that lapd_mesh_from_arrays made, those of that mesh.
    */
   uint64_t non_delaunay_facets;
   /**
@@ -799,7 +806,8 @@ typedef struct {
    */
   uint64_t open_edges;
   /**
-   * What stayed unmet of rules R1 to R6, in this order.
+   * What stayed unmet of rules R1 to R6, in this order; LAPD_NOT_COUNTED where the run had no
+   * certificate, and in a mesh that lapd_mesh_from_arrays made.
    */
   uint64_t unmet[6];
   /**
@@ -2749,6 +2757,63 @@ lapd_status lapd_mesh_copy_measure(const lapd_mesh *mesh,
                                    int32_t measure,
                                    double *buffer,
                                    size_t capacity);
+
+/**
+ * Makes a mesh of arrays that another program made, to certify it (lapd_mesh_certify) or to write
+ * it: `points` is [point_count][3] in world coordinates, `tets` [tet_count][4], `labels`
+ * [tet_count]; label 0 is background. The arrays are copied. Tets keep their order and their
+ * vertices; neighbours and interface facets are found.
+ *
+ * Every tet (a, b, c, d) should have (b - a) x (c - a) . (d - a) > 0, as in VTK, Gmsh and MEDIT;
+ * the certificate counts those that have not.
+ *
+ * What tells of a run is LAPD_ERROR_NOT_MEASURED for such a mesh: operations, improvement,
+ * certificate, quality; lapd_counts has 0 for the whole triangulation.
+ *
+ * The caller owns `*mesh` and frees it with lapd_mesh_free. Any thread; the work is done on as
+ * many threads as the calling one may use processors, joined at return.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, a coordinate is not finite, a tet
+ * has a vertex twice or one that is not there, a facet is one of more than two tets, or two
+ * positive tets lie on the same side of a facet; LAPD_ERROR_LIMIT_REACHED for more tets than can
+ * be numbered; LAPD_ERROR_CANCELLED after lapd_context_cancel; LAPD_ERROR_OUT_OF_MEMORY.
+ */
+lapd_status lapd_mesh_from_arrays(lapd_context *context,
+                                  const double *points,
+                                  size_t point_count,
+                                  const uint32_t *tets,
+                                  size_t tet_count,
+                                  const int32_t *labels,
+                                  lapd_mesh **mesh);
+
+/**
+ * Measures the certificate of a finished mesh, and its quality, against an image: of a mesh from
+ * other arrays, of one whose run had no certificate, or to add what a level has more. They take
+ * the place of what was measured before.
+ *
+ * Of `params` count: the certificate's level, threads, the time and memory limits; and what tells
+ * which image the mesh is to be compared with, as it was told the run: labels merged, kept and of
+ * the background, the fewest voxels, sigma, surface and border. With another image or others of
+ * these the certificate tells how far the mesh is from that.
+ *
+ * A run counts facets that are not Delaunay before it improves the mesh, and rules that stay
+ * unmet; these counts stay. Where a run had no certificate, or there was none, the facets are
+ * counted now, unless the mesh was improved; what is not counted is LAPD_NOT_COUNTED, null in
+ * JSON.
+ *
+ * Runs like lapd_mesh_image: callbacks are called on this thread, the work is done by threads that
+ * are joined at return, `*mesh` stays as it is when the call fails. No other thread may use the
+ * mesh meanwhile, or the context but to cancel, nor change `params`.
+ *
+ * Errors: those of lapd_mesh_image for an argument, an image and its labels;
+ * LAPD_ERROR_INVALID_ARGUMENT for LAPD_CERTIFICATE_NONE; LAPD_ERROR_EMPTY_IMAGE;
+ * LAPD_ERROR_CANCELLED; LAPD_ERROR_TIME_LIMIT; LAPD_ERROR_MEMORY_LIMIT; LAPD_ERROR_OUT_OF_MEMORY;
+ * LAPD_ERROR_BUSY when the context is in use by a run.
+ */
+lapd_status lapd_mesh_certify(lapd_context *context,
+                              lapd_mesh *mesh,
+                              const lapd_image *image,
+                              const lapd_params *params);
 
 /**
  * How large the mesh is. Any thread.

@@ -730,6 +730,21 @@ class mesh {
         return made;
     }
 
+    /// lapd_mesh_from_arrays: a mesh that another program made. `points` has 3 values a vertex,
+    /// `tets` 4 a tet, `labels` one.
+    static mesh from_arrays(context &context, const std::vector<double> &points,
+                            const std::vector<std::uint32_t> &tets,
+                            const std::vector<std::int32_t> &labels) {
+        if (points.size() % 3 != 0 || tets.size() != 4 * labels.size()) {
+            throw error(LAPD_ERROR_INVALID_ARGUMENT,
+                        "points have 3 values a vertex, tets 4 a tet, labels 1 a tet");
+        }
+        lapd_mesh *handle = nullptr;
+        context.check(lapd_mesh_from_arrays(context.get(), points.data(), points.size() / 3,
+                                            tets.data(), labels.size(), labels.data(), &handle));
+        return mesh(handle);
+    }
+
     /// Throws for a name that write() would not take for its ending, before there is a mesh.
     static void check_path(context &context, const std::string &path) {
         context.check(lapd_mesh_check_path(context.get(), path.c_str()));
@@ -745,6 +760,10 @@ class mesh {
     /// A .vtu file with measures of the tets beside the labels.
     void write_with_measures(context &context, const std::string &path) const {
         context.check(lapd_mesh_write_with_measures(context.get(), get(), path.c_str()));
+    }
+    /// lapd_mesh_certify: measures the certificate, or what it lacks.
+    void certify(context &context, const image &image, const params &params) {
+        context.check(lapd_mesh_certify(context.get(), get(), image.get(), params.get()));
     }
     /// A measure of every tet.
     std::vector<double> measure(lapd_tet_measure measure) const {

@@ -153,7 +153,9 @@ pub struct Monitor<'a> {
     /// as bits.
     ends_at: AtomicU64,
     time_limit: AtomicU64,
-    /// The first step that the run leaves out at its end.
+    /// The first step that counts for progress, but for the preparation, and the first one that
+    /// the run leaves out at its end.
+    first: AtomicUsize,
     last: AtomicUsize,
     /// Whether the system refuses memory.
     memory: Watch,
@@ -190,6 +192,7 @@ impl<'a> Monitor<'a> {
             due: AtomicU64::new(0),
             ends_at: AtomicU64::new(NEVER),
             time_limit: AtomicU64::new(0),
+            first: AtomicUsize::new(Step::Oracle as usize),
             last: AtomicUsize::new(Step::Done as usize),
             memory: Watch::new(),
         }
@@ -282,6 +285,11 @@ impl<'a> Monitor<'a> {
         self.last.store(step as usize, Relaxed);
     }
 
+    /// Says that the run goes from its preparation to this step at once; before the run begins.
+    pub fn leave_out_before(&self, step: Step) {
+        self.first.store(step as usize, Relaxed);
+    }
+
     /// Ends what follows at a time, which the limit `seconds` has led to; `None`: at no time. No
     /// step may be under way.
     pub fn end_at(&self, deadline: Option<(Instant, f64)>) {
@@ -314,8 +322,8 @@ impl<'a> Monitor<'a> {
         let step = self.step.load(Relaxed);
         let (phase, start) = STEPS[step];
         let end = STEPS[(step + 1).min(STEPS.len() - 1)].1;
-        let whole = STEPS[self.last.load(Relaxed)].1;
-        let fraction = (start + (end - start) * part.clamp(0.0, 1.0)) / whole;
+        let [from, to] = [&self.first, &self.last].map(|step| STEPS[step.load(Relaxed)].1);
+        let fraction = (start + (end - start) * part.clamp(0.0, 1.0) - from) / (to - from);
         reporter.last_fraction = reporter.last_fraction.max(fraction.min(1.0));
         let progress =
             Progress { phase, fraction: reporter.last_fraction, tets: self.tets.load(Relaxed) };

@@ -29,7 +29,10 @@ fn misses(meshing: &MeshResult, params: &MeshParams) -> Vec<String> {
         }
     };
     for (name, count) in [
-        ("facets that are not Delaunay", certificate.non_delaunay_facets),
+        (
+            "facets that are not Delaunay",
+            certificate.non_delaunay_facets.expect("counted by the run"),
+        ),
         ("inverted tets", certificate.inverted_tets),
         ("orphan vertices", certificate.orphan_vertices),
         ("open edges", certificate.open_edges),
@@ -48,7 +51,7 @@ fn misses(meshing: &MeshResult, params: &MeshParams) -> Vec<String> {
         triangle_angles(&f.map(|v| mesh.point(v))).iter().any(|&a| a < params.facet_angle - 1e-6)
     };
     let bad_facets = mesh.facets.iter().filter(|facet| too_sharp(facet)).count() as u64;
-    let unmet = report.unmet;
+    let unmet = certificate.unmet.expect("counted by the run");
     let unmet_facets = (unmet[0] + unmet[1] + unmet[2]) as f64 / mesh.facets.len() as f64;
     // What improvement changes is bounded by its angles, not by the ratio.
     let improvement = &report.improvement;

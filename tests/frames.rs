@@ -73,13 +73,13 @@ fn every_frame_that_is_accepted_gives_a_sound_mesh() {
         };
         let certificate = &meshing.report.certificate;
         let counts = [
-            certificate.non_delaunay_facets,
+            certificate.non_delaunay_facets.expect("counted by the run"),
             certificate.inverted_tets,
             certificate.orphan_vertices,
             certificate.open_edges,
         ];
         assert_eq!(counts, [0; 4], "{what}");
-        let [.., r4, _, _] = meshing.report.unmet;
+        let [.., r4, _, _] = certificate.unmet.expect("counted by the run");
         assert!(r4 <= 8, "{what}: R4 unmet {r4} times of {}", meshing.mesh.tets.len());
         let volume = certificate.mesh_volume() / certificate.image_volume();
         assert!((0.5..1.5).contains(&volume) || delta > mean, "{what}: {volume} of the volume");

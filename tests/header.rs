@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 16] = [
+const SOURCES: [&str; 17] = [
     "status",
     "about",
     "context",
@@ -21,6 +21,7 @@ const SOURCES: [&str; 16] = [
     "threads",
     "run",
     "mesh",
+    "certify",
     "report",
     "tables",
     "improvement",
@@ -50,7 +51,8 @@ const HEAD: &str = "\
  * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and
  *   programs and libraries of different versions understand each other. What the library does not
  *   know yet reads 0.
- * - Images and meshes never change and may be used by any number of threads at once. Parameters
+ * - Images never change, meshes only by lapd_mesh_certify; any number of threads may use them at
+ *   once. Parameters
  *   may be read by many threads as long as none changes them. A context belongs to one thread at
  *   a time, but for lapd_context_cancel.
  * - The library prints nothing, reads no environment, installs no signal handler, and does not

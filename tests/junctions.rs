@@ -120,7 +120,7 @@ fn run(image: &LabelImage, params: &MeshParams) -> MeshResult {
     let meshing = mesh_image(image, params, &Monitor::silent()).unwrap_or_else(|e| panic!("{e}"));
     // Points on both sides of a right edge mirror each other: four of them may lie in one plane and
     // on one circle, but for rounding.
-    let [r1, r2, r3, r4, r5, r6] = meshing.report.unmet;
+    let [r1, r2, r3, r4, r5, r6] = meshing.report.certificate.unmet.unwrap();
     assert_eq!([r1, r2, r3, r5, r6], [0; 5], "unmet rules");
     assert!(r4 <= 1, "R4 is unmet {r4} times");
     meshing
@@ -433,7 +433,7 @@ fn figures_of_the_atlases() {
                 quantile(1.0),
                 back[(0.9 * back.len() as f64) as usize],
                 back[(0.99 * back.len() as f64) as usize],
-                report.unmet,
+                report.certificate.unmet,
                 report.quality.min_facet_angle,
                 report.quality.min_dihedral,
                 report.quality.max_radius_edge,

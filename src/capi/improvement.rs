@@ -2,7 +2,7 @@
 
 use super::boundary::{Failure, Growing, Out, borrow, fill_struct, status_of};
 use super::mesh::lapd_mesh;
-use super::report::{fill, own_size};
+use super::report::{of_run, own_size};
 use super::status::lapd_status;
 use crate::improve::Cause;
 
@@ -102,7 +102,7 @@ pub unsafe extern "C" fn lapd_mesh_get_improvement(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        fill(mesh, improvement, "improvement", |result| {
+        of_run(mesh, improvement, "improvement", |result| {
             let found = &result.report.improvement;
             let counts = &found.counts;
             lapd_improvement {

@@ -17,8 +17,8 @@ use crate::params::MeshParams;
 use crate::pipeline::MeshResult;
 use crate::pipeline::report::{About, write_report};
 
-/// A finished tetrahedral mesh in world coordinates, with its report. Never changes after it was
-/// made, so any number of threads may use it at once.
+/// A finished tetrahedral mesh in world coordinates, with its report. Nothing but
+/// lapd_mesh_certify changes it after it was made, so any number of threads may use it at once.
 ///
 /// Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the
 /// one opposite to its vertex i.
@@ -26,8 +26,8 @@ pub struct lapd_mesh {
     pub(super) result: MeshResult,
     /// What the world axes of its image mean.
     pub(super) world: Option<WorldAxes>,
-    /// What the run was asked for.
-    pub(super) params: MeshParams,
+    /// What the run was asked for; `None` of a mesh that no run made.
+    pub(super) params: Option<MeshParams>,
     /// The names of labels.
     pub(super) names: Vec<(i32, CString)>,
     /// The values that labels 1, 2, ... stand for, where distinct values became labels.

@@ -131,7 +131,8 @@ pub struct lapd_certificate {
     pub struct_size: u64,
     /// Facets with a vertex of a neighbour inside the circumsphere, by exact arithmetic, as
     /// refinement left the mesh: 0, as that is Delaunay. lapd_improvement tells of the mesh without
-    /// slivers.
+    /// slivers. LAPD_NOT_COUNTED where the run had no certificate and the mesh was improved since.
+    /// In a mesh that lapd_mesh_from_arrays made, those of that mesh.
     pub non_delaunay_facets: u64,
     /// Tets without positive volume, by exact arithmetic.
     pub inverted_tets: u64,
@@ -139,7 +140,8 @@ pub struct lapd_certificate {
     pub orphan_vertices: u64,
     /// Edges where an interface is open.
     pub open_edges: u64,
-    /// What stayed unmet of rules R1 to R6, in this order.
+    /// What stayed unmet of rules R1 to R6, in this order; LAPD_NOT_COUNTED where the run had no
+    /// certificate, and in a mesh that lapd_mesh_from_arrays made.
     pub unmet: [u64; 6],
     /// Mean distance from the mesh's interfaces to those of the image.
     pub mesh_to_image_mean: f64,
@@ -216,6 +218,12 @@ pub struct lapd_thread_report {
     pub access_hops: u64,
 }
 
+/// "Not counted", as one of the counts of lapd_certificate that say so.
+pub const LAPD_NOT_COUNTED: u64 = -1_i64 as u64;
+
+// cbindgen knows no u64::MAX.
+const _: () = assert!(LAPD_NOT_COUNTED == u64::MAX);
+
 /// "The sum of all threads", as the number of a thread.
 pub const LAPD_ALL_THREADS: usize = -1_isize as usize;
 
@@ -270,10 +278,31 @@ pub(super) unsafe fn certificate_of<'a>(mesh: *const lapd_mesh) -> Outcome<&'a C
     match certificate.level {
         CertificateLevel::None => Err(Failure::new(
             lapd_status::LAPD_ERROR_NOT_MEASURED,
-            "nothing was measured on the mesh (lapd_params_set_certificate)",
+            "nothing was measured on the mesh (lapd_params_set_certificate, lapd_mesh_certify)",
         )),
         CertificateLevel::Sound | CertificateLevel::Full => Ok(certificate),
     }
+}
+
+/// Fills a caller's struct with what a run did.
+///
+/// # Safety
+/// See the module's head.
+pub(super) unsafe fn of_run<T: Growing>(
+    mesh: *const lapd_mesh,
+    out: *mut T,
+    name: &str,
+    value: impl FnOnce(&MeshResult) -> T,
+) -> lapd_status {
+    // SAFETY: passed on to the caller.
+    status_of(|| unsafe {
+        let mesh = borrow(mesh, "mesh")?;
+        if mesh.params.is_none() {
+            let message = "no run made the mesh: lapd_mesh_from_arrays did";
+            return Err(Failure::new(lapd_status::LAPD_ERROR_NOT_MEASURED, message));
+        }
+        fill_struct(out, value(&mesh.result), name)
+    })
 }
 
 /// Fills a caller's struct from the report.
@@ -351,7 +380,7 @@ pub unsafe extern "C" fn lapd_mesh_get_operations(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe {
-        fill(mesh, operations, "operations", |result| {
+        of_run(mesh, operations, "operations", |result| {
             let (operations, work) = (&result.report.operations, &result.report.work);
             lapd_operations {
                 struct_size: own_size::<lapd_operations>(),
@@ -419,11 +448,11 @@ pub unsafe extern "C" fn lapd_mesh_get_certificate(
         let measured = certificate_of(mesh)?;
         let value = lapd_certificate {
             struct_size: own_size::<lapd_certificate>(),
-            non_delaunay_facets: measured.non_delaunay_facets,
+            non_delaunay_facets: measured.non_delaunay_facets.unwrap_or(LAPD_NOT_COUNTED),
             inverted_tets: measured.inverted_tets,
             orphan_vertices: measured.orphan_vertices,
             open_edges: measured.open_edges,
-            unmet: measured.unmet,
+            unmet: measured.unmet.unwrap_or([LAPD_NOT_COUNTED; 6]),
             mesh_to_image_mean: mean(measured.mesh_to_image),
             mesh_to_image_max: max(measured.mesh_to_image),
             image_to_mesh_mean: mean(measured.image_to_mesh),

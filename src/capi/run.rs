@@ -15,10 +15,8 @@ use super::mesh::lapd_mesh;
 use super::params::lapd_params;
 use super::pool::with_pool;
 use super::status::lapd_status;
-use crate::image::LabelImage;
 use crate::monitor::{CancelFlag, Level, Monitor, Progress};
-use crate::params::MeshParams;
-use crate::pipeline::{MeshResult, mesh_image};
+use crate::pipeline::mesh_image;
 
 /// Meshes an image.
 ///
@@ -62,12 +60,15 @@ pub unsafe extern "C" fn lapd_mesh_image(
             let params = borrow(params, "params")?.params.clone();
             let _run = context.start_run()?;
             let callbacks = context.callbacks();
-            let result = run(&image.image, &params, &context.cancel, &callbacks)?;
+            let threads = params.threads;
+            let result = run(threads, &context.cancel, &callbacks, |monitor| {
+                Ok(mesh_image(&image.image, &params, monitor)?)
+            })?;
             // The one call that hands something out beside an error: the caller has asked for it.
             let ended_by = result.ended_by.as_ref().map(Failure::from);
             let (names, values) = image.texts();
             let world = image.world;
-            let mesh = lapd_mesh { result, world, params, names, values };
+            let mesh = lapd_mesh { result, world, params: Some(params), names, values };
             out.set(Box::into_raw(Box::new(mesh)));
             ended_by.map_or(Ok(()), Err)
         })
@@ -81,12 +82,13 @@ enum Message {
     Log(Level, String),
 }
 
-fn run(
-    image: &LabelImage,
-    params: &MeshParams,
+/// Does `work` on a pool of `threads`, and calls the callbacks on this thread.
+pub(super) fn run<T: Send>(
+    threads: usize,
     cancel: &CancelFlag,
     callbacks: &Callbacks,
-) -> Outcome<MeshResult> {
+    work: impl FnOnce(&Monitor<'_>) -> Outcome<T> + Send,
+) -> Outcome<T> {
     let (sender, messages) = mpsc::channel::<Message>();
     let (answer, answer_receiver) = mpsc::channel::<bool>();
     let (listening, logging) = (callbacks.has_progress(), callbacks.has_log());
@@ -102,10 +104,10 @@ fn run(
         };
         let monitor = Monitor::new(listening.then_some(&mut tell as _), Some(cancel))
             .with_log(logging.then_some(&mut log as _));
-        mesh_image(image, params, &monitor).map_err(Failure::from)
+        work(&monitor)
     };
     let mut result = None;
-    with_pool(params.threads, |pool| {
+    with_pool(threads, |pool| {
         pool.in_place_scope(|scope| {
             scope.spawn(|_| result = Some(catch(job)));
             for message in messages {

@@ -56,8 +56,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::geometry::measures::dihedral_angles;
-use crate::geometry::predicates::in_sphere;
-use crate::geometry::sphere::Circumsphere;
 use crate::memory::{reserve, zeroed};
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::{Monitor, Step};
@@ -152,7 +150,16 @@ pub fn improve(
     improvement.rounds = rounds;
     improvement.left = describe(mesh, &left, settings.target, &interfaces)?;
     improvement.max_move = max_move(mesh, &refined);
-    improvement.non_delaunay_facets = non_delaunay_facets(mesh, &changed);
+    // Only changed tets have facets that are not Delaunay.
+    let counted = mesh.non_delaunay_facets(
+        |t| mesh.tets[t as usize][0] != NONE && mesh.labels[t as usize] != 0,
+        |t| changed[t as usize] != 0,
+        monitor,
+    );
+    match counted {
+        Ok(facets) => improvement.non_delaunay_facets = facets,
+        Err(cancelled) => return Ok((improvement, Some(cancelled))),
+    }
     Ok((improvement, ended))
 }
 
@@ -256,31 +263,4 @@ fn max_move(mesh: &TetMesh, refined: &[[f64; 3]]) -> f64 {
         x * x + y * y + z * z
     });
     squares.reduce(|| 0.0, f64::max).sqrt()
-}
-
-/// Facets between tets of the object that are not locally Delaunay. Only changed tets have such.
-fn non_delaunay_facets(mesh: &TetMesh, changed: &[u8]) -> u64 {
-    let is_kept =
-        |t: u32| t != NONE && mesh.tets[t as usize][0] != NONE && mesh.labels[t as usize] != 0;
-    let count = |t: u32| {
-        if changed[t as usize] == 0 || !is_kept(t) {
-            return 0;
-        }
-        let tet = mesh.tets[t as usize];
-        let [a, b, c, d] = tet.map(|v| mesh.point(v));
-        let sphere = Circumsphere::of_tet(a, b, c, d);
-        let is_inside =
-            |p: DVec3| sphere.contains(p).unwrap_or_else(|| in_sphere(a, b, c, d, p) > 0.0);
-        let facets = (0..4).filter(|&i| {
-            let other = mesh.neighbors[t as usize][i];
-            // Each facet once.
-            if !is_kept(other) || changed[other as usize] == 1 && other < t {
-                return false;
-            }
-            let beyond = mesh.tets[other as usize].into_iter().find(|v| !tet.contains(v));
-            beyond.is_some_and(|v| is_inside(mesh.point(v)))
-        });
-        facets.count() as u64
-    };
-    (0..mesh.tets.len() as u32).into_par_iter().with_min_len(CHUNK).map(count).sum()
 }

@@ -1,7 +1,9 @@
-//! The finished mesh: plain arrays, collected from the triangulation.
+//! The finished mesh: plain arrays, collected from the triangulation, or made elsewhere.
 
+mod delaunay;
 pub mod extract;
 mod facets;
+mod from_arrays;
 
 #[cfg(test)]
 pub(crate) mod testing;

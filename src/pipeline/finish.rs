@@ -1,6 +1,5 @@
 //! The last stage: what is measured on the mesh, and the nodes of second order.
 
-use crate::delaunay::check::Check;
 use crate::image::LabelImage;
 use crate::image::small_components::SmallComponent;
 use crate::memory::reserve;
@@ -9,12 +8,12 @@ use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
 use crate::second_order::{SecondOrder, add_mid_nodes, curve};
-use crate::verify::{Certificate, Defect, DefectKind, Extent, Quality};
+use crate::verify::{Certificate, Defect, DefectKind, Examined, Extent, Quality};
 use crate::{Error, Result};
 
-/// Measures a mesh with its facets: its quality, and how well it stands for the image. `check` and
-/// `unmet` are what [`examine`](crate::refine::examine) found, `dropped` the components that were
-/// left out. Told besides: the limit that ended the measuring of distances.
+/// Measures a mesh with its facets: its quality, and how well it stands for the image. `examined`
+/// is what was counted on the triangulation, `dropped` are the components that were left out. Told
+/// besides: the limit that ended the measuring of distances.
 ///
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory); a limit,
@@ -23,21 +22,14 @@ pub fn measure(
     mesh: &TetMesh,
     image: &LabelImage,
     oracle: &Oracle,
-    (check, unmet): (&Check, [u64; 6]),
+    examined: Examined,
     dropped: &[SmallComponent],
     extent: Extent,
     monitor: &Monitor<'_>,
 ) -> Result<(Quality, Certificate, Option<Error>)> {
     let quality = Quality::measure(mesh, monitor)?;
-    let (mut certificate, ended_by) = Certificate::measure(
-        mesh,
-        image,
-        oracle,
-        check.non_delaunay_facets,
-        unmet,
-        extent,
-        monitor,
-    )?;
+    let (mut certificate, ended_by) =
+        Certificate::measure(mesh, image, oracle, examined, extent, monitor)?;
     reserve(&mut certificate.defects, dropped.len(), "defects")?;
     certificate.defects.extend(dropped.iter().map(
         |&SmallComponent { label, position, voxels }| Defect {

@@ -48,7 +48,9 @@ pub(super) fn log_improvement(monitor: &Monitor<'_>, improvement: &Improvement, 
 /// What a caller should know before relying on the mesh, a line for each kind of defect.
 pub(super) fn warnings(certificate: &Certificate) -> Vec<String> {
     let mut lines = Vec::new();
-    for (rule, &unmet) in certificate.unmet.iter().enumerate().filter(|&(_, &unmet)| unmet > 0) {
+    for (rule, &unmet) in
+        certificate.unmet.iter().flatten().enumerate().filter(|&(_, &unmet)| unmet > 0)
+    {
         lines.push(format!("rule R{} stays unmet {unmet} times", rule + 1));
     }
     let lost = || certificate.labels.iter().filter(|row| row.tets == 0);
@@ -86,7 +88,7 @@ pub(super) fn warnings(certificate: &Certificate) -> Vec<String> {
         ));
     }
     let defects = [
-        (certificate.non_delaunay_facets, "facets that are not Delaunay"),
+        (certificate.non_delaunay_facets.unwrap_or(0), "facets that are not Delaunay"),
         (certificate.inverted_tets, "inverted tets"),
         (certificate.orphan_vertices, "vertices in no tet"),
         (certificate.open_edges, "open edges of interfaces"),

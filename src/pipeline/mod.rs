@@ -7,7 +7,8 @@
 //! | improve | [`improve`] | that | mesh without slivers |
 //! | finish | [`finish`] | that | quality, certificate, nodes of second order |
 //!
-//! [`report`] writes all that is known about a run to a file.
+//! [`certify`] measures a mesh that is finished already. [`report`] writes all that is known about a
+//! run to a file.
 //!
 //! Each stage is a few functions on plain values, which tests and benches call, too.
 //!
@@ -18,6 +19,7 @@
 //! Thread safety: any number of runs may go on at once; a run shares nothing but what it is given.
 //! Image passes run in the caller's rayon pool.
 
+pub mod certify;
 pub mod finish;
 pub mod improve;
 mod messages;
@@ -43,7 +45,7 @@ use crate::refine::options::Limits;
 use crate::refine::podm::Refinement;
 use crate::refine::rules::Rules;
 use crate::second_order::SecondOrder;
-use crate::verify::{Certificate, Extent, Quality};
+use crate::verify::{Certificate, Examined, Extent, Quality};
 use crate::{Error, Result};
 use prepare::{Prepared, Selected};
 use refine::Collected;
@@ -76,7 +78,7 @@ pub struct Seconds {
 }
 
 /// The report of a run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct RunReport {
     /// Times.
     pub seconds: Seconds,
@@ -96,8 +98,6 @@ pub struct RunReport {
     pub improvement: Improvement,
     /// The nodes of second order.
     pub second_order: SecondOrder,
-    /// Tets and facets to which rules R1 to R6 still apply, but cannot be carried out.
-    pub unmet: [u64; 6],
     /// Shape of tets and interface facets; measured with the certificate, so nothing without one.
     pub quality: Quality,
     /// What was checked.
@@ -173,7 +173,7 @@ pub fn mesh_image(
     monitor.log(Level::Info, &format!("image prepared in {seconds:.2} s"));
 
     let refined = refine_and_collect(&image, &prepared, params, &limits, &mut watch, monitor)?;
-    let Refined { mut mesh, points_kept, improves, refinement, check, unmet } = refined;
+    let Refined { mut mesh, points_kept, improves, refinement, check, examined } = refined;
     let Refinement { counters, work, threads, mut ended_by } = refinement;
     let mut improvement = Improvement::default();
     if improves {
@@ -209,7 +209,6 @@ pub fn mesh_image(
         // Of a mesh that may be partial what is exact is always told, only distances are left out.
         monitor.end_at(limits.deadline.filter(|_| !params.partial));
         let extent = Extent { level, distances_until: limits.deadline };
-        let examined = (&check, unmet);
         let measured = finish::measure(&mesh, &image, &oracle, examined, &dropped, extent, monitor);
         monitor.end_at(None);
         let (quality, certificate, limit) = measured?;
@@ -239,7 +238,6 @@ pub fn mesh_image(
         threads,
         improvement,
         second_order,
-        unmet,
         quality,
         certificate,
     };
@@ -257,7 +255,7 @@ struct Refined {
     improves: bool,
     refinement: Refinement,
     check: Check,
-    unmet: [u64; 6],
+    examined: Examined,
 }
 
 /// The stage of refinement.
@@ -311,15 +309,17 @@ fn refine_and_collect(
             mesh.points.len(),
         ),
     );
-    let (check, unmet) = if params.certificate == CertificateLevel::None {
+    let (check, examined) = if params.certificate == CertificateLevel::None {
         let Counters { insertions, removals, .. } = refinement.counters;
         let vertices = BOX_CORNERS + insertions - removals;
-        (Check { tets: order.len() as u64, vertices, ..Check::default() }, [0; 6])
+        (Check { tets: order.len() as u64, vertices, ..Check::default() }, Examined::default())
     } else {
-        crate::refine::examine(&rules, &order, monitor)?
+        let (check, unmet) = crate::refine::examine(&rules, &order, monitor)?;
+        let non_delaunay_facets = Some(check.non_delaunay_facets);
+        (check, Examined { non_delaunay_facets, unmet: Some(unmet) })
     };
     monitor.note_tets(check.tets);
     drop(triangulation);
     watch.add_to(|seconds| &mut seconds.certify);
-    Ok(Refined { mesh, points_kept, improves, refinement, check, unmet })
+    Ok(Refined { mesh, points_kept, improves, refinement, check, examined })
 }

@@ -93,11 +93,7 @@ pub fn prepare(
         let first = Oracle::bytes_needed(image, &region) + sizing;
         limits.check_memory(first.max(limits.bytes_after))?;
     }
-    let surface = Surface {
-        model: params.surface,
-        border: params.border,
-        sigma: (params.sigma > 0.0).then_some(params.sigma),
-    };
+    let surface = surface(params);
     let rows = Rows::new(image, region, &go_on)?;
     // Side by side: where the threads have nothing to do for the one they work on the other.
     let (oracle, sizing) = rayon::join(
@@ -105,6 +101,33 @@ pub fn prepare(
         || Sizing::new(image, &rows, &spacing, &go_on),
     );
     Ok(Prepared { oracle: oracle?, sizing: sizing?, voxels: object_voxels(image) })
+}
+
+/// The oracle alone, for a mesh that is finished already.
+///
+/// # Errors
+/// Those of [`prepare`].
+pub fn oracle_of(
+    image: &LabelImage,
+    params: &MeshParams,
+    limits: &Limits,
+    monitor: &Monitor<'_>,
+) -> Result<Oracle> {
+    let go_on = || monitor.advance(1).and_then(|()| limits.check_time());
+    let region = Region::new(image, &go_on)?;
+    if limits.max_memory.is_some() {
+        limits.check_memory(Oracle::bytes_needed(image, &region) + limits.bytes_after)?;
+    }
+    let rows = Rows::new(image, region, &go_on)?;
+    Oracle::of_rows(image, &rows, surface(params), &go_on)
+}
+
+fn surface(params: &MeshParams) -> Surface {
+    Surface {
+        model: params.surface,
+        border: params.border,
+        sigma: (params.sigma > 0.0).then_some(params.sigma),
+    }
 }
 
 /// Enters the step of the preparation, with the most that it asks whether to go on: per plane, per

@@ -24,7 +24,7 @@ use crate::refine::options::RefineOptions;
 use crate::refine::rules::Rules;
 use crate::refine::{examine, refine};
 use crate::sizing::Sizing;
-use crate::verify::Extent;
+use crate::verify::{Examined, Extent};
 
 struct Subject {
     image: LabelImage,
@@ -74,7 +74,7 @@ impl Subject {
         mesh.collect_facets(&monitor).unwrap();
         let extent = Extent { level: CertificateLevel::Sound, distances_until: None };
         let (_, certificate, _) =
-            measure(&mesh, image, oracle, (&check, unmet), &[], extent, &monitor).unwrap();
+            measure(&mesh, image, oracle, Examined::default(), &[], extent, &monitor).unwrap();
         let defects =
             [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
         assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");

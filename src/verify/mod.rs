@@ -17,6 +17,6 @@ mod off_walls;
 pub mod quality;
 pub mod topology;
 
-pub use certificate::{Certificate, ComponentRow, Defect, DefectKind, Extent, LabelRow};
+pub use certificate::{Certificate, ComponentRow, Defect, DefectKind, Examined, Extent, LabelRow};
 pub use quality::Quality;
 pub use topology::matching::Fate;

@@ -20,7 +20,7 @@ use lapd::refine::podm::Refinement;
 use lapd::refine::rules::Rules;
 use lapd::refine::{examine, refine};
 use lapd::sizing::Sizing;
-use lapd::verify::{Certificate, Extent, Quality};
+use lapd::verify::{Certificate, Examined, Extent, Quality};
 
 /// Seconds that a test may take, however slow the build; beyond, its threads hang.
 const PATIENCE: u64 = 1500;
@@ -158,7 +158,7 @@ pub fn outcome(subject: &Subject, options: &RefineOptions, complete: bool) -> Ou
     mesh.collect_facets(&monitor).unwrap();
     let extent = Extent { level: CertificateLevel::Full, distances_until: None };
     let (quality, certificate, _) =
-        measure(&mesh, image, oracle, (&check, unmet), &[], extent, &monitor).unwrap();
+        measure(&mesh, image, oracle, Examined::default(), &[], extent, &monitor).unwrap();
     let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];
     assert_eq!(defects, [0; 3], "{what}: inverted tets, orphan vertices, open edges");
     if complete {

@@ -33,8 +33,8 @@ use tables::{Component, DefectJson, Distances, Label};
 /// What a report tells beside the result of a run.
 #[derive(Clone, Debug, Default)]
 pub struct About<'a> {
-    /// What the run was asked for.
-    pub params: MeshParams,
+    /// What the run was asked for; `None` of a mesh that no run made. What a run did is null then.
+    pub params: Option<MeshParams>,
     /// What the world axes mean, where that is known.
     pub world: Option<WorldAxes>,
     /// The names of labels.
@@ -71,10 +71,10 @@ pub fn write_report(
 struct Report<'a> {
     version: &'static str,
     world: &'static str,
-    delta: f64,
-    size: f64,
-    threads: usize,
-    algorithm: &'static str,
+    delta: Option<f64>,
+    size: Option<f64>,
+    threads: Option<usize>,
+    algorithm: Option<&'static str>,
     limit_reached: Option<&'static str>,
     tets: u64,
     vertices: u64,
@@ -85,12 +85,12 @@ struct Report<'a> {
     #[serde(flatten)]
     extra: Map<String, Value>,
     seconds: SecondsJson,
-    operations: Operations,
-    overhead: OverheadJson,
+    operations: Option<Operations>,
+    overhead: Option<OverheadJson>,
     thread_reports: Vec<Thread>,
     quality: Option<QualityJson>,
-    improvement: ImprovementJson,
-    second_order: SecondOrderJson,
+    improvement: Option<ImprovementJson>,
+    second_order: Option<SecondOrderJson>,
     certificate: Option<CertificateJson>,
     #[serde(skip_serializing_if = "Map::is_empty")]
     values: Map<String, Value>,
@@ -149,6 +149,7 @@ impl<'a> Report<'a> {
             )));
         }
         let vertices = report.all_vertices;
+        let params = params.as_ref();
         let name_of = |label| names.iter().find(|name| name.0 == label).map(|name| &*name.1);
         let volume_change = |label| report.improvement.counts.volume_of(label);
         // What was not measured is null, and never 0.
@@ -158,13 +159,13 @@ impl<'a> Report<'a> {
         Ok(Self {
             version: env!("CARGO_PKG_VERSION"),
             world: world.map_or("unknown", WorldAxes::name),
-            delta: params.delta,
-            size: params.size,
-            threads: params.threads,
-            algorithm: match params.algorithm {
+            delta: params.map(|params| params.delta),
+            size: params.map(|params| params.size),
+            threads: params.map(|params| params.threads),
+            algorithm: params.map(|params| match params.algorithm {
                 Algorithm::Podm => "podm",
                 Algorithm::Lapd => "lapd",
-            },
+            }),
             limit_reached: ended_by.as_ref().map(name_of_limit),
             tets: mesh.labels.iter().filter(|&&label| label != 0).count() as u64,
             vertices: mesh.vertex_count() as u64,
@@ -181,17 +182,16 @@ impl<'a> Report<'a> {
                 certify: report.seconds.certify,
                 more: more_seconds,
             },
-            operations: Operations::new(
-                &report.operations,
-                &report.work,
-                vertices,
-                report.all_tets,
-            ),
-            overhead: OverheadJson::all(&report.all_threads()),
+            operations: params.map(|_| {
+                Operations::new(&report.operations, &report.work, vertices, report.all_tets)
+            }),
+            overhead: params.map(|_| OverheadJson::all(&report.all_threads())),
             thread_reports: filled(&report.threads, "threads", Thread::new)?,
             quality: certificate.map(|_| QualityJson::new(&report.quality)),
-            improvement: ImprovementJson::new(&report.improvement, &mesh.labels)?,
-            second_order: SecondOrderJson {
+            improvement: params
+                .map(|_| ImprovementJson::new(&report.improvement, &mesh.labels))
+                .transpose()?,
+            second_order: params.map(|_| SecondOrderJson {
                 nodes: report.second_order.nodes,
                 curved: report.second_order.curving.curved,
                 shortened: report.second_order.curving.shortened,
@@ -199,7 +199,7 @@ impl<'a> Report<'a> {
                 max_move: report.second_order.curving.max_move,
                 min_jacobian: report.second_order.curving.min_jacobian,
                 volume: report.second_order.curving.volume,
-            },
+            }),
             certificate: certificate.map(CertificateJson::new),
             values: (1..)
                 .zip(values.iter())
@@ -500,7 +500,7 @@ struct SecondOrderJson {
 #[derive(Serialize)]
 struct CertificateJson {
     level: &'static str,
-    non_delaunay_facets: u64,
+    non_delaunay_facets: Option<u64>,
     inverted_tets: u64,
     orphan_vertices: u64,
     open_edges: u64,
@@ -508,7 +508,7 @@ struct CertificateJson {
     small_components_lost: u64,
     #[serde(flatten)]
     distances: Distances,
-    unmet: ByRule,
+    unmet: Option<ByRule>,
 }
 
 impl CertificateJson {
@@ -531,7 +531,7 @@ impl CertificateJson {
                 certificate.mesh_to_surface,
                 certificate.surface_to_mesh,
             ]),
-            unmet: certificate.unmet.into(),
+            unmet: certificate.unmet.map(ByRule::from),
         }
     }
 }
@@ -558,7 +558,7 @@ mod tests {
         };
         let names = [(1, "the \"ball\"\n".into())];
         let about = |more| About {
-            params: params.clone(),
+            params: Some(params.clone()),
             names: &names,
             extra: extra(more),
             ..About::default()

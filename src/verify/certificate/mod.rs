@@ -53,6 +53,16 @@ pub struct SmallLost {
     pub first: Option<(i32, [f64; 3])>,
 }
 
+/// What the finished mesh does not tell: what was counted on the triangulation. `None` is "not
+/// counted".
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Examined {
+    /// Facets that are not locally Delaunay.
+    pub non_delaunay_facets: Option<u64>,
+    /// Elements that rules R1 to R6 still apply to.
+    pub unmet: Option<[u64; 6]>,
+}
+
 /// How much of a certificate is to be measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Extent {
@@ -194,8 +204,8 @@ pub struct Certificate {
     /// What was measured. With [`CertificateLevel::None`] nothing below means anything.
     pub level: CertificateLevel,
     /// Facets whose tets' circumspheres hold the opposite vertex; counted by the caller on the
-    /// triangulation.
-    pub non_delaunay_facets: u64,
+    /// triangulation, or on a mesh that was not improved.
+    pub non_delaunay_facets: Option<u64>,
     /// Tets, of any label, whose orientation is not positive by the exact predicate.
     pub inverted_tets: u64,
     /// Vertices in no tet.
@@ -221,8 +231,8 @@ pub struct Certificate {
     /// The smallest spacing of the image.
     pub voxel: f64,
     /// Elements that rules R1 to R6 still apply to, and that the spacing floor leaves as they are;
-    /// counted by the caller.
-    pub unmet: [u64; 6],
+    /// counted by the caller. `None` where no triangulation was there to count on.
+    pub unmet: Option<[u64; 6]>,
     /// Every label other than 0 that the image or the mesh holds, in increasing order.
     pub labels: Vec<LabelRow>,
     /// The components of the image that have at least [`MIN_COMPONENT_VOXELS`], in the order of
@@ -233,6 +243,11 @@ pub struct Certificate {
 }
 
 impl Certificate {
+    /// What was counted on the triangulation.
+    pub fn examined(&self) -> Examined {
+        Examined { non_delaunay_facets: self.non_delaunay_facets, unmet: self.unmet }
+    }
+
     /// Of a mesh that nothing is measured on.
     pub fn none() -> Self {
         Self { level: CertificateLevel::None, ..Self::default() }
@@ -251,8 +266,7 @@ impl Certificate {
         mesh: &TetMesh,
         image: &LabelImage,
         oracle: &Oracle,
-        non_delaunay_facets: u64,
-        unmet: [u64; 6],
+        Examined { non_delaunay_facets, unmet }: Examined,
         extent: Extent,
         monitor: &Monitor<'_>,
     ) -> Result<(Self, Option<Error>)> {
@@ -430,8 +444,7 @@ mod tests {
             mesh,
             image,
             oracle,
-            non_delaunay_facets,
-            unmet,
+            Examined { non_delaunay_facets: Some(non_delaunay_facets), unmet: Some(unmet) },
             extent,
             &Monitor::silent(),
         );
@@ -474,8 +487,8 @@ mod tests {
             ..LabelRow::default()
         };
         let expected = Certificate {
-            non_delaunay_facets: 3,
-            unmet: [1, 2, 3, 4, 5, 6],
+            non_delaunay_facets: Some(3),
+            unmet: Some([1, 2, 3, 4, 5, 6]),
             voxel: 0.5,
             labels: vec![row(5, 56), row(900, 8)],
             level: CertificateLevel::Full,
