@@ -7,8 +7,8 @@
 //! | improve | [`improve`] | that | mesh without slivers |
 //! | finish | [`finish`] | that | quality, certificate, nodes of second order |
 //!
-//! [`certify`] measures a mesh that is finished already. [`report`] writes all that is known about a
-//! run to a file.
+//! [`certify`] measures a mesh that is finished already. [`report`] writes all that is known about
+//! a run to a file.
 //!
 //! Each stage is a few functions on plain values, which tests and benches call, too.
 //!
