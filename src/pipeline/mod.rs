@@ -39,6 +39,7 @@ use crate::mesh::TetMesh;
 use crate::mesh::extract::Background;
 use crate::monitor::{Level, Monitor, Step};
 use crate::params::{CertificateLevel, Improve, MeshParams};
+use crate::refine::Asked;
 use crate::refine::activity::Work;
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
 use crate::refine::options::Limits;
@@ -174,7 +175,7 @@ pub fn mesh_image(
 
     let refined = refine_and_collect(&image, &prepared, params, &limits, &mut watch, monitor)?;
     let Refined { mut mesh, points_kept, improves, refinement, check, examined } = refined;
-    let Refinement { counters, work, threads, mut ended_by } = refinement;
+    let Refinement { counters, work, threads, mut ended_by, .. } = refinement;
     let mut improvement = Improvement::default();
     if improves {
         let done = improve::improve_mesh(
@@ -314,7 +315,12 @@ fn refine_and_collect(
         let vertices = BOX_CORNERS + insertions - removals;
         (Check { tets: order.len() as u64, vertices, ..Check::default() }, Examined::default())
     } else {
-        let (check, unmet) = crate::refine::examine(&rules, &order, monitor)?;
+        // The sound level is to cost little; beside distances there is time to ask all tets again.
+        let asked = match (params.certificate, &refinement.ended_by) {
+            (CertificateLevel::Sound, None) => Asked::LeftOver(&refinement.left_over),
+            _ => Asked::All,
+        };
+        let (check, unmet) = crate::refine::examine(&rules, &order, asked, monitor)?;
         let non_delaunay_facets = Some(check.non_delaunay_facets);
         (check, Examined { non_delaunay_facets, unmet: Some(unmet) })
     };

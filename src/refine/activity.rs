@@ -29,6 +29,7 @@ impl Work {
         self.inspections += other.inspections;
         self.lookups.labels += other.lookups.labels;
         self.lookups.crossings += other.lookups.crossings;
+        self.lookups.put_off += other.lookups.put_off;
     }
 }
 

@@ -37,4 +37,4 @@ pub mod unmet;
 pub mod vertex_grid;
 
 pub use podm::refine;
-pub use unmet::examine;
+pub use unmet::{Asked, examine};

@@ -28,6 +28,7 @@ use super::rules::Rules;
 use super::sampling::{Growth, Samples, sample_isosurface};
 use super::state::State;
 use super::team::Team;
+use super::unmet::LeftOver;
 use crate::delaunay::ownership::MAX_OWNERS;
 use crate::delaunay::worker::Counters;
 use crate::delaunay::{CountVisits, Locks, NoProbe, Solo, TetId, TryLock};
@@ -56,8 +57,10 @@ pub struct Refinement {
     pub work: Work,
     /// The same for each thread, and what it lost.
     pub threads: Vec<ThreadReport>,
-    /// The limit that ended it; `None`: no rule applies any more.
+    /// The limit that ended it; `None`: no rule applies any more, but to what is left over.
     pub ended_by: Option<Error>,
+    /// What could not be carried out.
+    pub left_over: LeftOver,
 }
 
 /// Refines a triangulation of nothing but its box until no rule applies, or a limit is reached: one
@@ -133,6 +136,7 @@ pub fn refine_with<P: RefineProbe>(
         }
     }
     drop(bound);
+    let left_over = team.left_over();
     let (mut counters, mut work) = (Counters::default(), Work::default());
     for thread in &threads {
         counters.add(&thread.operations);
@@ -146,7 +150,7 @@ pub fn refine_with<P: RefineProbe>(
     if ended_by.is_some() {
         label_all(&state, monitor)?;
     }
-    Ok(Refinement { counters, work, threads, ended_by })
+    Ok(Refinement { counters, work, threads, ended_by, left_over })
 }
 
 impl Refinement {
@@ -156,6 +160,7 @@ impl Refinement {
             work: Work::default(),
             threads: Vec::new(),
             ended_by: Some(limit),
+            left_over: LeftOver::default(),
         }
     }
 }
@@ -289,7 +294,11 @@ fn do_part(
     report(worker, clock)
 }
 
-fn report<L: Locks, P: RefineProbe>(worker: Refiner<'_, '_, L, P>, clock: &Clock) -> ThreadReport {
+fn report<L: Locks, P: RefineProbe>(
+    mut worker: Refiner<'_, '_, L, P>,
+    clock: &Clock,
+) -> ThreadReport {
+    worker.hand_in_left_over();
     let seconds_per_tick = clock.seconds_per_tick();
     ThreadReport {
         accesses: worker.accesses(),

@@ -25,6 +25,7 @@ use super::probe::RefineProbe;
 use super::rules::{Facets, ISOVERTEX, RefinementPoint, Rule, Rules};
 use super::state::State;
 use super::team::{PERMITS, Team};
+use super::unmet::LeftOver;
 use crate::delaunay::numa::MAX_NODES;
 use crate::delaunay::worker::mark_of;
 use crate::delaunay::{
@@ -83,6 +84,7 @@ pub(super) struct Refiner<'t, 'a, L, P> {
     pub work: Work,
     pub lost: Lost,
     pub timeline: Timeline,
+    left_over: LeftOver,
 }
 
 impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
@@ -103,6 +105,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             work: Work::default(),
             lost: Lost::default(),
             timeline: Timeline::new(team.keeps_timeline),
+            left_over: LeftOver::default(),
         }
     }
 
@@ -124,6 +127,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             work,
             lost,
             timeline,
+            left_over,
         } = self;
         let worker = worker.with_locks(locks);
         Refiner {
@@ -142,7 +146,13 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             work,
             lost,
             timeline,
+            left_over,
         }
+    }
+
+    /// Gives the team what it could not carry out.
+    pub fn hand_in_left_over(&mut self) {
+        self.team.take_left_over(std::mem::take(&mut self.left_over));
     }
 
     /// Where what its operations visited was, if that is counted.
@@ -189,7 +199,9 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                         at = self.triangulation.vertex(0).star();
                         self.after_stale(begin);
                     }
-                    Insertion::Duplicate | Insertion::NotInConflict | Insertion::Stale => {}
+                    Insertion::Duplicate | Insertion::NotInConflict | Insertion::Stale => {
+                        self.left_over.samples += 1;
+                    }
                     Insertion::Blocked => {
                         again.push(p);
                         self.after_conflict(Rule::R1, begin)?;
@@ -323,6 +335,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     /// does. Most inspections find nothing: for these a call would be 36 instructions more.
     #[inline(always)]
     fn inspect_facets(&mut self, stamp: TetStamp, mut interfaces: u32) -> Result<()> {
+        let put_off = self.work.lookups.put_off;
         // Demands stay where they were made: one is a hundred bytes and more, and a copy of what
         // was just written waits for that.
         while let Some(wanted) = &self.ask_surface(stamp.tet, &mut interfaces) {
@@ -332,6 +345,9 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             {
                 return Ok(());
             }
+        }
+        if self.work.lookups.put_off != put_off {
+            self.left_over.push(stamp)?;
         }
         if let Some(wanted) = &self.rules.volume_point(stamp.tet)
             && !self.hand_over(stamp, wanted, 0)?
@@ -403,10 +419,12 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     }
 
     fn serve(&mut self, stamp: TetStamp) -> Result<()> {
-        if let Some(wanted) = &self.rules.volume_point(stamp.tet)
-            && self.carry_out(stamp, wanted)? == Fate::GivenUp
-        {
-            self.pel.push_poor(stamp);
+        let Some(wanted) = &self.rules.volume_point(stamp.tet) else { return Ok(()) };
+        match self.carry_out(stamp, wanted)? {
+            Fate::GivenUp => self.pel.push_poor(stamp),
+            // What was inserted lies in its circumball, so it is gone; but for rounding.
+            Fate::Done if self.triangulation.is_current(stamp) => self.left_over.push(stamp)?,
+            Fate::Done | Fate::Dropped => {}
         }
         Ok(())
     }
@@ -441,7 +459,10 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                 self.after_success();
                 return Ok(Fate::Done);
             }
-            Insertion::Duplicate | Insertion::NotInConflict => Fate::Dropped,
+            Insertion::Duplicate | Insertion::NotInConflict => {
+                self.left_over.push(stamp)?;
+                Fate::Dropped
+            }
             Insertion::Stale => {
                 self.after_stale(begin);
                 Fate::GivenUp

@@ -9,6 +9,7 @@ use super::options::{ALL_TETS_PER_SAMPLE, Limits, RefineOptions};
 use super::pel::Gift;
 use super::rules::Rules;
 use super::state::State;
+use super::unmet::LeftOver;
 use crate::delaunay::numa::NodeId;
 use crate::delaunay::{Locks, Probe, Worker};
 use crate::parallel::begging::Begging;
@@ -52,6 +53,8 @@ pub(super) struct Team<'a> {
     meetings: [AtomicUsize; 2],
     /// Why the team was stopped: the first reason.
     failure: Mutex<Option<Error>>,
+    /// What workers could not carry out.
+    left_over: Mutex<LeftOver>,
 }
 
 /// The part of the work that is done, 0 to 1, where so large a part of the tets that were expected
@@ -100,6 +103,7 @@ impl<'a> Team<'a> {
             bytes: CachePadded::default(),
             meetings: [AtomicUsize::new(0), AtomicUsize::new(0)],
             failure: Mutex::new(None),
+            left_over: Mutex::new(LeftOver::default()),
         }
     }
 
@@ -155,6 +159,18 @@ impl<'a> Team<'a> {
     #[inline]
     pub fn go_on(&self) -> Result<()> {
         if self.parking.is_stopped() { Err(Error::Cancelled) } else { Ok(()) }
+    }
+
+    /// Takes what a worker could not carry out. A failure stops the team.
+    pub fn take_left_over(&self, of_worker: LeftOver) {
+        if let Err(error) = lock(&self.left_over).append(of_worker) {
+            self.stop(error);
+        }
+    }
+
+    /// What all workers could not carry out.
+    pub fn left_over(&self) -> LeftOver {
+        std::mem::take(&mut lock(&self.left_over))
     }
 
     /// Why the team was stopped.

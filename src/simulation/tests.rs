@@ -22,7 +22,7 @@ use crate::pipeline::refine::{Collected, collect, triangulation_around};
 use crate::refine::activity::Doing;
 use crate::refine::options::RefineOptions;
 use crate::refine::rules::Rules;
-use crate::refine::{examine, refine};
+use crate::refine::{Asked, examine, refine};
 use crate::sizing::Sizing;
 use crate::verify::{Examined, Extent};
 
@@ -63,7 +63,7 @@ impl Subject {
         let done = work(&rules).unwrap_or_else(|error| panic!("{what}: {error}"));
         let Collected { mut mesh, order, .. } =
             collect(&rules, image.labels(), Background::Dropped, &monitor).unwrap();
-        let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
+        let (check, unmet) = examine(&rules, &order, Asked::All, &monitor).unwrap();
         assert!(check.is_sound(), "{what}: {check:?}");
         assert_eq!(
             triangulation.left_over(),

@@ -13,7 +13,7 @@ use lapd::pipeline::mesh_image;
 use lapd::pipeline::refine::triangulation_around;
 use lapd::refine::options::{Limits, RefineOptions};
 use lapd::refine::rules::{Facets, Lookups, Rule, Rules};
-use lapd::refine::{examine, refine};
+use lapd::refine::{Asked, examine, refine};
 use lapd::sizing::Sizing;
 use lapd::verify::distance::Distance;
 use lapd::verify::{Certificate, Quality};
@@ -68,7 +68,7 @@ fn nothing_is_demanded_when_refinement_has_ended() {
         println!("{surface:?}: {counters:?}");
         assert!(counters.insertions > 1000);
         let order = triangulation.tets_by_place(|| Ok(())).unwrap();
-        let (check, unmet) = examine(&rules, &order, &Monitor::silent()).unwrap();
+        let (check, unmet) = examine(&rules, &order, Asked::All, &Monitor::silent()).unwrap();
         assert!(check.is_sound(), "{surface:?}: {check:?}");
         assert_eq!(unmet, [0; 6], "{surface:?}");
         let mut facets = 0;
@@ -139,7 +139,7 @@ fn what_stays_unmet_is_the_same_on_any_number_of_threads() {
     let order = triangulation.tets_by_place(|| Ok(())).unwrap();
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| examine(&rules, &order, &Monitor::silent()).unwrap())
+        pool.install(|| examine(&rules, &order, Asked::All, &Monitor::silent()).unwrap())
     };
     let counted = on(1);
     assert!(counted.1.iter().sum::<u64>() > 100, "{:?}", counted.1);

@@ -18,7 +18,7 @@ use lapd::refine::activity::Overhead;
 use lapd::refine::options::RefineOptions;
 use lapd::refine::podm::Refinement;
 use lapd::refine::rules::Rules;
-use lapd::refine::{examine, refine};
+use lapd::refine::{Asked, examine, refine};
 use lapd::sizing::Sizing;
 use lapd::verify::{Certificate, Examined, Extent, Quality};
 
@@ -144,8 +144,13 @@ pub fn outcome(subject: &Subject, options: &RefineOptions, complete: bool) -> Ou
     let seconds = clock.elapsed().as_secs_f64();
     let Collected { mut mesh, order, .. } =
         collect(&rules, image.labels(), Background::Dropped, &monitor).unwrap();
-    let (check, unmet) = examine(&rules, &order, &monitor).unwrap();
+    let (check, unmet) = examine(&rules, &order, Asked::All, &monitor).unwrap();
     assert!(check.is_sound(), "{what}: {check:?}");
+    if complete {
+        let asked = Asked::LeftOver(&refinement.left_over);
+        let of_left_over = examine(&rules, &order, asked, &monitor).unwrap();
+        assert_eq!(of_left_over, (check, unmet), "{what}: asked what is left over, and all");
+    }
     assert_eq!(triangulation.left_over(), 0, "{what}: tets owned or free slots that do not say so");
     let counters = refinement.counters;
     assert_eq!(

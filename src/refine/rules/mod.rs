@@ -97,6 +97,9 @@ pub struct Lookups {
     pub labels: u64,
     /// Crossings of segments.
     pub crossings: u64,
+    /// Facets at walls that R3 would ask for, but for vertices around that are too close, or too
+    /// many to look at. These may go, so the facet is to be asked again.
+    pub put_off: u64,
 }
 
 /// Tets carry the label of their circumcenter in the kernel's tag, once it is known.

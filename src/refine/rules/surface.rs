@@ -92,7 +92,8 @@ impl Rules<'_> {
         let tets = [t, neighbor.tet()];
         let (x, radius) = if let Some(at_wall) = self.at_wall([&seen, &other], tets) {
             asked.crossings += 1;
-            self.surface_center_at_wall(&at_wall, facet, misshapen, self.facet_distance(vertices))?
+            let reach = self.facet_distance(vertices);
+            self.surface_center_at_wall(&at_wall, facet, misshapen, reach, asked)?
         } else {
             if !misshapen
                 && !self.strays(vertices, facet, [here.center, there.center], labels, asked)

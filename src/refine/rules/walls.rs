@@ -20,7 +20,7 @@
 
 use glam::DVec3;
 
-use super::{DRAWN_TO_WALL, MIN_DISTANCE, Rules, SPACING_FLOOR};
+use super::{DRAWN_TO_WALL, Lookups, MIN_DISTANCE, Rules, SPACING_FLOOR};
 use crate::delaunay::tet::is_free;
 use crate::delaunay::{BOX_VERTICES, TetId, VertexId};
 use crate::geometry::shape::triangle_circumcircle;
@@ -61,12 +61,14 @@ impl Rules<'_> {
 
     /// The surface center of a facet at a wall, which may be `misshapen`, if anything is to be
     /// inserted for it, and how far it is from the nearest vertex; `reach` is the facet distance.
+    /// `asked` tells whether something would be, but for the vertices around.
     pub(super) fn surface_center_at_wall(
         &self,
         facet: &FacetAtWall,
         corners: [DVec3; 3],
         misshapen: bool,
         reach: f64,
+        asked: &mut Lookups,
     ) -> Option<(DVec3, f64)> {
         let [a, b, c] = corners;
         let (o, _) = triangle_circumcircle(a, b, c)?;
@@ -88,8 +90,10 @@ impl Rules<'_> {
         // On the edge of a wall where the circumcenter lies beyond that.
         let x = back.unwrap_or(x);
         let floor = if misshapen { MIN_DISTANCE } else { SPACING_FLOOR };
-        let distance = self.nearest_vertex(x, facet.tets)?;
-        (distance > floor * self.sizing.at(x)).then_some((x, distance))
+        let distance = self.nearest_vertex(x, facet.tets);
+        let distance = distance.filter(|&distance| distance > floor * self.sizing.at(x));
+        asked.put_off += u64::from(distance.is_none());
+        Some((x, distance?))
     }
 
     /// How far the nearest vertex is from a point in a circumball of one of these tets: one of a
