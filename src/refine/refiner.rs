@@ -85,6 +85,9 @@ pub(super) struct Refiner<'t, 'a, L, P> {
     pub lost: Lost,
     pub timeline: Timeline,
     left_over: LeftOver,
+    /// Tets with a facet that R3 did not ask for since the last time that the list was empty, for a
+    /// vertex nearby.
+    put_off: Vec<TetStamp>,
 }
 
 impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
@@ -106,6 +109,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             lost: Lost::default(),
             timeline: Timeline::new(team.keeps_timeline),
             left_over: LeftOver::default(),
+            put_off: Vec::new(),
         }
     }
 
@@ -128,6 +132,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             lost,
             timeline,
             left_over,
+            put_off,
         } = self;
         let worker = worker.with_locks(locks);
         Refiner {
@@ -147,6 +152,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             lost,
             timeline,
             left_over,
+            put_off,
         }
     }
 
@@ -291,10 +297,35 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                     self.serve(stamp)?
                 }
                 Some(Task::Inspect(_) | Task::Serve(_)) => {}
+                None if !self.put_off.is_empty() && self.ask_again()? => {}
                 None if L::SHARED && self.beg()? => {}
                 None => return Ok(()),
             }
         }
+    }
+
+    /// Takes the tets back into the list of which R3 put a facet off, and does not any more, as the
+    /// vertex nearby was removed; `false`: there are none. The others are left over.
+    ///
+    /// It ends: each tet that is taken back asks for a vertex, as R3 does elsewhere.
+    #[cold]
+    fn ask_again(&mut self) -> Result<bool> {
+        let mut any = false;
+        self.pel.make_room(self.put_off.len())?;
+        for stamp in std::mem::take(&mut self.put_off) {
+            if !self.triangulation.is_current(stamp) {
+                continue;
+            }
+            let mut interfaces =
+                self.rules.interfaces(stamp.tet, Facets::Second(self.worker.mark()));
+            if self.ask_surface(stamp.tet, &mut interfaces).is_some() {
+                self.pel.push_made(stamp);
+                any = true;
+            } else {
+                self.left_over.push(stamp)?;
+            }
+        }
+        Ok(any)
     }
 
     /// Reports, checks the limits, and makes room in the list, so that pushing need not ask for
@@ -347,7 +378,8 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             }
         }
         if self.work.lookups.put_off != put_off {
-            self.left_over.push(stamp)?;
+            reserve(&mut self.put_off, 1, "facets at walls")?;
+            self.put_off.push(stamp);
         }
         if let Some(wanted) = &self.rules.volume_point(stamp.tet)
             && !self.hand_over(stamp, wanted, 0)?

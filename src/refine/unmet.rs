@@ -3,11 +3,11 @@
 //! run.
 //!
 //! Refinement asks every tet after it was made, and each facet with the second of its tets. What it
-//! finds it carries out, or notes as left over: what could not be inserted, and what a vertex nearby
-//! that may be removed stood in the way of. So when it has come to its end, a tet to which a
-//! rule applies was noted, or the one across a facet was, or its circumcenter cannot be computed
-//! and nothing was asked of it: asking these again counts what all tets would
-//! ([`Asked::LeftOver`]). [`Asked::All`] relies on none of this. Tests compare the two.
+//! finds it carries out, or notes as left over: what could not be inserted, and facets where a
+//! vertex nearby stands in the way that may be removed. So when it has come to its end, a tet to
+//! which a rule applies was noted, or the one across a facet was, or its circumcenter cannot be
+//! computed and nothing was asked of it: asking these again counts what all tets would
+//! ([`Asked::LeftOver`]). [`Asked::All`] relies on none of this. Debug builds compare the two.
 //!
 //! Reads only, in parallel in the current rayon pool; nobody may operate on the triangulation
 //! meanwhile. The counts do not depend on the number of threads. Linear in the tets, which are gone

@@ -124,10 +124,15 @@ fn assert_positive(meshing: &MeshResult) {
     }
 }
 
-fn check(seed: u64) {
+fn case(seed: u64) -> (LabelImage, MeshParams) {
     let mut random = Random(seed);
     let image = image(&mut random);
     let params = params(&image, &mut random);
+    (image, params)
+}
+
+fn check(seed: u64) {
+    let (image, params) = case(seed);
     let meshing = match mesh_image(&image, &params, &Monitor::silent()) {
         Ok(meshing) => meshing,
         Err(Error::InvalidArgument(message)) if message.contains("too coarse") => return,
@@ -163,6 +168,20 @@ fn any_image_with_any_parameters_gives_a_sound_mesh() {
         drop(ended);
     }
     assert!(failed.is_empty(), "seeds {failed:?} failed");
+}
+
+/// R3 asks for nothing at a wall where a vertex is close. These were not asked again when that
+/// vertex was gone, and from 1 to 19 facets stayed unmet.
+#[test]
+fn facets_at_walls_are_asked_again() {
+    for seed in [300_247, 300_585, 300_783, 301_052, 301_348] {
+        let (image, params) = case(seed);
+        // With others at work a vertex may go after the last worker has asked.
+        let params = MeshParams { threads: 1, ..params };
+        let meshing = mesh_image(&image, &params, &Monitor::silent()).unwrap();
+        let [_, _, r3, ..] = meshing.report.certificate.unmet.unwrap();
+        assert_eq!(r3, 0, "seed {seed}");
+    }
 }
 
 /// Where three labels met at a wall the way to the background went to and fro between two of them.
