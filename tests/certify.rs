@@ -66,6 +66,21 @@ fn measured_later_it_is_the_certificate_of_the_run() {
     }
 }
 
+/// The nodes of second order are no vertices without a tet, nor does their bending count: distances
+/// are those of flat facets.
+#[test]
+fn nodes_of_second_order_do_not_count() {
+    let image = image();
+    let full =
+        MeshParams { order: 2, curved: true, ..params(CertificateLevel::Full, Improve::Full) };
+    let at_once = made(&image, &full);
+    let mut later = made(&image, &full);
+    certify(&mut later, &image, &full, &Monitor::silent()).unwrap();
+    assert!(later.mesh.mid_nodes.is_some());
+    assert_eq!(later.report.certificate, at_once.report.certificate);
+    assert_eq!(later.report.quality, at_once.report.quality);
+}
+
 #[test]
 fn arrays_have_the_certificate_of_their_mesh() {
     let image = image();
@@ -151,4 +166,26 @@ fn progress_goes_from_nothing_to_all() {
     certify(&mut result, &image, &full, &Monitor::new(Some(&mut note), None)).unwrap();
     assert_eq!((seen[0], *seen.last().unwrap()), (0.0, 1.0));
     assert!(seen.is_sorted());
+}
+
+/// A mesh that has nothing to do with the image ends as soon as one that has.
+#[test]
+fn meshes_that_lie_elsewhere_are_measured() {
+    let image = image();
+    let full = params(CertificateLevel::Full, Improve::Full);
+    let mesh = made(&image, &full).mesh;
+    for (scale, shift) in [(1.0, 1e4), (10.0, 0.0), (1e-3, 5.0)] {
+        let points: Vec<[f64; 3]> =
+            mesh.points.iter().map(|p| p.map(|x| scale * x + shift)).collect();
+        let moved = TetMesh::from_arrays(&points, &mesh.tets, &mesh.labels, &Monitor::silent());
+        let mut result = from_elsewhere(moved.unwrap());
+        let start = std::time::Instant::now();
+        certify(&mut result, &image, &full, &Monitor::silent()).unwrap();
+        let seconds = start.elapsed().as_secs_f64();
+        let certificate = &result.report.certificate;
+        println!("{scale} {shift}: {seconds:.2} s, {:?}", certificate.mesh_to_image);
+        assert!(certificate.mesh_to_image.unwrap().max.is_finite());
+        assert!(certificate.labels.iter().any(|row| row.pieces + row.components_lost > 0));
+        assert!(seconds < 30.0, "{scale} {shift}: {seconds} s");
+    }
 }

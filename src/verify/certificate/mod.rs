@@ -388,7 +388,7 @@ pub fn inverted_tets(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
 pub fn orphan_vertices(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
-    let used: Vec<AtomicBool> = zeroed(mesh.points.len(), "vertices")?;
+    let used: Vec<AtomicBool> = zeroed(mesh.vertex_count(), "vertices")?;
     mesh.tets.par_chunks(CHUNK).try_for_each(|tets| {
         monitor.advance(tets.len())?;
         for &v in tets.iter().flatten() {
