@@ -53,6 +53,9 @@ const ROOM: usize = 64 * REPORT_EVERY as usize;
 /// next.
 const COLLECTED: usize = 256;
 
+/// How often facets that R3 put off are asked again. Most are served in the first round.
+const ROUNDS: u32 = 8;
+
 /// What came of an operation that a rule asked for.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Fate {
@@ -88,6 +91,8 @@ pub(super) struct Refiner<'t, 'a, L, P> {
     /// Tets with a facet that R3 did not ask for since the last time that the list was empty, for a
     /// vertex nearby.
     put_off: Vec<TetStamp>,
+    /// How often these were asked again.
+    rounds: u32,
 }
 
 impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
@@ -110,6 +115,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             timeline: Timeline::new(team.keeps_timeline),
             left_over: LeftOver::default(),
             put_off: Vec::new(),
+            rounds: 0,
         }
     }
 
@@ -133,6 +139,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             timeline,
             left_over,
             put_off,
+            rounds,
         } = self;
         let worker = worker.with_locks(locks);
         Refiner {
@@ -153,12 +160,15 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             timeline,
             left_over,
             put_off,
+            rounds,
         }
     }
 
     /// Gives the team what it could not carry out.
     pub fn hand_in_left_over(&mut self) {
+        let put_off = LeftOver { tets: std::mem::take(&mut self.put_off), samples: 0 };
         self.team.take_left_over(std::mem::take(&mut self.left_over));
+        self.team.take_left_over(put_off);
     }
 
     /// Where what its operations visited was, if that is counted.
@@ -297,7 +307,9 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                     self.serve(stamp)?
                 }
                 Some(Task::Inspect(_) | Task::Serve(_)) => {}
-                None if !self.put_off.is_empty() && self.ask_again()? => {}
+                // Among several workers what is put off stays left over: a vertex nearby may be
+                // another one's to remove.
+                None if !L::SHARED && self.ask_again()? => {}
                 None if L::SHARED && self.beg()? => {}
                 None => return Ok(()),
             }
@@ -307,7 +319,8 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     /// Takes the tets back into the list of which R3 put a facet off, and does not any more, as the
     /// vertex nearby was removed; `false`: there are none. The others are left over.
     ///
-    /// It ends: each tet that is taken back asks for a vertex, as R3 does elsewhere.
+    /// A tet may have one facet that is put off, and one whose demand is dropped each time that it
+    /// is asked; so it ends by the number of rounds.
     #[cold]
     fn ask_again(&mut self) -> Result<bool> {
         let mut any = false;
@@ -318,13 +331,14 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             }
             let mut interfaces =
                 self.rules.interfaces(stamp.tet, Facets::Second(self.worker.mark()));
-            if self.ask_surface(stamp.tet, &mut interfaces).is_some() {
+            if self.rounds < ROUNDS && self.ask_surface(stamp.tet, &mut interfaces).is_some() {
                 self.pel.push_made(stamp);
                 any = true;
             } else {
                 self.left_over.push(stamp)?;
             }
         }
+        self.rounds += u32::from(any);
         Ok(any)
     }
 

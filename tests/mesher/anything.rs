@@ -24,8 +24,8 @@ use super::random::Random;
 const PATIENCE: u64 = 60;
 
 /// Seeds that failed once: a search for a crossing without an end; improvement that took 35 s for
-/// 110 000 tets.
-const FAILED: [u64; 2] = [2199, 117_121];
+/// 110 000 tets; a facet at a wall that was asked again without an end.
+const FAILED: [u64; 3] = [2199, 117_121, 501_120];
 
 impl Random {
     /// A whole number below `end`.
@@ -176,7 +176,7 @@ fn any_image_with_any_parameters_gives_a_sound_mesh() {
 fn facets_at_walls_are_asked_again() {
     for seed in [300_247, 300_585, 300_783, 301_052, 301_348] {
         let (image, params) = case(seed);
-        // With others at work a vertex may go after the last worker has asked.
+        // One worker alone asks again.
         let params = MeshParams { threads: 1, ..params };
         let meshing = mesh_image(&image, &params, &Monitor::silent()).unwrap();
         let [_, _, r3, ..] = meshing.report.certificate.unmet.unwrap();
