@@ -51,10 +51,9 @@ const HEAD: &str = "\
  * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and
  *   programs and libraries of different versions understand each other. What the library does not
  *   know yet reads 0.
- * - Images never change, meshes only by lapd_mesh_certify; any number of threads may use them at
- *   once. Parameters
- *   may be read by many threads as long as none changes them. A context belongs to one thread at
- *   a time, but for lapd_context_cancel.
+ * - Images never change, meshes only by lapd_mesh_certify; otherwise any number of threads may use
+ *   them at once. Parameters may be read by many threads as long as none changes them. A context
+ *   belongs to one thread at a time, but for lapd_context_cancel.
  * - The library prints nothing, reads no environment, installs no signal handler, and does not
  *   end the process: memory that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, in every call of
  *   the process that works at that moment.

@@ -53,7 +53,7 @@ const ROOM: usize = 64 * REPORT_EVERY as usize;
 /// next.
 const COLLECTED: usize = 256;
 
-/// How often facets that R3 put off are asked again. Most are served in the first round.
+/// How often facets that R3 put off are asked again. A few rounds, so that the asking ends.
 const ROUNDS: u32 = 8;
 
 /// What came of an operation that a rule asked for.
@@ -88,10 +88,10 @@ pub(super) struct Refiner<'t, 'a, L, P> {
     pub lost: Lost,
     pub timeline: Timeline,
     left_over: LeftOver,
-    /// Tets with a facet that R3 did not ask for since the last time that the list was empty, for a
-    /// vertex nearby.
+    /// Tets with a facet for which R3 demanded nothing because of a vertex nearby; since the list
+    /// was last empty.
     put_off: Vec<TetStamp>,
-    /// How often these were asked again.
+    /// How often some of these went back into the list.
     rounds: u32,
 }
 
@@ -316,11 +316,12 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         }
     }
 
-    /// Takes the tets back into the list of which R3 put a facet off, and does not any more, as the
-    /// vertex nearby was removed; `false`: there are none. The others are left over.
+    /// Goes through the tets with a facet that R3 put off. Those of which R3 demands something now,
+    /// as the vertex nearby was removed, go back into the list; the others are left over. `false`:
+    /// none went back.
     ///
-    /// A tet may have one facet that is put off, and one whose demand is dropped each time that it
-    /// is asked; so it ends by the number of rounds.
+    /// Rounds are counted, since a tet may have one facet that is put off and another whose demand
+    /// is dropped each time that it is asked: it would go back for ever.
     #[cold]
     fn ask_again(&mut self) -> Result<bool> {
         let mut any = false;

@@ -74,10 +74,10 @@ pub enum Asked<'a> {
 /// Vertices of one piece of work, between two checks of the cancel flag.
 const PIECE: u32 = 1 << 12;
 
-/// Checks the triangulation, and counts the tets to which a rule still applies, by rule, of those
-/// that are to be `asked`; `order` is
-/// that of [`Triangulation::tets_by_place`](crate::delaunay::Triangulation::tets_by_place). A tet
-/// of the object that is too flat for its circumcenter to be computed counts under R4, and each
+/// Checks the triangulation, and counts the tets to which a rule still applies, by rule; `asked`
+/// tells which tets are looked at for that, `order` is that of
+/// [`Triangulation::tets_by_place`](crate::delaunay::Triangulation::tets_by_place). A tet of the
+/// object that is too flat for its circumcenter to be computed counts under R4, and each
 /// misshapen interface facet of such a tet under R3; under R1 count the crossed edges of the
 /// image's grid that have no isovertex within delta.
 ///
