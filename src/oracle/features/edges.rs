@@ -95,8 +95,7 @@ impl Oracle {
 impl EdgeGrid<'_> {
     /// Rows of bricks of voxels; [`EdgeGrid::visit_row`] takes one at a time.
     pub fn rows(&self) -> usize {
-        let [_, ny, nz] = self.oracle.grid.bricks.dims();
-        ny.div_ceil(Bricks::EDGE) * nz.div_ceil(Bricks::EDGE)
+        self.oracle.rows()
     }
 
     /// Calls `visit` for the crossed edges of one row, brick after brick. The rows hold each
@@ -140,12 +139,7 @@ impl EdgeGrid<'_> {
             return Ok(());
         }
         // A point moved off a wall would dent it.
-        let inside = |half: [usize; 3]| {
-            (0..3).all(|a| {
-                half[a] as f64 / 2.0 >= oracle.walls.first[a]
-                    && half[a] as f64 / 2.0 <= oracle.walls.last[a]
-            })
-        };
+        let inside = |half: [usize; 3]| oracle.is_between_walls(half);
         oracle.visit_mixed_cells(row, |cell| {
             match self.joined(cell) {
                 Some(0..CORNER_JOINED) => {
@@ -345,6 +339,84 @@ fn moved(x: DVec3, backwards: [bool; 3], random: u64) -> DVec3 {
 }
 
 impl Oracle {
+    /// Where the first voxel of the cell is to which an edge belongs.
+    pub fn first_voxel(&self, edge: &CrossedEdge) -> DVec3 {
+        // Not below 0, and no part of a cell lies on the next cell's faces.
+        let [x, y, z] = edge.ends[0].to_array().map(|c| c as usize);
+        self.grid.point_at(DVec3::from([x, y, z].map(|c| c as f64)))
+    }
+
+    /// Rows of bricks of voxels.
+    pub fn rows(&self) -> usize {
+        let [_, ny, nz] = self.grid.bricks.dims();
+        ny.div_ceil(Bricks::EDGE) * nz.div_ceil(Bricks::EDGE)
+    }
+
+    /// Whether a point, given in half voxels, is not outside of a wall.
+    fn is_between_walls(&self, half: [usize; 3]) -> bool {
+        let at = half.map(|h| h as f64 / 2.0);
+        (0..3).all(|a| at[a] >= self.walls.first[a] && at[a] <= self.walls.last[a])
+    }
+
+    /// Calls `visit` for points, in world coordinates, that the closed body of a label other than
+    /// the background, given by its id, reaches in the surface model as its voxels do: contacts,
+    /// and halfway from the centre of a cell that is one to those on the cell's faces, between
+    /// which the body would else have a hole. Of one row; a point may come more often.
+    ///
+    /// # Errors
+    /// What `visit` returns; the first ends the visit.
+    pub fn visit_joins(
+        &self,
+        row: usize,
+        mut visit: impl FnMut(u16, DVec3) -> Result<()>,
+    ) -> Result<()> {
+        if self.field.is_some() {
+            return Ok(());
+        }
+        self.visit_mixed_cells(row, |cell| {
+            let contacts = self.at(cell).contacts();
+            if contacts == Contacts::None {
+                return Ok(());
+            }
+            let corners = self.corners(cell);
+            let center = cell.map(|c| 2 * c + 1);
+            let has_center = contacts == Contacts::Center && self.is_between_walls(center);
+            let at = |half: [usize; 3]| DVec3::from(half.map(|h| h as f64 / 2.0));
+            let mut tell = |id: u16, x: DVec3| match id {
+                0 => Ok(()),
+                id => visit(id, self.grid.point_at(x)),
+            };
+            for axis in 0..3 {
+                for (side, by) in [(0, -1), (1, 1)] {
+                    let face = contacts::FACES[axis][side];
+                    let half = step(center, axis, by);
+                    if !contacts::alternates(&corners, face) || !self.is_between_walls(half) {
+                        continue;
+                    }
+                    for id in [corners[face[0]], corners[face[2]]] {
+                        // The upper one is the next cell's.
+                        if side == 0 {
+                            tell(id, at(half))?;
+                        }
+                        if has_center {
+                            tell(id, at(half).midpoint(at(center)))?;
+                            tell(id, at(center))?;
+                        }
+                    }
+                }
+            }
+            if has_center {
+                for id in (1..8).filter(|&c| corners[..c].contains(&corners[c])).map(|c| corners[c])
+                {
+                    if contacts::needs_center_of(&corners, id) {
+                        tell(id, at(center))?;
+                    }
+                }
+            }
+            Ok(())
+        })
+    }
+
     /// Whether a contact may be within a voxel of a point.
     pub fn is_near_contact(&self, p: DVec3) -> bool {
         let x = self.grid.index_at(p);

@@ -128,13 +128,18 @@ impl Contacts {
         if !(on_faces || across) {
             return Self::None;
         }
-        let needs = |id: u16| id != 0 && needs_center(ids, indicator::corners_of(ids, id));
+        let needs = |id: u16| needs_center_of(ids, id);
         match () {
             () if indicator::labels(ids, 0xff).any(needs) => Self::Center,
             () if on_faces => Self::Faces,
             () => Self::None,
         }
     }
+}
+
+/// Whether a label needs the centre of a cell as a contact.
+pub(crate) fn needs_center_of(ids: &Corners, id: u16) -> bool {
+    id != 0 && needs_center(ids, indicator::corners_of(ids, id))
 }
 
 /// Whether contacts on faces do not join the corners `own` of one label as a tree.

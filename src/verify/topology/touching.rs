@@ -1,0 +1,209 @@
+//! Where a label's mesh touches itself and its voxels do not, and where voxels touch and the mesh
+//! does not.
+//!
+//! Voxels of a label that have an edge or a corner alone in common are joined there. The surface
+//! model has them touch in *contacts* (`oracle/model/contacts`), which refinement samples where
+//! samples are near enough to each other. A contact, or a point halfway between two of one cell, is
+//! *open* when no tet of the label reaches it. Where labels touch elsewhere, in an edge or a vertex
+//! of the mesh, samples are too far apart.
+
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::boundary_surface::NonManifold;
+use crate::Result;
+use crate::image::LabelImage;
+use crate::memory::{reserve, zeroed};
+use crate::mesh::TetMesh;
+use crate::monitor::Monitor;
+use crate::oracle::Oracle;
+
+/// Tets of one piece of work.
+const CHUNK: usize = 1 << 12;
+
+/// Vertices on contacts are this far from them at most, in voxels: the oracle moves them by 0.02
+/// along each axis.
+const AT_CONTACT: f64 = 0.05;
+
+/// A touch so near to an edge or a corner that voxels have in common, in voxels, is theirs.
+const NEAR: f64 = 0.2;
+
+/// A place that the closed body of a label is to reach.
+#[derive(Clone, Copy, Debug)]
+struct Join {
+    /// The number of the voxel behind which it lies.
+    cell: u64,
+    id: u16,
+    /// In voxels of the image.
+    index: DVec3,
+}
+
+/// The contacts of an image.
+pub(super) struct Contacts {
+    dims: [usize; 3],
+    /// By cell.
+    joins: Vec<Join>,
+    /// For each cell whether it has some.
+    cells: Vec<u64>,
+}
+
+impl Contacts {
+    /// Those of all labels of an image.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`](crate::Error::OutOfMemory); [`Cancelled`](crate::Error::Cancelled).
+    pub fn new(image: &LabelImage, oracle: &Oracle, monitor: &Monitor<'_>) -> Result<Self> {
+        // One more, for what is half a voxel before the first.
+        let dims = image.dims().map(|n| n + 1);
+        let rows = (0..oracle.rows()).into_par_iter().map(|row| {
+            monitor.check_cancelled()?;
+            let mut joins = Vec::new();
+            oracle.visit_joins(row, |id, p| {
+                let index = image.frame().to_index(p);
+                if let Some(cell) = cell_of(index, dims) {
+                    reserve(&mut joins, 1, "contacts")?;
+                    joins.push(Join { cell, id, index });
+                }
+                Ok(())
+            })?;
+            Ok(joins)
+        });
+        let rows: Vec<Vec<Join>> = rows.collect::<Result<_>>()?;
+        let mut joins = Vec::new();
+        for row in rows {
+            reserve(&mut joins, row.len(), "contacts")?;
+            joins.extend(row);
+        }
+        joins.par_sort_by_key(|join| join.cell);
+        let count = dims.iter().product::<usize>();
+        let mut cells = zeroed::<u64>(count.div_ceil(64), "cells of the image")?;
+        joins.iter().for_each(|join| cells[join.cell as usize / 64] |= 1 << (join.cell % 64));
+        Ok(Self { dims, joins, cells })
+    }
+
+    /// Calls `visit` for the contacts in the cells of a box, with their numbers.
+    fn visit(&self, low: DVec3, high: DVec3, mut visit: impl FnMut(usize, &Join)) {
+        // Cells begin a voxel before the first one; what is below 0 falls to 0.
+        let [from, to] = [low, high].map(|p| (p + 1.0).to_array().map(|c| c as usize));
+        let range = |a: usize| from[a]..(to[a] + 1).min(self.dims[a]);
+        let [nx, ny, _] = self.dims;
+        for z in range(2) {
+            for y in range(1) {
+                for x in range(0) {
+                    let cell = x + nx * (y + ny * z);
+                    if self.cells[cell / 64] >> (cell % 64) & 1 == 1 {
+                        let first = self.joins.partition_point(|join| join.cell < cell as u64);
+                        let here = self.joins[first..].iter().enumerate();
+                        here.take_while(|(_, join)| join.cell == cell as u64)
+                            .for_each(|(n, join)| visit(first + n, join));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Those that a mesh does not reach, in voxels.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`](crate::Error::OutOfMemory); [`Cancelled`](crate::Error::Cancelled).
+    pub fn open(
+        &self,
+        mesh: &TetMesh,
+        image: &LabelImage,
+        monitor: &Monitor<'_>,
+    ) -> Result<Vec<DVec3>> {
+        if self.joins.is_empty() {
+            return Ok(Vec::new());
+        }
+        let reached: Vec<AtomicBool> = zeroed(self.joins.len(), "contacts")?;
+        mesh.tets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, tets)| {
+            monitor.advance(tets.len())?;
+            for (tet, &label) in tets.iter().zip(&mesh.labels[chunk * CHUNK..]) {
+                let id = image.id_of(label).unwrap_or(0);
+                if id == 0 {
+                    continue;
+                }
+                let corners = tet.map(|v| image.frame().to_index(mesh.point(v)));
+                let [low, high] = bounds(&corners);
+                self.visit(low - AT_CONTACT, high + AT_CONTACT, |n, join| {
+                    // Relaxed: read when all is done.
+                    if join.id == id && reaches(&corners, join.index) {
+                        reached[n].store(true, Relaxed);
+                    }
+                });
+            }
+            Ok(())
+        })?;
+        let open = self.joins.iter().zip(&reached).filter(|(_, reached)| !reached.load(Relaxed));
+        Ok(open.map(|(join, _)| join.index).collect())
+    }
+}
+
+/// Those of `places` in which labels other than 0 touch and their voxels do not, in voxels.
+pub(super) fn stray_touches(
+    places: &[NonManifold],
+    mesh: &TetMesh,
+    image: &LabelImage,
+) -> Vec<DVec3> {
+    let stray = |place: &NonManifold| {
+        let id = image.id_of(place.label).filter(|&id| id != 0)?;
+        let [from, to] = place.ends.map(|v| image.frame().to_index(mesh.point(v)));
+        let index = from.midpoint(to);
+        (!voxels_touch(image, id, index)).then_some(index)
+    };
+    places.iter().filter_map(stray).collect()
+}
+
+/// Whether voxels of a label have an edge or a corner alone in common near a point.
+fn voxels_touch(image: &LabelImage, id: u16, index: DVec3) -> bool {
+    let dims = image.dims();
+    let has = |at: [i64; 3]| {
+        let inside = (0..3).all(|a| (0..dims[a] as i64).contains(&at[a]));
+        let [x, y, z] = at.map(|c| c as usize);
+        inside && image.ids()[x + dims[0] * (y + dims[1] * z)] == id
+    };
+    // The voxels before the edges and corners around.
+    let first = index.floor().as_i64vec3().to_array();
+    (0..27).any(|n| {
+        let at = [0, 1, 2].map(|a| first[a] + n / [1, 3, 9][a] % 3 - 1);
+        let corner = DVec3::from(at.map(|c| c as f64 + 0.5));
+        let beside = |by: i64| has([0, 1, 2].map(|a| at[a] + (by >> a & 1)));
+        let is_corner = || (0..4).any(|c| beside(c) && beside(7 - c));
+        (corner.distance(index) < NEAR && is_corner())
+            || (0..3).any(|axis| {
+                // The edge along an axis that leads through the voxel's middle plane.
+                let mut apart = index - corner;
+                apart[axis] = ((apart[axis] + 0.5).abs() - 0.5).max(0.0);
+                let (u, v) = (1 << ((axis + 1) % 3), 1 << ((axis + 2) % 3));
+                let around = [0, u, v, u | v].map(beside);
+                let alternates = around[0] == around[3] && around[1] == around[2];
+                apart.length() < NEAR && alternates && around[0] != around[1]
+            })
+    })
+}
+
+/// The number of the cell of a point; one along each axis lies before the first voxel.
+fn cell_of(index: DVec3, dims: [usize; 3]) -> Option<u64> {
+    let at = index + 1.0;
+    let inside = (0..3).all(|a| at[a] >= 0.0 && at[a] < dims[a] as f64);
+    let [x, y, z] = at.to_array().map(|c| c as u64);
+    inside.then_some(x + dims[0] as u64 * (y + dims[1] as u64 * z))
+}
+
+fn bounds(corners: &[DVec3; 4]) -> [DVec3; 2] {
+    let [a, b, c, d] = *corners;
+    [a.min(b).min(c).min(d), a.max(b).max(c).max(d)]
+}
+
+/// Whether a tet, or its planes moved out by [`AT_CONTACT`], holds a point.
+fn reaches(corners: &[DVec3; 4], p: DVec3) -> bool {
+    const FACETS: [[usize; 4]; 4] = [[1, 2, 3, 0], [0, 3, 2, 1], [0, 1, 3, 2], [0, 2, 1, 3]];
+    FACETS.iter().all(|facet| {
+        let [a, b, c, d] = facet.map(|i| corners[i]);
+        let normal = (b - a).cross(c - a);
+        let side = normal.dot(d - a).signum();
+        normal.dot(p - a) * side >= -AT_CONTACT * normal.length()
+    })
+}

@@ -1,0 +1,147 @@
+//! Which label of the mesh the centre of each voxel has.
+//!
+//! Each tet goes through the rows of voxels that it may hold centres of, and clips each to its four
+//! planes. In floating point: a centre on a facet, but for rounding, belongs to either side, the
+//! larger id where both claim it. So the result does not depend on the number of threads. Linear in
+//! the tets and in the voxels.
+
+use std::sync::atomic::{AtomicU16, Ordering::Relaxed};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::Result;
+use crate::image::LabelImage;
+use crate::image::region::Region;
+use crate::memory::zeroed;
+use crate::mesh::TetMesh;
+use crate::monitor::Monitor;
+
+/// Tets of one piece of work.
+const CHUNK: usize = 1 << 12;
+
+/// The corners of each facet of a tet, and the corner across from it.
+const FACETS: [[usize; 4]; 4] = [[1, 2, 3, 0], [0, 3, 2, 1], [0, 1, 3, 2], [0, 2, 1, 3]];
+
+/// The id of the mesh's label at the centre of each voxel of a region, x fastest, then y; 0 where
+/// there is no mesh.
+///
+/// # Errors
+/// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
+pub(super) fn labels_at_voxels(
+    mesh: &TetMesh,
+    image: &LabelImage,
+    region: &Region,
+    monitor: &Monitor<'_>,
+) -> Result<Vec<u16>> {
+    let [nx, ny, nz] = region.dims;
+    let first = DVec3::from(region.first.map(|c| c as f64));
+    let last = DVec3::from(region.dims.map(|n| (n - 1) as f64));
+    let found: Vec<AtomicU16> = zeroed(nx * ny * nz, "voxels of the region")?;
+    mesh.tets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, tets)| {
+        monitor.advance(tets.len())?;
+        for (tet, &label) in tets.iter().zip(&mesh.labels[chunk * CHUNK..]) {
+            let id = image.id_of(label).unwrap_or(0);
+            if id == 0 {
+                continue;
+            }
+            let corners = tet.map(|v| image.frame().to_index(mesh.point(v)) - first);
+            let low = corners.iter().fold(last + 1.0, |low, &p| low.min(p));
+            let high = corners.iter().fold(DVec3::splat(-1.0), |high, &p| high.max(p));
+            // Most tets are smaller than a voxel, or a few, and hold no centre.
+            let (low, high) = (low.max(DVec3::ZERO), high.min(last));
+            let [from, to] = [low.to_array().map(rounded_up), high.to_array().map(|c| c as i64)];
+            if (0..3).any(|a| from[a] > to[a]) {
+                continue;
+            }
+            let planes = planes_of(&corners);
+            for z in from[2] as usize..=to[2] as usize {
+                for y in from[1] as usize..=to[1] as usize {
+                    let row = DVec3::new(0.0, y as f64, z as f64);
+                    let clipped = clipped(&planes, row, from[0] as f64, to[0] as f64);
+                    if let Some((from, to)) = clipped {
+                        // Relaxed: read when all is done.
+                        found[nx * (y + ny * z)..][from..=to]
+                            .iter()
+                            .for_each(|voxel| _ = voxel.fetch_max(id, Relaxed));
+                    }
+                }
+            }
+        }
+        Ok(())
+    })?;
+    Ok(found.into_iter().map(AtomicU16::into_inner).collect())
+}
+
+/// The least whole number that is not below one that is not negative.
+fn rounded_up(x: f64) -> i64 {
+    let down = x as i64;
+    down + i64::from(down as f64 != x)
+}
+
+/// The planes of a tet's facets: normals to the inside, and what is to be added so that the sum is
+/// not negative inside.
+fn planes_of(corners: &[DVec3; 4]) -> [(DVec3, f64); 4] {
+    FACETS.map(|facet| {
+        let [a, b, c, d] = facet.map(|i| corners[i]);
+        let normal = (b - a).cross(c - a);
+        let normal = if normal.dot(d - a) < 0.0 { -normal } else { normal };
+        (normal, -normal.dot(a))
+    })
+}
+
+/// The part from `from` to `to` of a row along x that lies within planes.
+fn clipped(
+    planes: &[(DVec3, f64); 4],
+    row: DVec3,
+    mut from: f64,
+    mut to: f64,
+) -> Option<(usize, usize)> {
+    for &(normal, offset) in planes {
+        let at_zero = normal.dot(row) + offset;
+        if normal.x > 0.0 {
+            from = from.max((-at_zero / normal.x).ceil());
+        } else if normal.x < 0.0 {
+            to = to.min((at_zero / -normal.x).floor());
+        } else if at_zero < 0.0 {
+            return None;
+        }
+    }
+    (from <= to).then_some((from as usize, to as usize))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Frame;
+    use crate::mesh::testing;
+
+    #[test]
+    fn a_mesh_of_voxels_has_their_labels() {
+        let label = |i: usize, j: usize, k: usize| ((i * 7 + j * 3 + k * 5) % 4) as i32;
+        let dims = [6, 5, 4];
+        let frame = Frame::new(
+            [0.3, 0.4, 0.5],
+            [0.6, 0.8, 1.0],
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        );
+        // Centres half a step inside of the cubes of the mesh.
+        let image = testing::image(dims, frame.unwrap(), label);
+        let mesh = testing::kuhn_box(dims, [0.6, 0.8, 1.0], label);
+        let region = Region::new(&image, &|| Ok(())).unwrap();
+        let found = labels_at_voxels(&mesh, &image, &region, &Monitor::silent()).unwrap();
+        let [nx, ny, nz] = region.dims;
+        for z in 0..nz {
+            for y in 0..ny {
+                for x in 0..nx {
+                    let at = [0, 1, 2].map(|a| region.place([x, y, z], a, dims[a]));
+                    let expected = match at {
+                        [Some(i), Some(j), Some(k)] => image.id_of(label(i, j, k)).unwrap(),
+                        _ => 0,
+                    };
+                    assert_eq!(found[x + nx * (y + ny * z)], expected, "{x} {y} {z}");
+                }
+            }
+        }
+    }
+}
