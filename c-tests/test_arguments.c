@@ -211,7 +211,7 @@ static void choice_parameters(void) {
                  {lapd_params_set_border, lapd_params_get_border, 2, 2},
                  {lapd_params_set_background, lapd_params_get_background, 2, 2},
                  {lapd_params_set_algorithm, lapd_params_get_algorithm, 2, 2},
-                 {lapd_params_set_adaptive, lapd_params_get_adaptive, 2, 2},
+                 {lapd_params_set_adaptive, lapd_params_get_adaptive, 3, 3},
                  {lapd_params_set_count_accesses, lapd_params_get_count_accesses, 2, 2},
                  {lapd_params_set_contention, lapd_params_get_contention, 4, 4},
                  {lapd_params_set_begging, lapd_params_get_begging, 2, 2},

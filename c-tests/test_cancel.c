@@ -124,7 +124,7 @@ static void log_lines(void) {
     image = unit_image(context, voxels, N);
     CHECK(lapd_params_set_delta(context, params, 4) == LAPD_OK &&
           lapd_params_set_size(context, params, 8) == LAPD_OK &&
-          lapd_params_set_adaptive(context, params, 0) == LAPD_OK);
+          lapd_params_set_adaptive(context, params, LAPD_ADAPTIVE_OFF) == LAPD_OK);
     static const char *const bad[] = {
         "labels without a tet: 1, of 1 voxels in all; the first is 2",
         "components without a tet: 1; the first, of label 1, at (20.00, 20.00, 20.00)"};
@@ -133,7 +133,7 @@ static void log_lines(void) {
     CHECK(r.seen == 3 && r.wrong == 0 && r.levels[LAPD_LOG_WARNING] >= 2);
     CHECK(lapd_params_set_delta(context, params, 1) == LAPD_OK &&
           lapd_params_set_size(context, params, 2) == LAPD_OK &&
-          lapd_params_set_adaptive(context, params, 1) == LAPD_OK);
+          lapd_params_set_adaptive(context, params, LAPD_ADAPTIVE_THICKNESS) == LAPD_OK);
     CHECK(lapd_context_set_log(context, NULL, NULL) == LAPD_OK);
     lapd_image_free(image);
     image = ball;

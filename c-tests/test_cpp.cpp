@@ -235,8 +235,9 @@ void parameters() {
     params.set_time_limit(2.5).set_max_memory(std::uint64_t{1} << 40).set_partial(true);
     params.set_order(2).set_curved(true);
     CHECK(params.order() == 2 && params.curved());
-    params.set_adaptive(false).set_spacing_floor(0.25).set_min_voxels(27);
-    CHECK(!params.adaptive() && params.spacing_floor() == 0.25 && params.min_voxels() == 27);
+    params.set_adaptive(LAPD_ADAPTIVE_OFF).set_spacing_floor(0.25).set_min_voxels(27);
+    CHECK(params.adaptive() == LAPD_ADAPTIVE_OFF && params.spacing_floor() == 0.25 &&
+          params.min_voxels() == 27);
     params.set_label_size(5, 1.25);
     CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 &&
           params.facet_angle() == 25);

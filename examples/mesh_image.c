@@ -37,7 +37,11 @@ static const char USAGE[] =
     "                       default 1.5 times the geometric mean of the voxel's sides\n"
     "  --size MM            largest circumradius of tets; default 2 times delta\n"
     "  --label-size L=MM    the same for one label (after --merge); may be given again\n"
-    "  --no-adaptive        do not sample more densely what is thinner than 4/3 delta\n"
+    "  --adaptive NAME      off | thickness | topology: sample more densely nothing, what is "
+    "thinner than\n"
+    "                       4/3 delta, or places where the mesh would tear, merge, or have holes; "
+    "default thickness\n"
+    "  --no-adaptive        the same as --adaptive off\n"
     "  --spacing-floor V    samples of thin structures come no closer than this many voxels; "
     "default 0.5\n"
     "  --min-voxels N       leave out components of fewer voxels; for label images; default 0\n"
@@ -311,6 +315,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     static const char *const surfaces[] = {"smooth", "voxel"};
     static const char *const borders[] = {"flat", "smooth"};
     static const char *const improves[] = {"none", "interior", "full"};
+    static const char *const adaptives[] = {"off", "thickness", "topology"};
     static const char *const levels[] = {"none", "sound", "full"};
     static const char *const algorithms[] = {"podm", "lapd"};
     static const char *const contentions[] = {"local", "global", "random", "aggressive"};
@@ -339,6 +344,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
     } choices[] = {{"--surface", lapd_params_set_surface, surfaces, 2},
                    {"--border", lapd_params_set_border, borders, 2},
                    {"--improve", lapd_params_set_improve, improves, 3},
+                   {"--adaptive", lapd_params_set_adaptive, adaptives, 3},
                    {"--certificate", lapd_params_set_certificate, levels, 3},
                    {"--algorithm", lapd_params_set_algorithm, algorithms, 2},
                    {"--contention", lapd_params_set_contention, contentions, 4},
@@ -490,7 +496,7 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
         } else if (strcmp(option, "--count-accesses") == 0) {
             status = lapd_params_set_count_accesses(context, params, 1);
         } else if (strcmp(option, "--no-adaptive") == 0) {
-            status = lapd_params_set_adaptive(context, params, 0);
+            status = lapd_params_set_adaptive(context, params, LAPD_ADAPTIVE_OFF);
         } else if (strcmp(option, "--bind") == 0) {
             status = lapd_params_set_bind(context, params, 1);
         } else if (strcmp(option, "--curved") == 0) {
@@ -543,6 +549,7 @@ static bool parse_options(int argc, char **argv, lapd_context *context, lapd_par
                                                      "--gaussian",
                                                      "--border",
                                                      "--improve",
+                                                     "--adaptive",
                                                      "--certificate",
                                                      "--target-dihedral",
                                                      "--order"};

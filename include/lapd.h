@@ -442,6 +442,28 @@ typedef enum {
 } lapd_improve;
 
 /**
+ * What is sampled more densely than lapd_params_set_delta says, and its surroundings too, ever
+ * less so farther away.
+ */
+typedef enum {
+  /**
+   * Nothing: structures that are thinner than samples are apart may tear.
+   */
+  LAPD_ADAPTIVE_OFF = 0,
+  /**
+   * Components and layers of a label that are thinner than 4/3 of the distance of samples. What
+   * holds cubes of 32 times the smallest side of a voxel is never thin. The default.
+   */
+  LAPD_ADAPTIVE_THICKNESS = 1,
+  /**
+   * Places where the mesh turns out to differ from the image in what is connected: where labels
+   * are torn, merged, or have a hole too many or too few. Far fewer elements where samples are
+   * farther apart than structures are thick.
+   */
+  LAPD_ADAPTIVE_TOPOLOGY = 2,
+} lapd_adaptive;
+
+/**
  * What is measured on the finished mesh.
  */
 typedef enum {
@@ -2140,19 +2162,16 @@ lapd_status lapd_params_set_certificate(lapd_context *context, lapd_params *para
 lapd_status lapd_params_get_certificate(const lapd_params *params, int32_t *level);
 
 /**
- * Whether components and layers of a label that are thinner than 4/3 of the distance of samples
- * (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so
- * farther away (1, the default), or not (0). The mesh then has as many more elements as it takes
- * to keep them whole. What holds cubes of 32 times the smallest side of a voxel is never thin. No
- * other thread may use `params` or the context meanwhile.
+ * Sets what is sampled more densely than lapd_params_set_delta says, a lapd_adaptive. The mesh
+ * then has as many more elements as that takes. No other thread may use `params` or the context
+ * meanwhile.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is no lapd_adaptive.
  */
 lapd_status lapd_params_set_adaptive(lapd_context *context, lapd_params *params, int32_t adaptive);
 
 /**
- * Whether thin structures are sampled more densely, 1 or 0. Any thread, unless another one changes
- * `params`.
+ * What is sampled more densely, a lapd_adaptive. Any thread, unless another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */

@@ -556,7 +556,7 @@ class params {
     params &set_topology(const std::string &description) {
         return set(lapd_params_set_topology, description.c_str());
     }
-    params &set_adaptive(bool adaptive) {
+    params &set_adaptive(lapd_adaptive adaptive) {
         return set(lapd_params_set_adaptive, adaptive);
     }
     params &set_spacing_floor(double spacing_floor) {
@@ -661,8 +661,8 @@ class params {
     std::string topology() const {
         return value<const char *>(lapd_params_get_topology);
     }
-    bool adaptive() const {
-        return value<std::int32_t>(lapd_params_get_adaptive) != 0;
+    lapd_adaptive adaptive() const {
+        return static_cast<lapd_adaptive>(value<std::int32_t>(lapd_params_get_adaptive));
     }
     double spacing_floor() const {
         return value<double>(lapd_params_get_spacing_floor);

@@ -159,6 +159,8 @@ pub struct Monitor<'a> {
     last: AtomicUsize,
     /// Whether the system refuses memory.
     memory: Watch,
+    /// Asked besides at each look at the cancel flag.
+    also: Option<&'a (dyn Fn() -> Result<()> + Sync)>,
 }
 
 /// `ends_at` without an end.
@@ -195,7 +197,14 @@ impl<'a> Monitor<'a> {
             first: AtomicUsize::new(Step::Oracle as usize),
             last: AtomicUsize::new(Step::Done as usize),
             memory: Watch::new(),
+            also: None,
         }
+    }
+
+    /// Reports nowhere and asks `look` whenever it looks at the cancel flag: for work within a step
+    /// of another monitor, which `look` tells that the work goes on.
+    pub fn within(look: &'a (dyn Fn() -> Result<()> + Sync)) -> Self {
+        Self { also: Some(look), ..Self::silent() }
     }
 
     /// Sends log lines to `log`.
@@ -273,6 +282,9 @@ impl<'a> Monitor<'a> {
             return Err(Error::Cancelled);
         }
         self.memory.check()?;
+        if let Some(also) = self.also {
+            also()?;
+        }
         let ends_at = self.ends_at.load(Relaxed);
         if ends_at != NEVER && self.milliseconds() >= ends_at {
             return Err(Error::time_limit(f64::from_bits(self.time_limit.load(Relaxed))));

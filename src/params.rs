@@ -43,6 +43,20 @@ pub enum Algorithm {
     Lapd,
 }
 
+/// What is sampled more densely than delta.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Adaptive {
+    /// Nothing.
+    Off,
+    /// Components and layers of a label that are thinner than 4/3 delta. What holds cubes of 32
+    /// times the smallest side of a voxel is not looked at: it counts as thick whatever delta is.
+    #[default]
+    Thickness,
+    /// Places where the mesh turns out to differ from the image in what is connected: where labels
+    /// are torn or merged, have a hole too many or too few.
+    Topology,
+}
+
 /// What may be changed to remove slivers from the refined mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Improve {
@@ -83,12 +97,11 @@ pub const MAX_THREADS: usize = 254;
 pub struct MeshParams {
     /// Sample spacing on the interfaces; > 0.
     pub delta: f64,
-    /// Where a component or layer of a label is thinner than 4/3 delta, sample it more densely than
-    /// delta, and its surroundings too, ever less so farther away. What holds cubes of 32 times the
-    /// smallest side of a voxel is not looked at: it counts as thick whatever delta is.
-    pub adaptive: bool,
-    /// No spacing of samples is less than this times the smallest side of a voxel, but delta itself
-    /// may be; > 0.
+    /// What is sampled more densely than delta, and its surroundings too, ever less so farther
+    /// away.
+    pub adaptive: Adaptive,
+    /// No spacing of such samples is less than this times the smallest side of a voxel, but delta
+    /// itself may be; > 0.
     pub spacing_floor: f64,
     /// Components of a label (after merging, of voxels joined with all 26 around them) of fewer
     /// voxels than this are not meshed: they become a part of the label around them, and the report
@@ -177,7 +190,7 @@ impl Default for MeshParams {
     fn default() -> Self {
         Self {
             delta: 1.0,
-            adaptive: true,
+            adaptive: Adaptive::Thickness,
             spacing_floor: 0.5,
             min_voxels: 0,
             size: 2.0,

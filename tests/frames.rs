@@ -9,7 +9,7 @@ use lapd::Error;
 use lapd::image::{Frame, LabelImage};
 use lapd::io::read::read_image;
 use lapd::monitor::Monitor;
-use lapd::params::MeshParams;
+use lapd::params::{Adaptive, MeshParams};
 use lapd::pipeline::mesh_image;
 use random::Random;
 
@@ -61,7 +61,7 @@ fn every_frame_that_is_accepted_gives_a_sound_mesh() {
         let params = MeshParams {
             delta,
             size: 2.0 * delta,
-            adaptive: seed % 8 != 0,
+            adaptive: if seed % 8 != 0 { Adaptive::Thickness } else { Adaptive::Off },
             max_vertices: Some(200_000),
             ..MeshParams::default()
         };

@@ -10,7 +10,7 @@ use lapd::image::{Frame, GrayImage, LabelImage};
 use lapd::mesh::TetMesh;
 use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
-use lapd::params::MeshParams;
+use lapd::params::{Adaptive, MeshParams};
 use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::second_order::TET_EDGES;
 
@@ -220,7 +220,7 @@ fn the_volume_of_a_ball_converges_faster() {
     let errors: Vec<[f64; 2]> = [12.0, 6.0, 3.0]
         .map(|delta| {
             let MeshResult { report, .. } =
-                run(&image, &MeshParams { adaptive: false, ..params(delta, true) });
+                run(&image, &MeshParams { adaptive: Adaptive::Off, ..params(delta, true) });
             let flat: f64 = report.certificate.labels.iter().map(|row| row.mesh_volume).sum();
             let curved = report.second_order.curving.volume;
             [flat, curved].map(|volume| (volume / wanted - 1.0).abs())

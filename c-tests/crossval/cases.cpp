@@ -122,7 +122,7 @@ Meshing::Meshing(const std::string &name, double delta, double size, bool improv
         lapd_params_set_improve(context, made, improved ? LAPD_IMPROVE_FULL : LAPD_IMPROVE_NONE));
     // One spacing: what is thin in an atlas would make millions of tets whatever delta is, and take
     // minutes of the others' time.
-    require(lapd_params_set_adaptive(context, made, 0));
+    require(lapd_params_set_adaptive(context, made, LAPD_ADAPTIVE_OFF));
     if (name == "cube") {
         require(lapd_params_set_surface(context, made, LAPD_SURFACE_VOXEL));
     }

@@ -1,16 +1,31 @@
 //! What becomes of what is thin or small.
 
 use super::context::lapd_context;
-use super::params::{change, flag, lapd_params, read};
+use super::params::{change, lapd_params, read, unknown};
 use super::status::lapd_status;
+use crate::params::Adaptive;
 
-/// Whether components and layers of a label that are thinner than 4/3 of the distance of samples
-/// (lapd_params_set_delta) are sampled more densely, and their surroundings too, ever less so
-/// farther away (1, the default), or not (0). The mesh then has as many more elements as it takes
-/// to keep them whole. What holds cubes of 32 times the smallest side of a voxel is never thin. No
-/// other thread may use `params` or the context meanwhile.
+/// What is sampled more densely than lapd_params_set_delta says, and its surroundings too, ever
+/// less so farther away.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_adaptive {
+    /// Nothing: structures that are thinner than samples are apart may tear.
+    LAPD_ADAPTIVE_OFF = 0,
+    /// Components and layers of a label that are thinner than 4/3 of the distance of samples. What
+    /// holds cubes of 32 times the smallest side of a voxel is never thin. The default.
+    LAPD_ADAPTIVE_THICKNESS = 1,
+    /// Places where the mesh turns out to differ from the image in what is connected: where labels
+    /// are torn, merged, or have a hole too many or too few. Far fewer elements where samples are
+    /// farther apart than structures are thick.
+    LAPD_ADAPTIVE_TOPOLOGY = 2,
+}
+
+/// Sets what is sampled more densely than lapd_params_set_delta says, a lapd_adaptive. The mesh
+/// then has as many more elements as that takes. No other thread may use `params` or the context
+/// meanwhile.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is neither.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is no lapd_adaptive.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_set_adaptive(
     context: *mut lapd_context,
@@ -20,14 +35,18 @@ pub unsafe extern "C" fn lapd_params_set_adaptive(
     // SAFETY: see the module's head.
     unsafe {
         change(context, params, |p| {
-            p.adaptive = flag(adaptive, "adaptive")?;
+            p.adaptive = match adaptive {
+                a if a == lapd_adaptive::LAPD_ADAPTIVE_OFF as i32 => Adaptive::Off,
+                a if a == lapd_adaptive::LAPD_ADAPTIVE_THICKNESS as i32 => Adaptive::Thickness,
+                a if a == lapd_adaptive::LAPD_ADAPTIVE_TOPOLOGY as i32 => Adaptive::Topology,
+                _ => return Err(unknown("adaptive", "a lapd_adaptive", adaptive)),
+            };
             Ok(())
         })
     }
 }
 
-/// Whether thin structures are sampled more densely, 1 or 0. Any thread, unless another one changes
-/// `params`.
+/// What is sampled more densely, a lapd_adaptive. Any thread, unless another one changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
@@ -36,7 +55,13 @@ pub unsafe extern "C" fn lapd_params_get_adaptive(
     adaptive: *mut i32,
 ) -> lapd_status {
     // SAFETY: see the module's head.
-    unsafe { read(params, adaptive, "adaptive", |p| i32::from(p.adaptive)) }
+    unsafe {
+        read(params, adaptive, "adaptive", |p| match p.adaptive {
+            Adaptive::Off => lapd_adaptive::LAPD_ADAPTIVE_OFF as i32,
+            Adaptive::Thickness => lapd_adaptive::LAPD_ADAPTIVE_THICKNESS as i32,
+            Adaptive::Topology => lapd_adaptive::LAPD_ADAPTIVE_TOPOLOGY as i32,
+        })
+    }
 }
 
 /// Sets how close samples of thin structures come at most: this times the smallest side of a voxel;

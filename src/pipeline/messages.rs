@@ -35,6 +35,15 @@ pub(super) fn log_refinement(monitor: &Monitor<'_>, counters: &Counters, seconds
     monitor.log(Level::Info, &line);
 }
 
+pub(super) fn log_differences(monitor: &Monitor<'_>, round: usize, count: usize, goes_on: bool) {
+    let what = if goes_on { ", sampled more densely" } else { "" };
+    let line = format!(
+        "round {round}: the mesh differs from the image in what is connected at {count} \
+         places{what}"
+    );
+    monitor.log(Level::Info, &line);
+}
+
 pub(super) fn log_improvement(monitor: &Monitor<'_>, improvement: &Improvement, seconds: f64) {
     let Improvement { below_before, left, counts, .. } = improvement;
     let (operations, left) = (counts.operations(), left.len());

@@ -3,7 +3,7 @@
 //! | stage | file | from | to |
 //! |---|---|---|---|
 //! | prepare | [`prepare`] | image | oracle, sizing field |
-//! | refine | [`refine`] | these | refined mesh |
+//! | refine | [`refine`], [`adapt`] | these | refined mesh |
 //! | improve | [`improve`] | that | mesh without slivers |
 //! | finish | [`finish`] | that | quality, certificate, nodes of second order |
 //!
@@ -19,6 +19,7 @@
 //! Thread safety: any number of runs may go on at once; a run shares nothing but what it is given.
 //! Image passes run in the caller's rayon pool.
 
+pub mod adapt;
 pub mod certify;
 pub mod finish;
 pub mod improve;
@@ -38,16 +39,17 @@ use crate::improve::Improvement;
 use crate::mesh::TetMesh;
 use crate::mesh::extract::Background;
 use crate::monitor::{Level, Monitor, Step};
-use crate::params::{CertificateLevel, Improve, MeshParams};
+use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
 use crate::refine::Asked;
 use crate::refine::activity::Work;
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
-use crate::refine::options::Limits;
+use crate::refine::options::{Limits, RefineOptions};
 use crate::refine::podm::Refinement;
 use crate::refine::rules::Rules;
 use crate::second_order::SecondOrder;
 use crate::verify::{Certificate, Examined, Extent, Quality};
 use crate::{Error, Result};
+use adapt::Adapted;
 use prepare::{Prepared, Selected};
 use refine::Collected;
 
@@ -97,6 +99,9 @@ pub struct RunReport {
     pub threads: Vec<ThreadReport>,
     /// What the removal of slivers did.
     pub improvement: Improvement,
+    /// How many differences from the image in what is connected each comparison found, where
+    /// sampling follows these.
+    pub differences: Vec<u64>,
     /// The nodes of second order.
     pub second_order: SecondOrder,
     /// Shape of tets and interface facets; measured with the certificate, so nothing without one.
@@ -169,12 +174,15 @@ pub fn mesh_image(
     prepare::enter(image, monitor)?;
     let Selected { image, dropped } = prepare::select_labels(image, params, monitor)?;
     monitor.log(Level::Info, &messages::describe(&image, params));
-    let prepared = prepare::prepare(&image, params, &limits, monitor)?;
+    let mut prepared = prepare::prepare(&image, params, &limits, monitor)?;
     let seconds = watch.add_to(|seconds| &mut seconds.prepare);
     monitor.log(Level::Info, &format!("image prepared in {seconds:.2} s"));
 
     let refined = refine_and_collect(&image, &prepared, params, &limits, &mut watch, monitor)?;
-    let Refined { mut mesh, points_kept, improves, refinement, check, examined } = refined;
+    let Refined { mut mesh, points_kept, improves, refinement, adapted, check, examined } = refined;
+    if let Some(sizing) = adapted.sizing {
+        prepared.sizing = sizing;
+    }
     let Refinement { counters, work, threads, mut ended_by, .. } = refinement;
     let mut improvement = Improvement::default();
     if improves {
@@ -238,6 +246,7 @@ pub fn mesh_image(
         work,
         threads,
         improvement,
+        differences: adapted.differences,
         second_order,
         quality,
         certificate,
@@ -255,6 +264,7 @@ struct Refined {
     /// Whether the mesh is to be improved, and so has the background around the object.
     improves: bool,
     refinement: Refinement,
+    adapted: Adapted,
     check: Check,
     examined: Examined,
 }
@@ -275,8 +285,19 @@ fn refine_and_collect(
     monitor.enter(Step::Refine, 1)?;
     let triangulation = refine::triangulation_around(oracle, sizing.max())?;
     let rules = Rules::new(&triangulation, oracle, sizing, params, image.labels());
-    let options = refine::options(params, limits.clone(), by_volume as u64)?;
+    let options = RefineOptions {
+        parts: adapt::parts(params, 0),
+        ..refine::options(params, limits.clone(), by_volume as u64)?
+    };
     let mut refinement = crate::refine::refine(&rules, &options, monitor)?;
+    let mut adapted = Adapted::default();
+    if params.adaptive == Adaptive::Topology && refinement.ended_by.is_none() {
+        let triangulation = &triangulation;
+        let run = adapt::Run { image, prepared, triangulation, params, limits };
+        adapted = run.adapt(&mut refinement, monitor)?;
+    }
+    let sizing = adapted.sizing.as_ref().unwrap_or(sizing);
+    let rules = Rules::new(&triangulation, oracle, sizing, params, image.labels());
     if let Some(limit) = refinement.ended_by.take_if(|_| !params.partial) {
         return Err(limit);
     }
@@ -327,5 +348,5 @@ fn refine_and_collect(
     monitor.note_tets(check.tets);
     drop(triangulation);
     watch.add_to(|seconds| &mut seconds.certify);
-    Ok(Refined { mesh, points_kept, improves, refinement, check, examined })
+    Ok(Refined { mesh, points_kept, improves, refinement, adapted, check, examined })
 }

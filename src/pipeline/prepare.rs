@@ -98,7 +98,7 @@ pub fn prepare(
     // Side by side: where the threads have nothing to do for the one they work on the other.
     let (oracle, sizing) = rayon::join(
         || Oracle::of_rows(image, &rows, surface, &go_on),
-        || Sizing::new(image, &rows, &spacing, &go_on),
+        || Sizing::new(image, &rows, &spacing, &[], &go_on),
     );
     Ok(Prepared { oracle: oracle?, sizing: sizing?, voxels: object_voxels(image) })
 }

@@ -51,6 +51,7 @@ pub fn options(params: &MeshParams, limits: Limits, expected_tets: u64) -> Resul
     };
     Ok(RefineOptions {
         expected_tets,
+        parts: [0.0, 1.0],
         limits,
         threads: params.threads,
         contention: params.contention,

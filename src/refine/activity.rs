@@ -143,6 +143,17 @@ pub struct ThreadReport {
     pub timeline: Vec<Span>,
 }
 
+impl ThreadReport {
+    /// Adds what the thread did later.
+    pub fn add(&mut self, later: Self) {
+        self.operations.add(&later.operations);
+        self.work.add(&later.work);
+        self.overhead.add(&later.overhead);
+        self.accesses.add(&later.accesses);
+        self.timeline.extend(later.timeline);
+    }
+}
+
 impl Overhead {
     /// Adds what another thread lost.
     pub fn add(&mut self, other: &Self) {

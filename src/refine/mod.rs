@@ -36,5 +36,5 @@ pub mod team;
 pub mod unmet;
 pub mod vertex_grid;
 
-pub use podm::refine;
+pub use podm::{refine, refine_further};
 pub use unmet::{Asked, examine};

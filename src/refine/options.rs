@@ -20,6 +20,8 @@ pub struct RefineOptions {
     /// Tets expected in the end, beside those around samples of the isosurface; progress is
     /// measured against it.
     pub expected_tets: u64,
+    /// Which parts of the step are done when this begins and when it ends, for progress.
+    pub parts: [f64; 2],
     /// Where to end, whether rules still apply or not.
     pub limits: Limits,
     /// Workers; at least 1.
@@ -48,6 +50,7 @@ impl RefineOptions {
     pub fn solo() -> Self {
         Self {
             expected_tets: 1,
+            parts: [0.0, 1.0],
             limits: Limits::default(),
             threads: 1,
             contention: params::Contention::default(),

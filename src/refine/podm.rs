@@ -13,6 +13,11 @@
 //!    list; under LAPD those whose circumcenters lie in its region.
 //! 5. All work off their lists until nobody has any work.
 //!
+//! A refinement may go on ([`refine_further`]) when the sizing field has become smaller in places:
+//! these are sampled again, the samples are dealt to all workers at once, and tets with vertices
+//! there are inspected again. R3 asks for the field beside the vertices of a facet, too, so in the
+//! end all are to be inspected once more.
+//!
 //! With one worker the same steps run on the calling thread, and nothing is locked. The result of
 //! one worker is the same in every run; that of several depends on who came first.
 //!
@@ -25,18 +30,19 @@ use super::options::RefineOptions;
 use super::probe::RefineProbe;
 use super::refiner::Refiner;
 use super::rules::Rules;
-use super::sampling::{Growth, Samples, sample_isosurface};
-use super::state::State;
-use super::team::Team;
+use super::sampling::{Earlier, Growth, Samples, sample_isosurface};
+use super::state::{Resumed, State};
+use super::team::{Team, There};
 use super::unmet::LeftOver;
 use crate::delaunay::ownership::MAX_OWNERS;
 use crate::delaunay::worker::Counters;
 use crate::delaunay::{CountVisits, Locks, NoProbe, Solo, TetId, TryLock};
-use crate::memory::room;
+use crate::memory::{reserve, room};
 use crate::monitor::Monitor;
 use crate::panics;
 use crate::parallel::work_ranges::WorkRanges;
 use crate::params::MAX_THREADS;
+use crate::sizing::Sizing;
 use crate::sync::clock::{Clock, ticks};
 use crate::sync::run_together;
 use crate::{Error, Result};
@@ -61,6 +67,19 @@ pub struct Refinement {
     pub ended_by: Option<Error>,
     /// What could not be carried out.
     pub left_over: LeftOver,
+    /// Runs from its start.
+    clock: Clock,
+}
+
+/// What a refinement goes on from.
+pub struct Before<'a> {
+    /// How far apart its samples were to be: nowhere less than they are to be now.
+    pub sizing: &'a Sizing,
+    /// What was done until now.
+    pub refinement: &'a Refinement,
+    /// Whether all tets are inspected again, and not only those with vertices where the field has
+    /// become smaller.
+    pub inspects_all: bool,
 }
 
 /// Refines a triangulation of nothing but its box until no rule applies, or a limit is reached: one
@@ -74,46 +93,87 @@ pub fn refine(
     options: &RefineOptions,
     monitor: &Monitor<'_>,
 ) -> Result<Refinement> {
+    refine_from(rules, None, options, monitor)
+}
+
+/// Goes on with a refinement that no limit has ended, on the same triangulation, by `rules` whose
+/// sizing field is smaller in places. Returns what is done here alone: see [`Refinement::add`].
+///
+/// # Errors
+/// As [`refine`].
+pub fn refine_further(
+    rules: &Rules<'_>,
+    before: &Before<'_>,
+    options: &RefineOptions,
+    monitor: &Monitor<'_>,
+) -> Result<Refinement> {
+    refine_from(rules, Some(before), options, monitor)
+}
+
+fn refine_from(
+    rules: &Rules<'_>,
+    before: Option<&Before<'_>>,
+    options: &RefineOptions,
+    monitor: &Monitor<'_>,
+) -> Result<Refinement> {
     let triangulation = rules.triangulation;
     if options.count_accesses {
-        refine_with(rules, options, monitor, &|_| CountVisits::new(triangulation))
+        refine_with(rules, before, options, monitor, &|_| CountVisits::new(triangulation))
     } else {
-        refine_with(rules, options, monitor, &|_| NoProbe)
+        refine_with(rules, before, options, monitor, &|_| NoProbe)
     }
 }
 
-/// As [`refine`]; each worker tells a probe of what it does, which `probe` makes for its number.
+/// As [`refine`], or [`refine_further`]; each worker tells a probe of what it does, which `probe`
+/// makes for its number.
 ///
 /// # Errors
 /// As [`refine`].
 pub fn refine_with<P: RefineProbe>(
     rules: &Rules<'_>,
+    before: Option<&Before<'_>>,
     options: &RefineOptions,
     monitor: &Monitor<'_>,
     probe: &(impl Fn(usize) -> P + Sync),
 ) -> Result<Refinement> {
-    let clock = Clock::start();
-    let state = State::new(rules)?;
+    let clock = before.map_or_else(Clock::start, |before| before.refinement.clock);
     // Samples are the smaller part: until they are there, reports say that nothing is done.
     let go_on = || monitor.advance(0).and_then(|()| options.limits.check_time());
+    let Resumed { state, isovertices, changed } = match before {
+        None => Resumed::nothing(State::new(rules)?),
+        Some(before) => State::resumed(rules, before.sizing, || monitor.advance(0))?,
+    };
+    let earlier = before.map(|before| Earlier { sizing: before.sizing, isovertices: &isovertices });
     let growth = if lapd::divides(options) { Growth::Fourfold } else { Growth::Eightfold };
-    let samples = sample_isosurface(rules.oracle, rules.sizing, growth, go_on);
+    let samples = sample_isosurface(rules.oracle, rules.sizing, growth, earlier.as_ref(), go_on);
     let Dealt { samples, regions, work_ranges } =
-        match samples.and_then(|samples| deal(rules, options, samples, go_on)) {
+        match samples.and_then(|samples| deal(rules, before, options, samples, go_on)) {
             Err(limit) if limit.is_limit() => {
                 label_all(&state, monitor)?;
-                return Ok(Refinement::none(limit));
+                return Ok(Refinement::none(limit, clock));
             }
             dealt => dealt?,
         };
+    drop(isovertices);
     let total = samples.points.len();
-    let report_progress = |part, tets| monitor.advance_to(part, tets);
-    let team = Team::new(&state, samples.points, regions, options, &report_progress);
+    let [begin, end] = options.parts;
+    let report_progress = |part: f64, tets| monitor.advance_to(begin + (end - begin) * part, tets);
+    let there = before.map(|before| There {
+        refinement: before.refinement,
+        slots: 0..rules.triangulation.tet_bound(),
+        changed: (!before.inspects_all).then_some(changed),
+    });
+    let team = Team::new(&state, samples.points, regions, options, &report_progress, there);
     // From here on: what a worker touches first lies in its core's memory. The samples were made by
     // all threads.
     let bound = team.bind(0);
     let mut lead = Refiner::new(&team, 0, team.worker(0, Solo, probe(0)));
-    let end = if options.threads == 1 { total } else { first_for(2, &samples.rounds, total) };
+    let end = match (options.threads, before) {
+        (1, _) => total,
+        (_, None) => first_for(2, &samples.rounds, total),
+        // There is room for all.
+        (_, Some(_)) => 0,
+    };
     let mut first_samples = Some(0..end);
     // Before the triangulation takes what memory there is: what has been done is said even if that
     // was too little.
@@ -150,12 +210,31 @@ pub fn refine_with<P: RefineProbe>(
     if ended_by.is_some() {
         label_all(&state, monitor)?;
     }
-    Ok(Refinement { counters, work, threads, ended_by, left_over })
+    Ok(Refinement { counters, work, threads, ended_by, left_over, clock })
 }
 
 impl Refinement {
-    fn none(limit: Error) -> Self {
+    /// Adds what was done when it went on.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub fn add(&mut self, later: Self) -> Result<()> {
+        self.counters.add(&later.counters);
+        self.work.add(&later.work);
+        reserve(&mut self.threads, later.threads.len(), "reports of threads")?;
+        let mut reports = later.threads.into_iter();
+        self.threads.iter_mut().zip(&mut reports).for_each(|(thread, later)| thread.add(later));
+        self.threads.extend(reports);
+        self.ended_by = later.ended_by;
+        // All tets were asked again; samples that were not inserted are not offered again.
+        self.left_over.tets = later.left_over.tets;
+        self.left_over.samples += later.left_over.samples;
+        Ok(())
+    }
+
+    fn none(limit: Error, clock: Clock) -> Self {
         Self {
+            clock,
             counters: Counters::default(),
             work: Work::default(),
             threads: Vec::new(),
@@ -179,12 +258,18 @@ struct Dealt {
 /// [`Error::OutOfMemory`]; those of `go_on`.
 fn deal(
     rules: &Rules<'_>,
+    before: Option<&Before<'_>>,
     options: &RefineOptions,
     mut samples: Samples,
     go_on: impl Fn() -> Result<()>,
 ) -> Result<Dealt> {
-    let first = first_for(options.threads, &samples.rounds, samples.points.len());
-    let mut work_ranges = deal_to_some(&samples, first, options.threads);
+    let (first, mut work_ranges) = match before {
+        None => {
+            let first = first_for(options.threads, &samples.rounds, samples.points.len());
+            (first, deal_to_some(&samples, first, options.threads))
+        }
+        Some(_) => (0, Vec::new()),
+    };
     let regions = Regions::new(rules, &samples.points, options)?;
     work_ranges.extend(match &regions {
         Some(regions) => regions.deal(&mut samples, first, go_on)?,

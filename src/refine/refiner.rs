@@ -56,6 +56,13 @@ const COLLECTED: usize = 256;
 /// How often facets that R3 put off are asked again. A few rounds, so that the asking ends.
 const ROUNDS: u32 = 8;
 
+/// The part of slots that worker `me` of so many has.
+fn part_of(slots: &Range<TetId>, me: usize, workers: usize) -> Range<TetId> {
+    let count = u64::from(slots.end - slots.start);
+    let place = |n: usize| slots.start + (count * n as u64 / workers as u64) as TetId;
+    place(me)..place(me + 1)
+}
+
 /// What came of an operation that a rule asked for.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Fate {
@@ -205,6 +212,11 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                     Insertion::Done(_) => {
                         self.work.by_rule[Rule::R1 as usize] += 1;
                         at = self.worker.created()[0];
+                        // In the beginning there are only samples.
+                        if self.team.there.is_some() {
+                            self.state.near_free_vertices(p, &mut self.near);
+                            self.pel.push_removals(&self.near)?;
+                        }
                         self.after_success();
                         continue;
                     }
@@ -229,16 +241,22 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         Ok(())
     }
 
-    /// Takes the tets in the slots that this worker claimed into its list, or sends them to the
-    /// workers in whose regions they lie. While nobody operates.
+    /// Takes the tets in the slots that this worker claimed, and its part of those that were there
+    /// before, into its list, or sends them to the workers in whose regions they lie. While nobody
+    /// operates.
     pub fn collect(&mut self) -> Result<()> {
         let mut living = room(COLLECTED, "tets to collect")?;
+        let mut unlabelled: Vec<TetId> = room(COLLECTED, "tets to collect")?;
         let mut parcels: Vec<Vec<TetStamp>> = Vec::new();
         parcels.resize_with(self.team.size(), Vec::new);
         let regions = self.team.regions.as_ref();
-        // Slots of the box are nobody's claim.
-        let of_box = (self.me == 0).then(|| self.triangulation.box_slots());
-        let used: Vec<Range<TetId>> = self.worker.used_slots().chain(of_box).collect();
+        let unclaimed = match &self.team.there {
+            Some(there) => part_of(&there.slots, self.me, self.team.size()),
+            // Slots of the box are nobody's claim.
+            None if self.me == 0 => self.triangulation.box_slots(),
+            None => 0..0,
+        };
+        let used: Vec<Range<TetId>> = self.worker.used_slots().chain([unclaimed]).collect();
         for slots in used {
             self.report_and_check()?;
             self.pel.make_room(slots.len())?;
@@ -248,9 +266,20 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                     self.triangulation.prefetch_next(t);
                     self.triangulation.is_living(t)
                 }));
-                self.state.find_labels(&living);
-                self.note_labels(living.len());
-                for &t in &living {
+                // Those that there were before have labels. Their marks say that they wait in no
+                // list.
+                unlabelled.clear();
+                unlabelled.extend(living.iter().filter(|&&t| !self.rules.has_label(t)));
+                self.state.find_labels(&unlabelled);
+                self.note_labels(unlabelled.len());
+                let inspected = match self.team.there.as_ref().and_then(|t| t.changed.as_ref()) {
+                    Some(changed) => {
+                        living.retain(|&t| self.rules.has_vertex_of(t, changed));
+                        unlabelled.iter().chain(&living)
+                    }
+                    None => living.iter().chain(&[]),
+                };
+                for &t in inspected {
                     let record = self.triangulation.tet(t);
                     let owner = regions
                         .map_or(self.me, |regions| regions.worker_of(record.sphere().center));

@@ -1,17 +1,20 @@
 //! What the workers of one refinement share: the rules, the limits, the way to stop, and who waits
 //! for whom.
 
+use std::ops::Range;
+
 use crossbeam_utils::CachePadded;
 use glam::DVec3;
 
 use super::lapd::Regions;
 use super::options::{ALL_TETS_PER_SAMPLE, Limits, RefineOptions};
 use super::pel::Gift;
+use super::podm::Refinement;
 use super::rules::Rules;
 use super::state::State;
 use super::unmet::LeftOver;
 use crate::delaunay::numa::NodeId;
-use crate::delaunay::{Locks, Probe, Worker};
+use crate::delaunay::{Locks, Probe, TetId, Worker};
 use crate::parallel::begging::Begging;
 use crate::parallel::contention::Contention;
 use crate::parallel::machine::Machine;
@@ -27,11 +30,24 @@ pub(super) const PERMITS: u64 = 64;
 /// Told which part is done, and how many tets there are; an error stops the team.
 pub(super) type Report<'a> = dyn Fn(f64, u64) -> Result<()> + Sync + 'a;
 
+/// What is there when a refinement goes on.
+pub(super) struct There<'a> {
+    /// What was done.
+    pub refinement: &'a Refinement,
+    /// The slots of all tets.
+    pub slots: Range<TetId>,
+    /// The isovertices at which the sizing field has become smaller, as bits, if only tets that
+    /// have some are to be inspected again.
+    pub changed: Option<Vec<u64>>,
+}
+
 /// The team.
 pub(super) struct Team<'a> {
     pub rules: &'a Rules<'a>,
     pub state: &'a State<'a>,
     pub samples: Vec<DVec3>,
+    /// What was there before, when a refinement goes on.
+    pub there: Option<There<'a>>,
     pub keeps_timeline: bool,
     pub parking: Parking,
     pub contention: Contention,
@@ -72,8 +88,14 @@ impl<'a> Team<'a> {
         regions: Option<Regions>,
         options: &'a RefineOptions,
         report: &'a Report<'a>,
+        there: Option<There<'a>>,
     ) -> Self {
         let size = options.threads;
+        // What there is already: of the box's tets nobody keeps count.
+        let counters = there.as_ref().map(|there| there.refinement.counters).unwrap_or_default();
+        let vertices = counters.insertions.saturating_sub(counters.removals);
+        let tets = counters.created.saturating_sub(counters.destroyed);
+        let left = |max: usize| (max as u64).saturating_sub(vertices);
         let levels = match &regions {
             Some(regions) => regions.levels(),
             None => Levels::of(&options.machine, size, options.begging),
@@ -92,14 +114,13 @@ impl<'a> Team<'a> {
             report,
             expected_tets: options
                 .expected_tets
-                .saturating_add(ALL_TETS_PER_SAMPLE * samples.len() as u64),
+                .saturating_add(ALL_TETS_PER_SAMPLE * samples.len() as u64)
+                .saturating_add(tets),
             size,
             samples,
-            permits: AtomicU64::new(
-                options.limits.max_vertices.map_or(u64::MAX / 2, |max| max as u64),
-            )
-            .into(),
-            tets: CachePadded::default(),
+            there,
+            permits: AtomicU64::new(options.limits.max_vertices.map_or(u64::MAX / 2, left)).into(),
+            tets: AtomicU64::new(tets).into(),
             bytes: CachePadded::default(),
             meetings: [AtomicUsize::new(0), AtomicUsize::new(0)],
             failure: Mutex::new(None),

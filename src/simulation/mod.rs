@@ -75,7 +75,7 @@ pub fn simulate(
     probe::exchange(Some(World::new(platform, workers)));
     let ran = panics::catch(|| {
         virtual_time::run(|| {
-            let refined = refine_with(rules, options, monitor, &SimProbe::new);
+            let refined = refine_with(rules, None, options, monitor, &SimProbe::new);
             (refined, virtual_time::now())
         })
     });

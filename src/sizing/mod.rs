@@ -8,4 +8,4 @@
 pub mod field;
 pub mod thickness;
 
-pub use field::{Sizing, Spacing};
+pub use field::{Place, Sizing, Spacing};

@@ -7,7 +7,7 @@ use lapd::Error;
 use lapd::image::phantom::{ball, ball_volume, sampled};
 use lapd::image::{Frame, LabelImage, Voxels};
 use lapd::monitor::Monitor;
-use lapd::params::{MeshParams, SurfaceModel};
+use lapd::params::{Adaptive, MeshParams, SurfaceModel};
 use lapd::pipeline::{MeshResult, mesh_image};
 
 use super::{assert_sound, boundary_topology, mesh, params, run, volumes};
@@ -241,7 +241,7 @@ fn what_size_inserts_stays() {
 #[test]
 fn what_a_label_size_inserts_stays() {
     let image = two_balls();
-    for adaptive in [true, false] {
+    for adaptive in [Adaptive::Thickness, Adaptive::Topology, Adaptive::Off] {
         let plain = run(&image, &MeshParams { adaptive, ..params(2.0) });
         let sizes = BTreeMap::from([(1, 0.6)]);
         let fine = run(&image, &MeshParams { adaptive, label_sizes: sizes, ..params(2.0) });

@@ -8,7 +8,7 @@ use lapd::image::phantom::*;
 use lapd::image::{Frame, LabelImage};
 use lapd::monitor::{CancelFlag, Level, Monitor, Phase, Progress, Step};
 use lapd::oracle::Oracle;
-use lapd::params::{CertificateLevel, MeshParams, SurfaceModel};
+use lapd::params::{Adaptive, CertificateLevel, MeshParams, SurfaceModel};
 use lapd::pipeline::mesh_image;
 use lapd::pipeline::refine::triangulation_around;
 use lapd::refine::options::{Limits, RefineOptions};
@@ -184,7 +184,8 @@ fn what_is_lost_is_said_with_its_place() {
         }
     };
     let monitor = Monitor::silent().with_log(Some(&mut log));
-    mesh_image(&image.unwrap(), &MeshParams { adaptive: false, ..params(4.0) }, &monitor).unwrap();
+    mesh_image(&image.unwrap(), &MeshParams { adaptive: Adaptive::Off, ..params(4.0) }, &monitor)
+        .unwrap();
     let said = |line: &str| warnings.iter().any(|warning| warning == line);
     assert!(said("labels without a tet: 1, of 1 voxels in all; the first is 2"), "{warnings:?}");
     assert!(

@@ -4,7 +4,8 @@
 use lapd::image::LabelImage;
 use lapd::image::phantom::*;
 use lapd::monitor::Monitor;
-use lapd::params::MeshParams;
+use lapd::parallel::machine::Machine;
+use lapd::params::{Adaptive, Algorithm, MeshParams};
 use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::verify::DefectKind;
 
@@ -24,11 +25,14 @@ fn assert_same_topology(meshing: &MeshResult, what: &str) {
     }
 }
 
-/// Meshes at a delta of one voxel and of three.
+/// Meshes at a delta of one voxel and of more, sampled more densely where the image is thin, and
+/// where the mesh differs from it.
 fn keeps_its_topology(image: &LabelImage, what: &str) {
-    for delta in [1.0, 3.0] {
-        let meshing = mesh(image, &MeshParams { size: 8.0, ..params(delta) });
-        assert_same_topology(&meshing, &format!("{what} at delta {delta}"));
+    for adaptive in [Adaptive::Thickness, Adaptive::Topology] {
+        for delta in [1.0, 2.0, 3.0, 4.0] {
+            let meshing = mesh(image, &MeshParams { size: 8.0, adaptive, ..params(delta) });
+            assert_same_topology(&meshing, &format!("{what} at delta {delta}, {adaptive:?}"));
+        }
     }
 }
 
@@ -163,7 +167,7 @@ fn blocks_of_eight_voxels_have_tets() {
     assert_eq!(meshing.report.certificate.labels[0].components_image, 64);
     assert_same_topology(&meshing, "blocks");
     // Without adapting none is found.
-    let uniform = MeshParams { size: 8.0, adaptive: false, ..params(3.0) };
+    let uniform = MeshParams { size: 8.0, adaptive: Adaptive::Off, ..params(3.0) };
     let error = mesh_image(&image, &uniform, &Monitor::silent()).unwrap_err();
     assert!(error.to_string().contains("too coarse"), "{error}");
 }
@@ -190,10 +194,67 @@ fn what_is_too_small_is_left_out_and_listed() {
     assert_eq!(meshing.report.certificate.labels[1].components_image, 1);
 }
 
+/// Samples come in only where the mesh differs, and not at all where it does not.
+#[test]
+fn sampling_that_follows_topology_takes_fewer_tets() {
+    let tets = |image: &LabelImage, adaptive| {
+        let params = MeshParams { size: 8.0, adaptive, ..params(4.0) };
+        let meshing = mesh_image(image, &params, &Monitor::silent()).unwrap();
+        (meshing.mesh.tets.len(), meshing.report.differences)
+    };
+    let image = thin_sheet([140, 140, 13], [1.0; 3], 128.0, 3.0).unwrap();
+    let [(off, _), (thickness, none), (topology, found)] =
+        [Adaptive::Off, Adaptive::Thickness, Adaptive::Topology].map(|way| tets(&image, way));
+    assert!(off <= topology && 3 * topology < 2 * thickness, "{off}, {topology}, {thickness}");
+    assert_eq!((none.len(), found.last()), (0, Some(&0)), "{found:?}");
+    let image = ball([26; 3], [1.0; 3], 10.0).unwrap();
+    let [(off, _), (topology, found)] =
+        [Adaptive::Off, Adaptive::Topology].map(|way| tets(&image, way));
+    assert_eq!((off, found), (topology, vec![0]));
+}
+
+/// A limit ends the rounds as it ends the first refinement.
+#[test]
+fn limits_end_sampling_that_follows_topology() {
+    let image = comb(12).unwrap();
+    let params = MeshParams { size: 8.0, adaptive: Adaptive::Topology, ..params(3.0) };
+    let vertices = |adaptive| {
+        let whole = MeshParams { adaptive, ..params.clone() };
+        mesh_image(&image, &whole, &Monitor::silent()).unwrap().report.all_vertices as usize
+    };
+    let [first, all] = [Adaptive::Off, Adaptive::Topology].map(vertices);
+    let limit = first.midpoint(all);
+    let limited = MeshParams { max_vertices: Some(limit), ..params.clone() };
+    let error = mesh_image(&image, &limited, &Monitor::silent()).unwrap_err();
+    assert!(matches!(error, lapd::Error::LimitReached(_)), "{error}");
+    let partial = MeshParams { partial: true, ..limited };
+    let meshing = mesh_image(&image, &partial, &Monitor::silent()).unwrap();
+    assert!(meshing.ended_by.is_some());
+    assert_eq!(meshing.report.certificate.open_edges, 0);
+    assert!(meshing.report.all_vertices <= limit as u64 + 8, "{}", meshing.report.all_vertices);
+}
+
+/// On several threads, with and without regions of their own, as on one.
+#[test]
+fn sampling_follows_topology_on_any_number_of_threads() {
+    let image = comb(12).unwrap();
+    let params = MeshParams { size: 8.0, adaptive: Adaptive::Topology, ..params(3.0) };
+    let one = [0, 1].map(|_| mesh(&image, &params).mesh);
+    assert!(one[0] == one[1]);
+    for algorithm in [Algorithm::Podm, Algorithm::Lapd] {
+        let machine = Some(Machine::uniform(2, 2));
+        let several = MeshParams { threads: 4, algorithm, machine, ..params.clone() };
+        let meshing = mesh(&image, &several);
+        assert_same_topology(&meshing, &format!("the comb, 4 threads, {algorithm:?}"));
+        let tets = [&one[0], &meshing.mesh].map(|mesh| mesh.tets.len() as f64);
+        assert!((tets[0] / tets[1] - 1.0).abs() < 0.1, "{tets:?}");
+    }
+}
+
 #[test]
 fn thick_bodies_are_sampled_as_before() {
     let image = ball([26; 3], [1.0; 3], 10.0).unwrap();
     let adaptive = mesh(&image, &params(1.5));
-    let uniform = mesh(&image, &MeshParams { adaptive: false, ..params(1.5) });
+    let uniform = mesh(&image, &MeshParams { adaptive: Adaptive::Off, ..params(1.5) });
     assert!(adaptive.mesh == uniform.mesh);
 }

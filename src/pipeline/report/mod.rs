@@ -21,7 +21,7 @@ use crate::improve::{Cause, Improvement};
 use crate::io::write::Output;
 use crate::memory::room;
 use crate::monitor::CancelFlag;
-use crate::params::{Algorithm, CertificateLevel, MeshParams};
+use crate::params::{Adaptive, Algorithm, CertificateLevel, MeshParams};
 use crate::refine::activity::Work;
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
 use crate::verify::certificate::Certificate;
@@ -89,6 +89,7 @@ struct Report<'a> {
     overhead: Option<OverheadJson>,
     thread_reports: Vec<Thread>,
     quality: Option<QualityJson>,
+    topology_differences: Option<Vec<u64>>,
     improvement: Option<ImprovementJson>,
     second_order: Option<SecondOrderJson>,
     certificate: Option<CertificateJson>,
@@ -100,7 +101,7 @@ struct Report<'a> {
 }
 
 /// The names of the members of [`Report`], which nobody else may use.
-const MEMBERS: [&str; 25] = [
+const MEMBERS: [&str; 26] = [
     "version",
     "world",
     "delta",
@@ -119,6 +120,7 @@ const MEMBERS: [&str; 25] = [
     "overhead",
     "thread_reports",
     "quality",
+    "topology_differences",
     "improvement",
     "second_order",
     "certificate",
@@ -188,6 +190,9 @@ impl<'a> Report<'a> {
             overhead: params.map(|_| OverheadJson::all(&report.all_threads())),
             thread_reports: filled(&report.threads, "threads", Thread::new)?,
             quality: certificate.map(|_| QualityJson::new(&report.quality)),
+            topology_differences: params
+                .filter(|params| params.adaptive == Adaptive::Topology)
+                .map(|_| report.differences.clone()),
             improvement: params
                 .map(|_| ImprovementJson::new(&report.improvement, &mesh.labels))
                 .transpose()?,

@@ -192,6 +192,19 @@ impl<'a> Rules<'a> {
         self.triangulation
     }
 
+    /// Whether the label of a tet is known.
+    pub(super) fn has_label(&self, t: TetId) -> bool {
+        self.triangulation.tet(t).tag() != LABEL_UNKNOWN
+    }
+
+    /// Whether a tet has a vertex of a set, given as bits.
+    pub(super) fn has_vertex_of(&self, t: TetId, set: &[u64]) -> bool {
+        let has = |v: VertexId| {
+            set.get(v as usize / 64).is_some_and(|bits| bits >> (v as usize % 64) & 1 == 1)
+        };
+        self.triangulation.tet(t).vertices().into_iter().any(has)
+    }
+
     /// The label id of the tet's circumcenter: the tet's label. Of a triangulation at rest; tets
     /// that were made before the samples were complete have no tag.
     #[inline(always)]

@@ -43,6 +43,8 @@ use crate::sizing::Sizing;
 const SPACING: f64 = 0.6;
 /// The same around contacts, and narrow voxels.
 const CONTACT_SPACING: f64 = 0.5;
+/// The same of the corners of the image's box: those there already are not sampled again.
+const SAME_PLACE: f64 = 1e-9;
 /// Distance of the planes on which candidates lie, in spacings.
 const FINENESS: f64 = 0.4;
 
@@ -65,8 +67,8 @@ fn keep(points: &mut Vec<DVec3>, p: DVec3) -> Result<()> {
     Ok(())
 }
 
-/// Samples the junctions in each tile. Returns, for each, the crossings that are to be sampled
-/// before others: where dO crosses the edges from corner voxels.
+/// Samples the junctions in each tile, where samples are wanted. Returns, for each, the crossings
+/// that are to be sampled before others: where dO crosses the edges from corner voxels.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked once per row of bricks of
@@ -77,6 +79,7 @@ pub(super) fn sample_junctions(
     grid: &EdgeGrid<'_>,
     tiles: &Tiles,
     nets: &Nets<'_>,
+    is_wanted: &(impl Fn(DVec3) -> bool + Sync),
     go_on: &(impl Fn() -> Result<()> + Sync),
 ) -> Result<Vec<Vec<DVec3>>> {
     let planes =
@@ -108,14 +111,14 @@ pub(super) fn sample_junctions(
         }
         let sample = |p: DVec3, spacing: f64| if draws { drawn(oracle, p, spacing) } else { p };
         nets.offer(|tile, net| {
-            points(&found[tile]).iter().try_for_each(|&p| {
+            points(&found[tile]).iter().filter(|&&p| is_wanted(p)).try_for_each(|&p| {
                 let spacing = sizing.at(p);
                 net.offer(p, part * spacing, || sample(p, spacing))
             })
         })
     };
     // All of them: without one the mesh would not fill its corner of the image.
-    thin(0.0, |found| &found.box_corners, false)?;
+    thin(SAME_PLACE, |found| &found.box_corners, false)?;
     thin(CONTACT_SPACING, |found| &found.contacts, false)?;
     thin(CONTACT_SPACING, |found| &found.around, false)?;
     thin(SPACING, |found| &found.corners, true)?;
