@@ -58,6 +58,7 @@ expect 2 2 box.nrrd -o a.vtu --keep 1,
 expect 2 2 box.nrrd -o a.vtu --keep ''
 expect 2 2 box.nrrd -o a.vtu --keep 99999999999
 expect 2 2 box.nrrd -o a.vtu --surface round
+expect 2 2 box.nrrd -o a.vtu --adaptive sideways
 expect 2 2 box.nrrd -o a.vtu --layer-order 0,
 expect 2 2 box.nrrd -o a.vtu --layer-order=-1
 expect 2 2 box.nrrd -o a.vtu --layer-order 0 --isovalue 1
@@ -135,6 +136,8 @@ expect 0 0 box.nrrd -o k.vtu --keep 2 --report k.json --quiet
 expect 0 0 box.nrrd -o v.vtu --surface voxel --report v.json --quiet
 expect 0 0 box.nrrd -o g.vtu --background --report g.json --quiet
 expect 0 0 box.nrrd --report m.json --memory --quiet
+expect 0 0 box.nrrd --delta 4 --size 8 --adaptive topology --report topology.json --quiet
+expect 0 0 box.nrrd --delta 4 --size 8 --adaptive off --report off.json --quiet
 # The frame of the world: the same box in one that the file names, turned, and where the file names
 # none.
 phantom 'space: left-posterior-superior
@@ -232,6 +235,12 @@ peaks = [memory["memory_bytes"]["peak_" + phase] for phase in phases]
 assert 1 << 20 < peaks[0] <= peaks[1] <= peaks[2] <= peaks[3] <= memory["peak_rss_bytes"], memory
 assert memory["memory_bytes"]["read"] > 1 << 20, memory
 assert [row["label"] for row in keep["labels"]] == [2], keep["labels"]
+
+# Sampling that follows topology tells what it found, and comes to an end.
+topology, off = load("topology.json"), load("off.json")
+found = topology["topology_differences"]
+assert found and found[-1] == 0 and off["topology_differences"] is None, found
+assert all(row["euler_mesh"] == row["euler_image"] for row in topology["labels"]), topology
 assert background["all_tets"] >= background["tets"] > 0
 
 # Accesses are counted where asked for.

@@ -132,8 +132,8 @@ pub(super) fn warn_of_many([asked_for, expected]: [f64; 2], voxels: u64, monitor
     if expected > MANY_PER_VOXEL * voxels && expected > MANY_TIMES * asked_for {
         let line = format!(
             "about {expected:.1e} tets are to be expected, {:.0} for each voxel of the object: \
-             what is thin makes all around it small; a larger delta with --no-adaptive, or a \
-             larger --spacing-floor, makes fewer, unless the image itself is thin",
+             what is thin makes all around it small; a larger delta with --adaptive topology or \
+             off, or a larger --spacing-floor, makes fewer, unless the image itself is thin",
             expected / voxels
         );
         monitor.log(Level::Warning, &line);

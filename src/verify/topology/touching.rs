@@ -13,6 +13,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::boundary_surface::NonManifold;
+use super::voxel_labels::planes_of;
 use crate::Result;
 use crate::image::LabelImage;
 use crate::memory::{reserve, zeroed};
@@ -199,11 +200,6 @@ fn bounds(corners: &[DVec3; 4]) -> [DVec3; 2] {
 
 /// Whether a tet, or its planes moved out by [`AT_CONTACT`], holds a point.
 fn reaches(corners: &[DVec3; 4], p: DVec3) -> bool {
-    const FACETS: [[usize; 4]; 4] = [[1, 2, 3, 0], [0, 3, 2, 1], [0, 1, 3, 2], [0, 2, 1, 3]];
-    FACETS.iter().all(|facet| {
-        let [a, b, c, d] = facet.map(|i| corners[i]);
-        let normal = (b - a).cross(c - a);
-        let side = normal.dot(d - a).signum();
-        normal.dot(p - a) * side >= -AT_CONTACT * normal.length()
-    })
+    let planes = planes_of(corners);
+    planes.iter().all(|(normal, offset)| normal.dot(p) + offset >= -AT_CONTACT * normal.length())
 }

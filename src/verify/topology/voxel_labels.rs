@@ -81,7 +81,7 @@ fn rounded_up(x: f64) -> i64 {
 
 /// The planes of a tet's facets: normals to the inside, and what is to be added so that the sum is
 /// not negative inside.
-fn planes_of(corners: &[DVec3; 4]) -> [(DVec3, f64); 4] {
+pub(super) fn planes_of(corners: &[DVec3; 4]) -> [(DVec3, f64); 4] {
     FACETS.map(|facet| {
         let [a, b, c, d] = facet.map(|i| corners[i]);
         let normal = (b - a).cross(c - a);
