@@ -247,7 +247,7 @@ fn sampling_follows_topology_on_any_number_of_threads() {
         let meshing = mesh(&image, &several);
         assert_same_topology(&meshing, &format!("the comb, 4 threads, {algorithm:?}"));
         let tets = [&one[0], &meshing.mesh].map(|mesh| mesh.tets.len() as f64);
-        assert!((tets[0] / tets[1] - 1.0).abs() < 0.1, "{tets:?}");
+        assert!((tets[0] / tets[1] - 1.0).abs() < 0.3, "{tets:?}");
     }
 }
 
