@@ -159,7 +159,7 @@ pub fn refine_with<P: RefineProbe>(
     let [begin, end] = options.parts;
     let report_progress = |part: f64, tets| monitor.advance_to(begin + (end - begin) * part, tets);
     let there = before.map(|before| There {
-        refinement: before.refinement,
+        counters: before.refinement.counters,
         slots: 0..rules.triangulation.tet_bound(),
         changed: (!before.inspects_all).then_some(changed),
     });

@@ -9,11 +9,11 @@ use glam::DVec3;
 use super::lapd::Regions;
 use super::options::{ALL_TETS_PER_SAMPLE, Limits, RefineOptions};
 use super::pel::Gift;
-use super::podm::Refinement;
 use super::rules::Rules;
 use super::state::State;
 use super::unmet::LeftOver;
 use crate::delaunay::numa::NodeId;
+use crate::delaunay::worker::Counters;
 use crate::delaunay::{Locks, Probe, TetId, Worker};
 use crate::parallel::begging::Begging;
 use crate::parallel::contention::Contention;
@@ -31,9 +31,9 @@ pub(super) const PERMITS: u64 = 64;
 pub(super) type Report<'a> = dyn Fn(f64, u64) -> Result<()> + Sync + 'a;
 
 /// What is there when a refinement goes on.
-pub(super) struct There<'a> {
+pub(super) struct There {
     /// What was done.
-    pub refinement: &'a Refinement,
+    pub counters: Counters,
     /// The slots of all tets.
     pub slots: Range<TetId>,
     /// The isovertices at which the sizing field has become smaller, as bits, if only tets that
@@ -47,7 +47,7 @@ pub(super) struct Team<'a> {
     pub state: &'a State<'a>,
     pub samples: Vec<DVec3>,
     /// What was there before, when a refinement goes on.
-    pub there: Option<There<'a>>,
+    pub there: Option<There>,
     pub keeps_timeline: bool,
     pub parking: Parking,
     pub contention: Contention,
@@ -88,11 +88,11 @@ impl<'a> Team<'a> {
         regions: Option<Regions>,
         options: &'a RefineOptions,
         report: &'a Report<'a>,
-        there: Option<There<'a>>,
+        there: Option<There>,
     ) -> Self {
         let size = options.threads;
         // What there is already: of the box's tets nobody keeps count.
-        let counters = there.as_ref().map(|there| there.refinement.counters).unwrap_or_default();
+        let counters = there.as_ref().map(|there| there.counters).unwrap_or_default();
         let vertices = counters.insertions.saturating_sub(counters.removals);
         let tets = counters.created.saturating_sub(counters.destroyed);
         let left = |max: usize| (max as u64).saturating_sub(vertices);
