@@ -7,8 +7,8 @@
 //! `interface_7_3`, its triangles with normals from the first label to the second. An entity and
 //! its physical group have the same tag. The tag of a volume is its label. Gmsh's tags must be
 //! positive, so that labels of 0 and below (0 is the background, where it was kept) get numbers
-//! that no label has; their names tell the label. Surfaces are numbered from 1, as in all our
-//! files.
+//! that no label has; their names tell the label. Surfaces have the numbers after these: some
+//! programs take groups of equal numbers for one, whatever their dimensions.
 //!
 //! The tag of a node is its index + 1, that of a tet its index + 1, triangles are counted on from
 //! there. Version 2.2 keeps the order of the mesh. Version 4.1 has its nodes and elements by
@@ -80,20 +80,29 @@ type Nodes<'a> = dyn Fn(usize, &mut dyn FnMut(u32)) + Sync + 'a;
 const SURFACE: i32 = 2;
 const VOLUME: i32 = 3;
 
-/// The tags of labels, which are in increasing order: a positive label itself, for others, from 0
-/// downwards, the numbers after the largest label. Should these run out, the smallest numbers that
-/// no label has.
-fn label_tags(labels: &[i32]) -> Vec<i32> {
+/// The tags of volumes and surfaces: all different.
+struct Tags {
+    volumes: Vec<i32>,
+    surfaces: Vec<i32>,
+}
+
+/// The tags of labels, which are in increasing order, and of so many surfaces. A positive label has
+/// itself, others, from 0 downwards, the numbers after the largest label, and surfaces those after
+/// these. Should these run out, the smallest numbers that no label has.
+fn tags_of(labels: &[i32], surfaces: usize) -> Tags {
     let positive = labels.partition_point(|&label| label <= 0);
     let largest = labels.last().map_or(0, |&label| label.max(0));
-    let free = (largest..=i32::MAX)
+    let mut free = (largest..=i32::MAX)
         .skip(1)
         .chain(1..largest)
         .filter(|tag| labels[positive..].binary_search(tag).is_err());
-    let mut tags: Vec<i32> = free.take(positive).collect();
-    tags.reverse();
-    tags.extend_from_slice(&labels[positive..]);
-    tags
+    let mut volumes: Vec<i32> = free.by_ref().take(positive).collect();
+    volumes.reverse();
+    volumes.extend_from_slice(&labels[positive..]);
+    // In increasing order, since nodes belong to the surface of the smallest number.
+    let mut surfaces: Vec<i32> = free.take(surfaces).collect();
+    surfaces.sort_unstable();
+    Tags { volumes, surfaces }
 }
 
 /// The sections before entities and nodes.
@@ -102,7 +111,7 @@ fn write_head(
     options: &WriteOptions,
     version: &str,
     labels: &[i32],
-    tags: &[i32],
+    tags: &Tags,
     pairs: &[[i32; 2]],
 ) -> io::Result<()> {
     // The binary integer 1 tells the order of bytes.
@@ -110,10 +119,10 @@ fn write_head(
     out.write_all(&1i32.to_le_bytes())?;
     let space = options.space("$Comments\n", "\n$EndComments\n");
     write!(out, "\n$EndMeshFormat\n{space}$PhysicalNames\n{}\n", labels.len() + pairs.len())?;
-    for (number, &pair) in (1..).zip(pairs) {
-        writeln!(out, "{SURFACE} {number} \"{}\"", pair_name(pair))?;
+    for (tag, &pair) in tags.surfaces.iter().zip(pairs) {
+        writeln!(out, "{SURFACE} {tag} \"{}\"", pair_name(pair))?;
     }
-    for (tag, &label) in tags.iter().zip(labels) {
+    for (tag, &label) in tags.volumes.iter().zip(labels) {
         writeln!(out, "{VOLUME} {tag} \"{}\"", label_name(label))?;
     }
     out.write_all(b"$EndPhysicalNames\n")
@@ -133,7 +142,7 @@ pub(super) fn write_2_2(
     out: &mut Output,
 ) -> io::Result<()> {
     let (labels, pairs) = (distinct(&mesh.labels), LabelPairs::new(mesh));
-    let tags = label_tags(&labels);
+    let tags = tags_of(&labels, pairs.0.len());
     write_head(out, options, "2.2", &labels, &tags, &pairs.0)?;
     write!(out, "$Nodes\n{}\n", mesh.points.len())?;
     write_records(out, mesh.points.len(), |v, bytes| {
@@ -142,10 +151,10 @@ pub(super) fn write_2_2(
     })?;
     write!(out, "\n$EndNodes\n$Elements\n{}\n", mesh.tets.len() + mesh.facets.len())?;
     let elements = Elements::new(mesh);
-    let tag_of_tet = |t: usize| tags[labels.partition_point(|&l| l < mesh.labels[t])];
+    let tag_of_tet = |t: usize| tags.volumes[labels.partition_point(|&l| l < mesh.labels[t])];
     let tets = |t: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_tet(t, push);
     write_block_2_2(out, elements.kind_of_tets(), 0, mesh.tets.len(), &tets, tag_of_tet)?;
-    let tag_of_facet = |f: usize| pairs.number(&mesh.facet_labels[f]) as i32;
+    let tag_of_facet = |f: usize| tags.surfaces[pairs.number(&mesh.facet_labels[f]) - 1];
     let facets = |f: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_facet(f, push);
     write_block_2_2(
         out,
@@ -187,19 +196,21 @@ pub(super) fn write_4_1(
     let volumes = Groups::new(&mesh.labels).map_err(io::Error::other)?;
     let surfaces = Groups::new(&mesh.facet_labels).map_err(io::Error::other)?;
     let (labels, pairs) = (volumes.keys(), surfaces.keys());
-    let tags = label_tags(labels);
+    let tags = tags_of(labels, pairs.len());
     write_head(out, options, "4.1", labels, &tags, pairs)?;
 
     out.write_all(b"$Entities\n")?;
     write_longs(out, &[0, 0, surfaces.iter().len(), volumes.iter().len()])?;
-    for (number, (_, facets)) in (1..).zip(surfaces.iter()) {
-        write_entity(out, mesh, number, facets.iter().flat_map(|&f| mesh.nodes_of_facet(f)), &[])?;
+    for (&tag, (_, facets)) in tags.surfaces.iter().zip(surfaces.iter()) {
+        write_entity(out, mesh, tag, facets.iter().flat_map(|&f| mesh.nodes_of_facet(f)), &[])?;
     }
-    for (&tag, (label, tets)) in tags.iter().zip(volumes.iter()) {
-        let boundary: Vec<i32> = (1..)
+    for (&tag, (label, tets)) in tags.volumes.iter().zip(volumes.iter()) {
+        let boundary: Vec<i32> = tags
+            .surfaces
+            .iter()
             .zip(pairs)
             .filter(|(_, pair)| pair.contains(&label))
-            .map(|(number, pair)| if pair[0] == label { number } else { -number })
+            .map(|(&surface, pair)| if pair[0] == label { surface } else { -surface })
             .collect();
         write_entity(out, mesh, tag, tets.iter().flat_map(|&t| mesh.nodes_of_tet(t)), &boundary)?;
     }
@@ -228,17 +239,17 @@ pub(super) fn write_4_1(
     write_longs(out, &[surfaces.iter().len() + volumes.iter().len(), count, 1.min(count), count])?;
     let elements = Elements::new(mesh);
     let nodes = |f: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_facet(f, push);
-    for (number, (_, members)) in (1..).zip(surfaces.iter()) {
+    for (&tag, (_, members)) in tags.surfaces.iter().zip(surfaces.iter()) {
         write_block_4_1(
             out,
-            [SURFACE, number, elements.kind_of_facets()],
+            [SURFACE, tag, elements.kind_of_facets()],
             mesh.tets.len(),
             &nodes,
             members,
         )?;
     }
     let nodes = |t: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_tet(t, push);
-    for (&tag, (_, members)) in tags.iter().zip(volumes.iter()) {
+    for (&tag, (_, members)) in tags.volumes.iter().zip(volumes.iter()) {
         write_block_4_1(out, [VOLUME, tag, elements.kind_of_tets()], 0, &nodes, members)?;
     }
     out.write_all(b"\n$EndElements\n")
@@ -271,24 +282,23 @@ fn write_entity(
 /// [`crate::Error::OutOfMemory`].
 fn owners(
     mesh: &TetMesh,
-    tags: &[i32],
+    tags: &Tags,
     volumes: &Groups<i32>,
     surfaces: &Groups<[i32; 2]>,
 ) -> Result<Vec<[i32; 2]>> {
     // A vertex of no tet has to be somewhere as well.
-    let nowhere = [VOLUME, tags.first().copied().unwrap_or(1)];
+    let nowhere = [VOLUME, tags.volumes.first().copied().unwrap_or(1)];
     let mut owners = filled(mesh.points.len(), nowhere, "owners of vertices", || Ok(()))?;
-    for (&tag, (_, tets)) in tags.iter().zip(volumes.iter()) {
+    for (&tag, (_, tets)) in tags.volumes.iter().zip(volumes.iter()) {
         tets.iter()
             .flat_map(|&t| mesh.nodes_of_tet(t))
             .for_each(|v| owners[v as usize] = [VOLUME, tag]);
     }
-    for (i, (_, facets)) in surfaces.iter().enumerate().rev() {
-        let number = i as i32 + 1;
+    for (&tag, (_, facets)) in tags.surfaces.iter().zip(surfaces.iter()).rev() {
         facets
             .iter()
             .flat_map(|&f| mesh.nodes_of_facet(f))
-            .for_each(|v| owners[v as usize] = [SURFACE, number]);
+            .for_each(|v| owners[v as usize] = [SURFACE, tag]);
     }
     Ok(owners)
 }
@@ -337,11 +347,17 @@ mod tests {
 
     #[test]
     fn tags_are_positive_and_differ() {
-        assert!(label_tags(&[]).is_empty());
-        assert_eq!(label_tags(&[1, 5, 900_000]), [1, 5, 900_000]);
-        assert_eq!(label_tags(&[-7, -2, 0, 3, 9]), [12, 11, 10, 3, 9]);
-        assert_eq!(label_tags(&[i32::MIN, -1, 0]), [3, 2, 1]);
-        assert_eq!(label_tags(&[-3, 0, 1, 2, 4, i32::MAX]), [5, 3, 1, 2, 4, i32::MAX]);
-        assert_eq!(label_tags(&[-1, 0, i32::MAX - 1]), [1, i32::MAX, i32::MAX - 1]);
+        let tags = |labels: &[i32]| {
+            let Tags { volumes, surfaces } = tags_of(labels, 2);
+            (volumes, surfaces)
+        };
+        assert_eq!(tags(&[]), (vec![], vec![1, 2]));
+        assert_eq!(tags(&[1, 5, 900_000]), (vec![1, 5, 900_000], vec![900_001, 900_002]));
+        assert_eq!(tags(&[-7, -2, 0, 3, 9]), (vec![12, 11, 10, 3, 9], vec![13, 14]));
+        assert_eq!(tags(&[i32::MIN, -1, 0]), (vec![3, 2, 1], vec![4, 5]));
+        let max = i32::MAX;
+        assert_eq!(tags(&[-3, 0, 1, 2, 4, max]), (vec![5, 3, 1, 2, 4, max], vec![6, 7]));
+        assert_eq!(tags(&[max - 1]), (vec![max - 1], vec![1, max]));
+        assert_eq!(tags(&[-1, 0, max - 1]), (vec![1, max, max - 1], vec![2, 3]));
     }
 }

@@ -18,7 +18,7 @@
 //! are `label_7` for a label and `interface_7_-2` for the pair of 7 and -2. Labels may be any
 //! 32-bit integers. Only Gmsh's tags must be positive: there the tag of a positive label is the
 //! label, labels of 0 and below get the numbers after the largest label, 0 first, then -1 and so
-//! on, and the names of the physical groups tell which label it is.
+//! on, pairs the numbers after these, and the names of the physical groups tell what it is.
 //!
 //! Meshes of second order go to `.vtu`, `.vtk`, `.mesh`, `.msh`, `.msh2`, `.inp`, with all nodes of
 //! tets and facets; the nodes on edges come in the order of [`MidNodes`](crate::mesh::MidNodes) but
