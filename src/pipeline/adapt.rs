@@ -245,6 +245,9 @@ impl<'a> Places<'a> {
         now: f64,
         round: usize,
     ) -> Option<Place> {
+        if self.floor >= self.spacing.delta {
+            return None;
+        }
         let is_at_floor = now <= AT_FLOOR * self.floor;
         let closer = (CLOSER * now).max(self.floor);
         match kind {
