@@ -56,7 +56,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::geometry::measures::dihedral_angles;
-use crate::memory::{reserve, zeroed};
+use crate::memory::{concatenated, reserve, zeroed};
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
@@ -207,11 +207,7 @@ fn below(
         }
         Ok(found)
     });
-    let chunks: Vec<Vec<u32>> = chunks.collect::<Result<_>>()?;
-    let mut all = Vec::new();
-    reserve(&mut all, chunks.iter().map(Vec::len).sum(), "tets to be improved")?;
-    chunks.into_iter().for_each(|found| all.extend(found));
-    Ok(all)
+    concatenated(chunks.collect::<Result<_>>()?, "tets to be improved")
 }
 
 /// What is to be told of those of the tets `left` that have angles beyond the target.

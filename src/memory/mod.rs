@@ -95,6 +95,16 @@ pub fn collected<T>(
     Ok(all)
 }
 
+/// The values of several lists, one after the other, counted as `what`.
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+pub fn concatenated<T>(lists: Vec<Vec<T>>, what: &'static str) -> Result<Vec<T>> {
+    let mut all = room(lists.iter().map(Vec::len).sum(), what)?;
+    lists.into_iter().for_each(|list| all.extend(list));
+    Ok(all)
+}
+
 /// A copy of a text, counted by its bytes as `what`.
 ///
 /// # Errors

@@ -32,7 +32,7 @@ use crate::memory::reserve;
 use crate::mesh::extract::Background;
 use crate::monitor::Monitor;
 use crate::params::{Adaptive, MeshParams};
-use crate::refine::options::{Limits, RefineOptions};
+use crate::refine::options::Limits;
 use crate::refine::podm::{Before, Refinement};
 use crate::refine::refine_further;
 use crate::refine::rules::Rules;
@@ -136,8 +136,9 @@ impl Run<'_> {
         let quiet = Monitor::within(&look);
         let region = Region::new(image, &look)?;
         self.check_memory(&region)?;
-        let differences = Differences::new(image, &prepared.oracle, &quiet)?;
+        let differences = Differences::new(image, region, &prepared.oracle, &quiet)?;
         let mut places = Places::new(image, params);
+        let mut how = options(params, limits.clone(), 0)?;
         for round in 1..=ROUNDS {
             let sizing = adapted.sizing.as_ref().unwrap_or(&prepared.sizing);
             let found = self.compare(&differences, sizing, &quiet)?;
@@ -150,13 +151,9 @@ impl Run<'_> {
             let rows = Rows::new(image, region, &look)?;
             let denser = Sizing::new(image, &rows, &places.spacing, &places.list, &look)?;
             drop(rows);
-            let rules = self.rules(&denser);
-            let how = RefineOptions {
-                parts: parts(params, round),
-                ..options(params, limits.clone(), 0)?
-            };
+            how.parts = parts(params, round);
             let before = Before { sizing, refinement, inspects_all: false };
-            let later = refine_further(&rules, &before, &how, monitor)?;
+            let later = refine_further(&self.rules(&denser), &before, &how, monitor)?;
             refinement.add(later)?;
             adapted.sizing = Some(denser);
             if refinement.ended_by.is_some() {
@@ -166,7 +163,7 @@ impl Run<'_> {
         }
         match &adapted.sizing {
             Some(sizing) if refinement.ended_by.is_none() => {
-                let how = RefineOptions { parts: [1.0; 2], ..options(params, limits.clone(), 0)? };
+                how.parts = [1.0; 2];
                 let before = Before { sizing, refinement, inspects_all: true };
                 let later = refine_further(&self.rules(sizing), &before, &how, monitor)?;
                 refinement.add(later)

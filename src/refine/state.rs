@@ -10,7 +10,6 @@ use rayon::prelude::*;
 
 use super::cell_table::MAX_HEADS;
 use super::rules::{ISOVERTEX, Rules};
-use super::sampling::SAME_SPACING;
 use super::vertex_grid::VertexGrid;
 use crate::Result;
 use crate::delaunay::worker::MARKS;
@@ -82,7 +81,7 @@ impl<'a> State<'a> {
                     ISOVERTEX => {
                         reserve(&mut isovertices, 1, "isovertices")?;
                         isovertices.push(p);
-                        if rules.sizing.at(p) < SAME_SPACING * before.at(p) {
+                        if rules.sizing.is_below(before, p) {
                             changed[(v % PIECE) as usize / 64] |= 1_u64 << (v % 64);
                         }
                         state.note_vertex(v, p, kind)?;

@@ -44,6 +44,9 @@ const GRADING: f64 = 0.4;
 /// a tenth more tets, and no fewer differences from the image (docs/notes/sampling.md).
 const PLACE_GRADING: f64 = 0.6;
 
+/// Distances that differ by a smaller part are the same: two fields count in different steps.
+const SAME: f64 = 0.999;
+
 /// Levels between the floor and delta.
 const LEVELS: u8 = u8::MAX;
 
@@ -225,6 +228,12 @@ impl Sizing {
     #[inline(always)]
     pub fn at(&self, p: DVec3) -> f64 {
         self.min + self.step * f64::from(self.level(p))
+    }
+
+    /// Whether the distance at `p` is less than that of another field.
+    #[inline]
+    pub fn is_below(&self, other: &Self, p: DVec3) -> bool {
+        self.at(p) < SAME * other.at(p)
     }
 
     /// The distance of samples in each cell of the oracle that is made from the same image.

@@ -85,16 +85,6 @@ pub struct Earlier<'a> {
     pub isovertices: &'a [DVec3],
 }
 
-impl Earlier<'_> {
-    /// Whether samples about `p` are to be closer by `sizing` than they were.
-    fn is_sparser(&self, sizing: &Sizing, p: DVec3) -> bool {
-        sizing.at(p) < SAME_SPACING * self.sizing.at(p)
-    }
-}
-
-/// Spacings that differ by a smaller part are the same: two fields count in different steps.
-pub(super) const SAME_SPACING: f64 = 0.999;
-
 /// Isovertices that are passed over at once where a box around them is out of reach: those that
 /// come one after the other were mostly inserted near each other.
 const BOXED: usize = 256;
@@ -138,7 +128,7 @@ pub fn sample_isosurface(
     let grid = oracle.edge_grid(&sizing.palette());
     let tiles = grid.tiles(2.0 * delta);
     let nets = Nets::new(delta, &tiles, earlier)?;
-    let is_wanted = |p: DVec3| earlier.is_none_or(|earlier| earlier.is_sparser(sizing, p));
+    let is_wanted = |p: DVec3| earlier.is_none_or(|earlier| sizing.is_below(earlier.sizing, p));
     let corner_voxels = sample_junctions(oracle, sizing, &grid, &tiles, &nets, &is_wanted, &go_on)?;
     nets.offer(|tile, net| {
         let mut corners = corner_voxels[tile].iter().filter(|&&p| is_wanted(p));

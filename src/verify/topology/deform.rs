@@ -19,7 +19,7 @@ use std::collections::VecDeque;
 use rayon::prelude::*;
 
 use super::simple::is_simple;
-use crate::memory::{reserve, zeroed};
+use crate::memory::{concatenated, reserve, zeroed};
 use crate::{Error, Result};
 
 /// Voxels that are compared at once, and steps between two looks at the cancel flag.
@@ -94,13 +94,7 @@ impl Labellings<'_> {
             }
             Ok(differing)
         });
-        let pieces: Vec<Vec<usize>> = pieces.collect::<Result<_>>()?;
-        let mut all = Vec::new();
-        for piece in pieces {
-            reserve(&mut all, piece.len(), "voxels that differ")?;
-            all.extend(piece);
-        }
-        Ok(all)
+        concatenated(pieces.collect::<Result<_>>()?, "voxels that differ")
     }
 
     /// What is noted when a voxel that differs has done its step for a label.

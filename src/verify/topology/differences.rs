@@ -59,12 +59,16 @@ pub struct Differences<'a> {
 }
 
 impl<'a> Differences<'a> {
-    /// For meshes of `image`.
+    /// For meshes of `image`, whose object lies in `region`.
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
-    pub fn new(image: &'a LabelImage, oracle: &Oracle, monitor: &Monitor<'_>) -> Result<Self> {
-        let region = Region::new(image, &|| monitor.check_cancelled())?;
+    pub fn new(
+        image: &'a LabelImage,
+        region: Region,
+        oracle: &Oracle,
+        monitor: &Monitor<'_>,
+    ) -> Result<Self> {
         let [nx, ny, nz] = region.dims;
         let mut ids: Vec<u16> = zeroed(nx * ny * nz, "voxels of the region")?;
         let [wide, high, _] = image.dims();

@@ -13,16 +13,13 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::boundary_surface::NonManifold;
-use super::voxel_labels::planes_of;
+use super::voxel_labels::{bounds, planes_of, visit_tets};
 use crate::Result;
 use crate::image::LabelImage;
-use crate::memory::{reserve, zeroed};
+use crate::memory::{concatenated, reserve, zeroed};
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
-
-/// Tets of one piece of work.
-const CHUNK: usize = 1 << 12;
 
 /// Vertices on contacts are this far from them at most, in voxels: the oracle moves them by 0.02
 /// along each axis.
@@ -71,12 +68,7 @@ impl Contacts {
             })?;
             Ok(joins)
         });
-        let rows: Vec<Vec<Join>> = rows.collect::<Result<_>>()?;
-        let mut joins = Vec::new();
-        for row in rows {
-            reserve(&mut joins, row.len(), "contacts")?;
-            joins.extend(row);
-        }
+        let mut joins: Vec<Join> = concatenated(rows.collect::<Result<_>>()?, "contacts")?;
         joins.par_sort_by_key(|join| join.cell);
         let count = dims.iter().product::<usize>();
         let mut cells = zeroed::<u64>(count.div_ceil(64), "cells of the image")?;
@@ -119,23 +111,14 @@ impl Contacts {
             return Ok(Vec::new());
         }
         let reached: Vec<AtomicBool> = zeroed(self.joins.len(), "contacts")?;
-        mesh.tets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, tets)| {
-            monitor.advance(tets.len())?;
-            for (tet, &label) in tets.iter().zip(&mesh.labels[chunk * CHUNK..]) {
-                let id = image.id_of(label).unwrap_or(0);
-                if id == 0 {
-                    continue;
+        visit_tets(mesh, image, monitor, |id, corners| {
+            let [low, high] = bounds(&corners);
+            self.visit(low - AT_CONTACT, high + AT_CONTACT, |n, join| {
+                // Relaxed: read when all is done.
+                if join.id == id && reaches(&corners, join.index) {
+                    reached[n].store(true, Relaxed);
                 }
-                let corners = tet.map(|v| image.frame().to_index(mesh.point(v)));
-                let [low, high] = bounds(&corners);
-                self.visit(low - AT_CONTACT, high + AT_CONTACT, |n, join| {
-                    // Relaxed: read when all is done.
-                    if join.id == id && reaches(&corners, join.index) {
-                        reached[n].store(true, Relaxed);
-                    }
-                });
-            }
-            Ok(())
+            });
         })?;
         let open = self.joins.iter().zip(&reached).filter(|(_, reached)| !reached.load(Relaxed));
         Ok(open.map(|(join, _)| join.index).collect())
@@ -191,11 +174,6 @@ fn cell_of(index: DVec3, dims: [usize; 3]) -> Option<u64> {
     let inside = (0..3).all(|a| at[a] >= 0.0 && at[a] < dims[a] as f64);
     let [x, y, z] = at.to_array().map(|c| c as u64);
     inside.then_some(x + dims[0] as u64 * (y + dims[1] as u64 * z))
-}
-
-fn bounds(corners: &[DVec3; 4]) -> [DVec3; 2] {
-    let [a, b, c, d] = *corners;
-    [a.min(b).min(c).min(d), a.max(b).max(c).max(d)]
 }
 
 /// Whether a tet, or its planes moved out by [`AT_CONTACT`], holds a point.

@@ -38,39 +38,58 @@ pub(super) fn labels_at_voxels(
     let first = DVec3::from(region.first.map(|c| c as f64));
     let last = DVec3::from(region.dims.map(|n| (n - 1) as f64));
     let found: Vec<AtomicU16> = zeroed(nx * ny * nz, "voxels of the region")?;
-    mesh.tets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, tets)| {
-        monitor.advance(tets.len())?;
-        for (tet, &label) in tets.iter().zip(&mesh.labels[chunk * CHUNK..]) {
-            let id = image.id_of(label).unwrap_or(0);
-            if id == 0 {
-                continue;
-            }
-            let corners = tet.map(|v| image.frame().to_index(mesh.point(v)) - first);
-            let low = corners.iter().fold(last + 1.0, |low, &p| low.min(p));
-            let high = corners.iter().fold(DVec3::splat(-1.0), |high, &p| high.max(p));
-            // Most tets are smaller than a voxel, or a few, and hold no centre.
-            let (low, high) = (low.max(DVec3::ZERO), high.min(last));
-            let [from, to] = [low.to_array().map(rounded_up), high.to_array().map(|c| c as i64)];
-            if (0..3).any(|a| from[a] > to[a]) {
-                continue;
-            }
-            let planes = planes_of(&corners);
-            for z in from[2] as usize..=to[2] as usize {
-                for y in from[1] as usize..=to[1] as usize {
-                    let row = DVec3::new(0.0, y as f64, z as f64);
-                    let clipped = clipped(&planes, row, from[0] as f64, to[0] as f64);
-                    if let Some((from, to)) = clipped {
-                        // Relaxed: read when all is done.
-                        found[nx * (y + ny * z)..][from..=to]
-                            .iter()
-                            .for_each(|voxel| _ = voxel.fetch_max(id, Relaxed));
-                    }
+    visit_tets(mesh, image, monitor, |id, corners| {
+        let corners = corners.map(|p| p - first);
+        // Most tets are smaller than a voxel, or a few, and hold no centre.
+        let [low, high] = bounds(&corners);
+        let (low, high) = (low.max(DVec3::ZERO), high.min(last));
+        let [from, to] = [low.to_array().map(rounded_up), high.to_array().map(|c| c as i64)];
+        if (0..3).any(|a| from[a] > to[a]) {
+            return;
+        }
+        let planes = planes_of(&corners);
+        for z in from[2] as usize..=to[2] as usize {
+            for y in from[1] as usize..=to[1] as usize {
+                let row = DVec3::new(0.0, y as f64, z as f64);
+                let clipped = clipped(&planes, row, from[0] as f64, to[0] as f64);
+                if let Some((from, to)) = clipped {
+                    // Relaxed: read when all is done.
+                    found[nx * (y + ny * z)..][from..=to]
+                        .iter()
+                        .for_each(|voxel| _ = voxel.fetch_max(id, Relaxed));
                 }
             }
         }
-        Ok(())
     })?;
     Ok(found.into_iter().map(AtomicU16::into_inner).collect())
+}
+
+/// Calls `visit` for each tet whose label is not 0: the label's id, and the corners in voxels of
+/// the image.
+///
+/// # Errors
+/// [`Cancelled`](crate::Error::Cancelled).
+pub(super) fn visit_tets(
+    mesh: &TetMesh,
+    image: &LabelImage,
+    monitor: &Monitor<'_>,
+    visit: impl Fn(u16, [DVec3; 4]) + Sync,
+) -> Result<()> {
+    mesh.tets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, tets)| {
+        monitor.advance(tets.len())?;
+        for (tet, &label) in tets.iter().zip(&mesh.labels[chunk * CHUNK..]) {
+            if let Some(id) = image.id_of(label).filter(|&id| id != 0) {
+                visit(id, tet.map(|v| image.frame().to_index(mesh.point(v))));
+            }
+        }
+        Ok(())
+    })
+}
+
+/// The corners of the box around a tet.
+pub(super) fn bounds(corners: &[DVec3; 4]) -> [DVec3; 2] {
+    let [a, b, c, d] = *corners;
+    [a.min(b).min(c).min(d), a.max(b).max(c).max(d)]
 }
 
 /// The least whole number that is not below one that is not negative.
