@@ -34,7 +34,7 @@ stl = meshio.read(folder / "small.stl")
 assert np.array_equal(stl.points[stl.cells_dict["triangle"]], POINTS.astype(np.float32)[FACETS])
 
 # Version 2.2 keeps the order of the mesh; version 4.1 and Abaqus have tets by label. Tags of Gmsh
-# are positive.
+# are positive, and those of surfaces come after those of volumes.
 TAGS = {7: 7, -2: 9, 0: 8}
 for name in ["small.msh", "small.msh2", "small.inp"]:
     mesh = meshio.read(folder / name, file_format="abaqus" if name.endswith("inp") else "gmsh")
@@ -54,9 +54,14 @@ for name in ["small.msh", "small.msh2", "small.inp"]:
         facets = np.take(vertices, mesh.cells_dict["triangle"])
         order = np.arange(7) if name == "small.msh2" else np.argsort(PAIRS, kind="stable")
         assert np.array_equal(facets, FACETS[order]), name
-        assert np.array_equal(mesh.cell_data_dict["gmsh:physical"]["triangle"], PAIRS[order]), name
+        surfaces = max(TAGS.values()) + PAIRS[order]
+        assert np.array_equal(mesh.cell_data_dict["gmsh:physical"]["triangle"], surfaces), name
         names = {key: value.tolist() for key, value in mesh.field_data.items()}
-        interfaces = {"interface_0_-2": [1, 2], "interface_7_-2": [2, 2], "interface_7_0": [3, 2]}
+        interfaces = {
+            "interface_0_-2": [10, 2],
+            "interface_7_-2": [11, 2],
+            "interface_7_0": [12, 2],
+        }
         assert names == {
             "label_7": [7, 3],
             "label_-2": [9, 3],
