@@ -18,6 +18,7 @@ BEGIN {
     allowed["lapd_image_create_level_sets strides"]
     allowed["lapd_image_create_level_sets direction"]
     allowed["lapd_image_read_labels layer_order"]
+    allowed["lapd_mesh_write_with options"]
     allowed["lapd_mesh_write_report extra"]
     allowed["lapd_image_read_gray labels"]
     allowed["lapd_image_read_probabilities labels"]
@@ -39,7 +40,7 @@ function may_be_null(name, type, parameter) {
 function valid(type, parameter,    base) {
     base = type
     sub(/^const /, "", base)
-    if (base ~ /^lapd_(context|image|params|mesh) \*$/) {
+    if (base ~ /^lapd_(context|image|params|mesh|write_options) \*$/) {
         sub(/^lapd_/, "", base)
         sub(/ \*$/, "", base)
         return base

@@ -160,7 +160,9 @@ static size_t check_facets(const arrays *a) {
     size_t wrong = 0;
     for (size_t f = 0; f < a->facet_count; f++) {
         const uint32_t *facet = a->facets + 3 * f;
-        wrong += a->facet_labels[2 * f] <= a->facet_labels[2 * f + 1];
+        /* The smaller label first, the background last. */
+        const int32_t first = a->facet_labels[2 * f], second = a->facet_labels[2 * f + 1];
+        wrong += first == 0 || (second != 0 && first >= second);
         wrong += a->facet_tets[2 * f] == LAPD_NO_TET && a->facet_tets[2 * f + 1] == LAPD_NO_TET;
         for (int side = 0; side < 2; side++) {
             uint32_t t = a->facet_tets[2 * f + side];

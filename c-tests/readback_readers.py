@@ -20,25 +20,46 @@ class Seen:
     tets: np.ndarray | None = None
     labels: np.ndarray | None = None
     facets: np.ndarray | None = None
-    pairs: np.ndarray | None = None  # two labels per facet
+    pairs: np.ndarray | None = None  # two labels per facet, and the wall it lies on
     volumes: np.ndarray | None = None  # signed, as computed by the reader
     in_order: bool = True  # points and elements stand in the order of the mesh
 
 
+WALLS = [f"wall_{axis}_{side}" for axis in "xyz" for side in ("min", "max")]
+
+
 def pairs_in_comments(path):
-    """The pairs of labels that "# facets 4: labels 7 3" lists, by number from 1."""
-    lines = re.findall(r"^# facets (\d+): labels (-?\d+) (-?\d+)$", path.read_text(), re.MULTILINE)
+    """What "# facets 4: labels 3 7 label_3__label_7" lists, by number from 1."""
+    lines = re.findall(
+        r"^# facets (\d+): labels (-?\d+) (-?\d+) (\S+)$", path.read_text(), re.MULTILINE
+    )
     assert [int(line[0]) for line in lines] == list(range(1, len(lines) + 1)), lines
-    return np.array([[int(line[1]), int(line[2])] for line in lines])
+    pairs = [pair_of(line[3]) for line in lines]
+    assert [pair[:2] for pair in pairs] == [[int(line[1]), int(line[2])] for line in lines]
+    return np.array(pairs)
 
 
 def label_of(name):
-    return int(re.fullmatch(r"label_(-?\d+)", name)[1])
+    return 0 if name == "background" else int(re.fullmatch(r"label_(-?\d+)", name)[1])
 
 
 def pair_of(name):
-    match = re.fullmatch(r"interface_(-?\d+)_(-?\d+)", name)
-    return [int(match[1]), int(match[2])]
+    """The two labels and the wall of a boundary, a lapd_wall."""
+    first, second = name.split("__")
+    if second in WALLS:
+        return [label_of(first), 0, WALLS.index(second) + 1]
+    return [label_of(first), label_of(second), 0]
+
+
+def name_of(pair):
+    """The name of a boundary."""
+    first, second, wall = pair
+    other = WALLS[wall - 1] if wall else f"label_{second}" if second else "background"
+    return f"label_{first}__{other}"
+
+
+def region_name(label):
+    return f"label_{label}" if label else "background"
 
 
 # ---- meshio ----
@@ -53,9 +74,19 @@ def meshio_volume(path):
     # TetGen: meshio's name for the first attribute.
     name = "label" if path.suffix in (".vtu", ".vtk") else "tetgen:ref"
     assert next(iter(mesh.cell_data)) == name, mesh.cell_data
-    assert [block.type for block in mesh.cells] == ["tetra"]
     seen = Seen(mesh.points, mesh.cells[0].data, np.ravel(mesh.cell_data[name][0]))
-    if path.suffix == ".node":
+    if path.suffix != ".node":
+        assert [block.type for block in mesh.cells] == ["tetra", "triangle"]
+        seen.facets = mesh.cells[1].data
+        sides, numbers = (mesh.cell_data[key][1] for key in ("BoundaryLabels", "boundary"))
+        walls = np.zeros(len(sides), dtype=np.int64)
+        # meshio leaves the field data of .vtk out, and with them the names.
+        for key, value in mesh.field_data.items():
+            if key != "SPACE" and value[1] == 2:
+                walls[np.ravel(numbers) == value[0]] = pair_of(key)[2]
+        seen.pairs = np.column_stack([sides, walls] if path.suffix == ".vtu" else [sides])
+    else:
+        assert [block.type for block in mesh.cells] == ["tetra"]
         # meshio leaves the .face file alone. Columns: number, vertices, marker.
         rows = np.loadtxt(
             path.with_suffix(".face"), dtype=np.int64, skiprows=1, comments="#", ndmin=2
@@ -138,16 +169,11 @@ def meshio_abaqus(path):
     label_by_number[numbers] = labels
     facets, pairs = [], []
     for name, rows in sides.items():
-        first_label, second_label = pair_of(name)
+        pair = pair_of(name)
         for number, side in rows:
-            facet = by_number[int(number)][corners[side]]
-            # Of the second label where the first is background that was not kept.
-            inside = label_by_number[int(number)]
-            assert inside == first_label or (
-                inside == second_label and first_label == 0 and 0 not in labels
-            )
-            facets.append(facet if inside == first_label else facet[::-1])
-            pairs.append([first_label, second_label])
+            assert label_by_number[int(number)] == pair[0]
+            facets.append(by_number[int(number)][corners[side]])
+            pairs.append(pair)
     return Seen(mesh.points, tets, labels, np.array(facets), np.array(pairs), in_order=False)
 
 
@@ -174,17 +200,37 @@ def vtk_volume(path):
     reader.SetFileName(str(path))
     reader.Update()
     grid = reader.GetOutput()
-    assert set(vtk_to_numpy(grid.GetCellTypes())) == {vtk.VTK_TETRA}
+    kinds = vtk_to_numpy(grid.GetCellTypes())
+    tets = int((kinds == vtk.VTK_TETRA).sum())
+    assert (kinds[:tets] == vtk.VTK_TETRA).all() and (kinds[tets:] == vtk.VTK_TRIANGLE).all()
     assert grid.GetCellData().GetScalars().GetName() == "label"
     quality = vtk.vtkMeshQuality()
     quality.SetInputData(grid)
     quality.SetTetQualityMeasureToVolume()
     quality.Update()
+    nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray())
+    cells, field = grid.GetCellData(), grid.GetFieldData()
+    names = [field.GetArrayName(i) for i in range(field.GetNumberOfArrays())]
+    numbers = {name: vtk_to_numpy(field.GetArray(name)).ravel() for name in names}
+    boundaries = {
+        int(numbers[name][0]): pair_of(name) for name in names if list(numbers[name])[1:] == [2]
+    }
+    labels = vtk_to_numpy(cells.GetArray("label"))
+    for name in names:
+        if list(numbers[name])[1:] == [3]:
+            assert label_of(name) in labels[:tets]
+    sides = vtk_to_numpy(cells.GetArray("BoundaryLabels"))
+    assert (sides[:tets] == labels[:tets, None]).all()
+    assert (sides[tets:, 0] == labels[tets:]).all()
+    pairs = translate(vtk_to_numpy(cells.GetArray("boundary"))[tets:], boundaries)
+    assert np.array_equal(pairs[:, :2], sides[tets:])
     return Seen(
         vtk_to_numpy(grid.GetPoints().GetData()),
-        vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 4),
-        vtk_to_numpy(grid.GetCellData().GetArray("label")),
-        volumes=vtk_to_numpy(quality.GetOutput().GetCellData().GetArray("Quality")),
+        nodes[: 4 * tets].reshape(-1, 4),
+        labels[:tets],
+        nodes[4 * tets :].reshape(-1, 3),
+        pairs,
+        volumes=vtk_to_numpy(quality.GetOutput().GetCellData().GetArray("Quality"))[:tets],
     )
 
 

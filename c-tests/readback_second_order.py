@@ -30,8 +30,11 @@ def vtk_volume(path):
     reader.SetFileName(str(path))
     reader.Update()
     grid = reader.GetOutput()
-    assert set(vtk_to_numpy(grid.GetCellTypes())) == {vtk.VTK_QUADRATIC_TETRA}
-    cells = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 10)
+    kinds = vtk_to_numpy(grid.GetCellTypes())
+    tets = int((kinds == vtk.VTK_QUADRATIC_TETRA).sum())
+    assert (kinds[tets:] == vtk.VTK_QUADRATIC_TRIANGLE).all()
+    nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray())
+    cells, facets = nodes[: 10 * tets].reshape(-1, 10), nodes[10 * tets :].reshape(-1, 6)
     points = vtk_to_numpy(grid.GetPoints().GetData())
     # VTK tells which nodes an edge has: its ends, and one that is near their middle.
     for t in range(0, len(cells), 97):
@@ -40,15 +43,18 @@ def vtk_volume(path):
             a, b, node = (points[edge.GetId(i)] for i in range(3))
             off, length = np.linalg.norm(node - (a + b) / 2), np.linalg.norm(b - a)
             assert off <= 0.25 * length, f"order of nodes in tet {t}"
-    return Nodes(points, cells, vtk_to_numpy(grid.GetCellData().GetArray("label")))
+    labels = vtk_to_numpy(grid.GetCellData().GetArray("label"))[:tets]
+    return Nodes(points, cells, labels, facets)
 
 
 def meshio_volume(path):
     import meshio
 
     mesh = meshio.read(path)
-    assert {block.type for block in mesh.cells} == {"tetra10"}
-    tets = np.concatenate([block.data for block in mesh.cells])
+    # Abaqus files have surfaces, not triangles.
+    facets = set() if path.suffix == ".inp" else {"triangle6"}
+    assert {block.type for block in mesh.cells} == {"tetra10"} | facets
+    tets = np.concatenate([block.data for block in mesh.cells if block.type == "tetra10"])
     return Nodes(mesh.points, tets if path.suffix != ".inp" else tets[np.lexsort(tets.T)])
 
 

@@ -171,6 +171,11 @@ void images() {
     CHECK(turned.world_axes() == LAPD_AXES_RAS && turned.origin()[0] == -10 &&
           turned.origin()[2] == 30);
     CHECK(stored.label_name(1) == nullptr);
+    lapd::image named = lapd::image::read(context, name);
+    named.set_label_name(context, 7, "liver");
+    CHECK(named.label_name(7) == std::string("liver"));
+    CHECK(status_of([&] { named.read_label_names(context, "no_such_table.txt"); }) ==
+          LAPD_ERROR_IO);
     const auto in_order = [&](const std::vector<std::size_t> &order) {
         return status_of([&] {
             lapd::image::read_labels(context, name, LAPD_WORLD_AS_STORED, LAPD_LABELS_WHOLE, order);
@@ -328,7 +333,10 @@ void meshes() {
     mesh.write_report(moved, "cpp_report.json", "{\"program\": \"test_cpp\"}");
     CHECK(status_of([&] { mesh.write_report(moved, "cpp_report.json", "{"); }) ==
           LAPD_ERROR_INVALID_ARGUMENT);
-    CHECK(mesh.label_name(1) == nullptr);
+    CHECK(mesh.label_name(1) == nullptr && !mesh.label_color(1).second);
+    CHECK(mesh.facet_walls().size() == mesh.facets().size());
+    lapd::write_options chosen;
+    mesh.write(moved, "chosen.vtu", chosen.set_measures(true).set_boundary_parts(true));
     CHECK(status_of([&] { mesh.write(moved, "mesh.nonsense"); }) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(status_of([&] { lapd::mesh::check_path(moved, "mesh.nonsense"); }) ==
           LAPD_ERROR_INVALID_ARGUMENT);

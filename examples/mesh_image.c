@@ -2,12 +2,12 @@
  * mesh_image: meshes an image file. An example of the C interface, and a tool.
  *
  * It shows the whole way: parameters, context with progress and cancellation, image, run, files.
- * report.c shows what a mesh can be asked for. Exit status: 0 only if a mesh was written; 2 for bad
+ * options.c reads the command line, report.c
+ * shows what a mesh can be asked for. Exit status: 0 only if a mesh was written; 2 for bad
  * usage; 1 for everything else, with one line on stderr.
  */
 #define _POSIX_C_SOURCE 200809L
 
-#include <errno.h>
 #include <math.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -18,106 +18,10 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "options.h"
 #include "report.h"
 
 enum { EXIT_FAILED = 1, EXIT_USAGE = 2 };
-
-/* In two parts: compilers need not take longer strings. */
-static const char USAGE[] =
-    "usage: mesh_image INPUT -o OUT [-o OUT2 ...] [options]\n"
-    "\n"
-    "Turns a label image, a scan or probability maps into a tetrahedral mesh of all tissues.\n"
-    "INPUT: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz\n"
-    "OUT, by its ending: .vtu .vtk .mesh .node .ele .msh (Gmsh 4.1) .msh2 (Gmsh 2.2) .inp (Abaqus) "
-    ".stl .ply .off\n"
-    "Lengths are in the image's world units (mm).\n"
-    "\n"
-    "  -o OUT               write the mesh; may be given again, or left out with --report\n"
-    "  --delta MM           distance between samples on the interfaces;\n"
-    "                       default 1.5 times the geometric mean of the voxel's sides\n"
-    "  --size MM            largest circumradius of tets; default 2 times delta\n"
-    "  --label-size L=MM    the same for one label (after --merge); may be given again\n"
-    "  --adaptive NAME      off | thickness | topology: sample more densely nothing, what is "
-    "thinner than\n"
-    "                       4/3 delta, or places where the mesh would tear, merge, or have holes; "
-    "default thickness\n"
-    "  --no-adaptive        the same as --adaptive off\n"
-    "  --spacing-floor V    samples of thin structures come no closer than this many voxels; "
-    "default 0.5\n"
-    "  --min-voxels N       leave out components of fewer voxels; for label images; default 0\n"
-    "  --radius-edge R      largest circumradius over shortest edge; at least 2, default 2\n"
-    "  --facet-angle DEG    smallest angle of interface facets; at most 30, default 30\n"
-    "  --threads N          threads of the run; default 1, which makes the same mesh each time\n"
-    "  --algorithm NAME     podm | lapd, with a region for the threads of each memory node; "
-    "default podm\n"
-    "  --contention NAME    what threads do after conflicts: local | global | random | aggressive; "
-    "default local\n"
-    "  --begging NAME       whom threads without work ask first: levels | flat; default levels\n"
-    "  --topology TEXT      the machine that threads are taken to run on, as a synthetic "
-    "description of hwloc's,\n"
-    "                       such as 'numa:4 core:4 pu:1'; needs a library with the feature hwloc\n"
-    "  --bind               bind each thread to a core\n"
-    "  --count-accesses     report how much of the memory that threads visit is that of other "
-    "memory nodes\n"
-    "  --merge L,L,...=T    give these labels the label T first; may be given again\n"
-    "  --background-label L the label (after --merge) that is background; default 0\n"
-    "  --keep L,L,...       mesh these labels (after --merge) only\n";
-
-static const char MORE_USAGE[] =
-    "  --isovalue V,V,...   INPUT is a scan; its labels, 1, 2, ..., begin at these intensities\n"
-    "  --probabilities      INPUT is a stack of probability maps, of labels 1, 2, ...; may be "
-    "several files\n"
-    "  --level-sets         as --probabilities, of functions above 0 inside of their label; the "
-    "largest wins\n"
-    "  --labels L,L,...     the labels at these isovalues, or of these maps\n"
-    "  --gaussian SIGMA     smooth the labels of a coarse image; in voxels, at most 5; default 0\n"
-    "  --round              take voxels that are no whole numbers for the nearest labels; those "
-    "within 0.001 of one\n"
-    "                       always are\n"
-    "  --map                number the distinct values of voxels, of any kind, as labels 1, 2, "
-    "...; the report tells\n"
-    "                       which is which\n"
-    "  --layer-order L,L,.. the layers of a 3D Slicer segmentation, from 0 on, each once: where "
-    "segments overlap,\n"
-    "                       that of the later layer counts; default 0,1,...\n"
-    "  --frame NAME         lps | ras: world axes that grow to the patient's left, posterior, "
-    "superior, or right,\n"
-    "                       anterior, superior; default as the file has them\n"
-    "  --allow-outside      read data files that lie outside of the folder of their header\n"
-    "  --max-read-bytes B   the most memory that the image may take, as for --max-memory; default "
-    "1000 times the\n"
-    "                       file's bytes or 1 GiB, and no more than half of the machine's\n"
-    "  --background         keep the whole triangulation, with label 0 outside of the object\n"
-    "  --surface NAME       smooth | voxel; default smooth\n"
-    "  --border NAME        flat | smooth: how the object is closed where the image cuts it off; "
-    "default flat\n"
-    "  --improve NAME       none | interior | full: what may be changed to remove slivers: "
-    "nothing, the inside of\n"
-    "                       labels, or interfaces too; default full\n"
-    "  --target-dihedral D  smallest dihedral angle of tets, in degrees; the largest is 180 less "
-    "this; at most 30,\n"
-    "                       default 15\n"
-    "  --certificate NAME   none | sound | full: what is measured on the mesh: nothing, all that "
-    "is exact, or\n"
-    "                       distances to the image, too; default sound, full with --report\n"
-    "  --order N            1 | 2: order 2 has a node in the middle of each edge, too; default 1\n"
-    "  --curved             with order 2: the nodes on interfaces go where the image has them\n"
-    "  --max-vertices N     give up when the mesh needs more\n"
-    "  --time-limit S       give up when the refinement has not ended after this many seconds\n"
-    "  --max-memory BYTES   give up when the run needs more; K, M, G stand for 2^10, 2^20, 2^30\n"
-    "  --partial            when such a limit is reached, write the mesh of what there is\n"
-    "  --measures           .vtu files get measures of the tets: dihedral angles, scaled Jacobian, "
-    "ratios\n"
-    "  --report FILE.json   write a report\n"
-    "  --memory             with the peak of memory until the end of each phase in it\n"
-    "  --timeline FILE.json write what each thread did when, for chrome://tracing or "
-    "ui.perfetto.dev\n"
-    "  --quiet              no progress, no table\n"
-    "  --help               this text\n"
-    "  --version            the version of the library, and its optional parts\n"
-    "\n"
-    "Exit status: 0 if the mesh was written, 2 for bad usage, 1 else. That a mesh is partial is "
-    "said on stderr.\n";
 
 /* ---- Messages ---- */
 
@@ -202,431 +106,7 @@ static void show_warning(void *user, int32_t level, const char *message) {
     }
 }
 
-/* ---- Command line ---- */
-
-static bool parse_number(const char *text, double *value) {
-    char *end;
-    *value = strtod(text, &end);
-    return end != text && *end == '\0';
-}
-
-static bool parse_count(const char *text, size_t *value) {
-    char *end;
-    errno = 0;
-    unsigned long long number = strtoull(text, &end, 10);
-    *value = (size_t)number;
-    return *text >= '0' && *text <= '9' && *end == '\0' && errno == 0 && number <= SIZE_MAX;
-}
-
-/* Reads a label that ends at `*end`. */
-static bool parse_label(const char *text, const char **end, int32_t *label) {
-    char *stop;
-    errno = 0;
-    long long number = strtoll(text, &stop, 10);
-    *end = stop;
-    *label = (int32_t)number;
-    return stop != text && errno == 0 && number >= INT32_MIN && number <= INT32_MAX;
-}
-
-/* Reads a number of bytes, such as 64M. */
-static bool parse_bytes(const char *text, uint64_t *bytes) {
-    static const char units[] = "KMG";
-    char *end;
-    errno = 0;
-    unsigned long long number = strtoull(text, &end, 10);
-    const char *unit = *end != '\0' ? strchr(units, *end) : NULL;
-    const int shift = unit != NULL ? 10 * (int)(unit - units + 1) : 0;
-    *bytes = (uint64_t)number << shift;
-    return *text >= '0' && *text <= '9' && end[unit != NULL] == '\0' && errno == 0 &&
-           *bytes >> shift == number;
-}
-
-static bool parse_name(const char *text, const char *const *names, size_t count, int32_t *value) {
-    for (size_t i = 0; i < count; i++) {
-        if (strcmp(text, names[i]) == 0) {
-            *value = (int32_t)i;
-            return true;
-        }
-    }
-    return false;
-}
-
-/* Reads labels with commas between them, which end at `*end`; the caller frees them. NULL if there
- * is none where there should be one. */
-static int32_t *parse_labels(const char *text, const char **end, size_t *count) {
-    int32_t *list = malloc((strlen(text) / 2 + 1) * sizeof *list);
-    *count = 0;
-    for (*end = text; list != NULL && parse_label(*end, end, &list[*count]); ++*end) {
-        ++*count;
-        if (**end != ',') {
-            return list;
-        }
-    }
-    free(list);
-    return NULL;
-}
-
-/* Reads numbers of layers with commas between them; the caller frees them. NULL if there is
- * anything else. */
-static size_t *parse_layers(const char *text, size_t *count) {
-    const char *end;
-    int32_t *numbers = parse_labels(text, &end, count);
-    size_t *list = malloc((strlen(text) / 2 + 1) * sizeof *list);
-    bool good = numbers != NULL && list != NULL && *end == '\0';
-    for (size_t n = 0; good && n < *count; n++) {
-        good = numbers[n] >= 0;
-        list[n] = (size_t)numbers[n];
-    }
-    free(numbers);
-    if (good)
-        return list;
-    free(list);
-    return NULL;
-}
-
-/* Reads numbers with commas between them; the caller frees them. NULL if there is anything else. */
-static double *parse_numbers(const char *text, size_t *count) {
-    double *list = malloc((strlen(text) / 2 + 1) * sizeof *list);
-    *count = 0;
-    for (char *end; list != NULL; text = end + 1) {
-        list[*count] = strtod(text, &end);
-        ++*count;
-        if (end == text || (*end != ',' && *end != '\0')) {
-            break;
-        }
-        if (*end == '\0') {
-            return list;
-        }
-    }
-    free(list);
-    return NULL;
-}
-
-typedef enum { SET_OK, SET_UNKNOWN_OPTION, SET_BAD_VALUE, SET_REFUSED } set_result;
-
-static set_result from_status(lapd_status status) {
-    return status == LAPD_OK ? SET_OK : SET_REFUSED;
-}
-
-/* Sets the parameter that an option with a value stands for. The numbers of names are those of the
- * library's enums. */
-static set_result set_parameter(lapd_context *context, lapd_params *params, const char *option,
-                                const char *value) {
-    static const char *const surfaces[] = {"smooth", "voxel"};
-    static const char *const borders[] = {"flat", "smooth"};
-    static const char *const improves[] = {"none", "interior", "full"};
-    static const char *const adaptives[] = {"off", "thickness", "topology"};
-    static const char *const levels[] = {"none", "sound", "full"};
-    static const char *const algorithms[] = {"podm", "lapd"};
-    static const char *const contentions[] = {"local", "global", "random", "aggressive"};
-    static const char *const beggings[] = {"levels", "flat"};
-    static const struct {
-        const char *option;
-        lapd_status (*set)(lapd_context *, lapd_params *, double);
-    } numbers[] = {{"--delta", lapd_params_set_delta},
-                   {"--size", lapd_params_set_size},
-                   {"--radius-edge", lapd_params_set_radius_edge},
-                   {"--facet-angle", lapd_params_set_facet_angle},
-                   {"--spacing-floor", lapd_params_set_spacing_floor},
-                   {"--gaussian", lapd_params_set_sigma},
-                   {"--target-dihedral", lapd_params_set_target_dihedral},
-                   {"--time-limit", lapd_params_set_time_limit}};
-    static const struct {
-        const char *option;
-        lapd_status (*set)(lapd_context *, lapd_params *, size_t);
-    } counts[] = {{"--threads", lapd_params_set_threads},
-                  {"--max-vertices", lapd_params_set_max_vertices}};
-    static const struct {
-        const char *option;
-        lapd_status (*set)(lapd_context *, lapd_params *, int32_t);
-        const char *const *names;
-        size_t count;
-    } choices[] = {{"--surface", lapd_params_set_surface, surfaces, 2},
-                   {"--border", lapd_params_set_border, borders, 2},
-                   {"--improve", lapd_params_set_improve, improves, 3},
-                   {"--adaptive", lapd_params_set_adaptive, adaptives, 3},
-                   {"--certificate", lapd_params_set_certificate, levels, 3},
-                   {"--algorithm", lapd_params_set_algorithm, algorithms, 2},
-                   {"--contention", lapd_params_set_contention, contentions, 4},
-                   {"--begging", lapd_params_set_begging, beggings, 2}};
-
-    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
-        double number;
-        if (strcmp(option, numbers[i].option) == 0) {
-            return parse_number(value, &number)
-                       ? from_status(numbers[i].set(context, params, number))
-                       : SET_BAD_VALUE;
-        }
-    }
-    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
-        size_t count;
-        if (strcmp(option, counts[i].option) == 0) {
-            return parse_count(value, &count) ? from_status(counts[i].set(context, params, count))
-                                              : SET_BAD_VALUE;
-        }
-    }
-    for (size_t i = 0; i < sizeof choices / sizeof *choices; i++) {
-        int32_t choice;
-        if (strcmp(option, choices[i].option) == 0) {
-            return parse_name(value, choices[i].names, choices[i].count, &choice)
-                       ? from_status(choices[i].set(context, params, choice))
-                       : SET_BAD_VALUE;
-        }
-    }
-    if (strcmp(option, "--topology") == 0) {
-        return from_status(lapd_params_set_topology(context, params, value));
-    }
-    if (strcmp(option, "--max-memory") == 0) {
-        uint64_t bytes;
-        return parse_bytes(value, &bytes)
-                   ? from_status(lapd_params_set_max_memory(context, params, bytes))
-                   : SET_BAD_VALUE;
-    }
-    if (strcmp(option, "--max-read-bytes") == 0) {
-        uint64_t bytes;
-        return parse_bytes(value, &bytes)
-                   ? from_status(lapd_context_set_max_read_bytes(context, bytes))
-                   : SET_BAD_VALUE;
-    }
-    if (strcmp(option, "--label-size") == 0) {
-        int32_t label;
-        double size;
-        const char *rest;
-        if (!parse_label(value, &rest, &label) || *rest != '=' || !parse_number(rest + 1, &size)) {
-            return SET_BAD_VALUE;
-        }
-        return from_status(lapd_params_set_label_size(context, params, label, size));
-    }
-    if (strcmp(option, "--order") == 0) {
-        double order;
-        if (!parse_number(value, &order) || order != floor(order) || fabs(order) > INT32_MAX) {
-            return SET_BAD_VALUE;
-        }
-        return from_status(lapd_params_set_order(context, params, (int32_t)order));
-    }
-    if (strcmp(option, "--min-voxels") == 0) {
-        size_t least;
-        return parse_count(value, &least)
-                   ? from_status(lapd_params_set_min_voxels(context, params, least))
-                   : SET_BAD_VALUE;
-    }
-    if (strcmp(option, "--background-label") == 0) {
-        int32_t label;
-        const char *rest;
-        return parse_label(value, &rest, &label) && *rest == '\0'
-                   ? from_status(lapd_params_set_background_label(context, params, label))
-                   : SET_BAD_VALUE;
-    }
-    const bool merge = strcmp(option, "--merge") == 0;
-    if (merge || strcmp(option, "--keep") == 0) {
-        size_t count;
-        int32_t target = 0;
-        const char *rest;
-        int32_t *labels = parse_labels(value, &rest, &count);
-        bool good = labels != NULL &&
-                    (!merge || (*rest == '=' && parse_label(rest + 1, &rest, &target))) &&
-                    *rest == '\0';
-        set_result result = SET_BAD_VALUE;
-        if (good) {
-            result =
-                from_status(merge ? lapd_params_set_merge(context, params, labels, count, target)
-                                  : lapd_params_set_keep(context, params, labels, count));
-        }
-        free(labels);
-        return result;
-    }
-    return SET_UNKNOWN_OPTION;
-}
-
-/* Sets what an option with a value says of the input. */
-static set_result set_input(options *o, const char *option, const char *value) {
-    if (strcmp(option, "--isovalue") == 0) {
-        free(o->isovalues);
-        o->isovalues = parse_numbers(value, &o->isovalue_count);
-        return o->isovalues != NULL ? SET_OK : SET_BAD_VALUE;
-    }
-    if (strcmp(option, "--frame") == 0) {
-        static const char *const frames[] = {"lps", "ras"};
-        int32_t choice;
-        if (!parse_name(value, frames, 2, &choice)) {
-            return SET_BAD_VALUE;
-        }
-        o->world = choice == 0 ? LAPD_WORLD_LPS : LAPD_WORLD_RAS;
-        return SET_OK;
-    }
-    if (strcmp(option, "--layer-order") == 0) {
-        free(o->layer_order);
-        o->layer_order = parse_layers(value, &o->layer_count);
-        return o->layer_order != NULL ? SET_OK : SET_BAD_VALUE;
-    }
-    if (strcmp(option, "--labels") == 0) {
-        const char *rest;
-        free(o->labels);
-        o->labels = parse_labels(value, &rest, &o->label_count);
-        return o->labels != NULL && *rest == '\0' ? SET_OK : SET_BAD_VALUE;
-    }
-    return SET_UNKNOWN_OPTION;
-}
-
-static bool usage_error(const char *format, const char *a, const char *b) {
-    complain(format, a, b);
-    fputs("mesh_image: see mesh_image --help\n", stderr);
-    return false;
-}
-
-/* Returns false, with a message on stderr, for bad usage. */
-static bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *params,
-                          options *o) {
-    o->inputs = calloc((size_t)argc, sizeof *o->inputs);
-    o->outputs = calloc((size_t)argc, sizeof *o->outputs);
-    if (o->inputs == NULL || o->outputs == NULL) {
-        return usage_error("out of memory%s%s", "", "");
-    }
-    for (int i = 1; i < argc; i++) {
-        const char *option = argv[i];
-        lapd_status status = LAPD_OK;
-        if (option[0] != '-' || option[1] == '\0') {
-            o->inputs[o->input_count++] = option;
-            continue;
-        }
-        if (strcmp(option, "--background") == 0) {
-            status = lapd_params_set_background(context, params, 1);
-        } else if (strcmp(option, "--partial") == 0) {
-            status = lapd_params_set_partial(context, params, 1);
-        } else if (strcmp(option, "--count-accesses") == 0) {
-            status = lapd_params_set_count_accesses(context, params, 1);
-        } else if (strcmp(option, "--no-adaptive") == 0) {
-            status = lapd_params_set_adaptive(context, params, LAPD_ADAPTIVE_OFF);
-        } else if (strcmp(option, "--bind") == 0) {
-            status = lapd_params_set_bind(context, params, 1);
-        } else if (strcmp(option, "--curved") == 0) {
-            status = lapd_params_set_curved(context, params, 1);
-        } else if (strcmp(option, "--round") == 0) {
-            o->label_values = LAPD_LABELS_ROUNDED;
-        } else if (strcmp(option, "--map") == 0) {
-            o->label_values = LAPD_LABELS_DISTINCT;
-        } else if (strcmp(option, "--probabilities") == 0) {
-            o->probabilities = true;
-        } else if (strcmp(option, "--level-sets") == 0) {
-            o->probabilities = true;
-            o->level_sets = true;
-        } else if (strcmp(option, "--measures") == 0) {
-            o->measures = true;
-        } else if (strcmp(option, "--memory") == 0) {
-            o->memory = true;
-        } else if (strcmp(option, "--allow-outside") == 0) {
-            status = lapd_context_set_allow_outside(context, 1);
-        } else if (strcmp(option, "--quiet") == 0) {
-            o->quiet = true;
-        } else {
-            static const char *const with_value[] = {"-o",
-                                                     "--report",
-                                                     "--timeline",
-                                                     "--topology",
-                                                     "--delta",
-                                                     "--size",
-                                                     "--keep",
-                                                     "--label-size",
-                                                     "--merge",
-                                                     "--background-label",
-                                                     "--radius-edge",
-                                                     "--facet-angle",
-                                                     "--threads",
-                                                     "--algorithm",
-                                                     "--begging",
-                                                     "--contention",
-                                                     "--max-vertices",
-                                                     "--time-limit",
-                                                     "--surface",
-                                                     "--max-memory",
-                                                     "--max-read-bytes",
-                                                     "--spacing-floor",
-                                                     "--min-voxels",
-                                                     "--isovalue",
-                                                     "--labels",
-                                                     "--frame",
-                                                     "--layer-order",
-                                                     "--gaussian",
-                                                     "--border",
-                                                     "--improve",
-                                                     "--adaptive",
-                                                     "--certificate",
-                                                     "--target-dihedral",
-                                                     "--order"};
-            int32_t known;
-            if (!parse_name(option, with_value, sizeof with_value / sizeof *with_value, &known)) {
-                return usage_error("unknown option %s%s", option, "");
-            }
-            if (i + 1 == argc) {
-                return usage_error("%s needs a value%s", option, "");
-            }
-            const char *value = argv[++i];
-            if (strcmp(option, "-o") == 0) {
-                /* A bad name costs no run. */
-                status = lapd_mesh_check_path(context, value);
-                o->outputs[o->output_count++] = value;
-            } else if (strcmp(option, "--report") == 0) {
-                o->report = value;
-            } else if (strcmp(option, "--timeline") == 0) {
-                o->timeline = value;
-                status = lapd_params_set_timeline(context, params, 1);
-            } else {
-                set_result result = set_input(o, option, value);
-                if (result == SET_UNKNOWN_OPTION) {
-                    result = set_parameter(context, params, option, value);
-                }
-                switch (result) {
-                case SET_OK:
-                    break;
-                case SET_REFUSED:
-                    return usage_error("%s: %s", option, lapd_context_last_error(context));
-                default:
-                    return usage_error("%s: bad value '%s'", option, value);
-                }
-                o->has_delta = o->has_delta || strcmp(option, "--delta") == 0;
-                o->has_size = o->has_size || strcmp(option, "--size") == 0;
-                o->has_level = o->has_level || strcmp(option, "--certificate") == 0;
-            }
-        }
-        if (status != LAPD_OK) {
-            return usage_error("%s: %s", option, lapd_context_last_error(context));
-        }
-    }
-    if (o->input_count == 0) {
-        return usage_error("no input%s%s", "", "");
-    }
-    if (o->input_count > 1 && !o->probabilities) {
-        return usage_error("two inputs: %s and %s", o->inputs[0], o->inputs[1]);
-    }
-    if (o->layer_order != NULL && (o->isovalues != NULL || o->probabilities)) {
-        return usage_error("--layer-order is for labels%s%s", "", "");
-    }
-    if (o->isovalues != NULL && o->probabilities) {
-        return usage_error("--isovalue is for scans%s%s", ", --probabilities for maps", "");
-    }
-    if (o->labels != NULL && !o->probabilities && o->isovalue_count != o->label_count) {
-        return usage_error("--labels needs as many values%s%s", " as --isovalue", "");
-    }
-    int32_t order = 1, curved = 0;
-    lapd_params_get_order(params, &order);
-    lapd_params_get_curved(params, &curved);
-    if (curved && order != 2) {
-        return usage_error("--curved needs --order 2%s%s", "", "");
-    }
-    for (size_t i = 0; order == 2 && i < o->output_count; i++) {
-        static const char *const endings[] = {".node", ".ele", ".face"};
-        const char *dot = strrchr(o->outputs[i], '.');
-        int32_t found;
-        if (dot != NULL && parse_name(dot, endings, 3, &found)) {
-            return usage_error("%s: TetGen's files are written for --order 1 only%s", o->outputs[i],
-                               "");
-        }
-    }
-    if (o->output_count == 0 && o->report == NULL) {
-        return usage_error("no output (-o) and no --report%s%s", "", "");
-    }
-    return true;
-}
+/* ---- The program ---- */
 
 /* Chooses what the command line left open. */
 static lapd_status set_defaults(lapd_context *context, lapd_params *params, const lapd_image *image,
@@ -652,8 +132,6 @@ static lapd_status set_defaults(lapd_context *context, lapd_params *params, cons
     return status;
 }
 
-/* ---- The program ---- */
-
 static lapd_status read_input(lapd_context *context, const options *o, lapd_image **image) {
     if (o->isovalues != NULL) {
         return lapd_image_read_gray(context, o->inputs[0], o->world, o->isovalues,
@@ -669,6 +147,25 @@ static lapd_status read_input(lapd_context *context, const options *o, lapd_imag
     }
     return lapd_image_read_labels(context, o->inputs[0], o->world, o->label_values, o->layer_order,
                                   o->layer_count, image);
+}
+
+/* Writes the mesh to all files. */
+static lapd_status write_outputs(lapd_context *context, const lapd_mesh *mesh, const options *o) {
+    lapd_write_options *chosen = NULL;
+    lapd_status status = lapd_write_options_create(&chosen);
+    if (status == LAPD_OK)
+        status = lapd_write_options_set_boundary_parts(context, chosen, o->boundary_parts);
+    for (size_t i = 0; status == LAPD_OK && i < o->output_count; i++) {
+        const char *path = o->outputs[i];
+        const size_t length = strlen(path);
+        /* Other files have no place for measures. */
+        const bool is_vtu = length >= 4 && strcmp(path + length - 4, ".vtu") == 0;
+        status = lapd_write_options_set_measures(context, chosen, o->measures && is_vtu);
+        if (status == LAPD_OK)
+            status = lapd_mesh_write_with(context, mesh, path, chosen);
+    }
+    lapd_write_options_free(chosen);
+    return status;
 }
 
 /* Everything from the image on. Returns the exit status. */
@@ -687,6 +184,8 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
     lapd_status status = read_input(context, o, &image);
     seconds.read = now() - start;
     memory.read = resident_memory();
+    if (status == LAPD_OK && o->names != NULL)
+        status = lapd_image_read_label_names(context, image, o->names);
     if (status == LAPD_OK)
         status = set_defaults(context, params, image, o);
     if (status == LAPD_OK)
@@ -700,16 +199,9 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
     }
 
     const double write_start = now();
-    for (size_t i = 0; i < o->output_count; i++) {
-        const char *path = o->outputs[i];
-        const size_t length = strlen(path);
-        const bool is_vtu = length >= 4 && strcmp(path + length - 4, ".vtu") == 0;
-        status = o->measures && is_vtu ? lapd_mesh_write_with_measures(context, mesh, path)
-                                       : lapd_mesh_write(context, mesh, path);
-        if (status != LAPD_OK) {
-            complain("%s", lapd_context_last_error(context));
-            goto done;
-        }
+    if (write_outputs(context, mesh, o) != LAPD_OK) {
+        complain("%s", lapd_context_last_error(context));
+        goto done;
     }
     if (o->timeline != NULL && lapd_mesh_write_timeline(context, mesh, o->timeline) != LAPD_OK) {
         complain("%s", lapd_context_last_error(context));
@@ -743,8 +235,7 @@ done:
 int main(int argc, char **argv) {
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) {
-            fputs(USAGE, stdout);
-            fputs(MORE_USAGE, stdout);
+            print_usage();
             return EXIT_SUCCESS;
         }
         if (strcmp(argv[i], "--version") == 0) {
@@ -775,11 +266,7 @@ int main(int argc, char **argv) {
         exit_status = run(context, params, &o, &line);
         signal(SIGINT, SIG_DFL);
     }
-    free(o.inputs);
-    free(o.isovalues);
-    free(o.layer_order);
-    free(o.labels);
-    free(o.outputs);
+    free_options(&o);
     lapd_params_free(params);
     lapd_context_free(context);
     return exit_status;

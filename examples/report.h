@@ -3,40 +3,10 @@
 #define MESH_IMAGE_REPORT_H
 
 #include <lapd.h>
-#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-/* What the command line asks for. Parameters go straight to the library's handle, which checks
- * them. */
-typedef struct {
-    /* All but one only for probability maps. */
-    const char **inputs;
-    size_t input_count;
-    /* Of a scan, and the labels of these or of probability maps; NULL when not given. */
-    double *isovalues;
-    size_t isovalue_count;
-    int32_t *labels;
-    size_t label_count;
-    bool probabilities;
-    bool level_sets;
-    /* The frame of world coordinates that is asked for, a lapd_world_frame. */
-    int32_t world;
-    int32_t label_values;
-    /* Layers of a segmentation, later over earlier ones; NULL for the order of the file. */
-    size_t *layer_order;
-    size_t layer_count;
-    const char **outputs;
-    size_t output_count;
-    const char *report;
-    const char *timeline;
-    bool has_delta;
-    bool has_size;
-    bool has_level;
-    bool measures;
-    bool memory;
-    bool quiet;
-} options;
+#include "options.h"
 
 /* Seconds that only this program can know. */
 typedef struct {
@@ -70,9 +40,6 @@ typedef struct {
     size_t thread_count;
     lapd_thread_report all_threads;
 } summary;
-
-/* Prints one line on stderr. */
-void complain(const char *format, ...);
 
 /* Fills `s`. The caller frees rows and defects, whatever this returns. */
 lapd_status summarize(const lapd_mesh *mesh, summary *s);

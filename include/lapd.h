@@ -5,9 +5,9 @@
  * Made by cbindgen from src/capi; do not edit.
  *
  * Conventions
- * - Handles (lapd_context, lapd_image, lapd_params, lapd_mesh) are opaque. What a create, read or
- *   mesh function hands out belongs to the caller, who frees it once with the lapd_..._free
- *   function of its type.
+ * - Handles (lapd_context, lapd_image, lapd_params, lapd_write_options, lapd_mesh) are
+ *   opaque. What a create, read or mesh function hands out belongs to the caller, who frees it once
+ *   with the lapd_..._free function of its type.
  * - Functions return a lapd_status; 0 is success. Out-parameters are written on success only, but
  *   for a partial mesh that was asked for, which comes with the status of the limit.
  * - A function that takes a context leaves one line there about what went wrong:
@@ -20,9 +20,10 @@
  * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and
  *   programs and libraries of different versions understand each other. What the library does not
  *   know yet reads 0.
- * - Images never change, meshes only by lapd_mesh_certify; otherwise any number of threads may use
- *   them at once. Parameters may be read by many threads as long as none changes them. A context
- *   belongs to one thread at a time, but for lapd_context_cancel.
+ * - Images change only when their labels are named, meshes only by lapd_mesh_certify; otherwise any
+ *   number of threads may use them at once. Parameters and write options may be read by many
+ *   threads as long as none changes them. A context belongs to one thread at a time, but for
+ *   lapd_context_cancel.
  * - The library prints nothing, reads no environment, installs no signal handler, and does not
  *   end the process: memory that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, in every call of
  *   the process that works at that moment.
@@ -279,6 +280,41 @@ typedef enum {
    */
   LAPD_AXES_LAS = 3,
 } lapd_world_axes;
+
+/**
+ * A face of the image's box; x, y, z are the axes of the image, and MIN is the face of the voxels
+ * with the smallest indices.
+ */
+typedef enum {
+  /**
+   * None of them.
+   */
+  LAPD_WALL_NONE = 0,
+  /**
+   * In front of the first voxels along x.
+   */
+  LAPD_WALL_X_MIN = 1,
+  /**
+   * Behind the last voxels along x.
+   */
+  LAPD_WALL_X_MAX = 2,
+  /**
+   * In front of the first voxels along y.
+   */
+  LAPD_WALL_Y_MIN = 3,
+  /**
+   * Behind the last voxels along y.
+   */
+  LAPD_WALL_Y_MAX = 4,
+  /**
+   * In front of the first voxels along z.
+   */
+  LAPD_WALL_Z_MIN = 5,
+  /**
+   * Behind the last voxels along z.
+   */
+  LAPD_WALL_Z_MAX = 6,
+} lapd_wall;
 
 /**
  * How labels between voxel centres are decided.
@@ -553,7 +589,8 @@ typedef struct lapd_context lapd_context;
 
 /**
  * A label image: a grid of integer labels, and its place in the world. Label 0 is the background.
- * Never changes after it was made, so any number of threads may use it at once.
+ * Its voxels never change after it was made, so any number of threads may use it at once, unless
+ * one names its labels.
  */
 typedef struct lapd_image lapd_image;
 
@@ -571,6 +608,11 @@ typedef struct lapd_mesh lapd_mesh;
  * run takes a copy.
  */
 typedef struct lapd_params lapd_params;
+
+/**
+ * How a file of a mesh is written: lapd_mesh_write_with.
+ */
+typedef struct lapd_write_options lapd_write_options;
 
 /**
  * One report of progress. Later versions may append fields.
@@ -1633,16 +1675,6 @@ lapd_status lapd_image_copy_voxels(const lapd_image *image, int32_t *buffer, siz
 lapd_status lapd_image_get_value(const lapd_image *image, int32_t label, const char **value);
 
 /**
- * The name that the file of an image gives to a label, as 3D Slicer's segmentations do; `*name` is
- * NULL where it gives none.
- *
- * `*name` belongs to the image and is valid until it is freed. Any thread.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
- */
-lapd_status lapd_image_get_label_name(const lapd_image *image, int32_t label, const char **name);
-
-/**
  * The number of warnings that came up when the image was made or read. Any thread.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
@@ -1657,6 +1689,71 @@ lapd_status lapd_image_get_warning_count(const lapd_image *image, size_t *count)
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or `index` is not below the count.
  */
 lapd_status lapd_image_get_warning(const lapd_image *image, size_t index, const char **warning);
+
+/**
+ * Names a label, in place of the name that the image's file gave it. Meshes made of the image have
+ * the name, and files of these. Labels that lapd_params_set_merge makes others are named by those
+ * of the image: their names are joined by '+', unless the label that they become has a name of its
+ * own, which may be one that the image does not have.
+ *
+ * `name` is UTF-8, one line; it is copied. No other thread may use the image or the context
+ * meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, or `name` is empty, not UTF-8, or
+ * has control characters.
+ */
+lapd_status lapd_image_set_label_name(lapd_context *context,
+                                      lapd_image *image,
+                                      int32_t label,
+                                      const char *name);
+
+/**
+ * Names labels by a table, in place of the names that they have: a label a line, its number, its
+ * name, and perhaps its red, green and blue. Such are the tables of 3D Slicer (.ctbl), FreeSurfer
+ * (FreeSurferColorLUT.txt) and ITK-SNAP (label descriptions), tables with commas, and lists like
+ * "7 liver". Labels that the image does not have may be among them.
+ *
+ * `path` is as in lapd_image_read, with any ending. No other thread may use the image or the
+ * context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL; LAPD_ERROR_IO when the file cannot
+ * be read; LAPD_ERROR_FORMAT when it is no such table.
+ */
+lapd_status lapd_image_read_label_names(lapd_context *context, lapd_image *image, const char *path);
+
+/**
+ * The name of a label: one that it was given (lapd_image_set_label_name,
+ * lapd_image_read_label_names), or that the image's file has for it, as 3D Slicer's segmentations
+ * do; `*name` is NULL where it has none.
+ *
+ * `*name` belongs to the image and is valid until that is freed or its labels are named. Any
+ * thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_image_get_label_name(const lapd_image *image, int32_t label, const char **name);
+
+/**
+ * The name that a label of the image gave to a label of the mesh, as lapd_image_set_label_name
+ * tells; `*name` is NULL where it has none.
+ *
+ * `*name` belongs to the mesh and is valid until that is freed or certified. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_label_name(const lapd_mesh *mesh, int32_t label, const char **name);
+
+/**
+ * The colour of a label, red, green and blue from 0 to 255, where the image's file or a table of
+ * names gave it one: `color` has room for 3 values, `*known` is 1. Else nothing is written to
+ * `color`, and `*known` is 0. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_label_color(const lapd_mesh *mesh,
+                                      int32_t label,
+                                      uint8_t *color,
+                                      int32_t *known);
 
 /**
  * Makes an image of a scan, by isovalues v1 < v2 < ...: background below v1, the first label from
@@ -2494,72 +2591,6 @@ void lapd_mesh_free(lapd_mesh *mesh);
 lapd_status lapd_mesh_get_limit_reached(const lapd_mesh *mesh, int32_t *limit);
 
 /**
- * The name that the image's file gives to a label, as lapd_image_get_label_name; `*name` is NULL
- * where it gives none.
- *
- * `*name` belongs to the mesh and is valid until it is freed. Any thread.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
- */
-lapd_status lapd_mesh_get_label_name(const lapd_mesh *mesh, int32_t label, const char **name);
-
-/**
- * Checks that lapd_mesh_write knows the end of this name, so that another one can be refused
- * before a mesh is made for it. Nothing is opened: whether the file can be written is seen when it
- * is. Any thread.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending.
- */
-lapd_status lapd_mesh_check_path(lapd_context *context, const char *path);
-
-/**
- * Writes a mesh to a file; the format is told by the end of its name:
- * - .vtu: VTK XML; .vtk: VTK legacy, binary; cell array "label";
- * - .mesh: MEDIT; references of tets are labels, those of triangles stand for pairs of labels;
- * - .node .ele .face: TetGen, always all three; first attribute and boundary marker likewise;
- * - .msh .msh4 .msh41: Gmsh MSH 4.1; .msh2 .msh22: MSH 2.2; both binary; a volume and a physical
- *   group for each label, as "label_7", a surface and a physical group for each pair of labels, as
- *   "interface_7_3". Tags are labels where these are positive; labels of 0 and below get the
- *   numbers after the largest label, 0 first;
- * - .inp: Abaqus; an element set for each label, an element-based surface for each pair, names as
- *   above;
- * - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label
- *   and second_label.
- *
- * Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and
- * TrianglesP2, Gmsh's types 11 and 9, C3D10. TetGen's files can't hold them; surfaces hold their
- * flat facets.
- *
- * Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as
- * SPACE=LPS, RAS or LAS: in the head of .vtk and .stl and in a comment of .ply, where 3D Slicer
- * looks for it, in comments of .mesh, .node, .ele, .face, .msh, .msh2, .inp, and in .vtu as the
- * field array SPACE of character codes. .off has no place for it.
- *
- * `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any
- * thread; several may write the same mesh at once, to different files. The work is shared by as
- * many threads as the calling one may use processors; they are joined at return.
- *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the
- * format has no tets of the mesh's order; LAPD_ERROR_IO when the file cannot be written;
- * LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number;
- * LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is;
- * LAPD_ERROR_OUT_OF_MEMORY.
- */
-lapd_status lapd_mesh_write(lapd_context *context, const lapd_mesh *mesh, const char *path);
-
-/**
- * As lapd_mesh_write, for a .vtu file, which gets a cell array (Float32) for each lapd_tet_measure
- * beside the labels: min_dihedral, max_dihedral, scaled_jacobian, edge_ratio, radius_ratio,
- * radius_edge.
- *
- * Any thread, as lapd_mesh_write. Errors: those of lapd_mesh_write; LAPD_ERROR_INVALID_ARGUMENT
- * for another ending.
- */
-lapd_status lapd_mesh_write_with_measures(lapd_context *context,
-                                          const lapd_mesh *mesh,
-                                          const char *path);
-
-/**
  * Writes what each thread of the refinement did when, for a mesh whose parameters asked for it
  * (lapd_params_set_timeline): JSON in Chrome's trace format, which chrome://tracing and
  * ui.perfetto.dev show as one row for each thread.
@@ -2658,8 +2689,8 @@ lapd_status lapd_mesh_get_neighbors(const lapd_mesh *mesh,
 lapd_status lapd_mesh_get_facets(const lapd_mesh *mesh, const uint32_t **facets, size_t *count);
 
 /**
- * The labels on the two sides of the interface facets, the larger one first: `*labels` is
- * [count][2].
+ * The labels on the two sides of the interface facets: `*labels` is [count][2]. The smaller label
+ * comes first, and the background, 0, last: the order of BoundaryLabels in VTK's surface filters.
  *
  * The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
  * read. Any thread.
@@ -2669,6 +2700,19 @@ lapd_status lapd_mesh_get_facets(const lapd_mesh *mesh, const uint32_t **facets,
 lapd_status lapd_mesh_get_facet_labels(const lapd_mesh *mesh,
                                        const int32_t **labels,
                                        size_t *count);
+
+/**
+ * The face of the image's box that each interface facet lies on, a lapd_wall; `*walls` is [count].
+ * Where the image cuts the object off, facets lie on a face exactly, and are LAPD_WALL_NONE
+ * everywhere else. So are all facets of a mesh from other arrays, until lapd_mesh_certify has
+ * compared it with its image.
+ *
+ * The array belongs to the mesh and is valid until it is freed or certified; NULL with a count of
+ * 0 where no image is known. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_facet_walls(const lapd_mesh *mesh, const uint8_t **walls, size_t *count);
 
 /**
  * The tets on the two sides of the interface facets, in the order of their labels: `*tets` is
@@ -2775,6 +2819,105 @@ lapd_status lapd_mesh_copy_measure(const lapd_mesh *mesh,
                                    int32_t measure,
                                    double *buffer,
                                    size_t capacity);
+
+/**
+ * Checks that lapd_mesh_write knows the end of this name, so that another one can be refused
+ * before a mesh is made for it. Nothing is opened: whether the file can be written is seen when it
+ * is. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending.
+ */
+lapd_status lapd_mesh_check_path(lapd_context *context, const char *path);
+
+/**
+ * Writes a mesh to a file; the format is told by the end of its name:
+ * - .vtu: VTK XML; .vtk: VTK legacy, binary; tets, then facets; cell arrays "label",
+ *   "BoundaryLabels" and "boundary";
+ * - .mesh: MEDIT; references of tets are labels, those of triangles number the boundaries;
+ * - .node .ele .face: TetGen, always all three; first attribute and boundary marker likewise;
+ * - .msh .msh4 .msh41: Gmsh MSH 4.1; .msh2 .msh22: MSH 2.2; both binary; a volume and a physical
+ *   group for each region, a surface and a physical group for each boundary. Tags are labels where
+ *   these are positive; labels of 0 and below get the numbers after the largest label, 0 first;
+ *   boundaries those after these;
+ * - .inp: Abaqus; an element set for each region, an element-based surface for each boundary;
+ * - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label
+ *   and second_label.
+ *
+ * A region is the tets of a label. It is called as the label is (lapd_mesh_get_label_name), or
+ * "label_7". A boundary is the facets of two labels, "liver__spleen", the smaller label first, or
+ * of one label and the outside, "liver__background". Where the image cuts a region off, each face
+ * of the image's box is a boundary of its own, "liver__wall_x_min" (see lapd_wall). Names are made
+ * of letters, digits, '_' and '-'; other characters become '_'.
+ *
+ * Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and
+ * TrianglesP2, Gmsh's types 11 and 9, C3D10. TetGen's files can't hold them; surfaces hold their
+ * flat facets.
+ *
+ * Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as
+ * SPACE=LPS, RAS or LAS: in the head of .vtk and .stl and in a comment of .ply, where 3D Slicer
+ * looks for it, in comments of .mesh, .node, .ele, .face, .msh, .msh2, .inp, and in .vtu as the
+ * field array SPACE of character codes. .off has no place for it.
+ *
+ * `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any
+ * thread; several may write the same mesh at once, to different files. The work is shared by as
+ * many threads as the calling one may use processors; they are joined at return.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the
+ * format has no tets of the mesh's order; LAPD_ERROR_IO when the file cannot be written;
+ * LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number;
+ * LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is;
+ * LAPD_ERROR_OUT_OF_MEMORY.
+ */
+lapd_status lapd_mesh_write(lapd_context *context, const lapd_mesh *mesh, const char *path);
+
+/**
+ * As lapd_mesh_write, with choices; NULL for `options` means the defaults.
+ *
+ * Any thread, as lapd_mesh_write; none may change `options` meanwhile.
+ *
+ * Errors: those of lapd_mesh_write; LAPD_ERROR_INVALID_ARGUMENT for measures in another file than
+ * .vtu.
+ */
+lapd_status lapd_mesh_write_with(lapd_context *context,
+                                 const lapd_mesh *mesh,
+                                 const char *path,
+                                 const lapd_write_options *options);
+
+/**
+ * Makes options, all of them as lapd_mesh_write has them.
+ *
+ * The caller owns `*options` and frees it with lapd_write_options_free. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `options` is NULL.
+ */
+lapd_status lapd_write_options_create(lapd_write_options **options);
+
+/**
+ * Frees options. NULL is allowed and does nothing. Any thread; no call may be using them.
+ */
+void lapd_write_options_free(lapd_write_options *options);
+
+/**
+ * Whether a .vtu file gets a cell array (Float32) for each lapd_tet_measure: min_dihedral,
+ * max_dihedral, scaled_jacobian, edge_ratio, radius_ratio, radius_edge; NaN for facets. 1 or 0,
+ * the default. No other thread may use `options` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or `measures` is neither 0 nor 1.
+ */
+lapd_status lapd_write_options_set_measures(lapd_context *context,
+                                            lapd_write_options *options,
+                                            int32_t measures);
+
+/**
+ * Whether each connected part of a boundary, of facets that have edges in common, is a boundary of
+ * its own: "vessel__wall_x_min_1", "vessel__wall_x_min_2", the one with most facets first. 1 or 0,
+ * the default. No other thread may use `options` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or `parts` is neither 0 nor 1.
+ */
+lapd_status lapd_write_options_set_boundary_parts(lapd_context *context,
+                                                  lapd_write_options *options,
+                                                  int32_t parts);
 
 /**
  * Makes a mesh of arrays that another program made, to certify it (lapd_mesh_certify) or to write

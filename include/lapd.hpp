@@ -417,7 +417,15 @@ class image {
         detail::check(lapd_image_get_value(get(), label, &text));
         return text;
     }
-    /// The name that the image's file gives to a label; nullptr where it gives none.
+    /// Names a label; no other thread may use the image meanwhile.
+    void set_label_name(context &context, std::int32_t label, const std::string &name) {
+        context.check(lapd_image_set_label_name(context.get(), get(), label, name.c_str()));
+    }
+    /// Names labels by a table of 3D Slicer, FreeSurfer, ITK-SNAP, or a plain list.
+    void read_label_names(context &context, const std::string &path) {
+        context.check(lapd_image_read_label_names(context.get(), get(), path.c_str()));
+    }
+    /// The name of a label; nullptr where it has none.
     const char *label_name(std::int32_t label) const {
         const char *text = nullptr;
         detail::check(lapd_image_get_label_name(get(), label, &text));
@@ -717,6 +725,37 @@ class params {
     std::unique_ptr<lapd_params, detail::deleter<lapd_params, lapd_params_free>> handle_;
 };
 
+/// lapd_write_options: how a file of a mesh is written.
+class write_options {
+  public:
+    write_options() {
+        lapd_write_options *handle = nullptr;
+        detail::check(lapd_write_options_create(&handle));
+        handle_.reset(handle);
+    }
+    /// Measures of the tets in .vtu files.
+    write_options &set_measures(bool measures) {
+        messages_.check(lapd_write_options_set_measures(messages_.get(), get(), measures));
+        return *this;
+    }
+    /// Each connected part of a boundary is one of its own.
+    write_options &set_boundary_parts(bool parts) {
+        messages_.check(lapd_write_options_set_boundary_parts(messages_.get(), get(), parts));
+        return *this;
+    }
+
+    lapd_write_options *get() const noexcept {
+        return handle_.get();
+    }
+
+  private:
+    /// Setters leave their message here.
+    context messages_;
+    std::unique_ptr<lapd_write_options,
+                    detail::deleter<lapd_write_options, lapd_write_options_free>>
+        handle_;
+};
+
 /// lapd_mesh: never changes, any number of threads; needs none of the other objects to live on.
 class mesh {
   public:
@@ -757,9 +796,9 @@ class mesh {
     void write(context &context, const std::string &path) const {
         context.check(lapd_mesh_write(context.get(), get(), path.c_str()));
     }
-    /// A .vtu file with measures of the tets beside the labels.
-    void write_with_measures(context &context, const std::string &path) const {
-        context.check(lapd_mesh_write_with_measures(context.get(), get(), path.c_str()));
+    /// lapd_mesh_write_with: with choices.
+    void write(context &context, const std::string &path, const write_options &options) const {
+        context.check(lapd_mesh_write_with(context.get(), get(), path.c_str(), options.get()));
     }
     /// lapd_mesh_certify: measures the certificate, or what it lacks.
     void certify(context &context, const image &image, const params &params) {
@@ -777,11 +816,18 @@ class mesh {
         context.check(lapd_mesh_write_report(context.get(), get(), path.c_str(),
                                              extra.empty() ? nullptr : extra.c_str()));
     }
-    /// The name that the image's file gives to a label; nullptr where it gives none.
+    /// The name of a label; nullptr where it has none.
     const char *label_name(std::int32_t label) const {
         const char *text = nullptr;
         detail::check(lapd_mesh_get_label_name(get(), label, &text));
         return text;
+    }
+    /// Red, green and blue of a label, and whether it has a colour.
+    std::pair<std::array<std::uint8_t, 3>, bool> label_color(std::int32_t label) const {
+        std::array<std::uint8_t, 3> color{};
+        std::int32_t known = 0;
+        detail::check(lapd_mesh_get_label_color(get(), label, color.data(), &known));
+        return {color, known != 0};
     }
     void write_timeline(context &context, const std::string &path) const {
         context.check(lapd_mesh_write_timeline(context.get(), get(), path.c_str()));
@@ -807,6 +853,11 @@ class mesh {
     }
     rows<std::uint32_t, 2> facet_tets() const {
         return array<rows<std::uint32_t, 2>>(lapd_mesh_get_facet_tets);
+    }
+    /// The face of the image's box that each facet lies on, a lapd_wall; none where no image is
+    /// known.
+    span<std::uint8_t> facet_walls() const {
+        return array<span<std::uint8_t>>(lapd_mesh_get_facet_walls);
     }
     /// The nodes on the edges of tets and facets; no rows in a mesh of order 1.
     rows<std::uint32_t, 6> tet_mid_nodes() const {

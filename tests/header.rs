@@ -8,11 +8,12 @@ use std::collections::HashSet;
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 17] = [
+const SOURCES: [&str; 19] = [
     "status",
     "about",
     "context",
     "image",
+    "names",
     "values",
     "params",
     "level",
@@ -21,6 +22,7 @@ const SOURCES: [&str; 17] = [
     "threads",
     "run",
     "mesh",
+    "write",
     "certify",
     "report",
     "tables",
@@ -36,9 +38,9 @@ const HEAD: &str = "\
  * Made by cbindgen from src/capi; do not edit.
  *
  * Conventions
- * - Handles (lapd_context, lapd_image, lapd_params, lapd_mesh) are opaque. What a create, read or
- *   mesh function hands out belongs to the caller, who frees it once with the lapd_..._free
- *   function of its type.
+ * - Handles (lapd_context, lapd_image, lapd_params, lapd_write_options, lapd_mesh) are
+ *   opaque. What a create, read or mesh function hands out belongs to the caller, who frees it once
+ *   with the lapd_..._free function of its type.
  * - Functions return a lapd_status; 0 is success. Out-parameters are written on success only, but
  *   for a partial mesh that was asked for, which comes with the status of the limit.
  * - A function that takes a context leaves one line there about what went wrong:
@@ -51,9 +53,10 @@ const HEAD: &str = "\
  * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and
  *   programs and libraries of different versions understand each other. What the library does not
  *   know yet reads 0.
- * - Images never change, meshes only by lapd_mesh_certify; otherwise any number of threads may use
- *   them at once. Parameters may be read by many threads as long as none changes them. A context
- *   belongs to one thread at a time, but for lapd_context_cancel.
+ * - Images change only when their labels are named, meshes only by lapd_mesh_certify; otherwise any
+ *   number of threads may use them at once. Parameters and write options may be read by many
+ *   threads as long as none changes them. A context belongs to one thread at a time, but for
+ *   lapd_context_cancel.
  * - The library prints nothing, reads no environment, installs no signal handler, and does not
  *   end the process: memory that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, in every call of
  *   the process that works at that moment.

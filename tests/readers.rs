@@ -197,11 +197,7 @@ fn random_layers_are_combined_in_their_order() {
                 prop_assert_eq!(got, wanted);
                 for (n, segment) in segments.iter().enumerate() {
                     let label = if differ { segment.1 } else { n as i32 + 1 };
-                    let name = found
-                        .names
-                        .iter()
-                        .find(|(named, _)| *named == label)
-                        .map(|(_, name)| name.clone());
+                    let name = found.names.get(label).map(|name| name.name.clone());
                     let known = n < named && occurring.contains(segment);
                     let wanted = known.then(|| format!("organ: {n}"));
                     prop_assert!(name == wanted || differ && !known, "{name:?}");
@@ -271,7 +267,8 @@ fn orders_of_layers_are_checked() {
         "{message}"
     );
     let named = read(&one, None, LabelValues::Whole).unwrap().names;
-    assert_eq!(named, [(7, "skull".to_string())]);
+    let named: Vec<_> = named.iter().map(|(label, name)| (label, &*name.name)).collect();
+    assert_eq!(named, [(7, "skull")]);
     let mapped = read(&one, None, LabelValues::Distinct).unwrap();
     assert_eq!((mapped.image.labels(), &mapped.values[..]), (&[0, 1][..], &["7".to_string()][..]));
 }

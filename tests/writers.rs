@@ -5,13 +5,14 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use lapd::image::WorldAxes;
+use lapd::image::{Wall, WorldAxes};
 use lapd::io::write::{WriteOptions, write_mesh, write_mesh_watching, write_timeline};
 use lapd::mesh::{NONE, TetMesh};
 use lapd::refine::activity::{Doing, Span, ThreadReport};
 
 /// Two tets with labels 7 and -2 that share a facet, and one of label 0 on the side of the first.
 fn mesh() -> TetMesh {
+    const NO: Wall = Wall::None;
     TetMesh {
         points: vec![
             [0.0, 0.0, 0.0],
@@ -24,9 +25,10 @@ fn mesh() -> TetMesh {
         tets: vec![[0, 1, 2, 3], [0, 2, 1, 4], [0, 2, 5, 3]],
         labels: vec![7, -2, 0],
         neighbors: vec![[NONE, 2, NONE, 1], [NONE, NONE, NONE, 0], [NONE, NONE, 0, NONE]],
-        facets: vec![[0, 2, 1], [1, 2, 3], [0, 1, 3], [0, 3, 2], [2, 4, 1], [0, 1, 4], [0, 4, 2]],
-        facet_labels: vec![[7, -2], [7, 0], [7, 0], [7, 0], [0, -2], [0, -2], [0, -2]],
-        facet_tets: vec![[0, 1], [0, NONE], [0, NONE], [0, 2], [NONE, 1], [NONE, 1], [NONE, 1]],
+        facets: vec![[0, 1, 2], [1, 2, 3], [0, 1, 3], [0, 3, 2], [2, 1, 4], [0, 4, 1], [0, 2, 4]],
+        facet_labels: vec![[-2, 7], [7, 0], [7, 0], [7, 0], [-2, 0], [-2, 0], [-2, 0]],
+        facet_tets: vec![[1, 0], [0, NONE], [0, NONE], [0, 2], [1, NONE], [1, NONE], [1, NONE]],
+        facet_walls: vec![NO, NO, NO, NO, NO, Wall::YMin, NO],
         mid_nodes: None,
     }
 }
@@ -35,6 +37,7 @@ fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden")
 }
 
+/// With `LAPD_UPDATE_GOLDEN` set in the environment, the files are renewed.
 #[test]
 fn small_mesh_gives_the_committed_bytes() {
     let folder = tempfile::tempdir().unwrap();
@@ -45,6 +48,9 @@ fn small_mesh_gives_the_committed_bytes() {
     }
     for name in golden_names.split(' ') {
         let written = std::fs::read(folder.path().join(name)).unwrap();
+        if std::env::var_os("LAPD_UPDATE_GOLDEN").is_some() {
+            std::fs::write(golden().join(name), &written).unwrap();
+        }
         let committed = std::fs::read(golden().join(name)).unwrap();
         assert!(
             written == committed,
@@ -123,14 +129,36 @@ fn vtu_holds_the_arrays() {
             let offset = tag.split_once("offset=\"").unwrap().1.split_once('"').unwrap().0;
             appended(&file[data..], offset.parse().unwrap())
         };
-        let n = repeated.tets.len();
+        let (tets, facets) = (repeated.tets.len(), repeated.facets.len());
+        let n = tets + facets;
         assert!(xml.contains(&format!(
             "NumberOfPoints=\"{}\" NumberOfCells=\"{n}\"",
             repeated.points.len()
         )));
         assert_eq!(
             array("label"),
-            repeated.labels.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>()
+            repeated
+                .labels
+                .iter()
+                .chain(repeated.facet_labels.iter().map(|labels| &labels[0]))
+                .flat_map(|x| x.to_le_bytes())
+                .collect::<Vec<_>>()
+        );
+        assert_eq!(
+            array("BoundaryLabels")[8 * tets..],
+            repeated
+                .facet_labels
+                .iter()
+                .flatten()
+                .flat_map(|x| x.to_le_bytes())
+                .collect::<Vec<_>>()
+        );
+        assert_eq!(
+            array("boundary"),
+            std::iter::repeat_n(0_i32, tets)
+                .chain([3, 4, 4, 4, 1, 2, 1])
+                .flat_map(|x| x.to_le_bytes())
+                .collect::<Vec<_>>()
         );
         assert_eq!(
             array("Points"),
@@ -142,14 +170,32 @@ fn vtu_holds_the_arrays() {
                 .tets
                 .iter()
                 .flatten()
+                .chain(repeated.facets.iter().flatten())
                 .flat_map(|&v| i64::from(v).to_le_bytes())
                 .collect::<Vec<_>>()
         );
         assert_eq!(
             array("offsets"),
-            (1..=n as i64).flat_map(|i| (4 * i).to_le_bytes()).collect::<Vec<_>>()
+            (1..=tets)
+                .map(|t| 4 * t)
+                .chain((1..=facets).map(|f| 4 * tets + 3 * f))
+                .flat_map(|end| (end as i64).to_le_bytes())
+                .collect::<Vec<_>>()
         );
-        assert_eq!(array("types"), vec![10; n]);
+        assert_eq!(array("types"), [vec![10; tets], vec![5; facets]].concat());
+        for (name, numbers) in [
+            ("label_7", "7 3"),
+            ("background", "0 3"),
+            ("label_-2__background", "1 2"),
+            ("label_-2__wall_y_min", "2 2"),
+            ("label_-2__label_7", "3 2"),
+            ("label_7__background", "4 2"),
+        ] {
+            let field = format!(
+                "Name=\"{name}\" NumberOfTuples=\"2\" format=\"ascii\">{numbers}</DataArray>"
+            );
+            assert!(xml.contains(&field), "{name} in {xml}");
+        }
         assert!(file.ends_with(b"\n</AppendedData>\n</VTKFile>\n"));
     }
 }

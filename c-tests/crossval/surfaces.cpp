@@ -60,7 +60,7 @@ void check_closed(const Meshing &mesh) {
     for (std::size_t f = 0; f < mesh.facets(); ++f) {
         const Facet facet = mesh.facet(f);
         const auto labels = mesh.facet_labels(f);
-        misordered += labels[0] <= labels[1];
+        misordered += labels[0] == 0 || (labels[1] != 0 && labels[0] >= labels[1]);
         const Vector p[3] = {vector(mesh.point(facet[0])) - origin,
                              vector(mesh.point(facet[1])) - origin,
                              vector(mesh.point(facet[2])) - origin};
@@ -76,7 +76,7 @@ void check_closed(const Meshing &mesh) {
             }
         }
     }
-    check(misordered == 0, "the larger label comes first");
+    check(misordered == 0, "the smaller label comes first, the background last");
     std::sort(uses.begin(), uses.end(), [](const Use &x, const Use &y) {
         return std::tie(x.label, x.a, x.b) < std::tie(y.label, y.a, y.b);
     });

@@ -120,7 +120,8 @@ pub unsafe extern "C" fn lapd_mesh_certify(
                 Ok(certify(result, &image.image, &params, monitor)?)
             })?;
             if mesh.params.is_none() {
-                (mesh.names, mesh.values) = image.texts();
+                mesh.names = image.names.merged(&params.merge);
+                mesh.values = image.values();
                 mesh.world = image.world;
             }
             Ok(())

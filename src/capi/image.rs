@@ -10,6 +10,7 @@ use super::boundary::{
     Failure, Out, Outcome, array, borrow, c_str, check_buffer, slice, status_of, value_or,
 };
 use super::context::{lapd_context, lapd_log_level, with_context};
+use super::names::Names;
 use super::params::unknown;
 use super::status::lapd_status;
 use crate::image::volume::packed_strides;
@@ -17,7 +18,8 @@ use crate::image::{Frame, LabelImage, Voxels, WorldAxes, numbered_voxels};
 use crate::io::read::{LabelValues, ReadOptions, WorldFrame, read_image_with};
 
 /// A label image: a grid of integer labels, and its place in the world. Label 0 is the background.
-/// Never changes after it was made, so any number of threads may use it at once.
+/// Its voxels never change after it was made, so any number of threads may use it at once, unless
+/// one names its labels.
 pub struct lapd_image {
     pub(super) image: LabelImage,
     /// As far as a file said.
@@ -25,15 +27,14 @@ pub struct lapd_image {
     warnings: Vec<CString>,
     /// The values that labels 1, 2, ... stand for, where distinct values became labels.
     values: Vec<CString>,
-    /// The names that the file gives to labels.
-    names: Vec<(i32, CString)>,
+    /// The names of labels: those of the file, and those that were given later.
+    pub(super) names: Names,
 }
 
 impl lapd_image {
-    /// The names of labels, and the values that labels 1, 2, ... stand for.
-    pub(super) fn texts(&self) -> (Vec<(i32, CString)>, Vec<String>) {
-        let values = self.values.iter().map(|value| value.to_string_lossy().into_owned());
-        (self.names.clone(), values.collect())
+    /// The values that labels 1, 2, ... stand for.
+    pub(super) fn values(&self) -> Vec<String> {
+        self.values.iter().map(|value| value.to_string_lossy().into_owned()).collect()
     }
 }
 
@@ -308,7 +309,7 @@ pub(super) fn handle(
         world,
         warnings,
         values: Vec::new(),
-        names: Vec::new(),
+        names: Names::default(),
     }))
 }
 
@@ -407,9 +408,7 @@ pub unsafe extern "C" fn lapd_image_read_labels(
             // What the caller will own, and nobody else knows yet.
             (*image).values =
                 read.values.into_iter().filter_map(|text| CString::new(text).ok()).collect();
-            let names = read.names.into_iter();
-            (*image).names =
-                names.filter_map(|(label, name)| Some((label, CString::new(name).ok()?))).collect();
+            (*image).names = Names::new(read.names);
             out.set(image);
             Ok(())
         })
@@ -590,28 +589,6 @@ pub unsafe extern "C" fn lapd_image_get_value(
                 .ok_or_else(|| Failure::invalid(format!("label {label} stands for no value")))?
                 .as_ptr(),
         );
-        Ok(())
-    })
-}
-
-/// The name that the file of an image gives to a label, as 3D Slicer's segmentations do; `*name` is
-/// NULL where it gives none.
-///
-/// `*name` belongs to the image and is valid until it is freed. Any thread.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_image_get_label_name(
-    image: *const lapd_image,
-    label: i32,
-    name: *mut *const c_char,
-) -> lapd_status {
-    // SAFETY: see the module's head.
-    status_of(|| unsafe {
-        let out = Out::new(name, "name")?;
-        let names = &borrow(image, "image")?.names;
-        let known = names.iter().find(|&&(named, _)| named == label);
-        out.set(known.map_or(ptr::null(), |(_, name)| name.as_ptr()));
         Ok(())
     })
 }

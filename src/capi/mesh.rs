@@ -1,17 +1,18 @@
 //! Finished meshes: their arrays, without copying or into a caller's buffers.
 
-use std::ffi::{CString, c_char};
+use std::ffi::c_char;
 use std::ptr;
 
 use super::boundary::{Failure, Out, borrow, c_str, catch, check_buffer, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::image::to_path;
+use super::names::Names;
 use super::params::unknown;
 use super::pool::{processors, with_pool};
 use super::status::lapd_status;
 use crate::geometry::measures::TetMeasure;
-use crate::image::WorldAxes;
-use crate::io::write::{MeshFormat, WriteOptions, write_mesh_watching, write_timeline};
+use crate::image::{Wall, WorldAxes};
+use crate::io::write::write_timeline;
 use crate::mesh::TetMesh;
 use crate::params::MeshParams;
 use crate::pipeline::MeshResult;
@@ -29,10 +30,37 @@ pub struct lapd_mesh {
     /// What the run was asked for; `None` of a mesh that no run made.
     pub(super) params: Option<MeshParams>,
     /// The names of labels.
-    pub(super) names: Vec<(i32, CString)>,
+    pub(super) names: Names,
     /// The values that labels 1, 2, ... stand for, where distinct values became labels.
     pub(super) values: Vec<String>,
 }
+
+/// A face of the image's box; x, y, z are the axes of the image, and MIN is the face of the voxels
+/// with the smallest indices.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum lapd_wall {
+    /// None of them.
+    LAPD_WALL_NONE = 0,
+    /// In front of the first voxels along x.
+    LAPD_WALL_X_MIN = 1,
+    /// Behind the last voxels along x.
+    LAPD_WALL_X_MAX = 2,
+    /// In front of the first voxels along y.
+    LAPD_WALL_Y_MIN = 3,
+    /// Behind the last voxels along y.
+    LAPD_WALL_Y_MAX = 4,
+    /// In front of the first voxels along z.
+    LAPD_WALL_Z_MIN = 5,
+    /// Behind the last voxels along z.
+    LAPD_WALL_Z_MAX = 6,
+}
+
+const _: () = {
+    assert!(lapd_wall::LAPD_WALL_NONE as u8 == Wall::None as u8);
+    assert!(lapd_wall::LAPD_WALL_X_MIN as u8 == Wall::XMin as u8);
+    assert!(lapd_wall::LAPD_WALL_Z_MAX as u8 == Wall::ZMax as u8);
+};
 
 /// "No tet", among the neighbours of a tet and beside a facet.
 pub const LAPD_NO_TET: u32 = u32::MAX;
@@ -68,127 +96,6 @@ pub unsafe extern "C" fn lapd_mesh_get_limit_reached(
         out.set(ended_by.map_or(lapd_status::LAPD_OK, lapd_status::from) as i32);
         Ok(())
     })
-}
-
-/// The name that the image's file gives to a label, as lapd_image_get_label_name; `*name` is NULL
-/// where it gives none.
-///
-/// `*name` belongs to the mesh and is valid until it is freed. Any thread.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_get_label_name(
-    mesh: *const lapd_mesh,
-    label: i32,
-    name: *mut *const c_char,
-) -> lapd_status {
-    // SAFETY: see the module's head.
-    status_of(|| unsafe {
-        let out = Out::new(name, "name")?;
-        let names = &borrow(mesh, "mesh")?.names;
-        let known = names.iter().find(|&&(named, _)| named == label);
-        out.set(known.map_or(ptr::null(), |(_, name)| name.as_ptr()));
-        Ok(())
-    })
-}
-
-/// Checks that lapd_mesh_write knows the end of this name, so that another one can be refused
-/// before a mesh is made for it. Nothing is opened: whether the file can be written is seen when it
-/// is. Any thread.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL or no format has this ending.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_check_path(
-    context: *mut lapd_context,
-    path: *const c_char,
-) -> lapd_status {
-    // SAFETY: see the module's head.
-    unsafe {
-        with_context(context, |_| {
-            MeshFormat::from_path(to_path(c_str(path, "path")?)?)?;
-            Ok(())
-        })
-    }
-}
-
-/// Writes a mesh to a file; the format is told by the end of its name:
-/// - .vtu: VTK XML; .vtk: VTK legacy, binary; cell array "label";
-/// - .mesh: MEDIT; references of tets are labels, those of triangles stand for pairs of labels;
-/// - .node .ele .face: TetGen, always all three; first attribute and boundary marker likewise;
-/// - .msh .msh4 .msh41: Gmsh MSH 4.1; .msh2 .msh22: MSH 2.2; both binary; a volume and a physical
-///   group for each label, as "label_7", a surface and a physical group for each pair of labels, as
-///   "interface_7_3". Tags are labels where these are positive; labels of 0 and below get the
-///   numbers after the largest label, 0 first;
-/// - .inp: Abaqus; an element set for each label, an element-based surface for each pair, names as
-///   above;
-/// - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label
-///   and second_label.
-///
-/// Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and
-/// TrianglesP2, Gmsh's types 11 and 9, C3D10. TetGen's files can't hold them; surfaces hold their
-/// flat facets.
-///
-/// Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as
-/// SPACE=LPS, RAS or LAS: in the head of .vtk and .stl and in a comment of .ply, where 3D Slicer
-/// looks for it, in comments of .mesh, .node, .ele, .face, .msh, .msh2, .inp, and in .vtu as the
-/// field array SPACE of character codes. .off has no place for it.
-///
-/// `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any
-/// thread; several may write the same mesh at once, to different files. The work is shared by as
-/// many threads as the calling one may use processors; they are joined at return.
-///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, no format has this ending, or the
-/// format has no tets of the mesh's order; LAPD_ERROR_IO when the file cannot be written;
-/// LAPD_ERROR_LIMIT_REACHED when the mesh has more vertices or tets than the format can number;
-/// LAPD_ERROR_CANCELLED after lapd_context_cancel, which leaves an existing file as it is;
-/// LAPD_ERROR_OUT_OF_MEMORY.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_write(
-    context: *mut lapd_context,
-    mesh: *const lapd_mesh,
-    path: *const c_char,
-) -> lapd_status {
-    // SAFETY: passed on to the caller.
-    unsafe { write_file(context, mesh, path, false) }
-}
-
-/// Writes a mesh to a file, where asked for with measures of its tets.
-///
-/// # Safety
-/// See the module's head.
-unsafe fn write_file(
-    context: *mut lapd_context,
-    mesh: *const lapd_mesh,
-    path: *const c_char,
-    measures: bool,
-) -> lapd_status {
-    // SAFETY: passed on to the caller.
-    unsafe {
-        with_context(context, |context| {
-            let lapd_mesh { result, world, .. } = borrow(mesh, "mesh")?;
-            let path = to_path(c_str(path, "path")?)?;
-            let cancel = &context.cancel;
-            let options = WriteOptions { measures, world: *world };
-            let write = || Ok(write_mesh_watching(&result.mesh, path, options, Some(cancel))?);
-            with_pool(processors(), |pool| pool.install(|| catch(write)))?
-        })
-    }
-}
-
-/// As lapd_mesh_write, for a .vtu file, which gets a cell array (Float32) for each lapd_tet_measure
-/// beside the labels: min_dihedral, max_dihedral, scaled_jacobian, edge_ratio, radius_ratio,
-/// radius_edge.
-///
-/// Any thread, as lapd_mesh_write. Errors: those of lapd_mesh_write; LAPD_ERROR_INVALID_ARGUMENT
-/// for another ending.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn lapd_mesh_write_with_measures(
-    context: *mut lapd_context,
-    mesh: *const lapd_mesh,
-    path: *const c_char,
-) -> lapd_status {
-    // SAFETY: passed on to the caller.
-    unsafe { write_file(context, mesh, path, true) }
 }
 
 /// Writes what each thread of the refinement did when, for a mesh whose parameters asked for it
@@ -261,12 +168,10 @@ pub unsafe extern "C" fn lapd_mesh_write_report(
                     Failure::invalid(format!("extra is no JSON object: {error}"))
                 })?
             };
-            let names = mesh.names.iter().map(|(label, name)| (*label, name.to_string_lossy()));
-            let names: Vec<_> = names.collect();
             let about = About {
                 params: mesh.params.clone(),
                 world: mesh.world,
-                names: &names,
+                names: mesh.names.all().clone(),
                 values: &mesh.values,
                 extra,
             };
@@ -401,8 +306,8 @@ pub unsafe extern "C" fn lapd_mesh_get_facets(
     unsafe { lend(mesh, facets, count, |m| &m.facets) }
 }
 
-/// The labels on the two sides of the interface facets, the larger one first: `*labels` is
-/// [count][2].
+/// The labels on the two sides of the interface facets: `*labels` is [count][2]. The smaller label
+/// comes first, and the background, 0, last: the order of BoundaryLabels in VTK's surface filters.
 ///
 /// The array belongs to the mesh and is valid until it is freed; with a count of 0 it must not be
 /// read. Any thread.
@@ -416,6 +321,32 @@ pub unsafe extern "C" fn lapd_mesh_get_facet_labels(
 ) -> lapd_status {
     // SAFETY: see the module's head.
     unsafe { lend(mesh, labels, count, |m| &m.facet_labels) }
+}
+
+/// The face of the image's box that each interface facet lies on, a lapd_wall; `*walls` is [count].
+/// Where the image cuts the object off, facets lie on a face exactly, and are LAPD_WALL_NONE
+/// everywhere else. So are all facets of a mesh from other arrays, until lapd_mesh_certify has
+/// compared it with its image.
+///
+/// The array belongs to the mesh and is valid until it is freed or certified; NULL with a count of
+/// 0 where no image is known. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_facet_walls(
+    mesh: *const lapd_mesh,
+    walls: *mut *const u8,
+    count: *mut usize,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let (walls, count) = (Out::new(walls, "walls")?, Out::new(count, "count")?);
+        let known = &borrow(mesh, "mesh")?.result.mesh.facet_walls;
+        // `Wall` is a byte; an empty array has no place.
+        walls.set(if known.is_empty() { ptr::null() } else { known.as_ptr().cast() });
+        count.set(known.len());
+        Ok(())
+    })
 }
 
 /// The tets on the two sides of the interface facets, in the order of their labels: `*tets` is

@@ -66,7 +66,7 @@ pub unsafe extern "C" fn lapd_mesh_image(
             })?;
             // The one call that hands something out beside an error: the caller has asked for it.
             let ended_by = result.ended_by.as_ref().map(Failure::from);
-            let (names, values) = image.texts();
+            let (names, values) = (image.names.merged(&params.merge), image.values());
             let world = image.world;
             let mesh = lapd_mesh { result, world, params: Some(params), names, values };
             out.set(Box::into_raw(Box::new(mesh)));

@@ -15,6 +15,8 @@
 //! | `bricks` | how values of voxels lie in memory |
 //! | [`palette`] | a value per voxel out of a few |
 //! | `bits` | sets of voxels as bits |
+//! | [`label_names`] | names and colours of labels |
+//! | `wall` | the six faces of the image's box |
 //! | [`phantom`] | analytic images with known volumes |
 
 pub(crate) mod bits;
@@ -25,6 +27,7 @@ mod field;
 pub mod frame;
 pub mod gray;
 pub(crate) mod grid;
+pub mod label_names;
 pub mod palette;
 pub mod phantom;
 pub mod probabilities;
@@ -32,6 +35,7 @@ pub mod region;
 mod relabel;
 pub mod small_components;
 pub mod volume;
+mod wall;
 
 pub(crate) use builder::{LabelBuilder, numbered_voxels, voxel_count};
 pub use field::MapValues;
@@ -39,9 +43,11 @@ pub(crate) use field::{Field, Maps};
 pub use frame::{Frame, WorldAxes};
 pub use gray::GrayImage;
 pub(crate) use grid::Grid;
+pub use label_names::LabelNames;
 pub use palette::Palette;
 pub use probabilities::ProbabilityImage;
 pub use volume::{LabelImage, Voxels};
+pub use wall::Wall;
 
 /// Ids of labels are u16, id 0 is the background, and `u16::MAX` is left for what has none yet.
 pub const MAX_IDS: usize = u16::MAX as usize;

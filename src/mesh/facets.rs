@@ -1,19 +1,27 @@
 //! The interface facets of a mesh, from its tets, labels and neighbours; and the end of a mesh that
 //! was improved.
 //!
-//! Facets come in the order of the tets that list them, each from the side of its larger label.
+//! Facets come in the order of the tets that list them, each from the side of the label that
+//! comes first: the smaller one, the background last.
 //! Work goes by ranges of tets, so the result does not depend on the number of threads.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{NONE, TetMesh};
 use crate::Result;
 use crate::delaunay::tet::{FACET, Facet};
-use crate::memory::{parts, reserve, zeroed};
+use crate::image::Wall;
+use crate::memory::{filled, parts, reserve, zeroed};
 use crate::monitor::Monitor;
 
 /// Tets of one piece of work.
 const RANGE: usize = 1 << 13;
+
+/// Whether a label comes first at the interface with another.
+pub(super) fn is_before(label: i32, other: i32) -> bool {
+    label != 0 && (other == 0 || label < other)
+}
 
 impl TetMesh {
     /// Fills in `facets`, `facet_labels` and `facet_tets`. What lies across a facet without a
@@ -64,7 +72,7 @@ impl TetMesh {
                     (labels[t as usize], if other == NONE { 0 } else { labels[other as usize] });
                 let [a, b, c] = FACET[i].map(|j| tets[t as usize][j]);
                 // FACET's normals point into the tet.
-                (facets[k], facet_labels[k], facet_tets[k]) = if here > there {
+                (facets[k], facet_labels[k], facet_tets[k]) = if is_before(here, there) {
                     ([a, c, b], [here, there], [t, other])
                 } else {
                     ([a, b, c], [there, here], [other, t])
@@ -72,6 +80,31 @@ impl TetMesh {
             }
             Ok(())
         })
+    }
+
+    /// Fills in `facet_walls`: `wall` tells which wall the facet with these corners lies on, and is
+    /// asked for facets on the outside only.
+    ///
+    /// # Errors
+    /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
+    pub fn find_walls(
+        &mut self,
+        wall: impl Fn([DVec3; 3]) -> Wall + Sync,
+        monitor: &Monitor<'_>,
+    ) -> Result<()> {
+        let mut walls = filled(self.facets.len(), Wall::None, "walls of facets", || Ok(()))?;
+        let pieces = walls.par_chunks_mut(RANGE).enumerate().with_max_len(1);
+        pieces.try_for_each(|(piece, walls)| {
+            monitor.check_cancelled()?;
+            for (f, slot) in (piece * RANGE..).zip(walls) {
+                if self.facet_labels[f][1] == 0 {
+                    *slot = wall(self.facets[f].map(|v| self.point(v)));
+                }
+            }
+            Ok(())
+        })?;
+        self.facet_walls = walls;
+        Ok(())
     }
 
     /// Closes the gaps that improvement left, and drops the background unless it is to be `kept`:

@@ -10,6 +10,8 @@ pub(crate) mod testing;
 
 use glam::DVec3;
 
+use crate::image::Wall;
+
 /// "No tet" in [`TetMesh::neighbors`] and [`TetMesh::facet_tets`].
 pub const NONE: u32 = u32::MAX;
 
@@ -17,9 +19,9 @@ pub const NONE: u32 = u32::MAX;
 ///
 /// Sign convention: every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK. Facet i
 /// of a tet is the one opposite to its vertex i. Interface facets are ordered so that their normal
-/// (b - a) x (c - a) points from `facet_labels[f][0]` to `facet_labels[f][1]`, and the first label
-/// is the larger one (so that facets on the outside point outwards, towards label 0, unless labels
-/// are negative).
+/// (b - a) x (c - a) points from `facet_labels[f][0]` to `facet_labels[f][1]`. Of the two labels
+/// the smaller one comes first, and the background, 0, last: facets on the outside point outwards.
+/// This is the order of `BoundaryLabels` in VTK's surface filters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TetMesh {
     /// Vertex positions; behind them those of the nodes in the middles of edges, if there are any.
@@ -37,6 +39,9 @@ pub struct TetMesh {
     /// The tets on the two sides of each interface facet; [`NONE`] where that side is background
     /// that was not kept.
     pub facet_tets: Vec<[u32; 2]>,
+    /// The face of the image's box that each interface facet lies on, where the image cuts the
+    /// object off. Empty where nobody has looked for them: no image is known.
+    pub facet_walls: Vec<Wall>,
     /// The nodes in the middles of edges, of a mesh of second order.
     pub mid_nodes: Option<MidNodes>,
 }
@@ -96,6 +101,12 @@ impl TetMesh {
         let of_edges = self.mid_nodes.as_ref().map_or([NONE; 3], |nodes| nodes.facets[f]);
         let ([a, b, c], [ab, bc, ca]) = (self.facets[f], of_edges);
         [a, b, c, ab, bc, ca]
+    }
+
+    /// The face of the image's box that facet `f` lies on, as far as is known.
+    #[inline]
+    pub fn facet_wall(&self, f: usize) -> Wall {
+        self.facet_walls.get(f).copied().unwrap_or_default()
     }
 
     /// Position of vertex `v`.

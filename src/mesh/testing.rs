@@ -84,7 +84,7 @@ pub fn connect(mesh: &mut TetMesh) {
         let own = mesh.labels[t as usize];
         if own != other {
             let [a, b, c] = outward_facet(&mesh.tets[t as usize], i);
-            let swap = own < other;
+            let swap = !super::facets::is_before(own, other);
             mesh.facets.push(if swap { [a, c, b] } else { [a, b, c] });
             mesh.facet_labels.push(if swap { [other, own] } else { [own, other] });
             mesh.facet_tets.push(if swap { [u, t] } else { [t, u] });

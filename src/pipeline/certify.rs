@@ -59,6 +59,9 @@ pub fn certify(
 
     let MeshResult { mesh, report, .. } = result;
     monitor.end_at(limits.deadline);
+    if mesh.facet_walls.is_empty() {
+        mesh.find_walls(|corners| oracle.wall_of_facet(corners), monitor)?;
+    }
     let before = report.certificate.examined();
     let is_improved = report.improvement.counts.operations() > 0;
     let non_delaunay_facets = match before.non_delaunay_facets {

@@ -202,6 +202,7 @@ pub fn mesh_image(
     drop(sizing);
     let seconds = watch.add_to(|seconds| &mut seconds.improve);
     mesh.collect_facets(monitor)?;
+    mesh.find_walls(|corners| oracle.wall_of_facet(corners), monitor)?;
     watch.add_to(|seconds| &mut seconds.extract);
     if improves {
         messages::log_improvement(monitor, &improvement, seconds);

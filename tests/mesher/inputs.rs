@@ -44,6 +44,7 @@ fn gray(dims: [usize; 3], depth: impl Fn(DVec3) -> f64) -> GrayImage {
 
 /// Largest distance of the vertices between two labels from a surface, of which `distance` tells.
 fn farthest(mesh: &TetMesh, sides: [i32; 2], distance: impl Fn(DVec3) -> f64) -> f64 {
+    assert!(mesh.facet_labels.contains(&sides), "no facets between {sides:?}");
     let between =
         mesh.facets.iter().zip(&mesh.facet_labels).filter(|&(_, &labels)| labels == sides);
     between.flat_map(|(facet, _)| facet).map(|&v| distance(mesh.point(v)).abs()).fold(0.0, f64::max)
@@ -68,7 +69,7 @@ fn the_ball_of_a_scan_is_exact() {
         gray([35, 36, 34], |p| radius - p.length()).label_image(&[100.0], Some(&[-4])).unwrap();
     let meshing = mesh(&image, &params(0.7));
     assert_volume(&meshing, -4, ball_volume(radius), 0.005);
-    let distance = farthest(&meshing.mesh, [0, -4], |p| p.length() - radius);
+    let distance = farthest(&meshing.mesh, [-4, 0], |p| p.length() - radius);
     println!("farthest vertex: {distance:.4} voxels");
     assert!(distance < 0.05, "{distance}");
     assert_eq!(boundary_topology(&meshing.mesh, &[-4]), (2, 0));
@@ -85,7 +86,7 @@ fn two_isovalues_make_a_shell_in_a_shell() {
     assert_volume(&meshing, 1, outer - inner, 0.004);
     assert_volume(&meshing, 2, inner, 0.005);
     assert!(farthest(&meshing.mesh, [1, 0], |p| p.length() - radius) < 0.05);
-    assert!(farthest(&meshing.mesh, [2, 1], |p| p.length() - radius + 4.0) < 0.05);
+    assert!(farthest(&meshing.mesh, [1, 2], |p| p.length() - radius + 4.0) < 0.05);
     assert_eq!(boundary_topology(&meshing.mesh, &[2]), (2, 0));
     assert_eq!(boundary_topology(&meshing.mesh, &[1]), (4, 0));
     // The same interval alone, above it background; and both as one label.
@@ -162,7 +163,7 @@ fn likely_labels_meet_where_they_are_equally_likely() {
         // By symmetry the labels meet in the plane x = 0.
         // Not where the plane ends: there the mesh goes from plane to ball within about delta.
         let distance =
-            farthest(&meshing.mesh, [20, -1], |p| if p.y.hypot(p.z) < 5.2 { p.x } else { 0.0 });
+            farthest(&meshing.mesh, [-1, 20], |p| if p.y.hypot(p.z) < 5.2 { p.x } else { 0.0 });
         println!("farthest vertex from the plane: {distance:.4}");
         assert!(distance < 0.08, "{distance}");
         let found = volumes(&meshing.mesh);

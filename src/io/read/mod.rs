@@ -28,6 +28,7 @@
 mod distinct;
 mod fields;
 mod inr;
+pub mod label_table;
 mod metaimage;
 mod nifti;
 mod nrrd;
@@ -44,7 +45,7 @@ use source::{Access, Source};
 use voxels::{Layout, read_distinct, read_labels, read_layers};
 
 use crate::error::shown;
-use crate::image::{Frame, LabelImage, WorldAxes};
+use crate::image::{Frame, LabelImage, LabelNames, WorldAxes};
 use crate::{Error, Result};
 
 /// The frame that the image, and so the mesh, is to have.
@@ -112,8 +113,8 @@ pub struct ReadImage {
     /// With [`LabelValues::Distinct`] the values that became labels 1, 2, ..., with all their
     /// digits.
     pub values: Vec<String>,
-    /// The names that a segmentation of 3D Slicer gives to labels.
-    pub names: Vec<(i32, String)>,
+    /// The names and colours that a segmentation of 3D Slicer gives to labels.
+    pub names: LabelNames,
 }
 
 /// Reads a label image, coordinates as stored.
@@ -140,7 +141,7 @@ pub fn read_image_with(path: &Path, options: &ReadOptions, go_on: &GoOn<'_>) -> 
     let access = options.access(go_on, (0.0, 1.0));
     let Opened { mut source, layout, frame, world, segments, mut warnings } =
         open(path, Volumes::One, options, access)?;
-    let names = segments.as_ref().map(Segments::names_of_values).transpose()?.unwrap_or_default();
+    let names = segments.as_ref().map(Segments::names_of_values).unwrap_or_default();
     let mut layers = segments.filter(|_| layout.volumes > 1);
     if let Some(order) = &options.layer_order {
         set_layer_order(path, order, layers.as_mut(), layout.volumes)?;
@@ -156,7 +157,7 @@ pub fn read_image_with(path: &Path, options: &ReadOptions, go_on: &GoOn<'_>) -> 
         // The labels are others than the values that the header names.
         (LabelValues::Distinct, None) => {
             let (image, values) = read_distinct(&mut source, &layout, frame, &mut warnings)?;
-            (image, values, Vec::new())
+            (image, values, LabelNames::default())
         }
         (whole, None) => {
             let image = read_labels(&mut source, &layout, frame, whole, &mut warnings)?;

@@ -13,6 +13,7 @@ use std::collections::HashMap;
 use super::fields::Fields;
 use crate::error::excerpt;
 use crate::image::MAX_IDS;
+use crate::image::label_names::{LabelName, LabelNames};
 use crate::{Result, memory};
 
 /// What is counted where there is no memory.
@@ -40,15 +41,22 @@ pub(super) struct Finished<F> {
     /// The label of a segment's number.
     pub label: F,
     /// The names that the header gives to labels.
-    pub names: Vec<(i32, String)>,
+    pub names: LabelNames,
     /// What a user should know, one line each.
     pub warnings: Vec<String>,
 }
 
 struct Segment {
     value: i32,
-    name: String,
+    name: LabelName,
     occurs: bool,
+}
+
+/// A colour as the header has it: three numbers from 0 to 1.
+fn color_of(text: &str) -> Option<[u8; 3]> {
+    let mut parts = text.split_whitespace().map(str::parse::<f64>);
+    let mut part = || Some((parts.next()?.ok()?.clamp(0.0, 1.0) * 255.0).round() as u8);
+    Some([part()?, part()?, part()?])
 }
 
 impl Segments {
@@ -69,16 +77,16 @@ impl Segments {
             let (Some(layer), Some(value)) = (of("Layer"), of("LabelValue")) else { break };
             let (Ok(layer), Ok(value)) = (layer.parse(), value.parse()) else { return Ok(None) };
             let name = excerpt(of("Name").or_else(|| of("ID")).unwrap_or("unnamed"));
-            found.add(layer, value, name)?;
+            let color = of("Color").and_then(color_of);
+            found.add(layer, value, LabelName { name, color })?;
         }
         found.named = found.segments.len();
         Ok((found.named > 0).then_some(found))
     }
 
     /// The names of the labels of a file with a single layer, whose values are its labels.
-    pub(super) fn names_of_values(&self) -> Result<Vec<(i32, String)>> {
-        let names = self.segments.iter().map(|segment| (segment.value, segment.name.clone()));
-        memory::collected(names, WHAT)
+    pub(super) fn names_of_values(&self) -> LabelNames {
+        self.segments.iter().map(|segment| (segment.value, segment.name.clone())).collect()
     }
 
     /// Has the `count` layers count in another order than that of the file: later ones over earlier
@@ -99,7 +107,7 @@ impl Segments {
         self.segments.len() >= MAX_IDS
     }
 
-    fn add(&mut self, layer: usize, value: i32, name: String) -> Result<i32> {
+    fn add(&mut self, layer: usize, value: i32, name: LabelName) -> Result<i32> {
         memory::reserve(&mut self.segments, 1, WHAT)?;
         self.segments.push(Segment { value, name, occurs: false });
         let number = self.segments.len() as i32;
@@ -115,11 +123,11 @@ impl Segments {
         for (layer, &value) in values.iter().enumerate().filter(|&(_, &value)| value != 0) {
             let of_layer = match self.numbers.get(&(layer, value)) {
                 Some(&known) => known,
-                None => self.add(
-                    layer,
-                    value,
-                    format!("value {value} of layer {layer}, which the header does not name"),
-                )?,
+                None => {
+                    let name =
+                        format!("value {value} of layer {layer}, which the header does not name");
+                    self.add(layer, value, LabelName { name, color: None })?
+                }
             };
             self.segments[of_layer as usize - 1].occurs = true;
             let place = self.places.get(layer).copied().unwrap_or(layer);
@@ -147,7 +155,7 @@ impl Segments {
             let count = numbers.clone().count();
             let names = numbers
                 .take(NAMED)
-                .map(|n| format!("{} {}", label(n as i32), self.segments[n - 1].name));
+                .map(|n| format!("{} {}", label(n as i32), self.segments[n - 1].name.name));
             let names = names.collect::<Vec<_>>().join(", ");
             warnings.push(format!("{why}: {names}{}", if count > NAMED { ", ..." } else { "" }));
         };
@@ -172,8 +180,7 @@ impl Segments {
         }
         let named =
             self.segments[..self.named].iter().zip(1..).filter(|(segment, _)| segment.occurs);
-        let mut names = memory::room(self.named, WHAT)?;
-        names.extend(named.map(|(segment, number)| (label(number), segment.name.clone())));
+        let names = named.map(|(segment, number)| (label(number), segment.name.clone())).collect();
         Ok(Finished { label, names, warnings })
     }
 }

@@ -5,7 +5,7 @@ use super::LabelValues;
 use super::distinct::{Distinct, Number, told};
 use super::segments::{Finished, Segments};
 use super::source::Source;
-use crate::image::{Frame, LabelBuilder, LabelImage, voxel_count};
+use crate::image::{Frame, LabelBuilder, LabelImage, LabelNames, voxel_count};
 use crate::memory::{filled, reserve, room, zeroed};
 use crate::{Error, Result};
 
@@ -230,7 +230,7 @@ pub(super) fn read_layers(
     values: LabelValues,
     mut segments: Segments,
     warnings: &mut Vec<String>,
-) -> Result<(LabelImage, Vec<(i32, String)>)> {
+) -> Result<(LabelImage, LabelNames)> {
     let mut builder = LabelBuilder::new(layout.dims, trusted_labels(source, layout)?)?;
     // Values of a voxel whose others are still to come; numbers of segments of whole voxels.
     let (mut waiting, mut numbers) = (Vec::new(), Vec::new());

@@ -1,12 +1,10 @@
 //! Abaqus input file, read by CalculiX and others too (Dassault Systemes, "Abaqus Keywords Guide":
 //! *NODE, *ELEMENT, *SURFACE).
 //!
-//! The tets of each label are an element set, `label_7`, of elements C3D4, or C3D10 in a mesh of
-//! second order, whose nodes on edges come in the mesh's own order. Each pair of labels is an
-//! element-based surface, `interface_7_3`, of faces of tets of the first label, so that its normals
-//! point to the second one; where the first label is background that was not kept (which takes a
-//! negative second one), of faces of tets of the second. The number of a node is its index + 1,
-//! that of an element the tet's index + 1.
+//! Each region is an element set of elements C3D4, or C3D10 in a mesh of second order, whose nodes
+//! on edges come in the mesh's own order. Each boundary is an element-based surface of faces of
+//! tets of its first label, so that its normals point to the second one. The number of a node is
+//! its index + 1, that of an element the tet's index + 1.
 //!
 //! Programs read no more than 20 characters of a number, so longer ones are rounded to fit. That
 //! concerns only numbers below 0.1 in size, and changes them by less than 1e-11 of their size.
@@ -17,9 +15,10 @@ use std::path::Path;
 use super::groups::Groups;
 use super::output::Output;
 use super::records::{push_float, push_int, write_records};
-use super::{WriteOptions, check_count, label_name, pair_name};
+use super::regions::{Boundaries, Regions};
+use super::{WriteOptions, check_count};
 use crate::Result;
-use crate::mesh::{NONE, TetMesh};
+use crate::mesh::TetMesh;
 
 /// Characters of a number.
 const WIDTH: usize = 20;
@@ -30,7 +29,11 @@ pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
     check_count(path, "an Abaqus file", "tets", mesh.tets.len(), 999_999_999)
 }
 
-pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
+pub(super) fn write(
+    mesh: &TetMesh,
+    options: &WriteOptions<'_>,
+    out: &mut Output,
+) -> io::Result<()> {
     write!(out, "*HEADING\nlapd mesh\n{}*NODE\n", options.space("** ", "\n"))?;
     write_records(out, mesh.points.len(), |v, bytes| {
         push_int(bytes, v as i64 + 1);
@@ -42,8 +45,9 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) ->
     })?;
     let (nodes, kind) =
         (mesh.nodes_per_tet(), if mesh.mid_nodes.is_some() { "C3D10" } else { "C3D4" });
+    let regions = Regions::new(mesh, options);
     for (label, tets) in Groups::new(&mesh.labels).map_err(io::Error::other)?.iter() {
-        writeln!(out, "*ELEMENT, TYPE={kind}, ELSET={}", label_name(label))?;
+        writeln!(out, "*ELEMENT, TYPE={kind}, ELSET={}", regions.name(label))?;
         write_records(out, tets.len(), |i, bytes| {
             push_int(bytes, i64::from(tets[i]) + 1);
             for &v in &mesh.tet_nodes(tets[i] as usize)[..nodes] {
@@ -53,16 +57,18 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) ->
             bytes.push(b'\n');
         })?;
     }
-    for (pair, facets) in Groups::new(&mesh.facet_labels).map_err(io::Error::other)?.iter() {
-        writeln!(out, "*SURFACE, TYPE=ELEMENT, NAME={}", pair_name(pair))?;
+    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    for (boundary, facets) in Groups::new(&boundaries.of_facets).map_err(io::Error::other)?.iter() {
+        let name = &boundaries.names[boundary as usize];
+        writeln!(out, "*SURFACE, TYPE=ELEMENT, NAME={name}")?;
         write_records(out, facets.len(), |i, bytes| {
             let facet = facets[i] as usize;
-            if let Some(tet) = mesh.facet_tets[facet].into_iter().find(|&tet| tet != NONE) {
-                push_int(bytes, i64::from(tet) + 1);
-                bytes.extend_from_slice(b", S");
-                push_int(bytes, face(&mesh.tets[tet as usize], &mesh.facets[facet]));
-                bytes.push(b'\n');
-            }
+            // The first label is never background.
+            let tet = mesh.facet_tets[facet][0];
+            push_int(bytes, i64::from(tet) + 1);
+            bytes.extend_from_slice(b", S");
+            push_int(bytes, face(&mesh.tets[tet as usize], &mesh.facets[facet]));
+            bytes.push(b'\n');
         })?;
     }
     Ok(())

@@ -2,13 +2,13 @@
 //! mesh generator with built-in pre- and post-processing facilities", IJNME 79, 2009; its reference
 //! manual, "MSH file format").
 //!
-//! Each label is one volume entity and one physical group of dimension 3, named `label_7`; each
-//! pair of labels that meet is one surface entity and one physical group of dimension 2, named
-//! `interface_7_3`, its triangles with normals from the first label to the second. An entity and
-//! its physical group have the same tag. The tag of a volume is its label. Gmsh's tags must be
-//! positive, so that labels of 0 and below (0 is the background, where it was kept) get numbers
-//! that no label has; their names tell the label. Surfaces have the numbers after these: some
-//! programs take groups of equal numbers for one, whatever their dimensions.
+//! Each region is one volume entity and one physical group of dimension 3; each boundary is one
+//! surface entity and one physical group of dimension 2, its triangles with normals from the first
+//! label to the second. An entity and its physical group have the same tag. The tag of a volume is
+//! its label. Gmsh's tags must be positive, so that labels of 0 and below (0 is the background,
+//! where it was kept) get numbers that no label has; their names tell the label. Surfaces have the
+//! numbers after these: some programs take groups of equal numbers for one, whatever their
+//! dimensions.
 //!
 //! The tag of a node is its index + 1, that of a tet its index + 1, triangles are counted on from
 //! there. Version 2.2 keeps the order of the mesh. Version 4.1 has its nodes and elements by
@@ -28,10 +28,11 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::groups::{Groups, distinct};
+use super::groups::Groups;
 use super::output::Output;
 use super::records::write_records;
-use super::{LabelPairs, WriteOptions, check_count, label_name, pair_name};
+use super::regions::{Boundaries, Regions};
+use super::{WriteOptions, check_count};
 use crate::Result;
 use crate::memory::filled;
 use crate::mesh::TetMesh;
@@ -108,22 +109,23 @@ fn tags_of(labels: &[i32], surfaces: usize) -> Tags {
 /// The sections before entities and nodes.
 fn write_head(
     out: &mut Output,
-    options: &WriteOptions,
+    options: &WriteOptions<'_>,
     version: &str,
-    labels: &[i32],
     tags: &Tags,
-    pairs: &[[i32; 2]],
+    regions: &Regions,
+    boundaries: &Boundaries,
 ) -> io::Result<()> {
     // The binary integer 1 tells the order of bytes.
     write!(out, "$MeshFormat\n{version} 1 8\n")?;
     out.write_all(&1i32.to_le_bytes())?;
     let space = options.space("$Comments\n", "\n$EndComments\n");
-    write!(out, "\n$EndMeshFormat\n{space}$PhysicalNames\n{}\n", labels.len() + pairs.len())?;
-    for (tag, &pair) in tags.surfaces.iter().zip(pairs) {
-        writeln!(out, "{SURFACE} {tag} \"{}\"", pair_name(pair))?;
+    let count = tags.volumes.len() + tags.surfaces.len();
+    write!(out, "\n$EndMeshFormat\n{space}$PhysicalNames\n{count}\n")?;
+    for (tag, name) in tags.surfaces.iter().zip(&boundaries.names) {
+        writeln!(out, "{SURFACE} {tag} \"{name}\"")?;
     }
-    for (tag, &label) in tags.volumes.iter().zip(labels) {
-        writeln!(out, "{VOLUME} {tag} \"{}\"", label_name(label))?;
+    for (tag, (_, name)) in tags.volumes.iter().zip(regions.iter()) {
+        writeln!(out, "{VOLUME} {tag} \"{name}\"")?;
     }
     out.write_all(b"$EndPhysicalNames\n")
 }
@@ -138,12 +140,14 @@ pub(super) fn check_limits_2_2(mesh: &TetMesh, path: &Path) -> Result<()> {
 
 pub(super) fn write_2_2(
     mesh: &TetMesh,
-    options: &WriteOptions,
+    options: &WriteOptions<'_>,
     out: &mut Output,
 ) -> io::Result<()> {
-    let (labels, pairs) = (distinct(&mesh.labels), LabelPairs::new(mesh));
-    let tags = tags_of(&labels, pairs.0.len());
-    write_head(out, options, "2.2", &labels, &tags, &pairs.0)?;
+    let regions = Regions::new(mesh, options);
+    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    let labels = &regions.labels;
+    let tags = tags_of(labels, boundaries.all.len());
+    write_head(out, options, "2.2", &tags, &regions, &boundaries)?;
     write!(out, "$Nodes\n{}\n", mesh.points.len())?;
     write_records(out, mesh.points.len(), |v, bytes| {
         bytes.extend_from_slice(&(v as i32 + 1).to_le_bytes());
@@ -154,7 +158,7 @@ pub(super) fn write_2_2(
     let tag_of_tet = |t: usize| tags.volumes[labels.partition_point(|&l| l < mesh.labels[t])];
     let tets = |t: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_tet(t, push);
     write_block_2_2(out, elements.kind_of_tets(), 0, mesh.tets.len(), &tets, tag_of_tet)?;
-    let tag_of_facet = |f: usize| tags.surfaces[pairs.number(&mesh.facet_labels[f]) - 1];
+    let tag_of_facet = |f: usize| tags.surfaces[boundaries.of_facets[f] as usize];
     let facets = |f: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_facet(f, push);
     write_block_2_2(
         out,
@@ -190,14 +194,15 @@ fn write_block_2_2(
 
 pub(super) fn write_4_1(
     mesh: &TetMesh,
-    options: &WriteOptions,
+    options: &WriteOptions<'_>,
     out: &mut Output,
 ) -> io::Result<()> {
+    let regions = Regions::new(mesh, options);
+    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
     let volumes = Groups::new(&mesh.labels).map_err(io::Error::other)?;
-    let surfaces = Groups::new(&mesh.facet_labels).map_err(io::Error::other)?;
-    let (labels, pairs) = (volumes.keys(), surfaces.keys());
-    let tags = tags_of(labels, pairs.len());
-    write_head(out, options, "4.1", labels, &tags, pairs)?;
+    let surfaces = Groups::new(&boundaries.of_facets).map_err(io::Error::other)?;
+    let tags = tags_of(&regions.labels, boundaries.all.len());
+    write_head(out, options, "4.1", &tags, &regions, &boundaries)?;
 
     out.write_all(b"$Entities\n")?;
     write_longs(out, &[0, 0, surfaces.iter().len(), volumes.iter().len()])?;
@@ -208,9 +213,9 @@ pub(super) fn write_4_1(
         let boundary: Vec<i32> = tags
             .surfaces
             .iter()
-            .zip(pairs)
-            .filter(|(_, pair)| pair.contains(&label))
-            .map(|(&surface, pair)| if pair[0] == label { surface } else { -surface })
+            .zip(&boundaries.all)
+            .filter(|(_, boundary)| boundary.labels.contains(&label))
+            .map(|(&tag, boundary)| if boundary.labels[0] == label { tag } else { -tag })
             .collect();
         write_entity(out, mesh, tag, tets.iter().flat_map(|&t| mesh.nodes_of_tet(t)), &boundary)?;
     }
@@ -284,7 +289,7 @@ fn owners(
     mesh: &TetMesh,
     tags: &Tags,
     volumes: &Groups<i32>,
-    surfaces: &Groups<[i32; 2]>,
+    surfaces: &Groups<u32>,
 ) -> Result<Vec<[i32; 2]>> {
     // A vertex of no tet has to be somewhere as well.
     let nowhere = [VOLUME, tags.volumes.first().copied().unwrap_or(1)];

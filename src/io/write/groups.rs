@@ -1,5 +1,4 @@
-//! Things sorted into groups of equal keys: the tets of each label, the facets of each pair of
-//! labels.
+//! Things sorted into groups of equal keys: the tets of each label, the facets of each boundary.
 //!
 //! Keys are in increasing order, the things of a group in their own order. A counting sort: two
 //! passes with a binary search per thing among the keys, which are few; 4 bytes per thing.
@@ -58,11 +57,6 @@ impl<K: Copy + Ord> Groups<K> {
         Ok(Self { keys, starts, order })
     }
 
-    /// The keys, in increasing order.
-    pub fn keys(&self) -> &[K] {
-        &self.keys
-    }
-
     /// Each key with the indices of its things.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = (K, &[u32])> + ExactSizeIterator {
         self.keys
@@ -79,7 +73,7 @@ mod tests {
     #[test]
     fn groups_keep_the_order() {
         let groups = Groups::new(&[5, -2, 5, 5, i32::MAX, -2]).unwrap();
-        assert_eq!(groups.keys(), [-2, 5, i32::MAX]);
+        assert_eq!(groups.keys, [-2, 5, i32::MAX]);
         let all: Vec<_> = groups.iter().map(|(key, things)| (key, things.to_vec())).collect();
         assert_eq!(all, [(-2, vec![1, 5]), (5, vec![0, 2, 3]), (i32::MAX, vec![4])]);
         assert_eq!(Groups::<i32>::new(&[]).unwrap().iter().len(), 0);

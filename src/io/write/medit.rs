@@ -11,12 +11,17 @@
 
 use std::io::{self, Write};
 
+use super::WriteOptions;
 use super::output::Output;
 use super::records::{push_float, push_int, write_records};
-use super::{LabelPairs, WriteOptions};
+use super::regions::{Boundaries, Regions};
 use crate::mesh::TetMesh;
 
-pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
+pub(super) fn write(
+    mesh: &TetMesh,
+    options: &WriteOptions<'_>,
+    out: &mut Output,
+) -> io::Result<()> {
     // Version 2 is double precision. Some readers take these two lines by position, so nothing may
     // stand between them.
     write!(out, "MeshVersionFormatted 2\nDimension 3\nVertices\n{}\n", mesh.points.len())?;
@@ -33,15 +38,13 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) ->
     write_records(out, mesh.tets.len(), |t, bytes| {
         push_line(bytes, &mesh.tet_nodes(t)[..of_tet], i64::from(mesh.labels[t]));
     })?;
-    let pairs = LabelPairs::new(mesh);
+    let regions = Regions::new(mesh, options);
+    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
     out.write_all(options.space("# ", "\n").as_bytes())?;
-    write!(out, "{}Triangles{suffix}\n{}\n", pairs.comments(), mesh.facets.len())?;
+    let comments = regions.comments() + &boundaries.comments();
+    write!(out, "{comments}Triangles{suffix}\n{}\n", mesh.facets.len())?;
     write_records(out, mesh.facets.len(), |f, bytes| {
-        push_line(
-            bytes,
-            &mesh.facet_nodes(f)[..of_facet],
-            pairs.number(&mesh.facet_labels[f]) as i64,
-        );
+        push_line(bytes, &mesh.facet_nodes(f)[..of_facet], i64::from(boundaries.number(f)));
     })?;
     out.write_all(b"End\n")
 }

@@ -1,24 +1,23 @@
 //! Writers of finished meshes. The ending of the name chooses the format:
 //!
-//! | ending | format | tets | interface facets |
+//! | ending | format | regions | boundaries |
 //! |---|---|---|---|
-//! | `.vtu` | VTK XML, appended raw data in zlib blocks | cell array `label` | no |
-//! | `.vtk` | VTK legacy 4.2, binary | cell scalars `label` | no |
-//! | `.mesh` | MEDIT, ascii | reference is the label | reference per pair |
-//! | `.node`, `.ele`, `.face` | TetGen; all three files | first attribute | marker per pair |
-//! | `.msh`, `.msh4`, `.msh41` | Gmsh MSH 4.1, binary | group per label | group per pair |
-//! | `.msh2`, `.msh22` | Gmsh MSH 2.2, binary | the same | the same |
-//! | `.inp` | Abaqus, ascii | C3D4, element set per label | element-based surface per pair |
-//! | `.stl` | binary STL | no | all |
+//! | `.vtu` | VTK XML, appended raw data in zlib blocks | cell array `label` | triangles |
+//! | `.vtk` | VTK legacy 4.2, binary | cell scalars `label` | triangles |
+//! | `.mesh` | MEDIT, ascii | reference is the label | a reference each |
+//! | `.node`, `.ele`, `.face` | TetGen; all three files | first attribute | a marker each |
+//! | `.msh`, `.msh4`, `.msh41` | Gmsh MSH 4.1, binary | a group each | a group each |
+//! | `.msh2`, `.msh22` | Gmsh MSH 2.2, binary | a group each | a group each |
+//! | `.inp` | Abaqus, ascii | C3D4, an element set each | an element-based surface each |
+//! | `.stl` | binary STL | no | all facets |
 //! | `.ply` | PLY, binary | no | all, properties `first_label` and `second_label` |
-//! | `.off` | OFF, ascii | no | all |
+//! | `.off` | OFF, ascii | no | all facets |
 //!
-//! Pairs of labels are numbered from 1 in increasing order of (first label, second label); the
-//! files that use the numbers list them, in comment lines or as the names of physical groups. Names
-//! are `label_7` for a label and `interface_7_-2` for the pair of 7 and -2. Labels may be any
-//! 32-bit integers. Only Gmsh's tags must be positive: there the tag of a positive label is the
-//! label, labels of 0 and below get the numbers after the largest label, 0 first, then -1 and so
-//! on, pairs the numbers after these, and the names of the physical groups tell what it is.
+//! What regions and boundaries are, and how they are called: [`regions`]. Boundaries are numbered
+//! from 1; the files that use the numbers list them, in comment lines, as field data, or as the
+//! names of physical groups. Labels may be any 32-bit integers. Only Gmsh's tags must be positive:
+//! there the tag of a positive label is the label, labels of 0 and below get the numbers after the
+//! largest label, 0 first, then -1 and so on, boundaries the numbers after these.
 //!
 //! Meshes of second order go to `.vtu`, `.vtk`, `.mesh`, `.msh`, `.msh2`, `.inp`, with all nodes of
 //! tets and facets; the nodes on edges come in the order of [`MidNodes`](crate::mesh::MidNodes) but
@@ -40,6 +39,7 @@
 //! [`write_timeline`] writes in the same way what the threads of a run did when.
 
 mod abaqus;
+mod cells;
 mod gmsh;
 mod groups;
 mod medit;
@@ -47,6 +47,7 @@ mod off;
 mod output;
 mod ply;
 mod records;
+mod regions;
 mod stl;
 mod surface;
 mod tetgen;
@@ -57,11 +58,10 @@ mod vtu;
 use std::path::Path;
 
 use crate::error::shown;
-use crate::image::WorldAxes;
+use crate::image::{LabelNames, WorldAxes};
 use crate::mesh::TetMesh;
 use crate::monitor::CancelFlag;
 use crate::{Error, Result};
-use groups::distinct;
 pub(crate) use output::Output;
 
 pub use trace::write_timeline;
@@ -134,7 +134,7 @@ impl MeshFormat {
 
 /// What a file is to hold beside the mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct WriteOptions {
+pub struct WriteOptions<'a> {
     /// In `.vtu`: the measures of the tets, a cell array for each of
     /// [`TetMeasure::ALL`](crate::geometry::measures::TetMeasure::ALL). Other formats have no place
     /// for them.
@@ -144,15 +144,22 @@ pub struct WriteOptions {
     /// `.mesh`, `.node`, `.ele`, `.face` and `.inp`; in a section of comments of `.msh` and
     /// `.msh2`; and in `.vtu` as the field array `SPACE` of its characters' codes.
     pub world: Option<WorldAxes>,
+    /// Names of labels; files name regions and boundaries by them. PLY holds the colours.
+    pub names: Option<&'a LabelNames>,
+    /// Each connected part of a boundary becomes a boundary of its own.
+    pub parts: bool,
 }
 
-impl WriteOptions {
+impl WriteOptions<'_> {
     /// `SPACE=LPS`, with something before and behind it; nothing where the axes are not known.
     fn space(&self, before: &str, behind: &str) -> String {
         self.world
             .map_or_else(String::new, |world| format!("{before}SPACE={}{behind}", world.name()))
     }
 }
+
+/// Writes a file of one format.
+type Write<'a> = dyn Fn(&TetMesh, &WriteOptions<'_>, &mut Output) -> std::io::Result<()> + 'a;
 
 /// Writes `mesh` to `path` in the format of its ending; see the module's table. An existing file is
 /// replaced.
@@ -173,7 +180,7 @@ pub fn write_mesh(mesh: &TetMesh, path: &Path) -> Result<()> {
 pub fn write_mesh_watching(
     mesh: &TetMesh,
     path: &Path,
-    options: WriteOptions,
+    options: WriteOptions<'_>,
     cancel: Option<&CancelFlag>,
 ) -> Result<()> {
     if options.measures && MeshFormat::from_path(path)? != MeshFormat::Vtu {
@@ -182,7 +189,7 @@ pub fn write_mesh_watching(
             shown(path)
         )));
     }
-    let single = |write: &dyn Fn(&TetMesh, &WriteOptions, &mut Output) -> std::io::Result<()>| {
+    let single = |write: &Write<'_>| {
         let mut output = Output::create(path)?.watching(cancel);
         output.fill(|out| write(mesh, &options, out))?;
         Output::commit(vec![output])
@@ -224,39 +231,6 @@ fn check_count(path: &Path, format: &str, things: &str, count: usize, max: usize
     Ok(())
 }
 
-/// The name of what has a label.
-fn label_name(label: i32) -> String {
-    format!("label_{label}")
-}
-
-/// The name of the interface of two labels.
-fn pair_name([first, second]: [i32; 2]) -> String {
-    format!("interface_{first}_{second}")
-}
-
-/// The pairs of labels that meet at interfaces, numbered from 1 in increasing order.
-struct LabelPairs(Vec<[i32; 2]>);
-
-impl LabelPairs {
-    fn new(mesh: &TetMesh) -> Self {
-        Self(distinct(&mesh.facet_labels))
-    }
-
-    /// The number of a pair that the mesh has.
-    fn number(&self, pair: &[i32; 2]) -> usize {
-        self.0.partition_point(|known| known < pair) + 1
-    }
-
-    /// The table, a comment line for each number.
-    fn comments(&self) -> String {
-        let lines =
-            self.0.iter().enumerate().map(|(i, [first, second])| {
-                format!("# facets {}: labels {first} {second}\n", i + 1)
-            });
-        lines.collect()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -281,19 +255,5 @@ mod tests {
         let error = check_count(Path::new("a.inp"), "Abaqus", "tets", 10, 9).unwrap_err();
         assert!(matches!(error, Error::LimitReached(_)));
         assert_eq!(error.to_string(), "a.inp: 10 tets are too many for Abaqus, 9 are the most");
-    }
-
-    #[test]
-    fn pairs_are_numbered_in_order() {
-        let mesh = TetMesh {
-            facet_labels: vec![[3, 1], [2, 0], [3, 1], [1, 0], [3, 0]],
-            ..TetMesh::default()
-        };
-        let pairs = LabelPairs::new(&mesh);
-        assert_eq!(
-            mesh.facet_labels.iter().map(|pair| pairs.number(pair)).collect::<Vec<_>>(),
-            [4, 2, 4, 1, 3]
-        );
-        assert_eq!(pairs.comments().lines().nth(3), Some("# facets 4: labels 3 1"));
     }
 }

@@ -12,7 +12,11 @@ use super::output::Output;
 use super::records::write_records;
 use crate::mesh::TetMesh;
 
-pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
+pub(super) fn write(
+    mesh: &TetMesh,
+    options: &WriteOptions<'_>,
+    out: &mut Output,
+) -> io::Result<()> {
     let mut header = [b' '; 80];
     // It must not begin with "solid", which marks ascii.
     let text = format!("binary STL: interfaces of a lapd mesh{}", options.space("; ", ""));

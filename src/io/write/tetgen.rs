@@ -8,9 +8,10 @@
 use std::io::Write;
 use std::path::Path;
 
+use super::WriteOptions;
 use super::output::Output;
 use super::records::{push_float, push_int, push_ints, write_records};
-use super::{LabelPairs, WriteOptions};
+use super::regions::{Boundaries, Regions};
 use crate::error::shown;
 use crate::mesh::TetMesh;
 use crate::monitor::CancelFlag;
@@ -19,7 +20,7 @@ use crate::{Error, Result};
 /// Writes the three files that `path`, with any of their endings, stands for.
 pub(super) fn write(
     mesh: &TetMesh,
-    options: &WriteOptions,
+    options: &WriteOptions<'_>,
     path: &Path,
     cancel: Option<&CancelFlag>,
 ) -> Result<()> {
@@ -52,13 +53,14 @@ pub(super) fn write(
         })?;
         out.write_all(space.as_bytes())
     })?;
-    let pairs = LabelPairs::new(mesh);
+    let regions = Regions::new(mesh, options);
+    let boundaries = Boundaries::new(mesh, options, &regions)?;
     face.fill(|out| {
         writeln!(out, "{} 1", mesh.facets.len())?;
         write_records(out, mesh.facets.len(), |f, bytes| {
-            push_line(bytes, f, &mesh.facets[f], pairs.number(&mesh.facet_labels[f]) as i64);
+            push_line(bytes, f, &mesh.facets[f], boundaries.number(f).into());
         })?;
-        out.write_all(pairs.comments().as_bytes())?;
+        out.write_all((regions.comments() + &boundaries.comments()).as_bytes())?;
         out.write_all(space.as_bytes())
     })?;
     Output::commit(vec![node, ele, face])

@@ -1,10 +1,11 @@
 //! VTK XML unstructured grid: data appended raw, compressed in blocks by zlib, 64-bit block headers
 //! (The VTK User's Guide, "XML file formats").
 //!
-//! Where asked for, cell arrays (Float32) tell measures of the tets.
+//! What the cells are and what their arrays tell: [`cells`](super::cells). Where asked for, cell
+//! arrays (Float32) tell measures of the tets, NaN for facets. The array `label` stands first:
+//! readers that take one integer array for the material take the first.
 //!
-//! The cell array `label` (Int32) stands first: readers that take one integer array for the
-//! material take the first. An array is stored as the number of blocks, the size of a block, the
+//! An array is stored as the number of blocks, the size of a block, the
 //! size of the last one if that is smaller (else 0), the compressed size of each block, then the
 //! blocks. Offsets in the XML and sizes in the headers are known only when the blocks are written;
 //! room is left for them and filled in afterwards, so that nothing is held in memory but the blocks
@@ -17,9 +18,9 @@ use std::ops::Range;
 use flate2::{Compression, write::ZlibEncoder};
 
 use super::WriteOptions;
+use super::cells::Cells;
 use super::output::Output;
 use super::records::write_batches;
-use super::vtk::cell_type;
 use crate::geometry::measures::TetMeasure;
 use crate::mesh::TetMesh;
 
@@ -82,59 +83,57 @@ impl<'a> Array<'a> {
 }
 
 /// Writes the file; where measures are asked for, with an array for each of [`TetMeasure::ALL`].
-pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) -> io::Result<()> {
-    let (points, tets) = (mesh.points.len(), mesh.tets.len());
-    let (nodes, kind) = (mesh.nodes_per_tet(), cell_type(mesh));
-    let mut arrays = vec![
-        Array::new(r#"type="Int32" Name="label""#, tets, |t| mesh.labels[t].to_le_bytes()),
-        Array::new(r#"type="Float64" Name="Points" NumberOfComponents="3""#, 3 * points, |i| {
-            mesh.points[i / 3][i % 3].to_le_bytes()
-        }),
-        Array::new(r#"type="Int64" Name="connectivity""#, nodes * tets, |i| {
-            i64::from(mesh.tet_nodes(i / nodes)[i % nodes]).to_le_bytes()
-        }),
-        Array::new(r#"type="Int64" Name="offsets""#, tets, |t| (nodes * (t + 1)).to_le_bytes()),
-        Array::new(r#"type="UInt8" Name="types""#, tets, |_| [kind]),
+pub(super) fn write(
+    mesh: &TetMesh,
+    options: &WriteOptions<'_>,
+    out: &mut Output,
+) -> io::Result<()> {
+    let cells = Cells::new(mesh, options).map_err(io::Error::other)?;
+    let (points, count) = (mesh.points.len(), cells.count());
+    let cells = &cells;
+    let mut of_cells = vec![
+        Array::new(r#"type="Int32" Name="label""#, count, |c| cells.label(c).to_le_bytes()),
+        Array::new(
+            r#"type="Int32" Name="BoundaryLabels" NumberOfComponents="2""#,
+            2 * count,
+            |i| cells.labels(i / 2)[i % 2].to_le_bytes(),
+        ),
+        Array::new(r#"type="Int32" Name="boundary""#, count, |c| cells.boundary(c).to_le_bytes()),
     ];
-    const WITHOUT_MEASURES: usize = 5;
     if options.measures {
         for (measure, name) in TetMeasure::ALL {
-            let value = move |t: usize| measure.of(&mesh.tets[t].map(|v| mesh.point(v))) as f32;
-            arrays.push(Array::new(format!(r#"type="Float32" Name="{name}""#), tets, move |t| {
-                value(t).to_le_bytes()
-            }));
+            let value = move |c: usize| {
+                let tet = mesh.tets.get(c);
+                tet.map_or(f32::NAN, |tet| measure.of(&tet.map(|v| mesh.point(v))) as f32)
+            };
+            let attributes = format!(r#"type="Float32" Name="{name}""#);
+            of_cells.push(Array::new(attributes, count, move |c| value(c).to_le_bytes()));
         }
     }
-    let [label, position, connectivity, offsets, types] = &arrays[..WITHOUT_MEASURES] else {
-        unreachable!()
-    };
-    let of_cells: Vec<&Array<'_>> =
-        std::iter::once(label).chain(&arrays[WITHOUT_MEASURES..]).collect();
-    // In the order of the data.
-    let order: Vec<&Array<'_>> =
-        of_cells.iter().copied().chain([position, connectivity, offsets, types]).collect();
+    let of_points =
+        [Array::new(r#"type="Float64" Name="Points" NumberOfComponents="3""#, 3 * points, |i| {
+            mesh.points[i / 3][i % 3].to_le_bytes()
+        })];
+    let of_nodes = [
+        Array::new(r#"type="Int64" Name="connectivity""#, cells.node_count(), |i| {
+            i64::from(cells.node(i)).to_le_bytes()
+        }),
+        Array::new(r#"type="Int64" Name="offsets""#, count, |c| cells.end(c).to_le_bytes()),
+        Array::new(r#"type="UInt8" Name="types""#, count, |c| [cells.kind(c)]),
+    ];
     out.write_all(
         b"<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" \
           byte_order=\"LittleEndian\" header_type=\"UInt64\" \
           compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n",
     )?;
-    if let Some(world) = options.world {
-        // As numbers: some readers of VTU refuse the whole file for an array of strings.
-        let codes = world.name().bytes().map(|byte| byte.to_string()).collect::<Vec<_>>().join(" ");
-        write!(
-            out,
-            "<FieldData>\n<DataArray type=\"UInt8\" Name=\"SPACE\" NumberOfTuples=\"3\" \
-             format=\"ascii\">"
-        )?;
-        writeln!(out, "{codes}</DataArray>\n</FieldData>")?;
-    }
-    writeln!(out, r#"<Piece NumberOfPoints="{points}" NumberOfCells="{tets}">"#)?;
+    write_field_data(out, options, cells)?;
+    writeln!(out, r#"<Piece NumberOfPoints="{points}" NumberOfCells="{count}">"#)?;
     // Where the offset of each array will stand.
     let mut places = Vec::new();
-    let groups: [(&str, &str, &[&Array<'_>]); 3] = [
+    let groups: [(&str, &str, &[Array<'_>]); 3] = [
         (r#"CellData Scalars="label""#, "CellData", &of_cells),
-        ("Points", "Points", &[position]),
-        ("Cells", "Cells", &[connectivity, offsets, types]),
+        ("Points", "Points", &of_points),
+        ("Cells", "Cells", &of_nodes),
     ];
     for (open, close, members) in groups {
         writeln!(out, "<{open}>")?;
@@ -148,14 +147,42 @@ pub(super) fn write(mesh: &TetMesh, options: &WriteOptions, out: &mut Output) ->
     out.write_all(b"</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_")?;
     let data_at = out.stream_position()?;
     let mut positions = Vec::new();
-    for array in order {
+    // Last ones first: meshio looks arrays up by their offsets, which it changes one by one, and
+    // takes the first in the XML that has an offset, changed or not.
+    for array in groups.iter().flat_map(|(_, _, members)| *members).rev() {
         positions.push(out.stream_position()? - data_at);
         array.write(out)?;
     }
     out.write_all(b"\n</AppendedData>\n</VTKFile>\n")?;
-    for (place, position) in places.into_iter().zip(positions) {
+    for (place, position) in places.into_iter().zip(positions.into_iter().rev()) {
         out.seek(SeekFrom::Start(place))?;
         write!(out, "\"{position}\"")?;
     }
     Ok(())
+}
+
+/// What the whole file says: what the world axes mean, and what regions and boundaries are called.
+fn write_field_data(
+    out: &mut Output,
+    options: &WriteOptions<'_>,
+    cells: &Cells<'_>,
+) -> io::Result<()> {
+    out.write_all(b"<FieldData>\n")?;
+    let mut array = |kind: &str, name: &str, values: &[i32]| {
+        let count = values.len();
+        let values: Vec<String> = values.iter().map(i32::to_string).collect();
+        writeln!(
+            out,
+            "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfTuples=\"{count}\" \
+             format=\"ascii\">{}</DataArray>",
+            values.join(" ")
+        )
+    };
+    if let Some(world) = options.world {
+        // As numbers: some readers of VTU refuse the whole file for an array of strings.
+        let codes: Vec<i32> = world.name().bytes().map(i32::from).collect();
+        array("UInt8", "SPACE", &codes)?;
+    }
+    cells.names().try_for_each(|(name, number)| array("Int32", name, &number))?;
+    out.write_all(b"</FieldData>\n")
 }

@@ -20,6 +20,7 @@ use glam::DVec3;
 use super::junctions::{JunctionKind, JunctionPlanes, low_corner, random_of};
 use super::ties::Square;
 use crate::Result;
+use crate::image::Wall;
 use crate::oracle::Oracle;
 use crate::oracle::model::field::MAX_RIVALS;
 use crate::oracle::model::indicator;
@@ -36,6 +37,11 @@ impl Walls {
     /// How many.
     pub fn count(&self) -> usize {
         self.0.iter().flatten().count()
+    }
+
+    /// Whether they are the far ones: for each axis the wall across it, if there is one here.
+    fn far(&self, upper: DVec3) -> [Option<bool>; 3] {
+        [0, 1, 2].map(|a| self.0[a].map(|x| x == upper[a]))
     }
 
     /// The walls that two points are both on.
@@ -90,6 +96,19 @@ impl Oracle {
             walls.0[a] = Some(x[a]);
         }
         walls
+    }
+
+    /// The wall that a facet lies on.
+    pub fn wall_of_facet(&self, corners: [DVec3; 3]) -> Wall {
+        if !self.walls.has_walls {
+            return Wall::None;
+        }
+        let [first, second, third] = corners.map(|p| self.walls_at(p));
+        let common = first.common(&second).common(&third);
+        let far = common.far(self.walls.upper);
+        // A facet lies on one, since its corners are not on a line.
+        let on = (0..3).find_map(|a| Some(Wall::OF_AXES[a][usize::from(far[a]?)]));
+        on.unwrap_or_default()
     }
 
     /// The point of these walls nearest to `p`; `p` itself where there is none.

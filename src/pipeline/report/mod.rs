@@ -7,7 +7,6 @@
 mod outline;
 mod tables;
 
-use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 
@@ -16,7 +15,7 @@ use serde_json::{Map, Value};
 
 use super::MeshResult;
 use crate::delaunay::worker::Counters;
-use crate::image::WorldAxes;
+use crate::image::{LabelNames, WorldAxes};
 use crate::improve::{Cause, Improvement};
 use crate::io::write::Output;
 use crate::memory::room;
@@ -38,7 +37,7 @@ pub struct About<'a> {
     /// What the world axes mean, where that is known.
     pub world: Option<WorldAxes>,
     /// The names of labels.
-    pub names: &'a [(i32, Cow<'a, str>)],
+    pub names: LabelNames,
     /// The values that labels 1, 2, ... stand for, where distinct values became labels.
     pub values: &'a [String],
     /// What only the program knows: members that are put beside those of the library. Those of its
@@ -131,7 +130,7 @@ const MEMBERS: [&str; 26] = [
 ];
 
 impl<'a> Report<'a> {
-    fn new(result: &MeshResult, about: &About<'a>) -> Result<Self> {
+    fn new(result: &MeshResult, about: &'a About<'a>) -> Result<Self> {
         let MeshResult { mesh, report, ended_by } = result;
         let About { params, world, names, values, extra } = about;
         let mut extra = extra.clone();
@@ -152,7 +151,7 @@ impl<'a> Report<'a> {
         }
         let vertices = report.all_vertices;
         let params = params.as_ref();
-        let name_of = |label| names.iter().find(|name| name.0 == label).map(|name| &*name.1);
+        let name_of = |label| names.get(label).map(|name| &*name.name);
         let volume_change = |label| report.improvement.counts.volume_of(label);
         // What was not measured is null, and never 0.
         let certificate = Some(&report.certificate)
@@ -546,6 +545,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::image::label_names::LabelName;
     use crate::image::phantom::ball;
     use crate::monitor::Monitor;
     use crate::pipeline::mesh_image;
@@ -561,10 +561,11 @@ mod tests {
             Value::Object(extra) => extra,
             _ => unreachable!(),
         };
-        let names = [(1, "the \"ball\"\n".into())];
+        let mut names = LabelNames::default();
+        names.insert(1, LabelName { name: "the \"ball\"\n".into(), color: None });
         let about = |more| About {
             params: Some(params.clone()),
-            names: &names,
+            names: names.clone(),
             extra: extra(more),
             ..About::default()
         };
