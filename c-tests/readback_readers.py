@@ -377,6 +377,219 @@ def gmsh_medit(path):
     )
 
 
+# ---- Formats of solvers ----
+
+
+def gmsh_by_tags(path):
+    """Universal files and Nastran's: numbers of entities are tags of regions and boundaries, whose
+    names are read here, in the order of which tags go up."""
+    points = gmsh_open(path)
+    text = path.read_text()
+    if path.suffix == ".bdf":
+        rows = re.findall(r"^\$ (PSOLID|PSHELL) (\d+): (\S+)$", text, re.MULTILINE)
+        names = {(3 if kind == "PSOLID" else 2, int(tag)): name for kind, tag, name in rows}
+    else:
+        import gmsh
+
+        names = {}
+        for name, members in unv_groups(text).items():
+            dimension = 2 if "__" in name else 3
+            tag = gmsh.model.mesh.getElement(members[0])[3]
+            assert len(members) == len(gmsh_elements(dimension, tag)[0]), name
+            names[dimension, tag] = name
+    return gmsh_gather(
+        points,
+        lambda dimension, tag: (pair_of if dimension == 2 else label_of)(names[dimension, tag]),
+    )
+
+
+def unv_groups(text):
+    """The elements of each group of a universal file: dataset 2467, two elements in a line."""
+    lines = iter(text.split("  2467\n")[1].split("    -1\n")[0].splitlines())
+    groups = {}
+    for head in lines:
+        count, name = int(head.split()[-1]), next(lines)
+        members = []
+        while len(members) < count:
+            fields = next(lines).split()
+            assert set(fields[::4]) == {"8"}, fields
+            members += [int(field) for field in fields[1::4]]
+        assert len(members) == count, name
+        groups[name] = members
+    return groups
+
+
+def meshio_nastran(path):
+    import meshio
+
+    mesh = meshio.read(path)
+    refs = mesh.cell_data_dict["nastran:ref"]
+    rows = re.findall(r"^\$ (?:PSOLID|PSHELL) (\d+): (\S+)$", path.read_text(), re.MULTILINE)
+    names = {int(tag): name for tag, name in rows}
+    return Seen(
+        mesh.points,
+        mesh.cells_dict["tetra"],
+        np.array([label_of(names[tag]) for tag in refs["tetra"]]),
+        mesh.cells_dict["triangle"],
+        np.array([pair_of(names[tag]) for tag in refs["triangle"]]),
+    )
+
+
+def vtk_exodus(path):
+    """VTK has Sandia's own library. Side sets are read as polygons with normals out of their
+    elements; those of the other side of an interface must be the same, turned round."""
+    import vtk
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    reader = vtk.vtkExodusIIReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    sets = [reader.GetSideSetArrayName(i) for i in range(reader.GetNumberOfSideSetArrays())]
+    blocks = [
+        reader.GetElementBlockArrayName(i) for i in range(reader.GetNumberOfElementBlockArrays())
+    ]
+    for name in sets:
+        reader.SetSideSetArrayStatus(name, 1)
+    reader.SetSqueezePoints(False)
+    reader.Update()
+    output = reader.GetOutput()
+    parts = {}
+    for i in range(output.GetNumberOfBlocks()):
+        of_kind = output.GetBlock(i)
+        for j in range(of_kind.GetNumberOfBlocks() if of_kind else 0):
+            if of_kind.GetBlock(j):
+                name = of_kind.GetMetaData(j).Get(vtk.vtkCompositeDataSet.NAME())
+                parts[name.split(" ID")[0].replace("Unnamed block", "")] = of_kind.GetBlock(j)
+    assert set(blocks) | set(sets) == set(parts), (blocks, sets, list(parts))
+    points = vtk_to_numpy(parts[blocks[0]].GetPoints().GetData())
+    tets, labels, sides = [], [], {}
+    for name, grid in parts.items():
+        nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray())
+        if "__" in name:
+            sides[name] = nodes.reshape(-1, 3)
+            continue
+        tets.append(nodes.reshape(-1, 4))
+        labels.append(np.full(len(tets[-1]), label_of(name)))
+    facets, pairs = [], []
+    for name, nodes in sides.items():
+        pair = pair_of(name)
+        first, second = pair[:2]
+        if first == 0 or (second != 0 and first > second):
+            twin = sides["__".join(reversed(name.split("__")))]
+            assert np.array_equal(np.sort(nodes, axis=1), np.sort(twin, axis=1)), name
+        else:
+            facets.append(nodes)
+            pairs += [pair] * len(nodes)
+    return Seen(
+        points,
+        np.concatenate(tets),
+        np.concatenate(labels),
+        np.concatenate(facets),
+        np.array(pairs),
+        in_order=False,
+    )
+
+
+def febio(path):
+    """The mesh of FEBio's file, as XML: solvers.py has it read by a program for such files."""
+    import xml.etree.ElementTree as ElementTree
+
+    root = ElementTree.parse(path).getroot()
+    assert root.tag == "febio_spec" and root.get("version") == "4.0"
+    mesh = root.find("Mesh")
+
+    def rows(element):
+        return [[float(x) for x in row.text.split(",")] for row in element]
+
+    tets, labels, numbers, facets, pairs = [], [], [], [], []
+    for elements in mesh.findall("Elements"):
+        tets += rows(elements)
+        labels += [label_of(elements.get("name"))] * len(elements)
+        numbers += [int(element.get("id")) for element in elements]
+    for surface in mesh.findall("Surface"):
+        facets += rows(surface)
+        pairs += [pair_of(surface.get("name"))] * len(surface)
+    domains = [domain.get("name") for domain in root.find("MeshDomains")]
+    assert domains == [elements.get("name") for elements in mesh.findall("Elements")]
+    assert sorted(numbers) == list(range(1, len(tets) + 1))
+    return Seen(
+        np.array(rows(mesh.find("Nodes"))),
+        np.array(tets).astype(np.int64) - 1,
+        np.array(labels),
+        np.array(facets).astype(np.int64) - 1,
+        np.array(pairs),
+        in_order=False,
+    )
+
+
+def foam_lists(path):
+    """The text of a file of OpenFOAM behind its head."""
+    return path.read_text().split("}\n", 1)[1]
+
+
+def foam_numbers(text):
+    return np.array(re.sub(r"[()]", " ", text).split(), dtype=np.float64)
+
+
+def foam_cells(folder):
+    """Points, faces, how many of them are inside, and the vertices of cells: those of its faces."""
+    points = foam_numbers(foam_lists(folder / "points"))[1:].reshape(-1, 3)
+    faces = foam_numbers(foam_lists(folder / "faces"))[1:].reshape(-1, 4)[:, 1:].astype(np.int64)
+    owner, neighbour = (
+        foam_numbers(foam_lists(folder / name))[1:].astype(np.int64)
+        for name in ("owner", "neighbour")
+    )
+    inner = len(neighbour)
+    assert (owner[:inner] < neighbour).all()
+    order = np.lexsort([neighbour, owner[:inner]])
+    assert np.array_equal(order, np.arange(inner)), "inner faces are not in order"
+    count = max(owner.max(), neighbour.max()) + 1
+    # Of a cell: a face of it with the normal out of it, and the vertex that is left.
+    outward = np.full((count, 3), -1)
+    outward[neighbour] = faces[:inner, ::-1]
+    outward[owner] = faces
+    total = np.zeros(count, dtype=np.int64)
+    np.add.at(total, owner, faces.sum(axis=1))
+    np.add.at(total, neighbour, faces[:inner].sum(axis=1))
+    # Each vertex of a tet is on three of its faces.
+    assert (total % 3 == 0).all()
+    apex = total // 3 - outward.sum(axis=1)
+    return points, faces, inner, np.column_stack([outward[:, ::-1], apex])
+
+
+def openfoam(path):
+    """polyMesh, from the manual; solvers.py has OpenFOAM itself check and solve on it."""
+    folder = path.parent / "constant/polyMesh"
+    points, faces, inner, tets = foam_cells(folder)
+    labels = np.full(len(tets), -(2**40))
+    zones = re.findall(
+        r"^(\S+)\n\{\n.*?\n\d+\n\(\n(.*?)\)", foam_lists(folder / "cellZones"), re.M | re.S
+    )
+    for name, members in zones:
+        labels[foam_numbers(members).astype(np.int64)] = label_of(name)
+    facets, pairs = [], []
+    patches = re.findall(
+        r"(\S+)\s+\{\s+type\s+patch;\s+nFaces\s+(\d+);\s+startFace\s+(\d+);",
+        foam_lists(folder / "boundary"),
+    )
+    assert sum(int(size) for _, size, _ in patches) == len(faces) - inner
+    for name, size, start in patches:
+        if name == "outside":
+            continue
+        facets.append(faces[int(start) : int(start) + int(size)])
+        pairs += [pair_of(name)] * int(size)
+    zones = re.findall(
+        r"^(\S+)\n\{.*?\(\n(.*?)\).*?\(\n(.*?)\)", foam_lists(folder / "faceZones"), re.M | re.S
+    )
+    for name, members, flips in zones:
+        of_zone = faces[foam_numbers(members).astype(np.int64)]
+        flipped = foam_numbers(flips).astype(bool)
+        of_zone[flipped] = of_zone[flipped][:, ::-1]
+        facets.append(of_zone)
+        pairs += [pair_of(name)] * len(of_zone)
+    return Seen(points, tets, labels, np.concatenate(facets), np.array(pairs), in_order=False)
+
+
 # Which program reads which file.
 READERS = [
     ("meshio", ".vtu", meshio_volume),
@@ -399,4 +612,10 @@ READERS = [
     ("meshio", ".off", meshio_surface),
     ("trimesh", ".off", trimesh_surface),
     ("vtk", ".off", vtk_surface),
+    ("vtk", ".exo", vtk_exodus),
+    ("gmsh", ".unv", gmsh_by_tags),
+    ("gmsh", ".bdf", gmsh_by_tags),
+    ("meshio", ".bdf", meshio_nastran),
+    ("python", ".feb", febio),
+    ("python", ".foam", openfoam),
 ]

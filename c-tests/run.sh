@@ -3,8 +3,8 @@
 # skipped"; the exit status is 0 only if none failed. What was not tested is said in lines that
 # start with SKIPPED.
 #
-#   sh c-tests/run.sh          without the examples of ITK and VTK, if these are not installed
-#   sh c-tests/run.sh --all    installs these as well, 200 MB
+#   sh c-tests/run.sh          without ITK, VTK and OpenFOAM, if these are not installed
+#   sh c-tests/run.sh --all    installs these as well, 270 MB
 #
 # Logs are kept in build/logs. Real images are looked for in LAPD_IMAGES or in ../shared/images.
 set -u
@@ -90,8 +90,8 @@ have nm || missing="$missing binutils"
 have clang-format || missing="$missing clang-format"
 have doxygen || missing="$missing doxygen"
 have python3 || missing="$missing python3"
-# What readback.py needs: CalculiX, virtual environments, and the libraries that the gmsh module
-# from PyPI links to.
+# What readback.py and solvers.py need: CalculiX, virtual environments, and the libraries that the
+# gmsh module from PyPI links to.
 have ccx || missing="$missing calculix-ccx"
 python3 -c 'import ensurepip' >/dev/null 2>&1 || missing="$missing python3-venv"
 for pair in libGL.so.1=libgl1 libGLU.so.1=libglu1-mesa libgomp.so.1=libgomp1 \
@@ -103,6 +103,7 @@ pkg-config --exists hwloc libudev 2>/dev/null || missing="$missing libhwloc-dev 
 if [ -n "$all" ]; then
     ls /usr/lib/*/cmake/ITK-5* >/dev/null 2>&1 || missing="$missing libinsighttoolkit5-dev"
     ls /usr/lib/*/cmake/vtk-9* >/dev/null 2>&1 || missing="$missing libvtk9-dev"
+    have checkMesh || missing="$missing openfoam"
     have xvfb-run || missing="$missing xvfb xauth libgl1-mesa-dri"
 fi
 have abidiff || missing="$missing abigail-tools"

@@ -16,7 +16,8 @@ static const char USAGE[] =
     "Turns a label image, a scan or probability maps into a tetrahedral mesh of all tissues.\n"
     "INPUT: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz\n"
     "OUT, by its ending: .vtu .vtk .mesh .node .ele .msh (Gmsh 4.1) .msh2 (Gmsh 2.2) .inp (Abaqus) "
-    ".stl .ply .off\n"
+    ".exo (Exodus II)\n"
+    "    .foam (OpenFOAM) .mfem .feb (FEBio) .bdf (Nastran) .unv .stl .ply .off\n"
     "Lengths are in the image's world units (mm).\n"
     "\n"
     "  -o OUT               write the mesh; may be given again, or left out with --report\n"
@@ -530,12 +531,11 @@ bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *pa
         return usage_error("--curved needs --order 2%s%s", "", "");
     }
     for (size_t i = 0; order == 2 && i < o->output_count; i++) {
-        static const char *const endings[] = {".node", ".ele", ".face"};
+        static const char *const endings[] = {".node", ".ele", ".face", ".foam", ".mfem"};
         const char *dot = strrchr(o->outputs[i], '.');
         int32_t found;
-        if (dot != NULL && parse_name(dot, endings, 3, &found)) {
-            return usage_error("%s: TetGen's files are written for --order 1 only%s", o->outputs[i],
-                               "");
+        if (dot != NULL && parse_name(dot, endings, sizeof endings / sizeof *endings, &found)) {
+            return usage_error("%s: this file has no place for --order 2%s", o->outputs[i], "");
         }
     }
     if (o->output_count == 0 && o->report == NULL) {

@@ -2840,6 +2840,12 @@ lapd_status lapd_mesh_check_path(lapd_context *context, const char *path);
  *   these are positive; labels of 0 and below get the numbers after the largest label, 0 first;
  *   boundaries those after these;
  * - .inp: Abaqus; an element set for each region, an element-based surface for each boundary;
+ * - .exo .ex2 .e: Exodus II; an element block for each region, a side set for each boundary, and a
+ *   second one for its other side where that is a region;
+ * - .foam: OpenFOAM; the mesh is constant/polyMesh beside this file, which is empty; a zone of
+ *   cells for each region, a patch for each boundary to the outside, a zone of faces for others;
+ * - .mfem: MFEM mesh 1.3; .feb: FEBio 4.0; .bdf .nas: Nastran; .unv: I-DEAS universal file;
+ *   attributes, element sets, properties or groups for regions and boundaries;
  * - .stl .ply .off: the interface facets alone, STL and PLY binary; PLY has properties first_label
  *   and second_label.
  *
@@ -2850,13 +2856,13 @@ lapd_status lapd_mesh_check_path(lapd_context *context, const char *path);
  * of letters, digits, '_' and '-'; other characters become '_'.
  *
  * Meshes of order 2 are written with all their nodes: VTK's cell type 24, MEDIT's TetrahedraP2 and
- * TrianglesP2, Gmsh's types 11 and 9, C3D10. TetGen's files can't hold them; surfaces hold their
- * flat facets.
+ * TrianglesP2, Gmsh's types 11 and 9, C3D10, and the like. TetGen's, OpenFOAM's and MFEM's files
+ * can't hold them; surfaces hold their flat facets.
  *
  * Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as
  * SPACE=LPS, RAS or LAS: in the head of .vtk and .stl and in a comment of .ply, where 3D Slicer
  * looks for it, in comments of .mesh, .node, .ele, .face, .msh, .msh2, .inp, and in .vtu as the
- * field array SPACE of character codes. .off has no place for it.
+ * field array SPACE of character codes. .off and .unv have no place for it.
  *
  * `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any
  * thread; several may write the same mesh at once, to different files. The work is shared by as

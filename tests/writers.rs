@@ -8,6 +8,7 @@ use std::process::Command;
 use lapd::image::{Wall, WorldAxes};
 use lapd::io::write::{WriteOptions, write_mesh, write_mesh_watching, write_timeline};
 use lapd::mesh::{NONE, TetMesh};
+use lapd::monitor::CancelFlag;
 use lapd::refine::activity::{Doing, Span, ThreadReport};
 
 /// Two tets with labels 7 and -2 that share a facet, and one of label 0 on the side of the first.
@@ -42,7 +43,7 @@ fn golden() -> PathBuf {
 fn small_mesh_gives_the_committed_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let golden_names = "small.vtk small.mesh small.node small.ele small.face small.msh small.msh2 \
-     small.inp small.stl small.ply small.off";
+     small.inp small.exo small.mfem small.feb small.bdf small.unv small.stl small.ply small.off";
     for name in golden_names.split(' ') {
         write_mesh(&mesh(), &folder.path().join(name)).unwrap();
     }
@@ -58,7 +59,7 @@ fn small_mesh_gives_the_committed_bytes() {
             String::from_utf8_lossy(&written)
         );
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 11, "temporary files are gone");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 16, "temporary files are gone");
 }
 
 #[test]
@@ -200,8 +201,8 @@ fn vtu_holds_the_arrays() {
     }
 }
 
-/// What the world axes mean is said where it is known, in all formats but OFF, which has no place
-/// for it.
+/// What the world axes mean is said where it is known, in all formats but OFF and universal files,
+/// which have no place for it.
 #[test]
 fn files_tell_their_world_axes() {
     let folder = tempfile::tempdir().unwrap();
@@ -211,7 +212,8 @@ fn files_tell_their_world_axes() {
         (WorldAxes::Las, "SPACE=LAS"),
     ] {
         let options = WriteOptions { world: Some(world), ..WriteOptions::default() };
-        for ending in ["vtk", "mesh", "node", "ele", "face", "msh", "msh2", "inp", "stl", "ply"] {
+        let endings = "vtk mesh node ele face msh msh2 inp exo mfem feb bdf stl ply";
+        for ending in endings.split(' ') {
             let path = folder.path().join(format!("a.{ending}"));
             write_mesh_watching(&mesh(), &path, options, None).unwrap();
             let file = std::fs::read(&path).unwrap();
@@ -237,14 +239,41 @@ fn files_tell_their_world_axes() {
 #[test]
 fn empty_mesh_makes_whole_files() {
     let folder = tempfile::tempdir().unwrap();
-    for name in
-        ["a.vtu", "a.vtk", "a.mesh", "a.ele", "a.msh", "a.msh2", "a.inp", "a.stl", "a.ply", "a.off"]
-    {
-        write_mesh(&TetMesh::default(), &folder.path().join(name)).unwrap();
+    let endings = "vtu vtk mesh ele msh msh2 inp exo mfem feb bdf unv stl ply off";
+    for ending in endings.split(' ') {
+        write_mesh(&TetMesh::default(), &folder.path().join(format!("a.{ending}"))).unwrap();
     }
     assert_eq!(std::fs::read(folder.path().join("a.stl")).unwrap().len(), 84);
     assert_eq!(std::fs::read(folder.path().join("a.off")).unwrap(), b"OFF\n0 0 0\n");
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 12);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 17);
+}
+
+/// OpenFOAM's mesh lies in folders beside its file; those that were made for nothing are removed.
+#[test]
+fn openfoam_has_a_case() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = folder.path().join("case");
+    let path = case.join("small.foam");
+    let poly_mesh = case.join("constant/polyMesh");
+    write_mesh(&mesh(), &path).unwrap();
+    let mut names: Vec<_> = std::fs::read_dir(&poly_mesh)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
+    names.sort();
+    let expected = ["boundary", "cellZones", "faceZones", "faces", "neighbour", "owner", "points"];
+    assert_eq!(names, expected);
+    assert_eq!(std::fs::read(&path).unwrap(), b"");
+    let boundary = std::fs::read_to_string(poly_mesh.join("boundary")).unwrap();
+    assert!(boundary.contains("    label_-2__wall_y_min\n"), "{boundary}");
+    write_mesh(&TetMesh::default(), &path).unwrap();
+
+    let flag = CancelFlag::default();
+    flag.cancel();
+    let other = folder.path().join("other/small.foam");
+    let options = WriteOptions::default();
+    write_mesh_watching(&mesh(), &other, options, Some(&flag)).unwrap_err();
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "folders are left");
 }
 
 /// The endings that Gmsh itself knows.
@@ -291,7 +320,7 @@ fn meshio_reads_what_was_written() {
     }
     let folder = tempfile::tempdir().unwrap();
     let names = "small.vtu small.vtk small.mesh small.node small.msh small.msh2 small.inp \
-     small.stl small.off";
+     small.bdf small.stl small.off";
     for name in names.split(' ') {
         write_mesh(&mesh(), &folder.path().join(name)).unwrap();
     }

@@ -3,7 +3,8 @@
 //!
 //! Each region is an element set of elements C3D4, or C3D10 in a mesh of second order, whose nodes
 //! on edges come in the mesh's own order. Each boundary is an element-based surface of faces of
-//! tets of its first label, so that its normals point to the second one. The number of a node is
+//! tets of its first label, so that its normals point to the second one, and a node set of the same
+//! name. The number of a node is
 //! its index + 1, that of an element the tet's index + 1.
 //!
 //! Programs read no more than 20 characters of a number, so longer ones are rounded to fit. That
@@ -18,10 +19,14 @@ use super::records::{push_float, push_int, write_records};
 use super::regions::{Boundaries, Regions};
 use super::{WriteOptions, check_count};
 use crate::Result;
+use crate::memory::room;
 use crate::mesh::TetMesh;
 
 /// Characters of a number.
 const WIDTH: usize = 20;
+
+/// Numbers in a line of a set.
+const ENTRIES: usize = 8;
 
 /// Numbers of nodes and of elements have at most 9 digits.
 pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
@@ -70,8 +75,26 @@ pub(super) fn write(
             push_int(bytes, face(&mesh.tets[tet as usize], &mesh.facets[facet]));
             bytes.push(b'\n');
         })?;
+        let nodes = nodes_of(mesh, facets).map_err(io::Error::other)?;
+        writeln!(out, "*NSET, NSET={name}")?;
+        write_records(out, nodes.len().div_ceil(ENTRIES), |line, bytes| {
+            for &v in nodes.iter().skip(ENTRIES * line).take(ENTRIES) {
+                push_int(bytes, i64::from(v) + 1);
+                bytes.push(b',');
+            }
+            bytes.push(b'\n');
+        })?;
     }
     Ok(())
+}
+
+/// The nodes of facets, in increasing order.
+fn nodes_of(mesh: &TetMesh, facets: &[u32]) -> Result<Vec<u32>> {
+    let mut nodes = room(facets.len() * mesh.nodes_per_facet(), "nodes of a boundary")?;
+    nodes.extend(facets.iter().flat_map(|&f| mesh.nodes_of_facet(f)));
+    nodes.sort_unstable();
+    nodes.dedup();
+    Ok(nodes)
 }
 
 /// The number of the face of `tet` that is `facet`: faces 1 to 4 are opposite to the vertices 3, 2,

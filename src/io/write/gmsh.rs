@@ -31,7 +31,7 @@ use glam::DVec3;
 use super::groups::Groups;
 use super::output::Output;
 use super::records::write_records;
-use super::regions::{Boundaries, Regions};
+use super::regions::{Boundaries, Regions, Tags};
 use super::{WriteOptions, check_count};
 use crate::Result;
 use crate::memory::filled;
@@ -81,31 +81,6 @@ type Nodes<'a> = dyn Fn(usize, &mut dyn FnMut(u32)) + Sync + 'a;
 const SURFACE: i32 = 2;
 const VOLUME: i32 = 3;
 
-/// The tags of volumes and surfaces: all different.
-struct Tags {
-    volumes: Vec<i32>,
-    surfaces: Vec<i32>,
-}
-
-/// The tags of labels, which are in increasing order, and of so many surfaces. A positive label has
-/// itself, others, from 0 downwards, the numbers after the largest label, and surfaces those after
-/// these. Should these run out, the smallest numbers that no label has.
-fn tags_of(labels: &[i32], surfaces: usize) -> Tags {
-    let positive = labels.partition_point(|&label| label <= 0);
-    let largest = labels.last().map_or(0, |&label| label.max(0));
-    let mut free = (largest..=i32::MAX)
-        .skip(1)
-        .chain(1..largest)
-        .filter(|tag| labels[positive..].binary_search(tag).is_err());
-    let mut volumes: Vec<i32> = free.by_ref().take(positive).collect();
-    volumes.reverse();
-    volumes.extend_from_slice(&labels[positive..]);
-    // In increasing order, since nodes belong to the surface of the smallest number.
-    let mut surfaces: Vec<i32> = free.take(surfaces).collect();
-    surfaces.sort_unstable();
-    Tags { volumes, surfaces }
-}
-
 /// The sections before entities and nodes.
 fn write_head(
     out: &mut Output,
@@ -146,7 +121,7 @@ pub(super) fn write_2_2(
     let regions = Regions::new(mesh, options);
     let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
     let labels = &regions.labels;
-    let tags = tags_of(labels, boundaries.all.len());
+    let tags = Tags::new(labels, boundaries.all.len(), i32::MAX);
     write_head(out, options, "2.2", &tags, &regions, &boundaries)?;
     write!(out, "$Nodes\n{}\n", mesh.points.len())?;
     write_records(out, mesh.points.len(), |v, bytes| {
@@ -201,7 +176,7 @@ pub(super) fn write_4_1(
     let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
     let volumes = Groups::new(&mesh.labels).map_err(io::Error::other)?;
     let surfaces = Groups::new(&boundaries.of_facets).map_err(io::Error::other)?;
-    let tags = tags_of(&regions.labels, boundaries.all.len());
+    let tags = Tags::new(&regions.labels, boundaries.all.len(), i32::MAX);
     write_head(out, options, "4.1", &tags, &regions, &boundaries)?;
 
     out.write_all(b"$Entities\n")?;
@@ -344,25 +319,4 @@ fn push_long(bytes: &mut Vec<u8>, value: u64) {
 
 fn push_point(bytes: &mut Vec<u8>, point: &[f64; 3]) {
     point.iter().for_each(|x| bytes.extend_from_slice(&x.to_le_bytes()));
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tags_are_positive_and_differ() {
-        let tags = |labels: &[i32]| {
-            let Tags { volumes, surfaces } = tags_of(labels, 2);
-            (volumes, surfaces)
-        };
-        assert_eq!(tags(&[]), (vec![], vec![1, 2]));
-        assert_eq!(tags(&[1, 5, 900_000]), (vec![1, 5, 900_000], vec![900_001, 900_002]));
-        assert_eq!(tags(&[-7, -2, 0, 3, 9]), (vec![12, 11, 10, 3, 9], vec![13, 14]));
-        assert_eq!(tags(&[i32::MIN, -1, 0]), (vec![3, 2, 1], vec![4, 5]));
-        let max = i32::MAX;
-        assert_eq!(tags(&[-3, 0, 1, 2, 4, max]), (vec![5, 3, 1, 2, 4, max], vec![6, 7]));
-        assert_eq!(tags(&[max - 1]), (vec![max - 1], vec![1, max]));
-        assert_eq!(tags(&[-1, 0, max - 1]), (vec![1, max, max - 1], vec![2, 3]));
-    }
 }

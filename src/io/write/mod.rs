@@ -9,6 +9,12 @@
 //! | `.msh`, `.msh4`, `.msh41` | Gmsh MSH 4.1, binary | a group each | a group each |
 //! | `.msh2`, `.msh22` | Gmsh MSH 2.2, binary | a group each | a group each |
 //! | `.inp` | Abaqus, ascii | C3D4, an element set each | an element-based surface each |
+//! | `.exo`, `.ex2`, `.e` | Exodus II, netCDF | an element block each | side sets |
+//! | `.foam` | OpenFOAM's `constant/polyMesh` beside it | a cell zone each | patches, face zones |
+//! | `.mfem` | MFEM mesh v1.3, ascii | an attribute each | an attribute each |
+//! | `.feb` | FEBio 4.0, XML | elements and a domain each | a surface each |
+//! | `.bdf`, `.nas` | Nastran bulk data, ascii | a PSOLID each | a PSHELL each |
+//! | `.unv` | I-DEAS universal file, ascii | a group each | a group each |
 //! | `.stl` | binary STL | no | all facets |
 //! | `.ply` | PLY, binary | no | all, properties `first_label` and `second_label` |
 //! | `.off` | OFF, ascii | no | all facets |
@@ -19,15 +25,15 @@
 //! there the tag of a positive label is the label, labels of 0 and below get the numbers after the
 //! largest label, 0 first, then -1 and so on, boundaries the numbers after these.
 //!
-//! Meshes of second order go to `.vtu`, `.vtk`, `.mesh`, `.msh`, `.msh2`, `.inp`, with all nodes of
-//! tets and facets; the nodes on edges come in the order of [`MidNodes`](crate::mesh::MidNodes) but
-//! in Gmsh's files, where the last two of a tet change places. STL, PLY and OFF hold the flat
-//! facets between vertices. TetGen's files are refused.
+//! Meshes of second order go to `.vtu`, `.vtk`, `.mesh`, `.msh`, `.msh2`, `.inp`, `.exo`, `.feb`,
+//! `.bdf` and `.unv`, with all nodes of tets and facets; the nodes on edges come in the order of
+//! [`MidNodes`](crate::mesh::MidNodes) but in Gmsh's files, where the last two of a tet change
+//! places. STL, PLY and OFF hold the flat facets between vertices. The others are refused.
 //!
 //! The order of the vertices of tets is that of [`TetMesh`] in every format, normals of facets
 //! point from the first to the second label. Coordinates are the mesh's; binary formats hold them
 //! as they are (STL in single precision), ascii ones in the shortest form that reads back to the
-//! same number (Abaqus in at most 20 characters). STL, PLY and OFF leave out what is no vertex of a
+//! same number (Abaqus in at most 20 characters, Nastran in 16). STL, PLY and OFF leave out what is no vertex of a
 //! facet.
 //!
 //! Data go to a temporary file in the folder of the target, are synced, and take the target's name
@@ -40,10 +46,16 @@
 
 mod abaqus;
 mod cells;
+mod exodus;
+mod febio;
 mod gmsh;
 mod groups;
 mod medit;
+mod mfem;
+mod nastran;
+mod netcdf;
 mod off;
+mod openfoam;
 mod output;
 mod ply;
 mod records;
@@ -52,6 +64,7 @@ mod stl;
 mod surface;
 mod tetgen;
 mod trace;
+mod unv;
 mod vtk;
 mod vtu;
 
@@ -83,6 +96,18 @@ pub enum MeshFormat {
     Msh22,
     /// Abaqus input file.
     Abaqus,
+    /// Exodus II, netCDF with 64-bit offsets.
+    Exodus,
+    /// OpenFOAM's polyMesh beside ParaView's mark of a case.
+    OpenFoam,
+    /// MFEM mesh v1.3.
+    Mfem,
+    /// FEBio's input file 4.0.
+    Febio,
+    /// Nastran bulk data.
+    Nastran,
+    /// I-DEAS universal file.
+    Unv,
     /// Binary STL of the interfaces.
     Stl,
     /// Binary PLY of the interfaces.
@@ -92,7 +117,7 @@ pub enum MeshFormat {
 }
 
 /// Every ending that is known.
-const ENDINGS: [(&str, MeshFormat); 15] = [
+const ENDINGS: [(&str, MeshFormat); 24] = [
     ("vtu", MeshFormat::Vtu),
     ("vtk", MeshFormat::Vtk),
     ("mesh", MeshFormat::Medit),
@@ -105,6 +130,15 @@ const ENDINGS: [(&str, MeshFormat); 15] = [
     ("msh2", MeshFormat::Msh22),
     ("msh22", MeshFormat::Msh22),
     ("inp", MeshFormat::Abaqus),
+    ("exo", MeshFormat::Exodus),
+    ("ex2", MeshFormat::Exodus),
+    ("e", MeshFormat::Exodus),
+    ("foam", MeshFormat::OpenFoam),
+    ("mfem", MeshFormat::Mfem),
+    ("feb", MeshFormat::Febio),
+    ("bdf", MeshFormat::Nastran),
+    ("nas", MeshFormat::Nastran),
+    ("unv", MeshFormat::Unv),
     ("stl", MeshFormat::Stl),
     ("ply", MeshFormat::Ply),
     ("off", MeshFormat::Off),
@@ -211,6 +245,27 @@ pub fn write_mesh_watching(
             abaqus::check_limits(mesh, path)?;
             single(&abaqus::write)
         }
+        MeshFormat::Exodus => {
+            exodus::check_limits(mesh, path)?;
+            single(&exodus::write)
+        }
+        MeshFormat::OpenFoam => openfoam::write(mesh, &options, path, cancel),
+        MeshFormat::Mfem => {
+            mfem::check_limits(mesh, path)?;
+            single(&mfem::write)
+        }
+        MeshFormat::Febio => {
+            febio::check_limits(mesh, path)?;
+            single(&febio::write)
+        }
+        MeshFormat::Nastran => {
+            nastran::check_limits(mesh, path)?;
+            single(&nastran::write)
+        }
+        MeshFormat::Unv => {
+            unv::check_limits(mesh, path)?;
+            single(&unv::write)
+        }
         MeshFormat::Stl => single(&stl::write),
         MeshFormat::Ply => {
             check_count(path, "PLY", "vertices", mesh.points.len(), i32::MAX as usize)?;
@@ -218,6 +273,18 @@ pub fn write_mesh_watching(
         }
         MeshFormat::Off => single(&off::write),
     }
+}
+
+/// Refuses a mesh of second order, of which a format has no place.
+fn refuse_second_order(mesh: &TetMesh, path: &Path, files: &str) -> Result<()> {
+    if mesh.mid_nodes.is_some() {
+        return Err(Error::InvalidArgument(format!(
+            "{}: {files} are written for tets of order 1 only; .vtu .vtk .mesh .msh .inp .exo .feb \
+             .bdf .unv have order 2",
+            shown(path)
+        )));
+    }
+    Ok(())
 }
 
 /// Refuses more of a thing than a format can number.

@@ -166,6 +166,12 @@ impl Boundaries {
         self.of_facets[f] + 1
     }
 
+    /// The name of a boundary between two regions seen from its second label.
+    pub fn reversed_name(&self, boundary: usize, regions: &Regions) -> String {
+        let Boundary { labels: [first, second], wall, part } = self.all[boundary];
+        name_of(&Boundary { labels: [second, first], wall, part }, regions)
+    }
+
     /// A comment line for each boundary: its number, its labels, its name.
     pub fn comments(&self) -> String {
         let lines = self.all.iter().zip(&self.names).zip(1..);
@@ -173,6 +179,35 @@ impl Boundaries {
             format!("# facets {number}: labels {first} {second} {name}\n")
         });
         lines.collect()
+    }
+}
+
+/// Positive numbers of regions and boundaries, for formats that take no others: all different.
+pub(super) struct Tags {
+    pub volumes: Vec<i32>,
+    pub surfaces: Vec<i32>,
+}
+
+impl Tags {
+    /// The tags of labels, which are in increasing order, and of so many surfaces; none is above
+    /// `max`. A label from 1 to `max` has itself. Others, from 0 downwards and then from `max`
+    /// upwards, have the numbers after the largest of these, and surfaces those after them. Should
+    /// these run out, the smallest numbers that no label has.
+    pub fn new(labels: &[i32], surfaces: usize, max: i32) -> Self {
+        let (low, high) =
+            (labels.partition_point(|&label| label <= 0), labels.partition_point(|&l| l <= max));
+        let own = &labels[low..high];
+        let largest = own.last().copied().unwrap_or(0);
+        let mut free =
+            (largest..=max).skip(1).chain(1..largest).filter(|tag| own.binary_search(tag).is_err());
+        let mut volumes: Vec<i32> = free.by_ref().take(low).collect();
+        volumes.reverse();
+        volumes.extend_from_slice(own);
+        volumes.extend(free.by_ref().take(labels.len() - high));
+        // In increasing order, since nodes belong to the surface of the smallest number.
+        let mut surfaces: Vec<i32> = free.take(surfaces).collect();
+        surfaces.sort_unstable();
+        Self { volumes, surfaces }
     }
 }
 
@@ -309,5 +344,23 @@ mod tests {
         let lines: Vec<&str> = comments.lines().collect();
         assert_eq!(lines[1], "# facets 2: labels 7 0 label_7__wall_x_min");
         assert_eq!(lines.len(), 4);
+    }
+
+    #[test]
+    fn tags_are_positive_and_differ() {
+        let tags = |labels: &[i32]| {
+            let Tags { volumes, surfaces } = Tags::new(labels, 2, i32::MAX);
+            (volumes, surfaces)
+        };
+        assert_eq!(tags(&[]), (vec![], vec![1, 2]));
+        assert_eq!(tags(&[1, 5, 900_000]), (vec![1, 5, 900_000], vec![900_001, 900_002]));
+        assert_eq!(tags(&[-7, -2, 0, 3, 9]), (vec![12, 11, 10, 3, 9], vec![13, 14]));
+        assert_eq!(tags(&[i32::MIN, -1, 0]), (vec![3, 2, 1], vec![4, 5]));
+        let max = i32::MAX;
+        assert_eq!(tags(&[-3, 0, 1, 2, 4, max]), (vec![5, 3, 1, 2, 4, max], vec![6, 7]));
+        assert_eq!(tags(&[max - 1]), (vec![max - 1], vec![1, max]));
+        assert_eq!(tags(&[-1, 0, max - 1]), (vec![1, max, max - 1], vec![2, 3]));
+        let Tags { volumes, surfaces } = Tags::new(&[-1, 5, 8, 99, 100, max], 2, 99);
+        assert_eq!((volumes, surfaces), (vec![1, 5, 8, 99, 2, 3], vec![4, 6]));
     }
 }

@@ -8,14 +8,13 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::WriteOptions;
 use super::output::Output;
 use super::records::{push_float, push_int, push_ints, write_records};
 use super::regions::{Boundaries, Regions};
-use crate::error::shown;
+use super::{WriteOptions, refuse_second_order};
+use crate::Result;
 use crate::mesh::TetMesh;
 use crate::monitor::CancelFlag;
-use crate::{Error, Result};
 
 /// Writes the three files that `path`, with any of their endings, stands for.
 pub(super) fn write(
@@ -24,13 +23,7 @@ pub(super) fn write(
     path: &Path,
     cancel: Option<&CancelFlag>,
 ) -> Result<()> {
-    if mesh.mid_nodes.is_some() {
-        return Err(Error::InvalidArgument(format!(
-            "{}: TetGen's files are written for tets of order 1 only; .vtu .vtk .msh .inp .mesh \
-             have order 2",
-            shown(path)
-        )));
-    }
+    refuse_second_order(mesh, path, "TetGen's files")?;
     let create = |ending: &str| Ok(Output::create(&path.with_extension(ending))?.watching(cancel));
     let (mut node, mut ele, mut face) = (create("node")?, create("ele")?, create("face")?);
     let space = options.space("# ", "\n");
