@@ -335,6 +335,12 @@ void meshes() {
           LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(mesh.label_name(1) == nullptr && !mesh.label_color(1).second);
     CHECK(mesh.facet_walls().size() == mesh.facets().size());
+    CHECK(mesh.node_pairs().empty());
+    lapd::context splitting;
+    lapd::mesh split = lapd::mesh::make(splitting, block_image(splitting), lapd::params());
+    CHECK(status_of([&] {
+              split.split_interfaces(splitting, {{{1, 9}}});
+          }) == LAPD_ERROR_INVALID_ARGUMENT);
     lapd::write_options chosen;
     mesh.write(moved, "chosen.vtu", chosen.set_measures(true).set_boundary_parts(true));
     CHECK(status_of([&] { mesh.write(moved, "mesh.nonsense"); }) == LAPD_ERROR_INVALID_ARGUMENT);

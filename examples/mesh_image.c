@@ -198,6 +198,12 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
         goto done;
     }
 
+    if ((o->split_all || o->split_count > 0) &&
+        lapd_mesh_split_interfaces(context, mesh, o->split_all ? NULL : o->split, o->split_count) !=
+            LAPD_OK) {
+        complain("%s", lapd_context_last_error(context));
+        goto done;
+    }
     const double write_start = now();
     if (write_outputs(context, mesh, o) != LAPD_OK) {
         complain("%s", lapd_context_last_error(context));

@@ -98,6 +98,10 @@ static const char MORE_USAGE[] =
     "line (those of\n"
     "                       3D Slicer, FreeSurfer, ITK-SNAP, or plain lists)\n"
     "  --boundary-parts     make each connected part of a boundary a boundary of its own\n"
+    "  --split-interfaces P all | A,B: regions get nodes of their own at all interfaces, or at "
+    "that "
+    "of two labels;\n"
+    "                       pairs may be given again\n"
     "  --measures           .vtu files get measures of the tets: dihedral angles, scaled Jacobian, "
     "ratios\n"
     "  --report FILE.json   write a report\n"
@@ -366,6 +370,23 @@ static set_result set_input(options *o, const char *option, const char *value) {
         o->world = choice == 0 ? LAPD_WORLD_LPS : LAPD_WORLD_RAS;
         return SET_OK;
     }
+    if (strcmp(option, "--split-interfaces") == 0) {
+        if (strcmp(value, "all") == 0) {
+            o->split_all = true;
+            return SET_OK;
+        }
+        const char *rest;
+        size_t count;
+        int32_t *pair = parse_labels(value, &rest, &count);
+        int32_t *pairs = realloc(o->split, (o->split_count + 1) * 2 * sizeof *pairs);
+        const bool good = pair != NULL && pairs != NULL && count == 2 && *rest == '\0';
+        if (pairs != NULL)
+            o->split = pairs;
+        if (good)
+            memcpy(pairs + 2 * o->split_count++, pair, 2 * sizeof *pair);
+        free(pair);
+        return good ? SET_OK : SET_BAD_VALUE;
+    }
     if (strcmp(option, "--names") == 0) {
         o->names = value;
         return SET_OK;
@@ -463,6 +484,7 @@ bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *pa
                                                      "--frame",
                                                      "--layer-order",
                                                      "--names",
+                                                     "--split-interfaces",
                                                      "--gaussian",
                                                      "--border",
                                                      "--improve",
@@ -518,6 +540,9 @@ bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *pa
     if (o->layer_order != NULL && (o->isovalues != NULL || o->probabilities)) {
         return usage_error("--layer-order is for labels%s%s", "", "");
     }
+    if (o->split_all && o->split_count > 0) {
+        return usage_error("--split-interfaces takes all%s%s", " or pairs, ", "not both");
+    }
     if (o->isovalues != NULL && o->probabilities) {
         return usage_error("--isovalue is for scans%s%s", ", --probabilities for maps", "");
     }
@@ -549,5 +574,6 @@ void free_options(options *o) {
     free(o->isovalues);
     free(o->layer_order);
     free(o->labels);
+    free(o->split);
     free(o->outputs);
 }

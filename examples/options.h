@@ -28,6 +28,10 @@ typedef struct {
     size_t layer_count;
     /* A table of names of labels, or NULL. */
     const char *names;
+    /* Pairs of labels whose interfaces are split; none with `split_all`. */
+    int32_t *split;
+    size_t split_count;
+    bool split_all;
     const char **outputs;
     size_t output_count;
     const char *report;

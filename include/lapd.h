@@ -20,10 +20,10 @@
  * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and
  *   programs and libraries of different versions understand each other. What the library does not
  *   know yet reads 0.
- * - Images change only when their labels are named, meshes only by lapd_mesh_certify; otherwise any
- *   number of threads may use them at once. Parameters and write options may be read by many
- *   threads as long as none changes them. A context belongs to one thread at a time, but for
- *   lapd_context_cancel.
+ * - Images change only when their labels are named, meshes only by lapd_mesh_certify and
+ *   lapd_mesh_split_interfaces; otherwise any number of threads may use them at once. Parameters
+ *   and write options may be read by many threads as long as none changes them. A context belongs
+ *   to one thread at a time, but for lapd_context_cancel.
  * - The library prints nothing, reads no environment, installs no signal handler, and does not
  *   end the process: memory that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, in every call of
  *   the process that works at that moment.
@@ -596,7 +596,8 @@ typedef struct lapd_image lapd_image;
 
 /**
  * A finished tetrahedral mesh in world coordinates, with its report. Nothing but
- * lapd_mesh_certify changes it after it was made, so any number of threads may use it at once.
+ * lapd_mesh_certify and lapd_mesh_split_interfaces changes it after it was made, so any number of
+ * threads may use it at once.
  *
  * Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the
  * one opposite to its vertex i.
@@ -2926,6 +2927,43 @@ lapd_status lapd_write_options_set_boundary_parts(lapd_context *context,
                                                   int32_t parts);
 
 /**
+ * Gives regions nodes of their own at their interfaces, for contact and cohesive elements: nodes
+ * on these interfaces are doubled, or made once for each region where more meet.
+ *
+ * `pairs` is [pair_count][2], the labels on both sides of the interfaces to split, in any order; a
+ * `pair_count` of 0, with `pairs` NULL, means all interfaces between regions. Where only some of
+ * the interfaces around a line are split, the line is where the cut ends, and its nodes stay one.
+ *
+ * Facets of split interfaces become two, one for each side, with nodes of that side and its label
+ * first; their tets are no neighbours any more. In files they are two boundaries:
+ * "liver__spleen" and "spleen__liver". The report, the certificate with it, speaks of the mesh
+ * before. Nodes that are copies stand behind the vertices, or, on edges, behind all:
+ * lapd_mesh_get_node_pairs.
+ *
+ * Arrays got from the mesh before are invalid afterwards. No other thread may use the mesh
+ * meanwhile, or the context but to cancel. The mesh stays as it is when the call fails.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL, two labels do not meet or are the
+ * same, or interfaces were split before; LAPD_ERROR_LIMIT_REACHED for too many nodes;
+ * LAPD_ERROR_CANCELLED after lapd_context_cancel; LAPD_ERROR_OUT_OF_MEMORY.
+ */
+lapd_status lapd_mesh_split_interfaces(lapd_context *context,
+                                       lapd_mesh *mesh,
+                                       const int32_t *pairs,
+                                       size_t pair_count);
+
+/**
+ * The nodes that were made where interfaces were split: `*pairs` is [count][2], each one behind
+ * the node that it is a copy of, as rows of the points. No rows where nothing was split.
+ *
+ * The array belongs to the mesh and is valid until it is freed or its interfaces are split; with a
+ * count of 0 it must not be read. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_mesh_get_node_pairs(const lapd_mesh *mesh, const uint32_t **pairs, size_t *count);
+
+/**
  * Makes a mesh of arrays that another program made, to certify it (lapd_mesh_certify) or to write
  * it: `points` is [point_count][3] in world coordinates, `tets` [tet_count][4], `labels`
  * [tet_count]; label 0 is background. The arrays are copied. Tets keep their order and their
@@ -2973,9 +3011,10 @@ lapd_status lapd_mesh_from_arrays(lapd_context *context,
  * mesh meanwhile, or the context but to cancel, nor change `params`.
  *
  * Errors: those of lapd_mesh_image for an argument, an image and its labels;
- * LAPD_ERROR_INVALID_ARGUMENT for LAPD_CERTIFICATE_NONE; LAPD_ERROR_EMPTY_IMAGE;
- * LAPD_ERROR_CANCELLED; LAPD_ERROR_TIME_LIMIT; LAPD_ERROR_MEMORY_LIMIT; LAPD_ERROR_OUT_OF_MEMORY;
- * LAPD_ERROR_BUSY when the context is in use by a run.
+ * LAPD_ERROR_INVALID_ARGUMENT for LAPD_CERTIFICATE_NONE and for a mesh whose interfaces were
+ * split; LAPD_ERROR_EMPTY_IMAGE; LAPD_ERROR_CANCELLED; LAPD_ERROR_TIME_LIMIT;
+ * LAPD_ERROR_MEMORY_LIMIT; LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by
+ * a run.
  */
 lapd_status lapd_mesh_certify(lapd_context *context,
                               lapd_mesh *mesh,

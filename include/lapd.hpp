@@ -756,7 +756,8 @@ class write_options {
         handle_;
 };
 
-/// lapd_mesh: never changes, any number of threads; needs none of the other objects to live on.
+/// lapd_mesh: any number of threads, unless one certifies it or splits its interfaces; needs none
+/// of the other objects to live on.
 class mesh {
   public:
     /// lapd_mesh_image. A partial mesh, where the parameters ask for it, is returned too;
@@ -803,6 +804,16 @@ class mesh {
     /// lapd_mesh_certify: measures the certificate, or what it lacks.
     void certify(context &context, const image &image, const params &params) {
         context.check(lapd_mesh_certify(context.get(), get(), image.get(), params.get()));
+    }
+    /// lapd_mesh_split_interfaces: of these pairs of labels, or all. Views got before are invalid.
+    void split_interfaces(context &context,
+                          const std::vector<std::array<std::int32_t, 2>> &pairs = {}) {
+        const std::int32_t *first = pairs.empty() ? nullptr : pairs.front().data();
+        context.check(lapd_mesh_split_interfaces(context.get(), get(), first, pairs.size()));
+    }
+    /// The nodes that this made, each behind the one that it is a copy of.
+    rows<std::uint32_t, 2> node_pairs() const {
+        return array<rows<std::uint32_t, 2>>(lapd_mesh_get_node_pairs);
     }
     /// A measure of every tet.
     std::vector<double> measure(lapd_tet_measure measure) const {

@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 19] = [
+const SOURCES: [&str; 20] = [
     "status",
     "about",
     "context",
@@ -23,6 +23,7 @@ const SOURCES: [&str; 19] = [
     "run",
     "mesh",
     "write",
+    "split",
     "certify",
     "report",
     "tables",
@@ -53,10 +54,10 @@ const HEAD: &str = "\
  * - Structs with a struct_size may grow at their end: set it to sizeof before the call, and
  *   programs and libraries of different versions understand each other. What the library does not
  *   know yet reads 0.
- * - Images change only when their labels are named, meshes only by lapd_mesh_certify; otherwise any
- *   number of threads may use them at once. Parameters and write options may be read by many
- *   threads as long as none changes them. A context belongs to one thread at a time, but for
- *   lapd_context_cancel.
+ * - Images change only when their labels are named, meshes only by lapd_mesh_certify and
+ *   lapd_mesh_split_interfaces; otherwise any number of threads may use them at once. Parameters
+ *   and write options may be read by many threads as long as none changes them. A context belongs
+ *   to one thread at a time, but for lapd_context_cancel.
  * - The library prints nothing, reads no environment, installs no signal handler, and does not
  *   end the process: memory that the system refuses is LAPD_ERROR_OUT_OF_MEMORY, in every call of
  *   the process that works at that moment.

@@ -54,8 +54,8 @@ pub unsafe extern "C" fn lapd_mesh_from_arrays(
             };
             let made = with_pool(processors(), |pool| pool.install(|| catch(make)))??;
             let result = from_elsewhere(made);
-            let (names, values) = Default::default();
-            let mesh = lapd_mesh { result, world: None, params: None, names, values };
+            let (names, values, node_pairs) = Default::default();
+            let mesh = lapd_mesh { result, world: None, node_pairs, params: None, names, values };
             out.set(Box::into_raw(Box::new(mesh)));
             Ok(())
         })
@@ -97,9 +97,10 @@ unsafe fn rows<'a, T, const N: usize>(
 /// mesh meanwhile, or the context but to cancel, nor change `params`.
 ///
 /// Errors: those of lapd_mesh_image for an argument, an image and its labels;
-/// LAPD_ERROR_INVALID_ARGUMENT for LAPD_CERTIFICATE_NONE; LAPD_ERROR_EMPTY_IMAGE;
-/// LAPD_ERROR_CANCELLED; LAPD_ERROR_TIME_LIMIT; LAPD_ERROR_MEMORY_LIMIT; LAPD_ERROR_OUT_OF_MEMORY;
-/// LAPD_ERROR_BUSY when the context is in use by a run.
+/// LAPD_ERROR_INVALID_ARGUMENT for LAPD_CERTIFICATE_NONE and for a mesh whose interfaces were
+/// split; LAPD_ERROR_EMPTY_IMAGE; LAPD_ERROR_CANCELLED; LAPD_ERROR_TIME_LIMIT;
+/// LAPD_ERROR_MEMORY_LIMIT; LAPD_ERROR_OUT_OF_MEMORY; LAPD_ERROR_BUSY when the context is in use by
+/// a run.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_mesh_certify(
     context: *mut lapd_context,
@@ -113,6 +114,11 @@ pub unsafe extern "C" fn lapd_mesh_certify(
             let mesh = borrow_mut(mesh, "mesh")?;
             let image = borrow(image, "image")?;
             let params = borrow(params, "params")?.params.clone();
+            if !mesh.node_pairs.is_empty() {
+                return Err(Failure::invalid(
+                    "interfaces of the mesh were split: certify it before that",
+                ));
+            }
             let _run = context.start_run()?;
             let callbacks = context.callbacks();
             let result = &mut mesh.result;

@@ -19,7 +19,8 @@ use crate::pipeline::MeshResult;
 use crate::pipeline::report::{About, write_report};
 
 /// A finished tetrahedral mesh in world coordinates, with its report. Nothing but
-/// lapd_mesh_certify changes it after it was made, so any number of threads may use it at once.
+/// lapd_mesh_certify and lapd_mesh_split_interfaces changes it after it was made, so any number of
+/// threads may use it at once.
 ///
 /// Every tet (a, b, c, d) has (b - a) x (c - a) . (d - a) > 0, as in VTK; facet i of a tet is the
 /// one opposite to its vertex i.
@@ -27,6 +28,8 @@ pub struct lapd_mesh {
     pub(super) result: MeshResult,
     /// What the world axes of its image mean.
     pub(super) world: Option<WorldAxes>,
+    /// Each node that was made where interfaces were split, behind the one that it is a copy of.
+    pub(super) node_pairs: Vec<[u32; 2]>,
     /// What the run was asked for; `None` of a mesh that no run made.
     pub(super) params: Option<MeshParams>,
     /// The names of labels.

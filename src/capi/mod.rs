@@ -38,6 +38,7 @@ mod pool;
 pub mod report;
 pub mod run;
 pub mod second_order;
+pub mod split;
 pub mod status;
 pub mod tables;
 pub mod thin;

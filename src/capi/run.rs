@@ -68,7 +68,9 @@ pub unsafe extern "C" fn lapd_mesh_image(
             let ended_by = result.ended_by.as_ref().map(Failure::from);
             let (names, values) = (image.names.merged(&params.merge), image.values());
             let world = image.world;
-            let mesh = lapd_mesh { result, world, params: Some(params), names, values };
+            let params = Some(params);
+            let node_pairs = Vec::new();
+            let mesh = lapd_mesh { result, world, node_pairs, params, names, values };
             out.set(Box::into_raw(Box::new(mesh)));
             ended_by.map_or(Ok(()), Err)
         })

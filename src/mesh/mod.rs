@@ -4,6 +4,7 @@ mod delaunay;
 pub mod extract;
 mod facets;
 mod from_arrays;
+pub mod split;
 
 #[cfg(test)]
 pub(crate) mod testing;

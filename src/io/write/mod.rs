@@ -19,7 +19,7 @@
 //! | `.ply` | PLY, binary | no | all, properties `first_label` and `second_label` |
 //! | `.off` | OFF, ascii | no | all facets |
 //!
-//! What regions and boundaries are, and how they are called: [`regions`]. Boundaries are numbered
+//! What regions and boundaries are, and how they are called: `regions`. Boundaries are numbered
 //! from 1; the files that use the numbers list them, in comment lines, as field data, or as the
 //! names of physical groups. Labels may be any 32-bit integers. Only Gmsh's tags must be positive:
 //! there the tag of a positive label is the label, labels of 0 and below get the numbers after the
@@ -33,8 +33,8 @@
 //! The order of the vertices of tets is that of [`TetMesh`] in every format, normals of facets
 //! point from the first to the second label. Coordinates are the mesh's; binary formats hold them
 //! as they are (STL in single precision), ascii ones in the shortest form that reads back to the
-//! same number (Abaqus in at most 20 characters, Nastran in 16). STL, PLY and OFF leave out what is no vertex of a
-//! facet.
+//! same number (Abaqus in at most 20 characters, Nastran in 16). STL, PLY and OFF leave out what is
+//! no vertex of a facet.
 //!
 //! Data go to a temporary file in the folder of the target, are synced, and take the target's name
 //! in the end, so that a file of that name is always whole: the new one, or after an error the old
