@@ -3,8 +3,8 @@
 # skipped"; the exit status is 0 only if none failed. What was not tested is said in lines that
 # start with SKIPPED.
 #
-#   sh c-tests/run.sh          without ITK, VTK and OpenFOAM, if these are not installed
-#   sh c-tests/run.sh --all    installs these as well, 270 MB
+#   sh c-tests/run.sh          without ITK, VTK, OpenFOAM, DOLFINx, if not installed
+#   sh c-tests/run.sh --all    installs these as well, 360 MB
 #
 # Logs are kept in build/logs. Real images are looked for in LAPD_IMAGES or in ../shared/images.
 set -u
@@ -104,6 +104,7 @@ if [ -n "$all" ]; then
     ls /usr/lib/*/cmake/ITK-5* >/dev/null 2>&1 || missing="$missing libinsighttoolkit5-dev"
     ls /usr/lib/*/cmake/vtk-9* >/dev/null 2>&1 || missing="$missing libvtk9-dev"
     have checkMesh || missing="$missing openfoam"
+    [ -e /usr/share/doc/python3-dolfinx ] || missing="$missing python3-dolfinx"
     have xvfb-run || missing="$missing xvfb xauth libgl1-mesa-dri"
 fi
 have abidiff || missing="$missing abigail-tools"

@@ -2,12 +2,13 @@
 
     python3 solvers.py MESH_IMAGE WORK ENVIRONMENT
 
-A box of two materials fills its image; the potential is 0 on one wall and 1 on the other. The flux
-between them is known: with the materials one behind the other, and side by side. scikit-fem (by
-.msh) and MFEM (by .mfem) must find it to 1e-9 where interfaces are where voxels end, and CalculiX
-(by .inp) to the digits that it prints. OpenFOAM checks the polyMesh and solves on it; pyNastran and
-pyfebio, which know the input of their solvers, read .bdf and .feb. Without network, or where a
-program is missing, a line says what was SKIPPED. Exit status 1 if anything differs.
+A box of two materials fills its image; the potential is 0 on one wall and 1 on the other. The
+flux between them is known: with the materials one behind the other, and side by side. scikit-fem
+and DOLFINx (by .msh) and MFEM (by .mfem) must find it to 1e-9 where interfaces are where voxels
+end, and CalculiX (by .inp) to the digits that it prints. OpenFOAM checks the polyMesh and solves
+on it; pyNastran and pyfebio, which know the input of their solvers, read .bdf and .feb. Without
+network, or where a program is missing, a line says what was SKIPPED. Exit status 1 if anything
+differs.
 """
 
 import os
@@ -138,6 +139,34 @@ def flux_of_mfem(folder):
     return whole.InnerProduct(potential, potential)
 
 
+# Debian's Python, which DOLFINx belongs to; None where it is not there.
+DOLFINX = "/usr/bin/python3"
+if subprocess.run([DOLFINX, "-c", "import dolfinx"], check=False, capture_output=True).returncode:
+    DOLFINX = None
+
+
+def flux_of_dolfinx(folder):
+    """Debian's Python gets our module of Gmsh, which is one file and a library."""
+    import gmsh
+
+    module = work / "gmsh_module"
+    module.mkdir(exist_ok=True)
+    for source in (gmsh.__file__, gmsh.libpath):
+        link = module / Path(source).name
+        link.unlink(missing_ok=True)
+        link.symlink_to(source)
+    script = Path(__file__).with_name("solve_dolfinx.py")
+    run = subprocess.run(
+        [DOLFINX, script, folder / "mesh.msh", *(f"{n}={k}" for n, k in CONDUCTIVITY.items())],
+        check=True,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(module), "PYTHONDONTWRITEBYTECODE": "1"},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    return float(run.stdout.split()[-1])
+
+
 def flux_of_calculix(folder):
     lines = ["*INCLUDE, INPUT=mesh.inp"]
     for name, conductivity in CONDUCTIVITY.items():
@@ -265,6 +294,8 @@ def attempt(what, call):
 
 if not shutil.which("ccx"):
     skip("the flux by CalculiX, there is no program ccx (Debian: calculix-ccx)")
+if not DOLFINX:
+    skip("the flux by DOLFINx, Debian's Python does not have it (python3-dolfinx)")
 if not shutil.which("checkMesh"):
     skip("meshes in OpenFOAM, there is no program checkMesh (Debian: openfoam)")
 for name, axis, at in [("behind", 0, 10), ("beside", 1, 6)]:
@@ -275,6 +306,8 @@ for name, axis, at in [("behind", 0, 10), ("beside", 1, 6)]:
         flux = exact_flux(axis, at)
         expect("flux by scikit-fem, .msh", abs(flux_of_scikit_fem(folder) / flux - 1), bound)
         expect("flux by MFEM, .mfem", abs(flux_of_mfem(folder) / flux - 1), bound)
+        if DOLFINX:
+            expect("flux by DOLFINx, .msh", abs(flux_of_dolfinx(folder) / flux - 1), bound)
         if shutil.which("ccx"):
             error = abs(abs(flux_of_calculix(folder)) / flux - 1)
             expect("flux by CalculiX, .inp", error, max(bound, 1e-5))
