@@ -168,9 +168,11 @@ void check_complex(const Meshing &mesh) {
     // A facet of the complex separates two subdomains, and every one that does is in it.
     std::map<std::pair<int, int>, std::size_t> pairs, loaded_pairs;
     for (std::size_t f = 0; f < mesh.facets(); ++f) {
-        ++pairs[{mesh.facet_labels(f)[1], mesh.facet_labels(f)[0]}];
+        const auto labels = mesh.facet_labels(f);
+        ++pairs[std::minmax(labels[0], labels[1])];
     }
-    std::map<std::pair<int, int>, int> patches;
+    // Walls are patches of their own, so a pair of labels may have several.
+    std::map<int, std::pair<int, int>> patches;
     std::size_t wrong = 0;
     for (auto facet = triangulation.finite_facets_begin();
          facet != triangulation.finite_facets_end(); ++facet) {
@@ -184,7 +186,7 @@ void check_complex(const Meshing &mesh) {
             const std::pair<int, int> pair = std::minmax(a, b);
             ++loaded_pairs[pair];
             const int patch = complex.surface_patch_index(*facet);
-            wrong += patches.emplace(pair, patch).first->second != patch;
+            wrong += patches.emplace(patch, pair).first->second != pair;
         }
     }
     check(wrong == 0, std::to_string(wrong) + " facets are in the complex but between equal "

@@ -1,0 +1,110 @@
+"""The parameters of a run: their names, units, and what sets them."""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import c_double, c_int32, c_size_t, c_uint64, c_void_p
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ._library import INTS, Context, InvalidArgument, check, library
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter: its name, the C type of its value, or the names of its values, and what it
+    is."""
+
+    name: str
+    kind: Any
+    text: str
+
+
+PARAMETERS = [
+    Parameter(
+        "delta",
+        c_double,
+        "distance between samples on the interfaces, in units of length; 1.5 times the geometric "
+        "mean of the spacing by default",
+    ),
+    Parameter(
+        "size",
+        c_double,
+        "largest circumradius of tets, in units of length; 2 times delta by default",
+    ),
+    Parameter("label_size", dict, "the same for single labels: a mapping"),
+    Parameter("radius_edge", c_double, "largest circumradius over shortest edge; at least 2"),
+    Parameter("facet_angle", c_double, "smallest angle of interface facets in degrees; at most 30"),
+    Parameter("target_dihedral", c_double, "smallest dihedral angle in degrees; 15 by default"),
+    Parameter("improve", ["none", "interior", "full"], "what may change to remove slivers; full"),
+    Parameter("adaptive", ["off", "thickness", "topology"], "where samples come closer; thickness"),
+    Parameter("spacing_floor", c_double, "samples come no closer than this many voxels; 0.5"),
+    Parameter("sigma", c_double, "smoothing of a coarse segmentation, in voxels; 0"),
+    Parameter("surface", ["smooth", "voxel"], "what interfaces are; smooth"),
+    Parameter("border", ["flat", "smooth"], "how the object is closed at the image's end; flat"),
+    Parameter("order", c_int32, "1, or 2 for a node in the middle of each edge"),
+    Parameter("curved", bool, "of order 2: nodes on interfaces go where the image has them"),
+    Parameter("background", bool, "keep the tets outside of the object, with label 0"),
+    Parameter("background_label", c_int32, "the label that counts as background; 0"),
+    Parameter("merge", dict, "labels that become others: a mapping of old to new ones"),
+    Parameter("keep", list, "the labels to mesh; all by default"),
+    Parameter("min_voxels", c_size_t, "components of fewer voxels are left out; 0"),
+    Parameter("threads", c_size_t, "threads of the run; 1, which makes the same mesh each time"),
+    Parameter("certificate", ["none", "sound", "full"], "what is measured on the mesh; sound"),
+    Parameter("max_vertices", c_size_t, "the run ends when the mesh needs more; 0 for no limit"),
+    Parameter("time_limit", c_double, "the run ends after so many seconds; 0 for no limit"),
+    Parameter("max_memory", c_uint64, "the run ends when it needs more bytes; 0 for no limit"),
+    Parameter("partial", bool, "a mesh of what there is, when a limit ends the run"),
+]
+
+_BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
+
+
+def set_parameters(context: Context, params: int, image: c_void_p, given: dict) -> None:
+    """Sets what was given, and what depends on the image where it was not."""
+    if "delta" not in given:
+        spacing = (c_double * 3)()
+        check(library.lapd_image_get_spacing(image, spacing))
+        given = {**given, "delta": 1.5 * float(np.cbrt(np.prod(spacing)))}
+    if "size" not in given:
+        given = {**given, "size": 2 * given["delta"]}
+    for name, value in given.items():
+        parameter = _BY_NAME.get(name)
+        if parameter is None:
+            raise TypeError(f"{name!r} is no parameter; there are {', '.join(_BY_NAME)}")
+        if value is not None:
+            _set(context, params, parameter, value)
+
+
+def _set(context: Context, params: int, parameter: Parameter, value) -> None:
+    name, kind = parameter.name, parameter.kind
+    if name == "label_size":
+        for label, size in value.items():
+            context.call("params_set_label_size", params, label, size)
+    elif name == "merge":
+        for label, target in value.items():
+            context.call("params_set_merge", params, (c_int32 * 1)(label), 1, target)
+    elif name == "keep":
+        labels = np.ascontiguousarray(list(value), dtype=np.int32)
+        first = labels.ctypes.data_as(INTS)
+        context.call("params_set_keep", params, first, len(labels))
+    elif isinstance(kind, list):
+        if value not in kind:
+            raise InvalidArgument(f"{name} is one of {', '.join(kind)}, not {value!r}")
+        context.call(f"params_set_{name}", c_void_p(params), c_int32(kind.index(value)))
+    else:
+        number = c_int32(bool(value)) if kind is bool else _number(name, kind, value)
+        context.call(f"params_set_{name}", c_void_p(params), number)
+
+
+def _number(name: str, kind, value):
+    """A number as the C library takes it; ctypes would cut it off without a word."""
+    if kind is not c_double:
+        bits = 8 * ctypes.sizeof(kind)
+        low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if kind is c_int32 else (0, 2**bits)
+        if value != int(value) or not low <= int(value) < high:
+            raise InvalidArgument(f"{name} is a whole number from {low} on, not {value!r}")
+        return kind(int(value))
+    return kind(value)

@@ -1,0 +1,279 @@
+"""The package against the library: arrays, places, files, errors, threads, Ctrl-C.
+
+    python -m unittest discover python/tests
+
+With LAPD_LIBRARY in the environment the library is that one. Other packages are tested where they
+are installed.
+"""
+
+import _thread
+import doctest
+import gc
+import importlib
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import lapd
+
+
+def ball(kind=np.uint8):
+    x, y, z = np.mgrid[-10:11, -9:10, -8:9]
+    labels = np.zeros(x.shape, dtype=kind)
+    labels[x**2 + y**2 + z**2 < 49] = 1
+    labels[(x**2 + y**2 + z**2 < 49) & (x > 0)] = 3
+    return labels
+
+
+def write_nrrd(path, labels, spacing=(1, 1, 1)):
+    x, y, z = spacing
+    header = (
+        "NRRD0004\ntype: uint8\ndimension: 3\nspace: right-anterior-superior\nspace directions: "
+        f"({x},0,0) (0,{y},0) (0,0,{z})\nspace origin: (0,0,0)\nsizes: "
+        f"{' '.join(map(str, labels.shape))}\nencoding: raw\n\n"
+    )
+    path.write_bytes(header.encode() + labels.astype("<u1").tobytes(order="F"))
+
+
+def volumes(mesh):
+    a, b, c, d = (mesh.points[mesh.tets[:, i]] for i in range(4))
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+
+
+def same(one, other):
+    return np.array_equal(one.points, other.points) and np.array_equal(one.tets, other.tets)
+
+
+def has(name):
+    try:
+        importlib.import_module(name)
+        return True
+    except ImportError:
+        return False
+
+
+class Arrays(unittest.TestCase):
+    def test_mesh(self):
+        mesh = lapd.mesh(ball(), delta=1.5)
+        self.assertEqual(set(mesh.labels.tolist()), {1, 3})
+        self.assertTrue((volumes(mesh) > 0).all())
+        self.assertAlmostEqual(volumes(mesh).sum() / (ball() > 0).sum(), 1, delta=0.02)
+        self.assertEqual(mesh.facets.shape[0], mesh.facet_labels.shape[0])
+        self.assertEqual(
+            {tuple(pair) for pair in mesh.facet_labels.tolist()}, {(1, 0), (3, 0), (1, 3)}
+        )
+        self.assertFalse(mesh.points.flags.writeable)
+        self.assertIn("2 labels", repr(mesh))
+
+    def test_arrays_outlive_the_mesh(self):
+        points = lapd.mesh(ball(), delta=1.5).points
+        gc.collect()
+        copied = points.copy()
+        lapd.mesh(ball(), delta=1.2)
+        self.assertTrue(np.array_equal(points, copied))
+
+    def test_types_and_strides(self):
+        wanted = lapd.mesh(ball(), delta=1.5)
+        for kind in ["i1", "u2", "<i4", ">i4", "u8", ">i8"]:
+            self.assertTrue(same(lapd.mesh(ball(kind), delta=1.5), wanted), kind)
+        self.assertTrue(same(lapd.mesh(np.asfortranarray(ball()), delta=1.5), wanted))
+        self.assertTrue(same(lapd.mesh(ball()[::-1][::-1], delta=1.5), wanted))
+        wide = np.zeros((21, 19, 34), dtype=np.uint8)
+        wide[:, :, ::2] = ball()
+        self.assertTrue(same(lapd.mesh(wide[:, :, ::2], delta=1.5), wanted))
+        flipped = lapd.mesh(ball()[::-1], delta=1.5)
+        self.assertFalse(same(flipped, wanted))
+        self.assertEqual(len(lapd.mesh(ball() > 0, delta=1.5).facet_labels[0]), 2)
+
+    def test_place(self):
+        turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+        moved = lapd.mesh(ball(), spacing=(0.5, 1, 2), origin=(5, 6, 7), direction=turn, delta=1.5)
+        self.assertAlmostEqual(volumes(moved).sum() / (ball() > 0).sum(), 1, delta=0.03)
+        centre = np.array([5, 6, 7]) + turn @ (np.array([0.5, 1, 2]) * [10, 9, 8])
+        middle = (moved.points.max(axis=0) + moved.points.min(axis=0)) / 2
+        self.assertTrue(np.allclose(middle, centre, atol=0.5), middle)
+
+    def test_options(self):
+        names = {1: "left", 3: "right"}
+        mesh = lapd.mesh(ball(), delta=1.5, names=names, split_interfaces="all", merge={3: 2})
+        self.assertEqual([mesh.name(label) for label in (1, 2, 9)], ["left", "right", None])
+        owners = [set(mesh.tets[mesh.labels == label].ravel().tolist()) for label in (1, 2)]
+        self.assertFalse(owners[0] & owners[1])
+        mesh = lapd.mesh(ball(), delta=1.5, keep=[3], order=2, improve="none", size=4)
+        self.assertEqual(mesh.tet_mid_nodes.shape, (len(mesh.tets), 6))
+        report = mesh.report()
+        self.assertEqual(report["tets"], len(mesh.tets))
+
+    def test_files_and_bytes(self):
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            write_nrrd(folder / "a.nrrd", ball())
+            one = lapd.mesh(ball(), delta=1.5)
+            other = lapd.mesh(folder / "a.nrrd", delta=1.5)
+            self.assertTrue(same(one, other))
+            one.write(folder / "one.mesh")
+            text = (folder / "one.mesh").read_text()
+            self.assertIn("label_1__label_3", text)
+            one.write(folder / "one.vtu", measures=True, boundary_parts=True)
+            run = subprocess.run(
+                [sys.executable, "-m", "lapd", folder / "a.nrrd", "-o", folder / "b.mesh"]
+                + ["--delta", "1.5"],
+                check=True,
+                capture_output=True,
+                text=True,
+            )
+            self.assertIn("2 labels", run.stdout)
+            plain = [line for line in text.splitlines() if "SPACE" not in line]
+            lines = (folder / "b.mesh").read_text().splitlines()
+            self.assertEqual([line for line in lines if "SPACE" not in line], plain)
+
+
+class Errors(unittest.TestCase):
+    def test_kinds(self):
+        for kind, call in [
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), delta=-1)),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball().astype(float))),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball()[0])),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), surface="round")),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), threads=-1)),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), threads=2**70)),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), keep=[7])),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), spacing=(1, 2))),
+            (lapd.InvalidArgument, lambda: lapd.mesh("a.nrrd", spacing=(1, 1, 1))),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), split_interfaces=[(1, 9)])),
+            (lapd.EmptyImage, lambda: lapd.mesh(np.zeros((3, 3, 3), np.uint8))),
+            (lapd.FileError, lambda: lapd.mesh("/no/such/file.nrrd")),
+            (lapd.LimitReached, lambda: lapd.mesh(ball(), max_vertices=20)),
+            (TypeError, lambda: lapd.mesh(ball(), detla=1)),
+            (ValueError, lambda: lapd.mesh(ball(), delta=float("nan"))),
+        ]:
+            with self.assertRaises(kind) as raised:
+                call()
+            self.assertNotIn("\n", str(raised.exception))
+
+    def test_warnings(self):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            lapd.mesh(ball(), delta=1.5)
+            self.assertEqual(told, [])
+            lapd.mesh(ball(), max_vertices=200, delta=0.5, partial=True)
+            self.assertTrue(any(issubclass(w.category, lapd.LapdWarning) for w in told))
+
+
+class Runs(unittest.TestCase):
+    def test_progress(self):
+        seen = []
+        lapd.mesh(ball(), delta=0.4, progress=lambda *report: seen.append(report))
+        self.assertTrue(seen and seen[-1][0] == 1)
+        self.assertTrue(all(a[0] <= b[0] for a, b in zip(seen, seen[1:])))
+
+        def fail(*_):
+            raise ZeroDivisionError
+
+        with self.assertRaises(ZeroDivisionError):
+            lapd.mesh(ball(), delta=0.4, progress=fail)
+
+    def test_interrupt(self):
+        times = []
+
+        def interrupt():
+            times.append(time.perf_counter())
+            _thread.interrupt_main()
+
+        timer = threading.Timer(0.3, interrupt)
+        timer.start()
+        with self.assertRaises(KeyboardInterrupt):
+            lapd.mesh(ball(), delta=0.08, adaptive="off")
+        self.assertLess(time.perf_counter() - times[0], 0.3)
+
+    def test_threads(self):
+        wanted, found = lapd.mesh(ball(), delta=1), [None] * 4
+
+        def work(i):
+            found[i] = lapd.mesh(ball(), delta=1)
+
+        workers = [threading.Thread(target=work, args=(i,)) for i in range(4)]
+        [worker.start() for worker in workers]
+        [worker.join() for worker in workers]
+        self.assertTrue(all(same(mesh, wanted) for mesh in found))
+
+    @unittest.skipUnless(sys.platform == "linux", "reads /proc")
+    def test_no_leaks(self):
+        def resident():
+            return int(Path("/proc/self/statm").read_text().split()[1])
+
+        for _ in range(20):
+            lapd.mesh(ball(), delta=1)
+        before = resident()
+        for _ in range(100):
+            lapd.mesh(ball(), delta=1)
+        self.assertLess(resident() - before, 2000, "pages more after 100 calls")
+
+
+class Packages(unittest.TestCase):
+    spacing = (0.5, 1.0, 2.0)
+
+    def file(self, folder):
+        path = Path(folder) / "a.nrrd"
+        write_nrrd(path, ball(), self.spacing)
+        return path
+
+    @unittest.skipUnless(has("nibabel"), "nibabel is not installed")
+    def test_nibabel(self):
+        import nibabel
+
+        image = nibabel.Nifti1Image(ball(), np.diag([*self.spacing, 1]))
+        with tempfile.TemporaryDirectory() as folder:
+            wanted = lapd.mesh(self.file(folder), delta=1.5)
+            path = Path(folder) / "a.nii.gz"
+            nibabel.save(image, path)
+            self.assertTrue(same(lapd.mesh(path, delta=1.5), wanted))
+            self.assertTrue(same(lapd.mesh(nibabel.load(path), delta=1.5), wanted))
+        self.assertTrue(same(lapd.mesh(image, delta=1.5), wanted))
+
+    @unittest.skipUnless(has("SimpleITK"), "SimpleITK is not installed")
+    def test_simple_itk(self):
+        import SimpleITK
+
+        with tempfile.TemporaryDirectory() as folder:
+            path = self.file(folder)
+            wanted = lapd.mesh(path, delta=1.5, frame="lps")
+            found = lapd.mesh(SimpleITK.ReadImage(str(path)), delta=1.5)
+        self.assertTrue(np.allclose(found.points, wanted.points, atol=1e-9))
+        self.assertTrue(np.array_equal(found.tets, wanted.tets))
+
+    @unittest.skipUnless(has("pyvista"), "PyVista is not installed")
+    def test_pyvista(self):
+        import pyvista
+
+        image = pyvista.ImageData(dimensions=ball().shape, spacing=self.spacing)
+        image.point_data["labels"] = ball().ravel(order="F")
+        image.set_active_scalars("labels")
+        found = lapd.mesh(image, delta=1.5)
+        self.assertTrue(same(found, lapd.mesh(ball(), spacing=self.spacing, delta=1.5)))
+        grid = found.to_pyvista()
+        self.assertEqual(grid.n_cells, len(found.tets))
+        self.assertAlmostEqual(grid.volume, volumes(found).sum(), places=6)
+
+    @unittest.skipUnless(has("meshio"), "meshio is not installed")
+    def test_meshio(self):
+        mesh = lapd.mesh(ball(), delta=1.5)
+        found = mesh.to_meshio()
+        self.assertTrue(np.array_equal(found.cells_dict["tetra"], mesh.tets))
+        self.assertTrue(np.array_equal(found.cell_data_dict["label"]["tetra"], mesh.labels))
+
+
+def load_tests(_, tests, __):
+    tests.addTests(doctest.DocTestSuite(lapd))
+    return tests
+
+
+if __name__ == "__main__":
+    unittest.main()
