@@ -2934,11 +2934,11 @@ lapd_status lapd_write_options_set_boundary_parts(lapd_context *context,
  * `pair_count` of 0, with `pairs` NULL, means all interfaces between regions. Where only some of
  * the interfaces around a line are split, the line is where the cut ends, and its nodes stay one.
  *
- * Facets of split interfaces become two, one for each side, with nodes of that side and its label
- * first; their tets are no neighbours any more. In files they are two boundaries:
- * "liver__spleen" and "spleen__liver". The report, the certificate with it, speaks of the mesh
- * before. Nodes that are copies stand behind the vertices, or, on edges, behind all:
- * lapd_mesh_get_node_pairs.
+ * The background is no region, even where it was kept. Facets of split interfaces become two, one
+ * for each side, with nodes of that side and its label first; their tets are no neighbours any
+ * more. In files they are two boundaries: "liver__spleen" and "spleen__liver". The report, the
+ * certificate with it, speaks of the mesh before. Nodes that are copies stand behind the vertices,
+ * or, on edges, behind all: lapd_mesh_get_node_pairs.
  *
  * Arrays got from the mesh before are invalid afterwards. No other thread may use the mesh
  * meanwhile, or the context but to cancel. The mesh stays as it is when the call fails.

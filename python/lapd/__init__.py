@@ -50,8 +50,9 @@ from ._library import (
     check,
     create,
     library,
+    text_of,
 )
-from ._params import PARAMETERS, set_parameters
+from ._params import PARAMETERS, number, set_parameters
 
 __version__ = library.lapd_version().decode()
 __all__ = [
@@ -144,7 +145,7 @@ class Mesh:
             with Context() as context:
                 context.call("write_options_set_measures", options, int(measures))
                 context.call("write_options_set_boundary_parts", options, int(boundary_parts))
-                context.call("mesh_write_with", self._handle, os.fsencode(path), options)
+                context.call("mesh_write_with", self._handle, text_of(path), options)
         finally:
             library.lapd_write_options_free(options)
 
@@ -152,15 +153,17 @@ class Mesh:
         """All that is known of the run: counts, times, quality, certificate, labels, defects."""
         with tempfile.TemporaryDirectory() as folder, Context() as context:
             path = Path(folder) / "report.json"
-            context.call("mesh_write_report", self._handle, os.fsencode(path), None)
-            return json.loads(path.read_text())
+            context.call("mesh_write_report", self._handle, text_of(path), None)
+            return json.loads(path.read_text(encoding="utf-8"))
 
     def name(self, label: int) -> str | None:
         """The name of a label, if it has one."""
         text = ctypes.c_char_p()
         check(
             library.lapd_mesh_get_label_name(
-                ctypes.c_void_p(self._handle), ctypes.c_int32(label), ctypes.byref(text)
+                ctypes.c_void_p(self._handle),
+                ctypes.c_int32(number("label", ctypes.c_int32, label)),
+                ctypes.byref(text),
             )
         )
         return None if text.value is None else text.value.decode()
@@ -341,9 +344,10 @@ def _set_names(context: Context, image, names) -> None:
         return
     if isinstance(names, Mapping):
         for label, name in names.items():
-            context.call("image_set_label_name", image, label, str(name).encode())
+            label = number("label", ctypes.c_int32, label)
+            context.call("image_set_label_name", image, label, text_of(str(name)))
     else:
-        context.call("image_read_label_names", image, os.fsencode(names))
+        context.call("image_read_label_names", image, text_of(names))
 
 
 def _split(context: Context, result: Mesh, which) -> None:
@@ -352,6 +356,9 @@ def _split(context: Context, result: Mesh, which) -> None:
             raise InvalidArgument(f'split_interfaces is "all" or pairs of labels, not {which!r}')
         context.call("mesh_split_interfaces", result._handle, None, 0)
         return
-    pairs = np.ascontiguousarray(list(which), dtype=np.int32).reshape(-1, 2)
-    first = pairs.ctypes.data_as(ctypes.POINTER(ctypes.c_int32))
-    context.call("mesh_split_interfaces", result._handle, first, len(pairs))
+    pairs = [tuple(pair) for pair in which]
+    if not pairs or any(len(pair) != 2 for pair in pairs):
+        raise InvalidArgument("split_interfaces has pairs of two labels, and at least one")
+    labels = [number("label", ctypes.c_int32, label) for pair in pairs for label in pair]
+    array = (ctypes.c_int32 * len(labels))(*labels)
+    context.call("mesh_split_interfaces", result._handle, array, len(pairs))

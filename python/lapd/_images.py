@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._library import Context, InvalidArgument
+from ._library import Context, InvalidArgument, text_of
 
 # lapd_voxel_type
 _TYPES = ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8"]
@@ -29,6 +29,9 @@ class Array:
     def make(self, context: Context, callbacks, handle) -> None:
         """Makes the image; the library reads the voxels where they are."""
         voxels = self.voxels
+        shapes = [np.shape(a) for a in (self.spacing, self.origin, self.direction)]
+        if shapes != [(3,), (3,), (3, 3)]:
+            raise InvalidArgument("the image's place in the world has not three dimensions")
         if voxels.ndim != 3:
             raise InvalidArgument(f"the image has {voxels.ndim} dimensions, 3 are needed")
         if voxels.dtype == bool:
@@ -76,7 +79,7 @@ def described(image, spacing, origin, direction, frame):
     """What an image of any kind is to the library."""
     if isinstance(image, (str, os.PathLike)):
         _refuse("a file", spacing, origin, direction)
-        return File(os.fsencode(image), frame)
+        return File(text_of(image), frame)
     if frame is not None:
         raise InvalidArgument("frame is for files; other images stay in the world they are in")
     for convert in (_of_nibabel, _of_simple_itk, _of_itk, _of_pyvista):
@@ -131,7 +134,9 @@ def _of_nibabel(image):
         rounded = np.rint(voxels)
         if not (np.abs(voxels - rounded) <= 1e-3).all():
             raise InvalidArgument("the voxels are no whole numbers, so they are no labels")
-        voxels = rounded.astype(np.int32)
+        if not (np.abs(rounded) < 2.0**53).all():
+            raise InvalidArgument("the voxels are too large for labels")
+        voxels = rounded.astype(np.int64)
     return Array(voxels, spacing, np.asarray(affine)[:3, 3], steps / spacing)
 
 
@@ -158,7 +163,10 @@ def _of_itk(image):
 
     voxels = np.asarray(itk.array_view_from_image(image)).T
     direction = np.asarray(itk.array_from_matrix(image.GetDirection()))
-    return Array(voxels, np.array(image.GetSpacing()), np.array(image.GetOrigin()), direction)
+    spacing, origin = np.array(image.GetSpacing()), np.array(image.GetOrigin())
+    # The origin is that of index 0, which the image need not have.
+    first = np.array(list(image.GetBufferedRegion().GetIndex()))
+    return Array(voxels, spacing, origin + direction @ (first * spacing), direction)
 
 
 def _of_pyvista(image):
@@ -175,4 +183,7 @@ def _of_pyvista(image):
     if hasattr(image, "GetDirectionMatrix"):
         matrix = image.GetDirectionMatrix()
         direction = np.array([[matrix.GetElement(i, j) for j in range(3)] for i in range(3)])
-    return Array(voxels, np.array(image.GetSpacing()), np.array(image.GetOrigin()), direction)
+    spacing, origin = np.array(image.GetSpacing()), np.array(image.GetOrigin())
+    # The origin is that of index 0, which the image need not have.
+    first = np.array(image.GetExtent()[::2])
+    return Array(voxels, spacing, origin + direction @ (first * spacing), direction)

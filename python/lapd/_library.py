@@ -163,6 +163,14 @@ def check(status: int) -> None:
         raise ERRORS.get(status, LapdError)(message)
 
 
+def text_of(text) -> bytes:
+    """A text or path as C has strings, which end at a zero byte."""
+    encoded = os.fsencode(text) if isinstance(text, os.PathLike) else str(text).encode()
+    if b"\0" in encoded:
+        raise InvalidArgument(f"{text!r} has a zero byte in it")
+    return encoded
+
+
 def create(kind: str) -> int:
     """A new handle of a kind that needs nothing else."""
     handle = c_void_p()

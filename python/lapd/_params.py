@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ._library import INTS, Context, InvalidArgument, check, library
+from ._library import Context, InvalidArgument, check, library
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ _BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 
 def set_parameters(context: Context, params: int, image: c_void_p, given: dict) -> None:
     """Sets what was given, and what depends on the image where it was not."""
+    given = {name: value for name, value in given.items() if value is not None}
     if "delta" not in given:
         spacing = (c_double * 3)()
         check(library.lapd_image_get_spacing(image, spacing))
@@ -74,37 +75,37 @@ def set_parameters(context: Context, params: int, image: c_void_p, given: dict) 
         parameter = _BY_NAME.get(name)
         if parameter is None:
             raise TypeError(f"{name!r} is no parameter; there are {', '.join(_BY_NAME)}")
-        if value is not None:
-            _set(context, params, parameter, value)
+        _set(context, params, parameter, value)
 
 
 def _set(context: Context, params: int, parameter: Parameter, value) -> None:
     name, kind = parameter.name, parameter.kind
     if name == "label_size":
         for label, size in value.items():
-            context.call("params_set_label_size", params, label, size)
+            context.call("params_set_label_size", params, number("label", c_int32, label), size)
     elif name == "merge":
         for label, target in value.items():
-            context.call("params_set_merge", params, (c_int32 * 1)(label), 1, target)
+            old = (c_int32 * 1)(number("label", c_int32, label))
+            context.call("params_set_merge", params, old, 1, number("label", c_int32, target))
     elif name == "keep":
-        labels = np.ascontiguousarray(list(value), dtype=np.int32)
-        first = labels.ctypes.data_as(INTS)
-        context.call("params_set_keep", params, first, len(labels))
+        labels = [number("label", c_int32, label) for label in value]
+        context.call("params_set_keep", params, (c_int32 * len(labels))(*labels), len(labels))
     elif isinstance(kind, list):
         if value not in kind:
             raise InvalidArgument(f"{name} is one of {', '.join(kind)}, not {value!r}")
         context.call(f"params_set_{name}", c_void_p(params), c_int32(kind.index(value)))
     else:
-        number = c_int32(bool(value)) if kind is bool else _number(name, kind, value)
-        context.call(f"params_set_{name}", c_void_p(params), number)
+        value = bool(value) if kind is bool else number(name, kind, value)
+        kind = c_int32 if kind is bool else kind
+        context.call(f"params_set_{name}", c_void_p(params), kind(value))
 
 
-def _number(name: str, kind, value):
+def number(name: str, kind, value):
     """A number as the C library takes it; ctypes would cut it off without a word."""
     if kind is not c_double:
         bits = 8 * ctypes.sizeof(kind)
         low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if kind is c_int32 else (0, 2**bits)
         if value != int(value) or not low <= int(value) < high:
             raise InvalidArgument(f"{name} is a whole number from {low} on, not {value!r}")
-        return kind(int(value))
-    return kind(value)
+        return int(value)
+    return float(value)

@@ -110,6 +110,7 @@ class Arrays(unittest.TestCase):
         self.assertEqual(mesh.tet_mid_nodes.shape, (len(mesh.tets), 6))
         report = mesh.report()
         self.assertEqual(report["tets"], len(mesh.tets))
+        self.assertTrue(same(lapd.mesh(ball(), delta=None, size=None), lapd.mesh(ball())))
 
     def test_files_and_bytes(self):
         with tempfile.TemporaryDirectory() as name:
@@ -148,6 +149,12 @@ class Errors(unittest.TestCase):
             (lapd.InvalidArgument, lambda: lapd.mesh(ball(), spacing=(1, 2))),
             (lapd.InvalidArgument, lambda: lapd.mesh("a.nrrd", spacing=(1, 1, 1))),
             (lapd.InvalidArgument, lambda: lapd.mesh(ball(), split_interfaces=[(1, 9)])),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), split_interfaces=[(1, 2, 3)])),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), split_interfaces=[])),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), merge={2**32 + 1: 3})),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), names={2**32 + 1: "x"})),
+            (lapd.InvalidArgument, lambda: lapd.mesh(ball(), names={1: "a\0b"})),
+            (lapd.InvalidArgument, lambda: lapd.mesh("a\0.nrrd")),
             (lapd.EmptyImage, lambda: lapd.mesh(np.zeros((3, 3, 3), np.uint8))),
             (lapd.FileError, lambda: lapd.mesh("/no/such/file.nrrd")),
             (lapd.LimitReached, lambda: lapd.mesh(ball(), max_vertices=20)),
@@ -249,6 +256,20 @@ class Packages(unittest.TestCase):
         self.assertTrue(np.allclose(found.points, wanted.points, atol=1e-9))
         self.assertTrue(np.array_equal(found.tets, wanted.tets))
 
+    @unittest.skipUnless(has("itk"), "ITK is not installed")
+    def test_itk(self):
+        import itk
+
+        image = itk.image_view_from_array(np.ascontiguousarray(ball().T))
+        image.SetSpacing(list(self.spacing))
+        wanted = lapd.mesh(ball(), spacing=self.spacing, delta=1.5)
+        self.assertTrue(same(lapd.mesh(image, delta=1.5), wanted))
+        image.SetOrigin([3.0, 4.0, 5.0])
+        moved = lapd.mesh(image, delta=1.5)
+        for end in (np.min, np.max):
+            places = end(moved.points, axis=0), end(wanted.points, axis=0) + [3, 4, 5]
+            self.assertTrue(np.allclose(*places, atol=0.3), places)
+
     @unittest.skipUnless(has("pyvista"), "PyVista is not installed")
     def test_pyvista(self):
         import pyvista
@@ -258,6 +279,10 @@ class Packages(unittest.TestCase):
         image.set_active_scalars("labels")
         found = lapd.mesh(image, delta=1.5)
         self.assertTrue(same(found, lapd.mesh(ball(), spacing=self.spacing, delta=1.5)))
+        # A part of the image stays where it was.
+        part = image.extract_subset((2, 20, 0, 18, 0, 16))
+        wanted = lapd.mesh(ball()[2:], spacing=self.spacing, origin=(1, 0, 0), delta=1.5)
+        self.assertTrue(np.allclose(lapd.mesh(part, delta=1.5).points, wanted.points))
         grid = found.to_pyvista()
         self.assertEqual(grid.n_cells, len(found.tets))
         self.assertAlmostEqual(grid.volume, volumes(found).sum(), places=6)

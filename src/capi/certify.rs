@@ -114,7 +114,7 @@ pub unsafe extern "C" fn lapd_mesh_certify(
             let mesh = borrow_mut(mesh, "mesh")?;
             let image = borrow(image, "image")?;
             let params = borrow(params, "params")?.params.clone();
-            if !mesh.node_pairs.is_empty() {
+            if mesh.node_pairs.is_some() {
                 return Err(Failure::invalid(
                     "interfaces of the mesh were split: certify it before that",
                 ));

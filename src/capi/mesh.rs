@@ -29,7 +29,8 @@ pub struct lapd_mesh {
     /// What the world axes of its image mean.
     pub(super) world: Option<WorldAxes>,
     /// Each node that was made where interfaces were split, behind the one that it is a copy of.
-    pub(super) node_pairs: Vec<[u32; 2]>,
+    /// `None` where none were.
+    pub(super) node_pairs: Option<Vec<[u32; 2]>>,
     /// What the run was asked for; `None` of a mesh that no run made.
     pub(super) params: Option<MeshParams>,
     /// The names of labels.

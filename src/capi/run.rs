@@ -69,7 +69,7 @@ pub unsafe extern "C" fn lapd_mesh_image(
             let (names, values) = (image.names.merged(&params.merge), image.values());
             let world = image.world;
             let params = Some(params);
-            let node_pairs = Vec::new();
+            let node_pairs = None;
             let mesh = lapd_mesh { result, world, node_pairs, params, names, values };
             out.set(Box::into_raw(Box::new(mesh)));
             ended_by.map_or(Ok(()), Err)

@@ -15,11 +15,11 @@ use crate::monitor::Monitor;
 /// `pair_count` of 0, with `pairs` NULL, means all interfaces between regions. Where only some of
 /// the interfaces around a line are split, the line is where the cut ends, and its nodes stay one.
 ///
-/// Facets of split interfaces become two, one for each side, with nodes of that side and its label
-/// first; their tets are no neighbours any more. In files they are two boundaries:
-/// "liver__spleen" and "spleen__liver". The report, the certificate with it, speaks of the mesh
-/// before. Nodes that are copies stand behind the vertices, or, on edges, behind all:
-/// lapd_mesh_get_node_pairs.
+/// The background is no region, even where it was kept. Facets of split interfaces become two, one
+/// for each side, with nodes of that side and its label first; their tets are no neighbours any
+/// more. In files they are two boundaries: "liver__spleen" and "spleen__liver". The report, the
+/// certificate with it, speaks of the mesh before. Nodes that are copies stand behind the vertices,
+/// or, on edges, behind all: lapd_mesh_get_node_pairs.
 ///
 /// Arrays got from the mesh before are invalid afterwards. No other thread may use the mesh
 /// meanwhile, or the context but to cancel. The mesh stays as it is when the call fails.
@@ -46,7 +46,7 @@ pub unsafe extern "C" fn lapd_mesh_split_interfaces(
                 })?;
                 Split::pairs(slice(pairs, count, "pairs")?.as_chunks().0)?
             };
-            if !mesh.node_pairs.is_empty() {
+            if mesh.node_pairs.is_some() {
                 return Err(Failure::invalid("interfaces of the mesh were split before"));
             }
             let before = &mesh.result.mesh;
@@ -54,7 +54,7 @@ pub unsafe extern "C" fn lapd_mesh_split_interfaces(
             let work = || Ok(before.split(&split, &Monitor::new(None, Some(cancel)))?);
             let SplitMesh { mesh: after, pairs } =
                 with_pool(processors(), |pool| pool.install(|| catch(work)))??;
-            (mesh.result.mesh, mesh.node_pairs) = (after, pairs);
+            (mesh.result.mesh, mesh.node_pairs) = (after, Some(pairs));
             Ok(())
         })
     }
@@ -76,7 +76,7 @@ pub unsafe extern "C" fn lapd_mesh_get_node_pairs(
     // SAFETY: see the module's head.
     status_of(|| unsafe {
         let (pairs, count) = (Out::new(pairs, "pairs")?, Out::new(count, "count")?);
-        let rows = &borrow(mesh, "mesh")?.node_pairs;
+        let rows = borrow(mesh, "mesh")?.node_pairs.as_deref().unwrap_or_default();
         pairs.set(rows.as_ptr().cast());
         count.set(rows.len());
         Ok(())

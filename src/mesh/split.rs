@@ -6,9 +6,9 @@
 //! stay one. Of the groups of regions that are left, that of the smallest label keeps the node,
 //! each other one gets a copy.
 //!
-//! A facet that was cut becomes two, one for each side, each with its own label first; their tets
-//! are no neighbours any more. All else stays as it was. The certificate of the mesh speaks of the
-//! mesh before.
+//! A facet whose nodes all stay one is not cut. A facet that was cut becomes two, one for each
+//! side, each with its own label first; their tets are no neighbours any more. All else stays as it
+//! was. The certificate of the mesh speaks of the mesh before.
 //!
 //! Cost: a pass over the elements, and a sort of the nodes on cut facets with their regions. The
 //! result does not depend on the number of threads.
@@ -79,7 +79,11 @@ impl TetMesh {
     /// for too many nodes; [`Error::Cancelled`]; [`Error::OutOfMemory`].
     pub fn split(&self, split: &Split, monitor: &Monitor<'_>) -> Result<SplitMesh> {
         let cuts: Vec<bool> = (0..self.facets.len())
-            .map(|f| !self.facet_tets[f].contains(&NONE) && split.has(self.facet_labels[f]))
+            .map(|f| {
+                let labels = self.facet_labels[f];
+                // The background is no region, even where it was kept.
+                !self.facet_tets[f].contains(&NONE) && !labels.contains(&0) && split.has(labels)
+            })
             .collect();
         if let Split::Pairs(pairs) = split {
             let met: BTreeSet<[i32; 2]> = (0..self.facets.len())
@@ -93,6 +97,9 @@ impl TetMesh {
             }
         }
         let sides = Sides::new(self, &cuts, monitor)?;
+        // Where other regions hold all nodes of a facet together there is no gap.
+        let cuts: Vec<bool> =
+            cuts.into_iter().enumerate().map(|(f, is_cut)| is_cut && sides.part(self, f)).collect();
         sides.apply(self, &cuts, monitor)
     }
 }
@@ -144,6 +151,13 @@ impl Sides {
             .then(|| self.entries[start as usize..].iter().zip(start as usize..))?
             .take_while(|((other, _), _)| *other == node);
         of_node.find(|((_, other), _)| *other == label).map(|(_, entry)| entry)
+    }
+
+    /// Whether the sides of a cut facet have different nodes.
+    fn part(&self, mesh: &TetMesh, f: usize) -> bool {
+        let [first, second] = mesh.facet_labels[f];
+        let node_of = |node, label| self.entry(node, label).map(|entry| self.nodes[entry]);
+        mesh.nodes_of_facet(f as u32).any(|node| node_of(node, first) != node_of(node, second))
     }
 
     /// Puts regions together that stay so at a node, and numbers the nodes of the new mesh.
@@ -364,6 +378,27 @@ mod tests {
             let result = split.and_then(|split| mesh.split(&split, &Monitor::silent()));
             assert!(matches!(result, Err(Error::InvalidArgument(_))), "{wrong:?}");
         }
+    }
+
+    #[test]
+    fn facets_that_others_hold_are_not_cut() {
+        // In the middle of label 3 a tet of label 1, and one of label 2 beside it.
+        let mut mesh = kuhn_box([3, 3, 3], [1.0; 3], |_, _, _| 3);
+        let tet = 6 * 13;
+        let other = mesh.neighbors[tet].into_iter().find(|&other| other != NONE).unwrap();
+        (mesh.labels[tet], mesh.labels[other as usize]) = (1, 2);
+        connect(&mut mesh);
+        let found = check(&mesh, &Split::pairs(&[[1, 2]]).unwrap());
+        assert_eq!((found.pairs.len(), &found.mesh), (0, &mesh));
+    }
+
+    #[test]
+    fn the_background_is_no_region() {
+        let mesh = kuhn_box([3, 1, 1], [1.0; 3], |i, _, _| [0, 1, 2][i]);
+        let found = check(&mesh, &Split::All);
+        assert_eq!(found.pairs.len(), 4);
+        let split = Split::pairs(&[[0, 1]]).unwrap();
+        assert!(mesh.split(&split, &Monitor::silent()).is_err());
     }
 
     #[test]

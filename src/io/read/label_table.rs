@@ -21,7 +21,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::error::excerpt;
+use crate::error::{excerpt, one_line};
 use crate::image::label_names::{LabelName, LabelNames};
 use crate::{Error, Result};
 
@@ -95,7 +95,14 @@ impl Column<'_> {
 
 /// What a line says.
 fn label_and_name(line: &str) -> Option<(i32, LabelName)> {
+    // A comma in a name that stands between blanks separates nothing.
     let has_commas = outside_quotes(line).any(|c| is_comma(&c));
+    let by_commas = has_commas.then(|| said_by(line, true)).flatten();
+    by_commas.or_else(|| said_by(line, false))
+}
+
+/// The same, with columns between commas or between blanks.
+fn said_by(line: &str, has_commas: bool) -> Option<(i32, LabelName)> {
     let columns = columns(line, has_commas);
     let (first, rest) = columns.split_first()?;
     let label = first.text.parse().ok()?;
@@ -114,7 +121,7 @@ fn label_and_name(line: &str) -> Option<(i32, LabelName)> {
         let mut parts = numbers.iter().map_while(Column::color_part);
         Some([parts.next()?, parts.next()?, parts.next()?])
     });
-    let name = excerpt(name.trim());
+    let name = one_line(name.trim());
     (!name.is_empty()).then_some((label, LabelName { name, color }))
 }
 
@@ -173,6 +180,8 @@ mod tests {
             // MRIcron's lists have a number more.
             ("17 Hippocampus_L 4101", hippocampus("Hippocampus_L", None)),
             ("17,lobe 2", hippocampus("lobe 2", None)),
+            ("17 Left,hippocampus", hippocampus("Left,hippocampus", None)),
+            ("17 Hippocampus\t220 216 20 0", hippocampus("Hippocampus", color)),
             ("17 \"lobe 2\"", hippocampus("lobe 2", None)),
             ("17", None),
             ("17 220 216 20", None),

@@ -24,7 +24,7 @@ use super::{WriteOptions, check_count};
 use crate::Result;
 use crate::image::Wall;
 use crate::memory::zeroed;
-use crate::mesh::{NONE, TetMesh};
+use crate::mesh::TetMesh;
 
 /// The longest name, less the zero behind it.
 const NAME: usize = 80;
@@ -61,8 +61,9 @@ pub(super) fn write(
     for (boundary, facets) in of_boundaries.iter() {
         let name = &boundaries.names[boundary as usize];
         sets.push(SideSet { name: name.clone(), facets, side: 0 });
-        let has_two_sides = facets.iter().all(|&f| mesh.facet_tets[f as usize][1] != NONE);
-        if has_two_sides && boundaries.all[boundary as usize].wall == Wall::None {
+        if boundaries.has_two_sides(boundary as usize)
+            && boundaries.all[boundary as usize].wall == Wall::None
+        {
             sets.push(SideSet {
                 name: boundaries.reversed_name(boundary as usize, &regions),
                 facets,

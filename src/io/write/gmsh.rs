@@ -188,9 +188,9 @@ pub(super) fn write_4_1(
         let boundary: Vec<i32> = tags
             .surfaces
             .iter()
-            .zip(&boundaries.all)
-            .filter(|(_, boundary)| boundary.labels.contains(&label))
-            .map(|(&tag, boundary)| if boundary.labels[0] == label { tag } else { -tag })
+            .enumerate()
+            .filter(|&(b, _)| boundaries.bounds(b, label))
+            .map(|(b, &tag)| if boundaries.all[b].labels[0] == label { tag } else { -tag })
             .collect();
         write_entity(out, mesh, tag, tets.iter().flat_map(|&t| mesh.nodes_of_tet(t)), &boundary)?;
     }

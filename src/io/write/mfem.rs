@@ -49,8 +49,8 @@ pub(super) fn write(
     let mut sets: Vec<(&str, Vec<i32>)> =
         boundaries.names.iter().zip(1..).map(|(name, number)| (&**name, vec![number])).collect();
     for (label, name) in regions.iter() {
-        let around = boundaries.all.iter().zip(1..).filter(|(all, _)| all.labels.contains(&label));
-        sets.push((name, around.map(|(_, number)| number).collect()));
+        let around = (0..boundaries.all.len()).filter(|&b| boundaries.bounds(b, label));
+        sets.push((name, around.map(|b| b as i32 + 1).collect()));
     }
     write_sets(out, "bdr_attribute_sets", sets)?;
     write!(out, "\nvertices\n{}\n3\n", mesh.points.len())?;

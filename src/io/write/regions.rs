@@ -13,7 +13,8 @@
 //!
 //! All formats have the same names. They are made of letters, digits, `_` and `-`, begin with a
 //! letter, differ in more than upper and lower case, and have at most 80 characters: what the
-//! strictest of the formats takes. Other characters of a label's name become `_`.
+//! strictest of the formats takes, but for universal files, which have 40 and cut them. Other
+//! characters of a label's name become `_`.
 //!
 //! Memory: 4 bytes per facet; with parts some 40 bytes per facet for a while.
 
@@ -26,7 +27,7 @@ use super::groups::distinct;
 use crate::Result;
 use crate::image::{LabelNames, Wall};
 use crate::memory::{filled, room, zeroed};
-use crate::mesh::TetMesh;
+use crate::mesh::{NONE, TetMesh};
 use crate::reduce::UnionFind;
 
 /// The longest name of a label: two of them, and what comes behind, have 80 characters.
@@ -34,6 +35,9 @@ const MAX_NAME: usize = 34;
 
 /// The name of what is outside of all regions.
 const BACKGROUND: &str = "background";
+
+/// The name of the field of VTU files that tells what the world axes mean.
+pub(super) const SPACE: &str = "SPACE";
 
 /// The regions of a mesh, in increasing order of their labels.
 pub(super) struct Regions {
@@ -78,7 +82,9 @@ fn names_of(
     labels: impl Iterator<Item = i32>,
     given: Option<&LabelNames>,
 ) -> BTreeMap<i32, String> {
-    let mut taken = BTreeSet::from([BACKGROUND.to_owned()]);
+    let walls = Wall::OF_AXES.into_iter().flatten().filter_map(Wall::name);
+    let mut taken: BTreeSet<String> =
+        walls.chain([BACKGROUND, SPACE]).map(str::to_ascii_lowercase).collect();
     let mut names = BTreeMap::new();
     for label in labels.filter(|&label| label != 0) {
         let given = given.and_then(|names| names.get(label));
@@ -127,6 +133,8 @@ pub(super) struct Boundaries {
     pub names: Vec<String>,
     /// The index of each facet's boundary.
     pub of_facets: Vec<u32>,
+    /// Of each boundary how many of its facets have no tet before them, and how many have one.
+    before: Vec<[usize; 2]>,
 }
 
 impl Boundaries {
@@ -158,7 +166,23 @@ impl Boundaries {
             *slot = all.partition_point(|known| *known < boundary) as u32;
         });
         let names = all.iter().map(|boundary| name_of(boundary, regions)).collect();
-        Ok(Self { all, names, of_facets })
+        let mut before = vec![[0; 2]; all.len()];
+        for (&boundary, tets) in of_facets.iter().zip(&mesh.facet_tets) {
+            before[boundary as usize][usize::from(tets[1] != NONE)] += 1;
+        }
+        Ok(Self { all, names, of_facets, before })
+    }
+
+    /// Whether a boundary is one of a label's region. Of split interfaces each side is a boundary
+    /// of one region alone.
+    pub fn bounds(&self, boundary: usize, label: i32) -> bool {
+        let [first, second] = self.all[boundary].labels;
+        first == label || second == label && self.before[boundary][1] > 0
+    }
+
+    /// Whether all facets of a boundary have tets on both sides.
+    pub fn has_two_sides(&self, boundary: usize) -> bool {
+        self.before[boundary][0] == 0
     }
 
     /// The number of a facet's boundary, from 1.
@@ -291,6 +315,9 @@ mod tests {
         assert_eq!([names[3].len(), names[4].len()], [MAX_NAME; 2]);
         assert!(names[4].ends_with("x_5"));
         assert_eq!(names[5..], ["label_7", "label_7_7"]);
+        // What boundaries or fields of files are called.
+        let given = [(1, "wall x min"), (2, "space")];
+        assert_eq!(all_names(&[1, 2], &given), ["wall_x_min_1", "space_2"]);
         assert!(2 * MAX_NAME + "__".len() + "_12345678".len() <= 80);
     }
 

@@ -26,6 +26,9 @@ const TETRAHEDRON: [u32; 2] = [111, 118];
 /// The code of elements in groups.
 const ELEMENT: u32 = 8;
 
+/// Characters of a group's name.
+const NAME: usize = 40;
+
 /// Numbers have fields of 10 characters.
 const MAX: usize = 999_999_999;
 
@@ -83,7 +86,7 @@ pub(super) fn write(
         let mut head = Vec::new();
         push_fields(&mut head, &[number, 0, 0, 0, 0, 0, 0, members.len() as u32]);
         out.write_all(&head)?;
-        writeln!(out, "\n{name}")?;
+        writeln!(out, "\n{}", short(name, number))?;
         // Two of them in a line.
         write_records(out, members.len().div_ceil(2), |line, bytes| {
             for &member in members.iter().skip(2 * line).take(2) {
@@ -93,6 +96,16 @@ pub(super) fn write(
         })?;
     }
     out.write_all(b"    -1\n")
+}
+
+/// A group's name in the 40 characters that the format has for it; a longer one ends with the
+/// number of the group.
+fn short(name: &str, number: u32) -> String {
+    if name.len() <= NAME {
+        return name.to_owned();
+    }
+    let behind = format!("_{number}");
+    format!("{}{behind}", &name[..NAME - behind.len()])
 }
 
 /// Appends numbers in fields of 10 characters.
@@ -131,6 +144,13 @@ fn push_element(bytes: &mut Vec<u8>, index: usize, kind: u32, tag: u32, nodes: &
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_of_groups_fit() {
+        let name = "Left-Cerebral-White-Matter__Left-Cerebral-Cortex";
+        assert_eq!(short(name, 12), "Left-Cerebral-White-Matter__Left-Cere_12");
+        assert_eq!(short("liver", 1), "liver");
+    }
 
     #[test]
     fn fields_have_their_widths() {

@@ -21,6 +21,7 @@ use super::WriteOptions;
 use super::cells::Cells;
 use super::output::Output;
 use super::records::write_batches;
+use super::regions::SPACE;
 use crate::geometry::measures::TetMeasure;
 use crate::mesh::TetMesh;
 
@@ -181,7 +182,7 @@ fn write_field_data(
     if let Some(world) = options.world {
         // As numbers: some readers of VTU refuse the whole file for an array of strings.
         let codes: Vec<i32> = world.name().bytes().map(i32::from).collect();
-        array("UInt8", "SPACE", &codes)?;
+        array("UInt8", SPACE, &codes)?;
     }
     cells.names().try_for_each(|(name, number)| array("Int32", name, &number))?;
     out.write_all(b"</FieldData>\n")
