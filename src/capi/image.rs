@@ -10,7 +10,7 @@ use super::boundary::{
     Failure, Out, Outcome, array, borrow, c_str, check_buffer, slice, status_of, value_or,
 };
 use super::context::{lapd_context, lapd_log_level, with_context};
-use super::names::Names;
+use super::label_names::Names;
 use super::params::unknown;
 use super::status::lapd_status;
 use crate::image::volume::packed_strides;

@@ -6,7 +6,7 @@ use std::ptr;
 use super::boundary::{Failure, Out, borrow, c_str, catch, check_buffer, status_of, value_or};
 use super::context::{lapd_context, with_context};
 use super::image::to_path;
-use super::names::Names;
+use super::label_names::Names;
 use super::params::unknown;
 use super::pool::{processors, with_pool};
 use super::status::lapd_status;

@@ -29,6 +29,7 @@ pub mod certify;
 pub mod context;
 pub mod image;
 pub mod improvement;
+mod label_names;
 pub mod labels;
 pub mod level;
 pub mod mesh;

@@ -1,54 +1,15 @@
 //! Names of labels.
 
-use std::collections::BTreeMap;
-use std::ffi::{CStr, CString, c_char};
-use std::ptr;
+use std::ffi::c_char;
 
 use super::boundary::{Failure, Out, borrow, borrow_mut, c_str, status_of};
 use super::context::{lapd_context, with_context};
 use super::image::{lapd_image, to_path};
+use super::label_names::Names;
 use super::mesh::lapd_mesh;
 use super::status::lapd_status;
 use crate::error::one_line;
-use crate::image::LabelNames;
-use crate::image::label_names::LabelName;
 use crate::io::read::label_table::read_label_table;
-
-/// Names of labels, and the same as C has strings.
-#[derive(Clone, Default)]
-pub(super) struct Names {
-    all: LabelNames,
-    texts: BTreeMap<i32, CString>,
-}
-
-impl Names {
-    /// Of names with a zero byte C hears nothing.
-    pub fn new(all: LabelNames) -> Self {
-        let text =
-            |(label, name): (i32, &LabelName)| Some((label, CString::new(&*name.name).ok()?));
-        Self { texts: all.iter().filter_map(text).collect(), all }
-    }
-
-    /// As the library has them.
-    pub fn all(&self) -> &LabelNames {
-        &self.all
-    }
-
-    /// Those in a mesh whose labels became others.
-    pub fn merged(&self, merge: &BTreeMap<i32, i32>) -> Self {
-        Self::new(self.all.merged(merge))
-    }
-
-    fn text(&self, label: i32) -> *const c_char {
-        self.texts.get(&label).map_or(ptr::null(), |text| text.as_ptr())
-    }
-
-    fn insert(&mut self, label: i32, text: &CStr, name: String) {
-        let color = self.all.get(label).and_then(|known| known.color);
-        self.all.insert(label, LabelName { name, color });
-        self.texts.insert(label, text.to_owned());
-    }
-}
 
 /// Names a label, in place of the name that the image's file gave it. Meshes made of the image have
 /// the name, and files of these. Labels that lapd_params_set_merge makes others are named by those
@@ -106,7 +67,7 @@ pub unsafe extern "C" fn lapd_image_read_label_names(
     unsafe {
         with_context(context, |_| {
             let image = borrow_mut(image, "image")?;
-            let mut names = image.names.all.clone();
+            let mut names = image.names.all().clone();
             names.extend(read_label_table(to_path(c_str(path, "path")?)?)?);
             image.names = Names::new(names);
             Ok(())
@@ -172,7 +133,7 @@ pub unsafe extern "C" fn lapd_mesh_get_label_color(
     status_of(|| unsafe {
         let out = Out::new(color.cast::<[u8; 3]>(), "color")?;
         let known = Out::new(known, "known")?;
-        let found = borrow(mesh, "mesh")?.names.all.get(label).and_then(|name| name.color);
+        let found = borrow(mesh, "mesh")?.names.all().get(label).and_then(|name| name.color);
         known.set(found.is_some().into());
         if let Some(color) = found {
             out.set(color);
