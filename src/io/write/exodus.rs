@@ -19,7 +19,7 @@ use super::groups::Groups;
 use super::netcdf::{Kind, MAX_BYTES, NetCdf, Value};
 use super::output::Output;
 use super::records::write_records;
-use super::regions::{Boundaries, Regions, Tags};
+use super::regions::{Tags, regions_and_boundaries};
 use super::{WriteOptions, check_count};
 use crate::Result;
 use crate::image::Wall;
@@ -49,8 +49,7 @@ pub(super) fn write(
     options: &WriteOptions<'_>,
     out: &mut Output<'_>,
 ) -> io::Result<()> {
-    let regions = Regions::new(mesh, options);
-    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     let blocks = Groups::new(&mesh.labels).map_err(io::Error::other)?;
     let of_boundaries = Groups::new(&boundaries.of_facets).map_err(io::Error::other)?;
     let mut numbers: Vec<u32> =

@@ -11,8 +11,8 @@ use std::path::Path;
 
 use super::groups::Groups;
 use super::output::Output;
-use super::records::{push_float, push_int, write_records};
-use super::regions::{Boundaries, Regions};
+use super::records::{push_floats, push_int, write_records};
+use super::regions::regions_and_boundaries;
 use super::{WriteOptions, check_count};
 use crate::Result;
 use crate::mesh::TetMesh;
@@ -27,8 +27,7 @@ pub(super) fn write(
     options: &WriteOptions<'_>,
     out: &mut Output<'_>,
 ) -> io::Result<()> {
-    let regions = Regions::new(mesh, options);
-    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     let (of_tet, of_facet) = (mesh.nodes_per_tet(), mesh.nodes_per_facet());
     let space = options.space("<!-- ", " -->\n");
     write!(
@@ -47,12 +46,7 @@ pub(super) fn write(
     out.write_all(b"</Material>\n<Mesh>\n<Nodes name=\"mesh\">\n")?;
     write_records(out, mesh.points.len(), |v, bytes| {
         push_open(bytes, b"node", v);
-        for (i, &x) in mesh.points[v].iter().enumerate() {
-            if i > 0 {
-                bytes.push(b',');
-            }
-            push_float(bytes, x);
-        }
+        push_floats(bytes, &mesh.points[v], b',');
         bytes.extend_from_slice(b"</node>\n");
     })?;
     out.write_all(b"</Nodes>\n")?;

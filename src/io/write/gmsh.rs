@@ -31,7 +31,7 @@ use glam::DVec3;
 use super::groups::Groups;
 use super::output::Output;
 use super::records::write_records;
-use super::regions::{Boundaries, Regions, Tags};
+use super::regions::{Boundaries, Regions, Tags, regions_and_boundaries};
 use super::{WriteOptions, check_count};
 use crate::Result;
 use crate::memory::filled;
@@ -118,8 +118,7 @@ pub(super) fn write_2_2(
     options: &WriteOptions<'_>,
     out: &mut Output,
 ) -> io::Result<()> {
-    let regions = Regions::new(mesh, options);
-    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     let labels = &regions.labels;
     let tags = Tags::new(labels, boundaries.all.len(), i32::MAX);
     write_head(out, options, "2.2", &tags, &regions, &boundaries)?;
@@ -130,7 +129,7 @@ pub(super) fn write_2_2(
     })?;
     write!(out, "\n$EndNodes\n$Elements\n{}\n", mesh.tets.len() + mesh.facets.len())?;
     let elements = Elements::new(mesh);
-    let tag_of_tet = |t: usize| tags.volumes[labels.partition_point(|&l| l < mesh.labels[t])];
+    let tag_of_tet = |t: usize| tags.volumes[regions.place(mesh.labels[t])];
     let tets = |t: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_tet(t, push);
     write_block_2_2(out, elements.kind_of_tets(), 0, mesh.tets.len(), &tets, tag_of_tet)?;
     let tag_of_facet = |f: usize| tags.surfaces[boundaries.of_facets[f] as usize];
@@ -172,8 +171,7 @@ pub(super) fn write_4_1(
     options: &WriteOptions<'_>,
     out: &mut Output,
 ) -> io::Result<()> {
-    let regions = Regions::new(mesh, options);
-    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     let volumes = Groups::new(&mesh.labels).map_err(io::Error::other)?;
     let surfaces = Groups::new(&boundaries.of_facets).map_err(io::Error::other)?;
     let tags = Tags::new(&regions.labels, boundaries.all.len(), i32::MAX);

@@ -14,7 +14,7 @@ use std::io::{self, Write};
 use super::WriteOptions;
 use super::output::Output;
 use super::records::{push_float, push_int, write_records};
-use super::regions::{Boundaries, Regions};
+use super::regions::regions_and_boundaries;
 use crate::mesh::TetMesh;
 
 pub(super) fn write(
@@ -38,8 +38,7 @@ pub(super) fn write(
     write_records(out, mesh.tets.len(), |t, bytes| {
         push_line(bytes, &mesh.tet_nodes(t)[..of_tet], i64::from(mesh.labels[t]));
     })?;
-    let regions = Regions::new(mesh, options);
-    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     out.write_all(options.space("# ", "\n").as_bytes())?;
     let comments = regions.comments() + &boundaries.comments();
     write!(out, "{comments}Triangles{suffix}\n{}\n", mesh.facets.len())?;

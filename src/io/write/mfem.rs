@@ -10,8 +10,8 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use super::output::Output;
-use super::records::{push_float, push_int, push_ints, write_records};
-use super::regions::{Boundaries, Regions, Tags};
+use super::records::{push_floats, push_int, push_ints, write_records};
+use super::regions::{Tags, regions_and_boundaries};
 use super::{WriteOptions, check_count, refuse_second_order};
 use crate::Result;
 use crate::mesh::TetMesh;
@@ -31,13 +31,12 @@ pub(super) fn write(
     options: &WriteOptions<'_>,
     out: &mut Output<'_>,
 ) -> io::Result<()> {
-    let regions = Regions::new(mesh, options);
-    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     let tags = Tags::new(&regions.labels, 0, i32::MAX).volumes;
     let space = options.space("# ", "\n");
     write!(out, "MFEM mesh v1.3\n\n{space}dimension\n3\n\nelements\n{}\n", mesh.tets.len())?;
     write_records(out, mesh.tets.len(), |t, bytes| {
-        let tag = tags[regions.labels.partition_point(|&label| label < mesh.labels[t])];
+        let tag = tags[regions.place(mesh.labels[t])];
         push_element(bytes, tag.into(), TETRAHEDRON, &mesh.tets[t]);
     })?;
     let of_regions = regions.iter().zip(&tags).map(|((_, name), &tag)| (name, vec![tag]));
@@ -55,12 +54,7 @@ pub(super) fn write(
     write_sets(out, "bdr_attribute_sets", sets)?;
     write!(out, "\nvertices\n{}\n3\n", mesh.points.len())?;
     write_records(out, mesh.points.len(), |v, bytes| {
-        for (i, &x) in mesh.points[v].iter().enumerate() {
-            if i > 0 {
-                bytes.push(b' ');
-            }
-            push_float(bytes, x);
-        }
+        push_floats(bytes, &mesh.points[v], b' ');
         bytes.push(b'\n');
     })?;
     out.write_all(b"\nmfem_mesh_end\n")

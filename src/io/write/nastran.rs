@@ -15,7 +15,7 @@ use std::path::Path;
 
 use super::output::Output;
 use super::records::{push_float, push_int, write_records};
-use super::regions::{Boundaries, Regions, Tags};
+use super::regions::{Tags, regions_and_boundaries};
 use super::{WriteOptions, check_count};
 use crate::Result;
 use crate::mesh::TetMesh;
@@ -36,8 +36,7 @@ pub(super) fn write(
     options: &WriteOptions<'_>,
     out: &mut Output<'_>,
 ) -> io::Result<()> {
-    let regions = Regions::new(mesh, options);
-    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     let tags = Tags::new(&regions.labels, boundaries.all.len(), MAX as i32);
     write!(out, "$ lapd mesh\n{}SOL 101\nCEND\nBEGIN BULK\n", options.space("$ ", "\n"))?;
     out.write_all(b"$ Properties hold places: give them materials and values of your own.\n")?;
@@ -61,7 +60,7 @@ pub(super) fn write(
     })?;
     let of_tet = mesh.nodes_per_tet();
     write_records(out, mesh.tets.len(), |t, bytes| {
-        let tag = tags.volumes[regions.labels.partition_point(|&label| label < mesh.labels[t])];
+        let tag = tags.volumes[regions.place(mesh.labels[t])];
         push_element(bytes, b"CTETRA", t + 1, tag, &mesh.tet_nodes(t)[..of_tet]);
     })?;
     let of_facet = mesh.nodes_per_facet();

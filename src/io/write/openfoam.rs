@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use super::groups::Groups;
 use super::output::Output;
-use super::records::{push_float, push_int, write_records};
+use super::records::{push_floats, push_int, write_records};
 use super::regions::{Boundaries, Regions};
 use super::{WriteOptions, check_count, refuse_second_order};
 use crate::delaunay::tet::FACET;
@@ -92,12 +92,7 @@ fn write_into(
     file("points", "vectorField", "", &|out| {
         write_list(out, points, points, |v, bytes| {
             bytes.push(b'(');
-            for (i, &x) in mesh.points[v].iter().enumerate() {
-                if i > 0 {
-                    bytes.push(b' ');
-                }
-                push_float(bytes, x);
-            }
+            push_floats(bytes, &mesh.points[v], b' ');
             bytes.extend_from_slice(b")\n");
         })
     })?;

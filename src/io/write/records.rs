@@ -85,6 +85,17 @@ pub(super) fn push_float(bytes: &mut Vec<u8>, value: f64) {
     bytes.extend_from_slice(text.strip_suffix(".0").unwrap_or(text).as_bytes());
 }
 
+/// Appends numbers as [`push_float`] does, with a character between them.
+#[inline]
+pub(super) fn push_floats(bytes: &mut Vec<u8>, values: &[f64], between: u8) {
+    for (i, &value) in values.iter().enumerate() {
+        if i > 0 {
+            bytes.push(between);
+        }
+        push_float(bytes, value);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;

@@ -19,6 +19,7 @@
 //! Memory: 4 bytes per facet; with parts some 40 bytes per facet for a while.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io;
 
 use rayon::prelude::*;
 
@@ -58,6 +59,11 @@ impl Regions {
     /// The name of a label's region.
     pub fn name(&self, label: i32) -> &str {
         self.names.get(&label).map_or(BACKGROUND, |name| name)
+    }
+
+    /// The place of a label among those of the regions.
+    pub fn place(&self, label: i32) -> usize {
+        self.labels.partition_point(|&other| other < label)
     }
 
     /// A comment line for each region that has another name than that of its label's number.
@@ -233,6 +239,19 @@ impl Tags {
         surfaces.sort_unstable();
         Self { volumes, surfaces }
     }
+}
+
+/// The regions and boundaries of a mesh, as writers want them.
+///
+/// # Errors
+/// [`OutOfMemory`](crate::Error::OutOfMemory), as one of input and output.
+pub(super) fn regions_and_boundaries(
+    mesh: &TetMesh,
+    options: &WriteOptions<'_>,
+) -> io::Result<(Regions, Boundaries)> {
+    let regions = Regions::new(mesh, options);
+    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    Ok((regions, boundaries))
 }
 
 /// What is counted where there is no memory.

@@ -14,7 +14,7 @@ use std::path::Path;
 use super::groups::Groups;
 use super::output::Output;
 use super::records::write_records;
-use super::regions::{Boundaries, Regions, Tags};
+use super::regions::{Tags, regions_and_boundaries};
 use super::{WriteOptions, check_count};
 use crate::Result;
 use crate::mesh::TetMesh;
@@ -48,8 +48,7 @@ pub(super) fn write(
     options: &WriteOptions<'_>,
     out: &mut Output<'_>,
 ) -> io::Result<()> {
-    let regions = Regions::new(mesh, options);
-    let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
+    let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     let tags = Tags::new(&regions.labels, boundaries.all.len(), MAX as i32);
     out.write_all(b"    -1\n  2411\n")?;
     write_records(out, mesh.points.len(), |v, bytes| {
@@ -66,7 +65,7 @@ pub(super) fn write(
         let [a, b, c, d, ab, bc, ca, ad, bd, cd] = mesh.tet_nodes(t);
         let nodes: &[u32] =
             if order == 0 { &[a, b, c, d] } else { &[a, ab, b, bc, c, ca, ad, bd, cd, d] };
-        let tag = tags.volumes[regions.labels.partition_point(|&label| label < mesh.labels[t])];
+        let tag = tags.volumes[regions.place(mesh.labels[t])];
         push_element(bytes, t, TETRAHEDRON[order], tag as u32, nodes);
     })?;
     write_records(out, mesh.facets.len(), |f, bytes| {
