@@ -243,6 +243,9 @@ void parameters() {
     params.set_adaptive(LAPD_ADAPTIVE_OFF).set_spacing_floor(0.25).set_min_voxels(27);
     CHECK(params.adaptive() == LAPD_ADAPTIVE_OFF && params.spacing_floor() == 0.25 &&
           params.min_voxels() == 27);
+    params.set_target_tets(5000);
+    CHECK(params.target_tets() == 5000);
+    params.set_target_tets(0);
     params.set_label_size(5, 1.25);
     CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 &&
           params.facet_angle() == 25);

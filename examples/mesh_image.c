@@ -168,6 +168,20 @@ static lapd_status write_outputs(lapd_context *context, const lapd_mesh *mesh, c
     return status;
 }
 
+/* Tells what a mesh would need, as lines of a name and a number. */
+static lapd_status print_estimate(lapd_context *context, const lapd_image *image,
+                                  const lapd_params *params, progress_line *line) {
+    uint64_t tets = 0, peak_bytes = 0;
+    double seconds = 0;
+    lapd_status status = lapd_image_estimate(context, image, params, &tets, &peak_bytes, &seconds);
+    clear_progress(line);
+    if (status == LAPD_OK) {
+        printf("tets %.3g\npeak MiB %.3g\nseconds %.2g\n", (double)tets,
+               (double)peak_bytes / 1048576, seconds);
+    }
+    return status;
+}
+
 /* Everything from the image on. Returns the exit status. */
 static int run(lapd_context *context, lapd_params *params, const options *o, progress_line *line) {
     int exit_status = EXIT_FAILED;
@@ -188,6 +202,15 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
         status = lapd_image_read_label_names(context, image, o->names);
     if (status == LAPD_OK)
         status = set_defaults(context, params, image, o);
+    if (status == LAPD_OK && o->estimate) {
+        status = print_estimate(context, image, params, line);
+        if (status == LAPD_OK)
+            exit_status = EXIT_SUCCESS;
+        else
+            complain("%s", lapd_context_last_error(context));
+        lapd_image_free(image);
+        goto done;
+    }
     if (status == LAPD_OK)
         status = lapd_mesh_image(context, image, params, &mesh);
     lapd_image_free(image);

@@ -24,6 +24,11 @@ static const char USAGE[] =
     "  --delta MM           distance between samples on the interfaces;\n"
     "                       default 1.5 times the geometric mean of the voxel's sides\n"
     "  --size MM            largest circumradius of tets; default 2 times delta\n"
+    "  --tets N             look for the delta and size of a mesh of N tets: both are multiplied "
+    "by "
+    "one factor\n"
+    "  --estimate           tell how many tets, how much memory and time a mesh needs, and make "
+    "none\n"
     "  --label-size L=MM    the same for one label (after --merge); may be given again\n"
     "  --adaptive NAME      off | thickness | topology: sample more densely nothing, what is "
     "thinner than\n"
@@ -320,6 +325,12 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
         }
         return from_status(lapd_params_set_order(context, params, (int32_t)order));
     }
+    if (strcmp(option, "--tets") == 0) {
+        size_t tets;
+        return parse_count(value, &tets) && tets > 0
+                   ? from_status(lapd_params_set_target_tets(context, params, tets))
+                   : SET_BAD_VALUE;
+    }
     if (strcmp(option, "--min-voxels") == 0) {
         size_t least;
         return parse_count(value, &least)
@@ -451,6 +462,8 @@ bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *pa
             o->boundary_parts = true;
         } else if (strcmp(option, "--memory") == 0) {
             o->memory = true;
+        } else if (strcmp(option, "--estimate") == 0) {
+            o->estimate = true;
         } else if (strcmp(option, "--allow-outside") == 0) {
             status = lapd_context_set_allow_outside(context, 1);
         } else if (strcmp(option, "--quiet") == 0) {
@@ -462,6 +475,7 @@ bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *pa
                                                      "--topology",
                                                      "--delta",
                                                      "--size",
+                                                     "--tets",
                                                      "--keep",
                                                      "--label-size",
                                                      "--merge",
@@ -563,8 +577,8 @@ bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *pa
             return usage_error("%s: this file has no place for --order 2%s", o->outputs[i], "");
         }
     }
-    if (o->output_count == 0 && o->report == NULL) {
-        return usage_error("no output (-o) and no --report%s%s", "", "");
+    if (o->output_count == 0 && o->report == NULL && !o->estimate) {
+        return usage_error("no output (-o), no --report%s%s", " and no --estimate", "");
     }
     return true;
 }

@@ -41,6 +41,8 @@ typedef struct {
     bool has_level;
     bool measures;
     bool boundary_parts;
+    /* Nothing is meshed, only told what that would need. */
+    bool estimate;
     bool memory;
     bool quiet;
 } options;

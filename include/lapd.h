@@ -2577,6 +2577,53 @@ lapd_status lapd_mesh_image(lapd_context *context,
                             lapd_mesh **mesh);
 
 /**
+ * Sets how many tets of labels the mesh is to have. Delta, the sizes, and above 1 the floor of
+ * spacing, are then multiplied by one factor, which is searched: the mesh has as many tets within
+ * a tenth, unless no factor leads to that, of which a warning tells. With 0, the default, these
+ * lengths are taken as they are. lapd_mesh_get_bounds tells what was found. It takes one refinement
+ * to three, seldom more. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+ */
+lapd_status lapd_params_set_target_tets(lapd_context *context, lapd_params *params, uint64_t tets);
+
+/**
+ * How many tets of labels the mesh is to have; 0: no number is asked for. Any thread, unless
+ * another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_target_tets(const lapd_params *params, uint64_t *tets);
+
+/**
+ * Tells what bounds a mesh was made with: the distance of samples, and the largest circumradius of
+ * tets where no label has its own; those that lapd_params_set_target_tets has led to. Any thread.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_UNSUPPORTED for a mesh
+ * that lapd_mesh_image did not make.
+ */
+lapd_status lapd_mesh_get_bounds(const lapd_mesh *mesh, double *delta, double *size);
+
+/**
+ * Tells what lapd_mesh_image is to be expected to need for an image, without making a mesh: tets
+ * of labels, bytes of memory at the peak, the image among them, and seconds on this machine, as
+ * busy as it is now. Mostly within a fifth. What LAPD_ADAPTIVE_TOPOLOGY adds is not known before,
+ * and left out.
+ *
+ * It takes as long as the preparation of the image, and some 50 milliseconds to find out how fast
+ * the machine is. Progress callbacks of the context are called on this thread. No other thread may
+ * use the context meanwhile, but to cancel, nor change `params`.
+ *
+ * Errors: as lapd_mesh_image, as far as they come of the image and of `params`.
+ */
+lapd_status lapd_image_estimate(lapd_context *context,
+                                const lapd_image *image,
+                                const lapd_params *params,
+                                uint64_t *tets,
+                                uint64_t *peak_bytes,
+                                double *seconds);
+
+/**
  * Frees a mesh. NULL is allowed and does nothing. Any thread; no call may be using it, and every
  * array got from it is invalid from now on.
  */

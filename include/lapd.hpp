@@ -573,6 +573,9 @@ class params {
     params &set_min_voxels(std::uint64_t min_voxels) {
         return set(lapd_params_set_min_voxels, min_voxels);
     }
+    params &set_target_tets(std::uint64_t tets) {
+        return set(lapd_params_set_target_tets, tets);
+    }
     params &set_count_accesses(bool count_accesses) {
         return set(lapd_params_set_count_accesses, count_accesses);
     }
@@ -675,6 +678,9 @@ class params {
     double spacing_floor() const {
         return value<double>(lapd_params_get_spacing_floor);
     }
+    std::uint64_t target_tets() const {
+        return value<std::uint64_t>(lapd_params_get_target_tets);
+    }
     std::uint64_t min_voxels() const {
         return value<std::uint64_t>(lapd_params_get_min_voxels);
     }
@@ -755,6 +761,24 @@ class write_options {
                     detail::deleter<lapd_write_options, lapd_write_options_free>>
         handle_;
 };
+
+/// What a mesh will need, before it is made.
+struct expected_use {
+    /// Tets of labels.
+    std::uint64_t tets = 0;
+    /// Bytes of memory at the peak, the image among them.
+    std::uint64_t peak_bytes = 0;
+    /// On this machine, with the threads that are asked for.
+    double seconds = 0;
+};
+
+/// lapd_image_estimate.
+inline expected_use estimate(context &context, const image &image, const params &params) {
+    expected_use use;
+    context.check(lapd_image_estimate(context.get(), image.get(), params.get(), &use.tets,
+                                      &use.peak_bytes, &use.seconds));
+    return use;
+}
 
 /// lapd_mesh: any number of threads, unless one certifies it or splits its interfaces; needs none
 /// of the other objects to live on.
@@ -884,6 +908,12 @@ class mesh {
         std::int32_t limit = LAPD_OK;
         detail::check(lapd_mesh_get_limit_reached(get(), &limit));
         return static_cast<lapd_status>(limit);
+    }
+    /// What it was made with: the distance of samples, the largest circumradius.
+    std::array<double, 2> bounds() const {
+        std::array<double, 2> bounds{};
+        detail::check(lapd_mesh_get_bounds(get(), &bounds[0], &bounds[1]));
+        return bounds;
     }
     lapd_counts counts() const {
         return filled<lapd_counts>(lapd_mesh_get_counts);

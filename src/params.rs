@@ -113,6 +113,9 @@ pub struct MeshParams {
     /// Bounds for single labels (after merging), overriding `size`; delta is lowered around these
     /// labels likewise.
     pub label_sizes: BTreeMap<i32, f64>,
+    /// The tets of labels that the mesh is to have, within a tenth where that can be had. Delta, the
+    /// sizes and, above 1, the spacing floor are multiplied by one factor, which is searched.
+    pub target_tets: Option<u64>,
     /// Upper bound on circumradius over shortest edge; at least 2 (below, Delaunay refinement need
     /// not end).
     pub radius_edge: f64,
@@ -195,6 +198,7 @@ impl Default for MeshParams {
             min_voxels: 0,
             size: 2.0,
             label_sizes: BTreeMap::new(),
+            target_tets: None,
             radius_edge: 2.0,
             facet_angle: 30.0,
             improve: Improve::Full,
@@ -257,6 +261,9 @@ impl MeshParams {
         positive("spacing floor", self.spacing_floor)?;
         positive("size", self.size)?;
         self.label_sizes.iter().try_for_each(|(&label, &size)| check_label_size(label, size))?;
+        if self.target_tets == Some(0) {
+            return Err(Error::InvalidArgument("target tets must be at least 1, got 0".into()));
+        }
         if !(self.radius_edge.is_finite() && self.radius_edge >= 2.0) {
             return Err(Error::InvalidArgument(format!(
                 "radius-edge bound must be at least 2, got {}",
@@ -304,6 +311,18 @@ impl MeshParams {
             )));
         }
         Ok(())
+    }
+
+    /// The same with all lengths that decide how many tets there are multiplied by `factor`: delta,
+    /// the sizes, and the spacing floor where that makes it larger. A finer mesh is no reason to
+    /// look for structure that the voxels do not have.
+    pub fn scaled(&self, factor: f64) -> Self {
+        let mut scaled = self.clone();
+        scaled.delta *= factor;
+        scaled.size *= factor;
+        scaled.label_sizes.values_mut().for_each(|size| *size *= factor);
+        scaled.spacing_floor *= factor.max(1.0);
+        scaled
     }
 
     /// Checks what must hold between parameters. Not a part of [`Self::validate`]: whoever sets

@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 /// In the order of the header.
-const SOURCES: [&str; 20] = [
+const SOURCES: [&str; 21] = [
     "status",
     "about",
     "context",
@@ -21,6 +21,7 @@ const SOURCES: [&str; 20] = [
     "labels",
     "threads",
     "run",
+    "budget",
     "mesh",
     "write",
     "split",

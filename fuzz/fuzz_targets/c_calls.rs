@@ -72,6 +72,7 @@ unsafe fn set_something(
             12 => lapd_params_set_order(context, params, i32::from(bytes.byte() % 4)),
             13 => lapd_params_set_improve(context, params, i32::from(bytes.byte() % 4)),
             14 => lapd_params_set_min_voxels(context, params, u64::from(bytes.byte())),
+            15 => lapd_params_set_target_tets(context, params, 16 * u64::from(bytes.byte())),
             16 => lapd_params_set_certificate(context, params, i32::from(bytes.byte() % 4)),
             _ => lapd_params_set_partial(context, params, i32::from(bytes.byte() % 2)),
         });

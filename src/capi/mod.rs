@@ -25,6 +25,7 @@
 
 pub mod about;
 mod boundary;
+pub mod budget;
 pub mod certify;
 pub mod context;
 pub mod image;

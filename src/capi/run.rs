@@ -68,7 +68,7 @@ pub unsafe extern "C" fn lapd_mesh_image(
             let ended_by = result.ended_by.as_ref().map(Failure::from);
             let (names, values) = (image.names.merged(&params.merge), image.values());
             let world = image.world;
-            let params = Some(params);
+            let params = Some(params.scaled(result.report.factor));
             let node_pairs = None;
             let mesh = lapd_mesh { result, world, node_pairs, params, names, values };
             out.set(Box::into_raw(Box::new(mesh)));

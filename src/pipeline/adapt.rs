@@ -83,15 +83,17 @@ pub struct Adapted {
 }
 
 /// The part of the step of refinement that is done when a round begins, 0 for the first, and when
-/// it ends.
-pub fn parts(params: &MeshParams, round: usize) -> [f64; 2] {
+/// it ends; of the `whole` that all rounds have.
+pub fn parts(params: &MeshParams, round: usize, whole: [f64; 2]) -> [f64; 2] {
     let done = |rounds: usize| match rounds {
         0 => 0.0,
         _ => 1.0 - (1.0 - FIRST_PART) * 0.5_f64.powi(rounds as i32 - 1),
     };
     match params.adaptive {
-        Adaptive::Topology => [done(round), done(round + 1)],
-        Adaptive::Off | Adaptive::Thickness => [0.0, 1.0],
+        Adaptive::Topology => {
+            [done(round), done(round + 1)].map(|part| whole[0] + (whole[1] - whole[0]) * part)
+        }
+        Adaptive::Off | Adaptive::Thickness => whole,
     }
 }
 
@@ -107,6 +109,9 @@ pub struct Run<'a> {
     pub params: &'a MeshParams,
     /// Its limits.
     pub limits: &'a Limits,
+    /// The part of the step of refinement that is done when the first round begins, and when the
+    /// last one ends.
+    pub parts: [f64; 2],
 }
 
 impl Run<'_> {
@@ -151,7 +156,7 @@ impl Run<'_> {
             let rows = Rows::new(image, region, &look)?;
             let denser = Sizing::new(image, &rows, &places.spacing, &places.list, &look)?;
             drop(rows);
-            how.parts = parts(params, round);
+            how.parts = parts(params, round, self.parts);
             let before = Before { sizing, refinement, inspects_all: false };
             let later = refine_further(&self.rules(&denser), &before, &how, monitor)?;
             refinement.add(later)?;
@@ -163,7 +168,7 @@ impl Run<'_> {
         }
         match &adapted.sizing {
             Some(sizing) if refinement.ended_by.is_none() => {
-                how.parts = [1.0; 2];
+                how.parts = [self.parts[1]; 2];
                 let before = Before { sizing, refinement, inspects_all: true };
                 let later = refine_further(&self.rules(sizing), &before, &how, monitor)?;
                 refinement.add(later)

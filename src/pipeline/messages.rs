@@ -3,6 +3,7 @@
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
 use crate::improve::Improvement;
+use crate::mesh::TetMesh;
 use crate::monitor::{Level, Monitor};
 use crate::params::MeshParams;
 use crate::verify::certificate::{
@@ -33,6 +34,11 @@ pub(super) fn log_refinement(monitor: &Monitor<'_>, counters: &Counters, seconds
          removals, {rate:.0} tets per second"
     );
     monitor.log(Level::Info, &line);
+}
+
+pub(super) fn log_try(monitor: &Monitor<'_>, params: &MeshParams, tets: u64) {
+    let MeshParams { delta, size, .. } = params;
+    monitor.log(Level::Info, &format!("delta {delta:.4}, size {size:.4}: {tets} tets"));
 }
 
 pub(super) fn log_differences(monitor: &Monitor<'_>, round: usize, count: usize, goes_on: bool) {
@@ -116,6 +122,20 @@ pub(super) fn warn_of_lowered(params: &MeshParams, lowered: f64, monitor: &Monit
             "size {} needs samples of the interfaces no more than {lowered} apart: delta {} is \
              lowered to that",
             params.size, params.delta
+        );
+        monitor.log(Level::Warning, &line);
+    }
+}
+
+/// Says so if a mesh has another number of tets of labels than was asked for.
+pub(super) fn warn_of_missed(target: u64, mesh: &TetMesh, monitor: &Monitor<'_>) {
+    /// What is promised: a tenth.
+    const WITHIN: f64 = 0.1;
+    let tets = mesh.labels.iter().filter(|&&label| label != 0).count();
+    if (tets as f64 / target as f64 - 1.0).abs() > WITHIN {
+        let line = format!(
+            "{target} tets were asked for, and the nearest mesh that was found has {tets}: no \
+             distance of samples leads to that many for this image"
         );
         monitor.log(Level::Warning, &line);
     }

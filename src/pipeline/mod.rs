@@ -20,7 +20,10 @@
 //! Image passes run in the caller's rayon pool.
 
 pub mod adapt;
+mod attempt;
+mod budget;
 pub mod certify;
+pub mod estimate;
 pub mod finish;
 pub mod improve;
 mod messages;
@@ -30,28 +33,22 @@ pub mod report;
 
 use std::time::Instant;
 
-use rayon::prelude::*;
-
-use crate::delaunay::check::Check;
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
 use crate::improve::Improvement;
 use crate::mesh::TetMesh;
-use crate::mesh::extract::Background;
 use crate::monitor::{Level, Monitor, Step};
-use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
-use crate::refine::Asked;
+use crate::oracle::Oracle;
+use crate::params::{CertificateLevel, MeshParams};
 use crate::refine::activity::Work;
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
-use crate::refine::options::{Limits, RefineOptions};
+use crate::refine::options::Limits;
 use crate::refine::podm::Refinement;
-use crate::refine::rules::Rules;
 use crate::second_order::SecondOrder;
-use crate::verify::{Certificate, Examined, Extent, Quality};
+use crate::verify::{Certificate, Extent, Quality};
 use crate::{Error, Result};
-use adapt::Adapted;
-use prepare::{Prepared, Selected};
-use refine::Collected;
+use attempt::{Attempt, Made};
+use prepare::Selected;
 
 /// A finished run.
 #[derive(Debug)]
@@ -85,6 +82,9 @@ pub struct Seconds {
 pub struct RunReport {
     /// Times.
     pub seconds: Seconds,
+    /// By which lengths were multiplied for the number of tets asked for: [`MeshParams::scaled`]; 1
+    /// where none was.
+    pub factor: f64,
     /// Tets of the whole triangulation.
     pub all_tets: u64,
     /// Vertices of the whole triangulation, corners of the box included.
@@ -174,39 +174,12 @@ pub fn mesh_image(
     prepare::enter(image, monitor)?;
     let Selected { image, dropped } = prepare::select_labels(image, params, monitor)?;
     monitor.log(Level::Info, &messages::describe(&image, params));
-    let mut prepared = prepare::prepare(&image, params, &limits, monitor)?;
-    let seconds = watch.add_to(|seconds| &mut seconds.prepare);
-    monitor.log(Level::Info, &format!("image prepared in {seconds:.2} s"));
-
-    let refined = refine_and_collect(&image, &prepared, params, &limits, &mut watch, monitor)?;
-    let Refined { mut mesh, points_kept, improves, refinement, adapted, check, examined } = refined;
-    if let Some(sizing) = adapted.sizing {
-        prepared.sizing = sizing;
-    }
+    let Found { factor, oracle, made } = find_mesh(&image, params, &limits, &mut watch, monitor)?;
+    let Made { mut mesh, refinement, differences, check, examined, improvement } = made;
     let Refinement { counters, work, threads, mut ended_by, .. } = refinement;
-    let mut improvement = Improvement::default();
-    if improves {
-        let done = improve::improve_mesh(
-            &mut mesh,
-            points_kept,
-            &prepared,
-            &image,
-            params,
-            &limits,
-            monitor,
-        )?;
-        (improvement, ended_by) = done;
-    }
-    // The certificate needs room, and no sizing field.
-    let Prepared { oracle, sizing, .. } = prepared;
-    drop(sizing);
-    let seconds = watch.add_to(|seconds| &mut seconds.improve);
     mesh.collect_facets(monitor)?;
     mesh.find_walls(|corners| oracle.wall_of_facet(corners), monitor)?;
     watch.add_to(|seconds| &mut seconds.extract);
-    if improves {
-        messages::log_improvement(monitor, &improvement, seconds);
-    }
 
     if let Some(limit) = &ended_by {
         monitor.log(Level::Warning, &format!("the mesh is partial: {limit}"));
@@ -237,9 +210,13 @@ pub fn mesh_image(
     watch.add_to(|seconds| &mut seconds.extract);
     monitor.log(Level::Info, &format!("certificate measured in {seconds:.2} s"));
     messages::warnings(&certificate).iter().for_each(|line| monitor.log(Level::Warning, line));
+    if let Some(target) = params.target_tets.filter(|_| ended_by.is_none()) {
+        messages::warn_of_missed(target, &mesh, monitor);
+    }
     monitor.enter(Step::Done, 0)?;
     let report = RunReport {
         seconds: watch.seconds,
+        factor,
         all_tets: check.tets,
         all_vertices: check.vertices,
         oracle_bytes: oracle.bytes() as u64,
@@ -247,7 +224,7 @@ pub fn mesh_image(
         work,
         threads,
         improvement,
-        differences: adapted.differences,
+        differences,
         second_order,
         quality,
         certificate,
@@ -255,99 +232,56 @@ pub fn mesh_image(
     Ok(MeshResult { mesh, report, ended_by })
 }
 
-/// Vertices of a triangulation that nothing has been inserted into.
-const BOX_CORNERS: u64 = 8;
-
-/// What the stage of refinement leaves; the triangulation is gone.
-struct Refined {
-    mesh: TetMesh,
-    points_kept: usize,
-    /// Whether the mesh is to be improved, and so has the background around the object.
-    improves: bool,
-    refinement: Refinement,
-    adapted: Adapted,
-    check: Check,
-    examined: Examined,
+/// What comes before facets and certificate.
+struct Found {
+    /// By which lengths were multiplied: [`MeshParams::scaled`].
+    factor: f64,
+    oracle: Oracle,
+    made: Made,
 }
 
-/// The stage of refinement.
-fn refine_and_collect(
+/// Prepares the image and makes its mesh; again with other lengths, as long as a number of tets is
+/// asked for and missed.
+fn find_mesh(
     image: &LabelImage,
-    prepared: &Prepared,
     params: &MeshParams,
     limits: &Limits,
     watch: &mut Stopwatch,
     monitor: &Monitor<'_>,
-) -> Result<Refined> {
-    let Prepared { oracle, sizing, voxels } = prepared;
-    let by_volume = refine::expected_by_volume(prepared, image, params);
-    let about_interfaces = oracle.expected_tets(sizing.max(), &sizing.palette());
-    messages::warn_of_many(about_interfaces.map(|tets| tets + by_volume), *voxels, monitor);
+) -> Result<Found> {
+    let search = |target| budget::Search::new(image, params, target, monitor);
+    let mut search = params.target_tets.map(search).transpose()?;
+    let mut factor = search.as_ref().map_or(1.0, budget::Search::factor);
+    let mut used = params.scaled(factor);
+    let mut prepared = prepare::prepare(image, &used, limits, monitor)?;
+    let seconds = watch.add_to(|seconds| &mut seconds.prepare);
+    monitor.log(Level::Info, &format!("image prepared in {seconds:.2} s"));
+    refine::warn_of_many(image, &prepared, &used, monitor);
     monitor.enter(Step::Refine, 1)?;
-    let triangulation = refine::triangulation_around(oracle, sizing.max())?;
-    let rules = Rules::new(&triangulation, oracle, sizing, params, image.labels());
-    let options = RefineOptions {
-        parts: adapt::parts(params, 0),
-        ..refine::options(params, limits.clone(), by_volume as u64)?
-    };
-    let mut refinement = crate::refine::refine(&rules, &options, monitor)?;
-    let mut adapted = Adapted::default();
-    if params.adaptive == Adaptive::Topology && refinement.ended_by.is_none() {
-        let triangulation = &triangulation;
-        let run = adapt::Run { image, prepared, triangulation, params, limits };
-        adapted = run.adapt(&mut refinement, monitor)?;
-    }
-    let sizing = adapted.sizing.as_ref().unwrap_or(sizing);
-    let rules = Rules::new(&triangulation, oracle, sizing, params, image.labels());
-    if let Some(limit) = refinement.ended_by.take_if(|_| !params.partial) {
-        return Err(limit);
-    }
-    let seconds = watch.add_to(|seconds| &mut seconds.refine);
-    messages::log_refinement(monitor, &refinement.counters, seconds);
-
-    // Improvement needs the background around the object. What refinement did not finish is left as
-    // it is.
-    let improves = params.improve != Improve::None && refinement.ended_by.is_none();
-    let background = match (params.background, improves) {
-        (true, _) => Background::Kept,
-        (false, true) => Background::Last,
-        (false, false) => Background::Dropped,
-    };
-    let collected = refine::collect(&rules, image.labels(), background, monitor)?;
-    let Collected { mesh, points_kept, order } = collected;
-    if !mesh.labels.par_iter().any(|&label| label != 0) {
-        return Err(refinement.ended_by.unwrap_or_else(|| {
-            Error::InvalidArgument(format!(
-                "delta {} is too coarse for the object: no tet has its circumcenter inside",
-                params.delta
-            ))
-        }));
-    }
-    let seconds = watch.add_to(|seconds| &mut seconds.extract);
-    monitor.log(
-        Level::Info,
-        &format!(
-            "mesh of {} tets, {} vertices collected in {seconds:.2} s",
-            mesh.tets.len(),
-            mesh.points.len(),
-        ),
-    );
-    let (check, examined) = if params.certificate == CertificateLevel::None {
-        let Counters { insertions, removals, .. } = refinement.counters;
-        let vertices = BOX_CORNERS + insertions - removals;
-        (Check { tets: order.len() as u64, vertices, ..Check::default() }, Examined::default())
-    } else {
-        // The sound level is to cost little; beside distances there is time to ask all tets again.
-        let asked = match (params.certificate, &refinement.ended_by) {
-            (CertificateLevel::Sound, None) => Asked::LeftOver(&refinement.left_over),
-            _ => Asked::All,
+    let made = loop {
+        let attempt = Attempt { image, params: &used, limits };
+        let Some(search) = &mut search else {
+            break attempt.make(&mut prepared, watch, monitor)?;
         };
-        let (check, unmet) = crate::refine::examine(&rules, &order, asked, monitor)?;
-        let non_delaunay_facets = Some(check.non_delaunay_facets);
-        (check, Examined { non_delaunay_facets, unmet: Some(unmet) })
+        // Progress stays in the step of refinement until the mesh has the tets asked for.
+        let look = || monitor.advance(0);
+        let quiet = Monitor::within(&look);
+        let refined = attempt.refine(&mut prepared, search.parts(), watch, monitor)?;
+        let is_complete = refined.is_complete();
+        let goes_on =
+            is_complete && search.is_far_off(refined.count_tets(&attempt, &prepared, monitor)?);
+        if !goes_on {
+            let made = attempt.finish(refined, &prepared, watch, &quiet)?;
+            let tets = made.count_tets();
+            messages::log_try(monitor, &used, tets);
+            if !is_complete || !search.try_again(tets) {
+                break made;
+            }
+        }
+        factor = search.factor();
+        used = params.scaled(factor);
+        prepared.sizing = prepare::sizing(image, &used, limits, monitor)?;
     };
-    monitor.note_tets(check.tets);
-    drop(triangulation);
-    watch.add_to(|seconds| &mut seconds.certify);
-    Ok(Refined { mesh, points_kept, improves, refinement, adapted, check, examined })
+    // The certificate needs room, and no sizing field.
+    Ok(Found { factor, oracle: prepared.oracle, made })
 }

@@ -103,6 +103,21 @@ pub fn prepare(
     Ok(Prepared { oracle: oracle?, sizing: sizing?, voxels: object_voxels(image) })
 }
 
+/// The sizing field alone, for other lengths than those that the image was prepared for.
+///
+/// # Errors
+/// Those of [`prepare`].
+pub fn sizing(
+    image: &LabelImage,
+    params: &MeshParams,
+    limits: &Limits,
+    monitor: &Monitor<'_>,
+) -> Result<Sizing> {
+    let go_on = || monitor.advance(0).and_then(|()| limits.check_time());
+    let rows = Rows::new(image, Region::new(image, &go_on)?, &go_on)?;
+    Sizing::new(image, &rows, &Spacing::new(params, image.labels()), &[], &go_on)
+}
+
 /// The oracle alone, for a mesh that is finished already.
 ///
 /// # Errors

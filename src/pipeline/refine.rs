@@ -1,5 +1,8 @@
 //! The second stage: from the prepared image to the refined mesh.
 
+use super::messages;
+use super::prepare::Prepared;
+use crate::Result;
 use crate::delaunay::{TetId, Triangulation};
 use crate::image::LabelImage;
 use crate::mesh::TetMesh;
@@ -11,7 +14,6 @@ use crate::params::MeshParams;
 use crate::refine::options::{Limits, RefineOptions};
 use crate::refine::rules::{Rules, TETS_PER_SIZE};
 use crate::system::binding::CoreMap;
-use crate::{Result, pipeline::prepare::Prepared};
 
 /// The box leaves this part of the object's longest side free on every side, so that the
 /// circumcenters of tets between object and box lie inside it.
@@ -27,6 +29,19 @@ pub fn triangulation_around(oracle: &Oracle, delta: f64) -> Result<Triangulation
     // Samples are no farther apart than the object is long.
     let margin = longest * BOX_MARGIN + 4.0 * delta.min(longest);
     Triangulation::new(lower - margin, upper + margin)
+}
+
+/// Says so if there will be very many tets, and not because delta and size ask for them.
+pub(super) fn warn_of_many(
+    image: &LabelImage,
+    prepared: &Prepared,
+    params: &MeshParams,
+    monitor: &Monitor<'_>,
+) {
+    let Prepared { oracle, sizing, voxels } = prepared;
+    let by_volume = expected_by_volume(prepared, image, params);
+    let about_interfaces = oracle.expected_tets(sizing.max(), &sizing.palette());
+    messages::warn_of_many(about_interfaces.map(|tets| tets + by_volume), *voxels, monitor);
 }
 
 /// Tets to be expected for the size that is asked for, beside those about interfaces.

@@ -239,10 +239,7 @@ impl Sizing {
     /// The distance of samples in each cell of the oracle that is made from the same image.
     pub fn palette(&self) -> Palette<'_, f64> {
         match &self.field {
-            Some(field) => {
-                let of_level = |level| self.min + self.step * f64::from(level);
-                Palette::of_levels((0..=LEVELS).map(of_level).collect(), &field.levels)
-            }
+            Some(field) => Palette::of_levels(self.levels().collect(), &field.levels),
             None => Palette::uniform(self.max),
         }
     }
@@ -252,6 +249,18 @@ impl Sizing {
     #[inline(always)]
     pub fn level(&self, p: DVec3) -> u8 {
         self.field.as_ref().map_or(0, |field| field.level(p))
+    }
+
+    /// The distance of samples at each level.
+    pub fn levels(&self) -> impl Iterator<Item = f64> {
+        let count = if self.field.is_some() { LEVELS } else { 0 };
+        (0..=count).map(|level| self.min + self.step * f64::from(level))
+    }
+
+    /// The level of a voxel of the region.
+    #[inline]
+    pub fn level_of_voxel(&self, [i, j, k]: [usize; 3]) -> u8 {
+        self.field.as_ref().map_or(0, |field| field.levels[field.grid.bricks.index(i, j, k)])
     }
 
     /// The sum of the distances at `count` places, by the sum of their levels.
@@ -348,7 +357,7 @@ fn widen(levels: &mut [u8], row: usize, layer: usize) {
 
 /// Lowers levels until none is above a neighbour's by more than the growth along that axis: along
 /// x, along z and along y, each to and fro, which is exact for distances along the axes.
-fn grade(levels: &mut [u8], [nx, _, nz]: [usize; 3], growth: [u8; 3]) {
+pub(super) fn grade(levels: &mut [u8], [nx, _, nz]: [usize; 3], growth: [u8; 3]) {
     let layer = nx * nz;
     levels.par_chunks_mut(layer).for_each(|layer| {
         let mut rows: Vec<&mut [u8]> = layer.chunks_mut(nx).collect();

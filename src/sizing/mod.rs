@@ -3,8 +3,10 @@
 //! | file | what it is |
 //! |---|---|
 //! | [`field`] | the sizing field: a distance for each voxel, graded |
+//! | [`expected`] | how many tets will come of it |
 //! | [`thickness`] | where a label is thin, which makes the field small there |
 
+pub mod expected;
 pub mod field;
 pub mod thickness;
 

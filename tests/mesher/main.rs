@@ -7,12 +7,14 @@
 //! | `thin` | what is thinner than the samples are apart, or touches itself |
 //! | `placement` | spacing, direction, origin, parameters that choose what is meshed |
 //! | `inputs` | intensities, probability maps, smoothed labels |
+//! | `budget` | numbers of tets that are asked for, and what is expected |
 //! | `awkward` | images and sizes that nobody plans for |
 //! | `anything` | any image with any parameters, by random numbers |
 //! | `runs` | one run against another: determinism, cancelling, limits, demands that are left |
 
 mod anything;
 mod awkward;
+mod budget;
 mod inputs;
 mod phantoms;
 mod placement;

@@ -25,7 +25,7 @@ use super::{params, run};
 const NO_WORKER: Facets = Facets::Second(u8::MAX - 1);
 
 /// Rows of labels, cut by the border, with a corner in between: every rule has work here.
-fn busy_image() -> LabelImage {
+pub(super) fn busy_image() -> LabelImage {
     let shells = nested_shells([18; 3], [1.0, 0.9, 1.1], &[4.0, 7.5]).unwrap();
     LabelImage::from_fn(shells.dims(), *shells.frame(), |p| match p.length() {
         r if r <= 4.0 => 1,

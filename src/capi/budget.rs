@@ -1,0 +1,109 @@
+//! How many elements: a number that is asked for, and what is to be expected.
+
+use super::boundary::{Out, borrow, status_of};
+use super::context::{lapd_context, with_context};
+use super::image::lapd_image;
+use super::mesh::lapd_mesh;
+use super::params::{change, lapd_params, read};
+use super::run::run;
+use super::status::lapd_status;
+use crate::Error;
+use crate::pipeline::estimate::estimate;
+
+/// Sets how many tets of labels the mesh is to have. Delta, the sizes, and above 1 the floor of
+/// spacing, are then multiplied by one factor, which is searched: the mesh has as many tets within
+/// a tenth, unless no factor leads to that, of which a warning tells. With 0, the default, these
+/// lengths are taken as they are. lapd_mesh_get_bounds tells what was found. It takes one refinement
+/// to three, seldom more. No other thread may use `params` or the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_target_tets(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    tets: u64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.target_tets = (tets > 0).then_some(tets);
+            Ok(())
+        })
+    }
+}
+
+/// How many tets of labels the mesh is to have; 0: no number is asked for. Any thread, unless
+/// another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_target_tets(
+    params: *const lapd_params,
+    tets: *mut u64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, tets, "tets", |p| p.target_tets.unwrap_or(0)) }
+}
+
+/// Tells what bounds a mesh was made with: the distance of samples, and the largest circumradius of
+/// tets where no label has its own; those that lapd_params_set_target_tets has led to. Any thread.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL; LAPD_ERROR_UNSUPPORTED for a mesh
+/// that lapd_mesh_image did not make.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_mesh_get_bounds(
+    mesh: *const lapd_mesh,
+    delta: *mut f64,
+    size: *mut f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    status_of(|| unsafe {
+        let delta_out = Out::new(delta, "delta")?;
+        let size_out = Out::new(size, "size")?;
+        let params = borrow(mesh, "mesh")?.params.as_ref().ok_or_else(|| {
+            Error::Unsupported("this mesh was not made from an image here".into())
+        })?;
+        delta_out.set(params.delta);
+        size_out.set(params.size);
+        Ok(())
+    })
+}
+
+/// Tells what lapd_mesh_image is to be expected to need for an image, without making a mesh: tets
+/// of labels, bytes of memory at the peak, the image among them, and seconds on this machine, as
+/// busy as it is now. Mostly within a fifth. What LAPD_ADAPTIVE_TOPOLOGY adds is not known before,
+/// and left out.
+///
+/// It takes as long as the preparation of the image, and some 50 milliseconds to find out how fast
+/// the machine is. Progress callbacks of the context are called on this thread. No other thread may
+/// use the context meanwhile, but to cancel, nor change `params`.
+///
+/// Errors: as lapd_mesh_image, as far as they come of the image and of `params`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_estimate(
+    context: *mut lapd_context,
+    image: *const lapd_image,
+    params: *const lapd_params,
+    tets: *mut u64,
+    peak_bytes: *mut u64,
+    seconds: *mut f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |context| {
+            let tets_out = Out::new(tets, "tets")?;
+            let peak_out = Out::new(peak_bytes, "peak_bytes")?;
+            let seconds_out = Out::new(seconds, "seconds")?;
+            let image = borrow(image, "image")?;
+            let params = borrow(params, "params")?.params.clone();
+            let _run = context.start_run()?;
+            let found = run(params.threads, &context.cancel, &context.callbacks(), |monitor| {
+                Ok(estimate(&image.image, &params, monitor)?)
+            })?;
+            tets_out.set(found.tets);
+            peak_out.set(found.peak_bytes);
+            seconds_out.set(found.seconds);
+            Ok(())
+        })
+    }
+}

@@ -1,0 +1,214 @@
+//! One mesh of a prepared image: refined, collected, rid of slivers.
+
+use rayon::prelude::*;
+
+use super::adapt::{self, Adapted};
+use super::prepare::Prepared;
+use super::{Stopwatch, improve, messages, refine};
+use crate::delaunay::Triangulation;
+use crate::delaunay::check::Check;
+use crate::delaunay::worker::Counters;
+use crate::image::LabelImage;
+use crate::improve::Improvement;
+use crate::mesh::TetMesh;
+use crate::mesh::extract::Background;
+use crate::monitor::{Level, Monitor};
+use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
+use crate::refine::Asked;
+use crate::refine::options::{Limits, RefineOptions};
+use crate::refine::podm::Refinement;
+use crate::refine::rules::Rules;
+use crate::verify::Examined;
+use crate::{Error, Result};
+
+/// Vertices of a triangulation that nothing has been inserted into.
+const BOX_CORNERS: u64 = 8;
+
+/// What is meshed, and how.
+#[derive(Clone, Copy)]
+pub(super) struct Attempt<'a> {
+    pub(super) image: &'a LabelImage,
+    pub(super) params: &'a MeshParams,
+    pub(super) limits: &'a Limits,
+}
+
+/// A refined triangulation.
+pub(super) struct Refined {
+    triangulation: Triangulation,
+    refinement: Refinement,
+    differences: Vec<u64>,
+}
+
+/// A mesh without its facets.
+pub(super) struct Made {
+    pub(super) mesh: TetMesh,
+    /// What led to it; a limit that ended the improvement is here, too.
+    pub(super) refinement: Refinement,
+    /// How many differences from the image in what is connected each comparison found.
+    pub(super) differences: Vec<u64>,
+    pub(super) check: Check,
+    pub(super) examined: Examined,
+    pub(super) improvement: Improvement,
+}
+
+impl Refined {
+    /// Whether no limit ended the refinement.
+    pub(super) fn is_complete(&self) -> bool {
+        self.refinement.ended_by.is_none()
+    }
+
+    /// How many tets of labels there are.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`]; [`Error::OutOfMemory`].
+    pub(super) fn count_tets(
+        &self,
+        attempt: &Attempt<'_>,
+        prepared: &Prepared,
+        monitor: &Monitor<'_>,
+    ) -> Result<u64> {
+        let rules = attempt.rules(&self.triangulation, prepared);
+        let order = self.triangulation.tets_by_place(|| monitor.check_cancelled())?;
+        Ok(order.par_iter().filter(|&&t| rules.label(t) != 0).count() as u64)
+    }
+}
+
+impl Made {
+    /// How many tets of labels there are.
+    pub(super) fn count_tets(&self) -> u64 {
+        self.mesh.labels.par_iter().filter(|&&label| label != 0).count() as u64
+    }
+}
+
+impl Attempt<'_> {
+    fn rules<'s>(&'s self, triangulation: &'s Triangulation, prepared: &'s Prepared) -> Rules<'s> {
+        let Prepared { oracle, sizing, .. } = prepared;
+        Rules::new(triangulation, oracle, sizing, self.params, self.image.labels())
+    }
+
+    /// Refines a new triangulation; `parts` of the step of refinement are done when this begins and
+    /// when it ends. Where sampling is adapted the sizing field is then another one.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] where threads cannot be bound; [`Error::Cancelled`];
+    /// [`Error::OutOfMemory`]; limits, where no partial mesh is allowed.
+    pub(super) fn refine(
+        &self,
+        prepared: &mut Prepared,
+        parts: [f64; 2],
+        watch: &mut Stopwatch,
+        monitor: &Monitor<'_>,
+    ) -> Result<Refined> {
+        let &Self { image, params, limits } = self;
+        let by_volume = refine::expected_by_volume(prepared, image, params);
+        let triangulation = refine::triangulation_around(&prepared.oracle, prepared.sizing.max())?;
+        let options = RefineOptions {
+            parts: adapt::parts(params, 0, parts),
+            ..refine::options(params, limits.clone(), by_volume as u64)?
+        };
+        let rules = self.rules(&triangulation, prepared);
+        let mut refinement = crate::refine::refine(&rules, &options, monitor)?;
+        let mut adapted = Adapted::default();
+        if params.adaptive == Adaptive::Topology && refinement.ended_by.is_none() {
+            let (prepared, triangulation) = (&*prepared, &triangulation);
+            let run = adapt::Run { image, prepared, triangulation, params, limits, parts };
+            adapted = run.adapt(&mut refinement, monitor)?;
+        }
+        if let Some(sizing) = adapted.sizing {
+            prepared.sizing = sizing;
+        }
+        if let Some(limit) = refinement.ended_by.take_if(|_| !params.partial) {
+            return Err(limit);
+        }
+        let seconds = watch.add_to(|seconds| &mut seconds.refine);
+        messages::log_refinement(monitor, &refinement.counters, seconds);
+        Ok(Refined { triangulation, refinement, differences: adapted.differences })
+    }
+
+    /// The mesh of a refined triangulation, without slivers, and what was checked before these were
+    /// removed.
+    ///
+    /// # Errors
+    /// [`Error::InvalidArgument`] where delta is so coarse that there is no tet;
+    /// [`Error::Cancelled`]; [`Error::OutOfMemory`]; limits, where no partial mesh is allowed.
+    pub(super) fn finish(
+        &self,
+        refined: Refined,
+        prepared: &Prepared,
+        watch: &mut Stopwatch,
+        monitor: &Monitor<'_>,
+    ) -> Result<Made> {
+        let &Self { image, params, limits } = self;
+        let Refined { triangulation, mut refinement, differences } = refined;
+        let rules = self.rules(&triangulation, prepared);
+        // Improvement needs the background around the object. What refinement did not finish is
+        // left as it is.
+        let improves = params.improve != Improve::None && refinement.ended_by.is_none();
+        let background = match (params.background, improves) {
+            (true, _) => Background::Kept,
+            (false, true) => Background::Last,
+            (false, false) => Background::Dropped,
+        };
+        let collected = refine::collect(&rules, image.labels(), background, monitor)?;
+        let refine::Collected { mut mesh, points_kept, order } = collected;
+        if !mesh.labels.par_iter().any(|&label| label != 0) {
+            return Err(refinement.ended_by.unwrap_or_else(|| {
+                Error::InvalidArgument(format!(
+                    "delta {} is too coarse for the object: no tet has its circumcenter inside",
+                    params.delta
+                ))
+            }));
+        }
+        let seconds = watch.add_to(|seconds| &mut seconds.extract);
+        monitor.log(
+            Level::Info,
+            &format!(
+                "mesh of {} tets, {} vertices collected in {seconds:.2} s",
+                mesh.tets.len(),
+                mesh.points.len(),
+            ),
+        );
+        let (check, examined) = if params.certificate == CertificateLevel::None {
+            let Counters { insertions, removals, .. } = refinement.counters;
+            let vertices = BOX_CORNERS + insertions - removals;
+            (Check { tets: order.len() as u64, vertices, ..Check::default() }, Examined::default())
+        } else {
+            // The sound level is to cost little; beside distances there is time to ask all tets
+            // again.
+            let asked = match (params.certificate, &refinement.ended_by) {
+                (CertificateLevel::Sound, None) => Asked::LeftOver(&refinement.left_over),
+                _ => Asked::All,
+            };
+            let (check, unmet) = crate::refine::examine(&rules, &order, asked, monitor)?;
+            let non_delaunay_facets = Some(check.non_delaunay_facets);
+            (check, Examined { non_delaunay_facets, unmet: Some(unmet) })
+        };
+        monitor.note_tets(check.tets);
+        drop((order, triangulation));
+        watch.add_to(|seconds| &mut seconds.certify);
+
+        let mut improvement = Improvement::default();
+        if improves {
+            let (mesh, ended_by) = (&mut mesh, &mut refinement.ended_by);
+            (improvement, *ended_by) =
+                improve::improve_mesh(mesh, points_kept, prepared, image, params, limits, monitor)?;
+            let seconds = watch.add_to(|seconds| &mut seconds.improve);
+            messages::log_improvement(monitor, &improvement, seconds);
+        }
+        Ok(Made { mesh, refinement, differences, check, examined, improvement })
+    }
+
+    /// Both, as [`Self::refine`] and [`Self::finish`].
+    ///
+    /// # Errors
+    /// Those of both.
+    pub(super) fn make(
+        &self,
+        prepared: &mut Prepared,
+        watch: &mut Stopwatch,
+        monitor: &Monitor<'_>,
+    ) -> Result<Made> {
+        let refined = self.refine(prepared, [0.0, 1.0], watch, monitor)?;
+        self.finish(refined, prepared, watch, monitor)
+    }
+}

@@ -1,0 +1,148 @@
+//! What a run will need, before it is done: tets, memory, time.
+//!
+//! Tets follow from the image ([`expected`](crate::sizing::expected)); memory from these, from the
+//! tables that the image needs, and from what is measured on the mesh; time from all of these and
+//! from how fast this machine refines a small ball just now.
+
+use std::time::Instant;
+
+use glam::DVec3;
+
+use super::{budget, prepare};
+use crate::Result;
+use crate::image::region::{Region, Rows};
+use crate::image::{Frame, LabelImage};
+use crate::monitor::Monitor;
+use crate::oracle::Oracle;
+use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
+use crate::sizing::expected::{self, Expected};
+use crate::sizing::{Sizing, Spacing};
+
+/// Seconds that the refinement of the ball of [`machine`] took on the machine on which the costs
+/// below were measured, with one thread.
+const REFERENCE: f64 = 0.0068;
+
+/// Nanoseconds for each voxel of the object's box, and for each tet of the triangulation. The
+/// distances of the full certificate depend on the area of interfaces, not on the voxels: from 120
+/// to 200 for each of them on the atlases.
+const PREPARE_VOXEL: f64 = 14.0;
+const REFINE_TET: f64 = 670.0;
+const IMPROVE_TET: f64 = 235.0;
+const SOUND_TET: f64 = 235.0;
+const SOUND_VOXEL: f64 = 15.0;
+const FULL_TET: f64 = 527.0;
+const FULL_VOXEL: f64 = 160.0;
+
+/// Bytes for each tet of the triangulation at the end of refinement, for each tet that is kept when
+/// it has gone, and of a process that does nothing.
+const BYTES_PER_TET: f64 = 120.0;
+const BYTES_AFTER: f64 = 130.0;
+const BYTES_AT_REST: u64 = 6 << 20;
+
+/// What a run is to be expected to need. Measured on atlases: docs/notes/sampling.md.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Estimate {
+    /// Tets of labels.
+    pub tets: u64,
+    /// Bytes of memory at the peak, the image among them.
+    pub peak_bytes: u64,
+    /// Seconds on this machine, as busy as it is now, with the threads that are asked for.
+    pub seconds: f64,
+}
+
+/// What `params` are to be expected to need. Takes as long as the preparation of the image, and some
+/// 50 milliseconds to find out how fast the machine is.
+///
+/// # Errors
+/// As [`mesh_image`](super::mesh_image), as far as they come of the image and of `params`.
+pub fn estimate(
+    image: &LabelImage,
+    params: &MeshParams,
+    monitor: &Monitor<'_>,
+) -> Result<Estimate> {
+    params.validate()?;
+    params.validate_together()?;
+    prepare::enter(image, monitor)?;
+    let prepare::Selected { image, .. } = prepare::select_labels(image, params, monitor)?;
+    let factor = match params.target_tets {
+        Some(target) => budget::Search::new(&image, params, target, monitor)?.factor(),
+        None => 1.0,
+    };
+    let params = &params.scaled(factor);
+    let check = || monitor.advance(1);
+    let region = Region::new(&image, &check)?;
+    let rows = Rows::new(&image, region, &check)?;
+    let spacing = Spacing::new(params, image.labels());
+    let Expected { of_labels, of_background } = expected_tets(&image, &rows, params, &check)?;
+    let all = of_labels + of_background;
+
+    let tables = Oracle::bytes_needed(&image, &region)
+        + Sizing::bytes_needed(&image, &region, &spacing)
+        + image.ids().len() as u64 * size_of::<u16>() as u64;
+    let after = prepare::limits(params, &image, Instant::now()).bytes_after;
+    let kept = if params.improve == Improve::None { of_labels } else { all };
+    let peak = (BYTES_PER_TET * all).max(BYTES_AFTER * kept + after as f64);
+
+    let voxels = region.dims.iter().product::<usize>() as f64;
+    let improves = params.improve != Improve::None;
+    let of_refinement = PREPARE_VOXEL * voxels + REFINE_TET * all;
+    let of_improvement = if improves { IMPROVE_TET * all } else { 0.0 };
+    let of_certificate = match params.certificate {
+        CertificateLevel::None => 0.0,
+        CertificateLevel::Sound => SOUND_TET * all + SOUND_VOXEL * voxels,
+        CertificateLevel::Full => FULL_TET * all + FULL_VOXEL * voxels,
+    };
+    let nanoseconds = of_refinement + of_improvement + of_certificate;
+    let seconds = 1e-9 * nanoseconds * machine(monitor)? / speedup(params.threads);
+    Ok(Estimate {
+        tets: of_labels as u64,
+        peak_bytes: BYTES_AT_REST + tables + peak as u64,
+        seconds,
+    })
+}
+
+/// How many times as fast as one thread so many are, on as many cores: 1.9 for two, 9.6 for 16
+/// (docs/notes/benchmarks.md).
+fn speedup(threads: usize) -> f64 {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = threads.min(cores) as f64;
+    threads / (1.0 + 0.045 * (threads - 1.0))
+}
+
+/// How much slower this machine is than that on which the costs were measured: by refining a small
+/// ball, twice, as what else goes on may disturb one.
+fn machine(monitor: &Monitor<'_>) -> Result<f64> {
+    let frame = Frame::axis_aligned([1.0; 3])?;
+    let in_ball = |p: DVec3| i32::from((p - DVec3::splat(11.5)).length() < 10.0);
+    let ball = LabelImage::from_fn([24; 3], frame, in_ball)?;
+    let params = MeshParams {
+        delta: 0.8,
+        size: 1.6,
+        adaptive: Adaptive::Off,
+        improve: Improve::None,
+        certificate: CertificateLevel::None,
+        ..MeshParams::default()
+    };
+    let look = || monitor.advance(0);
+    let mut least = f64::INFINITY;
+    for _ in 0..2 {
+        let run = super::mesh_image(&ball, &params, &Monitor::within(&look))?;
+        least = least.min(run.report.seconds.refine);
+    }
+    Ok(least / REFERENCE)
+}
+
+/// Tets of labels that `params` lead to.
+///
+/// # Errors
+/// [`Error::OutOfMemory`]; whatever `check` returns.
+pub(super) fn expected_tets(
+    image: &LabelImage,
+    rows: &Rows,
+    params: &MeshParams,
+    check: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Expected> {
+    let spacing = Spacing::new(params, image.labels());
+    let sizing = Sizing::new(image, rows, &spacing, &[], check)?;
+    expected::expected_tets(image, rows, &sizing, params, check)
+}

@@ -1,0 +1,185 @@
+//! How many tets a mesh will have, before it is made.
+//!
+//! Tets are smallest at interfaces, and grow away from them. So most of them are about interfaces:
+//! their number follows from the area of the labels' boundaries over the square of the distance of
+//! samples there. Where a largest circumradius is asked for, those inside of labels follow from
+//! volumes, as far as tets that grow from the interfaces would be larger.
+//!
+//! The constants are measured: docs/notes/sampling.md has the images, and by how much the estimate
+//! misses. Structure that is lost at a coarse delta, or that the voxels do not show, is not seen.
+//! What [`Adaptive::Topology`](crate::params::Adaptive) adds cannot be known: it is left out.
+//!
+//! Cost: two passes through the voxels of the region, and a sweep along each axis. Memory: a byte
+//! per voxel of the region, where a largest circumradius is asked for.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::Sizing;
+use super::field::grade;
+use crate::Result;
+use crate::image::LabelImage;
+use crate::image::region::Rows;
+use crate::memory::filled;
+use crate::params::MeshParams;
+
+/// Tets of a label for each square of its boundary whose side is the distance of samples, by that
+/// distance in voxels. Faces of voxels have more area than the surface that runs between them; but
+/// where samples are far apart, tets reach deeper.
+const PER_SQUARE: [(f64, f64); 7] =
+    [(1.0, 3.1), (1.5, 3.5), (2.0, 3.55), (3.0, 3.76), (4.5, 3.9), (6.0, 3.85), (9.0, 3.4)];
+
+/// Tets in the cube of a largest circumradius.
+const PER_CUBE: f64 = 4.6;
+
+/// How large tets are at interfaces, in distances of samples.
+const AT_INTERFACE: f64 = 1.2;
+
+/// By how much they grow per distance from there.
+const GROWTH: f64 = 0.6;
+
+/// Steps of a distance in the smallest side of a voxel.
+const STEPS: f64 = 4.0;
+
+/// Tets to be expected, within a fifth for most images.
+#[derive(Clone, Copy, Debug)]
+pub struct Expected {
+    /// Of labels.
+    pub of_labels: f64,
+    /// Of the background about them, which refinement makes, too.
+    pub of_background: f64,
+}
+
+/// Tets to be expected where samples are as far apart as `sizing` says.
+///
+/// # Errors
+/// [`OutOfMemory`](crate::Error::OutOfMemory); whatever `check` returns.
+pub fn expected_tets(
+    image: &LabelImage,
+    rows: &Rows,
+    sizing: &Sizing,
+    params: &MeshParams,
+    check: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Expected> {
+    let boundaries = Boundaries { image, rows, sizing, check };
+    let [of_background, about_interfaces] = boundaries.tets()?;
+    let size = |label: &i32| params.label_sizes.get(label).copied().unwrap_or(params.size);
+    let sizes: Vec<f64> = image.labels().iter().map(size).collect();
+    let sides = rows.dims().into_iter().zip(image.frame().spacing().to_array());
+    let longest = sides.map(|(n, side)| n as f64 * side).fold(0.0, f64::max);
+    let bounds_any = sizes.iter().skip(1).any(|&size| size < longest);
+    let inside = if bounds_any { boundaries.tets_inside(&sizes)? } else { 0.0 };
+    Ok(Expected { of_labels: about_interfaces + inside, of_background })
+}
+
+/// The boundaries of labels, as faces of voxels.
+struct Boundaries<'a> {
+    image: &'a LabelImage,
+    rows: &'a Rows,
+    sizing: &'a Sizing,
+    check: &'a (dyn Fn() -> Result<()> + Sync),
+}
+
+impl Boundaries<'_> {
+    /// Tets about the boundaries: of the background, and of labels.
+    fn tets(&self) -> Result<[f64; 2]> {
+        let spacing = self.image.frame().spacing();
+        let areas = spacing.element_product() / spacing;
+        let voxel = spacing.element_product().cbrt();
+        // For each distance of samples that there is.
+        let per_area = |apart: f64| per_square(apart / voxel) / (apart * apart);
+        let per_area: Vec<f64> = self.sizing.levels().map(per_area).collect();
+        let [_, ny, nz] = self.rows.dims();
+        let of_layer = |y: usize| {
+            (self.check)()?;
+            let mut sums = [0.0; 2];
+            for z in 0..nz {
+                self.visit_row(y, z, |x, id, faces| {
+                    let area = areas.dot(DVec3::from(faces.map(f64::from)));
+                    let level = self.sizing.level_of_voxel([x, y, z]);
+                    sums[usize::from(id != 0)] += area * per_area[usize::from(level)];
+                });
+            }
+            Ok(sums)
+        };
+        let add = |a: [f64; 2], b: [f64; 2]| Ok([a[0] + b[0], a[1] + b[1]]);
+        (0..ny).into_par_iter().map(of_layer).try_reduce(|| [0.0; 2], add)
+    }
+
+    /// Tets that a largest circumradius brings inside of labels; `sizes` are by id.
+    fn tets_inside(&self, sizes: &[f64]) -> Result<f64> {
+        let &Self { image, rows, sizing, check } = self;
+        let [nx, ny, nz] = rows.dims();
+        let layer = nx * nz;
+        let what = "voxels of the distances for the estimate";
+        let mut distances = filled(layer * ny, u8::MAX, what, check)?;
+        distances.par_chunks_mut(layer).enumerate().try_for_each(|(y, layer)| {
+            check()?;
+            for z in 0..nz {
+                self.visit_row(y, z, |x, _, _| layer[x + nx * z] = 0);
+            }
+            Ok(())
+        })?;
+        let spacing = image.frame().spacing();
+        let step = spacing.min_element() / STEPS;
+        let growth = (spacing / step).to_array().map(|steps| steps.clamp(1.0, 255.0) as u8);
+        grade(&mut distances, [nx, ny, nz], growth);
+        let apart: Vec<f64> = sizing.levels().collect();
+        let wanted: Vec<f64> = sizes.iter().map(|size| size.powi(-3)).collect();
+        let volume = PER_CUBE * image.voxel_volume();
+        let of_layer = |y: usize| {
+            check()?;
+            let mut sum = 0.0;
+            for z in 0..nz {
+                let ids = &rows.row(y, z)[..nx];
+                for (x, &id) in ids.iter().enumerate().filter(|&(_, &id)| id != 0) {
+                    let apart = apart[usize::from(sizing.level_of_voxel([x, y, z]))];
+                    let distance = step * f64::from(distances[x + nx * (z + nz * y)]);
+                    let grown = (AT_INTERFACE * apart + GROWTH * distance).powi(-3);
+                    sum += volume * (wanted[usize::from(id)] - grown).max(0.0);
+                }
+            }
+            Ok(sum)
+        };
+        (0..ny).into_par_iter().map(of_layer).try_reduce(|| 0.0, |a, b| Ok(a + b))
+    }
+
+    /// Visits the voxels of a row along x that have faces with another label behind them, with how
+    /// many along each axis. Beyond the region is background.
+    fn visit_row(&self, y: usize, z: usize, mut visit: impl FnMut(usize, u16, [u8; 3])) {
+        let [nx, ny, nz] = self.rows.dims();
+        let row = self.rows.row(y, z);
+        // The row itself where there is no other: its voxels are background, as those beyond.
+        let [before_y, after_y] = [y.saturating_sub(1), (y + 1).min(ny - 1)];
+        let [before_z, after_z] = [z.saturating_sub(1), (z + 1).min(nz - 1)];
+        let along_y = [self.rows.row(before_y, z), self.rows.row(after_y, z)];
+        let along_z = [self.rows.row(y, before_z), self.rows.row(y, after_z)];
+        for x in 0..nx {
+            let id = row[x];
+            let differ = |[a, b]: [u16; 2]| u8::from(a != id) + u8::from(b != id);
+            let faces = [
+                differ([row[x.saturating_sub(1)], row[x + 1]]),
+                differ(along_y.map(|row| row[x])),
+                differ(along_z.map(|row| row[x])),
+            ];
+            if faces != [0; 3] {
+                visit(x, id, faces);
+            }
+        }
+    }
+}
+
+/// [`PER_SQUARE`] at a distance of samples, in voxels; between two of them in proportion to the
+/// logarithm.
+fn per_square(voxels: f64) -> f64 {
+    let [(first, least), .., (last, most)] = PER_SQUARE;
+    if voxels <= first {
+        return least;
+    }
+    if voxels >= last {
+        return most;
+    }
+    let at = PER_SQUARE.iter().position(|&(upper, _)| voxels <= upper).unwrap_or(1).max(1);
+    let [(a, low), (b, high)] = [PER_SQUARE[at - 1], PER_SQUARE[at]];
+    low + (high - low) * (voxels / a).ln() / (b / a).ln()
+}

@@ -1,0 +1,98 @@
+//! A number of tets that is asked for, and what is to be expected.
+
+use lapd::image::{Frame, LabelImage};
+use lapd::monitor::{Level, Monitor};
+use lapd::params::{Adaptive, CertificateLevel, MeshParams};
+use lapd::pipeline::estimate::{Estimate, estimate};
+use lapd::pipeline::mesh_image;
+
+use super::params;
+use super::runs::busy_image;
+
+/// Two balls, one inside the other, in voxels of other sides.
+fn balls() -> LabelImage {
+    let frame = Frame::axis_aligned([1.0, 0.8, 1.5]).unwrap();
+    let label = |p: glam::DVec3| {
+        let r = (p - glam::DVec3::new(19.5, 15.6, 29.25)).length();
+        i32::from(r < 14.0) + i32::from(r < 8.0)
+    };
+    LabelImage::from_fn([40; 3], frame, label).unwrap()
+}
+
+fn quick(adaptive: Adaptive, target: Option<u64>) -> MeshParams {
+    MeshParams { adaptive, target_tets: target, certificate: CertificateLevel::None, ..params(1.5) }
+}
+
+fn tets(mesh: &lapd::mesh::TetMesh) -> u64 {
+    mesh.labels.iter().filter(|&&label| label != 0).count() as u64
+}
+
+#[test]
+fn a_mesh_has_the_tets_asked_for() {
+    for image in [balls(), busy_image()] {
+        for adaptive in [Adaptive::Off, Adaptive::Thickness, Adaptive::Topology] {
+            for target in [4_000, 20_000, 120_000] {
+                let params = quick(adaptive, Some(target));
+                let run = mesh_image(&image, &params, &Monitor::silent()).unwrap();
+                let got = tets(&run.mesh);
+                let ratio = got as f64 / target as f64;
+                assert!((0.9..=1.1).contains(&ratio), "{adaptive:?}: {got} of {target}");
+                // The factor says how to make it again.
+                let scaled = MeshParams { target_tets: None, ..params.scaled(run.report.factor) };
+                let again = mesh_image(&image, &scaled, &Monitor::silent()).unwrap();
+                assert_eq!(again.mesh.tets, run.mesh.tets);
+            }
+        }
+    }
+}
+
+/// Of few tets there are not all numbers.
+#[test]
+fn what_cannot_be_had_is_said() {
+    let mut missed = 0;
+    for target in 1..16 {
+        let mut warnings = Vec::new();
+        let mut log = |level, line: &str| {
+            if level == Level::Warning {
+                warnings.push(line.to_owned());
+            }
+        };
+        let monitor = Monitor::silent().with_log(Some(&mut log));
+        let run = mesh_image(&balls(), &quick(Adaptive::Off, Some(target)), &monitor).unwrap();
+        let said = warnings.iter().any(|line| line.contains("tets were asked for"));
+        assert_eq!(said, tets(&run.mesh) != target, "{target}: {warnings:?}");
+        missed += u32::from(said);
+    }
+    assert!(missed > 0);
+    assert!(quick(Adaptive::Off, Some(0)).validate().is_err());
+}
+
+#[test]
+fn progress_of_a_search_is_monotone() {
+    let mut seen = Vec::new();
+    let mut record = |progress| {
+        seen.push(progress);
+        true
+    };
+    let params = quick(Adaptive::Topology, Some(15_000));
+    mesh_image(&busy_image(), &params, &Monitor::new(Some(&mut record), None)).unwrap();
+    assert!(seen.is_sorted_by(|a, b| a.phase <= b.phase && a.fraction <= b.fraction), "{seen:?}");
+}
+
+/// Phantoms are no atlases: smooth, without contacts; but the estimate is of their kind.
+#[test]
+fn tets_are_as_expected() {
+    for image in [balls(), busy_image()] {
+        for adaptive in [Adaptive::Off, Adaptive::Thickness] {
+            for factor in [0.4, 0.6, 1.0] {
+                let params = quick(adaptive, None).scaled(factor);
+                let Estimate { tets: expected, peak_bytes, seconds } =
+                    estimate(&image, &params, &Monitor::silent()).unwrap();
+                let run = mesh_image(&image, &params, &Monitor::silent()).unwrap();
+                let ratio = expected as f64 / tets(&run.mesh) as f64;
+                assert!((0.65..=1.5).contains(&ratio), "{adaptive:?}, {factor}: {ratio}");
+                assert!(peak_bytes > 0 && seconds > 0.0);
+            }
+        }
+    }
+}
