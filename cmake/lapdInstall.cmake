@@ -1,9 +1,15 @@
-# What is installed, by component: who wants a part of it names that.
+# What is installed. The components are the packages of cmake/lapdPackages.cmake; lapd_licenses
+# belongs to trees that are installed or packed as a whole.
 
 install(FILES include/lapd.h include/lapd.hpp DESTINATION "${CMAKE_INSTALL_INCLUDEDIR}"
         COMPONENT lapd_development)
-install(PROGRAMS "${lapd_lib_dir}/${lapd_shared}" DESTINATION "${lapd_shared_destination}"
-        COMPONENT lapd_library)
+# Debian wants libraries without the right to be executed. CMake knows where that is so.
+set(lapd_shared_kind PROGRAMS)
+if(LAPD_PACKAGES AND CMAKE_INSTALL_SO_NO_EXE)
+    set(lapd_shared_kind FILES)
+endif()
+install(${lapd_shared_kind} "${lapd_lib_dir}/${lapd_shared}"
+        DESTINATION "${lapd_shared_destination}" COMPONENT lapd_library)
 install(FILES "${lapd_lib_dir}/${lapd_static}" DESTINATION "${CMAKE_INSTALL_LIBDIR}"
         COMPONENT lapd_development)
 if(lapd_implib)
@@ -25,7 +31,7 @@ install(FILES "${lapd_package_dir}/lapdConfig.cmake"
 install(FILES LICENSE-MIT LICENSE-APACHE DESTINATION "${CMAKE_INSTALL_DOCDIR}"
         COMPONENT lapd_licenses)
 
-# cmake --install --strip, strip what CMake knows as targets. Libraries that cargo made
+# cmake --install --strip, and cpack, strip what CMake knows as targets. Libraries that cargo made
 # are no targets, so they are stripped here. The static library also holds bitcode of LLVM for
 # linking by Rust, which no C linker reads: four fifths of what is left without lines for debuggers.
 # On Windows the static library stays as it is: binutils refuse some of its parts.
