@@ -25,7 +25,7 @@ def main() -> int:
             parser.add_argument(option, choices=parameter.kind, help=text)
         elif parameter.kind is bool:
             parser.add_argument(option, action="store_true", default=None, help=text)
-        elif parameter.kind not in (dict, list):
+        elif not isinstance(parameter.kind, str):
             parser.add_argument(option, type=float, help=text)
     given = vars(parser.parse_args())
     image, outputs = given.pop("image"), given.pop("output")

@@ -81,6 +81,10 @@ class NotMeasured(LapdError):
     status = 14
 
 
+class LapdWarning(UserWarning):
+    """What the library warns of: an image that is doubtful, tissue that is lost."""
+
+
 ERRORS = {kind.status: kind for kind in LapdError.__subclasses__()}
 
 

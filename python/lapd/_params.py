@@ -11,6 +11,20 @@ import numpy as np
 
 from ._library import Context, InvalidArgument, check, library
 
+# What is given for parameters that are no single number.
+LABEL_SIZES, LABEL_MAP, LABELS = "Mapping[int, float]", "Mapping[int, int]", "Iterable[int]"
+
+_ANNOTATIONS = {
+    c_double: "float",
+    c_int32: "int",
+    c_size_t: "int",
+    c_uint64: "int",
+    bool: "bool",
+    LABEL_SIZES: LABEL_SIZES,
+    LABEL_MAP: LABEL_MAP,
+    LABELS: LABELS,
+}
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -20,6 +34,14 @@ class Parameter:
     name: str
     kind: Any
     text: str
+
+    @property
+    def annotation(self) -> str:
+        """The type of its value, as Python writes it. None stands for the default."""
+        if isinstance(self.kind, list):
+            values = ", ".join(f'"{value}"' for value in self.kind)
+            return f"Literal[{values}] | None"
+        return f"{_ANNOTATIONS[self.kind]} | None"
 
 
 PARAMETERS = [
@@ -34,7 +56,7 @@ PARAMETERS = [
         c_double,
         "largest circumradius of tets, in units of length; 2 times delta by default",
     ),
-    Parameter("label_size", dict, "the same for single labels: a mapping"),
+    Parameter("label_size", LABEL_SIZES, "the same for single labels: a mapping"),
     Parameter("radius_edge", c_double, "largest circumradius over shortest edge; at least 2"),
     Parameter("facet_angle", c_double, "smallest angle of interface facets in degrees; at most 30"),
     Parameter("target_dihedral", c_double, "smallest dihedral angle in degrees; 15 by default"),
@@ -48,8 +70,8 @@ PARAMETERS = [
     Parameter("curved", bool, "of order 2: nodes on interfaces go where the image has them"),
     Parameter("background", bool, "keep the tets outside of the object, with label 0"),
     Parameter("background_label", c_int32, "the label that counts as background; 0"),
-    Parameter("merge", dict, "labels that become others: a mapping of old to new ones"),
-    Parameter("keep", list, "the labels to mesh; all by default"),
+    Parameter("merge", LABEL_MAP, "labels that become others: a mapping of old to new ones"),
+    Parameter("keep", LABELS, "the labels to mesh; all by default"),
     Parameter("min_voxels", c_size_t, "components of fewer voxels are left out; 0"),
     Parameter("threads", c_size_t, "threads of the run; 1, which makes the same mesh each time"),
     Parameter("certificate", ["none", "sound", "full"], "what is measured on the mesh; sound"),

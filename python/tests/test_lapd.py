@@ -9,7 +9,6 @@ are installed.
 import _thread
 import doctest
 import gc
-import importlib
 import subprocess
 import sys
 import tempfile
@@ -20,43 +19,9 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from phantoms import ball, has, same, volumes, write_nrrd
 
 import lapd
-
-
-def ball(kind=np.uint8):
-    x, y, z = np.mgrid[-10:11, -9:10, -8:9]
-    labels = np.zeros(x.shape, dtype=kind)
-    labels[x**2 + y**2 + z**2 < 49] = 1
-    labels[(x**2 + y**2 + z**2 < 49) & (x > 0)] = 3
-    return labels
-
-
-def write_nrrd(path, labels, spacing=(1, 1, 1)):
-    x, y, z = spacing
-    header = (
-        "NRRD0004\ntype: uint8\ndimension: 3\nspace: right-anterior-superior\nspace directions: "
-        f"({x},0,0) (0,{y},0) (0,0,{z})\nspace origin: (0,0,0)\nsizes: "
-        f"{' '.join(map(str, labels.shape))}\nencoding: raw\n\n"
-    )
-    path.write_bytes(header.encode() + labels.astype("<u1").tobytes(order="F"))
-
-
-def volumes(mesh):
-    a, b, c, d = (mesh.points[mesh.tets[:, i]] for i in range(4))
-    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
-
-
-def same(one, other):
-    return np.array_equal(one.points, other.points) and np.array_equal(one.tets, other.tets)
-
-
-def has(name):
-    try:
-        importlib.import_module(name)
-        return True
-    except ImportError:
-        return False
 
 
 class Arrays(unittest.TestCase):
@@ -188,17 +153,20 @@ class Runs(unittest.TestCase):
             lapd.mesh(ball(), delta=0.4, progress=fail)
 
     def test_interrupt(self):
-        times = []
+        times, answers = [], []
 
         def interrupt():
             times.append(time.perf_counter())
             _thread.interrupt_main()
 
-        timer = threading.Timer(0.3, interrupt)
-        timer.start()
-        with self.assertRaises(KeyboardInterrupt):
-            lapd.mesh(ball(), delta=0.08, adaptive="off")
-        self.assertLess(time.perf_counter() - times[0], 0.3)
+        # Early and later in the refinement; one of three may come while the machine is busy.
+        for after in (0.1, 0.3, 0.5):
+            timer = threading.Timer(after, interrupt)
+            timer.start()
+            with self.assertRaises(KeyboardInterrupt):
+                lapd.mesh(ball(), delta=0.08, adaptive="off")
+            answers.append(time.perf_counter() - times[-1])
+        self.assertLess(sorted(answers)[1], 0.1, answers)
 
     def test_threads(self):
         wanted, found = lapd.mesh(ball(), delta=1), [None] * 4
@@ -295,9 +263,11 @@ class Packages(unittest.TestCase):
         self.assertTrue(np.array_equal(found.cell_data_dict["label"]["tetra"], mesh.labels))
 
 
-def load_tests(_, tests, __):
-    tests.addTests(doctest.DocTestSuite(lapd))
-    return tests
+class Doctests(unittest.TestCase):
+    def test_examples(self):
+        failed, tried = doctest.testmod(lapd)
+        self.assertEqual(failed, 0)
+        self.assertGreater(tried, 5)
 
 
 if __name__ == "__main__":
