@@ -8,6 +8,9 @@
 (3, 4)
 >>> sorted(set(mesh.labels.tolist()))
 [1]
+>>> certificate = mesh.certificate()
+>>> certificate.is_delaunay, certificate.is_closed, len(certificate.defects)
+(True, True, 0)
 
 An image is a NumPy array of integer labels, indexed [x, y, z], or an image of nibabel, SimpleITK,
 ITK or PyVista, which bring their place in the world along, or the path of a file. Label 0 is the
@@ -16,6 +19,7 @@ background. Lengths are in the image's units of length, mostly millimetres.
 
 from __future__ import annotations
 
+from ._certificate import Certificate, ComponentRow, Defect, Distances, LabelRow, LeftTet
 from ._library import (
     Cancelled,
     EmptyImage,
@@ -38,12 +42,18 @@ from ._run import mesh
 __version__: str = library.lapd_version().decode()
 __all__ = [
     "Cancelled",
+    "Certificate",
+    "ComponentRow",
+    "Defect",
+    "Distances",
     "EmptyImage",
     "FileError",
     "FormatError",
     "InvalidArgument",
+    "LabelRow",
     "LapdError",
     "LapdWarning",
+    "LeftTet",
     "LimitReached",
     "MemoryLimit",
     "Mesh",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Optional
 import numpy as np
 import numpy.typing as npt
 
+from ._certificate import Certificate
 from ._library import Context, check, create, library, text_of
 from ._params import number
 
@@ -131,6 +132,14 @@ class Mesh:
             context.call("mesh_write_report", self._handle, text_of(path), None)
             report: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
             return report
+
+    def certificate(self) -> Certificate:
+        """What was measured on the mesh; `print` shows it as a table.
+
+        It has what the parameter `certificate` of `lapd.mesh` asked for: none; sound, the default;
+        or full, with distances. What was not measured is None.
+        """
+        return Certificate.of_report(self.report())
 
     def name(self, label: int) -> Optional[str]:
         """The name of a label; None if it has none."""

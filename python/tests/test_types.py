@@ -25,6 +25,11 @@ mesh = lapd.mesh(voxels, spacing=(1.0, 1.0, 2.0), delta=1.5, names={1: "liver"},
                  merge={3: 1}, keep=[1], label_size={1: 2.0}, certificate="full", progress=True)
 points: npt.NDArray[np.float64] = mesh.points
 labels: npt.NDArray[np.int32] = mesh.labels
+certificate: lapd.Certificate = mesh.certificate()
+if certificate.distances is not None and certificate.distances.mean_mesh_to_image is not None:
+    print(1 + certificate.distances.mean_mesh_to_image)
+if certificate.labels is not None:
+    print(certificate.labels[0].mesh_volume + 1.0)
 mesh.write("a.vtu", measures=True)
 try:
     lapd.mesh("a.nrrd", frame="ras", split_interfaces="all")
@@ -36,6 +41,7 @@ WRONG = [
     ("lapd.mesh(0, detla=1.0)", 'Unexpected keyword argument "detla"'),
     ('lapd.mesh(0, delta="1")', '"delta"'),
     ('lapd.mesh(0, improve="all")', '"improve"'),
+    ("lapd.mesh(0).certificate().tets = 1", "read-only"),
 ]
 
 
