@@ -6,7 +6,7 @@ usage: worst_tets.py NAME=MESH.vtu [NAME=MESH.vtu ...] [-n COUNT] [-o worst.png]
 
 A tet's worst angle is the dihedral angle that is nearest to 0 or 180 degrees. Each tet is scaled to
 the same length of its longest edge and seen along the direction in which it is thinnest, turned a
-little. Needs `pip install meshio matplotlib`.
+little. Needs `pip install meshio matplotlib ./python`.
 """
 
 import argparse
@@ -17,9 +17,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import meshio
 import numpy as np
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-FACETS = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
+from lapd._plots import draw_tet
+
 EDGES = [(0, 1, 2, 3), (0, 2, 1, 3), (0, 3, 1, 2), (1, 2, 0, 3), (1, 3, 0, 2), (2, 3, 0, 1)]
 
 
@@ -34,26 +34,6 @@ def dihedral_angles(corners):
         cosine = np.einsum("ij,ij->i", n, m) / np.linalg.norm(n, axis=1) / np.linalg.norm(m, axis=1)
         angles.append(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
     return np.stack(angles, axis=1)
-
-
-def draw(axes, corners, angles):
-    centered = corners - corners.mean(axis=0)
-    centered /= max(np.linalg.norm(a - b) for a in centered for b in centered)
-    # The thinnest direction is the last axis of the points' spread: it is to point up.
-    turned = centered @ np.linalg.svd(centered)[2].T
-    faces = Poly3DCollection(
-        [turned[facet] for facet in FACETS],
-        facecolor="#8db4dd",
-        edgecolor="#1f3f66",
-        alpha=0.55,
-        linewidth=0.8,
-    )
-    axes.add_collection3d(faces)
-    axes.set(xlim=(-0.5, 0.5), ylim=(-0.5, 0.5), zlim=(-0.5, 0.5))
-    axes.set_box_aspect((1, 1, 1), zoom=1.3)
-    axes.view_init(elev=18, azim=-60)
-    axes.set_axis_off()
-    axes.set_title(f"{angles.min():.1f}° to {angles.max():.1f}°", fontsize=8, y=0.92)
 
 
 def main():
@@ -73,10 +53,10 @@ def main():
         angles = dihedral_angles(corners)
         worst = np.argsort(np.minimum(angles, 180 - angles).min(axis=1))[: args.n]
         for column, t in enumerate(worst):
-            draw(
+            draw_tet(
                 figure.add_subplot(rows, args.n, row * args.n + column + 1, projection="3d"),
                 corners[t],
-                angles[t],
+                f"{angles[t].min():.1f}° to {angles[t].max():.1f}°",
             )
         figure.text(0.005, 1 - (row + 0.5) / rows, name, rotation=90, va="center", fontsize=9)
     figure.subplots_adjust(left=0.03, right=1, top=0.95, bottom=0, wspace=0, hspace=0.1)

@@ -36,7 +36,7 @@ from ._library import (
     Unsupported,
     library,
 )
-from ._mesh import Mesh
+from ._mesh import Mesh, WorstTet
 from ._run import mesh
 
 __version__: str = library.lapd_version().decode()
@@ -61,5 +61,6 @@ __all__ = [
     "OutOfMemory",
     "TimeLimit",
     "Unsupported",
+    "WorstTet",
     "mesh",
 ]

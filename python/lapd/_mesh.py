@@ -6,19 +6,47 @@ import ctypes
 import json
 import os
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Optional
+from typing import TYPE_CHECKING, Any, List, Optional, Tuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ._certificate import Certificate
-from ._library import Context, check, create, library, text_of
+from ._library import Context, InvalidArgument, check, create, library, text_of
 from ._params import number
 
 if TYPE_CHECKING:
     import meshio
     import pyvista
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# lapd_tet_measure
+_MEASURES = [
+    "min_dihedral",
+    "max_dihedral",
+    "scaled_jacobian",
+    "edge_ratio",
+    "radius_ratio",
+    "radius_edge",
+]
+
+
+@dataclass(frozen=True)
+class WorstTet:
+    """A tet of those whose dihedral angles are nearest to 0 or 180 degrees."""
+
+    tet: int
+    """Its row in `Mesh.tets`."""
+    label: int
+    position: Tuple[float, float, float]
+    """Its centroid, in the world of the image."""
+    min_dihedral: float
+    """Its smallest dihedral angle in degrees."""
+    max_dihedral: float
+    """Its largest dihedral angle in degrees."""
 
 
 class Mesh:
@@ -140,6 +168,57 @@ class Mesh:
         or full, with distances. What was not measured is None.
         """
         return Certificate.of_report(self.report())
+
+    def measure(self, name: str) -> npt.NDArray[np.float64]:
+        """(m,): a measure of each tet.
+
+        name: min_dihedral or max_dihedral, in degrees; scaled_jacobian, edge_ratio or
+            radius_ratio, as Verdict and VTK define them, all 1 for a regular tet; radius_edge, the
+            circumradius over the shortest edge.
+
+        Raises InvalidArgument for another name.
+        """
+        if name not in _MEASURES:
+            raise InvalidArgument(f"a measure is one of {', '.join(_MEASURES)}, not {name!r}")
+        values = np.empty(len(self.tets))
+        check(
+            library.lapd_mesh_copy_measure(
+                ctypes.c_void_p(self._handle),
+                ctypes.c_int32(_MEASURES.index(name)),
+                values.ctypes.data_as(ctypes.c_void_p),
+                ctypes.c_size_t(len(values)),
+            )
+        )
+        return values
+
+    def worst_tets(self, count: int = 10) -> List[WorstTet]:
+        """The tets whose dihedral angles are nearest to 0 or 180 degrees, the worst one first.
+
+        count: how many; fewer where the mesh has no more.
+        """
+        count = number("count", ctypes.c_size_t, count)
+        least, largest = self.measure("min_dihedral"), self.measure("max_dihedral")
+        rows = np.argsort(np.minimum(least, 180 - largest), kind="stable")[:count].tolist()
+        centroids = self.points[self.tets[rows]].mean(axis=1).tolist()
+        return [
+            WorstTet(t, int(self.labels[t]), tuple(at), float(least[t]), float(largest[t]))
+            for t, at in zip(rows, centroids)
+        ]
+
+    def plot_quality(self, axes: Optional[Axes] = None, count: int = 6) -> Figure:
+        """Draws how good the tets are; returns the figure of matplotlib.
+
+        It has histograms of dihedral angles and of radius ratios, and the worst tets in 3D with
+        their angles and places.
+
+        axes: where the histogram of dihedral angles alone is to be drawn, in a figure of yours.
+        count: how many of the worst tets are drawn, 1 to 12.
+
+        Raises NotMeasured for a mesh without a certificate, ImportError without matplotlib.
+        """
+        from . import _plots
+
+        return _plots.quality(self, axes, number("count", ctypes.c_size_t, count))
 
     def name(self, label: int) -> Optional[str]:
         """The name of a label; None if it has none."""

@@ -30,6 +30,7 @@ if certificate.distances is not None and certificate.distances.mean_mesh_to_imag
     print(1 + certificate.distances.mean_mesh_to_image)
 if certificate.labels is not None:
     print(certificate.labels[0].mesh_volume + 1.0)
+print(mesh.worst_tets(3)[0].position[2] + 1.0, mesh.measure("radius_ratio").max())
 mesh.write("a.vtu", measures=True)
 try:
     lapd.mesh("a.nrrd", frame="ras", split_interfaces="all")
@@ -42,6 +43,7 @@ WRONG = [
     ('lapd.mesh(0, delta="1")', '"delta"'),
     ('lapd.mesh(0, improve="all")', '"improve"'),
     ("lapd.mesh(0).certificate().tets = 1", "read-only"),
+    ('lapd.mesh(0).measure("min_dihedral").lower()', "lower"),
 ]
 
 
