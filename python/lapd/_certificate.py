@@ -228,7 +228,7 @@ class Certificate:
         return None if self.open_edges is None else self.open_edges == 0
 
     def __repr__(self) -> str:
-        return "\n".join(_text(self))
+        return "\n".join(line.rstrip() for line in _text(self))
 
 
 def _row(kind: Type[T], values: Mapping[str, Any], **more: Any) -> T:
