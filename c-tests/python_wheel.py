@@ -49,8 +49,9 @@ assert "-py3-none-" in wheel.name, wheel.name
 with zipfile.ZipFile(wheel) as archive:
     names = archive.namelist()
     archive.extractall(work / "installed")
-for name in ("lapd/liblapd.so", "lapd/__init__.py", "lapd/__main__.py", "lapd/py.typed"):
-    assert name in names, (name, names)
+needed = ["liblapd.so", "__init__.py", "__main__.py", "_certificate.py", "py.typed", "_run.pyi"]
+for name in needed:
+    assert f"lapd/{name}" in names, (name, names)
 print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.1f} MB")
 
 clean = {name: value for name, value in os.environ.items() if not name.startswith("LAPD_")}
