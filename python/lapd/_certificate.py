@@ -263,9 +263,9 @@ def _text(certificate: Certificate):
         return
     answer = {None: "not measured", True: "yes", False: "NO"}
     after = c.non_delaunay_facets_improved
-    facets = f"{_number(c.non_delaunay_facets)} facets are not"
+    facets = f"{_number(c.non_delaunay_facets)} non-Delaunay facets as refined"
     if after is not None:
-        facets += f", {after} when slivers had been removed"
+        facets += f", {after} after slivers were removed"
     yield f"  Delaunay        {answer[c.is_delaunay]}: {facets}"
     yield (
         f"  closed          {answer[c.is_closed]}: {_number(c.open_edges)} open edges, "

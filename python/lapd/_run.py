@@ -193,7 +193,7 @@ def _show_parameters() -> None:
         textwrap.fill(f"{p.name}: {p.text}", 98, initial_indent=" " * 4, subsequent_indent=" " * 8)
         for p in PARAMETERS
     ]
-    mesh.__doc__ = "\n".join([mesh.__doc__.rstrip() + "\n", *texts]) + "\n"
+    mesh.__doc__ = "\n".join([(mesh.__doc__ or "").rstrip() + "\n", *texts]) + "\n"
     signature = inspect.signature(mesh)
     keywords = list(signature.parameters.values())[:-1]
     keywords += [
