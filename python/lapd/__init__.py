@@ -37,7 +37,7 @@ from ._library import (
     library,
 )
 from ._mesh import Mesh, WorstTet
-from ._run import mesh
+from ._run import Estimate, estimate, mesh
 
 __version__: str = library.lapd_version().decode()
 __all__ = [
@@ -47,6 +47,7 @@ __all__ = [
     "Defect",
     "Distances",
     "EmptyImage",
+    "Estimate",
     "FileError",
     "FormatError",
     "InvalidArgument",
@@ -62,5 +63,6 @@ __all__ = [
     "TimeLimit",
     "Unsupported",
     "WorstTet",
+    "estimate",
     "mesh",
 ]

@@ -119,6 +119,7 @@ FUNCTIONS = {
     "mesh_image": [c_void_p, c_void_p, HANDLE],
     "mesh_write_with": [c_void_p, c_char_p, c_void_p],
     "mesh_write_report": [c_void_p, c_char_p, c_char_p],
+    "image_estimate": [c_void_p, c_void_p, c_void_p, c_void_p, c_void_p],
     "mesh_split_interfaces": [c_void_p, INTS, c_size_t],
     "write_options_set_measures": [c_void_p, c_int32],
     "write_options_set_boundary_parts": [c_void_p, c_int32],

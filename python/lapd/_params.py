@@ -56,6 +56,12 @@ PARAMETERS = [
         c_double,
         "largest circumradius of tets, in units of length; 2 times delta by default",
     ),
+    Parameter(
+        "target_tets",
+        c_uint64,
+        "the tets that the mesh is to have, within a tenth: delta and size are multiplied by one "
+        "factor, which is searched; 0 for no such search",
+    ),
     Parameter("label_size", LABEL_SIZES, "the same for single labels: a mapping"),
     Parameter("radius_edge", c_double, "largest circumradius over shortest edge; at least 2"),
     Parameter("facet_angle", c_double, "smallest angle of interface facets in degrees; at most 30"),

@@ -14,6 +14,7 @@ import textwrap
 import threading
 import warnings
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, Callable, Iterable, Literal, Mapping
 
 import numpy.typing as npt
@@ -155,46 +156,96 @@ def mesh(
     Raises InvalidArgument or TypeError for bad arguments; FileError and FormatError for files;
     EmptyImage; LimitReached, TimeLimit and MemoryLimit; OutOfMemory. All but TypeError are
     LapdError.
-
-    Other keywords are parameters of the run:
-
     """
-    with Context() as context:
-        callbacks = _Callbacks(context, progress)
-        handle = ctypes.c_void_p()
-        params = create("params")
+    with _prepared(image, spacing, origin, direction, frame, names, progress, parameters) as run:
+        made = ctypes.c_void_p()
         try:
-            described(image, spacing, origin, direction, frame).make(context, callbacks, handle)
-            _set_names(context, handle, names)
-            set_parameters(context, params, handle, parameters)
-            made = ctypes.c_void_p()
-            try:
-                callbacks.run(
-                    lambda: context.call("mesh_image", handle, params, ctypes.byref(made))
-                )
-            except (LimitReached, TimeLimit, MemoryLimit) as error:
-                # A partial mesh that was asked for.
-                if made.value is None:
-                    raise
-                warnings.warn(f"the mesh is partial: {error}", LapdWarning, stacklevel=2)
-            finally:
-                result = Mesh(made.value) if made.value else None
-            if split_interfaces is not None:
-                _split(context, result, split_interfaces)
-            return result
+            run.call("mesh_image", ctypes.byref(made))
+        except (LimitReached, TimeLimit, MemoryLimit) as error:
+            # A partial mesh that was asked for.
+            if made.value is None:
+                raise
+            warnings.warn(f"the mesh is partial: {error}", LapdWarning, stacklevel=2)
         finally:
-            library.lapd_params_free(params)
-            library.lapd_image_free(handle)
+            result = Mesh(made.value) if made.value else None
+        if split_interfaces is not None:
+            _split(run.context, result, split_interfaces)
+        return result
 
 
-def _show_parameters() -> None:
+@dataclass(frozen=True)
+class Estimate:
+    """What a mesh is to be expected to need, mostly within a fifth."""
+
+    tets: int
+    """Tets of labels."""
+    peak_bytes: int
+    """Memory at the peak, in bytes, the image among them."""
+    seconds: float
+    """On this machine, with the threads that are asked for."""
+
+
+def estimate(
+    image: Any,
+    *,
+    spacing: Iterable[float] | None = None,
+    origin: Iterable[float] | None = None,
+    direction: npt.ArrayLike | None = None,
+    frame: Literal["lps", "ras"] | None = None,
+    **parameters: Any,
+) -> Estimate:
+    """Tells what `lapd.mesh` with the same arguments is to be expected to need, without making a
+    mesh. What adaptive="topology" adds is not known before, and left out.
+
+    Raises what `lapd.mesh` raises for the same image and parameters.
+    """
+    with _prepared(image, spacing, origin, direction, frame, None, False, parameters) as run:
+        tets, peak_bytes, seconds = ctypes.c_uint64(), ctypes.c_uint64(), ctypes.c_double()
+        run.call(
+            "image_estimate", ctypes.byref(tets), ctypes.byref(peak_bytes), ctypes.byref(seconds)
+        )
+        return Estimate(tets.value, peak_bytes.value, seconds.value)
+
+
+class _Prepared:
+    """A context with an image and parameters."""
+
+    def __init__(self, context: Context, progress: Any):
+        self.context = context
+        self.callbacks = _Callbacks(context, progress)
+        self.image = ctypes.c_void_p()
+        self.params = create("params")
+
+    def call(self, name: str, *arguments: Any) -> None:
+        """Calls a function of context, image, parameters and more."""
+        self.callbacks.run(lambda: self.context.call(name, self.image, self.params, *arguments))
+
+
+@contextmanager
+def _prepared(image, spacing, origin, direction, frame, names, progress, parameters):
+    with Context() as context:
+        run = _Prepared(context, progress)
+        try:
+            source = described(image, spacing, origin, direction, frame)
+            source.make(context, run.callbacks, run.image)
+            _set_names(context, run.image, names)
+            set_parameters(context, run.params, run.image, parameters)
+            yield run
+        finally:
+            library.lapd_params_free(run.params)
+            library.lapd_image_free(run.image)
+
+
+def _show_parameters(function: Callable[..., Any]) -> None:
     """Has `help` and editors show the parameters of the table among the keywords."""
     texts = [
         textwrap.fill(f"{p.name}: {p.text}", 98, initial_indent=" " * 4, subsequent_indent=" " * 8)
         for p in PARAMETERS
     ]
-    mesh.__doc__ = "\n".join([(mesh.__doc__ or "").rstrip() + "\n", *texts]) + "\n"
-    signature = inspect.signature(mesh)
+    head = "    Other keywords are parameters of the run:\n"
+    text = (function.__doc__ or "").rstrip() + "\n"
+    function.__doc__ = "\n".join([text, head, *texts]) + "\n"
+    signature = inspect.signature(function)
     keywords = list(signature.parameters.values())[:-1]
     keywords += [
         inspect.Parameter(
@@ -202,10 +253,11 @@ def _show_parameters() -> None:
         )
         for p in PARAMETERS
     ]
-    mesh.__signature__ = signature.replace(parameters=keywords)
+    function.__signature__ = signature.replace(parameters=keywords)
 
 
-_show_parameters()
+_show_parameters(mesh)
+_show_parameters(estimate)
 
 
 def _set_names(context: Context, image, names) -> None:

@@ -1,10 +1,17 @@
 # Made by make_stubs.py: change _run.py or _params.py, and run that.
 import os
+from dataclasses import dataclass
 from typing import Any, Callable, Iterable, Literal, Mapping
 
 import numpy.typing as npt
 
 from ._mesh import Mesh
+
+@dataclass(frozen=True)
+class Estimate:
+    tets: int
+    peak_bytes: int
+    seconds: float
 
 def mesh(
     image: Any,
@@ -18,6 +25,7 @@ def mesh(
     progress: bool | Callable[[float, str, int], Any] = False,
     delta: float | None = None,
     size: float | None = None,
+    target_tets: int | None = None,
     label_size: Mapping[int, float] | None = None,
     radius_edge: float | None = None,
     facet_angle: float | None = None,
@@ -67,6 +75,79 @@ def mesh(
     delta: distance between samples on the interfaces, in units of length; 1.5 times the geometric
         mean of the spacing by default
     size: largest circumradius of tets, in units of length; 2 times delta by default
+    target_tets: the tets that the mesh is to have, within a tenth: delta and size are multiplied
+        by one factor, which is searched; 0 for no such search
+    label_size: the same for single labels: a mapping
+    radius_edge: largest circumradius over shortest edge; at least 2
+    facet_angle: smallest angle of interface facets in degrees; at most 30
+    target_dihedral: smallest dihedral angle in degrees; 15 by default
+    improve: what may change to remove slivers; full
+    adaptive: where samples come closer; thickness
+    spacing_floor: samples come no closer than this many voxels; 0.5
+    sigma: smoothing of a coarse segmentation, in voxels; 0
+    surface: what interfaces are; smooth
+    border: how the object is closed at the image's end; flat
+    order: 1, or 2 for a node in the middle of each edge
+    curved: of order 2: nodes on interfaces go where the image has them
+    background: keep the tets outside of the object, with label 0
+    background_label: the label that counts as background; 0
+    merge: labels that become others: a mapping of old to new ones
+    keep: the labels to mesh; all by default
+    min_voxels: components of fewer voxels are left out; 0
+    threads: threads of the run; 1, which makes the same mesh each time
+    certificate: what is measured on the mesh; sound
+    max_vertices: the run ends when the mesh needs more; 0 for no limit
+    time_limit: the run ends after so many seconds; 0 for no limit
+    max_memory: the run ends when it needs more bytes; 0 for no limit
+    partial: a mesh of what there is, when a limit ends the run
+    """
+
+def estimate(
+    image: Any,
+    *,
+    spacing: Iterable[float] | None = None,
+    origin: Iterable[float] | None = None,
+    direction: npt.ArrayLike | None = None,
+    frame: Literal["lps", "ras"] | None = None,
+    delta: float | None = None,
+    size: float | None = None,
+    target_tets: int | None = None,
+    label_size: Mapping[int, float] | None = None,
+    radius_edge: float | None = None,
+    facet_angle: float | None = None,
+    target_dihedral: float | None = None,
+    improve: Literal["none", "interior", "full"] | None = None,
+    adaptive: Literal["off", "thickness", "topology"] | None = None,
+    spacing_floor: float | None = None,
+    sigma: float | None = None,
+    surface: Literal["smooth", "voxel"] | None = None,
+    border: Literal["flat", "smooth"] | None = None,
+    order: int | None = None,
+    curved: bool | None = None,
+    background: bool | None = None,
+    background_label: int | None = None,
+    merge: Mapping[int, int] | None = None,
+    keep: Iterable[int] | None = None,
+    min_voxels: int | None = None,
+    threads: int | None = None,
+    certificate: Literal["none", "sound", "full"] | None = None,
+    max_vertices: int | None = None,
+    time_limit: float | None = None,
+    max_memory: int | None = None,
+    partial: bool | None = None,
+) -> Estimate:
+    """Tells what `lapd.mesh` with the same arguments is to be expected to need, without making a
+    mesh. What adaptive="topology" adds is not known before, and left out.
+
+    Raises what `lapd.mesh` raises for the same image and parameters.
+
+    Other keywords are parameters of the run:
+
+    delta: distance between samples on the interfaces, in units of length; 1.5 times the geometric
+        mean of the spacing by default
+    size: largest circumradius of tets, in units of length; 2 times delta by default
+    target_tets: the tets that the mesh is to have, within a tenth: delta and size are multiplied
+        by one factor, which is searched; 0 for no such search
     label_size: the same for single labels: a mapping
     radius_edge: largest circumradius over shortest edge; at least 2
     facet_angle: smallest angle of interface facets in degrees; at most 30

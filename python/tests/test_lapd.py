@@ -270,5 +270,19 @@ class Doctests(unittest.TestCase):
         self.assertGreater(tried, 5)
 
 
+class Budget(unittest.TestCase):
+    def test_number_of_tets_and_estimate(self):
+        target = 20_000
+        made = lapd.mesh(ball(), target_tets=target)
+        self.assertAlmostEqual(len(made.tets) / target, 1, delta=0.1)
+        found = made.report()
+        expected = lapd.estimate(ball(), delta=found["delta"], size=found["size"])
+        self.assertTrue(0.5 < expected.tets / len(made.tets) < 2, expected)
+        self.assertGreater(expected.peak_bytes, 0)
+        self.assertGreater(expected.seconds, 0)
+        with self.assertRaises(lapd.InvalidArgument):
+            lapd.estimate(ball(), delta=-1.0)
+
+
 if __name__ == "__main__":
     unittest.main()
