@@ -27,7 +27,12 @@ static bool said(const char *text) {
 
 static void statuses(void) {
     CHECK(strcmp(lapd_version(), LAPD_VERSION) == 0);
-    CHECK(strcmp(lapd_features(), "hwloc") == 0 || *lapd_features() == '\0');
+    /* Words that the header lists. */
+    char features[64] = "";
+    strncat(features, lapd_features(), sizeof features - 1);
+    for (char *word = strtok(features, " "); word != NULL; word = strtok(NULL, " ")) {
+        CHECK(strcmp(word, "hwloc") == 0 || strcmp(word, "hdf5") == 0 || strcmp(word, "tiff") == 0);
+    }
     CHECK(strcmp(lapd_status_name(0), "LAPD_OK") == 0);
     CHECK(strcmp(lapd_status_name(LAPD_ERROR_CANCELLED), "LAPD_ERROR_CANCELLED") == 0);
     for (int i = -2; i < 40; i++) {
@@ -283,7 +288,7 @@ static void other_parameters(void) {
     const char *topology = NULL;
     lapd_status synthetic = lapd_params_set_topology(context, params, "numa:4 core:4 pu:1");
     CHECK(synthetic == LAPD_OK || synthetic == LAPD_ERROR_UNSUPPORTED);
-    CHECK((synthetic == LAPD_OK) == (strcmp(lapd_features(), "hwloc") == 0));
+    CHECK((synthetic == LAPD_OK) == (strstr(lapd_features(), "hwloc") != NULL));
     CHECK(lapd_params_get_topology(params, &topology) == LAPD_OK);
     CHECK(strcmp(topology, synthetic == LAPD_OK ? "numa:4 core:4 pu:1" : "") == 0);
     CHECK(lapd_params_set_topology(context, params, "nonsense") != LAPD_OK &&

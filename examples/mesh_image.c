@@ -198,6 +198,8 @@ static int run(lapd_context *context, lapd_params *params, const options *o, pro
     lapd_status status = read_input(context, o, &image);
     seconds.read = now() - start;
     memory.read = resident_memory();
+    if (status == LAPD_OK && o->spacing[0] != 0)
+        status = lapd_image_set_spacing(context, image, o->spacing);
     if (status == LAPD_OK && o->names != NULL)
         status = lapd_image_read_label_names(context, image, o->names);
     if (status == LAPD_OK)

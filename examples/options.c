@@ -14,7 +14,7 @@ static const char USAGE[] =
     "usage: mesh_image INPUT -o OUT [-o OUT2 ...] [options]\n"
     "\n"
     "Turns a label image, a scan or probability maps into a tetrahedral mesh of all tissues.\n"
-    "INPUT: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz\n"
+    "INPUT: .nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz .npy .tif .tiff\n"
     "OUT, by its ending: .vtu .vtk .mesh .node .ele .msh (Gmsh 4.1) .msh2 (Gmsh 2.2) .inp (Abaqus) "
     ".exo (Exodus II)\n"
     "    .foam (OpenFOAM) .mfem .feb (FEBio) .bdf (Nastran) .unv .stl .ply .off\n"
@@ -76,6 +76,11 @@ static const char MORE_USAGE[] =
     "  --frame NAME         lps | ras: world axes that grow to the patient's left, posterior, "
     "superior, or right,\n"
     "                       anterior, superior; default as the file has them\n"
+    "  --volume N           which volume of a file of several to read as labels or scan, from 0 "
+    "on\n"
+    "  --spacing X,Y,Z      the sides of a voxel, in place of those that INPUT says, or does not, "
+    "as "
+    ".npy\n"
     "  --allow-outside      read data files that lie outside of the folder of their header\n"
     "  --max-read-bytes B   the most memory that the image may take, as for --max-memory; default "
     "1000 times the\n"
@@ -303,6 +308,12 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
                    ? from_status(lapd_params_set_max_memory(context, params, bytes))
                    : SET_BAD_VALUE;
     }
+    if (strcmp(option, "--volume") == 0) {
+        size_t volume;
+        return parse_count(value, &volume) && volume <= INT64_MAX
+                   ? from_status(lapd_context_set_volume(context, (int64_t)volume))
+                   : SET_BAD_VALUE;
+    }
     if (strcmp(option, "--max-read-bytes") == 0) {
         uint64_t bytes;
         return parse_bytes(value, &bytes)
@@ -398,6 +409,16 @@ static set_result set_input(options *o, const char *option, const char *value) {
         free(pair);
         return good ? SET_OK : SET_BAD_VALUE;
     }
+    if (strcmp(option, "--spacing") == 0) {
+        size_t count;
+        double *sides = parse_numbers(value, &count);
+        const bool good =
+            sides != NULL && count == 3 && sides[0] > 0 && sides[1] > 0 && sides[2] > 0;
+        if (good)
+            memcpy(o->spacing, sides, sizeof o->spacing);
+        free(sides);
+        return good ? SET_OK : SET_BAD_VALUE;
+    }
     if (strcmp(option, "--names") == 0) {
         o->names = value;
         return SET_OK;
@@ -491,6 +512,8 @@ bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *pa
                                                      "--surface",
                                                      "--max-memory",
                                                      "--max-read-bytes",
+                                                     "--volume",
+                                                     "--spacing",
                                                      "--spacing-floor",
                                                      "--min-voxels",
                                                      "--isovalue",

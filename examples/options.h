@@ -26,6 +26,8 @@ typedef struct {
     /* Layers of a segmentation, later over earlier ones; NULL for the order of the file. */
     size_t *layer_order;
     size_t layer_count;
+    /* The sides of a voxel that were given; the first is 0 when none were. */
+    double spacing[3];
     /* A table of names of labels, or NULL. */
     const char *names;
     /* Pairs of labels whose interfaces are split; none with `split_all`. */

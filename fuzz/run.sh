@@ -13,7 +13,8 @@ root=$(pwd)
 PATH=$PATH:${CARGO_HOME:-$HOME/.cargo}/bin
 seconds=${1:-60}
 [ $# -eq 0 ] || shift
-[ $# -gt 0 ] || set -- read_nrrd read_nifti read_metaimage read_inr c_calls
+[ $# -gt 0 ] || set -- read_nrrd read_nifti read_metaimage read_inr read_npy read_tiff \
+    c_calls
 
 work=$root/build/fuzz
 mkdir -p "$work"

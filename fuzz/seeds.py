@@ -77,6 +77,27 @@ def nifti(code, bits, data):
     return bytes(head) + data
 
 
+def npy(descr, order, data):
+    head = f"{{'descr': '{descr}', 'fortran_order': {order}, 'shape': (2, 2, 2), }}".ljust(117)
+    return b"\x93NUMPY\x01\0" + struct.pack("<H", 118) + head.encode() + b"\n" + data
+
+
+def tiff(pages, compression=1):
+    """Pages of 2 x 2 pixels of a byte, one strip each."""
+    out = bytearray(struct.pack("<2sHI", b"II", 42, 8))
+    for n, pixels in enumerate(pages):
+        tags = [(256, 2), (257, 2), (258, 8), (259, compression), (262, 1), (277, 1), (278, 2)]
+        tags += [(279, len(pixels))]
+        start = len(out) + 2 + 12 * (len(tags) + 1) + 4
+        tags.insert(6, (273, start))
+        following = start + len(pixels) + len(pixels) % 2 if n + 1 < len(pages) else 0
+        out += struct.pack("<H", len(tags))
+        for tag, value in tags:
+            out += struct.pack("<HHII", tag, 4, 1, value)
+        out += struct.pack("<I", following) + pixels + b"\0" * (len(pixels) % 2)
+    return bytes(out)
+
+
 def seeds():
     """Seeds by target."""
     floats = struct.pack("<8f", *VOXELS)
@@ -101,6 +122,14 @@ def seeds():
         "read_inr": [
             inr("unsigned fixed", "8 bits", VOXELS),
             inr("float", "32 bits", floats),
+        ],
+        "read_npy": [
+            npy("|u1", False, VOXELS),
+            npy("<f4", True, floats),
+        ],
+        "read_tiff": [
+            tiff([VOXELS[:4], VOXELS[4:]]),
+            tiff([gzip.zlib.compress(VOXELS[:4]), gzip.zlib.compress(VOXELS[4:])], 8),
         ],
         "c_calls": [bytes([2, 0, 40, 1, 80, 5, 5, 5, 40, 40, 40, 0, 0, 0] + [1, 2, 0, 1] * 40)],
     }

@@ -1398,7 +1398,8 @@ const char *lapd_version(void);
 /**
  * The optional parts that the library that runs was built with, by name and separated by spaces;
  * "" for none. "hwloc": the machine is as hwloc tells it, and lapd_params_set_topology takes
- * descriptions of others; without it Linux tells the machine in /sys.
+ * descriptions of others; without it Linux tells the machine in /sys. "hdf5": .xdmf files are
+ * written. "tiff": .tif files are read.
  *
  * The string is static. May be called from any thread.
  */
@@ -1480,6 +1481,15 @@ lapd_status lapd_context_set_log(lapd_context *context, lapd_log_fn callback, vo
 lapd_status lapd_context_set_max_read_bytes(lapd_context *context, uint64_t bytes);
 
 /**
+ * Which volume is read with this context of files that hold several, as images over time and NIfTI
+ * files of four axes do, from 0 on. With -1, the default, such files are refused, but as
+ * probability maps. No other thread may use the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL, or `volume` is below -1.
+ */
+lapd_status lapd_context_set_volume(lapd_context *context, int64_t volume);
+
+/**
  * Whether headers that are read with this context may name a data file outside of their own
  * folder: not 0 for yes. By default (0) they may not, links that lead outside included, so that a
  * header from a stranger can't have other files read.
@@ -1557,7 +1567,7 @@ lapd_status lapd_image_create(lapd_context *context,
 
 /**
  * Reads an image file; its format is told by the end of its name: .nrrd .nhdr .nii .nii.gz .mha
- * .mhd .inr .inr.gz.
+ * .mhd .inr .inr.gz .npy .tif .tiff.
  *
  * `path` is UTF-8; on Unix any bytes that name a file are taken. `world` is the frame that the
  * image is to have, a lapd_world_frame. The coordinates of a file that does not say its own stay
@@ -1628,6 +1638,16 @@ lapd_status lapd_image_get_origin(const lapd_image *image, double *origin);
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
 lapd_status lapd_image_get_spacing(const lapd_image *image, double *spacing);
+
+/**
+ * Sets the distance between voxel centres along x, y, z, three values above 0: for files that do
+ * not say it, as .npy and .tif. Origin and directions stay. No other thread may use the image
+ * meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, or a value is out of the range
+ * that lapd_image_create takes.
+ */
+lapd_status lapd_image_set_spacing(lapd_context *context, lapd_image *image, const double *spacing);
 
 /**
  * The direction matrix, row by row; column k is the world direction of image axis k. `direction`
@@ -2580,8 +2600,8 @@ lapd_status lapd_mesh_image(lapd_context *context,
  * Sets how many tets of labels the mesh is to have. Delta, the sizes, and above 1 the floor of
  * spacing, are then multiplied by one factor, which is searched: the mesh has as many tets within
  * a tenth, unless no factor leads to that, of which a warning tells. With 0, the default, these
- * lengths are taken as they are. lapd_mesh_get_bounds tells what was found. It takes one refinement
- * to three, seldom more. No other thread may use `params` or the context meanwhile.
+ * lengths are taken as they are. lapd_mesh_get_bounds tells what was found. It takes one to three
+ * refinements, seldom more. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
  */
@@ -2610,7 +2630,7 @@ lapd_status lapd_mesh_get_bounds(const lapd_mesh *mesh, double *delta, double *s
  * busy as it is now. Mostly within a fifth. What LAPD_ADAPTIVE_TOPOLOGY adds is not known before,
  * and left out.
  *
- * It takes as long as the preparation of the image, and some 50 milliseconds to find out how fast
+ * It takes as long as the preparation of the image, and some 20 milliseconds to find out how fast
  * the machine is. Progress callbacks of the context are called on this thread. No other thread may
  * use the context meanwhile, but to cancel, nor change `params`.
  *

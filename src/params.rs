@@ -113,8 +113,8 @@ pub struct MeshParams {
     /// Bounds for single labels (after merging), overriding `size`; delta is lowered around these
     /// labels likewise.
     pub label_sizes: BTreeMap<i32, f64>,
-    /// The tets of labels that the mesh is to have, within a tenth where that can be had. Delta, the
-    /// sizes and, above 1, the spacing floor are multiplied by one factor, which is searched.
+    /// The tets of labels that the mesh is to have, within a tenth where that can be had. Delta,
+    /// the sizes and, above 1, the spacing floor are multiplied by one factor, which is searched.
     pub target_tets: Option<u64>,
     /// Upper bound on circumradius over shortest edge; at least 2 (below, Delaunay refinement need
     /// not end).

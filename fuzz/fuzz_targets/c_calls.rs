@@ -55,7 +55,7 @@ unsafe fn set_something(
     params: *mut lapd_params,
 ) {
     unsafe {
-        let what = bytes.byte() % 17;
+        let what = bytes.byte() % 18;
         known(match what {
             0 => lapd_params_set_delta(context, params, bytes.number()),
             1 => lapd_params_set_size(context, params, bytes.number()),

@@ -12,7 +12,7 @@ from ._params import PARAMETERS
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m lapd", description="Meshes a label image.")
-    parser.add_argument("image", help=".nrrd .nhdr .nii .nii.gz .mha .mhd .inr .inr.gz")
+    parser.add_argument("image", help="the path of an image")
     parser.add_argument("-o", "--output", action="append", required=True, help="may be given again")
     parser.add_argument("--names", help="a table of names of labels")
     parser.add_argument("--frame", choices=["lps", "ras"])

@@ -16,12 +16,23 @@ pub extern "C" fn lapd_version() -> *const c_char {
 
 /// The optional parts that the library that runs was built with, by name and separated by spaces;
 /// "" for none. "hwloc": the machine is as hwloc tells it, and lapd_params_set_topology takes
-/// descriptions of others; without it Linux tells the machine in /sys.
+/// descriptions of others; without it Linux tells the machine in /sys. "hdf5": .xdmf files are
+/// written. "tiff": .tif files are read.
 ///
 /// The string is static. May be called from any thread.
 #[unsafe(no_mangle)]
 pub extern "C" fn lapd_features() -> *const c_char {
-    if cfg!(feature = "hwloc") { c"hwloc" } else { c"" }.as_ptr()
+    match (cfg!(feature = "hdf5"), cfg!(feature = "hwloc"), cfg!(feature = "tiff")) {
+        (false, false, false) => c"",
+        (false, false, true) => c"tiff",
+        (false, true, false) => c"hwloc",
+        (false, true, true) => c"hwloc tiff",
+        (true, false, false) => c"hdf5",
+        (true, false, true) => c"hdf5 tiff",
+        (true, true, false) => c"hdf5 hwloc",
+        (true, true, true) => c"hdf5 hwloc tiff",
+    }
+    .as_ptr()
 }
 
 /// The name of a status code, such as "LAPD_ERROR_IO"; "LAPD_UNKNOWN_STATUS" for a number that is

@@ -13,8 +13,8 @@ use crate::pipeline::estimate::estimate;
 /// Sets how many tets of labels the mesh is to have. Delta, the sizes, and above 1 the floor of
 /// spacing, are then multiplied by one factor, which is searched: the mesh has as many tets within
 /// a tenth, unless no factor leads to that, of which a warning tells. With 0, the default, these
-/// lengths are taken as they are. lapd_mesh_get_bounds tells what was found. It takes one refinement
-/// to three, seldom more. No other thread may use `params` or the context meanwhile.
+/// lengths are taken as they are. lapd_mesh_get_bounds tells what was found. It takes one to three
+/// refinements, seldom more. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
 #[unsafe(no_mangle)]
@@ -74,7 +74,7 @@ pub unsafe extern "C" fn lapd_mesh_get_bounds(
 /// busy as it is now. Mostly within a fifth. What LAPD_ADAPTIVE_TOPOLOGY adds is not known before,
 /// and left out.
 ///
-/// It takes as long as the preparation of the image, and some 50 milliseconds to find out how fast
+/// It takes as long as the preparation of the image, and some 20 milliseconds to find out how fast
 /// the machine is. Progress callbacks of the context are called on this thread. No other thread may
 /// use the context meanwhile, but to cancel, nor change `params`.
 ///

@@ -4,7 +4,7 @@
 use std::cell::Cell;
 use std::ffi::{CString, c_char, c_void};
 use std::ptr;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -28,6 +28,8 @@ pub struct lapd_context {
     /// What files may ask for; see [`ReadOptions`].
     max_read_bytes: AtomicU64,
     allow_outside: AtomicBool,
+    /// Which volume of a file is read; below 0: a file has one.
+    volume: AtomicI64,
 }
 
 /// The phases of a run, in their order. More may be added in between, with numbers of their own.
@@ -170,6 +172,7 @@ impl lapd_context {
         let max_bytes = self.max_read_bytes.load(Ordering::Relaxed);
         options.max_bytes = (max_bytes > 0).then_some(max_bytes);
         options.allow_outside = self.allow_outside.load(Ordering::Relaxed);
+        options.volume = u64::try_from(self.volume.load(Ordering::Relaxed)).ok();
         let callbacks = self.callbacks();
         let last = Cell::new(None::<Instant>);
         let go_on = |part: f64| {
@@ -248,6 +251,7 @@ pub unsafe extern "C" fn lapd_context_create(context: *mut *mut lapd_context) ->
             callbacks: Mutex::new(Callbacks::NONE),
             max_read_bytes: AtomicU64::new(0),
             allow_outside: AtomicBool::new(false),
+            volume: AtomicI64::new(-1),
         })));
         Ok(())
     })
@@ -347,6 +351,30 @@ pub unsafe extern "C" fn lapd_context_set_max_read_bytes(
     unsafe {
         with_context(context, |context| {
             context.max_read_bytes.store(bytes, Ordering::Relaxed);
+            Ok(())
+        })
+    }
+}
+
+/// Which volume is read with this context of files that hold several, as images over time and NIfTI
+/// files of four axes do, from 0 on. With -1, the default, such files are refused, but as
+/// probability maps. No other thread may use the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when `context` is NULL, or `volume` is below -1.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_context_set_volume(
+    context: *mut lapd_context,
+    volume: i64,
+) -> lapd_status {
+    // SAFETY: the caller's promise.
+    unsafe {
+        with_context(context, |context| {
+            if volume < -1 {
+                return Err(Failure::invalid(format!(
+                    "volume must be at least 0, or -1 for files of one volume, got {volume}"
+                )));
+            }
+            context.volume.store(volume, Ordering::Relaxed);
             Ok(())
         })
     }

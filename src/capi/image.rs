@@ -7,7 +7,8 @@ use std::ptr;
 use glam::DMat3;
 
 use super::boundary::{
-    Failure, Out, Outcome, array, borrow, c_str, check_buffer, slice, status_of, value_or,
+    Failure, Out, Outcome, array, borrow, borrow_mut, c_str, check_buffer, slice, status_of,
+    value_or,
 };
 use super::context::{lapd_context, lapd_log_level, with_context};
 use super::label_names::Names;
@@ -333,7 +334,7 @@ fn rows_to_matrix(rows: [f64; 9]) -> DMat3 {
 }
 
 /// Reads an image file; its format is told by the end of its name: .nrrd .nhdr .nii .nii.gz .mha
-/// .mhd .inr .inr.gz.
+/// .mhd .inr .inr.gz .npy .tif .tiff.
 ///
 /// `path` is UTF-8; on Unix any bytes that name a file are taken. `world` is the frame that the
 /// image is to have, a lapd_world_frame. The coordinates of a file that does not say its own stay
@@ -484,6 +485,30 @@ pub unsafe extern "C" fn lapd_image_get_spacing(
         out.set(borrow(image, "image")?.image.frame().spacing().to_array());
         Ok(())
     })
+}
+
+/// Sets the distance between voxel centres along x, y, z, three values above 0: for files that do
+/// not say it, as .npy and .tif. Origin and directions stay. No other thread may use the image
+/// meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL, or a value is out of the range
+/// that lapd_image_create takes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_image_set_spacing(
+    context: *mut lapd_context,
+    image: *mut lapd_image,
+    spacing: *const f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        with_context(context, |_| {
+            let image = &mut borrow_mut(image, "image")?.image;
+            let spacing = array(spacing, "spacing")?;
+            let (origin, direction) = (image.frame().origin(), image.frame().direction());
+            image.set_frame(Frame::new(origin.to_array(), spacing, direction.to_cols_array_2d())?);
+            Ok(())
+        })
+    }
 }
 
 /// The direction matrix, row by row; column k is the world direction of image axis k. `direction`

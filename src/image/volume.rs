@@ -183,6 +183,11 @@ impl LabelImage {
         Self { frame, ..self }
     }
 
+    /// Puts the voxels at another place in the world.
+    pub fn set_frame(&mut self, frame: Frame) {
+        self.frame = frame;
+    }
+
     /// Voxels along each axis.
     pub fn dims(&self) -> [usize; 3] {
         self.dims

@@ -4,8 +4,8 @@
 //! First the factor at which as many tets are to be expected
 //! ([`expected_tets`](crate::sizing::expected)): no mesh is made for that. Then the mesh is made
 //! with it, and its tets are counted. Where they are too many or too few, it is made again with
-//! another factor, by the power law through the two nearest tries. Mostly one or two tries do. Where
-//! the refined mesh is far off already, it is not improved.
+//! another factor, by the power law through the two nearest tries. Mostly one or two tries do.
+//! Where the refined mesh is far off already, it is not improved.
 //!
 //! It ends: tries are counted.
 
@@ -42,8 +42,8 @@ const LARGEST_STEP: f64 = 8.0;
 /// The step after a mesh without tets.
 const NO_TETS_STEP: f64 = 0.25;
 
-/// The part of the tets of a refined mesh that is left when slivers have been removed, before one has
-/// told: 0.95 to 0.97 on the atlases, less where a mesh has few tets.
+/// The part of the tets of a refined mesh that is left when slivers have been removed, before one
+/// has told: 0.95 to 0.97 on the atlases, less where a mesh has few tets.
 const LEFT_BY_IMPROVEMENT: f64 = 0.96;
 
 /// How many times the tets to be expected sampling by topology makes, as a first guess: 1 to 3 on

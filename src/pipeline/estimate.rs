@@ -50,8 +50,8 @@ pub struct Estimate {
     pub seconds: f64,
 }
 
-/// What `params` are to be expected to need. Takes as long as the preparation of the image, and some
-/// 50 milliseconds to find out how fast the machine is.
+/// What `params` are to be expected to need. Takes as long as the preparation of the image, and
+/// some 20 milliseconds to find out how fast the machine is.
 ///
 /// # Errors
 /// As [`mesh_image`](super::mesh_image), as far as they come of the image and of `params`.

@@ -26,7 +26,10 @@ pub(super) fn open<'a>(path: &Path, volumes: Volumes, access: Access<'a>) -> Res
     let sizes = [size("XDIM")?, size("YDIM")?, size("ZDIM")?];
     let values = size("VDIM")?;
     if values != 1 && volumes == Volumes::One {
-        return Err(fields.refuse("VDIM", "only label images of one value per voxel are read"));
+        return Err(fields.refuse(
+            "VDIM",
+            "voxels have several values; labels have one each: --probabilities reads all as maps",
+        ));
     }
     let layout = Layout::new(&source, sizes, scalar_of(&fields)?, byte_order(&fields)?)?;
     let layout = layout.with_volumes(&source, values, true)?;
@@ -178,7 +181,7 @@ mod tests {
             (format!("{}\nCPU=pc", SHORT.replace("16 bits", "12 bits")), "PIXSIZE"),
             (format!("{}\nCPU=pc", SHORT.replace("signed fixed", "packed")), "TYPE"),
             (format!("{}\nCPU=pc", SHORT.replace("2**0", "2**3")), "SCALE"),
-            (format!("{}\nCPU=pc", SHORT.replace("VDIM=1", "VDIM=3")), "one value per voxel"),
+            (format!("{}\nCPU=pc", SHORT.replace("VDIM=1", "VDIM=3")), "several values"),
             (format!("{}\nCPU=pc", SHORT.replace("VX=0.5", "VX=0")), "spacing of axis 0"),
             (format!("{}\nCPU=pc", SHORT.replace("ZDIM=1", "ZDIM=2")), "cut off"),
         ] {

@@ -108,13 +108,16 @@ fn sizes_of(fields: &Fields, rank: usize, volumes: Volumes) -> Result<([u64; 3],
     if samples != 1 && (volumes == Volumes::One || channels != 1) {
         return Err(fields.refuse(
             "DimSize",
-            "only one volume of labels, or of several channels, per file is read",
+            "there are several volumes; --volume (lapd_context_set_volume) reads one of them as \
+             labels, --probabilities all as maps",
         ));
     }
     if channels != 1 && volumes == Volumes::One {
-        return Err(
-            fields.refuse("ElementNumberOfChannels", "only label images of one channel are read")
-        );
+        return Err(fields.refuse(
+            "ElementNumberOfChannels",
+            "voxels have several values; labels have one each: save one channel, or read all \
+                 as maps by --probabilities",
+        ));
     }
     let (values, interleaved) = if channels == 1 { (samples, false) } else { (channels, true) };
     Ok(([sizes[0], sizes[1], sizes[2]], values, interleaved))

@@ -6,6 +6,8 @@
 //! | `.nii` `.nii.gz` | NIfTI-1 and NIfTI-2, one file | RAS |
 //! | `.mha` `.mhd` | MetaImage | LPS, as ITK reads it |
 //! | `.inr` `.inr.gz` | INRIMAGE-4 | not said |
+//! | `.npy` | NumPy's arrays | not said, nor the spacing |
+//! | `.tif` `.tiff` | stacks of TIFF pages, with the feature `tiff` | not said; ImageJ's spacing |
 //!
 //! LPS means that x, y, z grow towards the patient's left, posterior, superior. By default
 //! coordinates stay as the file gives them; [`ReadOptions`] asks for another frame.
@@ -31,9 +33,12 @@ mod inr;
 pub mod label_table;
 mod metaimage;
 mod nifti;
+mod npy;
 mod nrrd;
 mod segments;
 mod source;
+#[cfg(feature = "tiff")]
+mod tiff;
 pub mod values;
 mod voxels;
 
@@ -73,6 +78,9 @@ pub struct ReadOptions {
     /// Detached headers may name data files that are not below the header's own folder, links that
     /// lead outside included.
     pub allow_outside: bool,
+    /// Which volume to read of a file that has several, from 0 on. `None`: a file of labels or of a
+    /// scan has one.
+    pub volume: Option<u64>,
     /// The most bytes that the image may take in memory. `None` for 1000 times the file's bytes, or
     /// 1 GiB where that is more, and no more than half of the machine's memory.
     pub max_bytes: Option<u64>,
@@ -214,11 +222,34 @@ struct Opened<'a> {
     warnings: Vec<String>,
 }
 
+impl Opened<'_> {
+    /// One of the volumes of a file.
+    fn only(self, path: &Path, volume: u64) -> Result<Self> {
+        let Self { source, layout, .. } = self;
+        let count = layout.volumes as u64;
+        if volume >= count {
+            return Err(Error::InvalidArgument(format!(
+                "{}: volume {volume} is asked for, and there are {count}, from 0 on",
+                shown(path)
+            )));
+        }
+        let Some(one) = layout.one_volume() else {
+            return Err(Error::InvalidArgument(format!(
+                "{}: volume {volume} is asked for, and the values of a voxel stand side by side \
+                 here, or as text",
+                shown(path)
+            )));
+        };
+        let source = source.part(volume * one.bytes(), one.bytes())?;
+        Ok(Self { source, layout: one, segments: None, ..self })
+    }
+}
+
 /// Reads the header of a file, up to the first voxel.
 type ReadHeader = for<'a> fn(&Path, Volumes, Access<'a>) -> Result<Opened<'a>>;
 
 /// Every ending that is known, in lower case.
-const ENDINGS: [(&str, ReadHeader); 8] = [
+const ENDINGS: &[(&str, ReadHeader)] = &[
     (".nrrd", nrrd::open),
     (".nhdr", nrrd::open),
     (".nii", nifti::open),
@@ -227,6 +258,11 @@ const ENDINGS: [(&str, ReadHeader); 8] = [
     (".mhd", metaimage::open),
     (".inr", inr::open),
     (".inr.gz", inr::open),
+    (".npy", npy::open),
+    #[cfg(feature = "tiff")]
+    (".tif", tiff::open),
+    #[cfg(feature = "tiff")]
+    (".tiff", tiff::open),
 ];
 
 /// Reads a header, and turns the frame as asked for.
@@ -241,10 +277,14 @@ fn open<'a>(
         return Err(Error::InvalidArgument(format!(
             "{}: no reader for this name ending; read are {}",
             shown(path),
-            ENDINGS.map(|(ending, _)| ending).join(" ")
+            ENDINGS.iter().map(|(ending, _)| *ending).collect::<Vec<_>>().join(" ")
         )));
     };
+    let volumes = if options.volume.is_some() { Volumes::Many } else { volumes };
     let mut opened = read_header(path, volumes, access)?;
+    if let Some(volume) = options.volume {
+        opened = opened.only(path, volume)?;
+    }
     let wanted = match options.world {
         WorldFrame::AsStored => return Ok(opened),
         WorldFrame::Lps => WorldAxes::Lps,

@@ -218,8 +218,11 @@ impl Header {
             }
             if axis > 3 && n > 1 {
                 if volumes == Volumes::One || values > 1 {
-                    return Err(source
-                        .error(format!("dim[{axis}] is {n}: only one volume per file is read")));
+                    return Err(source.error(format!(
+                        "dim[{axis}] is {n}: there are several volumes; --volume \
+                         (lapd_context_set_volume) reads one of them as labels, --probabilities \
+                         all as maps"
+                    )));
                 }
                 values = n.unsigned_abs();
             }
@@ -240,8 +243,16 @@ impl Header {
             1024 => Scalar::I64,
             1280 => Scalar::U64,
             code => {
+                let what = match code {
+                    1 => " (bits)",
+                    32 | 1792 | 2048 => " (complex numbers)",
+                    128 | 2304 => " (colors)",
+                    1536 => " (floats of 128 bits)",
+                    _ => "",
+                };
                 return Err(source.error(format!(
-                    "datatype {code} is not read: only integers and floats of up to 64 bits are"
+                    "datatype {code}{what} is not read: only integers and floats of up to 64 bits \
+                     are; save the labels as integers of 8 or 16 bits"
                 )));
             }
         })
@@ -653,7 +664,7 @@ mod tests {
                 refusal(&|m| {
                     m.dims(&[4, 3, 2, 1, 2]);
                 })
-                .contains("only one volume")
+                .contains("several volumes")
             );
             assert!(
                 refusal(&|m| {
@@ -683,7 +694,7 @@ mod tests {
                 refusal(&|m| {
                     m.short(70, 12, 128);
                 })
-                .contains("datatype 128 is not read")
+                .contains("datatype 128 (colors) is not read")
             );
             assert!(
                 refusal(&|m| {
@@ -711,5 +722,29 @@ mod tests {
         );
         let mut early = Made::new(1, false);
         assert!(read_made(early.offset(100)).unwrap().warnings[0].contains("within the header"));
+    }
+
+    #[test]
+    fn one_of_several_volumes_is_read() {
+        let mut made = Made::new(1, false);
+        made.dims(&[4, 3, 2, 1, 2]);
+        let stored: Vec<u8> = (0..12_i16).flat_map(i16::to_le_bytes).collect();
+        made.bytes.extend(stored);
+        for (name, bytes) in [("a.nii", made.bytes.clone()), ("a.nii.gz", gzip(&made.bytes))] {
+            let files = super::super::tests::Files::new();
+            let path = files.write(name, &bytes);
+            let read = |volume| {
+                let options = super::super::ReadOptions { volume, ..Default::default() };
+                super::super::read_image_with(&path, &options, &|_| Ok(()))
+            };
+            for volume in 0..2 {
+                let image = read(Some(volume)).unwrap();
+                let first = 6 * volume as i32;
+                assert_eq!(labels(&image.image), (first..first + 6).collect::<Vec<_>>());
+                assert!(image.warnings.is_empty(), "{:?}", image.warnings);
+            }
+            assert!(read(None).unwrap_err().to_string().contains("--volume"));
+            assert!(read(Some(2)).unwrap_err().to_string().contains("there are 2"));
+        }
     }
 }

@@ -177,8 +177,10 @@ fn three_axes(
             None => {
                 return Err(fields.refuse(
                     "sizes",
-                    "four axes of more than one sample: only volumes are read, and layers of 3D \
-                     Slicer's segments, as the first axis",
+                    "four axes of more than one sample: labels have one value a voxel, and layers \
+                     of 3D Slicer's segments are the first axis; --volume \
+                     (lapd_context_set_volume) reads one of several volumes, --probabilities all \
+                     as maps",
                 ));
             }
         };

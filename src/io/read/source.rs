@@ -124,6 +124,29 @@ impl<'a> Source<'a> {
         Self::of(files::open_at_once(path), path, access)
     }
 
+    /// A regular file, and its bytes, for a decoder that goes to and fro in it.
+    #[cfg(feature = "tiff")]
+    pub(super) fn open_file(path: &Path) -> Result<(File, u64)> {
+        let (file, metadata) = files::open_at_once(path).map_err(|e| Error::io(path, e))?;
+        if !metadata.is_file() {
+            return Err(Error::format(path, "not a regular file"));
+        }
+        Ok((file, metadata.len()))
+    }
+
+    /// What a decoder makes of a file of `length` bytes: `bound` bytes, if all is well.
+    #[cfg(feature = "tiff")]
+    pub(super) fn of_decoder(
+        path: &Path,
+        access: Access<'a>,
+        stream: impl BufRead + 'a,
+        length: u64,
+        bound: u64,
+    ) -> Self {
+        let stream = Box::new(stream);
+        Self { path: path.to_owned(), access, stream, length, position: 0, bound, compressed: true }
+    }
+
     /// What was opened, called `path`.
     fn of(opened: io::Result<(File, Metadata)>, path: &Path, access: Access<'a>) -> Result<Self> {
         let (file, metadata) = opened.map_err(|e| Error::io(path, e))?;
@@ -353,6 +376,13 @@ impl<'a> Source<'a> {
         let mut stream = Cursor::new(bytes);
         stream.set_position(before);
         Ok(Self { stream: Box::new(stream), position: before, bound: before + length, ..self })
+    }
+
+    /// Passes over `count` bytes, and ends the stream `length` bytes behind them.
+    pub(super) fn part(mut self, count: u64, length: u64) -> Result<Self> {
+        self.skip(count, "the volume asked for")?;
+        let bound = self.position.saturating_add(length).min(self.bound);
+        Ok(Self { stream: Box::new(self.stream.take(length)), bound, ..self })
     }
 
     /// Reads what follows the voxels: a decompressor checks its checksum at the end only. Returns

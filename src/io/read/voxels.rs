@@ -124,6 +124,12 @@ impl Layout {
         }
     }
 
+    /// That of each volume, where they follow each other and each has its place.
+    pub(super) fn one_volume(&self) -> Option<Self> {
+        let has_places = (self.volumes == 1 || !self.interleaved) && self.coding != Coding::Text;
+        has_places.then_some(Self { volumes: 1, interleaved: false, ..*self })
+    }
+
     /// Stored numbers. Cannot overflow: there are fewer than 2^32 voxels and 2^16 volumes.
     fn numbers(&self) -> usize {
         self.dims.iter().product::<usize>() * self.volumes

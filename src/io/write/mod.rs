@@ -15,6 +15,7 @@
 //! | `.feb` | FEBio 4.0, XML | elements and a domain each | a surface each |
 //! | `.bdf`, `.nas` | Nastran bulk data, ascii | a PSOLID each | a PSHELL each |
 //! | `.unv` | I-DEAS universal file, ascii | a group each | a group each |
+//! | `.xdmf` | XDMF with `.h5` beside it, with the feature `hdf5` | `label` | `boundary` |
 //! | `.stl` | binary STL | no | all facets |
 //! | `.ply` | PLY, binary | no | all, properties `first_label` and `second_label` |
 //! | `.off` | OFF, ascii | no | all facets |
@@ -26,9 +27,9 @@
 //! largest label, 0 first, then -1 and so on, boundaries the numbers after these.
 //!
 //! Meshes of second order go to `.vtu`, `.vtk`, `.mesh`, `.msh`, `.msh2`, `.inp`, `.exo`, `.feb`,
-//! `.bdf` and `.unv`, with all nodes of tets and facets; the nodes on edges come in the order of
-//! [`MidNodes`](crate::mesh::MidNodes) but in Gmsh's files, where the last two of a tet change
-//! places. STL, PLY and OFF hold the flat facets between vertices. The others are refused.
+//! `.bdf`, `.unv` and `.xdmf`, with all nodes of tets and facets; the nodes on edges come in the
+//! order of [`MidNodes`](crate::mesh::MidNodes) but in Gmsh's files, where the last two of a tet
+//! change places. STL, PLY and OFF hold the flat facets between vertices. The others are refused.
 //!
 //! The order of the vertices of tets is that of [`TetMesh`] in every format, normals of facets
 //! point from the first to the second label. Coordinates are the mesh's; binary formats hold them
@@ -67,6 +68,8 @@ mod trace;
 mod unv;
 mod vtk;
 mod vtu;
+#[cfg(feature = "hdf5")]
+mod xdmf;
 
 use std::path::Path;
 
@@ -108,6 +111,8 @@ pub enum MeshFormat {
     Nastran,
     /// I-DEAS universal file.
     Unv,
+    /// XDMF with HDF5.
+    Xdmf,
     /// Binary STL of the interfaces.
     Stl,
     /// Binary PLY of the interfaces.
@@ -117,7 +122,7 @@ pub enum MeshFormat {
 }
 
 /// Every ending that is known.
-const ENDINGS: [(&str, MeshFormat); 24] = [
+const ENDINGS: [(&str, MeshFormat); 25] = [
     ("vtu", MeshFormat::Vtu),
     ("vtk", MeshFormat::Vtk),
     ("mesh", MeshFormat::Medit),
@@ -139,6 +144,7 @@ const ENDINGS: [(&str, MeshFormat); 24] = [
     ("bdf", MeshFormat::Nastran),
     ("nas", MeshFormat::Nastran),
     ("unv", MeshFormat::Unv),
+    ("xdmf", MeshFormat::Xdmf),
     ("stl", MeshFormat::Stl),
     ("ply", MeshFormat::Ply),
     ("off", MeshFormat::Off),
@@ -149,20 +155,28 @@ impl MeshFormat {
     /// a bad name can be refused before any work is done.
     ///
     /// # Errors
-    /// [`Error::InvalidArgument`] for another ending, naming those that are known.
+    /// [`Error::InvalidArgument`] for another ending, naming those that are known;
+    /// [`Error::Unsupported`] for one that this library was built without.
     pub fn from_path(path: &Path) -> Result<Self> {
         let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-        ENDINGS
-            .iter()
-            .find(|(known, _)| known.eq_ignore_ascii_case(ending))
-            .map(|&(_, format)| format)
-            .ok_or_else(|| {
+        let found = ENDINGS.iter().find(|(known, _)| known.eq_ignore_ascii_case(ending));
+        match found {
+            Some((_, Self::Xdmf)) if cfg!(not(feature = "hdf5")) => {
+                Err(Error::Unsupported(format!(
+                    "{}: this library was built without HDF5, which XDMF needs; build it with \
+                     LAPD_HDF5 (the feature hdf5), or write .vtu or .msh",
+                    shown(path)
+                )))
+            }
+            Some(&(_, format)) => Ok(format),
+            None => {
                 let known = ENDINGS.map(|(known, _)| format!(".{known}")).join(" ");
-                Error::InvalidArgument(format!(
+                Err(Error::InvalidArgument(format!(
                     "{}: unknown ending for a mesh, known are {known}",
                     shown(path)
-                ))
-            })
+                )))
+            }
+        }
     }
 }
 
@@ -266,6 +280,11 @@ pub fn write_mesh_watching(
             unv::check_limits(mesh, path)?;
             single(&unv::write)
         }
+        #[cfg(feature = "hdf5")]
+        MeshFormat::Xdmf => xdmf::write(mesh, &options, path, cancel),
+        // Its ending is refused.
+        #[cfg(not(feature = "hdf5"))]
+        MeshFormat::Xdmf => MeshFormat::from_path(path).map(|_| ()),
         MeshFormat::Stl => single(&stl::write),
         MeshFormat::Ply => {
             check_count(path, "PLY", "vertices", mesh.points.len(), i32::MAX as usize)?;

@@ -98,6 +98,13 @@ impl<'a> Output<'a> {
         })
     }
 
+    /// Lets `write` fill the temporary file under its own name, which is of no use in errors: for
+    /// libraries that open files themselves.
+    #[cfg(feature = "hdf5")]
+    pub fn by_path<T>(&self, write: impl FnOnce(&Path) -> T) -> T {
+        write(self.writer.get_ref().path())
+    }
+
     /// Gives all files their names, after all are on the disk. If a renaming fails, the files
     /// before it have their names already; each of them is whole.
     pub fn commit(outputs: Vec<Self>) -> Result<()> {
