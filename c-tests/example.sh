@@ -72,6 +72,11 @@ expect 2 2 box.nrrd -o a.vtu --max-vertices -3
 expect 2 2 box.nrrd -o a.vtu --time-limit -1
 expect 2 2 box.nrrd -o a.vtu --time-limit nan
 expect 2 2 box.nrrd -o a.vtu --max-memory -1
+expect 2 2 box.nrrd -o a.vtu --tets 0
+expect 2 2 box.nrrd -o a.vtu --tets many
+expect 2 2 box.nrrd -o a.vtu --volume -1
+expect 2 2 box.nrrd -o a.vtu --spacing 1,2
+expect 2 2 box.nrrd -o a.vtu --spacing 1,0,1
 expect 2 2 box.nrrd -o a.vtu --max-memory 1Q
 expect 2 2 box.nrrd -o a.vtu --max-memory 1MB
 expect 2 2 box.nrrd -o a.vtu --max-memory 99999999999G
@@ -132,6 +137,13 @@ expect 0 0 box.nrrd -o b.vtu -o b.mesh -o b.stl --delta 1 --size 2 --label-size 
     --target-dihedral 12 --surface smooth --max-vertices 1000000 --quiet
 [ -s b.vtu ] && [ -s b.mesh ] && [ -s b.stl ] || fail "not all outputs were written"
 [ ! -s out ] || fail "--quiet printed: $(cat out)"
+expect 0 0 box.nrrd --estimate
+grep -q '^tets ' out && grep -q '^peak MiB ' out && grep -q '^seconds ' out || fail \
+    "--estimate does not tell all: $(cat out)"
+expect 0 0 box.nrrd -o n.vtu --tets 4000 --quiet --report n.json
+awk -F '[:,]' '/^ *"tets":/ { n = $2 } END { exit !(n >= 3600 && n <= 4400) }' n.json || fail \
+    "--tets 4000 gave $(grep -m1 '"tets"' n.json)"
+expect 0 0 box.nrrd --estimate --spacing 1,2,0.5 --volume 0
 expect 0 0 box.nrrd -o k.vtu --keep 2 --report k.json --quiet
 expect 0 0 box.nrrd -o v.vtu --surface voxel --report v.json --quiet
 expect 0 0 box.nrrd -o g.vtu --background --report g.json --quiet

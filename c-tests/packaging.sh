@@ -161,10 +161,10 @@ symbols)
     diff "$work/exported" "$work/declared"
     ;;
 libraries)
-    # It needs the system's libraries and hwloc's only, and says its own versioned name.
+    # It needs the system's libraries, hwloc and HDF5 only, and says its own versioned name.
     readelf -d "$installed/lib/liblapd.so" >"$work/dynamic"
     sed -n 's/.*(NEEDED).*\[\(.*\)\]/\1/p' "$work/dynamic" >"$work/needed"
-    system=libc:libm:libgcc_s:libpthread:libdl:librt:libutil:libhwloc
+    system=libc:libm:libgcc_s:libpthread:libdl:librt:libutil:libhwloc:libhdf5[a-z_]*
     if grep -v -E "^($(echo $system | tr : "|")|ld-linux[^.]*)\.so\." \
         "$work/needed"; then
         echo "these libraries are not the system's"

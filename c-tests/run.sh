@@ -100,6 +100,8 @@ for pair in libGL.so.1=libgl1 libGLU.so.1=libglu1-mesa libgomp.so.1=libgomp1 \
     PATH=$PATH:/sbin ldconfig -p | grep -q "${pair%=*}" || missing="$missing ${pair#*=}"
 done
 pkg-config --exists hwloc libudev 2>/dev/null || missing="$missing libhwloc-dev libudev-dev"
+pkg-config --exists hdf5-serial 2>/dev/null || pkg-config --exists hdf5 2>/dev/null ||
+    missing="$missing libhdf5-dev"
 if [ -n "$all" ]; then
     ls /usr/lib/*/cmake/ITK-5* >/dev/null 2>&1 || missing="$missing libinsighttoolkit5-dev"
     ls /usr/lib/*/cmake/vtk-9* >/dev/null 2>&1 || missing="$missing libvtk9-dev"
@@ -144,10 +146,23 @@ python=$build/readback-venv
 step python-env python3 c-tests/environment.py "$python"
 grep -h '^SKIPPED' "$logs/python-env.log" | tee -a "$skipped"
 
+# HDF5 for XDMF. Debian has variants beside each other: cargo is told where that without MPI is, as
+# CMakeLists.txt tells it.
+hdf5=OFF
+if pkg-config --exists hdf5-serial 2>/dev/null; then
+    HDF5_DIR=$(pkg-config --libs-only-L hdf5-serial | sed 's/^-L//; s/ .*//')
+    export HDF5_DIR
+    hdf5=ON
+elif pkg-config --exists hdf5 2>/dev/null; then
+    hdf5=ON
+else
+    skip "XDMF, libhdf5-dev is missing"
+fi
+
 # The package, which is built and installed as users do. Whole-program optimisation keeps one core
 # busy; the other one goes on.
 build_package() {
-    cmake -S . -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release \
+    cmake -S . -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release -DLAPD_HDF5=$hdf5 \
         -DCMAKE_INSTALL_PREFIX="$build/install" -DCMAKE_INSTALL_LIBDIR=lib \
         -DLAPD_CARGO_TARGET_DIR="$root/target" && cmake --build "$build/cmake" &&
         cmake --install "$build/cmake"
@@ -161,6 +176,7 @@ if pkg-config --exists hwloc libudev; then
 else
     skip "the feature hwloc, libhwloc-dev or libudev-dev is missing"
 fi
+[ $hdf5 = OFF ] || features=$features,hdf5
 
 # ---- Form ----
 

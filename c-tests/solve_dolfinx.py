@@ -1,29 +1,52 @@
-"""The flux through a box of materials, by DOLFINx on a Gmsh file: run by solvers.py with Debian's
-Python, which DOLFINx belongs to.
+"""The flux through a box of materials, by DOLFINx on a Gmsh or XDMF file: run by solvers.py with
+Debian's Python, which DOLFINx belongs to.
 
-    python3 solve_dolfinx.py MESH.msh NAME=CONDUCTIVITY ...
+    python3 solve_dolfinx.py MESH.msh|MESH.xdmf NAME=CONDUCTIVITY ...
 
 Prints the flux between the boundaries whose names end in wall_x_min and wall_x_max.
 """
 
 import logging
 import sys
+import xml.etree.ElementTree as ElementTree
 
 logging.disable(logging.INFO)
 
-import gmsh
 import ufl
 from dolfinx import fem
-from dolfinx.io import gmshio
+from dolfinx.io import XDMFFile
 from mpi4py import MPI
 from petsc4py import PETSc
 
+
+def read_gmsh(path):
+    import gmsh
+    from dolfinx.io import gmshio
+
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.open(path)
+    names = {group: gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups()}
+    return names, *gmshio.model_to_mesh(gmsh.model, MPI.COMM_WORLD, 0, gdim=3)
+
+
+def read_xdmf(path):
+    with XDMFFile(MPI.COMM_WORLD, path, "r") as file:
+        mesh = file.read_mesh(name="mesh")
+        cells = file.read_meshtags(mesh, name="mesh")
+        mesh.topology.create_connectivity(2, 3)
+        facets = file.read_meshtags(mesh, name="boundaries")
+    names = {}
+    for grid in ElementTree.parse(path).iter("Grid"):
+        dimension = 3 if grid.get("Name") == "mesh" else 2
+        for entry in grid.iter("Information"):
+            names[dimension, int(entry.get("Name"))] = entry.get("Value")
+    return names, mesh, cells, facets
+
+
 path, conductivity = sys.argv[1], dict(word.split("=") for word in sys.argv[2:])
-gmsh.initialize(interruptible=False)
-gmsh.option.setNumber("General.Terminal", 0)
-gmsh.open(path)
-names = {group: gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups()}
-mesh, cells, facets = gmshio.model_to_mesh(gmsh.model, MPI.COMM_WORLD, 0, gdim=3)
+read = read_xdmf if path.endswith(".xdmf") else read_gmsh
+names, mesh, cells, facets = read(path)
 
 space = fem.FunctionSpace(mesh, ("CG", 1))
 of_cells = fem.Function(fem.FunctionSpace(mesh, ("DG", 0)))

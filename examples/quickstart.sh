@@ -36,6 +36,9 @@ have cmake || missing="$missing cmake"
 # With hwloc the library knows what cores share, and --topology works.
 have pkg-config || missing="$missing pkg-config"
 pkg-config --exists hwloc libudev 2>/dev/null || missing="$missing libhwloc-dev libudev-dev"
+# With HDF5 it writes XDMF.
+pkg-config --exists hdf5-serial 2>/dev/null || pkg-config --exists hdf5 2>/dev/null ||
+    missing="$missing libhdf5-dev"
 if [ $# -eq 0 ]; then
     [ -e "$atlas" ] || missing="$missing mricron-data"
 fi
@@ -61,7 +64,7 @@ if [ -n "$missing" ]; then
 fi
 
 say "Building the library (about a minute)"
-cmake -S "$root" -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release \
+cmake -S "$root" -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release -DLAPD_HDF5=ON \
     -DCMAKE_INSTALL_PREFIX="$build/install" \
     -DCMAKE_INSTALL_LIBDIR=lib -DLAPD_CARGO_TARGET_DIR="$root/target" --log-level=WARNING >/dev/null
 cmake --build "$build/cmake"

@@ -276,6 +276,42 @@ fn openfoam_has_a_case() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "folders are left");
 }
 
+/// XDMF is two files, both whole or neither there; without HDF5 its ending is refused at once.
+#[test]
+fn xdmf_comes_with_its_data() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("small.xdmf");
+    if cfg!(not(feature = "hdf5")) {
+        let error = write_mesh(&mesh(), &path).unwrap_err().to_string();
+        assert!(error.contains("without HDF5"), "{error}");
+        return;
+    }
+    let count = || std::fs::read_dir(folder.path()).unwrap().count();
+    let flag = CancelFlag::default();
+    flag.cancel();
+    write_mesh_watching(&mesh(), &path, WriteOptions::default(), Some(&flag)).unwrap_err();
+    assert_eq!(count(), 0, "a cancelled file is left");
+    write_mesh(&TetMesh::default(), &path).unwrap();
+    write_mesh(&mesh(), &path).unwrap();
+    assert_eq!(count(), 2);
+    let data = std::fs::read(folder.path().join("small.h5")).unwrap();
+    assert!(data.starts_with(b"\x89HDF\r\n\x1a\n"));
+    let text = std::fs::read_to_string(&path).unwrap();
+    let tets = mesh().tets.len();
+    for part in [
+        &*format!("TopologyType=\"Tetrahedron\" NumberOfElements=\"{tets}\""),
+        "TopologyType=\"Triangle\"",
+        "small.h5:/tets",
+        "Value=\"label_-2__wall_y_min\"",
+    ] {
+        assert!(text.contains(part), "{part} is not in {text}");
+    }
+    // The second file cannot take its name.
+    std::fs::create_dir(folder.path().join("b.xdmf")).unwrap();
+    write_mesh(&mesh(), &folder.path().join("b.xdmf")).unwrap_err();
+    assert!(!folder.path().join("b.h5").exists());
+}
+
 /// The endings that Gmsh itself knows.
 #[test]
 fn endings_tell_the_version_of_msh() {

@@ -208,7 +208,6 @@ mod tests {
             }
             image.write_data(page).unwrap();
         }
-        drop(encoder);
         bytes.into_inner()
     }
 

@@ -49,7 +49,7 @@ pub(super) fn write(
     arrays.by_path(|temporary| write_arrays(mesh, &boundaries, temporary, cancel)).map_err(
         |error| match error {
             Failure::Ours(error) => error,
-            Failure::Hdf5(error) => Error::io(&data, io::Error::other(error.to_string())),
+            Failure::Hdf5(error) => Error::io(&data, io::Error::other(said(&error.to_string()))),
         },
     )?;
     let mut text = Output::create(path)?.watching(cancel);
@@ -120,6 +120,12 @@ impl Rows<'_> {
             Ok(set.write_slice(&batch, s![range, ..])?)
         })
     }
+}
+
+/// What the system said, where HDF5 tells it among addresses and the names of temporary files.
+fn said(message: &str) -> &str {
+    let behind = message.split_once("error message = '").map(|(_, behind)| behind);
+    behind.and_then(|behind| behind.split_once('\'')).map_or(message, |(said, _)| said)
 }
 
 /// Text as XML takes it. Names of regions and boundaries have nothing to escape.
