@@ -4,11 +4,11 @@
 
 A box of two materials fills its image; the potential is 0 on one wall and 1 on the other. The
 flux between them is known: with the materials one behind the other, and side by side. scikit-fem
-and DOLFINx (by .msh and .xdmf) and MFEM (by .mfem) must find it to 1e-9 where interfaces are where voxels
-end, and CalculiX (by .inp) to the digits that it prints. OpenFOAM checks the polyMesh and solves
-on it; pyNastran and pyfebio, which know the input of their solvers, read .bdf and .feb. Without
-network, or where a program is missing, a line says what was SKIPPED. Exit status 1 if anything
-differs.
+(by .msh), DOLFINx (by .msh and .xdmf) and MFEM (by .mfem) must find it to 1e-9 where interfaces are
+where voxels end, and CalculiX (by .inp) to the digits that it prints. OpenFOAM checks the polyMesh
+and solves on it; pyNastran and pyfebio, which know the input of their solvers, read .bdf and .feb.
+Without network, or where a program is missing, a line says what was SKIPPED. Exit status 1 if
+anything differs.
 """
 
 import os

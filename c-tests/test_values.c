@@ -215,7 +215,7 @@ static void files(const float *depths) {
     CHECK(said("test_values_b.nrrd: the probability of label 2 of voxel [21, 21, 21] is 2"));
     CHECK(lapd_image_read_gray(context, "no such file.nrrd", LAPD_WORLD_AS_STORED, &zero, 1, NULL,
                                &image) == LAPD_ERROR_IO);
-    CHECK(lapd_image_read_gray(context, "scan.tiff", LAPD_WORLD_AS_STORED, &zero, 1, NULL,
+    CHECK(lapd_image_read_gray(context, "scan.jpeg", LAPD_WORLD_AS_STORED, &zero, 1, NULL,
                                &image) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(image == NULL);
     free(maps);

@@ -27,30 +27,53 @@ use super::Refusals;
 /// asks for them takes a refusal.
 pub const LARGEST: usize = 1 << 20;
 
+/// The bytes of a reserve. They are apart from what uses them: a static of nothing but these takes
+/// no room in the file of the library.
+pub struct Bytes<const SIZE: usize>(UnsafeCell<[MaybeUninit<u8>; SIZE]>);
+
+// SAFETY: only the allocator that has them touches them, see there.
+unsafe impl<const SIZE: usize> Sync for Bytes<SIZE> {}
+
+impl<const SIZE: usize> Bytes<SIZE> {
+    /// Bytes that nobody uses yet.
+    pub const fn new() -> Self {
+        Self(UnsafeCell::new([MaybeUninit::uninit(); SIZE]))
+    }
+}
+
+impl<const SIZE: usize> Default for Bytes<SIZE> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 /// An allocator with `SIZE` bytes in reserve, less than 2^32.
 pub struct WithReserve<A, const SIZE: usize> {
     system: A,
-    bytes: UnsafeCell<[MaybeUninit<u8>; SIZE]>,
+    bytes: &'static Bytes<SIZE>,
     /// Used bytes in the lower half, blocks that are out in the upper one.
     state: AtomicU64,
     /// Is told of each block that the system refused.
     refusals: &'static Refusals,
 }
 
-// SAFETY: each byte of the reserve belongs to at most one block that is out, by the invariant, and
-// only whoever holds the block touches it.
-unsafe impl<A: Sync, const SIZE: usize> Sync for WithReserve<A, SIZE> {}
-
 impl<A, const SIZE: usize> WithReserve<A, SIZE> {
     /// Asks `system` first, and tells `refusals` where it has to do without.
-    pub const fn new(system: A, refusals: &'static Refusals) -> Self {
+    ///
+    /// # Safety
+    /// Nobody else may use `bytes`. Then each of them belongs to at most one block that is out, by
+    /// the invariant, and only whoever holds that block touches it.
+    pub const unsafe fn new(
+        system: A,
+        bytes: &'static Bytes<SIZE>,
+        refusals: &'static Refusals,
+    ) -> Self {
         const { assert!(SIZE < 1 << 32) };
-        let bytes = UnsafeCell::new([MaybeUninit::uninit(); SIZE]);
         Self { system, bytes, state: AtomicU64::new(0), refusals }
     }
 
     fn base(&self) -> *mut u8 {
-        self.bytes.get().cast()
+        self.bytes.0.get().cast()
     }
 
     /// Where a block of the reserve begins; `None` for one of the system's.
@@ -159,8 +182,16 @@ unsafe impl<A: GlobalAlloc, const SIZE: usize> GlobalAlloc for WithReserve<A, SI
 /// The process's allocator, with 4 MiB in reserve.
 #[cfg(feature = "memory-reserve")]
 #[global_allocator]
-static ALLOCATOR: WithReserve<std::alloc::System, { 4 << 20 }> =
-    WithReserve::new(std::alloc::System, &super::REFUSALS);
+static ALLOCATOR: WithReserve<std::alloc::System, RESERVE> = {
+    // SAFETY: no other code names the bytes.
+    unsafe { WithReserve::new(std::alloc::System, &BYTES, &super::REFUSALS) }
+};
+
+#[cfg(feature = "memory-reserve")]
+const RESERVE: usize = 4 << 20;
+
+#[cfg(feature = "memory-reserve")]
+static BYTES: Bytes<RESERVE> = Bytes::new();
 
 #[cfg(test)]
 mod tests {
@@ -186,7 +217,9 @@ mod tests {
     fn moody<const SIZE: usize>(refuses: bool) -> Box<WithReserve<Moody, SIZE>> {
         // The process's own would end what runs beside this test.
         let refusals = Box::leak(Box::new(Refusals::new()));
-        Box::new(WithReserve::new(Moody(AtomicBool::new(refuses)), refusals))
+        let bytes = Box::leak(Box::default());
+        // SAFETY: nobody else has the bytes.
+        Box::new(unsafe { WithReserve::new(Moody(AtomicBool::new(refuses)), bytes, refusals) })
     }
 
     fn layout(size: usize) -> Layout {

@@ -291,6 +291,8 @@ fn open<'a>(
         WorldFrame::Ras => WorldAxes::Ras,
     };
     match opened.world {
+        // Nothing is turned, nor rounded once more.
+        Some(stored) if stored == wanted => {}
         Some(stored) => {
             opened.frame = reflected(&opened.frame, stored.signs() * wanted.signs())?;
             opened.world = Some(wanted);
