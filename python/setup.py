@@ -1,7 +1,8 @@
 """Builds the C library by cargo and puts it into the package.
 
 The wheel runs on any Python 3: the library does not know Python. With LAPD_PREBUILT in the
-environment that library is taken, and nothing is built.
+environment that library is taken, and nothing is built; LAPD_LICENSES then names a folder with the
+licences of what is linked into it.
 """
 
 import os
@@ -36,6 +37,12 @@ class BuildWithLibrary(build_py):
         folder = Path(self.build_lib) / "lapd"
         folder.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(built_library(), folder / NAME)
+        licenses = folder / "licenses"
+        if os.environ.get("LAPD_LICENSES"):
+            shutil.copytree(os.environ["LAPD_LICENSES"], licenses, dirs_exist_ok=True)
+        elif not os.environ.get("LAPD_PREBUILT"):
+            script = ROOT / "packaging" / "licenses.py"
+            subprocess.run([sys.executable, str(script), str(licenses)], check=True)
 
 
 class PlatformWheel(bdist_wheel):
