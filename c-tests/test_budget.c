@@ -19,6 +19,7 @@ static void target(const lapd_image *image) {
     lapd_mesh *mesh = NULL, *again = NULL;
     lapd_params *params = params_with_delta(context, 1.5);
     CHECK(lapd_params_get_target_tets(params, &got) == LAPD_OK && got == 0);
+    CHECK(lapd_params_set_target_tets(context, params, UINT64_MAX) == LAPD_ERROR_INVALID_ARGUMENT);
     CHECK(lapd_params_set_target_tets(context, params, wanted) == LAPD_OK);
     CHECK(lapd_params_get_target_tets(params, &got) == LAPD_OK && got == wanted);
     CHECK(lapd_mesh_image(context, image, params, &mesh) == LAPD_OK);

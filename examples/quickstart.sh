@@ -63,8 +63,12 @@ if [ -n "$missing" ]; then
     rm -f "${TMPDIR:-/tmp}/lapd-apt.$$"
 fi
 
-say "Building the library (about a minute)"
-cmake -S "$root" -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release -DLAPD_HDF5=ON \
+say "Building the library (about two minutes)"
+hdf5=OFF
+if pkg-config --exists hdf5-serial 2>/dev/null || pkg-config --exists hdf5 2>/dev/null; then
+    hdf5=ON
+fi
+cmake -S "$root" -B "$build/cmake" -DCMAKE_BUILD_TYPE=Release -DLAPD_HDF5=$hdf5 \
     -DCMAKE_INSTALL_PREFIX="$build/install" \
     -DCMAKE_INSTALL_LIBDIR=lib -DLAPD_CARGO_TARGET_DIR="$root/target" --log-level=WARNING >/dev/null
 cmake --build "$build/cmake"

@@ -2603,7 +2603,7 @@ lapd_status lapd_mesh_image(lapd_context *context,
  * lengths are taken as they are. lapd_mesh_get_bounds tells what was found. It takes one to three
  * refinements, seldom more. No other thread may use `params` or the context meanwhile.
  *
- * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is above 4294967295.
  */
 lapd_status lapd_params_set_target_tets(lapd_context *context, lapd_params *params, uint64_t tets);
 

@@ -198,12 +198,12 @@ class context {
         callbacks_->log = std::move(callback);
     }
 
-    /// What files that are read with this context may ask for: bytes of memory (0 for the
-    /// default), and data files outside of their header's folder.
     /// Which volume of files that hold several; -1: a file has one.
     void set_volume(std::int64_t volume) {
         check(lapd_context_set_volume(handle_.get(), volume));
     }
+    /// What files that are read with this context may ask for: bytes of memory (0 for the
+    /// default), and data files outside of their header's folder.
     void set_max_read_bytes(std::uint64_t bytes) {
         check(lapd_context_set_max_read_bytes(handle_.get(), bytes));
     }
@@ -421,11 +421,11 @@ class image {
         detail::check(lapd_image_get_value(get(), label, &text));
         return text;
     }
-    /// Names a label; no other thread may use the image meanwhile.
-    /// lapd_image_set_spacing.
+    /// Sets the sides of a voxel; no other thread may use the image meanwhile.
     void set_spacing(context &context, const std::array<double, 3> &spacing) {
         context.check(lapd_image_set_spacing(context.get(), get(), spacing.data()));
     }
+    /// Names a label; no other thread may use the image meanwhile.
     void set_label_name(context &context, std::int32_t label, const std::string &name) {
         context.check(lapd_image_set_label_name(context.get(), get(), label, name.c_str()));
     }

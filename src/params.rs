@@ -89,6 +89,9 @@ pub const MAX_TARGET_DIHEDRAL: f64 = 30.0;
 /// Largest standard deviation of [`MeshParams::sigma`].
 pub const MAX_SIGMA: f64 = 5.0;
 
+/// Most tets of a mesh that may be asked for: more than a triangulation can number.
+pub const MAX_TARGET_TETS: u64 = u32::MAX as u64;
+
 /// Most threads of a run.
 pub const MAX_THREADS: usize = 254;
 
@@ -261,8 +264,10 @@ impl MeshParams {
         positive("spacing floor", self.spacing_floor)?;
         positive("size", self.size)?;
         self.label_sizes.iter().try_for_each(|(&label, &size)| check_label_size(label, size))?;
-        if self.target_tets == Some(0) {
-            return Err(Error::InvalidArgument("target tets must be at least 1, got 0".into()));
+        if let Some(tets) = self.target_tets.filter(|tets| !(1..=MAX_TARGET_TETS).contains(tets)) {
+            return Err(Error::InvalidArgument(format!(
+                "target tets must lie in 1 to {MAX_TARGET_TETS}, got {tets}"
+            )));
         }
         if !(self.radius_edge.is_finite() && self.radius_edge >= 2.0) {
             return Err(Error::InvalidArgument(format!(

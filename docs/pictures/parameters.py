@@ -2,7 +2,7 @@
 """Makes the pictures of docs/guide/parameters.md: cuts through meshes of the AAL atlas by several
 values of a parameter.
 
-usage: parameters.py [--mesh-image build/bin/mesh_image] [-o docs/pictures]
+usage: parameters.py [--mesh-image build/bin/mesh_image] [-o docs/pictures] [--only NAME]
                      [--work build/parameters]
 
 The atlas is that of Debian's mricron-data. Needs numpy, matplotlib and meshio, and `mesh_image`,
@@ -10,6 +10,7 @@ which `sh examples/quickstart.sh` builds.
 """
 
 import argparse
+import json
 import pathlib
 import subprocess
 
@@ -78,7 +79,40 @@ def picture(arguments, name, panels, window):
         command = [arguments.mesh_image, ATLAS, "-o", str(path), "--quiet", *options.split()]
         subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
         draw(axes, path, options, window)
-    path = arguments.output / f"parameters-{name}.png"
+    save(figure, arguments.output / f"parameters-{name}.png")
+
+
+def kept(report):
+    """What a mesh keeps of its image, in two lines."""
+    made = json.loads(report.read_text())
+    rows = made["components"]
+    faults = sum(row["fate"] != "kept" for row in rows)
+    large = [row for row in rows if row["image_voxels"] >= 100]
+    right = sum(row["euler_mesh"] == row["euler_image"] for row in large)
+    return (
+        f"delta {made['delta']:.2f} mm; {faults} of {len(rows)} parts lost, merged or torn\n"
+        f"Euler number right for {right} of {len(large)}"
+    )
+
+
+def budgets(arguments, numbers):
+    """Meshes of so many tets, and what each keeps."""
+    figure, grid = plt.subplots(2, 2, figsize=(8.4, 9.4), squeeze=False, layout="constrained")
+    for axes, tets in zip(grid.flat, numbers):
+        path, report = (arguments.work / f"tets-{tets}.{ending}" for ending in ("mesh", "json"))
+        options = f"--tets {tets} --adaptive topology"
+        command = [arguments.mesh_image, ATLAS, "-o", str(path), "--report", str(report)]
+        subprocess.run(
+            [*command, "--certificate", "sound", "--quiet", *options.split()],
+            check=True,
+            stderr=subprocess.DEVNULL,
+        )
+        draw(axes, path, options, WIDE)
+        axes.set_xlabel(kept(report), fontsize=9)
+    save(figure, arguments.output / "parameters-tets.png")
+
+
+def save(figure, path):
     figure.savefig(path, dpi=110, bbox_inches="tight", pad_inches=0.05)
     plt.close(figure)
     # Few colours make small files.
@@ -90,15 +124,22 @@ def main():
     parser.add_argument("--mesh-image", default="build/bin/mesh_image")
     parser.add_argument("-o", "--output", type=pathlib.Path, default=pathlib.Path("docs/pictures"))
     parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("build/parameters"))
+    parser.add_argument("--only", help="one picture: delta, size, surface or tets")
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
+    wanted = [arguments.only] if arguments.only else ["delta", "size", "surface", "tets"]
     deltas = [f"--delta {delta}" for delta in (2, 4, 8)]
     adaptive = [f"{delta} --no-adaptive" for delta in deltas]
-    picture(arguments, "delta", deltas + adaptive, WIDE)
+    if "delta" in wanted:
+        picture(arguments, "delta", deltas + adaptive, WIDE)
     sizes = [f"--delta 4 --no-adaptive --size {size}" for size in (2, 4, 8)]
-    picture(arguments, "size", sizes, WIDE)
+    if "size" in wanted:
+        picture(arguments, "size", sizes, WIDE)
     surfaces = ["--surface voxel", "--surface smooth", "--gaussian 1.5"]
-    picture(arguments, "surface", [f"--delta 1 {surface}" for surface in surfaces], NEAR)
+    if "surface" in wanted:
+        picture(arguments, "surface", [f"--delta 1 {surface}" for surface in surfaces], NEAR)
+    if "tets" in wanted:
+        budgets(arguments, [50_000, 150_000, 500_000, 2_000_000])
 
 
 main()

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._library import Context, InvalidArgument, text_of
+from ._library import Context, InvalidArgument, number, text_of
 
 # lapd_voxel_type
 _TYPES = ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8"]
@@ -67,21 +67,32 @@ class File:
 
     path: bytes
     frame: str | None
+    spacing: np.ndarray | None
+    volume: int | None
 
     def make(self, context: Context, callbacks, handle) -> None:
         if self.frame not in _FRAMES:
             raise InvalidArgument(f"frame is lps or ras, not {self.frame!r}")
+        if self.volume is not None:
+            context.call("context_set_volume", number("volume", ctypes.c_uint32, self.volume))
         arguments = (self.path, _FRAMES[self.frame], 0, None, 0, ctypes.byref(handle))
         callbacks.run(lambda: context.call("image_read_labels", *arguments))
+        if self.spacing is not None:
+            sides = (c_double * 3)(*self.spacing)
+            context.call("image_set_spacing", handle, sides)
 
 
-def described(image, spacing, origin, direction, frame):
+def described(image, spacing, origin, direction, frame, volume):
     """What an image of any kind is to the library."""
     if isinstance(image, (str, os.PathLike)):
-        _refuse("a file", spacing, origin, direction)
-        return File(text_of(image), frame)
+        if origin is not None or direction is not None:
+            raise InvalidArgument("a file has its own origin and direction")
+        sides = None if spacing is None else _vector("spacing", spacing, 1.0)
+        return File(text_of(image), frame, sides, volume)
     if frame is not None:
         raise InvalidArgument("frame is for files; other images stay in the world they are in")
+    if volume is not None:
+        raise InvalidArgument("volume is for files; of an array take the part yourself")
     for convert in (_of_nibabel, _of_simple_itk, _of_itk, _of_pyvista):
         found = convert(image)
         if found is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from ctypes import POINTER, c_char_p, c_double, c_int32, c_size_t, c_uint64, c_void_p
+from ctypes import POINTER, c_char_p, c_double, c_int32, c_int64, c_size_t, c_uint64, c_void_p
 from pathlib import Path
 
 
@@ -103,6 +103,8 @@ FUNCTIONS = {
     "context_set_log": [LOG_FN, c_void_p],
     "context_set_max_read_bytes": [c_uint64],
     "context_set_allow_outside": [c_int32],
+    "context_set_volume": [c_int64],
+    "image_set_spacing": [c_void_p, c_void_p],
     "image_create": [
         c_void_p,
         c_int32,
@@ -202,3 +204,14 @@ class Context:
         if status != 0:
             message = library.lapd_context_last_error(self.handle).decode(errors="replace")
             raise ERRORS.get(status, LapdError)(message)
+
+
+def number(name: str, kind, value):
+    """A number as the C library takes it; ctypes would cut it off without a word."""
+    if kind is not c_double:
+        bits = 8 * ctypes.sizeof(kind)
+        low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if kind is c_int32 else (0, 2**bits)
+        if value != int(value) or not low <= int(value) < high:
+            raise InvalidArgument(f"{name} is a whole number from {low} on, not {value!r}")
+        return int(value)
+    return float(value)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ._library import Context, InvalidArgument, check, library
+from ._library import Context, InvalidArgument, check, library, number
 
 # What is given for parameters that are no single number.
 LABEL_SIZES, LABEL_MAP, LABELS = "Mapping[int, float]", "Mapping[int, int]", "Iterable[int]"
@@ -126,14 +126,3 @@ def _set(context: Context, params: int, parameter: Parameter, value) -> None:
         value = bool(value) if kind is bool else number(name, kind, value)
         kind = c_int32 if kind is bool else kind
         context.call(f"params_set_{name}", c_void_p(params), kind(value))
-
-
-def number(name: str, kind, value):
-    """A number as the C library takes it; ctypes would cut it off without a word."""
-    if kind is not c_double:
-        bits = 8 * ctypes.sizeof(kind)
-        low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if kind is c_int32 else (0, 2**bits)
-        if value != int(value) or not low <= int(value) < high:
-            raise InvalidArgument(f"{name} is a whole number from {low} on, not {value!r}")
-        return int(value)
-    return float(value)

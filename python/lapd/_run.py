@@ -35,7 +35,8 @@ from ._library import (
     text_of,
 )
 from ._mesh import Mesh
-from ._params import PARAMETERS, number, set_parameters
+from ._library import number
+from ._params import PARAMETERS, set_parameters
 
 _WARNING = 0
 _PHASES = ["preparing", "refinement", "extraction", "improvement", "certificate", "reading"]
@@ -133,6 +134,7 @@ def mesh(
     direction: npt.ArrayLike | None = None,
     names: Mapping[int, str] | str | os.PathLike[str] | None = None,
     frame: Literal["lps", "ras"] | None = None,
+    volume: int | None = None,
     split_interfaces: Iterable[tuple[int, int]] | Literal["all"] | None = None,
     progress: bool | Callable[[float, str, int], Any] = False,
     **parameters: Any,
@@ -140,15 +142,17 @@ def mesh(
     """Meshes a segmented image.
 
     image: a NumPy array of integers, indexed [x, y, z], of any strides; a nibabel, SimpleITK, ITK
-        or PyVista image; or the path of a NRRD, NIfTI, MetaImage or INRIMAGE file. Label 0 is the
-        background.
-    spacing: the distance between voxel centres along x, y, z. Of an array; 1 by default.
+        or PyVista image; or the path of a NRRD, NIfTI, MetaImage, INRIMAGE, NumPy or TIFF file.
+        Label 0 is the background.
+    spacing: the distance between voxel centres along x, y, z. Of an array, 1 by default; of a file
+        in place of its own, which .npy and .tif files do not have.
     origin: where the centre of voxel (0, 0, 0) is. Of an array; 0 by default.
     direction: 3 x 3, column k is the direction of image axis k, orthonormal. Of an array; the
         identity by default.
     names: names of labels, which files use: a mapping, or the path of a table (3D Slicer,
         FreeSurfer, ITK-SNAP, or a list).
     frame: "lps" or "ras", the world of a file; as stored by default.
+    volume: which volume of a file that has several, from 0 on.
     split_interfaces: "all", or pairs of labels: regions get nodes of their own there.
     progress: True for a bar, or a function of fraction, phase and tets. Ctrl-C ends a run, as does
         any exception in the function.
@@ -157,7 +161,9 @@ def mesh(
     EmptyImage; LimitReached, TimeLimit and MemoryLimit; OutOfMemory. All but TypeError are
     LapdError.
     """
-    with _prepared(image, spacing, origin, direction, frame, names, progress, parameters) as run:
+    with _prepared(
+        image, spacing, origin, direction, frame, volume, names, progress, parameters
+    ) as run:
         made = ctypes.c_void_p()
         try:
             run.call("mesh_image", ctypes.byref(made))
@@ -192,6 +198,7 @@ def estimate(
     origin: Iterable[float] | None = None,
     direction: npt.ArrayLike | None = None,
     frame: Literal["lps", "ras"] | None = None,
+    volume: int | None = None,
     **parameters: Any,
 ) -> Estimate:
     """Tells what `lapd.mesh` with the same arguments is to be expected to need, without making a
@@ -199,7 +206,9 @@ def estimate(
 
     Raises what `lapd.mesh` raises for the same image and parameters.
     """
-    with _prepared(image, spacing, origin, direction, frame, None, False, parameters) as run:
+    with _prepared(
+        image, spacing, origin, direction, frame, volume, None, False, parameters
+    ) as run:
         tets, peak_bytes, seconds = ctypes.c_uint64(), ctypes.c_uint64(), ctypes.c_double()
         run.call(
             "image_estimate", ctypes.byref(tets), ctypes.byref(peak_bytes), ctypes.byref(seconds)
@@ -222,11 +231,11 @@ class _Prepared:
 
 
 @contextmanager
-def _prepared(image, spacing, origin, direction, frame, names, progress, parameters):
+def _prepared(image, spacing, origin, direction, frame, volume, names, progress, parameters):
     with Context() as context:
         run = _Prepared(context, progress)
         try:
-            source = described(image, spacing, origin, direction, frame)
+            source = described(image, spacing, origin, direction, frame, volume)
             source.make(context, run.callbacks, run.image)
             _set_names(context, run.image, names)
             set_parameters(context, run.params, run.image, parameters)

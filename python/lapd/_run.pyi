@@ -21,6 +21,7 @@ def mesh(
     direction: npt.ArrayLike | None = None,
     names: Mapping[int, str] | str | os.PathLike[str] | None = None,
     frame: Literal["lps", "ras"] | None = None,
+    volume: int | None = None,
     split_interfaces: Iterable[tuple[int, int]] | Literal["all"] | None = None,
     progress: bool | Callable[[float, str, int], Any] = False,
     delta: float | None = None,
@@ -53,15 +54,17 @@ def mesh(
     """Meshes a segmented image.
 
     image: a NumPy array of integers, indexed [x, y, z], of any strides; a nibabel, SimpleITK, ITK
-        or PyVista image; or the path of a NRRD, NIfTI, MetaImage or INRIMAGE file. Label 0 is the
-        background.
-    spacing: the distance between voxel centres along x, y, z. Of an array; 1 by default.
+        or PyVista image; or the path of a NRRD, NIfTI, MetaImage, INRIMAGE, NumPy or TIFF file.
+        Label 0 is the background.
+    spacing: the distance between voxel centres along x, y, z. Of an array, 1 by default; of a file
+        in place of its own, which .npy and .tif files do not have.
     origin: where the centre of voxel (0, 0, 0) is. Of an array; 0 by default.
     direction: 3 x 3, column k is the direction of image axis k, orthonormal. Of an array; the
         identity by default.
     names: names of labels, which files use: a mapping, or the path of a table (3D Slicer,
         FreeSurfer, ITK-SNAP, or a list).
     frame: "lps" or "ras", the world of a file; as stored by default.
+    volume: which volume of a file that has several, from 0 on.
     split_interfaces: "all", or pairs of labels: regions get nodes of their own there.
     progress: True for a bar, or a function of fraction, phase and tets. Ctrl-C ends a run, as does
         any exception in the function.
@@ -109,6 +112,7 @@ def estimate(
     origin: Iterable[float] | None = None,
     direction: npt.ArrayLike | None = None,
     frame: Literal["lps", "ras"] | None = None,
+    volume: int | None = None,
     delta: float | None = None,
     size: float | None = None,
     target_tets: int | None = None,

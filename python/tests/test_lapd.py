@@ -112,7 +112,7 @@ class Errors(unittest.TestCase):
             (lapd.InvalidArgument, lambda: lapd.mesh(ball(), threads=2**70)),
             (lapd.InvalidArgument, lambda: lapd.mesh(ball(), keep=[7])),
             (lapd.InvalidArgument, lambda: lapd.mesh(ball(), spacing=(1, 2))),
-            (lapd.InvalidArgument, lambda: lapd.mesh("a.nrrd", spacing=(1, 1, 1))),
+            (lapd.InvalidArgument, lambda: lapd.mesh("a.nrrd", origin=(1, 1, 1))),
             (lapd.InvalidArgument, lambda: lapd.mesh(ball(), split_interfaces=[(1, 9)])),
             (lapd.InvalidArgument, lambda: lapd.mesh(ball(), split_interfaces=[(1, 2, 3)])),
             (lapd.InvalidArgument, lambda: lapd.mesh(ball(), split_interfaces=[])),
@@ -268,6 +268,26 @@ class Doctests(unittest.TestCase):
         failed, tried = doctest.testmod(lapd)
         self.assertEqual(failed, 0)
         self.assertGreater(tried, 5)
+
+
+class FilesOfArrays(unittest.TestCase):
+    def test_arrays_of_files_lie_as_in_memory(self):
+        voxels = np.zeros((8, 10, 14), np.uint8)
+        voxels[1:7, 2:8, 3:13] = 1
+        given = {"spacing": (1.0, 2.0, 0.5), "delta": 1.0}
+        wanted = lapd.mesh(voxels, **given)
+        with tempfile.TemporaryDirectory() as folder:
+            for name, array in [("c", voxels), ("fortran", np.asfortranarray(voxels))]:
+                path = Path(folder) / f"{name}.npy"
+                np.save(path, array)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", lapd.LapdWarning)
+                    self.assertTrue(same(lapd.mesh(path, **given), wanted), name)
+                    self.assertTrue(same(lapd.mesh(path, volume=0, **given), wanted), name)
+                    with self.assertRaises(lapd.InvalidArgument):
+                        lapd.mesh(path, volume=1)
+        with self.assertRaises(lapd.InvalidArgument):
+            lapd.mesh(voxels, volume=0)
 
 
 class Budget(unittest.TestCase):

@@ -16,7 +16,7 @@ use crate::pipeline::estimate::estimate;
 /// lengths are taken as they are. lapd_mesh_get_bounds tells what was found. It takes one to three
 /// refinements, seldom more. No other thread may use `params` or the context meanwhile.
 ///
-/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL.
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is above 4294967295.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_params_set_target_tets(
     context: *mut lapd_context,

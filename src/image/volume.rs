@@ -6,11 +6,13 @@
 use std::fmt::Display;
 use std::sync::Arc;
 
+use bytemuck::Zeroable;
 use glam::DVec3;
 
 use super::builder::{LabelBuilder, voxel_count};
 use super::field::Field;
 use super::{Frame, MAX_IDS};
+use crate::memory::zeroed;
 use crate::{Error, Result};
 
 /// A caller's voxels, in any of the integer types. Strides are given beside it, in elements.
@@ -183,6 +185,17 @@ impl LabelImage {
         Self { frame, ..self }
     }
 
+    /// The image whose voxel (i, j, k) is the voxel (k, j, i) of this one, of labels, in the same
+    /// frame.
+    ///
+    /// # Errors
+    /// [`Error::OutOfMemory`].
+    pub fn with_reversed_axes(self) -> Result<Self> {
+        let ids = reversed_axes(&self.ids, self.dims)?;
+        let [x, y, z] = self.dims;
+        Ok(Self { ids, dims: [z, y, x], ..self })
+    }
+
     /// Puts the voxels at another place in the world.
     pub fn set_frame(&mut self, frame: Frame) {
         self.frame = frame;
@@ -242,6 +255,23 @@ impl LabelImage {
     pub fn is_all_background(&self) -> bool {
         self.labels.len() == 1
     }
+}
+
+/// Values of voxels, x fastest, as those of the image with z fastest; `dims` are of the one given.
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+pub(crate) fn reversed_axes<T: Copy + Zeroable>(values: &[T], dims: [usize; 3]) -> Result<Vec<T>> {
+    let [nx, ny, nz] = dims;
+    let mut reversed = zeroed(values.len(), "voxels in the order of images")?;
+    for (z, plane) in values.chunks(nx * ny).enumerate() {
+        for (y, row) in plane.chunks(nx).enumerate() {
+            for (x, &value) in row.iter().enumerate() {
+                reversed[z + nz * (y + ny * x)] = value;
+            }
+        }
+    }
+    Ok(reversed)
 }
 
 /// Strides of voxels that lie packed, x fastest.

@@ -15,6 +15,8 @@ use crate::image::LabelImage;
 use crate::image::region::{Region, Rows};
 use crate::monitor::Monitor;
 use crate::params::{Adaptive, Improve, MeshParams};
+use crate::refine::options::Limits;
+use crate::sizing::{Sizing, Spacing};
 
 /// How far from what was asked for the number of tets may be.
 const WITHIN: f64 = 0.1;
@@ -71,10 +73,14 @@ impl Search {
         image: &LabelImage,
         params: &MeshParams,
         target: u64,
+        limits: &Limits,
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
-        let check = || monitor.advance(0);
+        let check = || monitor.advance(0).and_then(|()| limits.check_time());
         let region = Region::new(image, &check)?;
+        let spacing = Spacing::new(params, image.labels());
+        let tables = Rows::bytes(region.dims) + Sizing::bytes_needed(image, &region, &spacing);
+        limits.check_memory(tables)?;
         let rows = Rows::new(image, region, &check)?;
         let left = if params.improve == Improve::Full { LEFT_BY_IMPROVEMENT } else { 1.0 };
         let wanted = target as f64;

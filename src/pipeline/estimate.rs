@@ -15,6 +15,7 @@ use crate::image::{Frame, LabelImage};
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
+use crate::refine::options::Limits;
 use crate::sizing::expected::{self, Expected};
 use crate::sizing::{Sizing, Spacing};
 
@@ -65,7 +66,10 @@ pub fn estimate(
     prepare::enter(image, monitor)?;
     let prepare::Selected { image, .. } = prepare::select_labels(image, params, monitor)?;
     let factor = match params.target_tets {
-        Some(target) => budget::Search::new(&image, params, target, monitor)?.factor(),
+        Some(target) => {
+            let limits = Limits::default();
+            budget::Search::new(&image, params, target, &limits, monitor)?.factor()
+        }
         None => 1.0,
     };
     let params = &params.scaled(factor);
@@ -94,11 +98,9 @@ pub fn estimate(
     };
     let nanoseconds = of_refinement + of_improvement + of_certificate;
     let seconds = 1e-9 * nanoseconds * machine(monitor)? / speedup(params.threads);
-    Ok(Estimate {
-        tets: of_labels as u64,
-        peak_bytes: BYTES_AT_REST + tables + peak as u64,
-        seconds,
-    })
+    // What is too large for an integer becomes the largest one.
+    let peak_bytes = ((BYTES_AT_REST + tables) as f64 + peak) as u64;
+    Ok(Estimate { tets: of_labels as u64, peak_bytes, seconds: seconds.min(f64::MAX) })
 }
 
 /// How many times as fast as one thread so many are, on as many cores: 1.9 for two, 9.6 for 16

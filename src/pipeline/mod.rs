@@ -249,7 +249,7 @@ fn find_mesh(
     watch: &mut Stopwatch,
     monitor: &Monitor<'_>,
 ) -> Result<Found> {
-    let search = |target| budget::Search::new(image, params, target, monitor);
+    let search = |target| budget::Search::new(image, params, target, limits, monitor);
     let mut search = params.target_tets.map(search).transpose()?;
     let mut factor = search.as_ref().map_or(1.0, budget::Search::factor);
     let mut used = params.scaled(factor);
@@ -258,6 +258,8 @@ fn find_mesh(
     monitor.log(Level::Info, &format!("image prepared in {seconds:.2} s"));
     refine::warn_of_many(image, &prepared, &used, monitor);
     monitor.enter(Step::Refine, 1)?;
+    // A mesh of an earlier try, for when a limit ends a later one.
+    let mut earlier = None;
     let made = loop {
         let attempt = Attempt { image, params: &used, limits };
         let Some(search) = &mut search else {
@@ -266,22 +268,50 @@ fn find_mesh(
         // Progress stays in the step of refinement until the mesh has the tets asked for.
         let look = || monitor.advance(0);
         let quiet = Monitor::within(&look);
-        let refined = attempt.refine(&mut prepared, search.parts(), watch, monitor)?;
-        let is_complete = refined.is_complete();
-        let goes_on =
-            is_complete && search.is_far_off(refined.count_tets(&attempt, &prepared, monitor)?);
-        if !goes_on {
-            let made = attempt.finish(refined, &prepared, watch, &quiet)?;
-            let tets = made.count_tets();
-            messages::log_try(monitor, &used, tets);
-            if !is_complete || !search.try_again(tets) {
-                break made;
+        let mut try_once = |search: &mut budget::Search| {
+            let refined = attempt.refine(&mut prepared, search.parts(), watch, monitor)?;
+            let is_complete = refined.is_complete();
+            if is_complete && search.is_far_off(refined.count_tets(&attempt, &prepared, monitor)?) {
+                return Ok::<_, Error>((None, true));
             }
+            let made = attempt.finish(refined, &prepared, watch, &quiet)?;
+            messages::log_try(monitor, &used, made.count_tets());
+            let goes_on = made.refinement.ended_by.is_none() && search.try_again(made.count_tets());
+            Ok((Some(made), goes_on))
+        };
+        match (try_once(search), earlier.take()) {
+            (Ok((made, true)), before) => {
+                let made = made.filter(|_| params.partial).map(|made| (factor, made));
+                earlier = made.or(before);
+            }
+            // Better a whole mesh of another number of tets than the beginning of one.
+            (Ok((Some(made), false)), Some(before)) if made.refinement.ended_by.is_some() => {
+                break ended_early(before, made.refinement.ended_by, &mut factor);
+            }
+            (Ok((Some(made), false)), _) => break made,
+            (Err(limit), Some(before)) if limit.is_limit() => {
+                break ended_early(before, Some(limit), &mut factor);
+            }
+            (Err(error), _) => return Err(error),
+            (Ok((None, false)), _) => return Err(Error::Internal("a try gave no mesh".into())),
         }
         factor = search.factor();
         used = params.scaled(factor);
-        prepared.sizing = prepare::sizing(image, &used, limits, monitor)?;
+        match (prepare::sizing(image, &used, limits, monitor), earlier.take()) {
+            (Ok(sizing), before) => (prepared.sizing, earlier) = (sizing, before),
+            (Err(limit), Some(before)) if limit.is_limit() => {
+                break ended_early(before, Some(limit), &mut factor);
+            }
+            (Err(error), _) => return Err(error),
+        }
     };
     // The certificate needs room, and no sizing field.
     Ok(Found { factor, oracle: prepared.oracle, made })
+}
+
+/// The mesh of an earlier try, where a limit has ended a later one.
+fn ended_early((of, mut made): (f64, Made), limit: Option<Error>, factor: &mut f64) -> Made {
+    *factor = of;
+    made.refinement.ended_by = limit;
+    made
 }

@@ -46,6 +46,23 @@ fn a_mesh_has_the_tets_asked_for() {
     }
 }
 
+/// A limit that ends a later try leaves the mesh of an earlier one, where partial ones are allowed.
+#[test]
+fn a_limit_leaves_the_mesh_of_an_earlier_try() {
+    let limited = MeshParams {
+        max_vertices: Some(4200),
+        partial: true,
+        ..quick(Adaptive::Off, Some(20_000))
+    };
+    let run = mesh_image(&balls(), &limited, &Monitor::silent()).unwrap();
+    assert!(run.ended_by.is_some());
+    let whole = quick(Adaptive::Off, None).scaled(run.report.factor);
+    let again = mesh_image(&balls(), &whole, &Monitor::silent()).unwrap();
+    assert_eq!(again.mesh.tets, run.mesh.tets);
+    let refused = MeshParams { partial: false, ..limited };
+    mesh_image(&balls(), &refused, &Monitor::silent()).unwrap_err();
+}
+
 /// Of few tets there are not all numbers.
 #[test]
 fn what_cannot_be_had_is_said() {

@@ -60,7 +60,7 @@ pub(super) fn open<'a>(path: &Path, volumes: Volumes, access: Access<'a>) -> Res
         spacing,
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
     )?;
-    Ok(Opened { source, layout, frame, world: None, segments: None, warnings })
+    Ok(Opened { source, layout, frame, world: None, segments: None, is_reversed: false, warnings })
 }
 
 /// Reads the header with its padding.

@@ -53,7 +53,15 @@ pub(super) fn open<'a>(path: &Path, volumes: Volumes, access: Access<'a>) -> Res
             ));
         }
     }
-    Ok(Opened { source, layout, frame, world: Some(WorldAxes::Lps), segments: None, warnings })
+    Ok(Opened {
+        source,
+        layout,
+        frame,
+        world: Some(WorldAxes::Lps),
+        segments: None,
+        is_reversed: false,
+        warnings,
+    })
 }
 
 /// Reads up to and including `ElementDataFile`, which ends the header.

@@ -147,7 +147,7 @@ pub type GoOn<'a> = dyn Fn(f64) -> Result<()> + 'a;
 /// may. [`Error::Cancelled`]; [`Error::OutOfMemory`].
 pub fn read_image_with(path: &Path, options: &ReadOptions, go_on: &GoOn<'_>) -> Result<ReadImage> {
     let access = options.access(go_on, (0.0, 1.0));
-    let Opened { mut source, layout, frame, world, segments, mut warnings } =
+    let Opened { mut source, layout, frame, world, segments, is_reversed, mut warnings } =
         open(path, Volumes::One, options, access)?;
     let names = segments.as_ref().map(Segments::names_of_values).unwrap_or_default();
     let mut layers = segments.filter(|_| layout.volumes > 1);
@@ -177,6 +177,7 @@ pub fn read_image_with(path: &Path, options: &ReadOptions, go_on: &GoOn<'_>) -> 
             (image, Vec::new(), names)
         }
     };
+    let image = if is_reversed { image.with_reversed_axes()? } else { image };
     Ok(ReadImage { image, world, warnings, values, names })
 }
 
@@ -219,6 +220,8 @@ struct Opened<'a> {
     world: Option<WorldAxes>,
     /// Segments in layers.
     segments: Option<Segments>,
+    /// The last axis runs fastest, and sizes are those of the reversed axes.
+    is_reversed: bool,
     warnings: Vec<String>,
 }
 
@@ -240,6 +243,9 @@ impl Opened<'_> {
                 shown(path)
             )));
         };
+        if count == 1 {
+            return Ok(Self { source, ..self });
+        }
         let source = source.part(volume * one.bytes(), one.bytes())?;
         Ok(Self { source, layout: one, segments: None, ..self })
     }

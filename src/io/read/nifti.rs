@@ -62,7 +62,7 @@ pub(super) fn open<'a>(path: &Path, volumes: Volumes, access: Access<'a>) -> Res
         Layout::new(&source, sizes, scalar, coding)?.with_volumes(&source, values, false)?;
     layout.scale = header.scale();
     header.skip_to_voxels(&mut source, &mut warnings)?;
-    Ok(Opened { source, layout, frame, world, segments: None, warnings })
+    Ok(Opened { source, layout, frame, world, segments: None, is_reversed: false, warnings })
 }
 
 /// Numbers at their places in a header.

@@ -1,9 +1,9 @@
 //! NumPy arrays of three axes (`.npy`), versions 1 to 3 of the format. Source: NumPy Enhancement
 //! Proposal 1 and the documentation of `numpy.lib.format`.
 //!
-//! `array[i, j, k]` is the voxel at (i, j, k): of an array in C order the last axis is stored
-//! first, and so is the image's; directions put each axis back to where it belongs. The format says
-//! nothing of places: voxels are cubes of side 1, from 0 on.
+//! `array[i, j, k]` is the voxel at (i, j, k). Of an array in C order the last axis runs fastest,
+//! of an image the first: its voxels are put in that order when they have been read. The format
+//! says nothing of places: voxels are cubes of side 1, from 0 on.
 
 use std::path::Path;
 
@@ -25,14 +25,12 @@ pub(super) fn open<'a>(path: &Path, _: Volumes, access: Access<'a>) -> Result<Op
     let header = read_header(&mut source)?;
     let Header { scalar, coding, is_fortran, shape: [x, y, z] } = parse(&source, &header)?;
     let sizes = if is_fortran { [x, y, z] } else { [z, y, x] };
-    let mut directions = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    if !is_fortran {
-        directions.reverse();
-    }
+    let directions = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let layout = Layout::new(&source, sizes, scalar, coding)?;
     let frame = frame_from_parts(path, "shape", [0.0; 3], [1.0; 3], directions)?;
     let warnings = vec![NO_SPACING.into()];
-    Ok(Opened { source, layout, frame, world: None, segments: None, warnings })
+    let is_reversed = !is_fortran;
+    Ok(Opened { source, layout, frame, world: None, segments: None, is_reversed, warnings })
 }
 
 /// What the header says.
@@ -125,8 +123,6 @@ fn scalar_of(descr: &str) -> Option<(Scalar, Coding)> {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::super::tests::{labels, read_bytes};
 
     fn npy(header: &str, data: &[u8]) -> Vec<u8> {
@@ -150,9 +146,9 @@ mod tests {
             let mut data = [0; 24];
             data[at] = 7;
             let read = read_bytes("a.npy", &npy(&header("|u1", order, "2, 3, 4"), &data)).unwrap();
-            let index = read.image.frame().to_index(DVec3::new(1.0, 0.0, 2.0)).round();
-            let index = index.to_array().map(|c| c as usize);
-            assert_eq!(read.image.label_at(index), Some(7), "{order}");
+            assert_eq!(read.image.dims(), [2, 3, 4]);
+            assert_eq!(read.image.label_at([1, 0, 2]), Some(7), "{order}");
+            assert_eq!(read.image.frame().direction(), glam::DMat3::IDENTITY);
             assert_eq!(read.image.voxel_counts(), [23, 1]);
             assert!(read.warnings[0].contains("--spacing"));
         }

@@ -70,7 +70,7 @@ pub(super) fn open<'a>(path: &Path, volumes: Volumes, access: Access<'a>) -> Res
         }
         skip => source = source.seek_from_end(layout.bytes(), skip.unsigned_abs() - 1)?,
     }
-    Ok(Opened { source, layout, frame, world, segments, warnings })
+    Ok(Opened { source, layout, frame, world, segments, is_reversed: false, warnings })
 }
 
 /// Reads up to and including the empty line before the data, or to the end of a detached header.

@@ -8,73 +8,105 @@ use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
 
-use tiff::decoder::{Decoder, DecodingResult, Limits};
+use tiff::decoder::{ChunkType, Decoder, Limits};
 use tiff::tags::Tag;
 use tiff::{ColorType, TiffError};
 
 use super::source::{Access, Source};
 use super::voxels::{Coding, Layout, Scalar};
 use super::{Opened, Volumes, frame_from_parts};
+use crate::memory::{Watch, zeroed};
 use crate::{Error, Result};
 
 const NO_SPACING: &str = "the file does not say how far apart its slices, or their pixels, are: 1 \
                           is taken along all axes; --spacing (lapd_image_set_spacing) gives \
                           another";
 
+/// Values of the tag PhotometricInterpretation: gray, with 0 for white, and colours by a table.
+const WHITE_IS_ZERO: u64 = 0;
+const COLOR_TABLE: u64 = 3;
+
+/// What the decoder needs beside the buffer that it is given, at most.
+const BESIDE: usize = 16 << 20;
+
 type Pages = Decoder<BufReader<File>>;
 
 pub(super) fn open<'a>(path: &Path, _: Volumes, access: Access<'a>) -> Result<Opened<'a>> {
     let (file, length) = Source::open_file(path)?;
     let broken = |e: TiffError| Error::format(path, format!("not a TIFF file that is read: {e}"));
-    // One page, as decoded, and what the decoder needs for it, may be as large as the file says:
-    // what the whole image takes is checked below, before anything is read.
+    let refused = |why: String| Err(Error::format(path, why));
     let mut pages = Decoder::new(BufReader::new(file)).map_err(broken)?;
+    let photometric = pages.find_tag_unsigned::<u64>(Tag::PhotometricInterpretation);
+    let photometric = photometric.map_err(broken)?;
+    if photometric == Some(COLOR_TABLE) {
+        return refused(
+            "pixels have colors by a table: only gray ones are read; save the labels as gray \
+             values of 8 or 16 bits"
+                .into(),
+        );
+    }
     let size = pages.dimensions().map_err(broken)?;
     let color = pages.colortype().map_err(broken)?;
     let ColorType::Gray(bits) = color else {
-        return Err(Error::format(
-            path,
-            format!("pages are of color type {color:?}: only gray ones are read, a label each"),
+        return refused(format!(
+            "pages are of color type {color:?}: only gray ones are read, a label each"
         ));
     };
     let scalar = scalar_of(path, &mut pages, bits)?;
-    let spacing = spacing_of(&mut pages);
+    let is_unsigned = matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::U32 | Scalar::U64);
+    let is_white_zero = photometric == Some(WHITE_IS_ZERO);
+    if is_white_zero && !is_unsigned {
+        return refused("0 stands for white, and pixels are no unsigned integers".into());
+    }
+    let described = Described::new(&mut pages);
     let mut count = 1_u64;
     while pages.more_images() {
         (access.go_on)(access.share.0)?;
         pages.next_image().map_err(broken)?;
         let here = (pages.dimensions().map_err(broken)?, pages.colortype().map_err(broken)?);
         if here != (size, color) {
-            return Err(Error::format(
-                path,
-                format!(
-                    "page {count} is of {} x {} pixels, {:?}, and the first of {} x {}, {color:?}",
-                    here.0.0, here.0.1, here.1, size.0, size.1
-                ),
+            return refused(format!(
+                "page {count} is of {} x {} pixels, {:?}, and the first of {} x {}, {color:?}",
+                here.0.0, here.0.1, here.1, size.0, size.1
             ));
         }
         count += 1;
     }
+    described.check(path, count)?;
     pages.seek_to_image(0).map_err(broken)?;
     let page = u64::from(size.0) * u64::from(size.1) * scalar.size() as u64;
-    let most = usize::try_from(page).unwrap_or(usize::MAX);
+    let bytes = page.saturating_mul(count);
     let mut limits = Limits::default();
-    limits.decoding_buffer_size = most;
-    limits.intermediate_buffer_size = most.max(1 << 20);
-    let pages = pages.with_limits(limits);
-    let stream = Stream { pages, access, count, left: count, page: Vec::new(), at: 0 };
-    let stream = BufReader::with_capacity(1 << 16, stream);
-    let source = Source::of_decoder(path, access, stream, length, page.saturating_mul(count));
+    limits.decoding_buffer_size = usize::try_from(page).unwrap_or(usize::MAX).max(BESIDE);
+    limits.intermediate_buffer_size = BESIDE;
+    let stream = Stream {
+        pages: pages.with_limits(limits),
+        access,
+        memory: Watch::new(),
+        inverted: is_white_zero,
+        count,
+        left: count,
+        page,
+        strip: 0,
+        bytes: Vec::new(),
+        at: 0,
+    };
+    let source = Source::of_decoder(path, access, BufReader::new(stream), length, bytes);
+    // A page is decoded at once where it is in tiles, or in one strip.
+    source.check_memory(page + 2 * (bytes / scalar.size() as u64))?;
     let sizes = [u64::from(size.0), u64::from(size.1), count];
-    let layout = Layout::new(&source, sizes, scalar, Coding::LittleEndian)?;
+    // The decoder gives the machine's own numbers.
+    let coding = if cfg!(target_endian = "big") { Coding::BigEndian } else { Coding::LittleEndian };
+    let layout = Layout::new(&source, sizes, scalar, coding)?;
     let mut warnings = Vec::new();
-    if spacing.is_none() {
+    if described.spacing.is_none() {
         warnings.push(NO_SPACING.into());
     }
     let directions = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    let spacing = spacing.unwrap_or([1.0; 3]);
+    let spacing = described.spacing.unwrap_or([1.0; 3]);
     let frame = frame_from_parts(path, "XResolution, spacing", [0.0; 3], spacing, directions)?;
-    Ok(Opened { source, layout, frame, world: None, segments: None, warnings })
+    let (world, segments, is_reversed) = (None, None, false);
+    Ok(Opened { source, layout, frame, world, segments, is_reversed, warnings })
 }
 
 /// The type of the voxels, by the sample format of the first page.
@@ -105,62 +137,127 @@ fn scalar_of(path: &Path, pages: &mut Pages, bits: u8) -> Result<Scalar> {
     })
 }
 
-/// The sides of a voxel, where ImageJ has written all of them.
-fn spacing_of(pages: &mut Pages) -> Option<[f64; 3]> {
-    let text = pages.get_tag_ascii_string(Tag::ImageDescription).ok()?;
-    let value = |name: &str| {
-        text.lines().find_map(|line| line.trim().strip_prefix(name)?.trim().parse::<f64>().ok())
-    };
-    if !text.starts_with("ImageJ") {
-        return None;
-    }
-    let mut side = |tag| {
-        let [over, under] = pages.get_tag(tag).ok()?.into_u32_vec().ok()?.try_into().ok()?;
-        // Pixels per unit.
-        Some(f64::from(under) / f64::from(over))
-    };
-    let sides = [side(Tag::XResolution)?, side(Tag::YResolution)?, value("spacing=")?.abs()];
-    sides.iter().all(|side| side.is_finite() && *side > 0.0).then_some(sides)
+/// What ImageJ says of a stack, in the description of its first page.
+#[derive(Default)]
+struct Described {
+    /// The sides of a voxel, where all of them are given.
+    spacing: Option<[f64; 3]>,
+    /// Pages in all, and how many belong to each slice: channels, times.
+    images: Option<u64>,
+    for_each_slice: u64,
 }
 
-/// The pixels of all pages, as a stream of little-endian numbers.
+impl Described {
+    fn new(pages: &mut Pages) -> Self {
+        let text = pages.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
+        if !text.starts_with("ImageJ") {
+            return Self::default();
+        }
+        let word = |name: &str| {
+            text.lines().find_map(|line| line.trim().strip_prefix(name)).map(str::trim)
+        };
+        let count = |name: &str| word(name).and_then(|word| word.parse::<u64>().ok());
+        let mut side = |tag| {
+            let [over, under] = pages.get_tag(tag).ok()?.into_u32_vec().ok()?.try_into().ok()?;
+            // Pixels per unit.
+            Some(f64::from(under) / f64::from(over))
+        };
+        let between = word("spacing=").and_then(|word| word.parse::<f64>().ok());
+        let sides = (|| Some([side(Tag::XResolution)?, side(Tag::YResolution)?, between?.abs()]))();
+        let is_good = |sides: &[f64; 3]| sides.iter().all(|side| side.is_finite() && *side > 0.0);
+        Self {
+            spacing: sides.filter(is_good),
+            images: count("images="),
+            for_each_slice: count("channels=").unwrap_or(1).max(1)
+                * count("frames=").unwrap_or(1).clamp(1, 1 << 20),
+        }
+    }
+
+    /// Refuses what is no stack of slices.
+    fn check(&self, path: &Path, pages: u64) -> Result<()> {
+        if self.for_each_slice > 1 {
+            return Err(Error::format(
+                path,
+                format!(
+                    "ImageJ's description tells of {} pages for each slice (channels, times): \
+                     save one channel, of one time",
+                    self.for_each_slice
+                ),
+            ));
+        }
+        match self.images {
+            Some(images) if images != pages => Err(Error::format(
+                path,
+                format!(
+                    "ImageJ's description tells of {images} images, and there are {pages} pages: \
+                     stacks of 4 GB and more are no longer TIFF there; save them as NRRD"
+                ),
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// The pixels of all pages, as a stream of the machine's numbers.
 struct Stream<'a> {
     pages: Pages,
     access: Access<'a>,
+    memory: Watch,
+    /// 0 stands for white, and the decoder has turned values around.
+    inverted: bool,
     count: u64,
-    /// Those that are to be decoded yet.
+    /// Pages that are not finished.
     left: u64,
-    page: Vec<u8>,
+    /// Bytes of a page.
+    page: u64,
+    /// The strip of the page that comes next.
+    strip: u32,
+    bytes: Vec<u8>,
     at: usize,
 }
 
 impl Stream<'_> {
-    /// Decodes the page that is at hand, and goes on to the next.
+    /// Decodes the next strip, or the next page where it is in tiles.
     fn decode(&mut self) -> io::Result<()> {
-        fn little<const N: usize, T: Copy>(values: &[T], bytes: fn(T) -> [u8; N]) -> Vec<u8> {
-            values.iter().flat_map(|&value| bytes(value)).collect()
-        }
         let damaged = |e: TiffError| io::Error::new(io::ErrorKind::InvalidData, e.to_string());
         let (from, share) = self.access.share;
         let done = 1.0 - self.left as f64 / self.count as f64;
-        (self.access.go_on)(from + share * done).map_err(io::Error::other)?;
-        self.page = match self.pages.read_image().map_err(damaged)? {
-            DecodingResult::U8(values) => values,
-            DecodingResult::I8(values) => little(&values, i8::to_le_bytes),
-            DecodingResult::U16(values) => little(&values, u16::to_le_bytes),
-            DecodingResult::I16(values) => little(&values, i16::to_le_bytes),
-            DecodingResult::U32(values) => little(&values, u32::to_le_bytes),
-            DecodingResult::I32(values) => little(&values, i32::to_le_bytes),
-            DecodingResult::U64(values) => little(&values, u64::to_le_bytes),
-            DecodingResult::I64(values) => little(&values, i64::to_le_bytes),
-            DecodingResult::F32(values) => little(&values, f32::to_le_bytes),
-            DecodingResult::F64(values) => little(&values, f64::to_le_bytes),
-            _ => return Err(io::Error::new(io::ErrorKind::InvalidData, "pixels of a new kind")),
+        let going = (self.access.go_on)(from + share * done).and_then(|()| self.memory.check());
+        going.map_err(io::Error::other)?;
+        let strips = match self.pages.get_chunk_type() {
+            ChunkType::Strip => self.pages.strip_count().map_err(damaged)?,
+            ChunkType::Tile => 1,
         };
+        let size = if strips > 1 {
+            let (_, rows) = self.pages.chunk_data_dimensions(self.strip);
+            let (_, height) = self.pages.dimensions().map_err(damaged)?;
+            let row = self.page / u64::from(height).max(1);
+            row * u64::from(rows)
+        } else {
+            self.page
+        };
+        let size = usize::try_from(size).map_err(io::Error::other)?;
+        if self.bytes.len() != size {
+            self.bytes = Vec::new();
+            self.bytes = zeroed(size, "pixels of a page").map_err(io::Error::other)?;
+        }
+        if strips > 1 {
+            self.pages.read_chunk_bytes(self.strip, &mut self.bytes).map_err(damaged)?;
+        } else {
+            self.pages.read_image_bytes(&mut self.bytes).map_err(damaged)?;
+        }
+        if self.inverted {
+            // As they are stored: the largest number less what the decoder made of them.
+            self.bytes.iter_mut().for_each(|byte| *byte = !*byte);
+        }
         self.at = 0;
-        self.left -= 1;
-        if self.left > 0 {
-            self.pages.next_image().map_err(damaged)?;
+        self.strip += 1;
+        if self.strip >= strips {
+            self.strip = 0;
+            self.left -= 1;
+            if self.left > 0 {
+                self.pages.next_image().map_err(damaged)?;
+            }
         }
         Ok(())
     }
@@ -168,11 +265,11 @@ impl Stream<'_> {
 
 impl Read for Stream<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        if self.at == self.page.len() && self.left > 0 {
+        if self.at == self.bytes.len() && self.left > 0 {
             self.decode()?;
         }
-        let count = buffer.len().min(self.page.len() - self.at);
-        buffer[..count].copy_from_slice(&self.page[self.at..][..count]);
+        let count = buffer.len().min(self.bytes.len() - self.at);
+        buffer[..count].copy_from_slice(&self.bytes[self.at..][..count]);
         self.at += count;
         Ok(count)
     }
@@ -190,6 +287,7 @@ mod tests {
     /// Pages of 3 x 2 pixels.
     fn stack<C: ColorType>(
         compression: Compression,
+        rows: u32,
         pages: &[Vec<C::Inner>],
         description: Option<&str>,
     ) -> Vec<u8>
@@ -200,6 +298,7 @@ mod tests {
         let mut encoder = TiffEncoder::new(&mut bytes).unwrap().with_compression(compression);
         for page in pages {
             let mut image = encoder.new_image::<C>(3, 2).unwrap();
+            image.rows_per_strip(rows).unwrap();
             if let Some(text) = description {
                 let tag = tiff::tags::Tag::ImageDescription;
                 image.encoder().write_tag(tag, text).unwrap();
@@ -221,16 +320,19 @@ mod tests {
     fn pages_are_slices() {
         let deflate = Compression::Deflate(DeflateLevel::Fast);
         for compression in [Compression::Uncompressed, Compression::Lzw, deflate] {
-            let bytes = stack::<Gray8>(compression, &values(), None);
-            let read = read_bytes("a.tif", &bytes).unwrap();
-            assert_eq!(read.image.dims(), [3, 2, 2]);
-            assert_eq!(labels(&read.image), EXPECTED);
-            assert!(read.warnings[0].contains("--spacing"), "{:?}", read.warnings);
-            let bytes = stack::<Gray16>(compression, &values(), None);
+            for rows in [1, 2] {
+                let bytes = stack::<Gray8>(compression, rows, &values(), None);
+                let read = read_bytes("a.tif", &bytes).unwrap();
+                assert_eq!(read.image.dims(), [3, 2, 2]);
+                assert_eq!(labels(&read.image), EXPECTED);
+                assert!(read.warnings[0].contains("--spacing"), "{:?}", read.warnings);
+            }
+            let bytes = stack::<Gray16>(compression, 2, &values(), None);
             assert_eq!(labels(&read_bytes("a.TIFF", &bytes).unwrap().image), EXPECTED);
         }
         let pages = [vec![0, -1, 2, 3, 4, 5], vec![5, 4, 3, 2, 1, 70_000]];
-        let read = read_bytes("a.tif", &stack::<GrayI32>(Compression::Lzw, &pages, None)).unwrap();
+        let read =
+            read_bytes("a.tif", &stack::<GrayI32>(Compression::Lzw, 1, &pages, None)).unwrap();
         assert_eq!(labels(&read.image)[1], -1);
         assert_eq!(labels(&read.image)[11], 70_000);
     }
@@ -238,10 +340,42 @@ mod tests {
     #[test]
     fn the_spacing_of_imagej_is_taken() {
         let text = "ImageJ=1.53t\nimages=2\nslices=2\nunit=micron\nspacing=3.5\n";
-        let bytes = stack::<Gray8>(Compression::Uncompressed, &values(), Some(text));
+        let bytes = stack::<Gray8>(Compression::Uncompressed, 2, &values(), Some(text));
         let read = read_bytes("a.tif", &bytes).unwrap();
         assert_eq!(read.image.frame().spacing().to_array(), [0.25, 0.5, 3.5]);
         assert!(read.warnings.is_empty());
+    }
+
+    /// A stack whose tag 262 says something else.
+    fn photometric(value: u8) -> Vec<u8> {
+        let mut bytes = stack::<Gray8>(Compression::Uncompressed, 2, &values(), None);
+        let tag = [6, 1, 3, 0, 1, 0, 0, 0];
+        let places: Vec<usize> =
+            (0..bytes.len() - 8).filter(|&at| bytes[at..].starts_with(&tag)).collect();
+        assert_eq!(places.len(), 2);
+        places.into_iter().for_each(|at| bytes[at + 8] = value);
+        bytes
+    }
+
+    #[test]
+    fn labels_are_as_stored() {
+        // Masks of ImageJ with 0 for white.
+        assert_eq!(labels(&read_bytes("a.tif", &photometric(0)).unwrap().image), EXPECTED);
+        let error = read_bytes("a.tif", &photometric(3)).unwrap_err().to_string();
+        assert!(error.contains("colors by a table"), "{error}");
+    }
+
+    #[test]
+    fn what_is_no_stack_of_slices_is_refused() {
+        for (text, what) in [
+            ("ImageJ=1.53t\nimages=12\nslices=12\n", "tells of 12 images"),
+            ("ImageJ=1.53t\nimages=2\nchannels=2\n", "2 pages for each slice"),
+            ("ImageJ=1.53t\nimages=2\nframes=2\n", "2 pages for each slice"),
+        ] {
+            let bytes = stack::<Gray8>(Compression::Uncompressed, 2, &values(), Some(text));
+            let error = read_bytes("a.tif", &bytes).unwrap_err().to_string();
+            assert!(error.contains(what), "{error}");
+        }
     }
 
     #[test]
@@ -251,11 +385,11 @@ mod tests {
             assert!(error.contains(what), "{error}");
         };
         let page = vec![0_u8; 18];
-        let colors = stack::<RGB8>(Compression::Uncompressed, &[page], None);
+        let colors = stack::<RGB8>(Compression::Uncompressed, 2, &[page], None);
         refused(&colors, "only gray ones are read");
         refused(b"II*\0\x08\0\0\0", "not a TIFF file that is read");
         refused(b"neither", "not a TIFF file that is read");
-        let whole = stack::<Gray8>(Compression::Lzw, &values(), None);
+        let whole = stack::<Gray8>(Compression::Lzw, 1, &values(), None);
         for length in 0..whole.len() - 1 {
             let _ = read_bytes("a.tif", &whole[..length]);
         }

@@ -12,6 +12,7 @@ use super::source::Access;
 use super::voxels::read_values;
 use super::{GoOn, Opened, ReadOptions, Volumes, open};
 use crate::error::shown;
+use crate::image::volume::reversed_axes;
 use crate::image::{Frame, GrayImage, MapValues, ProbabilityImage, WorldAxes};
 use crate::{Error, Result};
 
@@ -141,10 +142,17 @@ struct Stack {
 
 impl Stack {
     fn read(path: &Path, options: &ReadOptions, access: Access<'_>) -> Result<Self> {
-        let Opened { mut source, layout, frame, world, mut warnings, .. } =
+        let Opened { mut source, layout, frame, world, is_reversed, mut warnings, .. } =
             open(path, Volumes::Many, options, access)?;
-        let volumes = read_values(&mut source, &layout, &mut warnings)?;
-        Ok(Self { dims: layout.dims, frame, volumes, world, warnings })
+        let mut volumes = read_values(&mut source, &layout, &mut warnings)?;
+        let mut dims = layout.dims;
+        if is_reversed {
+            for volume in &mut volumes {
+                *volume = reversed_axes(volume, dims)?;
+            }
+            dims.reverse();
+        }
+        Ok(Self { dims, frame, volumes, world, warnings })
     }
 }
 

@@ -39,9 +39,14 @@ pub(super) fn write(
     let regions = Regions::new(mesh, options);
     let boundaries = Boundaries::new(mesh, options, &regions)?;
     let data = path.with_extension("h5");
-    let name = data.file_name().and_then(|name| name.to_str()).ok_or_else(|| {
+    let name = data.file_name().and_then(|name| name.to_str()).filter(|_| path.to_str().is_some());
+    // Readers take what is behind a colon for the name of an array, and leave out blanks at ends.
+    let is_told =
+        |name: &&str| name.trim() == *name && !name.contains(|c: char| c == ':' || c.is_control());
+    let name = name.filter(is_told).ok_or_else(|| {
         Error::InvalidArgument(format!(
-            "{}: the name of the HDF5 file stands in the XML file, and this one is not UTF-8",
+            "{}: the name of the HDF5 file stands in the XML file, so it must be UTF-8, without \
+             colons, control characters, and blanks at its ends",
             shown(path)
         ))
     })?;
