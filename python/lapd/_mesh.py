@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._certificate import Certificate
-from ._library import Context, InvalidArgument, check, create, library, text_of
-from ._params import number
+from ._library import Context, InvalidArgument, check, create, library, number, text_of
 
 if TYPE_CHECKING:
     import meshio

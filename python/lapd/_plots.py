@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ._mesh import Mesh
 
 COLOURS = ["#2f6db5", "#e0803c", "#3f9b64", "#b24a72", "#7d6bb3", "#8a7a3d"]
 # Facet i of a tet lies opposite to its vertex i.
@@ -21,7 +20,7 @@ _FACETS = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
 _COLUMNS, _MOST = 6, 12
 
 
-def quality(mesh: Mesh, axes: Optional[Axes], count: int) -> Figure:
+def quality(mesh: Any, axes: Optional[Axes], count: int) -> Figure:
     """What `Mesh.plot_quality` draws."""
     if not 1 <= count <= _MOST:
         raise InvalidArgument(f"count is 1 to {_MOST}, not {count}")

@@ -21,21 +21,21 @@ import numpy.typing as npt
 
 from ._images import described
 from ._library import (
-    LOG_FN,
-    PROGRESS_FN,
     Context,
     InvalidArgument,
+    LOG_FN,
     LapdError,
     LapdWarning,
     LimitReached,
     MemoryLimit,
+    PROGRESS_FN,
     TimeLimit,
     create,
     library,
+    number,
     text_of,
 )
 from ._mesh import Mesh
-from ._library import number
 from ._params import PARAMETERS, set_parameters
 
 _WARNING = 0

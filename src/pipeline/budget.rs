@@ -9,13 +9,13 @@
 //!
 //! It ends: tries are counted.
 
-use super::estimate::expected_tets;
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::region::{Region, Rows};
 use crate::monitor::Monitor;
 use crate::params::{Adaptive, Improve, MeshParams};
 use crate::refine::options::Limits;
+use crate::sizing::expected::expected_tets;
 use crate::sizing::{Sizing, Spacing};
 
 /// How far from what was asked for the number of tets may be.

@@ -16,7 +16,7 @@ use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
 use crate::refine::options::Limits;
-use crate::sizing::expected::{self, Expected};
+use crate::sizing::expected::{Expected, expected_tets};
 use crate::sizing::{Sizing, Spacing};
 
 /// Seconds that the refinement of the ball of [`machine`] took on the machine on which the costs
@@ -132,19 +132,4 @@ fn machine(monitor: &Monitor<'_>) -> Result<f64> {
         least = least.min(run.report.seconds.refine);
     }
     Ok(least / REFERENCE)
-}
-
-/// Tets of labels that `params` lead to.
-///
-/// # Errors
-/// [`Error::OutOfMemory`]; whatever `check` returns.
-pub(super) fn expected_tets(
-    image: &LabelImage,
-    rows: &Rows,
-    params: &MeshParams,
-    check: &(dyn Fn() -> Result<()> + Sync),
-) -> Result<Expected> {
-    let spacing = Spacing::new(params, image.labels());
-    let sizing = Sizing::new(image, rows, &spacing, &[], check)?;
-    expected::expected_tets(image, rows, &sizing, params, check)
 }

@@ -15,8 +15,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::Sizing;
 use super::field::grade;
+use super::{Sizing, Spacing};
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::region::Rows;
@@ -50,17 +50,18 @@ pub struct Expected {
     pub of_background: f64,
 }
 
-/// Tets to be expected where samples are as far apart as `sizing` says.
+/// Tets to be expected of an image, whose rows are given.
 ///
 /// # Errors
 /// [`OutOfMemory`](crate::Error::OutOfMemory); whatever `check` returns.
 pub fn expected_tets(
     image: &LabelImage,
     rows: &Rows,
-    sizing: &Sizing,
     params: &MeshParams,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Expected> {
+    let spacing = Spacing::new(params, image.labels());
+    let sizing = &Sizing::new(image, rows, &spacing, &[], check)?;
     let boundaries = Boundaries { image, rows, sizing, check };
     let [of_background, about_interfaces] = boundaries.tets()?;
     let size = |label: &i32| params.label_sizes.get(label).copied().unwrap_or(params.size);
