@@ -6,6 +6,7 @@
 use std::ffi::CString;
 use std::ptr;
 
+use lapd::capi::budget::*;
 use lapd::capi::context::*;
 use lapd::capi::image::*;
 use lapd::capi::labels::*;
