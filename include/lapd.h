@@ -2601,7 +2601,8 @@ lapd_status lapd_mesh_image(lapd_context *context,
  * spacing, are then multiplied by one factor, which is searched: the mesh has as many tets within
  * a tenth, unless no factor leads to that, of which a warning tells. With 0, the default, these
  * lengths are taken as they are. lapd_mesh_get_bounds tells what was found. It takes one to three
- * refinements, seldom more. No other thread may use `params` or the context meanwhile.
+ * refinements, seldom more. Where a limit ends a later one, and partial meshes are allowed, the
+ * mesh is that of an earlier one. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is above 4294967295.
  */

@@ -318,6 +318,11 @@ impl MeshParams {
         Ok(())
     }
 
+    /// The largest circumradius of a label's tets.
+    pub fn size_of(&self, label: i32) -> f64 {
+        self.label_sizes.get(&label).copied().unwrap_or(self.size)
+    }
+
     /// The same with all lengths that decide how many tets there are multiplied by `factor`: delta,
     /// the sizes, and the spacing floor where that makes it larger. A finer mesh is no reason to
     /// look for structure that the voxels do not have.

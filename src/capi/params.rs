@@ -260,9 +260,8 @@ pub unsafe extern "C" fn lapd_params_get_label_size(
     label: i32,
     size: *mut f64,
 ) -> lapd_status {
-    let size_of_label = |p: &MeshParams| p.label_sizes.get(&label).copied().unwrap_or(p.size);
     // SAFETY: see the module's head.
-    unsafe { read(params, size, "size", size_of_label) }
+    unsafe { read(params, size, "size", |p| p.size_of(label)) }
 }
 
 /// Forgets the sizes of single labels. No other thread may use `params` or the context meanwhile.

@@ -85,7 +85,7 @@ impl Search {
         let left = if params.improve == Improve::Full { LEFT_BY_IMPROVEMENT } else { 1.0 };
         let wanted = target as f64;
         let added = if params.adaptive == Adaptive::Topology { BY_TOPOLOGY } else { 1.0 };
-        let mut guess = Self { left, ..Self::of(wanted / added) };
+        let mut guess = Self::of(wanted / added);
         for _ in 0..GUESSES {
             let expected = expected_tets(image, &rows, &params.scaled(guess.factor), &check)?;
             if !guess.goes_on(expected.of_labels, GUESS_WITHIN) {

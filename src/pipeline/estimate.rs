@@ -84,11 +84,11 @@ pub fn estimate(
         + Sizing::bytes_needed(&image, &region, &spacing)
         + image.ids().len() as u64 * size_of::<u16>() as u64;
     let after = prepare::limits(params, &image, Instant::now()).bytes_after;
-    let kept = if params.improve == Improve::None { of_labels } else { all };
+    let improves = params.improve != Improve::None;
+    let kept = if improves { all } else { of_labels };
     let peak = (BYTES_PER_TET * all).max(BYTES_AFTER * kept + after as f64);
 
     let voxels = region.dims.iter().product::<usize>() as f64;
-    let improves = params.improve != Improve::None;
     let of_refinement = PREPARE_VOXEL * voxels + REFINE_TET * all;
     let of_improvement = if improves { IMPROVE_TET * all } else { 0.0 };
     let of_certificate = match params.certificate {

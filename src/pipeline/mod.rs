@@ -260,6 +260,7 @@ fn find_mesh(
     monitor.enter(Step::Refine, 1)?;
     // A mesh of an earlier try, for when a limit ends a later one.
     let mut earlier = None;
+    let mut is_first = true;
     let made = loop {
         let attempt = Attempt { image, params: &used, limits };
         let Some(search) = &mut search else {
@@ -269,6 +270,9 @@ fn find_mesh(
         let look = || monitor.advance(0);
         let quiet = Monitor::within(&look);
         let mut try_once = |search: &mut budget::Search| {
+            if !is_first {
+                prepared.sizing = prepare::sizing(image, &used, limits, monitor)?;
+            }
             let refined = attempt.refine(&mut prepared, search.parts(), watch, monitor)?;
             let is_complete = refined.is_complete();
             if is_complete && search.is_far_off(refined.count_tets(&attempt, &prepared, monitor)?) {
@@ -295,15 +299,9 @@ fn find_mesh(
             (Err(error), _) => return Err(error),
             (Ok((None, false)), _) => return Err(Error::Internal("a try gave no mesh".into())),
         }
+        is_first = false;
         factor = search.factor();
         used = params.scaled(factor);
-        match (prepare::sizing(image, &used, limits, monitor), earlier.take()) {
-            (Ok(sizing), before) => (prepared.sizing, earlier) = (sizing, before),
-            (Err(limit), Some(before)) if limit.is_limit() => {
-                break ended_early(before, Some(limit), &mut factor);
-            }
-            (Err(error), _) => return Err(error),
-        }
     };
     // The certificate needs room, and no sizing field.
     Ok(Found { factor, oracle: prepared.oracle, made })

@@ -64,8 +64,7 @@ pub fn expected_tets(
     let sizing = &Sizing::new(image, rows, &spacing, &[], check)?;
     let boundaries = Boundaries { image, rows, sizing, check };
     let [of_background, about_interfaces] = boundaries.tets()?;
-    let size = |label: &i32| params.label_sizes.get(label).copied().unwrap_or(params.size);
-    let sizes: Vec<f64> = image.labels().iter().map(size).collect();
+    let sizes: Vec<f64> = image.labels().iter().map(|&label| params.size_of(label)).collect();
     let sides = rows.dims().into_iter().zip(image.frame().spacing().to_array());
     let longest = sides.map(|(n, side)| n as f64 * side).fold(0.0, f64::max);
     let bounds_any = sizes.iter().skip(1).any(|&size| size < longest);

@@ -79,8 +79,7 @@ pub struct Place {
 impl Spacing {
     /// What `params` ask for in an image of these labels, background first.
     pub fn new(params: &MeshParams, labels: &[i32]) -> Self {
-        let size = |label| params.label_sizes.get(label).copied().unwrap_or(params.size);
-        let tissues = labels.iter().skip(1).map(|label| PER_SIZE * size(label));
+        let tissues = labels.iter().skip(1).map(|&label| PER_SIZE * params.size_of(label));
         let of_labels: Vec<f64> = std::iter::once(f64::INFINITY).chain(tissues).collect();
         let largest = of_labels.iter().skip(1).copied().fold(0.0, f64::max);
         // Of no label nothing is asked.

@@ -168,8 +168,10 @@ impl Described {
         Self {
             spacing: sides.filter(is_good),
             images: count("images="),
-            for_each_slice: count("channels=").unwrap_or(1).max(1)
-                * count("frames=").unwrap_or(1).clamp(1, 1 << 20),
+            for_each_slice: ["channels=", "frames="]
+                .map(|name| count(name).unwrap_or(1).max(1))
+                .into_iter()
+                .fold(1, u64::saturating_mul),
         }
     }
 
@@ -371,6 +373,7 @@ mod tests {
             ("ImageJ=1.53t\nimages=12\nslices=12\n", "tells of 12 images"),
             ("ImageJ=1.53t\nimages=2\nchannels=2\n", "2 pages for each slice"),
             ("ImageJ=1.53t\nimages=2\nframes=2\n", "2 pages for each slice"),
+            ("ImageJ=1\nchannels=18446744073709551615\nframes=2\n", "pages for each slice"),
         ] {
             let bytes = stack::<Gray8>(Compression::Uncompressed, 2, &values(), Some(text));
             let error = read_bytes("a.tif", &bytes).unwrap_err().to_string();

@@ -163,7 +163,7 @@ impl<'a> Rules<'a> {
         params: &MeshParams,
         labels: &[i32],
     ) -> Self {
-        let size = |label| params.label_sizes.get(&label).copied().unwrap_or(params.size);
+        let size = |label| params.size_of(label);
         let sizes_squared = labels
             .iter()
             .enumerate()
