@@ -1,8 +1,8 @@
 //! What a run will need, before it is done: tets, memory, time.
 //!
-//! Tets follow from the image ([`expected`]); memory from these, from the tables that the image
-//! needs, and from what is measured on the mesh; time from all of these and from how fast this
-//! machine refines a small ball just now.
+//! Tets follow from the image ([`expected_tets`]); memory from these, from the tables that the
+//! image needs, and from what is measured on the mesh; time from all of these and from how fast
+//! this machine refines a small ball just now.
 
 use std::time::Instant;
 
