@@ -31,9 +31,9 @@ use crate::Result;
 use crate::memory::zeroed;
 use crate::mesh::TetMesh;
 
-/// Tets of the object in a block, about: enough that few lie at its border, few enough that all
-/// threads have some.
-const TETS_PER_BLOCK: f64 = 30_000.0;
+/// Tets of the object in a block, about: enough that few lie at its border, few enough that each
+/// thread has many blocks, and that a block fits in a processor's cache.
+const TETS_PER_BLOCK: f64 = 6_000.0;
 /// Most blocks along an axis; their numbers fit in 32 bits.
 const MAX_ALONG: f64 = 1000.0;
 /// Vertices per piece of work.

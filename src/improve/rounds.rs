@@ -10,7 +10,7 @@ use super::measure::Measure;
 use super::report::Counts;
 use super::shared::Shared;
 use super::worker::{HOPELESS_PART, LastResorts, Round, Worker};
-use crate::memory::{reserve, zeroed};
+use crate::memory::{reserve, room, zeroed};
 use crate::mesh::{NONE, TetMesh};
 use crate::{Error, Result};
 
@@ -20,8 +20,8 @@ const MAX_ROUNDS: u32 = 30;
 /// them.
 const MAX_IDLE: u32 = 4;
 /// So few tets are improved in one block that holds all: there are no borders then, at which some
-/// would have to wait.
-const ALONE: usize = 500;
+/// would have to wait. One thread works alone there, and the last tets take milliseconds each.
+const ALONE: usize = 24;
 /// Surroundings are relaxed only for so few tets in all: it takes milliseconds for each. Where more
 /// are left, as in slabs that are thinner than tets can be, that would not end within minutes.
 const MAX_RELAXED: usize = 1000;
@@ -70,9 +70,8 @@ impl<'m, 'a> Run<'m, 'a> {
         queue: Vec<u32>,
         report_and_check: &'a (dyn Fn(usize) -> Result<()> + Sync),
     ) -> Result<Self> {
-        let mut refined = Vec::new();
-        reserve(&mut refined, mesh.points.len(), "vertices of the mesh")?;
-        refined.extend_from_slice(&mesh.points);
+        let mut refined = room(mesh.points.len(), "vertices of the mesh")?;
+        refined.par_extend(mesh.points.par_iter().copied());
         let changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
         let (left, counts, rounds) = (Vec::new(), Counts::default(), 0);
         let last = LastResorts::default();
