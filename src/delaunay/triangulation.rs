@@ -62,6 +62,16 @@ impl Triangulation {
         Ok(triangulation)
     }
 
+    /// Gives the memory back, in the caller's rayon pool, as long as `go_on` says so; then aside.
+    ///
+    /// # Errors
+    /// Those of `go_on`.
+    pub fn give_back(self, go_on: &(dyn Fn() -> Result<()> + Sync)) -> Result<()> {
+        self.tets.give_back(go_on);
+        self.vertices.give_back(go_on);
+        go_on()
+    }
+
     /// The perturbed Delaunay triangulation of eight cospherical points, by its definition: of all
     /// positive tets of corners, those in conflict with no other corner.
     fn triangulate_box(&self) -> Result<()> {

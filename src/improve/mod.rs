@@ -198,7 +198,7 @@ fn below(
         |t: u32| is_below(mesh, t, measure) || background && is_flat_background(mesh, t, measure);
     let count = mesh.tets.len();
     let chunks = (0..count.div_ceil(CHUNK)).into_par_iter().map(|chunk| {
-        monitor.check_cancelled()?;
+        monitor.advance(0)?;
         let tets = (chunk * CHUNK) as u32..((chunk + 1) * CHUNK).min(count) as u32;
         let mut found = Vec::new();
         for t in tets.filter(|&t| is_wanted(t)) {

@@ -63,7 +63,7 @@ fn nicks(
     monitor: &Monitor<'_>,
 ) -> Result<Vec<(u32, i32)>> {
     let of_chunk = |(chunk, neighbors): (usize, &[[u32; 4]])| {
-        monitor.check_cancelled()?;
+        monitor.advance(0)?;
         let mut found = Vec::new();
         for (t, neighbors) in (chunk * CHUNK..).zip(neighbors) {
             let label = mesh.labels[t];

@@ -1,6 +1,8 @@
 //! Large tables: an error that names the table where `Vec` alone would end the process; and
-//! fetching ahead of a sweep through them. Small blocks: `reserve`.
+//! fetching ahead of a sweep through them. Small blocks: `reserve`. What a cancelled call need not
+//! wait for: `aside`.
 
+pub mod aside;
 #[cfg(any(test, feature = "memory-reserve"))]
 pub mod reserve;
 

@@ -50,7 +50,7 @@ impl TetMesh {
             facets.count() as u64
         };
         let pieces = (0..self.tets.len().div_ceil(CHUNK)).into_par_iter().map(|piece| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             let tets = piece * CHUNK..((piece + 1) * CHUNK).min(self.tets.len());
             Ok(tets.map(|t| count(t as u32)).sum::<u64>())
         });

@@ -138,7 +138,7 @@ impl<'o> Kept<'o> {
         }
         let order: &[TetId] = order;
         let kept = |tets: &[TetId]| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             Ok(tets.iter().filter(|&&t| ids[t as usize] != NOT_KEPT).count())
         };
         let ranges =
@@ -174,7 +174,7 @@ impl<'o> Kept<'o> {
             .enumerate()
             .with_max_len(1);
         pieces.try_for_each(|(range, (own, indices))| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             for (((t, id, _), label), index) in self.of_range(range).zip(own).zip(indices.clone()) {
                 *label = labels[usize::from(id)];
                 tet_index[t as usize].store(index as u32 + 1, Relaxed);
@@ -190,7 +190,7 @@ fn object_first(order: &mut Vec<TetId>, ids: &[u16], monitor: &Monitor<'_>) -> R
     let mut last: Vec<TetId> = Vec::new();
     let mut first = 0;
     for from in (0..order.len()).step_by(RANGE) {
-        monitor.check_cancelled()?;
+        monitor.advance(0)?;
         reserve(&mut last, RANGE, "tets of the background")?;
         for at in from..(from + RANGE).min(order.len()) {
             let t = order[at];
@@ -266,11 +266,10 @@ fn copy_vertices(
     monitor: &Monitor<'_>,
 ) -> Result<Vertices> {
     let mut order =
-        triangulation.vertices_by_place(|v| in_use.is_first(v), || monitor.check_cancelled())?;
+        triangulation.vertices_by_place(|v| in_use.is_first(v), || monitor.advance(0))?;
     let points_kept = order.len();
     if !in_use.last.is_empty() {
-        let last =
-            triangulation.vertices_by_place(|v| in_use.is_last(v), || monitor.check_cancelled())?;
+        let last = triangulation.vertices_by_place(|v| in_use.is_last(v), || monitor.advance(0))?;
         reserve(&mut order, last.len(), "vertices of the mesh")?;
         order.extend(last);
     }
@@ -283,7 +282,7 @@ fn copy_vertices(
         .enumerate()
         .with_max_len(1)
         .try_for_each(|(range, (vertices, points))| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             for ((&v, point), new) in vertices.iter().zip(points).zip((range * RANGE) as u32..) {
                 index[v as usize].store(new, Relaxed);
                 *point = triangulation.position(v).to_array();

@@ -32,7 +32,7 @@ impl TetMesh {
     pub fn collect_facets(&mut self, monitor: &Monitor<'_>) -> Result<()> {
         let (tets, neighbors, labels) = (&self.tets, &self.neighbors, &self.labels);
         let list = |range: usize| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             let mut listed = Vec::new();
             for t in range * RANGE..((range + 1) * RANGE).min(tets.len()) {
                 for (i, &other) in neighbors[t].iter().enumerate() {
@@ -64,7 +64,7 @@ impl TetMesh {
             .zip(&listed)
             .with_max_len(1);
         pieces.try_for_each(|(((facets, facet_labels), facet_tets), listed)| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             for (k, facet) in listed.iter().enumerate() {
                 let (t, i) = (facet.tet(), facet.index());
                 let other = neighbors[t as usize][i];
@@ -95,7 +95,7 @@ impl TetMesh {
         let mut walls = filled(self.facets.len(), Wall::None, "walls of facets", || Ok(()))?;
         let pieces = walls.par_chunks_mut(RANGE).enumerate().with_max_len(1);
         pieces.try_for_each(|(piece, walls)| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             for (f, slot) in (piece * RANGE..).zip(walls) {
                 if self.facet_labels[f][1] == 0 {
                     *slot = wall(self.facets[f].map(|v| self.point(v)));
@@ -121,7 +121,10 @@ impl TetMesh {
         points_kept: usize,
         points_before: usize,
         tets: &[u32],
+        monitor: &Monitor<'_>,
     ) -> Result<Vec<u32>> {
+        // Only to report: a mesh that is half changed would be of no use to anybody.
+        let report = || drop(monitor.advance(0));
         let is_kept = |t: usize| self.tets[t][0] != NONE && (kept || self.labels[t] != 0);
         let chunks = (0..self.tets.len().div_ceil(RANGE)).into_par_iter().with_max_len(1);
         let of_chunk = |chunk: usize| chunk * RANGE..((chunk + 1) * RANGE).min(self.tets.len());
@@ -140,6 +143,7 @@ impl TetMesh {
             })
             .collect();
         debug_assert_eq!(gaps.len(), moved.len());
+        report();
         let behind = self.tets.len() - count;
         // Where each tet behind `count` goes.
         let mut to: Vec<u32> = zeroed(behind, "tets of the mesh")?;
@@ -158,6 +162,7 @@ impl TetMesh {
             for t in neighbors.iter_mut().flatten() {
                 *t = if is_dropped(*t) { NONE } else { place(*t) };
             }
+            report();
         });
         for (&from, &gap) in moved.iter().zip(&gaps) {
             self.tets[gap as usize] = self.tets[from as usize];
@@ -178,6 +183,7 @@ impl TetMesh {
             }
         }
         self.points.truncate(next as usize);
+        report();
         self.tets.par_chunks_mut(RANGE).for_each(|tets| {
             for v in tets.iter_mut().flatten().filter(|v| **v as usize >= points_before) {
                 *v = numbers[*v as usize - points_before];

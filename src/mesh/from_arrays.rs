@@ -34,7 +34,7 @@ impl TetMesh {
     ) -> Result<Self> {
         check_counts(points.len(), tets.len(), labels.len())?;
         for (piece, points) in points.chunks(CHUNK).enumerate() {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             if let Some(v) = points.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
                 return Err(Error::InvalidArgument(format!(
                     "vertex {} is at {:?}; coordinates must be finite",
@@ -44,7 +44,7 @@ impl TetMesh {
             }
         }
         for (piece, tets) in tets.chunks(CHUNK).enumerate() {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             for (t, tet) in (piece * CHUNK..).zip(tets) {
                 check_vertices(t, tet, points.len())?;
             }
@@ -68,7 +68,7 @@ impl TetMesh {
         let mut around: Vec<Side> = Vec::new();
         for smallest in 0..self.points.len() {
             if smallest.is_multiple_of(CHUNK) {
-                monitor.check_cancelled()?;
+                monitor.advance(0)?;
             }
             let listed = sides.of(smallest);
             around.clear();
@@ -180,7 +180,7 @@ impl Sides {
         // By turns the count, the place for the next one, and where those of the next vertex begin.
         let mut starts: Vec<usize> = zeroed(points + 1, WHAT)?;
         for tets in tets.chunks(CHUNK) {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             sides(0, tets).for_each(|(smallest, _)| starts[smallest as usize + 1] += 1);
         }
         let mut sum = 0;
@@ -190,7 +190,7 @@ impl Sides {
         let mut all = room(sum, WHAT)?;
         all.resize(sum, Side { others: [0; 2], tet: 0, index: 0 });
         for (piece, tets) in tets.chunks(CHUNK).enumerate() {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             for (smallest, side) in sides(piece * CHUNK, tets) {
                 let next = &mut starts[smallest as usize + 1];
                 all[*next] = side;

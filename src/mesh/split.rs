@@ -127,7 +127,7 @@ impl Sides {
         let mut entries: Vec<(u32, i32)> = Vec::new();
         for t in 0..mesh.tets.len() {
             if t.is_multiple_of(CHUNK) {
-                monitor.check_cancelled()?;
+                monitor.advance(0)?;
             }
             for node in mesh.nodes_of_tet(t as u32).filter(|&node| starts[node as usize] != NONE) {
                 reserve(&mut entries, 1, WHAT)?;
@@ -165,7 +165,7 @@ impl Sides {
         let sets = UnionFind::new(self.entries.len(), WHAT)?;
         for (f, &is_cut) in cuts.iter().enumerate() {
             if f.is_multiple_of(CHUNK) {
-                monitor.check_cancelled()?;
+                monitor.advance(0)?;
             }
             let [first, second] = mesh.facet_labels[f];
             for node in mesh.nodes_of_facet(f as u32).filter(|_| !is_cut) {
@@ -227,7 +227,7 @@ impl Sides {
         let mut of_tets: Vec<[u32; 6]> = Vec::new();
         for (t, (tet, &label)) in mesh.tets.iter().zip(&mesh.labels).enumerate() {
             if t.is_multiple_of(CHUNK) {
-                monitor.check_cancelled()?;
+                monitor.advance(0)?;
             }
             tets.push(tet.map(|v| node_of(v, label)));
             if let Some(nodes) = &mesh.mid_nodes {

@@ -10,6 +10,7 @@ use crate::delaunay::check::Check;
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
 use crate::improve::Improvement;
+use crate::memory::aside::or_drop_aside;
 use crate::mesh::TetMesh;
 use crate::mesh::extract::Background;
 use crate::monitor::{Level, Monitor};
@@ -51,6 +52,16 @@ pub(super) struct Made {
     pub(super) improvement: Improvement,
 }
 
+/// What is collected of a triangulation.
+struct Collected {
+    /// The mesh, with the background that is wanted, and without its facets.
+    mesh: TetMesh,
+    /// How many of its points belong to tets that are kept in the end.
+    points_kept: usize,
+    check: Check,
+    examined: Examined,
+}
+
 impl Refined {
     /// Whether no limit ended the refinement.
     pub(super) fn is_complete(&self) -> bool {
@@ -68,7 +79,7 @@ impl Refined {
         monitor: &Monitor<'_>,
     ) -> Result<u64> {
         let rules = attempt.rules(&self.triangulation, prepared);
-        let order = self.triangulation.tets_by_place(|| monitor.check_cancelled())?;
+        let order = self.triangulation.tets_by_place(|| monitor.advance(0))?;
         Ok(order.par_iter().filter(|&&t| rules.label(t) != 0).count() as u64)
     }
 }
@@ -99,18 +110,34 @@ impl Attempt<'_> {
         watch: &mut Stopwatch,
         monitor: &Monitor<'_>,
     ) -> Result<Refined> {
+        let triangulation = refine::triangulation_around(&prepared.oracle, prepared.sizing.max())?;
+        let (triangulation, (refinement, differences)) =
+            or_drop_aside(triangulation, |triangulation| {
+                self.refine_in(triangulation, prepared, parts, monitor)
+            })?;
+        let seconds = watch.add_to(|seconds| &mut seconds.refine);
+        messages::log_refinement(monitor, &refinement.counters, seconds);
+        Ok(Refined { triangulation, refinement, differences })
+    }
+
+    fn refine_in(
+        &self,
+        triangulation: &Triangulation,
+        prepared: &mut Prepared,
+        parts: [f64; 2],
+        monitor: &Monitor<'_>,
+    ) -> Result<(Refinement, Vec<u64>)> {
         let &Self { image, params, limits } = self;
         let by_volume = refine::expected_by_volume(prepared, image, params);
-        let triangulation = refine::triangulation_around(&prepared.oracle, prepared.sizing.max())?;
         let options = RefineOptions {
             parts: adapt::parts(params, 0, parts),
             ..refine::options(params, limits.clone(), by_volume as u64)?
         };
-        let rules = self.rules(&triangulation, prepared);
+        let rules = self.rules(triangulation, prepared);
         let mut refinement = crate::refine::refine(&rules, &options, monitor)?;
         let mut adapted = Adapted::default();
         if params.adaptive == Adaptive::Topology && refinement.ended_by.is_none() {
-            let (prepared, triangulation) = (&*prepared, &triangulation);
+            let prepared = &*prepared;
             let run = adapt::Run { image, prepared, triangulation, params, limits, parts };
             adapted = run.adapt(&mut refinement, monitor)?;
         }
@@ -120,9 +147,7 @@ impl Attempt<'_> {
         if let Some(limit) = refinement.ended_by.take_if(|_| !params.partial) {
             return Err(limit);
         }
-        let seconds = watch.add_to(|seconds| &mut seconds.refine);
-        messages::log_refinement(monitor, &refinement.counters, seconds);
-        Ok(Refined { triangulation, refinement, differences: adapted.differences })
+        Ok((refinement, adapted.differences))
     }
 
     /// The mesh of a refined triangulation, without slivers, and what was checked before these were
@@ -140,19 +165,51 @@ impl Attempt<'_> {
     ) -> Result<Made> {
         let &Self { image, params, limits } = self;
         let Refined { triangulation, mut refinement, differences } = refined;
-        let rules = self.rules(&triangulation, prepared);
-        // Improvement needs the background around the object. What refinement did not finish is
-        // left as it is.
-        let improves = params.improve != Improve::None && refinement.ended_by.is_none();
-        let background = match (params.background, improves) {
+        let (triangulation, collected) = or_drop_aside(triangulation, |triangulation| {
+            self.collect(triangulation, &mut refinement, prepared, watch, monitor)
+        })?;
+        let Collected { mesh, points_kept, check, examined } = collected;
+        triangulation.give_back(&|| monitor.advance(0))?;
+        watch.add_to(|seconds| &mut seconds.certify);
+
+        if !self.improves(&refinement) {
+            let improvement = Improvement::default();
+            return Ok(Made { mesh, refinement, differences, check, examined, improvement });
+        }
+        let (mesh, (improvement, ended_by)) = or_drop_aside(mesh, |mesh| {
+            improve::improve_mesh(mesh, points_kept, prepared, image, params, limits, monitor)
+        })?;
+        refinement.ended_by = ended_by;
+        let seconds = watch.add_to(|seconds| &mut seconds.improve);
+        messages::log_improvement(monitor, &improvement, seconds);
+        Ok(Made { mesh, refinement, differences, check, examined, improvement })
+    }
+
+    /// Improvement needs the background around the object. What refinement did not finish is left
+    /// as it is.
+    fn improves(&self, refinement: &Refinement) -> bool {
+        self.params.improve != Improve::None && refinement.ended_by.is_none()
+    }
+
+    fn collect(
+        &self,
+        triangulation: &Triangulation,
+        refinement: &mut Refinement,
+        prepared: &Prepared,
+        watch: &mut Stopwatch,
+        monitor: &Monitor<'_>,
+    ) -> Result<Collected> {
+        let &Self { image, params, .. } = self;
+        let rules = self.rules(triangulation, prepared);
+        let background = match (params.background, self.improves(refinement)) {
             (true, _) => Background::Kept,
             (false, true) => Background::Last,
             (false, false) => Background::Dropped,
         };
         let collected = refine::collect(&rules, image.labels(), background, monitor)?;
-        let refine::Collected { mut mesh, points_kept, order } = collected;
+        let refine::Collected { mesh, points_kept, order } = collected;
         if !mesh.labels.par_iter().any(|&label| label != 0) {
-            return Err(refinement.ended_by.unwrap_or_else(|| {
+            return Err(refinement.ended_by.take().unwrap_or_else(|| {
                 Error::InvalidArgument(format!(
                     "delta {} is too coarse for the object: no tet has its circumcenter inside",
                     params.delta
@@ -184,18 +241,7 @@ impl Attempt<'_> {
             (check, Examined { non_delaunay_facets, unmet: Some(unmet) })
         };
         monitor.note_tets(check.tets);
-        drop((order, triangulation));
-        watch.add_to(|seconds| &mut seconds.certify);
-
-        let mut improvement = Improvement::default();
-        if improves {
-            let (mesh, ended_by) = (&mut mesh, &mut refinement.ended_by);
-            (improvement, *ended_by) =
-                improve::improve_mesh(mesh, points_kept, prepared, image, params, limits, monitor)?;
-            let seconds = watch.add_to(|seconds| &mut seconds.improve);
-            messages::log_improvement(monitor, &improvement, seconds);
-        }
-        Ok(Made { mesh, refinement, differences, check, examined, improvement })
+        Ok(Collected { mesh, points_kept, check, examined })
     }
 
     /// Both, as [`Self::refine`] and [`Self::finish`].

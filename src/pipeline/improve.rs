@@ -49,7 +49,7 @@ pub fn improve_mesh(
     };
     improvement.add_filled(&filled);
     let left: Vec<u32> = improvement.left.iter().map(|left| left.tet).collect();
-    let places = mesh.finish(params.background, points_kept, points_before, &left)?;
+    let places = mesh.finish(params.background, points_kept, points_before, &left, monitor)?;
     improvement.left.iter_mut().zip(places).for_each(|(left, place)| left.tet = place);
     Ok((improvement, ended_by))
 }

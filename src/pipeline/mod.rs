@@ -36,6 +36,7 @@ use std::time::Instant;
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
 use crate::improve::Improvement;
+use crate::memory::aside::{AtEnd, or_drop_aside};
 use crate::mesh::TetMesh;
 use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::Oracle;
@@ -163,6 +164,7 @@ pub fn mesh_image(
     let start = Instant::now();
     params.validate()?;
     params.validate_together()?;
+    let _end = AtEnd;
     let mut watch = Stopwatch::new(start);
     let limits = prepare::limits(params, image, start);
 
@@ -175,40 +177,46 @@ pub fn mesh_image(
     let Selected { image, dropped } = prepare::select_labels(image, params, monitor)?;
     monitor.log(Level::Info, &messages::describe(&image, params));
     let Found { factor, oracle, made } = find_mesh(&image, params, &limits, &mut watch, monitor)?;
-    let Made { mut mesh, refinement, differences, check, examined, improvement } = made;
+    let Made { mesh, refinement, differences, check, examined, improvement } = made;
     let Refinement { counters, work, threads, mut ended_by, .. } = refinement;
-    mesh.collect_facets(monitor)?;
-    mesh.find_walls(|corners| oracle.wall_of_facet(corners), monitor)?;
-    watch.add_to(|seconds| &mut seconds.extract);
+    let (mesh, (quality, certificate, second_order)) = or_drop_aside(mesh, |mesh| {
+        mesh.collect_facets(monitor)?;
+        mesh.find_walls(|corners| oracle.wall_of_facet(corners), monitor)?;
+        watch.add_to(|seconds| &mut seconds.extract);
 
-    if let Some(limit) = &ended_by {
-        monitor.log(Level::Warning, &format!("the mesh is partial: {limit}"));
-    }
-
-    let level = params.certificate;
-    let (quality, certificate) = if level == CertificateLevel::None {
-        (Quality::default(), Certificate::none())
-    } else {
-        // Of a mesh that may be partial what is exact is always told, only distances are left out.
-        monitor.end_at(limits.deadline.filter(|_| !params.partial));
-        let extent = Extent { level, distances_until: limits.deadline };
-        let measured = finish::measure(&mesh, &image, &oracle, examined, &dropped, extent, monitor);
-        monitor.end_at(None);
-        let (quality, certificate, limit) = measured?;
-        match limit {
-            Some(limit) if !params.partial => return Err(limit),
-            Some(limit) if ended_by.is_none() => {
-                monitor.log(Level::Warning, &format!("the certificate has no distances: {limit}"));
-                ended_by = Some(limit);
-            }
-            _ => {}
+        if let Some(limit) = &ended_by {
+            monitor.log(Level::Warning, &format!("the mesh is partial: {limit}"));
         }
-        (quality, certificate)
-    };
-    let seconds = watch.add_to(|seconds| &mut seconds.certify);
-    let second_order = finish::add_nodes(&mut mesh, &image, &oracle, params, monitor)?;
-    watch.add_to(|seconds| &mut seconds.extract);
-    monitor.log(Level::Info, &format!("certificate measured in {seconds:.2} s"));
+
+        let level = params.certificate;
+        let (quality, certificate) = if level == CertificateLevel::None {
+            (Quality::default(), Certificate::none())
+        } else {
+            // Of a mesh that may be partial what is exact is always told, only distances are left
+            // out.
+            monitor.end_at(limits.deadline.filter(|_| !params.partial));
+            let extent = Extent { level, distances_until: limits.deadline };
+            let measured =
+                finish::measure(mesh, &image, &oracle, examined, &dropped, extent, monitor);
+            monitor.end_at(None);
+            let (quality, certificate, limit) = measured?;
+            match limit {
+                Some(limit) if !params.partial => return Err(limit),
+                Some(limit) if ended_by.is_none() => {
+                    monitor
+                        .log(Level::Warning, &format!("the certificate has no distances: {limit}"));
+                    ended_by = Some(limit);
+                }
+                _ => {}
+            }
+            (quality, certificate)
+        };
+        let seconds = watch.add_to(|seconds| &mut seconds.certify);
+        let second_order = finish::add_nodes(mesh, &image, &oracle, params, monitor)?;
+        watch.add_to(|seconds| &mut seconds.extract);
+        monitor.log(Level::Info, &format!("certificate measured in {seconds:.2} s"));
+        Ok((quality, certificate, second_order))
+    })?;
     messages::warnings(&certificate).iter().for_each(|line| monitor.log(Level::Warning, line));
     if let Some(target) = params.target_tets.filter(|_| ended_by.is_none()) {
         messages::warn_of_missed(target, &mesh, monitor);

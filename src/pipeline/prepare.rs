@@ -53,7 +53,7 @@ pub fn select_labels<'a>(
     let mut dropped = Vec::new();
     if params.min_voxels > 1 {
         let cleared;
-        let go_on = |_| monitor.check_cancelled();
+        let go_on = |_| monitor.advance(0);
         (cleared, dropped) = image.without_small_components(params.min_voxels, &go_on)?;
         image = Cow::Owned(cleared);
     }

@@ -102,7 +102,7 @@ pub fn collect(
 ) -> Result<Collected> {
     let triangulation = rules.triangulation();
     monitor.enter(Step::Extract, triangulation.tet_bound() as usize)?;
-    let mut order = triangulation.tets_by_place(|| monitor.check_cancelled())?;
+    let mut order = triangulation.tets_by_place(|| monitor.advance(0))?;
     let label = |t| rules.label(t);
     let Extracted { mesh, points_kept } =
         extract(triangulation, &mut order, label, labels, background, monitor)?;

@@ -284,7 +284,7 @@ fn label_all(state: &State<'_>, monitor: &Monitor<'_>) -> Result<()> {
     let mut tets: Vec<TetId> = room(LABELLED, "tets without a label")?;
     let mut living = state.rules.triangulation.living_tets().peekable();
     while living.peek().is_some() {
-        monitor.check_cancelled()?;
+        monitor.advance(0)?;
         tets.clear();
         tets.extend(living.by_ref().take(LABELLED));
         state.find_labels(&tets);

@@ -163,7 +163,7 @@ impl Rules<'_> {
         let cell = 2.0 * self.sizing.max();
         let isovertices = VertexGrid::new(self.triangulation, ISOVERTEX, cell, heads)?;
         (0..bound.div_ceil(PIECE)).into_par_iter().try_for_each(|piece| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             for v in piece * PIECE..((piece + 1) * PIECE).min(bound) {
                 let vertex = self.triangulation.vertex(v);
                 if vertex.kind() == ISOVERTEX {
@@ -174,7 +174,7 @@ impl Rules<'_> {
         })?;
         let grid = self.oracle.edge_grid(&self.sizing.palette());
         let rows = (0..grid.rows()).into_par_iter().map(|row| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             let mut uncovered = 0;
             let mut recent = Recent::new();
             grid.visit_row(row, |CrossedEdge { point, spacing, .. }| {

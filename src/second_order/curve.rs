@@ -165,7 +165,7 @@ impl Course<'_> {
         has_changed.extend(self.ways.iter().map(|way| *way != DVec3::ZERO));
         loop {
             let bad_of = |tets: Range<usize>| {
-                monitor.check_cancelled()?;
+                monitor.advance(0)?;
                 let is_bad = |&t: &usize| {
                     self.nodes_of(t).into_iter().any(|node| has_changed[node])
                         && self.measure(t).0.is_some_and(|min| min < MIN_DETERMINANT)
@@ -229,11 +229,11 @@ fn ways(
     let vertices = mid_nodes.vertices;
     let count = mesh.points.len() - vertices;
     // Which facet lists each node first, and what all that do say of its edge.
-    let mut places = filled(count, Place::Inside, "nodes", || monitor.check_cancelled())?;
+    let mut places = filled(count, Place::Inside, "nodes", || monitor.advance(0))?;
     let mut first: Vec<u32> = zeroed(count, "nodes")?;
     for (f, nodes) in mid_nodes.facets.iter().enumerate() {
         if f % RANGE == 0 {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
         }
         let [a, b, c] = mesh.facets[f].map(|v| mesh.point(v));
         let of_facet = (b - a).cross(c - a).normalize_or_zero();
@@ -254,9 +254,9 @@ fn ways(
             };
         }
     }
-    let mut ways = filled(count, DVec3::ZERO, "nodes", || monitor.check_cancelled())?;
+    let mut ways = filled(count, DVec3::ZERO, "nodes", || monitor.advance(0))?;
     ways.par_chunks_mut(RANGE).enumerate().try_for_each(|(chunk, ways)| {
-        monitor.check_cancelled()?;
+        monitor.advance(0)?;
         for (i, way) in ways.iter_mut().enumerate() {
             let node = chunk * RANGE + i;
             if places[node] == Place::Inside {

@@ -61,7 +61,7 @@ impl Edges {
         let counts: Vec<AtomicU32> = zeroed(vertices + 1, "edges of vertices")?;
         let for_each_edge = |visit: &(dyn Fn(u32, u32) + Sync)| {
             mesh.tets.par_chunks(RANGE).try_for_each(|tets| {
-                monitor.check_cancelled()?;
+                monitor.advance(0)?;
                 for tet in tets {
                     for [i, j] in TET_EDGES {
                         visit(tet[i].min(tet[j]), tet[i].max(tet[j]));
@@ -93,7 +93,7 @@ impl Edges {
         let mut lists = counted;
         drop(places);
         lists.par_chunks_mut(RANGE).try_for_each(|lists| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             for (list, count) in lists {
                 list.sort_unstable();
                 for i in 0..list.len() {
@@ -169,7 +169,7 @@ fn number<const N: usize, const E: usize>(
     monitor: &Monitor<'_>,
 ) -> Result<()> {
     nodes.par_chunks_mut(RANGE).zip(elements.par_chunks(RANGE)).try_for_each(|(nodes, elements)| {
-        monitor.check_cancelled()?;
+        monitor.advance(0)?;
         for (nodes, element) in nodes.iter_mut().zip(elements) {
             *nodes = edges_of.map(|[i, j]| first + edges.number(element[i], element[j]));
         }

@@ -24,7 +24,7 @@ pub fn facets_off_walls(mesh: &TetMesh, oracle: &Oracle, monitor: &Monitor<'_>) 
     }
     let counts = mesh.facets.par_chunks(CHUNK).zip(mesh.facet_labels.par_chunks(CHUNK)).map(
         |(facets, labels)| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             let off = facets.iter().zip(labels).filter(|&(facet, &[inner, outer])| {
                 let corners = facet.map(|v| mesh.point(v));
                 // The normal points to the second label.

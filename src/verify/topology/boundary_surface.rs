@@ -137,7 +137,7 @@ fn facets_of_vertices(
     })?;
     let mut end = 0;
     for part in ends.chunks_mut(CHUNK) {
-        monitor.check_cancelled()?;
+        monitor.advance(0)?;
         for count in part {
             end += *count.get_mut();
             *count.get_mut() = end;

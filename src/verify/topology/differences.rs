@@ -74,14 +74,14 @@ impl<'a> Differences<'a> {
         let [wide, high, _] = image.dims();
         let first = region.first.map(|c| (c + 1) as usize);
         for z in 1..nz - 1 {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             for y in 1..ny - 1 {
                 let from = first[0] + wide * (first[1] + y - 1 + high * (first[2] + z - 1));
                 ids[1 + nx * (y + ny * z)..][..nx - 2]
                     .copy_from_slice(&image.ids()[from..][..nx - 2]);
             }
         }
-        let components = ImageComponents::new(image, &|_| monitor.check_cancelled())?;
+        let components = ImageComponents::new(image, &|_| monitor.advance(0))?;
         let contacts = Contacts::new(image, oracle, monitor)?;
         Ok(Self { image, region, ids, components, contacts })
     }
@@ -103,7 +103,7 @@ impl<'a> Differences<'a> {
         let [nx, ny, _] = dims;
         let from = labels_at_voxels(mesh, self.image, &self.region, monitor)?;
         let labellings = Labellings { dims, from: &from, to: &self.ids };
-        let voxels = labellings.left(|| monitor.check_cancelled())?;
+        let voxels = labellings.left(|| monitor.advance(0))?;
         drop(from);
         let first = DVec3::from(self.region.first.map(|c| c as f64));
         let of_voxel = |&v: &usize| {

@@ -111,7 +111,7 @@ impl MeshComponents {
             Ok(())
         })?;
         let parts =
-            sets.numbered(|t| mesh.labels[t as usize] != 0, WHAT, &|| monitor.check_cancelled())?;
+            sets.numbered(|t| mesh.labels[t as usize] != 0, WHAT, &|| monitor.advance(0))?;
         let lie = |(chunk, tets): (usize, &[[u32; 4]])| {
             monitor.advance(tets.len())?;
             let mut keyed_sums = KeyedSums::default();
@@ -164,7 +164,7 @@ impl MeshComponents {
         for group in groups {
             group.windows(2).for_each(|pair| _ = sets.join(pair[0], pair[1]));
         }
-        let joined = sets.numbered(|_| true, WHAT, &|| monitor.check_cancelled())?;
+        let joined = sets.numbered(|_| true, WHAT, &|| monitor.advance(0))?;
         self.of_parts.iter_mut().for_each(|component| *component = joined.of(*component));
         let mut list: Vec<MeshComponent> = room(joined.roots.len(), WHAT)?;
         for (part, component) in (0..).zip(self.list.drain(..)) {

@@ -56,7 +56,7 @@ impl Contacts {
         // One more, for what is half a voxel before the first.
         let dims = image.dims().map(|n| n + 1);
         let rows = (0..oracle.rows()).into_par_iter().map(|row| {
-            monitor.check_cancelled()?;
+            monitor.advance(0)?;
             let mut joins = Vec::new();
             oracle.visit_joins(row, |id, p| {
                 let index = image.frame().to_index(p);
