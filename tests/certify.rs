@@ -154,6 +154,28 @@ fn what_cannot_be_measured_is_refused_and_changes_nothing() {
 }
 
 #[test]
+fn distances_of_a_fine_mesh_count_under_the_limit_of_memory() {
+    let image = image();
+    let fine =
+        MeshParams { delta: 0.4, size: 0.8, ..params(CertificateLevel::Sound, Improve::None) };
+    let mut result = made(&image, &fine);
+    let before = result.report.certificate.clone();
+    let within = |bytes| MeshParams {
+        certificate: CertificateLevel::Full,
+        max_memory: Some(bytes),
+        ..fine.clone()
+    };
+    // Each facet is a triangle of 88 bytes there.
+    let held = result.mesh.bytes() + result.report.oracle_bytes;
+    let least = held + 88 * result.mesh.facets.len() as u64;
+    let error = certify(&mut result, &image, &within(least), &Monitor::silent());
+    assert!(matches!(error, Err(Error::MemoryLimit(_))), "{error:?}");
+    assert_eq!(result.report.certificate, before);
+    certify(&mut result, &image, &within(2 * least), &Monitor::silent()).unwrap();
+    assert_eq!(result.report.certificate.level, CertificateLevel::Full);
+}
+
+#[test]
 fn progress_goes_from_nothing_to_all() {
     let image = image();
     let full = params(CertificateLevel::Full, Improve::Full);

@@ -60,6 +60,21 @@ pub struct MidNodes {
 }
 
 impl TetMesh {
+    /// The bytes of its arrays.
+    pub fn bytes(&self) -> u64 {
+        let of_nodes = self.mid_nodes.as_ref().map_or(0, |nodes| {
+            size_of_val(nodes.tets.as_slice()) + size_of_val(nodes.facets.as_slice())
+        });
+        let of_tets = size_of_val(self.tets.as_slice())
+            + size_of_val(self.labels.as_slice())
+            + size_of_val(self.neighbors.as_slice());
+        let of_facets = size_of_val(self.facets.as_slice())
+            + size_of_val(self.facet_labels.as_slice())
+            + size_of_val(self.facet_tets.as_slice())
+            + size_of_val(self.facet_walls.as_slice());
+        (size_of_val(self.points.as_slice()) + of_tets + of_facets + of_nodes) as u64
+    }
+
     /// The number of vertices, corners of tets.
     pub fn vertex_count(&self) -> usize {
         self.mid_nodes.as_ref().map_or(self.points.len(), |nodes| nodes.vertices)

@@ -69,7 +69,8 @@ pub fn certify(
         counted => counted,
     };
     let examined = Examined { non_delaunay_facets, ..before };
-    let extent = Extent { level, distances_until: limits.deadline };
+    let check_memory = &finish::room_beside(mesh, &oracle, &limits);
+    let extent = Extent { level, distances_until: limits.deadline, check_memory };
     let measured = finish::measure(mesh, &image, &oracle, examined, &dropped, extent, monitor);
     monitor.end_at(None);
     let (quality, certificate, limit) = measured?;

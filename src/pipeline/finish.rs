@@ -7,6 +7,7 @@ use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
+use crate::refine::options::Limits;
 use crate::second_order::{SecondOrder, add_mid_nodes, curve};
 use crate::verify::{Certificate, Defect, DefectKind, Examined, Extent, Quality};
 use crate::{Error, Result};
@@ -24,7 +25,7 @@ pub fn measure(
     oracle: &Oracle,
     examined: Examined,
     dropped: &[SmallComponent],
-    extent: Extent,
+    extent: Extent<'_>,
     monitor: &Monitor<'_>,
 ) -> Result<(Quality, Certificate, Option<Error>)> {
     let quality = Quality::measure(mesh, monitor)?;
@@ -40,6 +41,16 @@ pub fn measure(
         },
     ));
     Ok((quality, certificate, ended_by))
+}
+
+/// Whether the limit on memory leaves room for so many more bytes beside a finished mesh.
+pub fn room_beside<'a>(
+    mesh: &TetMesh,
+    oracle: &Oracle,
+    limits: &'a Limits,
+) -> impl Fn(u64) -> Result<()> + Sync + use<'a> {
+    let held = mesh.bytes() + oracle.bytes() as u64;
+    move |needed| limits.check_memory(held + needed)
 }
 
 /// Adds the nodes of second order, if `params` ask for them.

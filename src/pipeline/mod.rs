@@ -195,7 +195,8 @@ pub fn mesh_image(
             // Of a mesh that may be partial what is exact is always told, only distances are left
             // out.
             monitor.end_at(limits.deadline.filter(|_| !params.partial));
-            let extent = Extent { level, distances_until: limits.deadline };
+            let check_memory = &finish::room_beside(mesh, &oracle, &limits);
+            let extent = Extent { level, distances_until: limits.deadline, check_memory };
             let measured =
                 finish::measure(mesh, &image, &oracle, examined, &dropped, extent, monitor);
             monitor.end_at(None);

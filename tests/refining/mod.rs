@@ -161,7 +161,8 @@ pub fn outcome(subject: &Subject, options: &RefineOptions, complete: bool) -> Ou
     assert_eq!(refinement.ended_by.is_none(), complete, "{what}: {:?}", refinement.ended_by);
     assert!(!complete || unmet == [0; 6], "{what}: unmet {unmet:?}");
     mesh.collect_facets(&monitor).unwrap();
-    let extent = Extent { level: CertificateLevel::Full, distances_until: None };
+    let (level, check_memory) = (CertificateLevel::Full, &|_| Ok(()));
+    let extent = Extent { level, distances_until: None, check_memory };
     let (quality, certificate, _) =
         measure(&mesh, image, oracle, Examined::default(), &[], extent, &monitor).unwrap();
     let defects = [certificate.inverted_tets, certificate.orphan_vertices, certificate.open_edges];

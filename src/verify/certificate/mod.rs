@@ -64,12 +64,14 @@ pub struct Examined {
 }
 
 /// How much of a certificate is to be measured.
-#[derive(Clone, Copy, Debug)]
-pub struct Extent {
+#[derive(Clone, Copy)]
+pub struct Extent<'a> {
     /// What.
     pub level: CertificateLevel,
     /// When the measuring of distances is to end, and the limit in seconds that this comes from.
     pub distances_until: Option<(Instant, f64)>,
+    /// Told how many bytes distances need, before they are taken; an error ends the measuring.
+    pub check_memory: &'a (dyn Fn(u64) -> Result<()> + Sync),
 }
 
 /// One label, in the mesh and in the image. Volumes are in cubic world units, distances in world
@@ -267,7 +269,7 @@ impl Certificate {
         image: &LabelImage,
         oracle: &Oracle,
         Examined { non_delaunay_facets, unmet }: Examined,
-        extent: Extent,
+        extent: Extent<'_>,
         monitor: &Monitor<'_>,
     ) -> Result<(Self, Option<Error>)> {
         let [_, _, nz] = image.dims();
@@ -294,6 +296,7 @@ impl Certificate {
                     &mesh_components,
                     &image_components,
                     oracle,
+                    extent.check_memory,
                     monitor,
                 );
                 monitor.end_at(None);
@@ -439,7 +442,11 @@ mod tests {
         non_delaunay_facets: u64,
         unmet: [u64; 6],
     ) -> Certificate {
-        let extent = Extent { level: CertificateLevel::Full, distances_until: None };
+        let extent = Extent {
+            level: CertificateLevel::Full,
+            distances_until: None,
+            check_memory: &|_| Ok(()),
+        };
         let measured = Certificate::measure(
             mesh,
             image,

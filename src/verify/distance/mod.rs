@@ -130,17 +130,18 @@ pub(crate) struct BothDistances {
 
 impl Distances {
     /// Measures `mesh` against `image`, and against the surface of the `oracle` that was made from
-    /// it.
+    /// it. `check_memory` is told how many bytes are needed before they are taken.
     ///
     /// # Errors
     /// [`Error::InvalidArgument`] when a vertex is not finite, [`Error::OutOfMemory`],
-    /// [`Error::Cancelled`].
+    /// [`Error::Cancelled`]; those of `check_memory`.
     pub fn measure(
         mesh: &TetMesh,
         image: &LabelImage,
         mesh_components: &MeshComponents,
         image_components: &ImageComponents,
         oracle: &Oracle,
+        check_memory: &(dyn Fn(u64) -> Result<()> + Sync),
         monitor: &Monitor<'_>,
     ) -> Result<BothDistances> {
         if let Some(v) = mesh.points.par_iter().position_first(|p| p.iter().any(|x| !x.is_finite()))
@@ -150,6 +151,9 @@ impl Distances {
                 mesh.points[v]
             )));
         }
+        let of_faces = VoxelFaces::bytes(image.dims());
+        let of_triangles = TriangleBins::bytes(mesh.facets.len());
+        check_memory(of_faces + of_triangles)?;
         monitor.enter(Step::MeshToImage, mesh.facets.len())?;
         let faces = VoxelFaces::new(image, monitor)?;
         let frame = image.frame();
@@ -176,7 +180,8 @@ impl Distances {
         let [_, ny, nz] = faces.brick_dims();
         monitor.enter(Step::ImageToMesh, ny * nz)?;
         let reach = REACH * faces.smallest_spacing();
-        let bins = TriangleBins::new(triangles, &faces, reach, monitor)?;
+        let check_lists = |of_lists| check_memory(of_faces + of_triangles + of_lists);
+        let bins = TriangleBins::new(triangles, &faces, reach, &check_lists, monitor)?;
         let [from_faces, from_surface] =
             from_image::image_to_mesh(&bins, reach, &faces, image_components, oracle, monitor)?;
         let both = |mesh_to_image, of_mesh, (image_to_mesh, of_image)| Self {

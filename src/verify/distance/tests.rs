@@ -1,11 +1,14 @@
 //! Distances whose values are known, or found by brute force.
 
+use std::sync::Mutex;
+
 use super::from_mesh::Parts;
 use super::*;
 use crate::geometry::shape::closest_point;
 use crate::image::Frame;
 use crate::mesh::testing;
 use crate::params::SurfaceModel;
+use crate::refine::options::Limits;
 
 fn oracle(image: &LabelImage, model: SurfaceModel) -> Oracle {
     Oracle::new(image, model, &|| Ok(())).unwrap()
@@ -25,6 +28,7 @@ fn both(mesh: &TetMesh, image: &LabelImage, model: SurfaceModel) -> BothDistance
         &mesh_components,
         &image_components,
         &oracle(image, model),
+        &|_| Ok(()),
         &monitor,
     )
     .unwrap()
@@ -158,6 +162,7 @@ fn components_are_held_against_their_own_label() {
         &parts,
         &components,
         &oracle(&image, SurfaceModel::Voxel),
+        &|_| Ok(()),
         &monitor,
     )
     .unwrap()
@@ -358,13 +363,29 @@ fn bad_vertices_and_cancellation_are_errors() {
         &parts,
         &components,
         &oracle,
+        &|_| Ok(()),
         &Monitor::new(None, Some(&flag)),
     );
     assert!(matches!(cancelled, Err(Error::Cancelled)));
     mesh.points[3][1] = f64::NAN;
-    let refused = Distances::measure(&mesh, &image, &parts, &components, &oracle, &silent)
-        .err()
-        .unwrap()
-        .to_string();
+    let measure = |mesh: &TetMesh, check_memory: &(dyn Fn(u64) -> Result<()> + Sync)| {
+        Distances::measure(mesh, &image, &parts, &components, &oracle, check_memory, &silent).err()
+    };
+    let refused = measure(&mesh, &|_| Ok(())).unwrap().to_string();
     assert!(refused.starts_with("vertex 3 is not finite"), "{refused}");
+    mesh.points[3][1] = 0.0;
+    // First what mesh and image need for sure, then the lists of the bricks, too.
+    let asked = Mutex::new(Vec::new());
+    let note = |bytes| {
+        asked.lock().unwrap().push(bytes);
+        Ok(())
+    };
+    assert!(measure(&mesh, &note).is_none());
+    let asked = asked.into_inner().unwrap();
+    assert!(asked.len() == 2 && asked[0] > 0 && asked[0] < asked[1], "{asked:?}");
+    for most in [asked[0] - 1, asked[1] - 1] {
+        let limits = Limits { max_memory: Some(most), ..Limits::default() };
+        let ended = measure(&mesh, &|bytes| limits.check_memory(bytes));
+        assert!(matches!(ended, Some(Error::MemoryLimit(_))));
+    }
 }

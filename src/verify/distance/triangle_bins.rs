@@ -95,16 +95,23 @@ pub(crate) struct TriangleBins {
 }
 
 impl TriangleBins {
+    /// Bytes for so many triangles, beside the lists of the bricks.
+    pub fn bytes(triangles: usize) -> u64 {
+        (triangles * (size_of::<Triangle>() + size_of::<[f32; 4]>())) as u64
+    }
+
     /// Takes finite, possibly degenerate triangles, into the bricks of `faces`; each is listed
-    /// where it comes within `reach`.
+    /// where it comes within `reach`. `check_memory` is told the bytes of the lists before they are
+    /// taken.
     ///
     /// # Errors
     /// [`Error::Cancelled`], [`Error::OutOfMemory`]; [`Error::LimitReached`] for lists of more than
-    /// 2^32 triangles.
+    /// 2^32 triangles; those of `check_memory`.
     pub fn new(
         triangles: Vec<Triangle>,
         faces: &VoxelFaces<'_>,
         reach: f64,
+        check_memory: &dyn Fn(u64) -> Result<()>,
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
         let dims = faces.brick_dims();
@@ -138,6 +145,7 @@ impl TriangleBins {
             })?;
             *end = total;
         }
+        check_memory(u64::from(total) * size_of::<u32>() as u64)?;
         // `ends[b]` grows from the start of b's list to its end.
         let lists: Vec<AtomicU32> = zeroed(total as usize, "triangles of bricks")?;
         each(&|brick, number| {
@@ -367,7 +375,7 @@ mod tests {
             );
             let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
             let bins =
-                TriangleBins::new(triangles.clone(), &faces, 0.5, &Monitor::silent()).unwrap();
+                TriangleBins::new(triangles.clone(), &faces, 0.5, &|_| Ok(()), &Monitor::silent()).unwrap();
             for id in [None, Some(1), Some(65), Some(2)] {
                 let wanted = |t: &Triangle| id.is_none_or(|id| t.ids.contains(&id));
                 let start =
@@ -395,7 +403,9 @@ mod tests {
             components: [NO_SET; 2],
         };
         let triangles: Vec<Triangle> = (0..60).map(|i| at(0.5 * f64::from(i))).collect();
-        let bins = TriangleBins::new(triangles.clone(), &faces, 0.25, &Monitor::silent()).unwrap();
+        let bins =
+            TriangleBins::new(triangles.clone(), &faces, 0.25, &|_| Ok(()), &Monitor::silent())
+                .unwrap();
         let [nx, ny, nz] = faces.brick_dims();
         for brick in 0..nx * ny * nz {
             let low = DVec3::from(
@@ -418,7 +428,8 @@ mod tests {
     fn no_triangles() {
         let image = testing::image([3, 3, 3], Frame::axis_aligned([1.0; 3]).unwrap(), |_, _, _| 1);
         let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
-        let bins = TriangleBins::new(Vec::new(), &faces, 0.5, &Monitor::silent()).unwrap();
+        let bins =
+            TriangleBins::new(Vec::new(), &faces, 0.5, &|_| Ok(()), &Monitor::silent()).unwrap();
         assert!(bins.nearest(None, DVec3::ZERO, None).is_none());
     }
 }
