@@ -5,7 +5,7 @@
 //! as a resolution; where these are given they are taken. Else voxels are cubes of side 1.
 
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use tiff::decoder::{ChunkType, Decoder, Limits};
@@ -29,12 +29,53 @@ const COLOR_TABLE: u64 = 3;
 /// What the decoder needs beside the buffer that it is given, at most.
 const BESIDE: usize = 16 << 20;
 
-type Pages = Decoder<BufReader<File>>;
+type Pages<'a> = Decoder<BufReader<Watched<'a>>>;
+
+/// The most bytes that are read at once.
+const AT_ONCE: usize = 1 << 20;
+
+/// The file, of which every read asks whether to go on: a page may be one strip, which is decoded
+/// at once.
+struct Watched<'a> {
+    file: File,
+    access: Access<'a>,
+    memory: Watch,
+    /// Which part of the pages is done.
+    done: f64,
+}
+
+impl Read for Watched<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let (from, share) = self.access.share;
+        let going = (self.access.go_on)(from + share * self.done);
+        going.and_then(|()| self.memory.check()).map_err(io::Error::other)?;
+        let count = buffer.len().min(AT_ONCE);
+        self.file.read(&mut buffer[..count])
+    }
+}
+
+impl Seek for Watched<'_> {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
+        self.file.seek(position)
+    }
+}
+
+/// What ended a read, where the decoder hands it on; else the decoder's own error.
+fn ended(error: TiffError) -> std::result::Result<Error, TiffError> {
+    match error {
+        TiffError::IoError(error) => error.downcast().map_err(TiffError::IoError),
+        error => Err(error),
+    }
+}
 
 pub(super) fn open<'a>(path: &Path, _: Volumes, access: Access<'a>) -> Result<Opened<'a>> {
     let (file, length) = Source::open_file(path)?;
-    let broken = |e: TiffError| Error::format(path, format!("not a TIFF file that is read: {e}"));
+    let broken = |e: TiffError| {
+        ended(e)
+            .unwrap_or_else(|e| Error::format(path, format!("not a TIFF file that is read: {e}")))
+    };
     let refused = |why: String| Err(Error::format(path, why));
+    let file = Watched { file, access, memory: Watch::new(), done: 0.0 };
     let mut pages = Decoder::new(BufReader::new(file)).map_err(broken)?;
     let photometric = pages.find_tag_unsigned::<u64>(Tag::PhotometricInterpretation);
     let photometric = photometric.map_err(broken)?;
@@ -110,7 +151,7 @@ pub(super) fn open<'a>(path: &Path, _: Volumes, access: Access<'a>) -> Result<Op
 }
 
 /// The type of the voxels, by the sample format of the first page.
-fn scalar_of(path: &Path, pages: &mut Pages, bits: u8) -> Result<Scalar> {
+fn scalar_of(path: &Path, pages: &mut Pages<'_>, bits: u8) -> Result<Scalar> {
     /// Values of the tag: unsigned, signed, IEEE float.
     const UNSIGNED: u64 = 1;
     const SIGNED: u64 = 2;
@@ -148,7 +189,7 @@ struct Described {
 }
 
 impl Described {
-    fn new(pages: &mut Pages) -> Self {
+    fn new(pages: &mut Pages<'_>) -> Self {
         let text = pages.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
         if !text.starts_with("ImageJ") {
             return Self::default();
@@ -202,7 +243,7 @@ impl Described {
 
 /// The pixels of all pages, as a stream of the machine's numbers.
 struct Stream<'a> {
-    pages: Pages,
+    pages: Pages<'a>,
     access: Access<'a>,
     memory: Watch,
     /// 0 stands for white, and the decoder has turned values around.
@@ -221,11 +262,17 @@ struct Stream<'a> {
 impl Stream<'_> {
     /// Decodes the next strip, or the next page where it is in tiles.
     fn decode(&mut self) -> io::Result<()> {
-        let damaged = |e: TiffError| io::Error::new(io::ErrorKind::InvalidData, e.to_string());
+        let damaged = |e: TiffError| {
+            ended(e).map_or_else(
+                |e| io::Error::new(io::ErrorKind::InvalidData, e.to_string()),
+                io::Error::other,
+            )
+        };
         let (from, share) = self.access.share;
         let done = 1.0 - self.left as f64 / self.count as f64;
         let going = (self.access.go_on)(from + share * done).and_then(|()| self.memory.check());
         going.map_err(io::Error::other)?;
+        self.pages.inner().get_mut().done = done;
         let strips = match self.pages.get_chunk_type() {
             ChunkType::Strip => self.pages.strip_count().map_err(damaged)?,
             ChunkType::Tile => 1,
@@ -279,12 +326,15 @@ impl Read for Stream<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
     use std::io::Cursor;
 
     use tiff::encoder::colortype::{ColorType, Gray8, Gray16, GrayI32, RGB8};
     use tiff::encoder::{Compression, DeflateLevel, TiffEncoder, TiffValue};
 
     use super::super::tests::{labels, read_bytes};
+    use super::super::{ReadOptions, read_image_with};
+    use crate::Error;
 
     /// Pages of 3 x 2 pixels.
     fn stack<C: ColorType>(
@@ -337,6 +387,36 @@ mod tests {
             read_bytes("a.tif", &stack::<GrayI32>(Compression::Lzw, 1, &pages, None)).unwrap();
         assert_eq!(labels(&read.image)[1], -1);
         assert_eq!(labels(&read.image)[11], 70_000);
+    }
+
+    /// A page of one strip is decoded at once, but the file is not read at once.
+    #[test]
+    fn a_page_can_be_left() {
+        let mut bytes = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
+        let mut image = encoder.new_image::<Gray8>(4096, 1024).unwrap();
+        image.rows_per_strip(1024).unwrap();
+        image.write_data(&vec![0; 4096 * 1024]).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        std::fs::write(&path, bytes.into_inner()).unwrap();
+        let asked = |most: u32| {
+            let count = Cell::new(0);
+            let go_on = |_| {
+                count.set(count.get() + 1);
+                if count.get() > most { Err(Error::Cancelled) } else { Ok(()) }
+            };
+            let read = read_image_with(&path, &ReadOptions::default(), &go_on).map(|_| ());
+            (read, count.get())
+        };
+        let (read, all) = asked(u32::MAX);
+        read.unwrap();
+        assert!(all > 5, "asked {all} times");
+        for most in 0..all {
+            let (read, count) = asked(most);
+            assert!(matches!(read, Err(Error::Cancelled)), "{most} of {all}: {read:?}");
+            assert_eq!(count, most + 1);
+        }
     }
 
     #[test]
