@@ -11,12 +11,12 @@
 //! Normals point to the higher cell, or out of the mesh.
 
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rayon::prelude::*;
 
 use super::groups::Groups;
-use super::output::Output;
+use super::output::{Output, in_folder};
 use super::records::{push_floats, push_int, write_records};
 use super::regions::{Boundaries, Regions};
 use super::{WriteOptions, check_count, refuse_second_order};
@@ -46,25 +46,7 @@ pub(super) fn write(
     check_count(path, "OpenFOAM", "vertices", mesh.points.len(), MAX)?;
     check_count(path, "OpenFOAM", "tets", mesh.tets.len(), MAX / 4)?;
     let folder = path.parent().unwrap_or(Path::new("")).join("constant").join("polyMesh");
-    let made = make_folders(&folder)?;
-    let result = write_into(mesh, options, path, &folder, cancel);
-    if result.is_err() {
-        // Only those that are still empty.
-        made.iter().rev().for_each(|folder| drop(std::fs::remove_dir(folder)));
-    }
-    result
-}
-
-/// Makes a folder and those above it; returns those that were not there.
-fn make_folders(folder: &Path) -> Result<Vec<PathBuf>> {
-    let mut missing: Vec<PathBuf> = folder
-        .ancestors()
-        .take_while(|above| !above.is_dir() && **above != *"")
-        .map(Path::to_owned)
-        .collect();
-    missing.reverse();
-    std::fs::create_dir_all(folder).map_err(|error| Error::io(folder, error))?;
-    Ok(missing)
+    in_folder(&folder, || write_into(mesh, options, path, &folder, cancel))
 }
 
 fn write_into(
@@ -81,7 +63,7 @@ fn write_into(
     let mut outputs = Vec::new();
     let mut file =
         |name: &str, class: &str, note: &str, fill: &dyn Fn(&mut Output<'_>) -> io::Result<()>| {
-            let mut output = Output::create(&folder.join(name))?.watching(cancel);
+            let mut output = Output::create_among_others(&folder.join(name))?.watching(cancel);
             output.fill(|out| {
                 write_head(out, options, name, class, note)?;
                 fill(out)

@@ -5,14 +5,14 @@ use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 
 use crate::error::shown;
 use crate::memory::Watch;
 use crate::monitor::CancelFlag;
 use crate::{Error, Result};
 
-const BUFFER: usize = 1 << 20;
+const BUFFER: usize = 1 << 18;
 
 /// Names of temporary files.
 const PREFIX: &str = ".lapd-";
@@ -27,9 +27,12 @@ fn remove_old(folder: &Path) {
     let is_old = |entry: &fs::DirEntry| {
         let name = entry.file_name();
         let name = name.to_string_lossy();
+        if !(name.starts_with(PREFIX) && name.ends_with(SUFFIX)) {
+            return false;
+        }
         let metadata = entry.metadata().ok().filter(|metadata| metadata.is_file());
         let age = metadata.and_then(|metadata| metadata.modified().ok()?.elapsed().ok());
-        age.is_some_and(|age| age > OLD) && name.starts_with(PREFIX) && name.ends_with(SUFFIX)
+        age.is_some_and(|age| age > OLD)
     };
     for entry in fs::read_dir(folder).into_iter().flatten().flatten().filter(is_old) {
         let _ = fs::remove_file(entry.path());
@@ -47,6 +50,15 @@ pub(crate) struct Output<'a> {
 impl<'a> Output<'a> {
     /// Creates the temporary file for `path`. A symbolic link stays, what it points to is replaced.
     pub fn create(path: &Path) -> Result<Self> {
+        Self::create_with(path, remove_old)
+    }
+
+    /// The same in a folder that [`in_folder`] has looked through: for many files.
+    pub fn create_among_others(path: &Path) -> Result<Self> {
+        Self::create_with(path, |_| ())
+    }
+
+    fn create_with(path: &Path, look_through: impl FnOnce(&Path)) -> Result<Self> {
         let memory = Watch::new();
         let target = match fs::canonicalize(path) {
             Ok(target) if target.is_file() => target,
@@ -59,7 +71,7 @@ impl<'a> Output<'a> {
             Some(folder) if folder != Path::new("") => folder,
             _ => Path::new("."),
         };
-        remove_old(folder);
+        look_through(folder);
         let mut builder = tempfile::Builder::new();
         builder.prefix(PREFIX).suffix(SUFFIX);
         // Temporary files are private by default; a new mesh gets what the user's umask says, one
@@ -105,25 +117,56 @@ impl<'a> Output<'a> {
         write(self.writer.get_ref().path())
     }
 
-    /// Gives all files their names, after all are on the disk. If a renaming fails, the files
-    /// before it have their names already; each of them is whole.
+    /// Gives all files their names, after all are on the disk; see [`Finished::commit`].
     pub fn commit(outputs: Vec<Self>) -> Result<()> {
-        let mut ready = Vec::with_capacity(outputs.len());
-        for Self { mut writer, target, .. } in outputs {
-            let synced = writer.flush().and_then(|()| writer.get_ref().as_file().sync_data());
-            // The mode of a file that is replaced.
-            let kept = synced.and_then(|()| match fs::metadata(&target) {
-                Ok(old) => writer.get_ref().as_file().set_permissions(old.permissions()),
-                Err(_) => Ok(()),
-            });
-            let file = kept.and_then(|()| writer.into_inner().map_err(|error| error.into_error()));
-            ready.push((file.map_err(|error| Error::io(&target, error))?, target));
-        }
-        for (file, target) in ready {
-            file.persist(&target).map_err(|error| Error::io(&target, error.error))?;
-        }
-        Ok(())
+        let finished = outputs.into_iter().map(Self::finish).collect::<Result<Vec<_>>>()?;
+        Finished::commit(finished)
     }
+
+    /// Puts the file on the disk and closes it; it has no name yet.
+    pub fn finish(self) -> Result<Finished> {
+        let Self { mut writer, target, .. } = self;
+        let synced = writer.flush().and_then(|()| writer.get_ref().as_file().sync_data());
+        // The mode of a file that is replaced.
+        let kept = synced.and_then(|()| match fs::metadata(&target) {
+            Ok(old) => writer.get_ref().as_file().set_permissions(old.permissions()),
+            Err(_) => Ok(()),
+        });
+        let file = kept.and_then(|()| writer.into_inner().map_err(|error| error.into_error()));
+        let file = file.map_err(|error| Error::io(&target, error))?.into_temp_path();
+        Ok(Finished { file, target })
+    }
+}
+
+/// A temporary file that is whole, on the disk and closed: many of them may wait for each other.
+/// Dropped before [`Finished::commit`], it is removed.
+pub(crate) struct Finished {
+    file: TempPath,
+    target: PathBuf,
+}
+
+impl Finished {
+    /// Gives all files their names, in this order. If a renaming fails, the files before it have
+    /// their names already; each of them is whole.
+    pub fn commit(all: Vec<Self>) -> Result<()> {
+        all.into_iter().try_for_each(|Self { file, target }| {
+            file.persist(&target).map_err(|error| Error::io(&target, error.error))
+        })
+    }
+}
+
+/// Makes a folder, and those above it, for what `write` writes. After an error those that were made
+/// are removed again, unless there is something in them.
+pub(super) fn in_folder(folder: &Path, write: impl FnOnce() -> Result<()>) -> Result<()> {
+    let mut made: Vec<&Path> = folder.ancestors().collect();
+    made.retain(|above| !above.is_dir() && **above != *"");
+    fs::create_dir_all(folder).map_err(|error| Error::io(folder, error))?;
+    remove_old(folder);
+    let result = write();
+    if result.is_err() {
+        made.iter().for_each(|folder| drop(fs::remove_dir(folder)));
+    }
+    result
 }
 
 impl Write for Output<'_> {
