@@ -4,8 +4,7 @@
 //! Each region is an element set of elements C3D4, or C3D10 in a mesh of second order, whose nodes
 //! on edges come in the mesh's own order. Each boundary is an element-based surface of faces of
 //! tets of its first label, so that its normals point to the second one, and a node set of the same
-//! name. The number of a node is
-//! its index + 1, that of an element the tet's index + 1.
+//! name. The number of a node is its index + 1, that of an element the tet's index + 1.
 //!
 //! Programs read no more than 20 characters of a number, so longer ones are rounded to fit. That
 //! concerns only numbers below 0.1 in size, and changes them by less than 1e-11 of their size.
@@ -15,11 +14,11 @@ use std::path::Path;
 
 use super::groups::Groups;
 use super::output::Output;
-use super::records::{push_float, push_int, write_records};
+use super::records::{push_float, push_int, write_ranges, write_records};
 use super::regions::{Boundaries, Regions};
+use super::subset::Subset;
 use super::{WriteOptions, check_count};
 use crate::Result;
-use crate::memory::room;
 use crate::mesh::TetMesh;
 
 /// Characters of a number.
@@ -53,9 +52,9 @@ pub(super) fn write(
     let regions = Regions::new(mesh, options);
     for (label, tets) in Groups::new(&mesh.labels).map_err(io::Error::other)?.iter() {
         writeln!(out, "*ELEMENT, TYPE={kind}, ELSET={}", regions.name(label))?;
-        write_records(out, tets.len(), |i, bytes| {
-            push_int(bytes, i64::from(tets[i]) + 1);
-            for &v in &mesh.tet_nodes(tets[i] as usize)[..nodes] {
+        tets.write_records(out, |_, t, bytes| {
+            push_int(bytes, i64::from(t) + 1);
+            for &v in &mesh.tet_nodes(t as usize)[..nodes] {
                 bytes.extend_from_slice(b", ");
                 push_int(bytes, i64::from(v) + 1);
             }
@@ -66,8 +65,8 @@ pub(super) fn write(
     for (boundary, facets) in Groups::new(&boundaries.of_facets).map_err(io::Error::other)?.iter() {
         let name = &boundaries.names[boundary as usize];
         writeln!(out, "*SURFACE, TYPE=ELEMENT, NAME={name}")?;
-        write_records(out, facets.len(), |i, bytes| {
-            let facet = facets[i] as usize;
+        facets.write_records(out, |_, facet, bytes| {
+            let facet = facet as usize;
             // The first label is never background.
             let tet = mesh.facet_tets[facet][0];
             push_int(bytes, i64::from(tet) + 1);
@@ -75,26 +74,20 @@ pub(super) fn write(
             push_int(bytes, face(&mesh.tets[tet as usize], &mesh.facets[facet]));
             bytes.push(b'\n');
         })?;
-        let nodes = nodes_of(mesh, facets).map_err(io::Error::other)?;
+        let nodes = facets.iter().flat_map(|f| mesh.nodes_of_facet(f));
+        let nodes = Subset::new(mesh.points.len(), nodes).map_err(io::Error::other)?;
         writeln!(out, "*NSET, NSET={name}")?;
-        write_records(out, nodes.len().div_ceil(ENTRIES), |line, bytes| {
-            for &v in nodes.iter().skip(ENTRIES * line).take(ENTRIES) {
+        write_ranges(out, nodes.len(), |range, bytes| {
+            for (i, v) in range.clone().zip(nodes.range(range)) {
                 push_int(bytes, i64::from(v) + 1);
                 bytes.push(b',');
+                if i % ENTRIES == ENTRIES - 1 || i + 1 == nodes.len() {
+                    bytes.push(b'\n');
+                }
             }
-            bytes.push(b'\n');
         })?;
     }
     Ok(())
-}
-
-/// The nodes of facets, in increasing order.
-fn nodes_of(mesh: &TetMesh, facets: &[u32]) -> Result<Vec<u32>> {
-    let mut nodes = room(facets.len() * mesh.nodes_per_facet(), "nodes of a boundary")?;
-    nodes.extend(facets.iter().flat_map(|&f| mesh.nodes_of_facet(f)));
-    nodes.sort_unstable();
-    nodes.dedup();
-    Ok(nodes)
 }
 
 /// The number of the face of `tet` that is `facet`: faces 1 to 4 are opposite to the vertices 3, 2,

@@ -10,12 +10,13 @@
 //! Elements are numbered block by block; `elem_num_map` has the number of each tet in the mesh,
 //! from 1.
 //!
-//! Memory: beside the mesh, 8 bytes per tet and 4 per facet for the order.
+//! Memory: beside the mesh, 4 bytes per facet, and what the groups take (see `groups`). The number
+//! of a tet's element is counted anew for each side.
 
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::groups::Groups;
+use super::groups::{Groups, Members};
 use super::netcdf::{Kind, MAX_BYTES, NetCdf, Value};
 use super::output::Output;
 use super::records::write_records;
@@ -23,7 +24,6 @@ use super::regions::{Tags, regions_and_boundaries};
 use super::{WriteOptions, check_count};
 use crate::Result;
 use crate::image::Wall;
-use crate::memory::zeroed;
 use crate::mesh::TetMesh;
 
 /// The longest name, less the zero behind it.
@@ -40,7 +40,7 @@ pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
 /// A side set: its name, the facets that it has, and which of their two sides.
 struct SideSet<'a> {
     name: String,
-    facets: &'a [u32],
+    facets: Members<'a, u32>,
     side: usize,
 }
 
@@ -52,10 +52,6 @@ pub(super) fn write(
     let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     let blocks = Groups::new(&mesh.labels).map_err(io::Error::other)?;
     let of_boundaries = Groups::new(&boundaries.of_facets).map_err(io::Error::other)?;
-    let mut numbers: Vec<u32> =
-        zeroed(mesh.tets.len(), "numbers of elements").map_err(io::Error::other)?;
-    let order = blocks.iter().flat_map(|(_, tets)| tets.iter());
-    (1..).zip(order).for_each(|(number, &t)| numbers[t as usize] = number);
     let mut sets = Vec::new();
     for (boundary, facets) in of_boundaries.iter() {
         let name = &boundaries.names[boundary as usize];
@@ -75,7 +71,7 @@ pub(super) fn write(
         tags: Tags::new(&regions.labels, 0, i32::MAX).volumes,
         names: regions.iter().map(|(_, name)| name).collect(),
         blocks: &blocks,
-        numbers,
+        starts: blocks.starts(),
         set_names: sets.iter().map(|set| &*set.name).collect(),
         sets: &sets,
     };
@@ -86,11 +82,11 @@ pub(super) fn write(
 struct Parts<'a> {
     mesh: &'a TetMesh,
     /// Blocks with their numbers and names.
-    blocks: &'a Groups<i32>,
+    blocks: &'a Groups<'a, i32>,
     tags: Vec<i32>,
     names: Vec<&'a str>,
-    /// The number of each tet's element.
-    numbers: Vec<u32>,
+    /// How many elements are before each block.
+    starts: Vec<usize>,
     sets: &'a [SideSet<'a>],
     set_names: Vec<&'a str>,
 }
@@ -98,7 +94,7 @@ struct Parts<'a> {
 impl Parts<'_> {
     /// The file, without its data.
     fn file(&self, options: &WriteOptions<'_>) -> NetCdf<'_> {
-        let Self { mesh, blocks, tags, names, numbers, sets, set_names } = self;
+        let Self { mesh, blocks, starts, tags, names, sets, set_names } = self;
         let mut file = NetCdf::default();
         file.attribute("api_version", Value::Float(8.03));
         file.attribute("version", Value::Float(8.03));
@@ -132,9 +128,9 @@ impl Parts<'_> {
         if !mesh.tets.is_empty() {
             let num_elem = file.dimension("num_elem", mesh.tets.len());
             file.variable("elem_num_map", &[num_elem], Kind::Int, None, |out| {
-                blocks
-                    .iter()
-                    .try_for_each(|(_, tets)| write_ints(out, tets.len(), |i| tets[i] as i32 + 1))
+                blocks.iter().try_for_each(|(_, tets)| {
+                    tets.write_records(out, |_, t, bytes| push_int(bytes, t as i32 + 1))
+                })
             });
             let count = file.dimension("num_el_blk", tags.len());
             write_list(
@@ -153,8 +149,8 @@ impl Parts<'_> {
             let attribute = Some(("elem_type", Value::Text(kind.into())));
             let dimensions = [in_block, per_element];
             file.variable(format!("connect{n}"), &dimensions, Kind::Int, attribute, move |out| {
-                write_records(out, tets.len(), |i, bytes| {
-                    for &v in &mesh.tet_nodes(tets[i] as usize)[..nodes] {
+                tets.write_records(out, |_, t, bytes| {
+                    for &v in &mesh.tet_nodes(t as usize)[..nodes] {
                         bytes.extend_from_slice(&(v + 1).to_be_bytes());
                     }
                 })
@@ -173,13 +169,16 @@ impl Parts<'_> {
         }
         for (set, n) in sets.iter().zip(1..) {
             let count = file.dimension(format!("num_side_ss{n}"), set.facets.len());
-            let tet_of = move |i: usize| mesh.facet_tets[set.facets[i] as usize][set.side] as usize;
+            let tet_of = move |f: u32| mesh.facet_tets[f as usize][set.side] as usize;
             file.variable(format!("elem_ss{n}"), &[count], Kind::Int, None, move |out| {
-                write_ints(out, set.facets.len(), |i| numbers[tet_of(i)] as i32)
+                set.facets.write_records(out, |_, f, bytes| {
+                    let (block, place) = blocks.place(tet_of(f));
+                    push_int(bytes, (starts[block] + place) as i32 + 1);
+                })
             });
             file.variable(format!("side_ss{n}"), &[count], Kind::Int, None, move |out| {
-                write_ints(out, set.facets.len(), |i| {
-                    side(&mesh.tets[tet_of(i)], &mesh.facets[set.facets[i] as usize])
+                set.facets.write_records(out, |_, f, bytes| {
+                    push_int(bytes, side(&mesh.tets[tet_of(f)], &mesh.facets[f as usize]));
                 })
             });
         }
@@ -211,7 +210,11 @@ fn write_ints(
     count: usize,
     value: impl Fn(usize) -> i32 + Sync,
 ) -> io::Result<()> {
-    write_records(out, count, |i, bytes| bytes.extend_from_slice(&value(i).to_be_bytes()))
+    write_records(out, count, |i, bytes| push_int(bytes, value(i)))
+}
+
+fn push_int(bytes: &mut Vec<u8>, value: i32) {
+    bytes.extend_from_slice(&value.to_be_bytes());
 }
 
 fn write_names(out: &mut Output<'_>, names: &[&str]) -> io::Result<()> {

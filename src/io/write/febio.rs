@@ -52,10 +52,9 @@ pub(super) fn write(
     out.write_all(b"</Nodes>\n")?;
     for (label, tets) in Groups::new(&mesh.labels).map_err(io::Error::other)?.iter() {
         writeln!(out, "<Elements type=\"tet{of_tet}\" name=\"{}\">", regions.name(label))?;
-        write_records(out, tets.len(), |i, bytes| {
-            let t = tets[i] as usize;
-            push_open(bytes, b"elem", t);
-            push_nodes(bytes, &mesh.tet_nodes(t)[..of_tet]);
+        tets.write_records(out, |_, t, bytes| {
+            push_open(bytes, b"elem", t as usize);
+            push_nodes(bytes, &mesh.tet_nodes(t as usize)[..of_tet]);
             bytes.extend_from_slice(b"</elem>\n");
         })?;
         out.write_all(b"</Elements>\n")?;
@@ -64,9 +63,9 @@ pub(super) fn write(
     for (boundary, facets) in of_boundaries.iter() {
         writeln!(out, "<Surface name=\"{}\">", boundaries.names[boundary as usize])?;
         let tag: &[u8] = if of_facet == 3 { b"tri3" } else { b"tri6" };
-        write_records(out, facets.len(), |i, bytes| {
+        facets.write_records(out, |i, f, bytes| {
             push_open(bytes, tag, i);
-            push_nodes(bytes, &mesh.facet_nodes(facets[i] as usize)[..of_facet]);
+            push_nodes(bytes, &mesh.facet_nodes(f as usize)[..of_facet]);
             bytes.extend_from_slice(b"</");
             bytes.extend_from_slice(tag);
             bytes.extend_from_slice(b">\n");

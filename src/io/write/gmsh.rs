@@ -28,7 +28,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::groups::Groups;
+use super::groups::{Groups, Members};
 use super::output::Output;
 use super::records::write_records;
 use super::regions::{Boundaries, Regions, Tags, regions_and_boundaries};
@@ -180,7 +180,7 @@ pub(super) fn write_4_1(
     out.write_all(b"$Entities\n")?;
     write_longs(out, &[0, 0, surfaces.iter().len(), volumes.iter().len()])?;
     for (&tag, (_, facets)) in tags.surfaces.iter().zip(surfaces.iter()) {
-        write_entity(out, mesh, tag, facets.iter().flat_map(|&f| mesh.nodes_of_facet(f)), &[])?;
+        write_entity(out, mesh, tag, facets.iter().flat_map(|f| mesh.nodes_of_facet(f)), &[])?;
     }
     for (&tag, (label, tets)) in tags.volumes.iter().zip(volumes.iter()) {
         let boundary: Vec<i32> = tags
@@ -190,7 +190,7 @@ pub(super) fn write_4_1(
             .filter(|&(b, _)| boundaries.bounds(b, label))
             .map(|(b, &tag)| if boundaries.all[b].labels[0] == label { tag } else { -tag })
             .collect();
-        write_entity(out, mesh, tag, tets.iter().flat_map(|&t| mesh.nodes_of_tet(t)), &boundary)?;
+        write_entity(out, mesh, tag, tets.iter().flat_map(|t| mesh.nodes_of_tet(t)), &boundary)?;
     }
     out.write_all(b"\n$EndEntities\n$Nodes\n")?;
 
@@ -204,12 +204,8 @@ pub(super) fn write_4_1(
         // The third integer says that the nodes have no parameters on their entity.
         write_ints(out, &[dimension, tag, 0])?;
         write_longs(out, &[vertices.len()])?;
-        write_records(out, vertices.len(), |i, bytes| {
-            push_long(bytes, u64::from(vertices[i]) + 1)
-        })?;
-        write_records(out, vertices.len(), |i, bytes| {
-            push_point(bytes, &mesh.points[vertices[i] as usize])
-        })?;
+        vertices.write_records(out, |_, v, bytes| push_long(bytes, u64::from(v) + 1))?;
+        vertices.write_records(out, |_, v, bytes| push_point(bytes, &mesh.points[v as usize]))?;
     }
     out.write_all(b"\n$EndNodes\n$Elements\n")?;
 
@@ -223,12 +219,12 @@ pub(super) fn write_4_1(
             [SURFACE, tag, elements.kind_of_facets()],
             mesh.tets.len(),
             &nodes,
-            members,
+            &members,
         )?;
     }
     let nodes = |t: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_tet(t, push);
     for (&tag, (_, members)) in tags.volumes.iter().zip(volumes.iter()) {
-        write_block_4_1(out, [VOLUME, tag, elements.kind_of_tets()], 0, &nodes, members)?;
+        write_block_4_1(out, [VOLUME, tag, elements.kind_of_tets()], 0, &nodes, &members)?;
     }
     out.write_all(b"\n$EndElements\n")
 }
@@ -261,21 +257,21 @@ fn write_entity(
 fn owners(
     mesh: &TetMesh,
     tags: &Tags,
-    volumes: &Groups<i32>,
-    surfaces: &Groups<u32>,
+    volumes: &Groups<'_, i32>,
+    surfaces: &Groups<'_, u32>,
 ) -> Result<Vec<[i32; 2]>> {
     // A vertex of no tet has to be somewhere as well.
     let nowhere = [VOLUME, tags.volumes.first().copied().unwrap_or(1)];
     let mut owners = filled(mesh.points.len(), nowhere, "owners of vertices", || Ok(()))?;
     for (&tag, (_, tets)) in tags.volumes.iter().zip(volumes.iter()) {
         tets.iter()
-            .flat_map(|&t| mesh.nodes_of_tet(t))
+            .flat_map(|t| mesh.nodes_of_tet(t))
             .for_each(|v| owners[v as usize] = [VOLUME, tag]);
     }
     for (&tag, (_, facets)) in tags.surfaces.iter().zip(surfaces.iter()).rev() {
         facets
             .iter()
-            .flat_map(|&f| mesh.nodes_of_facet(f))
+            .flat_map(|f| mesh.nodes_of_facet(f))
             .for_each(|v| owners[v as usize] = [SURFACE, tag]);
     }
     Ok(owners)
@@ -283,17 +279,17 @@ fn owners(
 
 /// Elements of one entity: dimension and tag of the entity, type, count; then of each element its
 /// tag and nodes.
-fn write_block_4_1(
+fn write_block_4_1<K: Copy + Ord + Sync>(
     out: &mut Output,
     kind: [i32; 3],
     first: usize,
     nodes: &Nodes<'_>,
-    members: &[u32],
+    members: &Members<'_, K>,
 ) -> io::Result<()> {
     write_ints(out, &kind)?;
     write_longs(out, &[members.len()])?;
-    write_records(out, members.len(), |i, bytes| {
-        let element = members[i] as usize;
+    members.write_records(out, |_, element, bytes| {
+        let element = element as usize;
         push_long(bytes, (first + element) as u64 + 1);
         nodes(element, &mut |v| push_long(bytes, u64::from(v) + 1));
     })

@@ -1,10 +1,17 @@
 //! Things sorted into groups of equal keys: the tets of each label, the facets of each boundary.
 //!
-//! Keys are in increasing order, the things of a group in their own order. A counting sort: two
-//! passes with a binary search per thing among the keys, which are few; 4 bytes per thing.
+//! Keys are in increasing order, the things of a group in their own order. Nothing is sorted:
+//! things are cut into chunks, and each group knows the chunks that it has things in, and how many
+//! of them come before. The things themselves are found again by their keys. So memory is at most
+//! half a byte per thing, however they are mixed; neighbouring things mostly have the same key, and
+//! then it is next to nothing. Reading all groups looks at a thing as often as its chunk has keys.
 
+use std::io::{self, Write};
+use std::ops::Range;
+
+use super::records::write_ranges;
 use crate::Result;
-use crate::memory::zeroed;
+use crate::memory::filled;
 
 /// The different values of `items`, in increasing order.
 pub(super) fn distinct<K: Copy + Ord>(items: &[K]) -> Vec<K> {
@@ -26,43 +33,174 @@ pub(super) fn distinct<K: Copy + Ord>(items: &[K]) -> Vec<K> {
     keys
 }
 
-/// Indices of things, by their keys.
-pub(super) struct Groups<K> {
-    keys: Vec<K>,
-    /// Group g has places `starts[g]..starts[g + 1]` of `order`.
-    starts: Vec<usize>,
-    order: Vec<u32>,
+/// Things of a chunk, where neighbours mostly have the same key.
+const CHUNK: usize = 256;
+
+/// How many things there are at least for each place of a chunk in a group, which takes 8 bytes;
+/// chunks are as large as that needs.
+const THINGS_PER_PLACE: usize = 16;
+
+/// A chunk that a group has things in.
+#[derive(Clone, Copy)]
+struct Place {
+    chunk: u32,
+    /// How many things of the group are in the chunks before.
+    before: u32,
 }
 
-impl<K: Copy + Ord> Groups<K> {
+/// Indices of things, by their keys.
+pub(super) struct Groups<'a, K> {
+    items: &'a [K],
+    /// Things of a chunk.
+    chunk: usize,
+    keys: Vec<K>,
+    /// How many things each group has.
+    counts: Vec<u32>,
+    /// Group g has `starts[g]..starts[g + 1]` of `places`.
+    starts: Vec<usize>,
+    places: Vec<Place>,
+}
+
+impl<'a, K: Copy + Ord + Sync> Groups<'a, K> {
     /// Groups the things whose keys are `items`.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
-    pub fn new(items: &[K]) -> Result<Self> {
+    pub fn new(items: &'a [K]) -> Result<Self> {
         let keys = distinct(items);
-        let group = |item: &K| keys.partition_point(|key| key < item);
+        let mut chunk = CHUNK;
         let mut starts = vec![0; keys.len() + 1];
-        items.iter().for_each(|item| starts[group(item) + 1] += 1);
+        loop {
+            for_each_part(items, chunk, &keys, |g, _, _| starts[g + 1] += 1);
+            let places: usize = starts.iter().sum();
+            if THINGS_PER_PLACE * places <= items.len() || chunk >= items.len() {
+                break;
+            }
+            starts.fill(0);
+            chunk *= 4;
+        }
+        let mut counts = vec![0; keys.len()];
         for g in 0..keys.len() {
             starts[g + 1] += starts[g];
         }
         let mut next = starts.clone();
-        let mut order: Vec<u32> = zeroed(items.len(), "elements in groups")?;
-        for (i, item) in items.iter().enumerate() {
-            let place = &mut next[group(item)];
-            order[*place] = i as u32;
-            *place += 1;
-        }
-        Ok(Self { keys, starts, order })
+        let nothing = Place { chunk: 0, before: 0 };
+        let mut places = filled(starts[keys.len()], nothing, "chunks of groups", || Ok(()))?;
+        for_each_part(items, chunk, &keys, |g, chunk, count| {
+            places[next[g]] = Place { chunk, before: counts[g] };
+            next[g] += 1;
+            counts[g] += count;
+        });
+        Ok(Self { items, chunk, keys, counts, starts, places })
     }
 
-    /// Each key with the indices of its things.
-    pub fn iter(&self) -> impl DoubleEndedIterator<Item = (K, &[u32])> + ExactSizeIterator {
-        self.keys
-            .iter()
-            .enumerate()
-            .map(|(g, &key)| (key, &self.order[self.starts[g]..self.starts[g + 1]]))
+    /// Each key with its things.
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = (K, Members<'_, K>)> + ExactSizeIterator {
+        (0..self.keys.len()).map(|g| (self.keys[g], self.members(g)))
+    }
+
+    fn members(&self, g: usize) -> Members<'_, K> {
+        Members {
+            items: self.items,
+            chunk: self.chunk,
+            key: self.keys[g],
+            count: self.counts[g],
+            places: &self.places[self.starts[g]..self.starts[g + 1]],
+        }
+    }
+
+    /// The place of each group's first thing in the list of all groups' things, one behind the
+    /// other.
+    pub fn starts(&self) -> Vec<usize> {
+        let sums = self.counts.iter().scan(0, |sum, &count| {
+            let start = *sum;
+            *sum += count as usize;
+            Some(start)
+        });
+        sums.collect()
+    }
+
+    /// Which group a thing is in, and its place there.
+    pub fn place(&self, i: usize) -> (usize, usize) {
+        let key = self.items[i];
+        let g = self.keys.partition_point(|other| *other < key);
+        let start = i - i % self.chunk;
+        let places = &self.places[self.starts[g]..self.starts[g + 1]];
+        let here = places.partition_point(|place| (place.chunk as usize) < i / self.chunk);
+        let before = places.get(here).map_or(0, |place| place.before as usize);
+        let same = self.items[start..i].iter().filter(|&other| *other == key).count();
+        (g, before + same)
+    }
+}
+
+/// Calls `part(group, chunk, count)` for the groups that each chunk has things of.
+fn for_each_part<K: Copy + Ord>(
+    items: &[K],
+    chunk: usize,
+    keys: &[K],
+    mut part: impl FnMut(usize, u32, u32),
+) {
+    let mut counts = vec![0; keys.len()];
+    let mut here = Vec::new();
+    for (number, items) in (0..).zip(items.chunks(chunk)) {
+        for same in items.chunk_by(K::eq) {
+            let g = keys.partition_point(|key| *key < same[0]);
+            if counts[g] == 0 {
+                here.push(g);
+            }
+            counts[g] += same.len() as u32;
+        }
+        for g in here.drain(..) {
+            part(g, number, std::mem::take(&mut counts[g]));
+        }
+    }
+}
+
+/// The things of a group.
+#[derive(Clone, Copy)]
+pub(super) struct Members<'a, K> {
+    items: &'a [K],
+    chunk: usize,
+    key: K,
+    count: u32,
+    places: &'a [Place],
+}
+
+impl<'a, K: Copy + Ord + Sync> Members<'a, K> {
+    pub fn len(&self) -> usize {
+        self.count as usize
+    }
+
+    /// All things.
+    pub fn iter(&self) -> impl Iterator<Item = u32> + use<'a, K> {
+        self.range(0..self.len())
+    }
+
+    /// The things of some places.
+    pub fn range(&self, places: Range<usize>) -> impl Iterator<Item = u32> + use<'a, K> {
+        let Self { items, chunk, key, places: chunks, .. } = *self;
+        let first = chunks.partition_point(|place| place.before as usize <= places.start);
+        let first = first.saturating_sub(1);
+        let before = chunks.get(first).map_or(0, |place| place.before as usize);
+        let things = chunks[first..].iter().flat_map(move |place| {
+            let start = place.chunk as usize * chunk;
+            let here = &items[start..items.len().min(start + chunk)];
+            let same = here.iter().enumerate().filter(move |&(_, other)| *other == key);
+            same.map(move |(i, _)| (start + i) as u32)
+        });
+        things.skip(places.start - before).take(places.len())
+    }
+
+    /// Calls `record(i, thing, bytes)`, which appends the record of the thing at place `i`, for all
+    /// of them, and writes the bytes in this order.
+    pub fn write_records(
+        &self,
+        out: &mut (impl Write + Send),
+        record: impl Fn(usize, u32, &mut Vec<u8>) + Sync,
+    ) -> io::Result<()> {
+        write_ranges(out, self.len(), |range, bytes| {
+            range.clone().zip(self.range(range)).for_each(|(i, thing)| record(i, thing, bytes));
+        })
     }
 }
 
@@ -72,11 +210,51 @@ mod tests {
 
     #[test]
     fn groups_keep_the_order() {
-        let groups = Groups::new(&[5, -2, 5, 5, i32::MAX, -2]).unwrap();
-        assert_eq!(groups.keys, [-2, 5, i32::MAX]);
-        let all: Vec<_> = groups.iter().map(|(key, things)| (key, things.to_vec())).collect();
+        let items = [5, -2, 5, 5, i32::MAX, -2];
+        let groups = Groups::new(&items).unwrap();
+        let all: Vec<_> =
+            groups.iter().map(|(key, things)| (key, things.iter().collect::<Vec<_>>())).collect();
         assert_eq!(all, [(-2, vec![1, 5]), (5, vec![0, 2, 3]), (i32::MAX, vec![4])]);
         assert_eq!(Groups::<i32>::new(&[]).unwrap().iter().len(), 0);
+    }
+
+    /// Few keys and many, neighbours of one key and not, over several chunks.
+    #[test]
+    fn things_are_found_again() {
+        for (count, keys, same) in
+            [(0, 1, 1), (1, 1, 1), (5000, 3, 1), (70_000, 900, 1), (70_000, 900, 64)]
+        {
+            let items: Vec<i32> = (0..count).map(|i| i / same * 7919 % keys - 5).collect();
+            let groups = Groups::new(&items).unwrap();
+            assert!(
+                groups.places.len() * size_of::<Place>() <= 8 * groups.keys.len() + items.len() / 2
+            );
+            let starts = groups.starts();
+            let mut found = 0;
+            for (g, (key, members)) in groups.iter().enumerate() {
+                assert_eq!(starts[g], found);
+                let expected: Vec<u32> =
+                    (0..count as u32).filter(|&i| items[i as usize] == key).collect();
+                assert_eq!(members.iter().collect::<Vec<_>>(), expected);
+                let (third, end) = (members.len() / 3, members.len());
+                for range in [0..0, third..end, third..third + 1, end..end] {
+                    assert!(members.range(range.clone()).eq(expected[range].iter().copied()));
+                }
+                for (place, &i) in expected.iter().enumerate() {
+                    assert_eq!(groups.place(i as usize), (g, place));
+                }
+                let mut bytes = Vec::new();
+                members
+                    .write_records(&mut bytes, |i, thing, bytes| {
+                        assert_eq!(expected[i], thing);
+                        bytes.push(thing as u8);
+                    })
+                    .unwrap();
+                assert!(bytes.into_iter().eq(expected.iter().map(|&i| i as u8)));
+                found += members.len();
+            }
+            assert_eq!(found, items.len());
+        }
     }
 
     #[test]

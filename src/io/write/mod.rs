@@ -40,8 +40,8 @@
 //! Data go to a temporary file in the folder of the target, are synced, and take the target's name
 //! in the end, so that a file of that name is always whole: the new one, or after an error the old
 //! one. Records are made in parallel batches and written in order; nothing is held in memory but a
-//! few batches, and, where a format wants things by label, their order. Equal meshes give equal
-//! bytes.
+//! few batches, the boundary of each facet, and, where a format wants things by label, in which
+//! chunks they are. Equal meshes give equal bytes.
 //!
 //! [`write_timeline`] writes in the same way what the threads of a run did when.
 
@@ -62,7 +62,7 @@ mod ply;
 mod records;
 mod regions;
 mod stl;
-mod surface;
+mod subset;
 mod tetgen;
 mod trace;
 mod unv;

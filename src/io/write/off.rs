@@ -7,25 +7,22 @@ use std::io::{self, Write};
 
 use super::WriteOptions;
 use super::output::Output;
-use super::records::{push_float, push_ints, write_records};
-use super::surface::SurfaceVertices;
+use super::records::{push_floats, push_ints, write_ranges, write_records};
+use super::subset::Subset;
 use crate::mesh::TetMesh;
 
 pub(super) fn write(mesh: &TetMesh, _: &WriteOptions, out: &mut Output) -> io::Result<()> {
-    let vertices = SurfaceVertices::new(mesh).map_err(io::Error::other)?;
-    write!(out, "OFF\n{} {} 0\n", vertices.used.len(), mesh.facets.len())?;
-    write_records(out, vertices.used.len(), |i, bytes| {
-        let [x, y, z] = mesh.points[vertices.used[i] as usize];
-        push_float(bytes, x);
-        for coordinate in [y, z] {
-            bytes.push(b' ');
-            push_float(bytes, coordinate);
+    let vertices = Subset::of_surface(mesh).map_err(io::Error::other)?;
+    write!(out, "OFF\n{} {} 0\n", vertices.len(), mesh.facets.len())?;
+    write_ranges(out, vertices.len(), |range, bytes| {
+        for v in vertices.range(range) {
+            push_floats(bytes, &mesh.points[v as usize], b' ');
+            bytes.push(b'\n');
         }
-        bytes.push(b'\n');
     })?;
     write_records(out, mesh.facets.len(), |f, bytes| {
         bytes.push(b'3');
-        push_ints(bytes, vertices.facet(&mesh.facets[f]).map(i64::from));
+        push_ints(bytes, mesh.facets[f].map(|v| vertices.place(v).into()));
         bytes.push(b'\n');
     })
 }

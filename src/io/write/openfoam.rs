@@ -123,8 +123,9 @@ fn write_into(
         for (label, tets) in zones.iter() {
             let name = faces.regions.name(label);
             write!(out, "{name}\n{{\n    type cellZone;\n    cellLabels List<label>\n")?;
-            write_list(out, tets.len(), tets.len(), |i, bytes| push_line(bytes, tets[i].into()))?;
-            out.write_all(b"    ;\n}\n")?;
+            writeln!(out, "{}\n(", tets.len())?;
+            tets.write_records(out, |_, t, bytes| push_line(bytes, t.into()))?;
+            out.write_all(b")\n    ;\n}\n")?;
         }
         out.write_all(b")\n")
     })?;
@@ -249,7 +250,7 @@ impl<'m> Faces<'m> {
             let name = &boundaries.names[boundary as usize];
             let before = outer.len();
             let mut zone = Vec::new();
-            for &f in facets {
+            for f in facets.iter() {
                 let [tet, other] = mesh.facet_tets[f as usize];
                 if other == NONE {
                     let corners = mesh.tets[tet as usize];

@@ -12,8 +12,8 @@ use std::io::{self, Write};
 use super::WriteOptions;
 use super::groups::distinct;
 use super::output::Output;
-use super::records::write_records;
-use super::surface::SurfaceVertices;
+use super::records::{write_ranges, write_records};
+use super::subset::Subset;
 use crate::mesh::TetMesh;
 
 pub(super) fn write(
@@ -21,7 +21,7 @@ pub(super) fn write(
     options: &WriteOptions<'_>,
     out: &mut Output,
 ) -> io::Result<()> {
-    let vertices = SurfaceVertices::new(mesh).map_err(io::Error::other)?;
+    let vertices = Subset::of_surface(mesh).map_err(io::Error::other)?;
     let color_of = |label| options.names.and_then(|names| names.get(label)?.color);
     let has_colors = distinct(&mesh.labels).into_iter().any(|label| color_of(label).is_some());
     write!(
@@ -32,7 +32,7 @@ pub(super) fn write(
          element face {}\nproperty list uchar int vertex_indices\n\
          property int first_label\nproperty int second_label\n{}end_header\n",
         options.space("comment ", "\n"),
-        vertices.used.len(),
+        vertices.len(),
         mesh.facets.len(),
         if has_colors {
             "property uchar red\nproperty uchar green\nproperty uchar blue\n"
@@ -40,17 +40,15 @@ pub(super) fn write(
             ""
         }
     )?;
-    write_records(out, vertices.used.len(), |i, bytes| {
-        mesh.points[vertices.used[i] as usize]
-            .iter()
-            .for_each(|x| bytes.extend_from_slice(&x.to_le_bytes()));
+    write_ranges(out, vertices.len(), |range, bytes| {
+        let coordinates = vertices.range(range).flat_map(|v| mesh.points[v as usize]);
+        coordinates.for_each(|x| bytes.extend_from_slice(&x.to_le_bytes()));
     })?;
     write_records(out, mesh.facets.len(), |f, bytes| {
         bytes.push(3);
-        vertices
-            .facet(&mesh.facets[f])
-            .iter()
-            .for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        for v in mesh.facets[f] {
+            bytes.extend_from_slice(&vertices.place(v).to_le_bytes());
+        }
         mesh.facet_labels[f].iter().for_each(|label| bytes.extend_from_slice(&label.to_le_bytes()));
         if has_colors {
             bytes.extend_from_slice(&color_of(mesh.facet_labels[f][0]).unwrap_or([128; 3]));

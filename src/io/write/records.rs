@@ -9,11 +9,12 @@
 //! formatter.
 
 use std::io::{self, Write};
+use std::ops::Range;
 
 use rayon::prelude::*;
 
 /// Records of one batch.
-const CHUNK: usize = 8192;
+const CHUNK: usize = 1024;
 
 /// Batches of one round, for each thread: enough to keep all threads busy, few enough that memory
 /// stays small.
@@ -55,8 +56,17 @@ pub(super) fn write_records(
     count: usize,
     record: impl Fn(usize, &mut Vec<u8>) + Sync,
 ) -> io::Result<()> {
+    write_ranges(out, count, |range, bytes| range.for_each(|i| record(i, bytes)))
+}
+
+/// As [`write_records`], with a call `records(range, bytes)` for some records at once.
+pub(super) fn write_ranges(
+    out: &mut (impl Write + Send),
+    count: usize,
+    records: impl Fn(Range<usize>, &mut Vec<u8>) + Sync,
+) -> io::Result<()> {
     let make = |batch: usize, bytes: &mut Vec<u8>| {
-        (batch * CHUNK..((batch + 1) * CHUNK).min(count)).for_each(|i| record(i, bytes));
+        records(batch * CHUNK..((batch + 1) * CHUNK).min(count), bytes);
         Ok(())
     };
     write_batches(count.div_ceil(CHUNK), make, |bytes| out.write_all(bytes))

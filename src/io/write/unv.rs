@@ -11,7 +11,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::groups::Groups;
+use super::groups::{Groups, Members};
 use super::output::Output;
 use super::records::write_records;
 use super::regions::{Tags, regions_and_boundaries};
@@ -77,24 +77,35 @@ pub(super) fn write(
     out.write_all(b"    -1\n    -1\n  2467\n")?;
     let of_regions = Groups::new(&mesh.labels).map_err(io::Error::other)?;
     let of_boundaries = Groups::new(&boundaries.of_facets).map_err(io::Error::other)?;
-    let named_regions = of_regions.iter().map(|(label, tets)| (regions.name(label), tets, 0));
-    let named_boundaries = of_boundaries
-        .iter()
-        .map(|(b, facets)| (&*boundaries.names[b as usize], facets, mesh.tets.len()));
-    for ((name, members, first), number) in named_regions.chain(named_boundaries).zip(1..) {
-        let mut head = Vec::new();
-        push_fields(&mut head, &[number, 0, 0, 0, 0, 0, 0, members.len() as u32]);
-        out.write_all(&head)?;
-        writeln!(out, "\n{}", short(name, number))?;
-        // Two of them in a line.
-        write_records(out, members.len().div_ceil(2), |line, bytes| {
-            for &member in members.iter().skip(2 * line).take(2) {
-                push_fields(bytes, &[ELEMENT, first as u32 + member + 1, 0, 0]);
-            }
-            bytes.push(b'\n');
-        })?;
+    for ((label, tets), number) in of_regions.iter().zip(1..) {
+        write_group(out, regions.name(label), number, 0, &tets)?;
+    }
+    let behind = of_regions.iter().len() as u32 + 1;
+    for ((b, facets), number) in of_boundaries.iter().zip(behind..) {
+        write_group(out, &boundaries.names[b as usize], number, mesh.tets.len(), &facets)?;
     }
     out.write_all(b"    -1\n")
+}
+
+/// A group: its number and name, and its elements, which come behind `first` others.
+fn write_group<K: Copy + Ord + Sync>(
+    out: &mut Output,
+    name: &str,
+    number: u32,
+    first: usize,
+    members: &Members<'_, K>,
+) -> io::Result<()> {
+    let mut head = Vec::new();
+    push_fields(&mut head, &[number, 0, 0, 0, 0, 0, 0, members.len() as u32]);
+    out.write_all(&head)?;
+    writeln!(out, "\n{}", short(name, number))?;
+    members.write_records(out, |i, member, bytes| {
+        push_fields(bytes, &[ELEMENT, first as u32 + member + 1, 0, 0]);
+        // Two of them in a line.
+        if i % 2 == 1 || i + 1 == members.len() {
+            bytes.push(b'\n');
+        }
+    })
 }
 
 /// A group's name in the 40 characters that the format has for it; a longer one ends with the
