@@ -188,30 +188,58 @@ def meshio_surface(path):
 # ---- VTK ----
 
 
-def vtk_volume(path):
+def vtk_output(path):
+    """What VTK's reader for the ending makes of the file."""
+    import vtk
+
+    reader = {
+        ".vtu": vtk.vtkXMLUnstructuredGridReader,
+        ".vtk": vtk.vtkUnstructuredGridReader,
+        ".vtkhdf": vtk.vtkHDFReader,
+        ".vtm": vtk.vtkXMLMultiBlockDataReader,
+    }[path.suffix]()
+    reader.SetFileName(str(path))
+    reader.Update()
+    assert reader.GetErrorCode() == 0, reader.GetErrorCode()
+    return reader.GetOutputDataObject(0)
+
+
+def vtk_volumes(grid):
+    """Volumes of tets as VTK computes them."""
     import vtk
     from vtk.util.numpy_support import vtk_to_numpy
 
-    reader = (
-        vtk.vtkXMLUnstructuredGridReader()
-        if path.suffix == ".vtu"
-        else vtk.vtkUnstructuredGridReader()
-    )
-    reader.SetFileName(str(path))
-    reader.Update()
-    grid = reader.GetOutput()
-    kinds = vtk_to_numpy(grid.GetCellTypes())
-    tets = int((kinds == vtk.VTK_TETRA).sum())
-    assert (kinds[:tets] == vtk.VTK_TETRA).all() and (kinds[tets:] == vtk.VTK_TRIANGLE).all()
-    assert grid.GetCellData().GetScalars().GetName() == "label"
     quality = vtk.vtkMeshQuality()
     quality.SetInputData(grid)
     quality.SetTetQualityMeasureToVolume()
     quality.Update()
-    nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray())
-    cells, field = grid.GetCellData(), grid.GetFieldData()
+    return vtk_to_numpy(quality.GetOutput().GetCellData().GetArray("Quality"))
+
+
+def vtk_field(grid):
+    """Names in the field data, with their numbers."""
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    field = grid.GetFieldData()
     names = [field.GetArrayName(i) for i in range(field.GetNumberOfArrays())]
-    numbers = {name: vtk_to_numpy(field.GetArray(name)).ravel() for name in names}
+    return {name: vtk_to_numpy(field.GetArray(name)).ravel() for name in names}
+
+
+def vtk_volume(path):
+    """All cells in one grid: .vtu, .vtk, .vtkhdf."""
+    import vtk
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    grid = vtk_output(path)
+    kinds = vtk_to_numpy(grid.GetCellTypes())
+    tets = int((kinds == vtk.VTK_TETRA).sum())
+    assert (kinds[:tets] == vtk.VTK_TETRA).all() and (kinds[tets:] == vtk.VTK_TRIANGLE).all()
+    if path.suffix != ".vtkhdf":
+        # There no array comes before others.
+        assert grid.GetCellData().GetScalars().GetName() == "label"
+    nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray())
+    cells, numbers = grid.GetCellData(), vtk_field(grid)
+    names = list(numbers)
     boundaries = {
         int(numbers[name][0]): pair_of(name) for name in names if list(numbers[name])[1:] == [2]
     }
@@ -230,7 +258,89 @@ def vtk_volume(path):
         labels[:tets],
         nodes[4 * tets :].reshape(-1, 3),
         pairs,
-        volumes=vtk_to_numpy(quality.GetOutput().GetCellData().GetArray("Quality"))[:tets],
+        volumes=vtk_volumes(grid)[:tets],
+    )
+
+
+def vtk_blocks(path):
+    """The blocks of a .vtm file: their names, each with what kind of block it is, and its grid."""
+    import vtk
+
+    output = vtk_output(path)
+    name = vtk.vtkCompositeDataSet.NAME()
+    kinds = [output.GetMetaData(i).Get(name) for i in range(output.GetNumberOfBlocks())]
+    assert kinds == ["regions", "boundaries"], kinds
+    blocks = []
+    for i, kind in enumerate(kinds):
+        group = output.GetBlock(i)
+        for j in range(group.GetNumberOfBlocks()):
+            blocks.append((kind, group.GetMetaData(j).Get(name), group.GetBlock(j)))
+    # Its files are called as the blocks are.
+    files = {file.stem for file in path.with_suffix("").iterdir()}
+    assert files == {name for _, name, _ in blocks}, files
+    return blocks
+
+
+def vtk_joined(blocks, kind, width):
+    """Nodes of the cells of all blocks of a kind, by the coordinates of all blocks' points one
+    behind the other."""
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    first, rows = 0, []
+    for of_kind, _, grid in blocks:
+        if of_kind == kind:
+            nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, width)
+            # A block has the points of its own cells alone.
+            assert len(np.unique(nodes)) == grid.GetNumberOfPoints()
+            rows.append(first + nodes)
+        first += grid.GetNumberOfPoints()
+    return np.concatenate(rows)
+
+
+def vtk_distinct_points(blocks):
+    """The points of all blocks, each once, and the place of each block's points among them."""
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    points = [vtk_to_numpy(grid.GetPoints().GetData()) for _, _, grid in blocks]
+    points, places = np.unique(np.concatenate(points), axis=0, return_inverse=True)
+    return points, places.ravel()
+
+
+def vtk_multi_block(path):
+    """A block for each region and each boundary."""
+    from vtk.util.numpy_support import vtk_to_numpy
+
+    blocks = vtk_blocks(path)
+    points, places = vtk_distinct_points(blocks)
+    labels, pairs, volumes, numbers = [], [], [], []
+    for kind, name, grid in blocks:
+        cells, field = grid.GetCellData(), vtk_field(grid)
+        field.pop("SPACE")
+        assert list(field) == [name], (name, field)
+        arrays = [vtk_to_numpy(cells.GetArray(i)) for i in range(cells.GetNumberOfArrays())]
+        count = grid.GetNumberOfCells()
+        if kind == "regions":
+            expected = [label_of(name), [label_of(name)] * 2, 0]
+            assert list(field[name]) == [label_of(name), 3], field
+            labels += [label_of(name)] * count
+            volumes.append(vtk_volumes(grid))
+        else:
+            pair = pair_of(name)
+            numbers.append(field[name][0])
+            expected = [pair[0], pair[:2], numbers[-1]]
+            assert field[name][1] == 2
+            pairs += [pair] * count
+        for array, value in zip(arrays, expected, strict=True):
+            assert len(array) == count and (array == value).all(), (name, value)
+    assert numbers == list(range(1, len(numbers) + 1)), numbers
+    return Seen(
+        points,
+        places[vtk_joined(blocks, "regions", 4)],
+        np.array(labels),
+        places[vtk_joined(blocks, "boundaries", 3)],
+        np.array(pairs),
+        np.concatenate(volumes),
+        in_order=False,
     )
 
 
@@ -596,6 +706,8 @@ READERS = [
     ("vtk", ".vtu", vtk_volume),
     ("meshio", ".vtk", meshio_volume),
     ("vtk", ".vtk", vtk_volume),
+    ("vtk", ".vtm", vtk_multi_block),
+    ("vtk", ".vtkhdf", vtk_volume),
     ("meshio", ".mesh", meshio_medit),
     ("gmsh", ".mesh", gmsh_medit),
     ("meshio", ".node", meshio_volume),

@@ -10,7 +10,14 @@ import re
 import numpy as np
 
 from readback_calculix import solve
-from readback_readers import gmsh_open
+from readback_readers import (
+    gmsh_open,
+    label_of,
+    vtk_blocks,
+    vtk_distinct_points,
+    vtk_joined,
+    vtk_output,
+)
 
 
 class Nodes:
@@ -25,11 +32,7 @@ def vtk_volume(path):
     import vtk
     from vtk.util.numpy_support import vtk_to_numpy
 
-    is_xml = path.suffix == ".vtu"
-    reader = vtk.vtkXMLUnstructuredGridReader() if is_xml else vtk.vtkUnstructuredGridReader()
-    reader.SetFileName(str(path))
-    reader.Update()
-    grid = reader.GetOutput()
+    grid = vtk_output(path)
     kinds = vtk_to_numpy(grid.GetCellTypes())
     tets = int((kinds == vtk.VTK_QUADRATIC_TETRA).sum())
     assert (kinds[tets:] == vtk.VTK_QUADRATIC_TRIANGLE).all()
@@ -45,6 +48,20 @@ def vtk_volume(path):
             assert off <= 0.25 * length, f"order of nodes in tet {t}"
     labels = vtk_to_numpy(grid.GetCellData().GetArray("label"))[:tets]
     return Nodes(points, cells, labels, facets)
+
+
+def vtk_multi_block(path):
+    """Points and cells in an order of their own."""
+    blocks = vtk_blocks(path)
+    points, places = vtk_distinct_points(blocks)
+    labels = [
+        label_of(name)
+        for kind, name, grid in blocks
+        if kind == "regions"
+        for _ in range(grid.GetNumberOfCells())
+    ]
+    tets, facets = vtk_joined(blocks, "regions", 10), vtk_joined(blocks, "boundaries", 6)
+    return Nodes(points, places[tets], np.array(labels), places[facets])
 
 
 def meshio_volume(path):
@@ -106,6 +123,8 @@ READERS = [
     ("gmsh", ".bdf", gmsh_volume),
     ("vtk", ".vtu", vtk_volume),
     ("vtk", ".vtk", vtk_volume),
+    ("vtk", ".vtm", vtk_multi_block),
+    ("vtk", ".vtkhdf", vtk_volume),
     ("meshio", ".vtu", meshio_volume),
     ("meshio", ".vtk", meshio_volume),
     ("meshio", ".inp", meshio_volume),
@@ -116,6 +135,9 @@ READERS = [
 
 
 def compare(seen, reference, ending):
+    if ending == ".vtm":
+        compare_unordered(seen, reference)
+        return
     assert np.allclose(seen.points, reference.points, rtol=1e-9, atol=0), "points differ"
     wanted = reference.tets
     if ending in (".inp", ".exo"):
@@ -125,6 +147,21 @@ def compare(seen, reference, ending):
         assert np.array_equal(seen.labels, reference.labels)
     if seen.facets is not None:
         assert np.array_equal(seen.facets, reference.facets), "facets differ"
+
+
+def compare_unordered(seen, reference):
+    """By coordinates, which are all different, as the rows of sorted cells."""
+    there, here = (np.lexsort(mesh.points.T) for mesh in (reference, seen))
+    assert np.array_equal(seen.points[here], reference.points[there]), "points differ"
+    number = np.empty(len(here), dtype=np.int64)
+    number[here] = there
+    for got, wanted in (
+        (np.column_stack([number[seen.tets], seen.labels]), [reference.tets, reference.labels]),
+        (number[seen.facets], [reference.facets]),
+    ):
+        wanted = np.column_stack(wanted)
+        rows = [cells[np.lexsort(cells.T)] for cells in (got, wanted)]
+        assert np.array_equal(*rows), "cells differ"
 
 
 def calculix(path, volume):

@@ -146,8 +146,8 @@ python=$build/readback-venv
 step python-env python3 c-tests/environment.py "$python"
 grep -h '^SKIPPED' "$logs/python-env.log" | tee -a "$skipped"
 
-# HDF5 for XDMF. Debian has variants beside each other: cargo is told where that without MPI is, as
-# CMakeLists.txt tells it.
+# HDF5 for XDMF and VTKHDF. Debian has variants beside each other: cargo is told where that without
+# MPI is, as CMakeLists.txt tells it.
 hdf5=OFF
 if pkg-config --exists hdf5-serial 2>/dev/null; then
     HDF5_DIR=$(pkg-config --libs-only-L hdf5-serial | sed 's/^-L//; s/ .*//')
@@ -156,7 +156,7 @@ if pkg-config --exists hdf5-serial 2>/dev/null; then
 elif pkg-config --exists hdf5 2>/dev/null; then
     hdf5=ON
 else
-    skip "XDMF, libhdf5-dev is missing"
+    skip "XDMF and VTKHDF, libhdf5-dev is missing"
 fi
 
 # The package, which is built and installed as users do. Whole-program optimisation keeps one core

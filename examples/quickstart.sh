@@ -36,7 +36,7 @@ have cmake || missing="$missing cmake"
 # With hwloc the library knows what cores share, and --topology works.
 have pkg-config || missing="$missing pkg-config"
 pkg-config --exists hwloc libudev 2>/dev/null || missing="$missing libhwloc-dev libudev-dev"
-# With HDF5 it writes XDMF.
+# With HDF5 it writes XDMF and VTKHDF.
 pkg-config --exists hdf5-serial 2>/dev/null || pkg-config --exists hdf5 2>/dev/null ||
     missing="$missing libhdf5-dev"
 if [ $# -eq 0 ]; then

@@ -1398,8 +1398,8 @@ const char *lapd_version(void);
 /**
  * The optional parts that the library that runs was built with, by name and separated by spaces;
  * "" for none. "hwloc": the machine is as hwloc tells it, and lapd_params_set_topology takes
- * descriptions of others; without it Linux tells the machine in /sys. "hdf5": .xdmf files are
- * written. "tiff": .tif files are read.
+ * descriptions of others; without it Linux tells the machine in /sys. "hdf5": .xdmf and
+ * .vtkhdf files are written. "tiff": .tif files are read.
  *
  * The string is static. May be called from any thread.
  */
@@ -2904,7 +2904,10 @@ lapd_status lapd_mesh_check_path(lapd_context *context, const char *path);
 /**
  * Writes a mesh to a file; the format is told by the end of its name:
  * - .vtu: VTK XML; .vtk: VTK legacy, binary; tets, then facets; cell arrays "label",
- *   "BoundaryLabels" and "boundary";
+ *   "BoundaryLabels" and "boundary"; .vtkhdf: the same in HDF5, where lapd_features has "hdf5";
+ * - .vtm: VTK multi-block; a .vtu file for each region and each boundary in the folder of the same
+ *   name beside this file, "mesh" beside "mesh.vtm", which is the index of their names;
+ * - .xdmf: XDMF with a .h5 file of the same name beside it, where lapd_features has "hdf5";
  * - .mesh: MEDIT; references of tets are labels, those of triangles number the boundaries;
  * - .node .ele .face: TetGen, always all three; first attribute and boundary marker likewise;
  * - .msh .msh4 .msh41: Gmsh MSH 4.1; .msh2 .msh22: MSH 2.2; both binary; a volume and a physical
@@ -2933,8 +2936,8 @@ lapd_status lapd_mesh_check_path(lapd_context *context, const char *path);
  *
  * Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as
  * SPACE=LPS, RAS or LAS: in the head of .vtk and .stl and in a comment of .ply, where 3D Slicer
- * looks for it, in comments of .mesh, .node, .ele, .face, .msh, .msh2, .inp, and in .vtu as the
- * field array SPACE of character codes. .off and .unv have no place for it.
+ * looks for it, in comments of .mesh, .node, .ele, .face, .msh, .msh2, .inp, and in .vtu, .vtm and
+ * .vtkhdf as the field array SPACE of character codes. .off and .unv have no place for it.
  *
  * `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any
  * thread; several may write the same mesh at once, to different files. The work is shared by as

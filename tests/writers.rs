@@ -312,6 +312,78 @@ fn xdmf_comes_with_its_data() {
     assert!(!folder.path().join("b.h5").exists());
 }
 
+/// VTK's multi-block files are an index and a folder of what it names: all there, or nothing new.
+#[test]
+fn multi_block_has_a_file_for_each_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a&b.vtm");
+    let count = || std::fs::read_dir(folder.path()).unwrap().count();
+    let flag = CancelFlag::default();
+    flag.cancel();
+    write_mesh_watching(&mesh(), &path, WriteOptions::default(), Some(&flag)).unwrap_err();
+    assert_eq!(count(), 0, "a cancelled file is left");
+    write_mesh(&TetMesh::default(), &path).unwrap();
+    write_mesh(&mesh(), &path).unwrap();
+    assert_eq!(count(), 2);
+    let index = std::fs::read_to_string(&path).unwrap();
+    let names = [
+        "label_-2",
+        "background",
+        "label_7",
+        "label_-2__background",
+        "label_-2__wall_y_min",
+        "label_-2__label_7",
+        "label_7__background",
+    ];
+    let mut last = 0;
+    for name in names {
+        let tag = format!("name=\"{name}\" file=\"a&amp;b/{name}.vtu\"/>");
+        let at = index.find(&tag).unwrap_or_else(|| panic!("{tag} is not in {index}"));
+        assert!(at > last, "{name} comes too early");
+        last = at;
+        let block = std::fs::read(folder.path().join(format!("a&b/{name}.vtu"))).unwrap();
+        let text = String::from_utf8_lossy(&block);
+        assert_eq!(text.matches("NumberOfTuples=\"2\"").count(), 1, "a block has its own name");
+        assert!(block.ends_with(b"</VTKFile>\n"));
+    }
+    assert_eq!(std::fs::read_dir(folder.path().join("a&b")).unwrap().count(), names.len());
+
+    // Files are in the way of the index, of the folder, and of a block.
+    let blocked = folder.path().join("index.vtm");
+    std::fs::create_dir(&blocked).unwrap();
+    write_mesh(&mesh(), &blocked).unwrap_err();
+    assert!(!folder.path().join("index").exists());
+    std::fs::write(folder.path().join("file"), "").unwrap();
+    write_mesh(&mesh(), &folder.path().join("file.vtm")).unwrap_err();
+    assert!(!folder.path().join("file.vtm").exists());
+    std::fs::create_dir_all(folder.path().join("block/label_7.vtu")).unwrap();
+    write_mesh(&mesh(), &folder.path().join("block.vtm")).unwrap_err();
+    assert_eq!(std::fs::read_dir(folder.path().join("block")).unwrap().count(), 1);
+    let error = write_mesh(&mesh(), &folder.path().join("a:b.vtm")).unwrap_err().to_string();
+    assert!(error.contains("without colons"), "{error}");
+}
+
+/// VTKHDF needs HDF5, and leaves nothing behind when it ends early.
+#[test]
+fn vtkhdf_is_one_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("small.vtkhdf");
+    if cfg!(not(feature = "hdf5")) {
+        let error = write_mesh(&mesh(), &path).unwrap_err().to_string();
+        assert!(error.contains("without HDF5"), "{error}");
+        return;
+    }
+    let count = || std::fs::read_dir(folder.path()).unwrap().count();
+    let flag = CancelFlag::default();
+    flag.cancel();
+    write_mesh_watching(&mesh(), &path, WriteOptions::default(), Some(&flag)).unwrap_err();
+    assert_eq!(count(), 0, "a cancelled file is left");
+    write_mesh(&TetMesh::default(), &path).unwrap();
+    write_mesh(&mesh(), &path).unwrap();
+    assert_eq!(count(), 1);
+    assert!(std::fs::read(&path).unwrap().starts_with(b"\x89HDF\r\n\x1a\n"));
+}
+
 /// The endings that Gmsh itself knows.
 #[test]
 fn endings_tell_the_version_of_msh() {

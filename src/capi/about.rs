@@ -16,8 +16,8 @@ pub extern "C" fn lapd_version() -> *const c_char {
 
 /// The optional parts that the library that runs was built with, by name and separated by spaces;
 /// "" for none. "hwloc": the machine is as hwloc tells it, and lapd_params_set_topology takes
-/// descriptions of others; without it Linux tells the machine in /sys. "hdf5": .xdmf files are
-/// written. "tiff": .tif files are read.
+/// descriptions of others; without it Linux tells the machine in /sys. "hdf5": .xdmf and
+/// .vtkhdf files are written. "tiff": .tif files are read.
 ///
 /// The string is static. May be called from any thread.
 #[unsafe(no_mangle)]

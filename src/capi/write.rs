@@ -32,7 +32,10 @@ pub unsafe extern "C" fn lapd_mesh_check_path(
 
 /// Writes a mesh to a file; the format is told by the end of its name:
 /// - .vtu: VTK XML; .vtk: VTK legacy, binary; tets, then facets; cell arrays "label",
-///   "BoundaryLabels" and "boundary";
+///   "BoundaryLabels" and "boundary"; .vtkhdf: the same in HDF5, where lapd_features has "hdf5";
+/// - .vtm: VTK multi-block; a .vtu file for each region and each boundary in the folder of the same
+///   name beside this file, "mesh" beside "mesh.vtm", which is the index of their names;
+/// - .xdmf: XDMF with a .h5 file of the same name beside it, where lapd_features has "hdf5";
 /// - .mesh: MEDIT; references of tets are labels, those of triangles number the boundaries;
 /// - .node .ele .face: TetGen, always all three; first attribute and boundary marker likewise;
 /// - .msh .msh4 .msh41: Gmsh MSH 4.1; .msh2 .msh22: MSH 2.2; both binary; a volume and a physical
@@ -61,8 +64,8 @@ pub unsafe extern "C" fn lapd_mesh_check_path(
 ///
 /// Where the image told what its world axes mean (lapd_image_get_world_axes) the file says so, as
 /// SPACE=LPS, RAS or LAS: in the head of .vtk and .stl and in a comment of .ply, where 3D Slicer
-/// looks for it, in comments of .mesh, .node, .ele, .face, .msh, .msh2, .inp, and in .vtu as the
-/// field array SPACE of character codes. .off and .unv have no place for it.
+/// looks for it, in comments of .mesh, .node, .ele, .face, .msh, .msh2, .inp, and in .vtu, .vtm and
+/// .vtkhdf as the field array SPACE of character codes. .off and .unv have no place for it.
 ///
 /// `path` is UTF-8; on Unix any bytes that name a file are taken. An existing file is replaced. Any
 /// thread; several may write the same mesh at once, to different files. The work is shared by as

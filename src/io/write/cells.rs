@@ -17,8 +17,8 @@ use crate::mesh::TetMesh;
 
 /// VTK's types of tets and triangles, of order 1 and 2. Nodes on edges come in the mesh's own
 /// order.
-const TETRA: [u8; 2] = [10, 24];
-const TRIANGLE: [u8; 2] = [5, 22];
+pub(super) const TETRA: [u8; 2] = [10, 24];
+pub(super) const TRIANGLE: [u8; 2] = [5, 22];
 
 /// The cells of a mesh.
 pub(super) struct Cells<'m> {

@@ -4,6 +4,8 @@
 //! |---|---|---|---|
 //! | `.vtu` | VTK XML, appended raw data in zlib blocks | cell array `label` | triangles |
 //! | `.vtk` | VTK legacy 4.2, binary | cell scalars `label` | triangles |
+//! | `.vtm` | VTK XML multi-block: an index, files in a folder | a block each | a block each |
+//! | `.vtkhdf` | VTKHDF 1.0, with the feature `hdf5` | cell array `label` | triangles |
 //! | `.mesh` | MEDIT, ascii | reference is the label | a reference each |
 //! | `.node`, `.ele`, `.face` | TetGen; all three files | first attribute | a marker each |
 //! | `.msh`, `.msh4`, `.msh41` | Gmsh MSH 4.1, binary | a group each | a group each |
@@ -26,10 +28,11 @@
 //! there the tag of a positive label is the label, labels of 0 and below get the numbers after the
 //! largest label, 0 first, then -1 and so on, boundaries the numbers after these.
 //!
-//! Meshes of second order go to `.vtu`, `.vtk`, `.mesh`, `.msh`, `.msh2`, `.inp`, `.exo`, `.feb`,
-//! `.bdf`, `.unv` and `.xdmf`, with all nodes of tets and facets; the nodes on edges come in the
-//! order of [`MidNodes`](crate::mesh::MidNodes) but in Gmsh's files, where the last two of a tet
-//! change places. STL, PLY and OFF hold the flat facets between vertices. The others are refused.
+//! Meshes of second order go to `.vtu`, `.vtk`, `.vtm`, `.vtkhdf`, `.mesh`, `.msh`, `.msh2`,
+//! `.inp`, `.exo`, `.feb`, `.bdf`, `.unv` and `.xdmf`, with all nodes of tets and facets; the nodes
+//! on edges come in the order of [`MidNodes`](crate::mesh::MidNodes) but in Gmsh's files, where the
+//! last two of a tet change places. STL, PLY and OFF hold the flat facets between vertices. The
+//! others are refused.
 //!
 //! The order of the vertices of tets is that of [`TetMesh`] in every format, normals of facets
 //! point from the first to the second label. Coordinates are the mesh's; binary formats hold them
@@ -51,6 +54,8 @@ mod exodus;
 mod febio;
 mod gmsh;
 mod groups;
+#[cfg(feature = "hdf5")]
+mod hdf;
 mod medit;
 mod mfem;
 mod nastran;
@@ -67,9 +72,13 @@ mod tetgen;
 mod trace;
 mod unv;
 mod vtk;
+#[cfg(feature = "hdf5")]
+mod vtkhdf;
+mod vtm;
 mod vtu;
 #[cfg(feature = "hdf5")]
 mod xdmf;
+mod xml;
 
 use std::path::Path;
 
@@ -89,6 +98,10 @@ pub enum MeshFormat {
     Vtu,
     /// VTK legacy unstructured grid.
     Vtk,
+    /// VTK XML multi-block, a file for each region and boundary.
+    Vtm,
+    /// VTKHDF unstructured grid.
+    VtkHdf,
     /// MEDIT ascii.
     Medit,
     /// TetGen's three files.
@@ -122,9 +135,11 @@ pub enum MeshFormat {
 }
 
 /// Every ending that is known.
-const ENDINGS: [(&str, MeshFormat); 25] = [
+const ENDINGS: [(&str, MeshFormat); 27] = [
     ("vtu", MeshFormat::Vtu),
     ("vtk", MeshFormat::Vtk),
+    ("vtm", MeshFormat::Vtm),
+    ("vtkhdf", MeshFormat::VtkHdf),
     ("mesh", MeshFormat::Medit),
     ("node", MeshFormat::TetGen),
     ("ele", MeshFormat::TetGen),
@@ -161,10 +176,10 @@ impl MeshFormat {
         let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
         let found = ENDINGS.iter().find(|(known, _)| known.eq_ignore_ascii_case(ending));
         match found {
-            Some((_, Self::Xdmf)) if cfg!(not(feature = "hdf5")) => {
+            Some((_, Self::Xdmf | Self::VtkHdf)) if cfg!(not(feature = "hdf5")) => {
                 Err(Error::Unsupported(format!(
-                    "{}: this library was built without HDF5, which XDMF needs; build it with \
-                     LAPD_HDF5 (the feature hdf5), or write .vtu or .msh",
+                    "{}: this library was built without HDF5, which .xdmf and .vtkhdf need; build \
+                     it with LAPD_HDF5 (the feature hdf5), or write .vtu or .msh",
                     shown(path)
                 )))
             }
@@ -190,7 +205,8 @@ pub struct WriteOptions<'a> {
     /// What the world axes mean, where that is known. It is told as `SPACE=LPS`: in the head of
     /// `.vtk` and `.stl` and in a comment of `.ply`, where 3D Slicer looks for it; in a comment of
     /// `.mesh`, `.node`, `.ele`, `.face` and `.inp`; in a section of comments of `.msh` and
-    /// `.msh2`; and in `.vtu` as the field array `SPACE` of its characters' codes.
+    /// `.msh2`; and in `.vtu`, `.vtm` and `.vtkhdf` as the field array `SPACE` of its characters'
+    /// codes.
     pub world: Option<WorldAxes>,
     /// Names of labels; files name regions and boundaries by them. PLY holds the colours.
     pub names: Option<&'a LabelNames>,
@@ -248,6 +264,7 @@ pub fn write_mesh_watching(
             vtk::check_limits(mesh, path)?;
             single(&vtk::write)
         }
+        MeshFormat::Vtm => vtm::write(mesh, &options, path, cancel),
         MeshFormat::Medit => single(&medit::write),
         MeshFormat::TetGen => tetgen::write(mesh, &options, path, cancel),
         MeshFormat::Msh41 => single(&gmsh::write_4_1),
@@ -282,9 +299,11 @@ pub fn write_mesh_watching(
         }
         #[cfg(feature = "hdf5")]
         MeshFormat::Xdmf => xdmf::write(mesh, &options, path, cancel),
-        // Its ending is refused.
+        #[cfg(feature = "hdf5")]
+        MeshFormat::VtkHdf => vtkhdf::write(mesh, &options, path, cancel),
+        // Their endings are refused.
         #[cfg(not(feature = "hdf5"))]
-        MeshFormat::Xdmf => MeshFormat::from_path(path).map(|_| ()),
+        MeshFormat::Xdmf | MeshFormat::VtkHdf => MeshFormat::from_path(path).map(|_| ()),
         MeshFormat::Stl => single(&stl::write),
         MeshFormat::Ply => {
             check_count(path, "PLY", "vertices", mesh.points.len(), i32::MAX as usize)?;
@@ -298,8 +317,8 @@ pub fn write_mesh_watching(
 fn refuse_second_order(mesh: &TetMesh, path: &Path, files: &str) -> Result<()> {
     if mesh.mid_nodes.is_some() {
         return Err(Error::InvalidArgument(format!(
-            "{}: {files} are written for tets of order 1 only; .vtu .vtk .mesh .msh .inp .exo .feb \
-             .bdf .unv have order 2",
+            "{}: {files} are written for tets of order 1 only; .vtu .vtk .vtm .mesh .msh .inp .exo \
+             .feb .bdf .unv have order 2",
             shown(path)
         )));
     }
@@ -328,7 +347,7 @@ mod tests {
             let message = MeshFormat::from_path(Path::new(bad)).unwrap_err().to_string();
             assert!(
                 message.starts_with(bad)
-                    && message.contains(".vtu .vtk .mesh .node .ele .face .msh "),
+                    && message.contains(".vtu .vtk .vtm .vtkhdf .mesh .node .ele .face .msh "),
                 "{message}"
             );
             assert!(!message.contains('\n'));

@@ -5,17 +5,17 @@
 //! arrays (Float32) tell measures of the tets, NaN for facets. The array `label` stands first:
 //! readers that take one integer array for the material take the first.
 //!
-//! An array is stored as the number of blocks, the size of a block, the
-//! size of the last one if that is smaller (else 0), the compressed size of each block, then the
-//! blocks. Offsets in the XML and sizes in the headers are known only when the blocks are written;
-//! room is left for them and filled in afterwards, so that nothing is held in memory but the blocks
-//! at work. Blocks are compressed in parallel, each on its own, so the bytes do not depend on the
-//! number of threads.
+//! An array is stored as the number of blocks, the size of a block, the size of the last one if
+//! that is smaller (else 0), the compressed size of each block, then the blocks. Offsets in the XML
+//! and sizes in the headers are known only when the blocks are written; room is left for them and
+//! filled in afterwards, so that nothing is held in memory but the blocks at work. Blocks are
+//! compressed in parallel, each on its own, so the bytes do not depend on the number of threads.
 
 use std::io::{self, Seek, SeekFrom, Write};
 use std::ops::Range;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use flate2::{Compression, write::ZlibEncoder};
+use flate2::{Compress, Compression, FlushCompress, Status};
 
 use super::WriteOptions;
 use super::cells::Cells;
@@ -26,16 +26,65 @@ use crate::geometry::measures::TetMeasure;
 use crate::mesh::TetMesh;
 
 /// Uncompressed bytes of a block; a multiple of the size of every kind of value.
-const BLOCK: usize = 1 << 18;
+const BLOCK: usize = 1 << 17;
 
 /// Room for the decimal digits of an offset.
 const DIGITS: usize = 20;
+
+/// What compresses blocks, one at a time; kept, because it is some hundred KB that want clearing.
+struct Encoder {
+    stream: Compress,
+    bytes: Vec<u8>,
+}
+
+/// Encoders that are idle, one for each thread in the end.
+#[derive(Default)]
+pub(super) struct Encoders(Mutex<Vec<Encoder>>);
+
+impl Encoders {
+    fn idle(&self) -> MutexGuard<'_, Vec<Encoder>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Appends the bytes that `push` makes, as a zlib stream.
+    fn compress(&self, to: &mut Vec<u8>, push: impl FnOnce(&mut Vec<u8>)) -> io::Result<()> {
+        let idle = self.idle().pop();
+        let mut encoder = idle.unwrap_or_else(|| Encoder {
+            stream: Compress::new(Compression::fast(), true),
+            bytes: Vec::new(),
+        });
+        let Encoder { stream, bytes } = &mut encoder;
+        push(bytes);
+        loop {
+            // It fills what room there is.
+            to.reserve(bytes.len() / 4 + 64);
+            let left = &bytes[stream.total_in() as usize..];
+            let status = stream.compress_vec(left, to, FlushCompress::Finish);
+            if status.map_err(io::Error::other)? == Status::StreamEnd {
+                break;
+            }
+        }
+        stream.reset();
+        bytes.clear();
+        self.idle().push(encoder);
+        Ok(())
+    }
+}
+
+/// The attributes of arrays.
+pub(super) const LABEL: &str = r#"type="Int32" Name="label""#;
+pub(super) const LABELS: &str = r#"type="Int32" Name="BoundaryLabels" NumberOfComponents="2""#;
+pub(super) const BOUNDARY: &str = r#"type="Int32" Name="boundary""#;
+pub(super) const POINTS: &str = r#"type="Float64" Name="Points" NumberOfComponents="3""#;
+pub(super) const NODES: &str = r#"type="Int64" Name="connectivity""#;
+pub(super) const ENDS: &str = r#"type="Int64" Name="offsets""#;
+pub(super) const KINDS: &str = r#"type="UInt8" Name="types""#;
 
 /// Appends the bytes of a range of values.
 type PushValues<'a> = dyn Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a;
 
 /// An array of the file: its XML attributes, its length, and the bytes of its values.
-struct Array<'a> {
+pub(super) struct Array<'a> {
     attributes: String,
     values: usize,
     value_size: usize,
@@ -43,19 +92,28 @@ struct Array<'a> {
 }
 
 impl<'a> Array<'a> {
-    fn new<const N: usize>(
+    /// An array whose values are known one by one.
+    pub fn new<const N: usize>(
         attributes: impl Into<String>,
         values: usize,
         value: impl Fn(usize) -> [u8; N] + Sync + 'a,
     ) -> Self {
-        let push = move |range: Range<usize>, bytes: &mut Vec<u8>| {
+        Self::of_ranges::<N>(attributes, values, move |range, bytes| {
             range.for_each(|i| bytes.extend_from_slice(&value(i)));
-        };
+        })
+    }
+
+    /// An array of values of `N` bytes, which come by ranges.
+    pub fn of_ranges<const N: usize>(
+        attributes: impl Into<String>,
+        values: usize,
+        push: impl Fn(Range<usize>, &mut Vec<u8>) + Sync + 'a,
+    ) -> Self {
         Self { attributes: attributes.into(), values, value_size: N, push: Box::new(push) }
     }
 
     /// Writes headers and blocks; the file ends behind them afterwards.
-    fn write(&self, out: &mut Output) -> io::Result<()> {
+    fn write(&self, encoders: &Encoders, out: &mut Output) -> io::Result<()> {
         let total = self.values * self.value_size;
         let blocks = total.div_ceil(BLOCK);
         let mut header = vec![blocks as u64, BLOCK as u64, (total % BLOCK) as u64];
@@ -64,11 +122,8 @@ impl<'a> Array<'a> {
         let block_values = BLOCK / self.value_size;
         let compress = |block: usize, compressed: &mut Vec<u8>| {
             let start = block * block_values;
-            let mut bytes = Vec::with_capacity(BLOCK);
-            (self.push)(start..(start + block_values).min(self.values), &mut bytes);
-            let mut encoder = ZlibEncoder::new(compressed, Compression::fast());
-            encoder.write_all(&bytes)?;
-            encoder.finish().map(|_| ())
+            let values = start..(start + block_values).min(self.values);
+            encoders.compress(compressed, |bytes| (self.push)(values, bytes))
         };
         write_batches(blocks, compress, |block| {
             header.push(block.len() as u64);
@@ -83,6 +138,68 @@ impl<'a> Array<'a> {
     }
 }
 
+/// An unstructured grid: how many points and cells it has, and its arrays.
+pub(super) struct Grid<'a> {
+    pub points: usize,
+    pub cells: usize,
+    pub of_cells: Vec<Array<'a>>,
+    pub of_points: Vec<Array<'a>>,
+    /// What the cells are made of.
+    pub of_nodes: Vec<Array<'a>>,
+}
+
+impl Grid<'_> {
+    /// Writes the file, which has names of regions and boundaries, each with its number and its
+    /// dimension.
+    pub fn write<'n>(
+        &self,
+        options: &WriteOptions<'_>,
+        names: impl Iterator<Item = (&'n str, [i32; 2])>,
+        encoders: &Encoders,
+        out: &mut Output,
+    ) -> io::Result<()> {
+        out.write_all(
+            b"<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" \
+              byte_order=\"LittleEndian\" header_type=\"UInt64\" \
+              compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n",
+        )?;
+        write_field_data(options, names, out)?;
+        let Self { points, cells, .. } = self;
+        writeln!(out, r#"<Piece NumberOfPoints="{points}" NumberOfCells="{cells}">"#)?;
+        // Where the offset of each array will stand.
+        let mut places = Vec::new();
+        let groups: [(&str, &str, &[Array<'_>]); 3] = [
+            (r#"CellData Scalars="label""#, "CellData", &self.of_cells),
+            ("Points", "Points", &self.of_points),
+            ("Cells", "Cells", &self.of_nodes),
+        ];
+        for (open, close, members) in groups {
+            writeln!(out, "<{open}>")?;
+            for array in members {
+                write!(out, r#"<DataArray {} format="appended" offset="#, array.attributes)?;
+                places.push(out.stream_position()?);
+                writeln!(out, "{:DIGITS$}  />", "")?;
+            }
+            writeln!(out, "</{close}>")?;
+        }
+        out.write_all(b"</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_")?;
+        let data_at = out.stream_position()?;
+        let mut positions = Vec::new();
+        // Last ones first: meshio looks arrays up by their offsets, which it changes one by one,
+        // and takes the first in the XML that has an offset, changed or not.
+        for array in groups.iter().flat_map(|(_, _, members)| *members).rev() {
+            positions.push(out.stream_position()? - data_at);
+            array.write(encoders, out)?;
+        }
+        out.write_all(b"\n</AppendedData>\n</VTKFile>\n")?;
+        for (place, position) in places.into_iter().zip(positions.into_iter().rev()) {
+            out.seek(SeekFrom::Start(place))?;
+            write!(out, "\"{position}\"")?;
+        }
+        Ok(())
+    }
+}
+
 /// Writes the file; where measures are asked for, with an array for each of [`TetMeasure::ALL`].
 pub(super) fn write(
     mesh: &TetMesh,
@@ -93,13 +210,9 @@ pub(super) fn write(
     let (points, count) = (mesh.points.len(), cells.count());
     let cells = &cells;
     let mut of_cells = vec![
-        Array::new(r#"type="Int32" Name="label""#, count, |c| cells.label(c).to_le_bytes()),
-        Array::new(
-            r#"type="Int32" Name="BoundaryLabels" NumberOfComponents="2""#,
-            2 * count,
-            |i| cells.labels(i / 2)[i % 2].to_le_bytes(),
-        ),
-        Array::new(r#"type="Int32" Name="boundary""#, count, |c| cells.boundary(c).to_le_bytes()),
+        Array::new(LABEL, count, |c| cells.label(c).to_le_bytes()),
+        Array::new(LABELS, 2 * count, |i| cells.labels(i / 2)[i % 2].to_le_bytes()),
+        Array::new(BOUNDARY, count, |c| cells.boundary(c).to_le_bytes()),
     ];
     if options.measures {
         for (measure, name) in TetMeasure::ALL {
@@ -112,61 +225,21 @@ pub(super) fn write(
         }
     }
     let of_points =
-        [Array::new(r#"type="Float64" Name="Points" NumberOfComponents="3""#, 3 * points, |i| {
-            mesh.points[i / 3][i % 3].to_le_bytes()
-        })];
-    let of_nodes = [
-        Array::new(r#"type="Int64" Name="connectivity""#, cells.node_count(), |i| {
-            i64::from(cells.node(i)).to_le_bytes()
-        }),
-        Array::new(r#"type="Int64" Name="offsets""#, count, |c| cells.end(c).to_le_bytes()),
-        Array::new(r#"type="UInt8" Name="types""#, count, |c| [cells.kind(c)]),
+        vec![Array::new(POINTS, 3 * points, |i| mesh.points[i / 3][i % 3].to_le_bytes())];
+    let of_nodes = vec![
+        Array::new(NODES, cells.node_count(), |i| i64::from(cells.node(i)).to_le_bytes()),
+        Array::new(ENDS, count, |c| cells.end(c).to_le_bytes()),
+        Array::new(KINDS, count, |c| [cells.kind(c)]),
     ];
-    out.write_all(
-        b"<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" \
-          byte_order=\"LittleEndian\" header_type=\"UInt64\" \
-          compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n",
-    )?;
-    write_field_data(out, options, cells)?;
-    writeln!(out, r#"<Piece NumberOfPoints="{points}" NumberOfCells="{count}">"#)?;
-    // Where the offset of each array will stand.
-    let mut places = Vec::new();
-    let groups: [(&str, &str, &[Array<'_>]); 3] = [
-        (r#"CellData Scalars="label""#, "CellData", &of_cells),
-        ("Points", "Points", &of_points),
-        ("Cells", "Cells", &of_nodes),
-    ];
-    for (open, close, members) in groups {
-        writeln!(out, "<{open}>")?;
-        for array in members {
-            write!(out, r#"<DataArray {} format="appended" offset="#, array.attributes)?;
-            places.push(out.stream_position()?);
-            writeln!(out, "{:DIGITS$}  />", "")?;
-        }
-        writeln!(out, "</{close}>")?;
-    }
-    out.write_all(b"</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_")?;
-    let data_at = out.stream_position()?;
-    let mut positions = Vec::new();
-    // Last ones first: meshio looks arrays up by their offsets, which it changes one by one, and
-    // takes the first in the XML that has an offset, changed or not.
-    for array in groups.iter().flat_map(|(_, _, members)| *members).rev() {
-        positions.push(out.stream_position()? - data_at);
-        array.write(out)?;
-    }
-    out.write_all(b"\n</AppendedData>\n</VTKFile>\n")?;
-    for (place, position) in places.into_iter().zip(positions.into_iter().rev()) {
-        out.seek(SeekFrom::Start(place))?;
-        write!(out, "\"{position}\"")?;
-    }
-    Ok(())
+    let grid = Grid { points, cells: count, of_cells, of_points, of_nodes };
+    grid.write(options, cells.names(), &Encoders::default(), out)
 }
 
 /// What the whole file says: what the world axes mean, and what regions and boundaries are called.
-fn write_field_data(
-    out: &mut Output,
+fn write_field_data<'n>(
     options: &WriteOptions<'_>,
-    cells: &Cells<'_>,
+    mut names: impl Iterator<Item = (&'n str, [i32; 2])>,
+    out: &mut Output,
 ) -> io::Result<()> {
     out.write_all(b"<FieldData>\n")?;
     let mut array = |kind: &str, name: &str, values: &[i32]| {
@@ -184,6 +257,6 @@ fn write_field_data(
         let codes: Vec<i32> = world.name().bytes().map(i32::from).collect();
         array("UInt8", SPACE, &codes)?;
     }
-    cells.names().try_for_each(|(name, number)| array("Int32", name, &number))?;
+    names.try_for_each(|(name, number)| array("Int32", name, &number))?;
     out.write_all(b"</FieldData>\n")
 }

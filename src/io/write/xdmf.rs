@@ -7,27 +7,20 @@
 //! both sets of tags by the names of the grids; it takes the first attribute, so numbers stand
 //! first. ParaView shows both grids.
 //!
-//! Arrays are contiguous and not compressed. They are written in batches, by the HDF5 library, into
-//! a temporary file that takes its name in the end, the XML file last: what it names is always
-//! there.
+//! How arrays are written: [`hdf`](super::hdf). The XML file takes its name last: what it names is
+//! always there.
 
 use std::io::{self, Write};
-use std::ops::Range;
 use std::path::Path;
 
-use hdf5_metno as hdf5;
-use ndarray::{Array2, s};
-
 use super::WriteOptions;
+use super::hdf::{Arrays, Failure, write_file};
 use super::output::Output;
 use super::regions::{Boundaries, Regions};
-use crate::error::shown;
+use super::xml::told_name;
+use crate::Result;
 use crate::mesh::TetMesh;
 use crate::monitor::CancelFlag;
-use crate::{Error, Result};
-
-/// Rows that are handed to HDF5 at once.
-const BATCH: usize = 1 << 15;
 
 /// Writes both files.
 pub(super) fn write(
@@ -39,103 +32,29 @@ pub(super) fn write(
     let regions = Regions::new(mesh, options);
     let boundaries = Boundaries::new(mesh, options, &regions)?;
     let data = path.with_extension("h5");
-    let name = data.file_name().and_then(|name| name.to_str()).filter(|_| path.to_str().is_some());
-    // Readers take what is behind a colon for the name of an array, and leave out blanks at ends.
-    let is_told =
-        |name: &&str| name.trim() == *name && !name.contains(|c: char| c == ':' || c.is_control());
-    let name = name.filter(is_told).ok_or_else(|| {
-        Error::InvalidArgument(format!(
-            "{}: the name of the HDF5 file stands in the XML file, so it must be UTF-8, without \
-             colons, control characters, and blanks at its ends",
-            shown(path)
-        ))
-    })?;
-    let arrays = Output::create(&data)?.watching(cancel);
-    arrays.by_path(|temporary| write_arrays(mesh, &boundaries, temporary, cancel)).map_err(
-        |error| match error {
-            Failure::Ours(error) => error,
-            Failure::Hdf5(error) => Error::io(&data, io::Error::other(said(&error.to_string()))),
-        },
-    )?;
+    let name = told_name(&data, path)?;
+    let arrays = write_file(&data, cancel, |arrays| fill(mesh, &boundaries, arrays))?;
     let mut text = Output::create(path)?.watching(cancel);
-    text.fill(|out| write_text(mesh, options, &regions, &boundaries, name, out))?;
+    text.fill(|out| write_text(mesh, options, &regions, &boundaries, &name, out))?;
     Output::commit(vec![arrays, text])
 }
 
-enum Failure {
-    Ours(Error),
-    Hdf5(hdf5::Error),
-}
-
-impl From<hdf5::Error> for Failure {
-    fn from(error: hdf5::Error) -> Self {
-        Self::Hdf5(error)
-    }
-}
-
 /// Writes the arrays into an HDF5 file.
-fn write_arrays(
+fn fill(
     mesh: &TetMesh,
     boundaries: &Boundaries,
-    path: &Path,
-    cancel: Option<&CancelFlag>,
+    to: &Arrays<'_>,
 ) -> std::result::Result<(), Failure> {
-    let file = hdf5::File::create(path)?;
     let (tets, facets) = (mesh.tets.len(), mesh.facets.len());
     let (of_tet, of_facet) = (mesh.nodes_per_tet(), mesh.nodes_per_facet());
-    let rows = Rows { file: &file, cancel };
-    rows.write("points", mesh.points.len(), 3, |i, row| row.copy_from_slice(&mesh.points[i]))?;
-    rows.write("tets", tets, of_tet, |t, row| row.copy_from_slice(&mesh.tet_nodes(t)[..of_tet]))?;
-    rows.write("label", tets, 1, |t, row| row[0] = mesh.labels[t])?;
-    rows.write("facets", facets, of_facet, |f, row| {
+    to.rows("points", mesh.points.len(), 3, |i, row| row.copy_from_slice(&mesh.points[i]))?;
+    to.rows("tets", tets, of_tet, |t, row| row.copy_from_slice(&mesh.tet_nodes(t)[..of_tet]))?;
+    to.rows("label", tets, 1, |t, row| row[0] = mesh.labels[t])?;
+    to.rows("facets", facets, of_facet, |f, row| {
         row.copy_from_slice(&mesh.facet_nodes(f)[..of_facet]);
     })?;
-    rows.write("boundary", facets, 1, |f, row| row[0] = boundaries.number(f) as i32)?;
-    rows.write("BoundaryLabels", facets, 2, |f, row| row.copy_from_slice(&mesh.facet_labels[f]))?;
-    // Dropping the file would keep its error to itself.
-    file.flush()?;
-    Ok(file.close()?)
-}
-
-/// Where arrays go.
-struct Rows<'a> {
-    file: &'a hdf5::File,
-    cancel: Option<&'a CancelFlag>,
-}
-
-impl Rows<'_> {
-    /// Writes an array of `count` rows.
-    fn write<T: hdf5::H5Type + Copy + Default>(
-        &self,
-        name: &str,
-        count: usize,
-        width: usize,
-        fill: impl Fn(usize, &mut [T]),
-    ) -> std::result::Result<(), Failure> {
-        let set = self.file.new_dataset::<T>().shape((count, width)).create(name)?;
-        let batches = (0..count).step_by(BATCH).map(|at| at..count.min(at + BATCH));
-        batches.into_iter().try_for_each(|range: Range<usize>| {
-            if self.cancel.is_some_and(CancelFlag::is_cancelled) {
-                return Err(Failure::Ours(Error::Cancelled));
-            }
-            let mut batch = Array2::<T>::default((range.len(), width));
-            for (mut row, i) in batch.rows_mut().into_iter().zip(range.clone()) {
-                fill(i, row.as_slice_mut().unwrap_or_default());
-            }
-            Ok(set.write_slice(&batch, s![range, ..])?)
-        })
-    }
-}
-
-/// What the system said, where HDF5 tells it among addresses and the names of temporary files.
-fn said(message: &str) -> &str {
-    let behind = message.split_once("error message = '").map(|(_, behind)| behind);
-    behind.and_then(|behind| behind.split_once('\'')).map_or(message, |(said, _)| said)
-}
-
-/// Text as XML takes it. Names of regions and boundaries have nothing to escape.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    to.rows("boundary", facets, 1, |f, row| row[0] = boundaries.number(f) as i32)?;
+    to.rows("BoundaryLabels", facets, 2, |f, row| row.copy_from_slice(&mesh.facet_labels[f]))
 }
 
 /// Writes what the arrays are.
@@ -147,7 +66,6 @@ fn write_text(
     data: &str,
     out: &mut Output,
 ) -> io::Result<()> {
-    let data = escaped(data);
     let item = |name: &str, kind: &str, rows: usize, width: usize| {
         format!(
             "<DataItem Dimensions=\"{rows} {width}\" {kind} Format=\"HDF\">{data}:/{name}\
