@@ -273,14 +273,32 @@ def read_nastran(folder):
 
 
 def read_febio(folder):
+    """pyfebio's classes have the types, attributes and numbers of nodes that FEBio 4.0 wants."""
     import pyfebio
+
+    def rows(elements):
+        return np.array([[float(x) for x in element.text.split(",")] for element in elements])
 
     model = pyfebio.model.Model.from_xml((folder / "mesh.feb").read_bytes())
     names = [elements.name for elements in model.mesh_.elements]
     assert names == list(CONDUCTIVITY), names
     assert [material.name for material in model.material_.all_materials] == names
-    surfaces = {surface.name for surface in model.mesh_.surfaces}
-    assert {"left__right", "left__wall_x_min", "right__wall_x_max"} <= surfaces, surfaces
+    domains = [(domain.name, domain.mat) for domain in model.meshdomains_.solid_domains]
+    assert domains == [(name, name) for name in names], domains
+    (nodes,) = model.mesh_.nodes
+    assert [node.id for node in nodes.all_nodes] == list(range(1, len(nodes.all_nodes) + 1))
+    points, mesh = rows(nodes.all_nodes), meshio.read(folder / "mesh.msh")
+    tets = np.concatenate([rows(part.all_elements) for part in model.mesh_.elements])
+    a, b, c, d = (points[tets[:, i].astype(np.int64) - 1] for i in range(4))
+    volumes = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+    assert len(tets) == len(mesh.cells_dict["tetra"]) and (volumes > 0).all()
+    assert abs(volumes.sum() / (LENGTH * AREA) - 1) < 1e-9, volumes.sum()
+    tags = mesh.cell_data_dict["gmsh:physical"]["triangle"]
+    expected = {
+        name: int((tags == n).sum()) for name, (n, dim) in mesh.field_data.items() if dim == 2
+    }
+    surfaces = {surface.name: len(surface.all_tri3) for surface in model.mesh_.surfaces}
+    assert surfaces == expected, (surfaces, expected)
 
 
 failures = 0
