@@ -11,6 +11,7 @@ import numpy as np
 
 from readback_calculix import solve
 from readback_readers import (
+    febio,
     gmsh_open,
     label_of,
     vtk_blocks,
@@ -117,7 +118,14 @@ def vtk_exodus(path):
     return Nodes(vtk_to_numpy(grids[0].GetPoints().GetData()), tets[np.lexsort(tets.T)])
 
 
+def febio_volume(path):
+    """As XML."""
+    seen = febio(path)
+    return Nodes(seen.points, seen.tets[np.lexsort(seen.tets.T)])
+
+
 READERS = [
+    ("python", ".feb", febio_volume),
     ("vtk", ".exo", vtk_exodus),
     ("gmsh", ".unv", gmsh_volume),
     ("gmsh", ".bdf", gmsh_volume),
@@ -140,7 +148,7 @@ def compare(seen, reference, ending):
         return
     assert np.allclose(seen.points, reference.points, rtol=1e-9, atol=0), "points differ"
     wanted = reference.tets
-    if ending in (".inp", ".exo"):
+    if ending in (".inp", ".exo", ".feb"):
         wanted = wanted[np.lexsort(wanted.T)]
     assert np.array_equal(seen.tets, wanted), "tets differ"
     if seen.labels is not None:
