@@ -136,9 +136,12 @@ def _of_nibabel(image):
     if affine is None or not hasattr(image, "dataobj"):
         return None
     steps = np.asarray(affine, dtype=np.float64)[:3, :3]
-    spacing = np.linalg.norm(steps, axis=0)
-    if not (spacing > 0).all():
+    lengths = np.linalg.norm(steps, axis=0)
+    if not (lengths > 0).all():
         raise InvalidArgument("the affine of the image is singular")
+    # The affine is rounded once more than the spacings: as our reader of NIfTI does.
+    zooms = np.asarray(image.header.get_zooms()[:3], dtype=np.float64)
+    spacing = np.where(np.abs(lengths - zooms) <= 1e-6 * lengths, zooms, lengths)
     voxels = np.asanyarray(image.dataobj)
     if voxels.dtype.kind == "f":
         # Whole numbers that a header's slope made floats of.
@@ -148,7 +151,7 @@ def _of_nibabel(image):
         if not (np.abs(rounded) < 2.0**53).all():
             raise InvalidArgument("the voxels are too large for labels")
         voxels = rounded.astype(np.int64)
-    return Array(voxels, spacing, np.asarray(affine)[:3, 3], steps / spacing)
+    return Array(voxels, spacing, np.asarray(affine)[:3, 3], steps / lengths)
 
 
 def _of_simple_itk(image):

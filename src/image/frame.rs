@@ -132,6 +132,12 @@ impl Frame {
         })
     }
 
+    /// The same place with the world's axes turned around where `signs` is -1; exactly.
+    pub(crate) fn reflected(&self, signs: DVec3) -> Self {
+        let direction = DMat3::from_diagonal(signs) * self.direction;
+        Self { origin: signs * self.origin, spacing: self.spacing, direction }
+    }
+
     /// World position of the centre of voxel (0, 0, 0).
     pub fn origin(&self) -> DVec3 {
         self.origin
@@ -160,7 +166,12 @@ impl Frame {
     }
 }
 
-/// Removes the rounding of headers: exact signed axis permutations stay what they are, others are
+/// Directions are multiples of this before they are orthonormalized: programs that read the same
+/// header compute them with other rounding errors, some 1e-16, and are to have the same mesh. What
+/// headers store, single precision as a rule, is rounded to 6e-8.
+const DIRECTION_STEP: f64 = 1.0 / (1_u64 << 36) as f64;
+
+/// Removes the rounding of headers: signed axis permutations become exact, others are
 /// orthonormalized (Gram-Schmidt).
 fn orthonormalized(m: DMat3) -> DMat3 {
     let rounded = DMat3::from_cols(m.x_axis.round(), m.y_axis.round(), m.z_axis.round());
@@ -168,6 +179,9 @@ fn orthonormalized(m: DMat3) -> DMat3 {
     if off < 1e-9 {
         return rounded;
     }
+    let m = DMat3::from_cols_array(
+        &m.to_cols_array().map(|x| (x / DIRECTION_STEP).round() * DIRECTION_STEP),
+    );
     let x = m.x_axis.normalize();
     let y = (m.y_axis - x * x.dot(m.y_axis)).normalize();
     let z = x.cross(y);
@@ -247,6 +261,37 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn last_digits_of_directions_do_not_count(
+            angles in prop::array::uniform3(-3.0..3.0_f64),
+            mirror in any::<bool>(),
+        ) {
+            let rotation = DMat3::from_rotation_x(angles[0])
+                * DMat3::from_rotation_y(angles[1])
+                * DMat3::from_rotation_z(angles[2]);
+            let z_axis = if mirror { -rotation.z_axis } else { rotation.z_axis };
+            // As a header has them.
+            let stored = DMat3::from_cols(rotation.x_axis, rotation.y_axis, z_axis)
+                .to_cols_array_2d()
+                .map(|column| column.map(|x| f64::from(x as f32)));
+            let other = stored.map(|column| {
+                let length = DVec3::from(column).length();
+                column.map(|x| x / length)
+            });
+            // Between two steps the last digit decides.
+            let is_between = |x: f64| ((x / DIRECTION_STEP).fract().abs() - 0.5).abs() < 1e-3;
+            prop_assume!(!other.iter().flatten().any(|&x| is_between(x)));
+            let again = other.map(|column| {
+                let length = column.iter().rev().map(|x| x * x).sum::<f64>().sqrt();
+                column.map(|x| x / length)
+            });
+            let frame = |direction| Frame::new([5.0, 6.0, 7.0], [1.0, 2.0, 3.0], direction);
+            let frame = frame(other).unwrap();
+            prop_assert_eq!(frame, Frame::new([5.0, 6.0, 7.0], [1.0, 2.0, 3.0], again).unwrap());
+            let there = frame.reflected(DVec3::new(-1.0, -1.0, 1.0));
+            prop_assert_eq!(there.reflected(DVec3::new(-1.0, -1.0, 1.0)), frame);
+        }
+
         #[test]
         fn world_and_index_are_inverse(
             angles in prop::array::uniform3(-3.0..3.0_f64),

@@ -300,7 +300,7 @@ fn open<'a>(
         // Nothing is turned, nor rounded once more.
         Some(stored) if stored == wanted => {}
         Some(stored) => {
-            opened.frame = reflected(&opened.frame, stored.signs() * wanted.signs())?;
+            opened.frame = opened.frame.reflected(stored.signs() * wanted.signs());
             opened.world = Some(wanted);
         }
         None => {
@@ -314,33 +314,29 @@ fn open<'a>(
     Ok(opened)
 }
 
-/// The frame with its world axes turned around where `signs` is -1.
-fn reflected(frame: &Frame, signs: DVec3) -> Result<Frame> {
-    let columns =
-        frame.direction().to_cols_array_2d().map(|column| (signs * DVec3::from(column)).to_array());
-    Frame::new((signs * frame.origin()).to_array(), frame.spacing().to_array(), columns)
-}
-
 /// A frame from the steps between neighbouring voxels along each axis: directions times spacings.
-/// `what` names the header fields.
+/// `what` names the header fields; `spacing_of` tells the spacing of an axis by the length of its
+/// step.
 fn frame_from_steps(
     path: &Path,
     what: &str,
     origin: [f64; 3],
     steps: [[f64; 3]; 3],
+    spacing_of: impl Fn(usize, f64) -> f64,
 ) -> Result<Frame> {
     let mut spacing = [0.0; 3];
     let mut direction = steps;
     for axis in 0..3 {
-        spacing[axis] = DVec3::from(steps[axis]).length();
-        if spacing[axis] == 0.0 {
+        let length = DVec3::from(steps[axis]).length();
+        if length == 0.0 {
             return Err(Error::format(
                 path,
                 format!("{what} is singular: image axis {axis} has length 0"),
             ));
         }
         // A step that is not finite, or under- or overflows when squared, is refused by the frame.
-        direction[axis] = steps[axis].map(|x| x / spacing[axis]);
+        direction[axis] = steps[axis].map(|x| x / length);
+        spacing[axis] = spacing_of(axis, length);
     }
     frame_from_parts(path, what, origin, spacing, direction)
 }

@@ -2,8 +2,9 @@
 //! nifti1.h and nifti2.h of the NIfTI Data Format Working Group.
 //!
 //! The place comes from the sform if its code is above 0, else from the qform, else from pixdim
-//! with a warning. An sform that is sheared, or singular, is passed over for the qform, with a
-//! warning, as ITK does. World axes are RAS.
+//! with a warning. Spacings are those of pixdim where the sform has them rounded. An sform that is
+//! sheared, or singular, is passed over for the qform, with a warning, as ITK does. World axes are
+//! RAS.
 
 use std::path::Path;
 
@@ -104,6 +105,9 @@ impl Raw<'_> {
 
 /// How far apart, in voxels, sform and qform may place the image without a word: both are rounded.
 const FORMS_APART: f64 = 0.01;
+
+/// How far lengths of the sform's columns may be from pixdim by rounding alone, relatively.
+const SINGLE_PRECISION: f64 = 1e-6;
 
 impl Header {
     fn read(source: &mut Source) -> Result<Self> {
@@ -307,7 +311,13 @@ impl Header {
                 ));
             }
             let steps = [0, 1, 2].map(|axis| self.sform.map(|row| row[axis]));
-            let by_sform = frame_from_steps(path, "sform", self.sform.map(|row| row[3]), steps);
+            let origin = self.sform.map(|row| row[3]);
+            // The lengths of the sform's columns are rounded once more than pixdim. So does ITK.
+            let spacing_of = |axis: usize, length: f64| {
+                let is_same = (length - spacing[axis]).abs() <= SINGLE_PRECISION * length;
+                if is_same { spacing[axis] } else { length }
+            };
+            let by_sform = frame_from_steps(path, "sform", origin, steps, spacing_of);
             let by_qform =
                 if self.qform_code > 0 { self.by_qform(path, spacing).ok() } else { None };
             let frame = match (by_sform, by_qform) {
@@ -573,6 +583,21 @@ mod tests {
             made.real(280, 400, &[f64::NAN]);
             assert!(read_made(&made).unwrap_err().contains("finite"));
         }
+    }
+
+    #[test]
+    fn spacings_are_those_of_pixdim_where_the_sform_has_them_rounded() {
+        let (sin, cos) = 0.7_f64.sin_cos();
+        let sform = |second: f64| {
+            [2.0 * cos, -second * sin, 0.0, 1.0, 2.0 * sin, second * cos, 0.0, 2.0]
+                .map(|x| f64::from(x as f32))
+        };
+        let mut made = Made::new(1, false);
+        made.codes(0, 1).real(280, 400, &sform(3.0));
+        let spacing = |made: &Made| read_made(made).unwrap().image.frame().spacing();
+        assert_eq!(spacing(&made), DVec3::new(2.0, 3.0, 4.0));
+        made.real(280, 400, &sform(3.1));
+        assert!((spacing(&made).y - 3.1).abs() < 1e-6);
     }
 
     #[test]

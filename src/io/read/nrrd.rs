@@ -260,7 +260,7 @@ fn frame_of(
         },
     };
     if let [Some(x), Some(y), Some(z)] = axes.each_ref().map(|axis| axis.step) {
-        return frame_from_steps(path, "space directions", origin, [x, y, z]);
+        return frame_from_steps(path, "space directions", origin, [x, y, z], |_, length| length);
     }
     let along_the_world = |what: &str, origin: [f64; 3], spacing: [f64; 3]| {
         frame_from_parts(
