@@ -131,7 +131,7 @@ mod tests {
             assert!(of[round as usize].iter().all(|&b| (b as usize) < blocks.count()));
         }
         assert!(of[0] != of[1] && of[1] != of[2]);
-        assert!(blocks.count() > 30 && blocks.count() < 300, "{}", blocks.count());
+        assert!(blocks.count() > 150 && blocks.count() < 500, "{}", blocks.count());
     }
 
     #[test]

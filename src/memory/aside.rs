@@ -9,10 +9,9 @@
 
 use std::any::Any;
 use std::process;
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, JoinHandle};
 
-use crate::sync::lock;
 use crate::{Error, Result};
 
 /// The threads that may still be at work, each with the process that it is a thread of: after a
@@ -21,6 +20,11 @@ static AT_WORK: Mutex<Vec<(u32, JoinHandle<()>)>> = Mutex::new(Vec::new());
 
 /// What waits for the end of a call.
 static WAITING: Mutex<Vec<Box<dyn Any + Send>>> = Mutex::new(Vec::new());
+
+/// A list is whole between any two operations on it, whoever panicked.
+fn lock<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
+    list.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Drops a large value in another thread, when a call that has an [`AtEnd`] ends.
 pub fn drop_aside<T: Send + 'static>(value: T) {

@@ -374,8 +374,8 @@ mod tests {
                 |_, _, _| 1,
             );
             let faces = VoxelFaces::new(&image, &Monitor::silent()).unwrap();
-            let bins =
-                TriangleBins::new(triangles.clone(), &faces, 0.5, &|_| Ok(()), &Monitor::silent()).unwrap();
+            let (any, silent) = (&|_| Ok(()), &Monitor::silent());
+            let bins = TriangleBins::new(triangles.clone(), &faces, 0.5, any, silent).unwrap();
             for id in [None, Some(1), Some(65), Some(2)] {
                 let wanted = |t: &Triangle| id.is_none_or(|id| t.ids.contains(&id));
                 let start =
