@@ -62,8 +62,8 @@ pub(super) fn write(
         })?;
     }
     let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
-    for (boundary, facets) in Groups::new(&boundaries.of_facets).map_err(io::Error::other)?.iter() {
-        let name = &boundaries.names[boundary as usize];
+    let of_boundaries = Groups::new(&boundaries).map_err(io::Error::other)?;
+    for (name, (_, facets)) in boundaries.names.iter().zip(of_boundaries.iter()) {
         writeln!(out, "*SURFACE, TYPE=ELEMENT, NAME={name}")?;
         facets.write_records(out, |_, facet, bytes| {
             let facet = facet as usize;

@@ -24,7 +24,7 @@ pub(super) const TRIANGLE: [u8; 2] = [5, 22];
 pub(super) struct Cells<'m> {
     mesh: &'m TetMesh,
     regions: Regions,
-    boundaries: Boundaries,
+    boundaries: Boundaries<'m>,
 }
 
 impl<'m> Cells<'m> {

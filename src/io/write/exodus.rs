@@ -10,8 +10,8 @@
 //! Elements are numbered block by block; `elem_num_map` has the number of each tet in the mesh,
 //! from 1.
 //!
-//! Memory: beside the mesh, 4 bytes per facet, and what the groups take (see `groups`). The number
-//! of a tet's element is counted anew for each side.
+//! Memory: beside the mesh, what the groups take (see `groups`). The number of a tet's element is
+//! counted anew for each side.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -20,7 +20,7 @@ use super::groups::{Groups, Members};
 use super::netcdf::{Kind, MAX_BYTES, NetCdf, Value};
 use super::output::Output;
 use super::records::write_records;
-use super::regions::{Tags, regions_and_boundaries};
+use super::regions::{Boundaries, Tags, regions_and_boundaries};
 use super::{WriteOptions, check_count};
 use crate::Result;
 use crate::image::Wall;
@@ -40,7 +40,7 @@ pub(super) fn check_limits(mesh: &TetMesh, path: &Path) -> Result<()> {
 /// A side set: its name, the facets that it has, and which of their two sides.
 struct SideSet<'a> {
     name: String,
-    facets: Members<'a, u32>,
+    facets: Members<'a, Boundaries<'a>>,
     side: usize,
 }
 
@@ -51,19 +51,13 @@ pub(super) fn write(
 ) -> io::Result<()> {
     let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     let blocks = Groups::new(&mesh.labels).map_err(io::Error::other)?;
-    let of_boundaries = Groups::new(&boundaries.of_facets).map_err(io::Error::other)?;
+    let of_boundaries = Groups::new(&boundaries).map_err(io::Error::other)?;
     let mut sets = Vec::new();
-    for (boundary, facets) in of_boundaries.iter() {
-        let name = &boundaries.names[boundary as usize];
+    for (b, (boundary, facets)) in of_boundaries.iter().enumerate() {
+        let name = &boundaries.names[b];
         sets.push(SideSet { name: name.clone(), facets, side: 0 });
-        if boundaries.has_two_sides(boundary as usize)
-            && boundaries.all[boundary as usize].wall == Wall::None
-        {
-            sets.push(SideSet {
-                name: boundaries.reversed_name(boundary as usize, &regions),
-                facets,
-                side: 1,
-            });
+        if boundaries.has_two_sides(b) && boundary.wall == Wall::None {
+            sets.push(SideSet { name: boundaries.reversed_name(b, &regions), facets, side: 1 });
         }
     }
     let parts = Parts {
@@ -82,7 +76,7 @@ pub(super) fn write(
 struct Parts<'a> {
     mesh: &'a TetMesh,
     /// Blocks with their numbers and names.
-    blocks: &'a Groups<'a, i32>,
+    blocks: &'a Groups<'a, Vec<i32>>,
     tags: Vec<i32>,
     names: Vec<&'a str>,
     /// How many elements are before each block.

@@ -59,9 +59,9 @@ pub(super) fn write(
         })?;
         out.write_all(b"</Elements>\n")?;
     }
-    let of_boundaries = Groups::new(&boundaries.of_facets).map_err(io::Error::other)?;
-    for (boundary, facets) in of_boundaries.iter() {
-        writeln!(out, "<Surface name=\"{}\">", boundaries.names[boundary as usize])?;
+    let of_boundaries = Groups::new(&boundaries).map_err(io::Error::other)?;
+    for (name, (_, facets)) in boundaries.names.iter().zip(of_boundaries.iter()) {
+        writeln!(out, "<Surface name=\"{name}\">")?;
         let tag: &[u8] = if of_facet == 3 { b"tri3" } else { b"tri6" };
         facets.write_records(out, |i, f, bytes| {
             push_open(bytes, tag, i);

@@ -28,7 +28,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::groups::{Groups, Members};
+use super::groups::{Groups, Keyed, Members};
 use super::output::Output;
 use super::records::write_records;
 use super::regions::{Boundaries, Regions, Tags, regions_and_boundaries};
@@ -88,7 +88,7 @@ fn write_head(
     version: &str,
     tags: &Tags,
     regions: &Regions,
-    boundaries: &Boundaries,
+    boundaries: &Boundaries<'_>,
 ) -> io::Result<()> {
     // The binary integer 1 tells the order of bytes.
     write!(out, "$MeshFormat\n{version} 1 8\n")?;
@@ -132,7 +132,7 @@ pub(super) fn write_2_2(
     let tag_of_tet = |t: usize| tags.volumes[regions.place(mesh.labels[t])];
     let tets = |t: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_tet(t, push);
     write_block_2_2(out, elements.kind_of_tets(), 0, mesh.tets.len(), &tets, tag_of_tet)?;
-    let tag_of_facet = |f: usize| tags.surfaces[boundaries.of_facets[f] as usize];
+    let tag_of_facet = |f: usize| tags.surfaces[boundaries.of_facet(f)];
     let facets = |f: usize, push: &mut dyn FnMut(u32)| elements.nodes_of_facet(f, push);
     write_block_2_2(
         out,
@@ -173,7 +173,7 @@ pub(super) fn write_4_1(
 ) -> io::Result<()> {
     let (regions, boundaries) = regions_and_boundaries(mesh, options)?;
     let volumes = Groups::new(&mesh.labels).map_err(io::Error::other)?;
-    let surfaces = Groups::new(&boundaries.of_facets).map_err(io::Error::other)?;
+    let surfaces = Groups::new(&boundaries).map_err(io::Error::other)?;
     let tags = Tags::new(&regions.labels, boundaries.all.len(), i32::MAX);
     write_head(out, options, "4.1", &tags, &regions, &boundaries)?;
 
@@ -257,8 +257,8 @@ fn write_entity(
 fn owners(
     mesh: &TetMesh,
     tags: &Tags,
-    volumes: &Groups<'_, i32>,
-    surfaces: &Groups<'_, u32>,
+    volumes: &Groups<'_, Vec<i32>>,
+    surfaces: &Groups<'_, Boundaries<'_>>,
 ) -> Result<Vec<[i32; 2]>> {
     // A vertex of no tet has to be somewhere as well.
     let nowhere = [VOLUME, tags.volumes.first().copied().unwrap_or(1)];
@@ -279,12 +279,12 @@ fn owners(
 
 /// Elements of one entity: dimension and tag of the entity, type, count; then of each element its
 /// tag and nodes.
-fn write_block_4_1<K: Copy + Ord + Sync>(
+fn write_block_4_1<I: Keyed>(
     out: &mut Output,
     kind: [i32; 3],
     first: usize,
     nodes: &Nodes<'_>,
-    members: &Members<'_, K>,
+    members: &Members<'_, I>,
 ) -> io::Result<()> {
     write_ints(out, &kind)?;
     write_longs(out, &[members.len()])?;

@@ -13,19 +13,42 @@ use super::records::write_ranges;
 use crate::Result;
 use crate::memory::filled;
 
+/// Things numbered from 0, each of which has a key: a table, or what knows its keys without one.
+pub(super) trait Keyed: Sync {
+    type Key: Copy + Ord + Sync;
+
+    /// How many things there are.
+    fn count(&self) -> usize;
+
+    /// The key of a thing.
+    fn key(&self, i: usize) -> Self::Key;
+}
+
+impl<K: Copy + Ord + Sync> Keyed for Vec<K> {
+    type Key = K;
+
+    fn count(&self) -> usize {
+        self.len()
+    }
+
+    fn key(&self, i: usize) -> K {
+        self[i]
+    }
+}
+
 /// The different values of `items`, in increasing order.
-pub(super) fn distinct<K: Copy + Ord>(items: &[K]) -> Vec<K> {
+pub(super) fn distinct<K: Copy + Ord>(items: impl Iterator<Item = K>) -> Vec<K> {
     let mut keys = Vec::new();
     for item in items {
         // There are few keys, and neighbouring things mostly have the same.
-        if keys.last() != Some(item) {
+        if keys.last() != Some(&item) {
             if keys.len() == keys.capacity() {
                 keys.sort_unstable();
                 keys.dedup();
                 // As much room again, so that the sorting is paid for by what comes between.
                 keys.reserve(keys.len().max(64));
             }
-            keys.push(*item);
+            keys.push(item);
         }
     }
     keys.sort_unstable();
@@ -49,11 +72,11 @@ struct Place {
 }
 
 /// Indices of things, by their keys.
-pub(super) struct Groups<'a, K> {
-    items: &'a [K],
+pub(super) struct Groups<'a, I: Keyed> {
+    items: &'a I,
     /// Things of a chunk.
     chunk: usize,
-    keys: Vec<K>,
+    keys: Vec<I::Key>,
     /// How many things each group has.
     counts: Vec<u32>,
     /// Group g has `starts[g]..starts[g + 1]` of `places`.
@@ -61,19 +84,20 @@ pub(super) struct Groups<'a, K> {
     places: Vec<Place>,
 }
 
-impl<'a, K: Copy + Ord + Sync> Groups<'a, K> {
-    /// Groups the things whose keys are `items`.
+impl<'a, I: Keyed> Groups<'a, I> {
+    /// Groups the things by their keys.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
-    pub fn new(items: &'a [K]) -> Result<Self> {
-        let keys = distinct(items);
+    pub fn new(items: &'a I) -> Result<Self> {
+        let count = items.count();
+        let keys = distinct((0..count).map(|i| items.key(i)));
         let mut chunk = CHUNK;
         let mut starts = vec![0; keys.len() + 1];
         loop {
             for_each_part(items, chunk, &keys, |g, _, _| starts[g + 1] += 1);
             let places: usize = starts.iter().sum();
-            if THINGS_PER_PLACE * places <= items.len() || chunk >= items.len() {
+            if THINGS_PER_PLACE * places <= count || chunk >= count {
                 break;
             }
             starts.fill(0);
@@ -95,11 +119,13 @@ impl<'a, K: Copy + Ord + Sync> Groups<'a, K> {
     }
 
     /// Each key with its things.
-    pub fn iter(&self) -> impl DoubleEndedIterator<Item = (K, Members<'_, K>)> + ExactSizeIterator {
+    pub fn iter(
+        &self,
+    ) -> impl DoubleEndedIterator<Item = (I::Key, Members<'_, I>)> + ExactSizeIterator {
         (0..self.keys.len()).map(|g| (self.keys[g], self.members(g)))
     }
 
-    fn members(&self, g: usize) -> Members<'_, K> {
+    fn members(&self, g: usize) -> Members<'_, I> {
         Members {
             items: self.items,
             chunk: self.chunk,
@@ -122,33 +148,39 @@ impl<'a, K: Copy + Ord + Sync> Groups<'a, K> {
 
     /// Which group a thing is in, and its place there.
     pub fn place(&self, i: usize) -> (usize, usize) {
-        let key = self.items[i];
+        let key = self.items.key(i);
         let g = self.keys.partition_point(|other| *other < key);
         let start = i - i % self.chunk;
         let places = &self.places[self.starts[g]..self.starts[g + 1]];
         let here = places.partition_point(|place| (place.chunk as usize) < i / self.chunk);
         let before = places.get(here).map_or(0, |place| place.before as usize);
-        let same = self.items[start..i].iter().filter(|&other| *other == key).count();
+        let same = (start..i).filter(|&i| self.items.key(i) == key).count();
         (g, before + same)
     }
 }
 
 /// Calls `part(group, chunk, count)` for the groups that each chunk has things of.
-fn for_each_part<K: Copy + Ord>(
-    items: &[K],
+fn for_each_part<I: Keyed>(
+    items: &I,
     chunk: usize,
-    keys: &[K],
+    keys: &[I::Key],
     mut part: impl FnMut(usize, u32, u32),
 ) {
     let mut counts = vec![0; keys.len()];
     let mut here = Vec::new();
-    for (number, items) in (0..).zip(items.chunks(chunk)) {
-        for same in items.chunk_by(K::eq) {
-            let g = keys.partition_point(|key| *key < same[0]);
+    let mut last = None;
+    for (number, start) in (0..).zip((0..items.count()).step_by(chunk)) {
+        for i in start..items.count().min(start + chunk) {
+            let key = items.key(i);
+            let g = match last {
+                Some((same, g)) if same == key => g,
+                _ => keys.partition_point(|other| *other < key),
+            };
+            last = Some((key, g));
             if counts[g] == 0 {
                 here.push(g);
             }
-            counts[g] += same.len() as u32;
+            counts[g] += 1;
         }
         for g in here.drain(..) {
             part(g, number, std::mem::take(&mut counts[g]));
@@ -157,36 +189,43 @@ fn for_each_part<K: Copy + Ord>(
 }
 
 /// The things of a group.
-#[derive(Clone, Copy)]
-pub(super) struct Members<'a, K> {
-    items: &'a [K],
+pub(super) struct Members<'a, I: Keyed> {
+    items: &'a I,
     chunk: usize,
-    key: K,
+    key: I::Key,
     count: u32,
     places: &'a [Place],
 }
 
-impl<'a, K: Copy + Ord + Sync> Members<'a, K> {
+// Derived, they would ask the things themselves to be copied.
+impl<I: Keyed> Clone for Members<'_, I> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<I: Keyed> Copy for Members<'_, I> {}
+
+impl<'a, I: Keyed> Members<'a, I> {
     pub fn len(&self) -> usize {
         self.count as usize
     }
 
     /// All things.
-    pub fn iter(&self) -> impl Iterator<Item = u32> + use<'a, K> {
+    pub fn iter(&self) -> impl Iterator<Item = u32> + use<'a, I> {
         self.range(0..self.len())
     }
 
     /// The things of some places.
-    pub fn range(&self, places: Range<usize>) -> impl Iterator<Item = u32> + use<'a, K> {
+    pub fn range(&self, places: Range<usize>) -> impl Iterator<Item = u32> + use<'a, I> {
         let Self { items, chunk, key, places: chunks, .. } = *self;
         let first = chunks.partition_point(|place| place.before as usize <= places.start);
         let first = first.saturating_sub(1);
         let before = chunks.get(first).map_or(0, |place| place.before as usize);
         let things = chunks[first..].iter().flat_map(move |place| {
             let start = place.chunk as usize * chunk;
-            let here = &items[start..items.len().min(start + chunk)];
-            let same = here.iter().enumerate().filter(move |&(_, other)| *other == key);
-            same.map(move |(i, _)| (start + i) as u32)
+            let here = start..items.count().min(start + chunk);
+            here.filter(move |&i| items.key(i) == key).map(|i| i as u32)
         });
         things.skip(places.start - before).take(places.len())
     }
@@ -210,12 +249,12 @@ mod tests {
 
     #[test]
     fn groups_keep_the_order() {
-        let items = [5, -2, 5, 5, i32::MAX, -2];
+        let items = vec![5, -2, 5, 5, i32::MAX, -2];
         let groups = Groups::new(&items).unwrap();
         let all: Vec<_> =
             groups.iter().map(|(key, things)| (key, things.iter().collect::<Vec<_>>())).collect();
         assert_eq!(all, [(-2, vec![1, 5]), (5, vec![0, 2, 3]), (i32::MAX, vec![4])]);
-        assert_eq!(Groups::<i32>::new(&[]).unwrap().iter().len(), 0);
+        assert_eq!(Groups::<Vec<i32>>::new(&vec![]).unwrap().iter().len(), 0);
     }
 
     /// Few keys and many, neighbours of one key and not, over several chunks.
@@ -259,7 +298,7 @@ mod tests {
 
     #[test]
     fn distinct_values_of_many() {
-        let items: Vec<i32> = (0..100_000).map(|i| i * 7919 % 300 - 150).collect();
-        assert_eq!(distinct(&items), (-150..150).collect::<Vec<_>>());
+        let items = (0..100_000).map(|i| i * 7919 % 300 - 150);
+        assert_eq!(distinct(items), (-150..150).collect::<Vec<_>>());
     }
 }

@@ -66,7 +66,7 @@ pub(super) fn write(
     let of_facet = mesh.nodes_per_facet();
     let name: &[u8] = if of_facet == 3 { b"CTRIA3" } else { b"CTRIA6" };
     write_records(out, mesh.facets.len(), |f, bytes| {
-        let tag = tags.surfaces[boundaries.of_facets[f] as usize];
+        let tag = tags.surfaces[boundaries.of_facet(f)];
         let number = mesh.tets.len() + f + 1;
         push_element(bytes, name, number, tag, &mesh.facet_nodes(f)[..of_facet]);
     })?;

@@ -9,19 +9,21 @@
 //! Cells are the tets in the order of the mesh. Inner faces come first, by the lower of their cells
 //! and then by the other, which is the order that OpenFOAM wants; then those of the patches.
 //! Normals point to the higher cell, or out of the mesh.
+//!
+//! Memory: beside the mesh, a quarter of a byte per tet, and what the groups take (see `groups`).
 
 use std::io::{self, Write};
 use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::groups::Groups;
-use super::output::{Output, in_folder};
+use super::groups::{Groups, Keyed};
+use super::output::{Finished, Output, in_folder};
 use super::records::{push_floats, push_int, write_records};
-use super::regions::{Boundaries, Regions};
+use super::regions::{Boundaries, Boundary, Regions};
 use super::{WriteOptions, check_count, refuse_second_order};
 use crate::delaunay::tet::FACET;
-use crate::memory::{reserve, zeroed};
+use crate::memory::zeroed;
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::CancelFlag;
 use crate::{Error, Result};
@@ -56,11 +58,22 @@ fn write_into(
     folder: &Path,
     cancel: Option<&CancelFlag>,
 ) -> Result<()> {
-    let faces = Faces::new(mesh, options)?;
-    let (inner, all) = (faces.inner(), faces.inner() + faces.outer.len());
+    let regions = Regions::new(mesh, options);
+    let boundaries = Boundaries::new(mesh, options, &regions)?;
+    let sides = Sides { mesh, boundaries: &boundaries };
+    let groups = Groups::new(&sides)?;
+    let named = |is_inner: bool| {
+        let of_kind = groups.iter().filter(move |&((kind, _), _)| kind == is_inner);
+        of_kind.map(|((_, boundary), facets)| (boundaries.name(&boundary), facets))
+    };
+    let faces = InnerFaces::new(mesh)?;
+    let inner = faces.count();
+    let around: usize = (0..mesh.tets.len()).map(|t| outside(mesh, t).count()).sum();
+    let outer = named(false).map(|(_, facets)| facets.len()).sum::<usize>() + around;
+    let all = inner + outer;
     let (cells, points) = (mesh.tets.len(), mesh.points.len());
     let note = format!("nPoints:{points}  nCells:{cells}  nFaces:{all}  nInternalFaces:{inner}");
-    let mut outputs = Vec::new();
+    let mut files = Vec::new();
     let mut file =
         |name: &str, class: &str, note: &str, fill: &dyn Fn(&mut Output<'_>) -> io::Result<()>| {
             let mut output = Output::create_among_others(&folder.join(name))?.watching(cancel);
@@ -68,7 +81,7 @@ fn write_into(
                 write_head(out, options, name, class, note)?;
                 fill(out)
             })?;
-            outputs.push(output);
+            files.push(output.finish()?);
             Ok::<_, Error>(())
         };
     file("points", "vectorField", "", &|out| {
@@ -83,9 +96,11 @@ fn write_into(
         write_records(out, cells, |t, bytes| {
             higher(mesh, t).for_each(|(_, i)| push_face(bytes, side(mesh, t, i)));
         })?;
-        write_records(out, faces.outer.len(), |f, bytes| {
-            let Side { tet, facet } = faces.outer[f];
-            push_face(bytes, side(mesh, tet as usize, facet as usize));
+        for (_, facets) in named(false) {
+            facets.write_records(out, |_, f, bytes| push_face(bytes, outward(mesh, f as usize)))?;
+        }
+        write_records(out, cells, |t, bytes| {
+            outside(mesh, t).for_each(|i| push_face(bytes, side(mesh, t, i)));
         })?;
         out.write_all(b")\n")
     })?;
@@ -94,8 +109,13 @@ fn write_into(
         write_records(out, cells, |t, bytes| {
             higher(mesh, t).for_each(|_| push_line(bytes, t as i64));
         })?;
-        write_records(out, faces.outer.len(), |f, bytes| {
-            push_line(bytes, faces.outer[f].tet.into());
+        for (_, facets) in named(false) {
+            facets.write_records(out, |_, f, bytes| {
+                push_line(bytes, mesh.facet_tets[f as usize][0].into());
+            })?;
+        }
+        write_records(out, cells, |t, bytes| {
+            outside(mesh, t).for_each(|_| push_line(bytes, t as i64));
         })?;
         out.write_all(b")\n")
     })?;
@@ -105,9 +125,12 @@ fn write_into(
         })
     })?;
     file("boundary", "polyBoundaryMesh", "", &|out| {
-        writeln!(out, "{}\n(", faces.patches.len())?;
+        let of_boundaries = named(false).map(|(name, facets)| (name, facets.len()));
+        let around = (around > 0).then_some((OUTSIDE, around));
+        let patches: Vec<(&str, usize)> = of_boundaries.chain(around).collect();
+        writeln!(out, "{}\n(", patches.len())?;
         let mut start = inner;
-        for (name, count) in &faces.patches {
+        for (name, count) in patches {
             write!(
                 out,
                 "    {name}\n    {{\n        type            patch;\n        nFaces          \
@@ -121,7 +144,7 @@ fn write_into(
         let zones = Groups::new(&mesh.labels).map_err(io::Error::other)?;
         writeln!(out, "{}\n(", zones.iter().len())?;
         for (label, tets) in zones.iter() {
-            let name = faces.regions.name(label);
+            let name = regions.name(label);
             write!(out, "{name}\n{{\n    type cellZone;\n    cellLabels List<label>\n")?;
             writeln!(out, "{}\n(", tets.len())?;
             tets.write_records(out, |_, t, bytes| push_line(bytes, t.into()))?;
@@ -130,24 +153,27 @@ fn write_into(
         out.write_all(b")\n")
     })?;
     file("faceZones", "regIOobject", "", &|out| {
-        writeln!(out, "{}\n(", faces.zones.len())?;
-        for (name, facets) in &faces.zones {
+        writeln!(out, "{}\n(", named(true).count())?;
+        for (name, facets) in named(true) {
             let count = facets.len();
-            write!(out, "{name}\n{{\n    type faceZone;\n    faceLabels List<label>\n")?;
-            write_list(out, count, count, |i, bytes| {
-                push_line(bytes, faces.number(mesh.facet_tets[facets[i] as usize]) as i64);
+            write!(
+                out,
+                "{name}\n{{\n    type faceZone;\n    faceLabels List<label>\n{count}\n(\n"
+            )?;
+            facets.write_records(out, |_, f, bytes| {
+                push_line(bytes, faces.number(mesh.facet_tets[f as usize]) as i64);
             })?;
-            out.write_all(b"    ;\n    flipMap List<bool>\n")?;
-            write_list(out, count, count, |i, bytes| {
-                let [first, second] = mesh.facet_tets[facets[i] as usize];
+            write!(out, ")\n    ;\n    flipMap List<bool>\n{count}\n(\n")?;
+            facets.write_records(out, |_, f, bytes| {
+                let [first, second] = mesh.facet_tets[f as usize];
                 push_line(bytes, (first > second).into());
             })?;
-            out.write_all(b"    ;\n}\n")?;
+            out.write_all(b")\n    ;\n}\n")?;
         }
         out.write_all(b")\n")
     })?;
-    outputs.push(Output::create(path)?);
-    Output::commit(outputs)
+    files.push(Output::create(path)?.finish()?);
+    Finished::commit(files)
 }
 
 fn write_head(
@@ -209,35 +235,48 @@ fn higher(mesh: &TetMesh, t: usize) -> impl Iterator<Item = (u32, usize)> + use<
     others.into_iter().filter(move |&(other, _)| other != NONE && other as usize > t)
 }
 
-/// A side of a tet.
-#[derive(Clone, Copy)]
-struct Side {
-    tet: u32,
-    facet: u32,
+/// The facets of a tet of the background that are on the outside.
+fn outside(mesh: &TetMesh, t: usize) -> impl Iterator<Item = usize> + use<> {
+    let neighbors = if mesh.labels[t] == 0 { mesh.neighbors[t] } else { [t as u32; 4] };
+    (0..4).filter(move |&i| neighbors[i] == NONE)
 }
 
-/// The faces of a mesh.
-struct Faces<'m> {
+/// An interface facet on the outside, its normal pointing out of the mesh.
+fn outward(mesh: &TetMesh, f: usize) -> [u32; 3] {
+    let t = mesh.facet_tets[f][0] as usize;
+    let opposite = mesh.tets[t].iter().position(|v| !mesh.facets[f].contains(v));
+    side(mesh, t, opposite.unwrap_or(0))
+}
+
+/// Interface facets by whether they are between two tets, then by their boundaries: those of
+/// patches, then those of zones.
+struct Sides<'a> {
+    mesh: &'a TetMesh,
+    boundaries: &'a Boundaries<'a>,
+}
+
+impl Keyed for Sides<'_> {
+    type Key = (bool, Boundary);
+
+    fn count(&self) -> usize {
+        self.boundaries.count()
+    }
+
+    fn key(&self, f: usize) -> (bool, Boundary) {
+        (self.mesh.facet_tets[f][1] != NONE, self.boundaries.key(f))
+    }
+}
+
+/// The faces between two tets, numbered.
+struct InnerFaces<'m> {
     mesh: &'m TetMesh,
-    regions: Regions,
-    /// How many inner faces the tets before each `STEP`-th have.
+    /// How many of them the tets before each `STEP`-th have.
     starts: Vec<u32>,
-    /// Those on the outside, patch by patch.
-    outer: Vec<Side>,
-    /// Names of patches, and how many faces they have.
-    patches: Vec<(String, usize)>,
-    /// Names of boundaries between regions, and their facets.
-    zones: Vec<(String, Vec<u32>)>,
 }
 
-/// What is counted where there is no memory.
-const WHAT: &str = "faces of the mesh";
-
-impl<'m> Faces<'m> {
-    fn new(mesh: &'m TetMesh, options: &WriteOptions<'_>) -> Result<Self> {
-        let regions = Regions::new(mesh, options);
-        let boundaries = Boundaries::new(mesh, options, &regions)?;
-        let mut starts: Vec<u32> = zeroed(mesh.tets.len().div_ceil(STEP) + 1, WHAT)?;
+impl<'m> InnerFaces<'m> {
+    fn new(mesh: &'m TetMesh) -> Result<Self> {
+        let mut starts: Vec<u32> = zeroed(mesh.tets.len().div_ceil(STEP) + 1, "faces of the mesh")?;
         starts[1..].par_iter_mut().enumerate().for_each(|(step, count)| {
             let tets = step * STEP..((step + 1) * STEP).min(mesh.tets.len());
             *count = tets.map(|t| higher(mesh, t).count() as u32).sum();
@@ -245,48 +284,11 @@ impl<'m> Faces<'m> {
         for step in 1..starts.len() {
             starts[step] += starts[step - 1];
         }
-        let (mut outer, mut patches, mut zones) = (Vec::new(), Vec::new(), Vec::new());
-        for (boundary, facets) in Groups::new(&boundaries.of_facets)?.iter() {
-            let name = &boundaries.names[boundary as usize];
-            let before = outer.len();
-            let mut zone = Vec::new();
-            for f in facets.iter() {
-                let [tet, other] = mesh.facet_tets[f as usize];
-                if other == NONE {
-                    let corners = mesh.tets[tet as usize];
-                    let opposite =
-                        corners.iter().position(|v| !mesh.facets[f as usize].contains(v));
-                    reserve(&mut outer, 1, WHAT)?;
-                    outer.push(Side { tet, facet: opposite.unwrap_or(0) as u32 });
-                } else {
-                    reserve(&mut zone, 1, WHAT)?;
-                    zone.push(f);
-                }
-            }
-            if outer.len() > before {
-                patches.push((name.clone(), outer.len() - before));
-            }
-            if !zone.is_empty() {
-                zones.push((name.clone(), zone));
-            }
-        }
-        let before = outer.len();
-        for (t, (neighbors, &label)) in (0..).zip(mesh.neighbors.iter().zip(&mesh.labels)) {
-            for (facet, _) in
-                (0..).zip(neighbors).filter(|&(_, &other)| other == NONE && label == 0)
-            {
-                reserve(&mut outer, 1, WHAT)?;
-                outer.push(Side { tet: t, facet });
-            }
-        }
-        if outer.len() > before {
-            patches.push((OUTSIDE.into(), outer.len() - before));
-        }
-        Ok(Self { mesh, regions, starts, outer, patches, zones })
+        Ok(Self { mesh, starts })
     }
 
-    /// How many faces are between two cells.
-    fn inner(&self) -> usize {
+    /// How many there are.
+    fn count(&self) -> usize {
         self.starts.last().map_or(0, |&count| count as usize)
     }
 
@@ -308,7 +310,7 @@ mod tests {
     #[test]
     fn faces_are_numbered_in_the_order_of_their_cells() {
         let mesh = kuhn_box([3, 2, 4], [1.0; 3], |i, _, k| [1, 2, 0][(i + k) % 3]);
-        let faces = Faces::new(&mesh, &WriteOptions::default()).unwrap();
+        let faces = InnerFaces::new(&mesh).unwrap();
         let mut number = 0;
         for t in 0..mesh.tets.len() {
             for (other, i) in higher(&mesh, t) {
@@ -317,11 +319,33 @@ mod tests {
                 number += 1;
             }
         }
-        assert_eq!(faces.inner(), number);
-        assert_eq!(2 * number + faces.outer.len(), 4 * mesh.tets.len());
-        let of_patches: usize = faces.patches.iter().map(|(_, count)| count).sum();
-        assert_eq!(of_patches, faces.outer.len());
-        let names: Vec<&str> = faces.patches.iter().map(|(name, _)| &**name).collect();
+        assert_eq!(faces.count(), number);
+    }
+
+    #[test]
+    fn patches_have_all_outer_faces() {
+        let mesh = kuhn_box([3, 2, 4], [1.0; 3], |i, _, k| [1, 2, 0][(i + k) % 3]);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mesh.foam");
+        write(&mesh, &WriteOptions::default(), &path, None).unwrap();
+        let read =
+            |name| std::fs::read_to_string(folder.path().join("constant/polyMesh").join(name));
+        let patches = read("boundary").unwrap();
+        let after = |key: &str| -> Vec<&str> {
+            let of_key = patches.lines().filter_map(|line| line.trim().strip_prefix(key));
+            of_key.map(|value| value.trim().trim_end_matches(';')).collect()
+        };
+        let counts: Vec<usize> = after("nFaces").iter().map(|n| n.parse().unwrap()).collect();
+        let starts: Vec<usize> = after("startFace").iter().map(|n| n.parse().unwrap()).collect();
+        let inner = InnerFaces::new(&mesh).unwrap().count();
+        assert_eq!(2 * inner + counts.iter().sum::<usize>(), 4 * mesh.tets.len());
+        assert_eq!(starts, [inner, inner + counts[0], inner + counts[0] + counts[1]]);
+        let names: Vec<&str> = patches
+            .lines()
+            .map(str::trim)
+            .filter(|line| line.starts_with(['l', 'o']))
+            .filter(|line| !line.ends_with(';'))
+            .collect();
         assert_eq!(names, ["label_1__background", "label_2__background", "outside"]);
     }
 }

@@ -23,7 +23,8 @@ pub(super) fn write(
 ) -> io::Result<()> {
     let vertices = Subset::of_surface(mesh).map_err(io::Error::other)?;
     let color_of = |label| options.names.and_then(|names| names.get(label)?.color);
-    let has_colors = distinct(&mesh.labels).into_iter().any(|label| color_of(label).is_some());
+    let has_colors =
+        distinct(mesh.labels.iter().copied()).into_iter().any(|label| color_of(label).is_some());
     write!(
         out,
         "ply\nformat binary_little_endian 1.0\n\

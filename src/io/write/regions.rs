@@ -16,7 +16,8 @@
 //! strictest of the formats takes, but for universal files, which have 40 and cut them. Other
 //! characters of a label's name become `_`.
 //!
-//! Memory: 4 bytes per facet; with parts some 40 bytes per facet for a while.
+//! Memory: next to nothing, since a facet's boundary is looked up by its labels and face of the box;
+//! with parts 4 bytes per facet, and some 40 for a while.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -24,7 +25,7 @@ use std::io;
 use rayon::prelude::*;
 
 use super::WriteOptions;
-use super::groups::distinct;
+use super::groups::{Keyed, distinct};
 use crate::Result;
 use crate::image::{LabelNames, Wall};
 use crate::memory::{filled, room, zeroed};
@@ -48,10 +49,10 @@ pub(super) struct Regions {
 
 impl Regions {
     pub fn new(mesh: &TetMesh, options: &WriteOptions<'_>) -> Self {
-        let labels = distinct(&mesh.labels);
+        let labels = distinct(mesh.labels.iter().copied());
         // A mesh of facets alone has labels as well.
         let mut all: BTreeSet<i32> = labels.iter().copied().collect();
-        all.extend(distinct(&mesh.facet_labels).into_iter().flatten());
+        all.extend(distinct(mesh.facet_labels.iter().copied()).into_iter().flatten());
         let names = names_of(all.into_iter(), options.names);
         Self { labels, names }
     }
@@ -122,7 +123,7 @@ fn usable(name: &str, label: i32) -> String {
 }
 
 /// A boundary.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Boundary {
     /// The labels behind and before its facets.
     pub labels: [i32; 2],
@@ -132,51 +133,49 @@ pub(super) struct Boundary {
     pub part: u32,
 }
 
-/// The boundaries of a mesh, in increasing order of their labels, faces of the box and parts, and
-/// which facets they have.
-pub(super) struct Boundaries {
+/// The boundaries of a mesh, in increasing order of their labels, faces of the box and parts. Each
+/// has a facet, so that facets in groups by their boundaries come in the order of `all`.
+pub(super) struct Boundaries<'m> {
+    mesh: &'m TetMesh,
+    /// The part of each facet, where parts were asked for.
+    parts: Option<Vec<u32>>,
     pub all: Vec<Boundary>,
     pub names: Vec<String>,
-    /// The index of each facet's boundary.
-    pub of_facets: Vec<u32>,
     /// Of each boundary how many of its facets have no tet before them, and how many have one.
     before: Vec<[usize; 2]>,
 }
 
-impl Boundaries {
+impl<'m> Boundaries<'m> {
     /// # Errors
     /// [`OutOfMemory`](crate::Error::OutOfMemory).
-    pub fn new(mesh: &TetMesh, options: &WriteOptions<'_>, regions: &Regions) -> Result<Self> {
-        let key =
-            |f: usize| Boundary { labels: mesh.facet_labels[f], wall: mesh.facet_wall(f), part: 0 };
-        let facets = mesh.facets.len();
-        let parts = if options.parts { Some(parts(mesh, key)?) } else { None };
-        let key = |f: usize| match &parts {
-            Some(parts) => Boundary { part: parts[f], ..key(f) },
-            None => key(f),
-        };
+    pub fn new(mesh: &'m TetMesh, options: &WriteOptions<'_>, regions: &Regions) -> Result<Self> {
+        let parts =
+            if options.parts { Some(parts(mesh, |f| whole_boundary(mesh, f))?) } else { None };
+        let mut found = Self { mesh, parts, all: vec![], names: vec![], before: vec![] };
+        let mut sides: BTreeMap<Boundary, [usize; 2]> = BTreeMap::new();
         // Neighbouring facets mostly have the same.
-        let mut all = BTreeSet::new();
-        let mut last = None;
-        for f in 0..facets {
-            let boundary = key(f);
-            if last.as_ref() != Some(&boundary) {
-                all.insert(boundary.clone());
-                last = Some(boundary);
+        let mut same = None;
+        let mut counts = [0; 2];
+        for (f, tets) in mesh.facet_tets.iter().enumerate() {
+            let boundary = found.key(f);
+            if let Some(last) = same.filter(|&last| last != boundary) {
+                add(&mut sides, last, std::mem::take(&mut counts));
             }
+            same = Some(boundary);
+            counts[usize::from(tets[1] != NONE)] += 1;
         }
-        let all: Vec<Boundary> = all.into_iter().collect();
-        let mut of_facets: Vec<u32> = zeroed(facets, WHAT)?;
-        of_facets.par_iter_mut().enumerate().with_min_len(1 << 12).for_each(|(f, slot)| {
-            let boundary = key(f);
-            *slot = all.partition_point(|known| *known < boundary) as u32;
-        });
-        let names = all.iter().map(|boundary| name_of(boundary, regions)).collect();
-        let mut before = vec![[0; 2]; all.len()];
-        for (&boundary, tets) in of_facets.iter().zip(&mesh.facet_tets) {
-            before[boundary as usize][usize::from(tets[1] != NONE)] += 1;
+        if let Some(last) = same {
+            add(&mut sides, last, counts);
         }
-        Ok(Self { all, names, of_facets, before })
+        (found.all, found.before) = sides.into_iter().unzip();
+        found.names = found.all.iter().map(|boundary| name_of(boundary, regions)).collect();
+        Ok(found)
+    }
+
+    /// The index of a facet's boundary.
+    pub fn of_facet(&self, f: usize) -> usize {
+        let boundary = self.key(f);
+        self.all.partition_point(|known| *known < boundary)
     }
 
     /// Whether a boundary is one of a label's region. Of split interfaces each side is a boundary
@@ -191,9 +190,15 @@ impl Boundaries {
         self.before[boundary][0] == 0
     }
 
+    /// The name of a boundary that there is.
+    pub fn name(&self, boundary: &Boundary) -> &str {
+        let place = self.all.partition_point(|known| known < boundary);
+        self.names.get(place).map_or("", |name| name)
+    }
+
     /// The number of a facet's boundary, from 1.
     pub fn number(&self, f: usize) -> u32 {
-        self.of_facets[f] + 1
+        self.of_facet(f) as u32 + 1
     }
 
     /// The name of a boundary between two regions seen from its second label.
@@ -210,6 +215,30 @@ impl Boundaries {
         });
         lines.collect()
     }
+}
+
+impl Keyed for Boundaries<'_> {
+    type Key = Boundary;
+
+    fn count(&self) -> usize {
+        self.mesh.facets.len()
+    }
+
+    fn key(&self, f: usize) -> Boundary {
+        let part = self.parts.as_ref().map_or(0, |parts| parts[f]);
+        Boundary { part, ..whole_boundary(self.mesh, f) }
+    }
+}
+
+/// The boundary of a facet, all its parts together.
+fn whole_boundary(mesh: &TetMesh, f: usize) -> Boundary {
+    Boundary { labels: mesh.facet_labels[f], wall: mesh.facet_wall(f), part: 0 }
+}
+
+/// Adds to what was counted of a boundary.
+fn add(sides: &mut BTreeMap<Boundary, [usize; 2]>, boundary: Boundary, counts: [usize; 2]) {
+    let sum = sides.entry(boundary).or_default();
+    *sum = [sum[0] + counts[0], sum[1] + counts[1]];
 }
 
 /// Positive numbers of regions and boundaries, for formats that take no others: all different.
@@ -245,10 +274,10 @@ impl Tags {
 ///
 /// # Errors
 /// [`OutOfMemory`](crate::Error::OutOfMemory), as one of input and output.
-pub(super) fn regions_and_boundaries(
-    mesh: &TetMesh,
+pub(super) fn regions_and_boundaries<'m>(
+    mesh: &'m TetMesh,
     options: &WriteOptions<'_>,
-) -> io::Result<(Regions, Boundaries)> {
+) -> io::Result<(Regions, Boundaries<'m>)> {
     let regions = Regions::new(mesh, options);
     let boundaries = Boundaries::new(mesh, options, &regions).map_err(io::Error::other)?;
     Ok((regions, boundaries))
@@ -376,7 +405,7 @@ mod tests {
         assert_eq!(parts("liver__l"), ["liver__label_9_1", "liver__label_9_2"]);
         // The second cube of the liver has the end of the box as well, so more facets.
         let first = found.names.iter().position(|name| name == "liver__background_1").unwrap();
-        let of_first = (0..mesh.facets.len()).filter(|&f| found.of_facets[f] == first as u32);
+        let of_first = (0..mesh.facets.len()).filter(|&f| found.of_facet(f) == first);
         assert!(of_first.clone().count() == 10);
         assert!(of_first.flat_map(|f| mesh.facets[f]).all(|v| mesh.point(v).x >= 2.0));
     }

@@ -11,7 +11,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::groups::{Groups, Members};
+use super::groups::{Groups, Keyed, Members};
 use super::output::Output;
 use super::records::write_records;
 use super::regions::{Tags, regions_and_boundaries};
@@ -71,29 +71,30 @@ pub(super) fn write(
     write_records(out, mesh.facets.len(), |f, bytes| {
         let [a, b, c, ab, bc, ca] = mesh.facet_nodes(f);
         let nodes: &[u32] = if order == 0 { &[a, b, c] } else { &[a, ab, b, bc, c, ca] };
-        let tag = tags.surfaces[boundaries.of_facets[f] as usize];
+        let tag = tags.surfaces[boundaries.of_facet(f)];
         push_element(bytes, mesh.tets.len() + f, TRIANGLE[order], tag as u32, nodes);
     })?;
     out.write_all(b"    -1\n    -1\n  2467\n")?;
     let of_regions = Groups::new(&mesh.labels).map_err(io::Error::other)?;
-    let of_boundaries = Groups::new(&boundaries.of_facets).map_err(io::Error::other)?;
+    let of_boundaries = Groups::new(&boundaries).map_err(io::Error::other)?;
     for ((label, tets), number) in of_regions.iter().zip(1..) {
         write_group(out, regions.name(label), number, 0, &tets)?;
     }
     let behind = of_regions.iter().len() as u32 + 1;
-    for ((b, facets), number) in of_boundaries.iter().zip(behind..) {
-        write_group(out, &boundaries.names[b as usize], number, mesh.tets.len(), &facets)?;
+    let of_boundaries = boundaries.names.iter().zip(of_boundaries.iter());
+    for ((name, (_, facets)), number) in of_boundaries.zip(behind..) {
+        write_group(out, name, number, mesh.tets.len(), &facets)?;
     }
     out.write_all(b"    -1\n")
 }
 
 /// A group: its number and name, and its elements, which come behind `first` others.
-fn write_group<K: Copy + Ord + Sync>(
+fn write_group<I: Keyed>(
     out: &mut Output,
     name: &str,
     number: u32,
     first: usize,
-    members: &Members<'_, K>,
+    members: &Members<'_, I>,
 ) -> io::Result<()> {
     let mut head = Vec::new();
     push_fields(&mut head, &[number, 0, 0, 0, 0, 0, 0, members.len() as u32]);

@@ -9,15 +9,14 @@
 //! The index takes its name last: what it refers to is always there. Files of other names that are
 //! in the folder stay there.
 //!
-//! Memory: beside the mesh, 4 bytes per facet, 2 bits per point, and what the groups take (see
-//! `groups`).
+//! Memory: beside the mesh, 2 bits per point, and what the groups take (see `groups`).
 
 use std::io::{self, Write};
 use std::path::Path;
 
 use super::WriteOptions;
 use super::cells::{TETRA, TRIANGLE};
-use super::groups::{Groups, Members};
+use super::groups::{Groups, Keyed, Members};
 use super::output::{Finished, Output, in_folder};
 use super::regions::{Boundaries, Regions};
 use super::subset::Subset;
@@ -56,11 +55,11 @@ pub(super) fn write(
             let nodes = |t: u32| mesh.nodes_of_tet(t);
             files.push(blocks.write(&block, &tets, &nodes)?);
         }
-        for (b, facets) in Groups::new(&boundaries.of_facets)?.iter() {
+        for (b, (boundary, facets)) in Groups::new(&boundaries)?.iter().enumerate() {
             let block = Block {
-                name: &boundaries.names[b as usize],
+                name: &boundaries.names[b],
                 number: [b as i32 + 1, 2],
-                labels: boundaries.all[b as usize].labels,
+                labels: boundary.labels,
                 boundary: b as i32 + 1,
                 kind: TRIANGLE[order],
                 width: mesh.nodes_per_facet(),
@@ -98,10 +97,10 @@ struct Blocks<'a> {
 
 impl Blocks<'_> {
     /// Writes the file of a block, whose cells are `members` with these nodes.
-    fn write<K: Copy + Ord + Sync, N: Iterator<Item = u32>>(
+    fn write<I: Keyed, N: Iterator<Item = u32>>(
         &self,
         block: &Block<'_>,
-        members: &Members<'_, K>,
+        members: &Members<'_, I>,
         nodes: &(impl Fn(u32) -> N + Sync),
     ) -> Result<Finished> {
         let &Block { name, number, labels, boundary, kind, width } = block;
@@ -142,7 +141,7 @@ impl Blocks<'_> {
 /// Writes the index of the files in the folder.
 fn write_index(
     regions: &Regions,
-    boundaries: &Boundaries,
+    boundaries: &Boundaries<'_>,
     folder: &str,
     out: &mut Output,
 ) -> io::Result<()> {

@@ -42,7 +42,7 @@ pub(super) fn write(
 /// Writes the arrays into an HDF5 file.
 fn fill(
     mesh: &TetMesh,
-    boundaries: &Boundaries,
+    boundaries: &Boundaries<'_>,
     to: &Arrays<'_>,
 ) -> std::result::Result<(), Failure> {
     let (tets, facets) = (mesh.tets.len(), mesh.facets.len());
@@ -62,7 +62,7 @@ fn write_text(
     mesh: &TetMesh,
     options: &WriteOptions<'_>,
     regions: &Regions,
-    boundaries: &Boundaries,
+    boundaries: &Boundaries<'_>,
     data: &str,
     out: &mut Output,
 ) -> io::Result<()> {
