@@ -20,8 +20,8 @@
 //! In a mesh of second order elements have types 11 and 9. Of the nodes on the edges of a tet (a,
 //! b, c, d) Gmsh has that of cd before that of bd; those of facets come in the mesh's own order.
 //!
-//! Memory: beside the mesh, 4 bytes per tet and facet and 12 bytes per vertex for the order of
-//! version 4.1.
+//! Memory: beside the mesh, 8 bytes per vertex for the order of version 4.1, and what the groups
+//! take (see `groups`).
 
 use std::io::{self, Write};
 use std::path::Path;

@@ -16,8 +16,8 @@
 //! strictest of the formats takes, but for universal files, which have 40 and cut them. Other
 //! characters of a label's name become `_`.
 //!
-//! Memory: next to nothing, since a facet's boundary is looked up by its labels and face of the box;
-//! with parts 4 bytes per facet, and some 40 for a while.
+//! Memory: next to nothing, since a facet's boundary is looked up by its labels and face of the
+//! box; with parts 4 bytes per facet, and some 40 for a while.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
