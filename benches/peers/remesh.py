@@ -5,7 +5,7 @@ and CGAL's tetrahedral remeshing. Prints the table of docs/notes/comparison.md.
     remesh.py MESH_IMAGE CGAL_REMESH IMAGE [--delta 3] [--size 6] [--only NAME,NAME]
 
 MESH_IMAGE is our command, CGAL_REMESH the program of cgal_remesh.cpp. Needs numpy, vtk, gmsh and
-mmgpy from PyPI; what is not installed is left out, and said. All on one thread.
+mmgpy from PyPI; what is not installed is left out, and said. All on one thread, with one spacing.
 """
 
 import argparse
@@ -197,7 +197,16 @@ def main():
 
     def ours(out, *options):
         command = [given.mesh_image, given.image, "--delta", given.delta, "--size", given.size]
-        command += ["--threads", "1", "--quiet", "--report", folder / "report.json", *options]
+        command += [
+            "--adaptive",
+            "off",
+            "--threads",
+            "1",
+            "--quiet",
+            "--report",
+            folder / "report.json",
+            *options,
+        ]
         for path in out:
             command += ["-o", folder / path]
         subprocess.run(command, check=True)
@@ -234,9 +243,8 @@ def main():
     add("refined", lambda: (report["seconds"]["refine"], refined))
     add("lapd", by_us)
     add("gmsh", lambda: by_gmsh(folder / "refined.msh", ""))
-    add("gmsh, Netgen", lambda: by_gmsh(folder / "refined.msh", "Netgen"))
-    add("Mmg, optim", lambda: by_mmg(folder / "refined.mesh", folder, optim=1))
-    add("Mmg, optim, nosurf", lambda: by_mmg(folder / "refined.mesh", folder, optim=1, nosurf=1))
+    # Mmg 5.8.0 ends the process where it may change these interfaces.
+    add("Mmg, interfaces kept", lambda: by_mmg(folder / "refined.mesh", folder, optim=1, nosurf=1))
     add("CGAL remeshing", by_cgal)
     add("CGAL remeshing, interfaces kept", lambda: by_cgal("keep"))
     columns = ["tets", "seconds", "least", "largest", "below 10", "below 15", "facet angle"]
