@@ -312,7 +312,8 @@ impl Header {
             }
             let steps = [0, 1, 2].map(|axis| self.sform.map(|row| row[axis]));
             let origin = self.sform.map(|row| row[3]);
-            // The lengths of the sform's columns are rounded once more than pixdim. So does ITK.
+            // The lengths of the sform's columns are rounded once more than pixdim, which ITK
+            // takes, too.
             let spacing_of = |axis: usize, length: f64| {
                 let is_same = (length - spacing[axis]).abs() <= SINGLE_PRECISION * length;
                 if is_same { spacing[axis] } else { length }

@@ -1,10 +1,12 @@
 //! Things sorted into groups of equal keys: the tets of each label, the facets of each boundary.
 //!
-//! Keys are in increasing order, the things of a group in their own order. Nothing is sorted:
-//! things are cut into chunks, and each group knows the chunks that it has things in, and how many
-//! of them come before. The things themselves are found again by their keys. So memory is at most
-//! half a byte per thing, however they are mixed; neighbouring things mostly have the same key, and
-//! then it is next to nothing. Reading all groups looks at a thing as often as its chunk has keys.
+//! Keys are in increasing order, the things of a group in their own order. Neighbouring things
+//! mostly have the same key. So nothing is sorted: things are cut into chunks, and each group knows
+//! the chunks that it has things in, and how many of them come before. The things themselves are
+//! found again by their keys. Reading all groups looks at a thing as often as its chunk has keys.
+//! Memory is at most half a byte per thing, mostly next to nothing.
+//!
+//! Where neighbours have too many keys for that, the things are listed by group: 4 bytes each.
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -56,11 +58,10 @@ pub(super) fn distinct<K: Copy + Ord>(items: impl Iterator<Item = K>) -> Vec<K> 
     keys
 }
 
-/// Things of a chunk, where neighbours mostly have the same key.
-const CHUNK: usize = 256;
+/// Things of a chunk, where neighbours mostly have the same key; and where they do less.
+const CHUNKS: [usize; 2] = [256, 1024];
 
-/// How many things there are at least for each place of a chunk in a group, which takes 8 bytes;
-/// chunks are as large as that needs.
+/// How many things there are at least for each place of a chunk in a group, which takes 8 bytes.
 const THINGS_PER_PLACE: usize = 16;
 
 /// A chunk that a group has things in.
@@ -79,9 +80,11 @@ pub(super) struct Groups<'a, I: Keyed> {
     keys: Vec<I::Key>,
     /// How many things each group has.
     counts: Vec<u32>,
-    /// Group g has `starts[g]..starts[g + 1]` of `places`.
+    /// Group g has `starts[g]..starts[g + 1]` of `places`, or of `listed`.
     starts: Vec<usize>,
     places: Vec<Place>,
+    /// The things, group by group; empty where places are enough.
+    listed: Vec<u32>,
 }
 
 impl<'a, I: Keyed> Groups<'a, I> {
@@ -92,30 +95,60 @@ impl<'a, I: Keyed> Groups<'a, I> {
     pub fn new(items: &'a I) -> Result<Self> {
         let count = items.count();
         let keys = distinct((0..count).map(|i| items.key(i)));
-        let mut chunk = CHUNK;
-        let mut starts = vec![0; keys.len() + 1];
-        loop {
-            for_each_part(items, chunk, &keys, |g, _, _| starts[g + 1] += 1);
-            let places: usize = starts.iter().sum();
-            if THINGS_PER_PLACE * places <= count || chunk >= count {
-                break;
+        let mut groups = Self {
+            items,
+            chunk: 0,
+            keys,
+            counts: vec![],
+            starts: vec![],
+            places: vec![],
+            listed: vec![],
+        };
+        for chunk in CHUNKS {
+            let mut starts = vec![0; groups.keys.len() + 1];
+            for_each_part(items, chunk, &groups.keys, |g, _, _| starts[g + 1] += 1);
+            if THINGS_PER_PLACE * starts.iter().sum::<usize>() <= count.max(THINGS_PER_PLACE) {
+                groups.note_places(chunk, starts)?;
+                return Ok(groups);
             }
-            starts.fill(0);
-            chunk *= 4;
         }
-        let mut counts = vec![0; keys.len()];
-        for g in 0..keys.len() {
-            starts[g + 1] += starts[g];
-        }
+        groups.list()?;
+        Ok(groups)
+    }
+
+    /// Notes where each group has things; `starts[g + 1]` is the number of chunks of group g.
+    fn note_places(&mut self, chunk: usize, mut starts: Vec<usize>) -> Result<()> {
+        sum_up(&mut starts);
+        let mut counts = vec![0; self.keys.len()];
         let mut next = starts.clone();
         let nothing = Place { chunk: 0, before: 0 };
-        let mut places = filled(starts[keys.len()], nothing, "chunks of groups", || Ok(()))?;
-        for_each_part(items, chunk, &keys, |g, chunk, count| {
+        let mut places = filled(starts[self.keys.len()], nothing, "chunks of groups", || Ok(()))?;
+        for_each_part(self.items, chunk, &self.keys, |g, chunk, count| {
             places[next[g]] = Place { chunk, before: counts[g] };
             next[g] += 1;
             counts[g] += count;
         });
-        Ok(Self { items, chunk, keys, counts, starts, places })
+        (self.chunk, self.counts, self.starts, self.places) = (chunk, counts, starts, places);
+        Ok(())
+    }
+
+    /// Lists the things group by group.
+    fn list(&mut self) -> Result<()> {
+        let count = self.items.count();
+        let group_of = |i| self.keys.partition_point(|other| *other < self.items.key(i));
+        let mut starts = vec![0; self.keys.len() + 1];
+        (0..count).for_each(|i| starts[group_of(i) + 1] += 1);
+        let counts = starts[1..].iter().map(|&count| count as u32).collect();
+        sum_up(&mut starts);
+        let mut next = starts.clone();
+        let mut listed = filled(count, 0, "things of groups", || Ok(()))?;
+        for i in 0..count {
+            let next = &mut next[group_of(i)];
+            listed[*next] = i as u32;
+            *next += 1;
+        }
+        (self.counts, self.starts, self.listed) = (counts, starts, listed);
+        Ok(())
     }
 
     /// Each key with its things.
@@ -131,8 +164,14 @@ impl<'a, I: Keyed> Groups<'a, I> {
             chunk: self.chunk,
             key: self.keys[g],
             count: self.counts[g],
-            places: &self.places[self.starts[g]..self.starts[g + 1]],
+            places: self.part(&self.places, g),
+            listed: self.part(&self.listed, g),
         }
+    }
+
+    /// The part of group g of one of the two tables; nothing of that which is not used.
+    fn part<'t, T>(&self, table: &'t [T], g: usize) -> &'t [T] {
+        table.get(self.starts[g]..self.starts[g + 1]).unwrap_or_default()
     }
 
     /// The place of each group's first thing in the list of all groups' things, one behind the
@@ -150,12 +189,22 @@ impl<'a, I: Keyed> Groups<'a, I> {
     pub fn place(&self, i: usize) -> (usize, usize) {
         let key = self.items.key(i);
         let g = self.keys.partition_point(|other| *other < key);
+        if !self.listed.is_empty() {
+            return (g, self.part(&self.listed, g).partition_point(|&other| (other as usize) < i));
+        }
         let start = i - i % self.chunk;
-        let places = &self.places[self.starts[g]..self.starts[g + 1]];
+        let places = self.part(&self.places, g);
         let here = places.partition_point(|place| (place.chunk as usize) < i / self.chunk);
         let before = places.get(here).map_or(0, |place| place.before as usize);
         let same = (start..i).filter(|&i| self.items.key(i) == key).count();
         (g, before + same)
+    }
+}
+
+/// Numbers of things, each behind that of another group, become where each group starts.
+fn sum_up(starts: &mut [usize]) {
+    for g in 1..starts.len() {
+        starts[g] += starts[g - 1];
     }
 }
 
@@ -195,6 +244,7 @@ pub(super) struct Members<'a, I: Keyed> {
     key: I::Key,
     count: u32,
     places: &'a [Place],
+    listed: &'a [u32],
 }
 
 // Derived, they would ask the things themselves to be copied.
@@ -218,7 +268,8 @@ impl<'a, I: Keyed> Members<'a, I> {
 
     /// The things of some places.
     pub fn range(&self, places: Range<usize>) -> impl Iterator<Item = u32> + use<'a, I> {
-        let Self { items, chunk, key, places: chunks, .. } = *self;
+        let Self { items, chunk, key, places: chunks, listed, .. } = *self;
+        let listed = listed.get(places.clone()).unwrap_or_default();
         let first = chunks.partition_point(|place| place.before as usize <= places.start);
         let first = first.saturating_sub(1);
         let before = chunks.get(first).map_or(0, |place| place.before as usize);
@@ -227,7 +278,8 @@ impl<'a, I: Keyed> Members<'a, I> {
             let here = start..items.count().min(start + chunk);
             here.filter(move |&i| items.key(i) == key).map(|i| i as u32)
         });
-        things.skip(places.start - before).take(places.len())
+        let things = things.skip(places.start - before).take(places.len());
+        listed.iter().copied().chain(things)
     }
 
     /// Calls `record(i, thing, bytes)`, which appends the record of the thing at place `i`, for all
@@ -261,13 +313,13 @@ mod tests {
     #[test]
     fn things_are_found_again() {
         for (count, keys, same) in
-            [(0, 1, 1), (1, 1, 1), (5000, 3, 1), (70_000, 900, 1), (70_000, 900, 64)]
+            [(0, 1, 1), (1, 1, 1), (5000, 3, 1), (70_000, 900, 1), (70_000, 900, 64), (90, 90, 1)]
         {
             let items: Vec<i32> = (0..count).map(|i| i / same * 7919 % keys - 5).collect();
             let groups = Groups::new(&items).unwrap();
-            assert!(
-                groups.places.len() * size_of::<Place>() <= 8 * groups.keys.len() + items.len() / 2
-            );
+            let is_listed = !groups.listed.is_empty();
+            assert_eq!(is_listed, same == 1 && keys > 3, "{count} {keys} {same}");
+            assert!(groups.places.len() * size_of::<Place>() <= items.len().max(16) / 2);
             let starts = groups.starts();
             let mut found = 0;
             for (g, (key, members)) in groups.iter().enumerate() {

@@ -43,8 +43,8 @@
 //! Data go to a temporary file in the folder of the target, are synced, and take the target's name
 //! in the end, so that a file of that name is always whole: the new one, or after an error the old
 //! one. Records are made in parallel batches and written in order; nothing is held in memory but a
-//! few batches, the boundary of each facet, and, where a format wants things by label, in which
-//! chunks they are. Equal meshes give equal bytes.
+//! few batches, and what the format needs besides (`groups`, `subset`, `regions`). Equal meshes
+//! give equal bytes.
 //!
 //! [`write_timeline`] writes in the same way what the threads of a run did when.
 
@@ -317,8 +317,8 @@ pub fn write_mesh_watching(
 fn refuse_second_order(mesh: &TetMesh, path: &Path, files: &str) -> Result<()> {
     if mesh.mid_nodes.is_some() {
         return Err(Error::InvalidArgument(format!(
-            "{}: {files} are written for tets of order 1 only; .vtu .vtk .vtm .mesh .msh .inp .exo \
-             .feb .bdf .unv have order 2",
+            "{}: {files} are written for tets of order 1 only; .vtu .vtk .vtm .vtkhdf .xdmf .mesh .msh \
+             .msh2 .inp .exo .feb .bdf .unv have order 2",
             shown(path)
         )));
     }

@@ -90,8 +90,14 @@ fn names_of(
     given: Option<&LabelNames>,
 ) -> BTreeMap<i32, String> {
     let walls = Wall::OF_AXES.into_iter().flatten().filter_map(Wall::name);
-    let mut taken: BTreeSet<String> =
-        walls.chain([BACKGROUND, SPACE]).map(str::to_ascii_lowercase).collect();
+    let devices = ["com", "lpt"].into_iter().flat_map(|port| (1..=9).map(move |n| (port, n)));
+    let mut taken: BTreeSet<String> = walls
+        .chain([BACKGROUND, SPACE])
+        // Windows has no files of these names, and files are called by labels, too.
+        .chain(["con", "prn", "aux", "nul"])
+        .map(str::to_ascii_lowercase)
+        .chain(devices.map(|(port, n)| format!("{port}{n}")))
+        .collect();
     let mut names = BTreeMap::new();
     for label in labels.filter(|&label| label != 0) {
         let given = given.and_then(|names| names.get(label));

@@ -15,12 +15,14 @@ pub(super) fn told_name(file: &Path, path: &Path) -> Result<String> {
         name.trim() == *name
             && !name.contains(|c: char| c == ':' || c.is_control())
             && path.to_str().is_some()
+            // Of `..vtm` the folder would be the one that it is in.
+            && file.parent() == path.parent()
     };
     let name = file.file_name().and_then(|name| name.to_str()).filter(is_told);
     name.map(escaped).ok_or_else(|| {
         Error::InvalidArgument(format!(
             "{}: its name stands in the XML file as well, so it must be UTF-8, without colons, \
-             control characters, and blanks at its ends",
+             control characters, and blanks at its ends, and more than dots",
             shown(path)
         ))
     })
@@ -37,11 +39,11 @@ mod tests {
 
     #[test]
     fn names_are_escaped_or_refused() {
-        let told = |name: &str| told_name(Path::new(name), Path::new("a.vtm"));
+        let told = |name: &str| told_name(Path::new(name), Path::new("b/a.vtm"));
         assert_eq!(told("b/a&b <c>.h5").unwrap(), "a&amp;b &lt;c&gt;.h5");
-        for bad in ["a:b", " a", "a\n", ""] {
+        for bad in ["b/a:b", "b/ a", "b/a\n", "", "b/."] {
             let message = told(bad).unwrap_err().to_string();
-            assert!(message.starts_with("a.vtm: its name stands"), "{message}");
+            assert!(message.starts_with("b/a.vtm: its name stands"), "{message}");
         }
     }
 }
