@@ -1434,7 +1434,8 @@ lapd_status lapd_context_create(lapd_context **context);
  * Frees a context. NULL is allowed and does nothing. No other thread may use the context, nor a
  * call be under way with it. Images, parameters and meshes made with it live on.
  *
- * Waits for memory that a cancelled call left to be given back: some 0.1 s for each GB.
+ * Waits until the memory of calls of the process that were cancelled is given back: some 0.1 s for
+ * each GB.
  */
 void lapd_context_free(lapd_context *context);
 
@@ -1504,11 +1505,11 @@ lapd_status lapd_context_set_allow_outside(lapd_context *context, int32_t allow)
 
 /**
  * Asks the run of this context to end, or the reading or writing of a file with it; the call
- * returns LAPD_ERROR_CANCELLED within 100 ms, as long as the run holds less than some 500 MB: the
- * system takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk when a
- * file is complete, comes on top. The calls that obey are lapd_mesh_image, those that read an
- * image from files, lapd_mesh_write and lapd_mesh_write_timeline; all others, those that make an
- * image from memory too, run to their end.
+ * returns LAPD_ERROR_CANCELLED within 100 ms. The memory of triangulation and mesh is given back
+ * by another thread after that, see lapd_context_free. Time in callbacks, and waiting for the disk
+ * when a file is complete, comes on top. The calls that obey are lapd_mesh_image, those that read
+ * an image from files, lapd_mesh_write and lapd_mesh_write_timeline; all others, those that make
+ * an image from memory too, run to their end.
  * The request stays until lapd_context_reset_cancel: without a call under way that obeys, the next
  * one ends at once, so that no request is ever lost.
  *
@@ -2140,8 +2141,9 @@ lapd_status lapd_params_get_time_limit(const lapd_params *params, double *second
  * Counted are the tables of the run that grow with the image or the mesh: those made of the
  * image's labels, also to find what is thin, of the triangulation and the work that waits, and in
  * advance those of the mesh to come and what its certificate asks of the image, so that the limit
- * holds to the end of the run. What distances ask of the mesh counts once they are measured; with
- * lapd_params_set_partial a run that has no room for it goes without. Not counted are the caller's
+ * holds to the end of the run. What distances need for the mesh is checked only when they
+ * are measured: if it does not fit, the run ends with LAPD_ERROR_MEMORY_LIMIT, or with
+ * lapd_params_set_partial its certificate has no distances. Not counted are the caller's
  * image, the samples from which the smooth surface's label weights are found (gone before the
  * refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No
  * other thread may use `params` or the context meanwhile.
@@ -2571,11 +2573,12 @@ lapd_status lapd_params_get_timeline(const lapd_params *params, int32_t *timelin
  * The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes with
  * LAPD_OK; a partial one, where lapd_params_set_partial asks for it, with the status of the limit.
  * With any other status `*mesh` stays as it is. Progress and log callbacks of the context are
- * called on this thread. The work is done by threads that are all joined at return; the calling
- * thread is neither pinned nor moved. Any number of runs may go on at once, in different threads,
- * each with its own context; they may share the image and the parameters. With 1 thread the same
- * image and parameters give the same mesh, byte for byte, unless a limit of time ended it; with
- * more they do not, see lapd_params_set_threads.
+ * called on this thread. The work is done by threads that are joined at return, but for one that
+ * gives memory back after a cancel (lapd_context_free waits for it); the calling thread is neither
+ * pinned nor moved. Any number of runs may go on at once, in different threads, each with its own
+ * context; they may share the image and the parameters. With 1 thread the same image and
+ * parameters give the same mesh, byte for byte, unless a limit of time ended it; with more they do
+ * not, see lapd_params_set_threads.
  *
  * The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to
  * live on.

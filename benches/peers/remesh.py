@@ -243,7 +243,7 @@ def main():
     add("refined", lambda: (report["seconds"]["refine"], refined))
     add("lapd", by_us)
     add("gmsh", lambda: by_gmsh(folder / "refined.msh", ""))
-    # Mmg 5.8.0 ends the process where it may change these interfaces.
+    # Mmg 5.8.0 aborts where it may change these interfaces.
     add("Mmg, interfaces kept", lambda: by_mmg(folder / "refined.mesh", folder, optim=1, nosurf=1))
     add("CGAL remeshing", by_cgal)
     add("CGAL remeshing, interfaces kept", lambda: by_cgal("keep"))

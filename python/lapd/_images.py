@@ -139,9 +139,12 @@ def _of_nibabel(image):
     lengths = np.linalg.norm(steps, axis=0)
     if not (lengths > 0).all():
         raise InvalidArgument("the affine of the image is singular")
-    # The affine is rounded once more than the spacings: as our reader of NIfTI does.
-    zooms = np.asarray(image.header.get_zooms()[:3], dtype=np.float64)
-    spacing = np.where(np.abs(lengths - zooms) <= 1e-6 * lengths, zooms, lengths)
+    # The affine is rounded once more than the spacings, which our reader of NIfTI takes, too.
+    zooms = getattr(getattr(image, "header", None), "get_zooms", tuple)()[:3]
+    spacing = lengths
+    if len(zooms) == 3:
+        zooms = np.asarray(zooms, dtype=np.float64)
+        spacing = np.where(np.abs(lengths - zooms) <= 1e-6 * lengths, zooms, lengths)
     voxels = np.asanyarray(image.dataobj)
     if voxels.dtype.kind == "f":
         # Whole numbers that a header's slope made floats of.

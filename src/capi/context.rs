@@ -261,16 +261,17 @@ pub unsafe extern "C" fn lapd_context_create(context: *mut *mut lapd_context) ->
 /// Frees a context. NULL is allowed and does nothing. No other thread may use the context, nor a
 /// call be under way with it. Images, parameters and meshes made with it live on.
 ///
-/// Waits for memory that a cancelled call left to be given back: some 0.1 s for each GB.
+/// Waits until the memory of calls of the process that were cancelled is given back: some 0.1 s for
+/// each GB.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn lapd_context_free(context: *mut lapd_context) {
     value_or((), || {
         if !context.is_null() {
             // SAFETY: the caller's promise.
             drop(unsafe { Box::from_raw(context) });
+            // The library may be unloaded once its contexts are gone.
+            aside::wait();
         }
-        // The library may be unloaded once its contexts are gone.
-        aside::wait();
     });
 }
 
@@ -407,11 +408,11 @@ pub unsafe extern "C" fn lapd_context_set_allow_outside(
 }
 
 /// Asks the run of this context to end, or the reading or writing of a file with it; the call
-/// returns LAPD_ERROR_CANCELLED within 100 ms, as long as the run holds less than some 500 MB: the
-/// system takes up to 200 ms to take back a GB. Time in callbacks, and waiting for the disk when a
-/// file is complete, comes on top. The calls that obey are lapd_mesh_image, those that read an
-/// image from files, lapd_mesh_write and lapd_mesh_write_timeline; all others, those that make an
-/// image from memory too, run to their end.
+/// returns LAPD_ERROR_CANCELLED within 100 ms. The memory of triangulation and mesh is given back
+/// by another thread after that, see lapd_context_free. Time in callbacks, and waiting for the disk
+/// when a file is complete, comes on top. The calls that obey are lapd_mesh_image, those that read
+/// an image from files, lapd_mesh_write and lapd_mesh_write_timeline; all others, those that make
+/// an image from memory too, run to their end.
 /// The request stays until lapd_context_reset_cancel: without a call under way that obeys, the next
 /// one ends at once, so that no request is ever lost.
 ///

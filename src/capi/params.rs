@@ -533,8 +533,9 @@ pub unsafe extern "C" fn lapd_params_get_time_limit(
 /// Counted are the tables of the run that grow with the image or the mesh: those made of the
 /// image's labels, also to find what is thin, of the triangulation and the work that waits, and in
 /// advance those of the mesh to come and what its certificate asks of the image, so that the limit
-/// holds to the end of the run. What distances ask of the mesh counts once they are measured; with
-/// lapd_params_set_partial a run that has no room for it goes without. Not counted are the caller's
+/// holds to the end of the run. What distances need for the mesh is checked only when they
+/// are measured: if it does not fit, the run ends with LAPD_ERROR_MEMORY_LIMIT, or with
+/// lapd_params_set_partial its certificate has no distances. Not counted are the caller's
 /// image, the samples from which the smooth surface's label weights are found (gone before the
 /// refinement begins; on a brain atlas of 256^3 voxels 70 MB), threads, and some 10 MB beside. No
 /// other thread may use `params` or the context meanwhile.

@@ -23,11 +23,12 @@ use crate::pipeline::mesh_image;
 /// The call returns when the mesh is done, or the run was cancelled or failed. A mesh comes with
 /// LAPD_OK; a partial one, where lapd_params_set_partial asks for it, with the status of the limit.
 /// With any other status `*mesh` stays as it is. Progress and log callbacks of the context are
-/// called on this thread. The work is done by threads that are all joined at return; the calling
-/// thread is neither pinned nor moved. Any number of runs may go on at once, in different threads,
-/// each with its own context; they may share the image and the parameters. With 1 thread the same
-/// image and parameters give the same mesh, byte for byte, unless a limit of time ended it; with
-/// more they do not, see lapd_params_set_threads.
+/// called on this thread. The work is done by threads that are joined at return, but for one that
+/// gives memory back after a cancel (lapd_context_free waits for it); the calling thread is neither
+/// pinned nor moved. Any number of runs may go on at once, in different threads, each with its own
+/// context; they may share the image and the parameters. With 1 thread the same image and
+/// parameters give the same mesh, byte for byte, unless a limit of time ended it; with more they do
+/// not, see lapd_params_set_threads.
 ///
 /// The caller owns `*mesh` and frees it with lapd_mesh_free; it needs none of the other handles to
 /// live on.

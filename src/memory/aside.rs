@@ -2,7 +2,8 @@
 //! wait for it: the system takes 50 to 200 ms for each GB.
 //!
 //! The thread begins when the call ends ([`AtEnd`]): while the system takes one large table back,
-//! whoever gives it another one has to wait.
+//! whoever gives it another one has to wait. Of calls that run at the same time the first to end
+//! begins with what all of them put aside: the others may wait then, and nothing else happens.
 //!
 //! These threads run the library's code, so it may not be unloaded before they have ended. The C
 //! library waits for them when a context is freed.
@@ -31,8 +32,8 @@ pub fn drop_aside<T: Send + 'static>(value: T) {
     lock(&WAITING).push(Box::new(value));
 }
 
-/// The end of a call: what was to be dropped aside is from here on; here, if there can be no
-/// thread. To be made before the tables of the call, so that it is dropped after them.
+/// The end of a call. What was put aside is dropped by a new thread then; by this one, if there can
+/// be no thread. To be made before the tables of the call, so that it is dropped after them.
 #[derive(Debug)]
 pub struct AtEnd;
 
@@ -45,9 +46,8 @@ impl Drop for AtEnd {
         let name = String::from("lapd-memory");
         // A closure that no thread could be made for is dropped, and the values with it.
         if let Ok(thread) = Builder::new().name(name).spawn(move || drop(waiting)) {
-            let mut at_work = lock(&AT_WORK);
-            at_work.retain(|(_, thread)| !thread.is_finished());
-            at_work.push((process::id(), thread));
+            lock(&AT_WORK).push((process::id(), thread));
+            join(|thread| thread.is_finished());
         }
     }
 }
@@ -74,13 +74,26 @@ pub fn or_drop_aside<T: Send + 'static, R>(
 
 /// Waits until all that was to be dropped aside is gone.
 pub fn wait() {
-    let at_work = std::mem::take(&mut *lock(&AT_WORK));
-    for (process, thread) in at_work {
-        // One that panicked has ended as well.
-        if process == process::id() {
+    join(|_| true);
+}
+
+/// Joins those of the threads that `wanted` tells.
+fn join(wanted: impl Fn(&JoinHandle<()>) -> bool) {
+    let threads = std::mem::take(&mut *lock(&AT_WORK));
+    let mut others = Vec::new();
+    for (process, thread) in threads {
+        if process != process::id() {
+            // Not dropped: in the child of a fork there is no such thread, and its memory may be
+            // another one's.
+            std::mem::forget(thread);
+        } else if wanted(&thread) {
+            // One that panicked has ended as well.
             let _ = thread.join();
+        } else {
+            others.push((process, thread));
         }
     }
+    lock(&AT_WORK).append(&mut others);
 }
 
 #[cfg(test)]

@@ -68,6 +68,14 @@ impl Refined {
         self.refinement.ended_by.is_none()
     }
 
+    /// Gives the memory back, with a look at the cancel flag now and then.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub(super) fn give_back(self, monitor: &Monitor<'_>) -> Result<()> {
+        self.triangulation.give_back(&|| monitor.advance(0))
+    }
+
     /// How many tets of labels there are.
     ///
     /// # Errors
@@ -169,7 +177,7 @@ impl Attempt<'_> {
             self.collect(triangulation, &mut refinement, prepared, watch, monitor)
         })?;
         let Collected { mesh, points_kept, check, examined } = collected;
-        triangulation.give_back(&|| monitor.advance(0))?;
+        let (mesh, ()) = or_drop_aside(mesh, |_| triangulation.give_back(&|| monitor.advance(0)))?;
         watch.add_to(|seconds| &mut seconds.certify);
 
         if !self.improves(&refinement) {
@@ -207,7 +215,7 @@ impl Attempt<'_> {
             (false, false) => Background::Dropped,
         };
         let collected = refine::collect(&rules, image.labels(), background, monitor)?;
-        let refine::Collected { mesh, points_kept, order } = collected;
+        let refine::Collected { mut mesh, points_kept, order } = collected;
         if !mesh.labels.par_iter().any(|&label| label != 0) {
             return Err(refinement.ended_by.take().unwrap_or_else(|| {
                 Error::InvalidArgument(format!(
@@ -236,7 +244,10 @@ impl Attempt<'_> {
                 (CertificateLevel::Sound, None) => Asked::LeftOver(&refinement.left_over),
                 _ => Asked::All,
             };
-            let (check, unmet) = crate::refine::examine(&rules, &order, asked, monitor)?;
+            let examined =
+                or_drop_aside(mesh, |_| crate::refine::examine(&rules, &order, asked, monitor))?;
+            let (check, unmet);
+            (mesh, (check, unmet)) = examined;
             let non_delaunay_facets = Some(check.non_delaunay_facets);
             (check, Examined { non_delaunay_facets, unmet: Some(unmet) })
         };

@@ -285,6 +285,7 @@ fn find_mesh(
             let refined = attempt.refine(&mut prepared, search.parts(), watch, monitor)?;
             let is_complete = refined.is_complete();
             if is_complete && search.is_far_off(refined.count_tets(&attempt, &prepared, monitor)?) {
+                refined.give_back(monitor)?;
                 return Ok::<_, Error>((None, true));
             }
             let made = attempt.finish(refined, &prepared, watch, &quiet)?;
