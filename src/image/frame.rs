@@ -113,10 +113,7 @@ impl Frame {
             )));
         }
         let direction = DMat3::from_cols_array_2d(&direction);
-        let gram = direction.transpose() * direction;
-        let skew =
-            (gram - DMat3::IDENTITY).to_cols_array().iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-        if skew > ORTHONORMAL_TOLERANCE {
+        if skew(direction) > ORTHONORMAL_TOLERANCE {
             return Err(Error::InvalidArgument(format!(
                 "image axes must be orthonormal (no shear, no scale), got direction columns {:?} \
                  {:?} {:?}",
@@ -166,10 +163,19 @@ impl Frame {
     }
 }
 
-/// Directions are multiples of this before they are orthonormalized: programs that read the same
-/// header compute them with other rounding errors, some 1e-16, and are to have the same mesh. What
-/// headers store, single precision as a rule, is rounded to 6e-8.
+/// Directions that headers have rounded, to single precision as a rule, so by 6e-8, are multiples of
+/// this before they are orthonormalized: programs that read the same header compute them with other
+/// errors in the last digit, some 1e-16, and are to have the same mesh.
 const DIRECTION_STEP: f64 = 1.0 / (1_u64 << 36) as f64;
+
+/// Directions that are orthonormal to this were not rounded.
+const EXACT: f64 = 1e-12;
+
+/// How far a matrix is from orthonormal.
+fn skew(m: DMat3) -> f64 {
+    let gram = m.transpose() * m;
+    (gram - DMat3::IDENTITY).to_cols_array().iter().fold(0.0_f64, |m, x| m.max(x.abs()))
+}
 
 /// Removes the rounding of headers: signed axis permutations become exact, others are
 /// orthonormalized (Gram-Schmidt).
@@ -179,9 +185,9 @@ fn orthonormalized(m: DMat3) -> DMat3 {
     if off < 1e-9 {
         return rounded;
     }
-    let m = DMat3::from_cols_array(
-        &m.to_cols_array().map(|x| (x / DIRECTION_STEP).round() * DIRECTION_STEP),
-    );
+    let on_step = |x: f64| (x / DIRECTION_STEP).round() * DIRECTION_STEP;
+    let m =
+        if skew(m) > EXACT { DMat3::from_cols_array(&m.to_cols_array().map(on_step)) } else { m };
     let x = m.x_axis.normalize();
     let y = (m.y_axis - x * x.dot(m.y_axis)).normalize();
     let z = x.cross(y);
