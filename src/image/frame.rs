@@ -163,9 +163,9 @@ impl Frame {
     }
 }
 
-/// Directions that headers have rounded, to single precision as a rule, so by 6e-8, are multiples of
-/// this before they are orthonormalized: programs that read the same header compute them with other
-/// errors in the last digit, some 1e-16, and are to have the same mesh.
+/// Directions that headers have rounded, to single precision as a rule, so by 6e-8, are multiples
+/// of this before they are orthonormalized: programs that read the same header compute them with
+/// other errors in the last digit, some 1e-16, and are to have the same mesh.
 const DIRECTION_STEP: f64 = 1.0 / (1_u64 << 36) as f64;
 
 /// Directions that are orthonormal to this were not rounded.

@@ -317,8 +317,8 @@ pub fn write_mesh_watching(
 fn refuse_second_order(mesh: &TetMesh, path: &Path, files: &str) -> Result<()> {
     if mesh.mid_nodes.is_some() {
         return Err(Error::InvalidArgument(format!(
-            "{}: {files} are written for tets of order 1 only; .vtu .vtk .vtm .vtkhdf .xdmf .mesh .msh \
-             .msh2 .inp .exo .feb .bdf .unv have order 2",
+            "{}: {files} are written for tets of order 1 only; .vtu .vtk .vtm .vtkhdf .xdmf .mesh \
+             .msh .msh2 .inp .exo .feb .bdf .unv have order 2",
             shown(path)
         )));
     }
