@@ -46,8 +46,13 @@ impl Drop for AtEnd {
         let name = String::from("lapd-memory");
         // A closure that no thread could be made for is dropped, and the values with it.
         if let Ok(thread) = Builder::new().name(name).spawn(move || drop(waiting)) {
-            lock(&AT_WORK).push((process::id(), thread));
-            join(|thread| thread.is_finished());
+            // Locked until they are joined: who waits for all must not miss one.
+            let mut at_work = lock(&AT_WORK);
+            at_work.push((process::id(), thread));
+            let (ended, others) =
+                std::mem::take(&mut *at_work).into_iter().partition(|(_, t)| t.is_finished());
+            *at_work = others;
+            join(ended);
         }
     }
 }
@@ -72,28 +77,24 @@ pub fn or_drop_aside<T: Send + 'static, R>(
     }
 }
 
-/// Waits until all that was to be dropped aside is gone.
+/// Waits until all that was to be dropped aside is gone. Where several threads call this at the
+/// same time the first waits, and the others return at once.
 pub fn wait() {
-    join(|_| true);
+    let at_work = std::mem::take(&mut *lock(&AT_WORK));
+    join(at_work);
 }
 
-/// Joins those of the threads that `wanted` tells.
-fn join(wanted: impl Fn(&JoinHandle<()>) -> bool) {
-    let threads = std::mem::take(&mut *lock(&AT_WORK));
-    let mut others = Vec::new();
+fn join(threads: Vec<(u32, JoinHandle<()>)>) {
     for (process, thread) in threads {
-        if process != process::id() {
-            // Not dropped: in the child of a fork there is no such thread, and its memory may be
-            // another one's.
-            std::mem::forget(thread);
-        } else if wanted(&thread) {
+        if process == process::id() {
             // One that panicked has ended as well.
             let _ = thread.join();
         } else {
-            others.push((process, thread));
+            // Not dropped: in the child of a fork there is no such thread, and its memory may be
+            // another one's.
+            std::mem::forget(thread);
         }
     }
-    lock(&AT_WORK).append(&mut others);
 }
 
 #[cfg(test)]

@@ -244,10 +244,9 @@ impl Attempt<'_> {
                 (CertificateLevel::Sound, None) => Asked::LeftOver(&refinement.left_over),
                 _ => Asked::All,
             };
-            let examined =
-                or_drop_aside(mesh, |_| crate::refine::examine(&rules, &order, asked, monitor))?;
-            let (check, unmet);
-            (mesh, (check, unmet)) = examined;
+            let examine = || crate::refine::examine(&rules, &order, asked, monitor);
+            let (checked, (check, unmet)) = or_drop_aside(mesh, |_| examine())?;
+            mesh = checked;
             let non_delaunay_facets = Some(check.non_delaunay_facets);
             (check, Examined { non_delaunay_facets, unmet: Some(unmet) })
         };
