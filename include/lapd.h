@@ -704,7 +704,7 @@ typedef struct {
    */
   double refine;
   /**
-   * Collecting the mesh.
+   * Collecting the mesh, and giving back the memory of the triangulation.
    */
   double extract;
   /**

@@ -44,7 +44,7 @@ pub struct lapd_timings {
     pub prepare: f64,
     /// From there to the last rule satisfied.
     pub refine: f64,
-    /// Collecting the mesh.
+    /// Collecting the mesh, and giving back the memory of the triangulation.
     pub extract: f64,
     /// Measuring quality and certificate.
     pub certify: f64,

@@ -14,6 +14,7 @@ use super::triangulation::Triangulation;
 use crate::Result;
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
+use crate::geometry::tet_block::{BLOCK, Spheres, TetBlock};
 
 /// Tets, or vertices, between two questions whether to go on: one piece of work.
 pub const CHECK_EVERY: usize = 1 << 12;
@@ -88,10 +89,19 @@ impl Triangulation {
         let tets = order.par_chunks(CHECK_EVERY).map(|tets| {
             let mut check = Check { tets: tets.len() as u64, ..Check::default() };
             let mut stars = 0;
-            for (i, &t) in tets.iter().enumerate() {
-                self.prefetch(tets[(i + AHEAD).min(tets.len() - 1)]);
-                self.prefetch_around(tets[(i + AHEAD_AROUND).min(tets.len() - 1)]);
-                self.check_tet(t, &mut check, &mut stars);
+            let (mut block, mut spheres) = (TetBlock::default(), Spheres::default());
+            for (piece, of_block) in tets.chunks(BLOCK).enumerate() {
+                block.clear();
+                for (i, &t) in (piece * BLOCK..).zip(of_block) {
+                    self.prefetch(tets[(i + AHEAD).min(tets.len() - 1)]);
+                    self.prefetch_around(tets[(i + AHEAD_AROUND).min(tets.len() - 1)]);
+                    self.gather(t, &mut block, &mut check, &mut stars);
+                }
+                // The spheres made anew: what the tets keep is not trusted here.
+                block.spheres(&mut spheres);
+                for (i, &t) in of_block.iter().enumerate() {
+                    self.check_tet(t, &spheres.get(i), &mut check);
+                }
             }
             inspect(tets)?;
             Ok((check, stars))
@@ -112,26 +122,30 @@ impl Triangulation {
         Ok(check)
     }
 
-    /// Checks a tet; `stars` counts the vertices that name it as theirs.
-    fn check_tet(&self, t: TetId, check: &mut Check, stars: &mut u64) {
-        let vertices = self.tet(t).vertices();
-        let corners = self.corners(vertices);
-        let records = vertices.map(|v| self.vertex(v));
+    /// Puts a tet into a block, and checks its vertices; `stars` counts those that name it as
+    /// theirs.
+    #[inline(always)]
+    fn gather(&self, t: TetId, block: &mut TetBlock, check: &mut Check, stars: &mut u64) {
+        let records = self.tet(t).vertices().map(|v| self.vertex(v));
         let is_removed = |vertex: &&VertexRecord| vertex.kind() == VertexKind::Removed;
         check.broken_stars += u64::from(records.iter().any(is_removed));
         *stars += records.iter().filter(|vertex| !is_removed(vertex) && vertex.star() == t).count()
             as u64;
-        let [a, b, c, d] = corners;
-        // The sphere made anew: what the tet keeps is not trusted here. It is certain only of tets
-        // that are positive by more than the error of the determinant.
-        let sphere = Circumsphere::of_tet(a, b, c, d);
-        if !sphere.is_certain() && orient(a, b, c, d) <= 0.0 {
+        block.push(records.map(|vertex| vertex.position().to_array()));
+    }
+
+    /// Checks a tet with this sphere, and its facets.
+    #[inline(always)]
+    fn check_tet(&self, t: TetId, sphere: &Circumsphere, check: &mut Check) {
+        let vertices = self.tet(t).vertices();
+        // It is certain only of tets that are positive by more than the error of the determinant.
+        if !sphere.is_certain() && !self.is_positive(vertices) {
             check.inverted_tets += 1;
         }
         for i in 0..4 {
             let twin = self.tet(t).neighbor(i);
             if twin.is_none() {
-                let [a, b, c] = FACET[i].map(|k| corners[k]);
+                let [a, b, c] = FACET[i].map(|k| self.position(vertices[k]));
                 let on_box = (0..3).any(|x| {
                     a[x] == b[x]
                         && b[x] == c[x]
@@ -158,10 +172,16 @@ impl Triangulation {
             }
             let across = self.position(other[twin.index()]);
             // The bounds of the sphere are proved, so an answer is the exact one.
-            let inside =
-                sphere.contains(across).unwrap_or_else(|| in_sphere_perturbed(corners, across));
+            let exactly = || in_sphere_perturbed(self.corners(vertices), across);
+            let inside = sphere.contains(across).unwrap_or_else(exactly);
             check.non_delaunay_facets += u64::from(inside);
         }
+    }
+
+    #[cold]
+    fn is_positive(&self, vertices: [VertexId; 4]) -> bool {
+        let [a, b, c, d] = self.corners(vertices);
+        orient(a, b, c, d) > 0.0
     }
 }
 

@@ -17,7 +17,8 @@ const STARS: [[(usize, usize); 3]; 4] = [
     [(2, 0), (4, 1), (5, 2)],
 ];
 
-/// What all measures of a tet are made of.
+/// What all measures of a tet are made of. Selects instead of branches, so that loops over tets
+/// vectorise.
 pub(crate) struct TetShape {
     /// Squared lengths of the edges.
     pub(crate) squares: [f64; 6],
@@ -29,11 +30,14 @@ pub(crate) struct TetShape {
 }
 
 impl TetShape {
-    #[inline]
+    #[inline(always)]
     pub(crate) fn new(&[a, b, c, d]: &[DVec3; 4]) -> Self {
         let (ab, ac, ad, bc, bd, cd) = (b - a, c - a, d - a, c - b, d - b, d - c);
+        let square = DVec3::length_squared;
         Self {
-            squares: [ab, ac, ad, bc, bd, cd].map(DVec3::length_squared),
+            // Written out, here and below: such a loop would be vectorised in place of that over
+            // tets.
+            squares: [square(ab), square(ac), square(ad), square(bc), square(bd), square(cd)],
             normals: [bc.cross(bd), ad.cross(ac), ab.cross(ad), ac.cross(ab)],
             six_volumes: ab.cross(ac).dot(ad),
         }
@@ -41,58 +45,109 @@ impl TetShape {
 
     /// At each edge, the cosine of the dihedral angle and the square of its sine, both to the scale
     /// of the two areas.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn dihedrals(&self) -> [(f64, f64); 6] {
         // Two facets with normals n and m at an edge: |n x m| = |edge| * 6 |volume|. Both normals
         // point out, so that the angle is that of n and -m.
         let squared_volume = self.six_volumes * self.six_volumes;
-        std::array::from_fn(|e| {
-            let [.., k, l] = EDGES[e];
-            (-self.normals[k].dot(self.normals[l]), self.squares[e] * squared_volume)
-        })
+        let at = |edge: usize| {
+            let [.., k, l] = EDGES[edge];
+            (-self.normals[k].dot(self.normals[l]), self.squares[edge] * squared_volume)
+        };
+        [at(0), at(1), at(2), at(3), at(4), at(5)]
     }
 
-    #[inline]
+    /// Infinite for a flat tet.
+    #[inline(always)]
     pub(crate) fn circumradius(&self) -> f64 {
-        if self.six_volumes == 0.0 {
-            return f64::INFINITY;
-        }
         // Relative to the vertex with the shortest edges, which keeps the cancellation of the sum
         // smallest.
-        let size = |a: usize| STARS[a].iter().map(|&(edge, _)| self.squares[edge]).sum::<f64>();
-        let apex = (1..4)
-            .fold((0, size(0)), |best, a| if size(a) < best.1 { (a, size(a)) } else { best })
-            .0;
-        let sum: DVec3 =
-            STARS[apex].iter().map(|&(edge, other)| self.squares[edge] * self.normals[other]).sum();
-        sum.length() / (2.0 * self.six_volumes.abs())
+        let star = |vertex: usize| {
+            let edges =
+                STARS[vertex].map(|(edge, other)| (self.squares[edge], self.normals[other]));
+            let [(p, n), (q, m), (r, o)] = edges;
+            (p + q + r, p * n + q * m + r * o)
+        };
+        let (mut size, mut sum) = star(0);
+        for vertex in 1..4 {
+            let (other_size, other_sum) = star(vertex);
+            let pick = |x: f64, y: f64| if other_size < size { x } else { y };
+            sum = DVec3::new(
+                pick(other_sum.x, sum.x),
+                pick(other_sum.y, sum.y),
+                pick(other_sum.z, sum.z),
+            );
+            size = pick(other_size, size);
+        }
+        let radius = sum.length() / (2.0 * self.six_volumes.abs());
+        if self.six_volumes == 0.0 { f64::INFINITY } else { radius }
     }
 
     /// Of the two ratios and the Jacobian that solvers look at; see [`TetMeasures`].
-    #[inline]
+    #[inline(always)]
     pub(crate) fn measures(&self) -> TetMeasures {
         let [ab, ac, ad, bc, bd, cd] = self.squares;
         // The longest product of the three edges of a vertex.
         let product = (ab * ac * ad).max(ab * bc * bd).max(ac * bc * cd).max(ad * bd * cd);
-        let (min, max) = self
-            .squares
-            .into_iter()
-            .fold((f64::INFINITY, 0.0_f64), |(l, m), s| (l.min(s), m.max(s)));
+        let min = ab.min(ac).min(ad).min(bc).min(bd).min(cd);
+        let max = ab.max(ac).max(ad).max(bc).max(bd).max(cd);
         let scaled = std::f64::consts::SQRT_2 * self.six_volumes / product.sqrt();
         // The inradius is three volumes over the area of all facets, whose normals are twice their
         // area long.
-        let areas: f64 = self.normals.iter().map(|normal| normal.length()).sum();
+        let [n, m, o, p] = self.normals.map(DVec3::length);
+        let areas = n + m + o + p;
         let radius_ratio = self.circumradius() * areas / (3.0 * self.six_volumes.abs());
+        let edge_ratio = (max / min).sqrt();
         TetMeasures {
             scaled_jacobian: if product > 0.0 { scaled } else { 0.0 },
-            edge_ratio: if min > 0.0 { (max / min).sqrt() } else { f64::INFINITY },
+            edge_ratio: if min > 0.0 { edge_ratio } else { f64::INFINITY },
             radius_ratio: if radius_ratio.is_nan() { f64::INFINITY } else { radius_ratio },
         }
     }
 
-    #[inline]
+    /// Circumradius over shortest edge; infinite for a flat tet.
+    #[inline(always)]
+    pub(crate) fn radius_edge(&self) -> f64 {
+        let (radius, ratio) = (self.circumradius(), self.circumradius() / self.shortest_edge());
+        if radius == f64::INFINITY { radius } else { ratio }
+    }
+
+    #[inline(always)]
     pub(crate) fn shortest_edge(&self) -> f64 {
-        self.squares.into_iter().fold(f64::INFINITY, f64::min).sqrt()
+        let [ab, ac, ad, bc, bd, cd] = self.squares;
+        ab.min(ac).min(ad).min(bc).min(bd).min(cd).sqrt()
+    }
+}
+
+/// The square of an angle's cotangent, with its sign: it falls as the angle grows, from infinity at
+/// 0 to minus infinity at 180 degrees.
+#[derive(Clone, Copy, PartialEq, PartialOrd)]
+pub(crate) struct Cotangent(pub(crate) f64);
+
+impl Cotangent {
+    pub(crate) const OF_ZERO: Self = Self(f64::INFINITY);
+    pub(crate) const OF_STRAIGHT: Self = Self(f64::NEG_INFINITY);
+
+    #[inline(always)]
+    pub(crate) fn new((cosine, squared_sine): (f64, f64)) -> Self {
+        let ratio = cosine * cosine.abs() / squared_sine;
+        // 0 / 0, where vertices coincide: as atan2 has it, an angle of 0.
+        if ratio.is_nan() { Self::OF_ZERO } else { Self(ratio) }
+    }
+
+    #[inline]
+    pub(crate) fn max(self, other: Self) -> Self {
+        Self(self.0.max(other.0))
+    }
+
+    #[inline]
+    pub(crate) fn min(self, other: Self) -> Self {
+        Self(self.0.min(other.0))
+    }
+
+    /// The angle in degrees.
+    pub(crate) fn angle(self) -> f64 {
+        1.0_f64.atan2(self.0.abs().sqrt().copysign(self.0)).to_degrees()
     }
 }
 
@@ -157,8 +212,15 @@ impl TetMeasure {
 }
 
 /// Signed volume of a tet: positive when (b - a) x (c - a) . (d - a) > 0.
+#[inline(always)]
 pub fn tet_volume(p: &[DVec3; 4]) -> f64 {
     (p[1] - p[0]).cross(p[2] - p[0]).dot(p[3] - p[0]) / 6.0
+}
+
+/// The centroid of a tet.
+#[inline(always)]
+pub(crate) fn tet_centroid(&[a, b, c, d]: &[DVec3; 4]) -> DVec3 {
+    (a + b + c + d) * 0.25
 }
 
 /// The six dihedral angles of a tet in degrees, 0 to 180, at the edges 01, 02, 03, 12, 13, 23. The
@@ -181,9 +243,7 @@ pub fn shortest_edge(p: &[DVec3; 4]) -> f64 {
 
 /// Circumradius over shortest edge; at least sqrt(6) / 4, infinite for a flat tet.
 pub fn radius_edge_ratio(p: &[DVec3; 4]) -> f64 {
-    let shape = TetShape::new(p);
-    let radius = shape.circumradius();
-    if radius.is_infinite() { radius } else { radius / shape.shortest_edge() }
+    TetShape::new(p).radius_edge()
 }
 
 /// At each vertex of a triangle, the cosine of its angle and the square of its sine, both to the

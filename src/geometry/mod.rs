@@ -15,5 +15,6 @@ pub mod predicates;
 pub mod shape;
 pub mod sphere;
 pub mod star;
+pub(crate) mod tet_block;
 
 pub use glam::DVec3;

@@ -70,6 +70,7 @@ pub(super) struct Origin {
 
 impl Origin {
     /// `other`: a point about as far away as the other vertices are.
+    #[inline(always)]
     pub fn new(at: DVec3, other: DVec3) -> Self {
         let scale = (other - at).length();
         Self { at, reach: 2.0 * at.abs().max_element(), scale, per_scale: 1.0 / scale }

@@ -225,17 +225,17 @@ impl ImageComponents {
     /// else of the nearest of the eight voxels around it.
     pub fn near(&self, image: &LabelImage, id: u16, p: DVec3) -> Option<u32> {
         let [nx, ny, nz] = image.dims();
-        let found = |voxel: DVec3| {
-            if !voxel.cmpge(DVec3::ZERO).all() {
+        // The voxel with the whole part of a place as its index.
+        let found = |place: DVec3| {
+            if !place.cmpge(DVec3::ZERO).all() {
                 return None;
             }
-            let [i, j, k] = voxel.to_array().map(|x| x as usize);
+            let [i, j, k] = place.to_array().map(|x| x as usize);
             let inside = i < nx && j < ny && k < nz;
             (inside && image.ids()[i + nx * (j + ny * k)] == id).then_some([i, j, k])
         };
         let component = |voxel| self.only[usize::from(id)].or_else(|| self.at(voxel));
-        let nearest = (p + 0.5).floor();
-        if let Some(voxel) = found(nearest) {
+        if let Some(voxel) = found(p + 0.5) {
             return component(voxel);
         }
         let low = p.floor();

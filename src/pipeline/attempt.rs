@@ -176,9 +176,10 @@ impl Attempt<'_> {
         let (triangulation, collected) = or_drop_aside(triangulation, |triangulation| {
             self.collect(triangulation, &mut refinement, prepared, watch, monitor)
         })?;
+        watch.add_to(|seconds| &mut seconds.certify);
         let Collected { mesh, points_kept, check, examined } = collected;
         let (mesh, ()) = or_drop_aside(mesh, |_| triangulation.give_back(&|| monitor.advance(0)))?;
-        watch.add_to(|seconds| &mut seconds.certify);
+        watch.add_to(|seconds| &mut seconds.extract);
 
         if !self.improves(&refinement) {
             let improvement = Improvement::default();
@@ -238,11 +239,9 @@ impl Attempt<'_> {
             let vertices = BOX_CORNERS + insertions - removals;
             (Check { tets: order.len() as u64, vertices, ..Check::default() }, Examined::default())
         } else {
-            // The sound level is to cost little; beside distances there is time to ask all tets
-            // again.
-            let asked = match (params.certificate, &refinement.ended_by) {
-                (CertificateLevel::Sound, None) => Asked::LeftOver(&refinement.left_over),
-                _ => Asked::All,
+            let asked = match &refinement.ended_by {
+                None => Asked::LeftOver(&refinement.left_over),
+                Some(_) => Asked::All,
             };
             let examine = || crate::refine::examine(&rules, &order, asked, monitor);
             let (checked, (check, unmet)) = or_drop_aside(mesh, |_| examine())?;

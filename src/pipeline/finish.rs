@@ -28,8 +28,7 @@ pub fn measure(
     extent: Extent<'_>,
     monitor: &Monitor<'_>,
 ) -> Result<(Quality, Certificate, Option<Error>)> {
-    let quality = Quality::measure(mesh, monitor)?;
-    let (mut certificate, ended_by) =
+    let (quality, mut certificate, ended_by) =
         Certificate::measure(mesh, image, oracle, examined, extent, monitor)?;
     reserve(&mut certificate.defects, dropped.len(), "defects")?;
     certificate.defects.extend(dropped.iter().map(

@@ -70,7 +70,7 @@ pub struct Seconds {
     pub prepare: f64,
     /// From the finished oracle to the last rule satisfied.
     pub refine: f64,
-    /// Collecting the mesh.
+    /// Collecting the mesh, and giving back the memory of the triangulation.
     pub extract: f64,
     /// Removing slivers.
     pub improve: f64,

@@ -16,45 +16,15 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Result;
-use crate::geometry::measures::{TetMeasures, TetShape, corner_angles};
+use crate::geometry::measures::{Cotangent, corner_angles};
+use crate::geometry::predicates::orient;
+use crate::geometry::tet_block::{Shapes, TetBlock};
 use crate::mesh::TetMesh;
 use crate::monitor::{Monitor, Step};
 
 /// Tets or facets per parallel work item; fixed, so that sums do not depend on the number of
 /// threads.
 const CHUNK: usize = 4096;
-
-/// The square of an angle's cotangent, with its sign: it falls as the angle grows, from infinity at
-/// 0 to minus infinity at 180 degrees.
-#[derive(Clone, Copy, PartialEq, PartialOrd)]
-struct Cotangent(f64);
-
-impl Cotangent {
-    const OF_ZERO: Self = Self(f64::INFINITY);
-    const OF_STRAIGHT: Self = Self(f64::NEG_INFINITY);
-
-    #[inline]
-    fn new((cosine, squared_sine): (f64, f64)) -> Self {
-        let ratio = cosine * cosine.abs() / squared_sine;
-        // 0 / 0, where vertices coincide: as atan2 has it, an angle of 0.
-        if ratio.is_nan() { Self::OF_ZERO } else { Self(ratio) }
-    }
-
-    #[inline]
-    fn max(self, other: Self) -> Self {
-        Self(self.0.max(other.0))
-    }
-
-    #[inline]
-    fn min(self, other: Self) -> Self {
-        Self(self.0.min(other.0))
-    }
-
-    /// The angle in degrees.
-    fn angle(self) -> f64 {
-        1.0_f64.atan2(self.0.abs().sqrt().copysign(self.0)).to_degrees()
-    }
-}
 
 /// The ends of the bins of dihedral angles: 10 to 170 degrees.
 fn bin_ends() -> [Cotangent; 17] {
@@ -136,13 +106,15 @@ impl Default for Spread {
 impl Spread {
     const NEUTRAL: Self = Self { min: f64::INFINITY, max: f64::NEG_INFINITY, histogram: [0; BINS] };
 
-    #[inline]
-    fn add(&mut self, value: f64, (first, per_one): (f64, f64)) {
-        self.min = self.min.min(value);
-        self.max = self.max.max(value);
-        // The cast cuts off what lies outside, infinity too.
-        let bin = ((value - first) * per_one) as usize;
-        self.histogram[bin.min(BINS - 1)] += 1;
+    fn add(&mut self, values: &[f64], (first, per_one): (f64, f64)) {
+        let [min, max] = range(values);
+        self.min = self.min.min(min);
+        self.max = self.max.max(max);
+        for value in values {
+            // The cast cuts off what lies outside, infinity too.
+            let bin = ((value - first) * per_one) as usize;
+            self.histogram[bin.min(BINS - 1)] += 1;
+        }
     }
 
     fn merge(&mut self, other: &Self) {
@@ -153,11 +125,12 @@ impl Spread {
 }
 
 impl Quality {
-    /// Measures `mesh`.
+    /// Measures `mesh`; and tells how many of all its tets, of any label, are not positive by the
+    /// exact predicate.
     ///
     /// # Errors
     /// [`crate::Error::Cancelled`].
-    pub fn measure(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<Self> {
+    pub fn measure(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<(Self, u64)> {
         monitor.enter(Step::Quality, mesh.tets.len() + mesh.facets.len())?;
         let bin_ends = bin_ends();
         let tet_parts: Vec<TetSummary> = mesh
@@ -166,10 +139,21 @@ impl Quality {
             .zip(mesh.labels.par_chunks(CHUNK))
             .map(|(tets, labels)| {
                 monitor.advance(tets.len())?;
-                let mut part = TetSummary::default();
-                for (tet, _) in tets.iter().zip(labels).filter(|&(_, &label)| label != 0) {
-                    part.add(&tet.map(|v| mesh.point(v)), &bin_ends);
+                let (mut part, mut block) = (TetSummary::default(), TetBlock::default());
+                let mut shapes = Shapes::default();
+                for (tet, &label) in tets.iter().zip(labels) {
+                    if label == 0 {
+                        let corners = tet.map(|v| mesh.point(v));
+                        part.inverted_tets += u64::from(!is_positive(corners));
+                        continue;
+                    }
+                    block.push(tet.map(|v| mesh.points[v as usize]));
+                    if block.is_full() {
+                        part.add(&block, &bin_ends, &mut shapes);
+                        block.clear();
+                    }
                 }
+                part.add(&block, &bin_ends, &mut shapes);
                 Ok(part)
             })
             .collect::<Result<_>>()?;
@@ -200,8 +184,25 @@ impl Quality {
             quality.facets = mesh.facets.len() as u64;
             [quality.min_facet_angle, quality.max_facet_angle] = facet_angles.map(Cotangent::angle);
         }
-        Ok(quality)
+        Ok((quality, all.inverted_tets))
     }
+}
+
+/// A tet with a larger scaled Jacobian is positive for certain: the exact predicate need not be
+/// asked.
+///
+/// Six volumes are (b - a) x (c - a) . (d - a), computed with eight roundings: their error is below
+/// 16 units of the last place of 1 times the sum of the products of coordinates, which is at most
+/// 5.2 times the product of the three lengths; so it is below 1e-14 of that product. The scaled
+/// Jacobian is six volumes over the largest such product of a vertex, times 1.4, and has itself an
+/// error of some units. Where products underflow it is 0 or off by a root of 2; where they
+/// overflow it is 0 or no number.
+const POSITIVE: f64 = 1e-12;
+
+/// Exact as long as no product of three coordinate differences over- or underflows; what is no
+/// number, for products that overflow, proves nothing.
+fn is_positive([a, b, c, d]: [DVec3; 4]) -> bool {
+    orient(a, b, c, d) > 0.0
 }
 
 /// The smallest and the largest of some angles.
@@ -215,9 +216,33 @@ fn merged(a: AngleRange, b: AngleRange) -> AngleRange {
     [a[0].max(b[0]), a[1].min(b[1])]
 }
 
+/// The least and the largest of `values`, infinite where there are none; what is no number is
+/// passed over.
+fn range(values: &[f64]) -> [f64; 2] {
+    // Several side by side: none waits for the one before.
+    const LANES: usize = 8;
+    let less = |a: f64, b: f64| if a < b { a } else { b };
+    let more = |a: f64, b: f64| if a > b { a } else { b };
+    let (chunks, rest) = values.as_chunks::<LANES>();
+    let (mut least, mut largest) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
+    for chunk in chunks {
+        least = std::array::from_fn(|lane| less(chunk[lane], least[lane]));
+        largest = std::array::from_fn(|lane| more(chunk[lane], largest[lane]));
+    }
+    for (lane, &value) in rest.iter().enumerate() {
+        least[lane] = less(value, least[lane]);
+        largest[lane] = more(value, largest[lane]);
+    }
+    [
+        least.into_iter().fold(f64::INFINITY, f64::min),
+        largest.into_iter().fold(f64::NEG_INFINITY, f64::max),
+    ]
+}
+
 /// What is gathered over some tets; `default()` is neutral.
 struct TetSummary {
     tets: u64,
+    inverted_tets: u64,
     dihedrals: AngleRange,
     /// How many dihedral angles are at least as large as the end of each bin.
     beyond: [u64; 17],
@@ -236,6 +261,7 @@ impl Default for TetSummary {
     fn default() -> Self {
         Self {
             tets: 0,
+            inverted_tets: 0,
             dihedrals: NO_ANGLES,
             beyond: [0; 17],
             spreads: [Spread::NEUTRAL; 3],
@@ -251,36 +277,42 @@ impl Default for TetSummary {
 }
 
 impl TetSummary {
-    fn add(&mut self, p: &[DVec3; 4], bin_ends: &[Cotangent; 17]) {
-        let shape = TetShape::new(p);
-        self.tets += 1;
-        for dihedral in shape.dihedrals() {
-            let angle = Cotangent::new(dihedral);
-            self.dihedrals = merged(self.dihedrals, [angle; 2]);
-            // All bins without a branch, which could not be foreseen.
-            for (beyond, end) in self.beyond.iter_mut().zip(bin_ends) {
-                *beyond += u64::from(angle.0 <= end.0);
-            }
+    fn add(&mut self, block: &TetBlock, bin_ends: &[Cotangent; 17], shapes: &mut Shapes) {
+        let len = block.len();
+        block.shapes(bin_ends, shapes, &mut self.beyond);
+        self.tets += len as u64;
+        for row in &shapes.cotangents {
+            // The cotangent falls as the angle grows.
+            let [largest, smallest] = range(&row[..len]).map(Cotangent);
+            self.dihedrals = merged(self.dihedrals, [smallest, largest]);
         }
-        let TetMeasures { scaled_jacobian, edge_ratio, radius_ratio } = shape.measures();
-        self.spreads[0].add(scaled_jacobian, OF_JACOBIANS);
-        self.spreads[1].add(edge_ratio, OF_RATIOS);
-        self.spreads[2].add(radius_ratio, OF_RATIOS);
-        let radius = shape.circumradius();
-        let edge = shape.shortest_edge();
-        let ratio = if radius.is_infinite() { radius } else { radius / edge };
-        self.max_radius_edge = ratio.max(self.max_radius_edge);
-        self.sum_radius_edge += ratio;
-        self.max_circumradius = radius.max(self.max_circumradius);
-        self.min_edge = edge.min(self.min_edge);
-        let volume = shape.six_volumes / 6.0;
-        self.min_volume = volume.min(self.min_volume);
-        self.max_volume = volume.max(self.max_volume);
-        self.total_volume += volume;
+        let [jacobians, edges, radii] = &mut self.spreads;
+        jacobians.add(&shapes.scaled_jacobian[..len], OF_JACOBIANS);
+        edges.add(&shapes.edge_ratio[..len], OF_RATIOS);
+        radii.add(&shapes.radius_ratio[..len], OF_RATIOS);
+        let [_, radius] = range(&shapes.circumradius[..len]);
+        let [edge, _] = range(&shapes.shortest_edge[..len]);
+        let [_, ratio] = range(&shapes.radius_edge[..len]);
+        let [min_volume, max_volume] = range(&shapes.volume[..len]);
+        self.max_circumradius = self.max_circumradius.max(radius);
+        self.min_edge = self.min_edge.min(edge);
+        self.max_radius_edge = self.max_radius_edge.max(ratio);
+        self.min_volume = self.min_volume.min(min_volume);
+        self.max_volume = self.max_volume.max(max_volume);
+        for (ratio, volume) in shapes.radius_edge[..len].iter().zip(&shapes.volume) {
+            self.sum_radius_edge += ratio;
+            self.total_volume += volume;
+        }
+        let is_certain = |&jacobian: &f64| jacobian > POSITIVE;
+        if !shapes.scaled_jacobian[..len].iter().map(is_certain).fold(true, |all, is| all & is) {
+            self.inverted_tets +=
+                (0..len).filter(|&i| !is_positive(block.corners(i))).count() as u64;
+        }
     }
 
     fn merged(mut self, other: Self) -> Self {
         self.tets += other.tets;
+        self.inverted_tets += other.inverted_tets;
         self.dihedrals = merged(self.dihedrals, other.dihedrals);
         for (beyond, more) in self.beyond.iter_mut().zip(other.beyond) {
             *beyond += more;
@@ -310,6 +342,10 @@ mod tests {
     use crate::geometry::measures::{dihedral_angles, triangle_angles};
     use crate::mesh::testing;
 
+    fn measured(mesh: &TetMesh) -> Quality {
+        Quality::measure(mesh, &Monitor::silent()).unwrap().0
+    }
+
     fn close(a: f64, b: f64) {
         assert!((a - b).abs() <= 1e-12 * b.abs().max(1.0), "{a} is not {b}");
     }
@@ -317,7 +353,7 @@ mod tests {
     #[test]
     fn summary_of_a_kuhn_box() {
         let mesh = testing::kuhn_box([3, 2, 2], [1.0; 3], |i, _, _| (i as i32 + 1) % 3);
-        let quality = Quality::measure(&mesh, &Monitor::silent()).unwrap();
+        let quality = measured(&mesh);
         // A third of the cubes is background that was kept.
         assert_eq!(quality.tets, 6 * 8);
         assert_eq!(quality.facets, mesh.facets.len() as u64);
@@ -345,7 +381,7 @@ mod tests {
     #[test]
     fn bins_and_extremes_are_those_of_the_angles() {
         let mesh = shaken_box();
-        let quality = Quality::measure(&mesh, &Monitor::silent()).unwrap();
+        let quality = measured(&mesh);
         let corners = |tet: &[u32; 4]| tet.map(|v| mesh.point(v));
         let object = mesh.tets.iter().zip(&mesh.labels).filter(|&(_, &label)| label != 0);
         let angles: Vec<f64> = object.flat_map(|(tet, _)| dihedral_angles(&corners(tet))).collect();
@@ -368,13 +404,13 @@ mod tests {
             labels: vec![1],
             ..TetMesh::default()
         };
-        let flat = Quality::measure(&tet(square), &Monitor::silent()).unwrap();
+        let flat = measured(&tet(square));
         assert_eq!(
             (flat.min_dihedral, flat.max_dihedral, flat.max_radius_edge),
             (0.0, 180.0, f64::INFINITY)
         );
         assert_eq!((flat.dihedral_histogram[0], flat.dihedral_histogram[17]), (4, 2));
-        let point = Quality::measure(&tet([[1.0; 3]; 4]), &Monitor::silent()).unwrap();
+        let point = measured(&tet([[1.0; 3]; 4]));
         assert_eq!((point.dihedral_histogram[0], point.min_edge), (6, 0.0));
     }
 
@@ -383,7 +419,7 @@ mod tests {
         let mesh = shaken_box();
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| Quality::measure(&mesh, &Monitor::silent()).unwrap())
+            pool.install(|| measured(&mesh))
         };
         assert!(mesh.tets.len() > 5 * CHUNK);
         assert_eq!(on(1), on(3));
@@ -391,9 +427,6 @@ mod tests {
 
     #[test]
     fn nothing_to_measure() {
-        assert_eq!(
-            Quality::measure(&TetMesh::default(), &Monitor::silent()).unwrap(),
-            Quality::default()
-        );
+        assert_eq!(measured(&TetMesh::default()), Quality::default());
     }
 }

@@ -17,7 +17,6 @@ mod rows;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Instant;
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::image::LabelImage;
@@ -29,6 +28,7 @@ use crate::oracle::Oracle;
 use crate::params::CertificateLevel;
 use crate::verify::distance::{BothDistances, Distance, Distances, SurfaceDistance, VoxelFaces};
 use crate::verify::off_walls::facets_off_walls;
+use crate::verify::quality::Quality;
 use crate::verify::topology::boundary_surface::BoundarySurfaces;
 use crate::verify::topology::matching::{Fate, Matching};
 use crate::verify::topology::mesh_components::MeshComponents;
@@ -255,10 +255,10 @@ impl Certificate {
         Self { level: CertificateLevel::None, ..Self::default() }
     }
 
-    /// Certifies `mesh` against the `image` it was made from (with the labels that were not to be
-    /// meshed already set to 0), and the `oracle` made from that. Told besides: the limit that
-    /// ended the measuring of distances. The certificate is [`Sound`](CertificateLevel::Sound)
-    /// then.
+    /// The quality of `mesh`, and its certificate against the `image` it was made from (with the
+    /// labels that were not to be meshed already set to 0), and the `oracle` made from that. Told
+    /// besides: the limit that ended the measuring of distances. The certificate is
+    /// [`Sound`](CertificateLevel::Sound) then.
     ///
     /// # Errors
     /// [`InvalidArgument`](crate::Error::InvalidArgument) when a vertex is not finite;
@@ -271,15 +271,15 @@ impl Certificate {
         Examined { non_delaunay_facets, unmet }: Examined,
         extent: Extent<'_>,
         monitor: &Monitor<'_>,
-    ) -> Result<(Self, Option<Error>)> {
+    ) -> Result<(Quality, Self, Option<Error>)> {
         let [_, _, nz] = image.dims();
-        // Tets are gone over four times, facets twice, vertices and slices of voxels once; these
+        let (quality, inverted_tets) = Quality::measure(mesh, monitor)?;
+        // Tets are gone over three times, facets twice, vertices and slices of voxels once; these
         // count as some thousand tets each.
         monitor.enter(
             Step::Counts,
-            4 * mesh.tets.len() + 2 * mesh.facets.len() + mesh.points.len() + SLICE * nz,
+            3 * mesh.tets.len() + 2 * mesh.facets.len() + mesh.points.len() + SLICE * nz,
         )?;
-        let inverted_tets = inverted_tets(mesh, monitor)?;
         let orphan_vertices = orphan_vertices(mesh, monitor)?;
         let facets_off_walls = facets_off_walls(mesh, oracle, monitor)?;
         let image_components = ImageComponents::new(image, &|steps| monitor.advance(steps))?;
@@ -345,7 +345,7 @@ impl Certificate {
             components: tables.components()?,
             defects: tables.defects(),
         };
-        Ok((certificate, ended_by))
+        Ok((quality, certificate, ended_by))
     }
 
     /// Bytes that distances need for the voxels of `image`, beside what the mesh and the components
@@ -363,27 +363,6 @@ impl Certificate {
     pub fn image_volume(&self) -> f64 {
         self.labels.iter().map(|row| row.image_volume).sum()
     }
-}
-
-/// Tets that are not positive: (b - a) x (c - a) . (d - a) > 0 fails. Exact as long as no product
-/// of three coordinate differences over- or underflows.
-///
-/// # Errors
-/// [`Cancelled`](crate::Error::Cancelled).
-pub fn inverted_tets(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<u64> {
-    let coordinates = |p: DVec3| robust::Coord3D { x: p.x, y: p.y, z: p.z };
-    let counts = mesh.tets.par_chunks(CHUNK).map(|tets| {
-        monitor.advance(tets.len())?;
-        let inverted = tets.iter().filter(|tet| {
-            let [a, b, c, d] = tet.map(|v| coordinates(mesh.point(v)));
-            // The predicate's sign is opposite: positive when d is below the plane in which a, b, c
-            // turn left. What is no number, for products that overflow, proves nothing.
-            let below = robust::orient3d(a, b, c, d);
-            below.is_nan() || below >= 0.0
-        });
-        Ok(inverted.count() as u64)
-    });
-    counts.try_reduce(|| 0, |a, b| Ok(a + b))
 }
 
 /// Vertices that no tet has.
@@ -455,7 +434,7 @@ mod tests {
             extent,
             &Monitor::silent(),
         );
-        let (certificate, ended_by) = measured.unwrap();
+        let (_, certificate, ended_by) = measured.unwrap();
         assert!(ended_by.is_none());
         certificate
     }
@@ -554,7 +533,7 @@ mod tests {
             ..TetMesh::default()
         };
         let counts = [0.25 - f64::EPSILON / 4.0, 0.25, 0.25 + f64::EPSILON / 4.0]
-            .map(|z| inverted_tets(&tet(z), &Monitor::silent()).unwrap());
+            .map(|z| Quality::measure(&tet(z), &Monitor::silent()).unwrap().1);
         assert_eq!(counts[1], 1, "a flat tet counts");
         assert_eq!(counts[0] + counts[2], 1, "one side of the plane is inverted, the other is not");
     }

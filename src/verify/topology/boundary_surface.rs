@@ -22,16 +22,16 @@
 //! of a label (0 included) has an odd number of facets is *open*: the boundary of a union of tets
 //! has none.
 //!
-//! Deterministic whatever the number of threads; parallel in the current rayon pool. Facets are
-//! gathered by vertex with a counting sort: linear in them.
+//! Deterministic whatever the number of threads; parallel in the current rayon pool. Each
+//! vertex has a list of its facets: linear in them.
 
-use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
 use super::mesh_components::MeshComponents;
 pub use super::vertex_links::NonManifold;
-use super::vertex_links::{Touch, VertexLinks};
+use super::vertex_links::{Corner, Touch, VertexLinks};
 use crate::Result;
 use crate::memory::{filled, zeroed};
 use crate::mesh::TetMesh;
@@ -90,20 +90,12 @@ struct Parts {
 
 impl Parts {
     fn measure(mesh: &TetMesh, parts: &MeshComponents, monitor: &Monitor<'_>) -> Result<Self> {
-        let (ends, stars) = facets_of_vertices(mesh, monitor)?;
+        let stars = Stars::new(mesh, monitor)?;
         let measure = |chunk: usize| {
             monitor.advance(CHUNK)?;
             let mut vertex_links = VertexLinks::new(mesh, parts);
-            let mut start = if chunk == 0 { 0 } else { ends[chunk * CHUNK - 1].load(Relaxed) };
             for v in chunk * CHUNK..((chunk + 1) * CHUNK).min(mesh.points.len()) {
-                let end = ends[v].load(Relaxed);
-                if start < end {
-                    vertex_links.look_at(
-                        v as u32,
-                        stars[start..end].iter().map(|facet| facet.load(Relaxed)),
-                    );
-                }
-                start = end;
+                vertex_links.look_at(v as u32, stars.of(v));
             }
             let VertexLinks { open_edges, non_manifold, touches, euler, .. } = vertex_links;
             Ok((Self { open_edges, non_manifold, touches, euler: Vec::new() }, euler.sums()))
@@ -124,38 +116,41 @@ impl Parts {
     }
 }
 
-/// The facets of each vertex, where those of each vertex end.
-fn facets_of_vertices(
-    mesh: &TetMesh,
-    monitor: &Monitor<'_>,
-) -> Result<(Vec<AtomicUsize>, Vec<AtomicU32>)> {
-    let mut ends: Vec<AtomicUsize> = zeroed(mesh.points.len() + 1, "vertices")?;
-    mesh.facets.par_chunks(CHUNK).try_for_each(|facets| {
-        monitor.advance(facets.len())?;
-        facets.as_flattened().iter().for_each(|&v| _ = ends[v as usize + 1].fetch_add(1, Relaxed));
-        Ok(())
-    })?;
-    let mut end = 0;
-    for part in ends.chunks_mut(CHUNK) {
-        monitor.advance(0)?;
-        for count in part {
-            end += *count.get_mut();
-            *count.get_mut() = end;
-        }
-    }
-    // `ends[v]` grows from the start of v's part to its end; who comes first does not matter to
-    // what is made of them.
-    let stars: Vec<AtomicU32> = zeroed(3 * mesh.facets.len(), "facets of vertices")?;
-    mesh.facets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, facets)| {
-        monitor.advance(facets.len())?;
-        for (facet, f) in facets.iter().zip((chunk * CHUNK) as u32..) {
-            for &v in facet {
-                stars[ends[v as usize].fetch_add(1, Relaxed)].store(f, Relaxed);
+/// The facets of each vertex, as lists of their corners.
+struct Stars {
+    /// The first corner of each vertex, plus 1; 0 where it has none.
+    first: Vec<AtomicU32>,
+    /// The corner after each corner, likewise. Corner 3 f + i is vertex i of facet f.
+    next: Vec<AtomicU32>,
+}
+
+impl Stars {
+    fn new(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<Self> {
+        let first: Vec<AtomicU32> = zeroed(mesh.points.len(), "vertices")?;
+        let next: Vec<AtomicU32> = zeroed(3 * mesh.facets.len(), "facets of vertices")?;
+        // Relaxed: each list is read when all are made. Which corner comes first in it does not
+        // matter to what is made of them.
+        let pieces = mesh.facets.par_chunks(CHUNK).zip(next.par_chunks(3 * CHUNK)).enumerate();
+        pieces.try_for_each(|(chunk, (facets, next))| {
+            monitor.advance(2 * facets.len())?;
+            let corners = facets.as_flattened().iter().zip(next);
+            for (corner, (&v, next)) in ((3 * CHUNK * chunk) as u32..).zip(corners) {
+                next.store(first[v as usize].swap(corner + 1, Relaxed), Relaxed);
             }
-        }
-        Ok(())
-    })?;
-    Ok((ends, stars))
+            Ok(())
+        })?;
+        Ok(Self { first, next })
+    }
+
+    /// The corners at `v`.
+    fn of(&self, v: usize) -> impl Iterator<Item = Corner> {
+        let mut corner = self.first[v].load(Relaxed);
+        std::iter::from_fn(move || {
+            let here = corner.checked_sub(1)?;
+            corner = self.next[here as usize].load(Relaxed);
+            Some(Corner { facet: here / 3, place: (here % 3) as usize })
+        })
+    }
 }
 
 #[cfg(test)]

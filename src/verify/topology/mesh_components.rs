@@ -16,7 +16,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Result;
-use crate::geometry::measures::tet_volume;
+use crate::geometry::tet_block::{BLOCK, Places, TetBlock};
 use crate::image::LabelImage;
 use crate::image::components::ImageComponents;
 use crate::memory::room;
@@ -114,22 +114,25 @@ impl MeshComponents {
             sets.numbered(|t| mesh.labels[t as usize] != 0, WHAT, &|| monitor.advance(0))?;
         let lie = |(chunk, tets): (usize, &[[u32; 4]])| {
             monitor.advance(tets.len())?;
-            let mut keyed_sums = KeyedSums::default();
-            // Tets mostly have the label of the one before.
-            let (mut label, mut id) = (0, None);
+            let mut sums = OverlapSums {
+                image,
+                image_components,
+                id_of_label: (0, None),
+                places: Places::default(),
+                sums: KeyedSums::default(),
+            };
+            let (mut block, mut keys) = (TetBlock::default(), Vec::with_capacity(BLOCK));
             for (t, tet) in (chunk * CHUNK..).zip(tets).filter(|&(t, _)| mesh.labels[t] != 0) {
-                if mesh.labels[t] != label {
-                    label = mesh.labels[t];
-                    id = image.id_of(label);
+                block.push(tet.map(|v| mesh.points[v as usize]));
+                keys.push((mesh.labels[t], parts.of(t as u32)));
+                if block.is_full() {
+                    sums.add(&block, &keys);
+                    block.clear();
+                    keys.clear();
                 }
-                let corners = tet.map(|v| mesh.point(v));
-                let centroid = corners.iter().sum::<DVec3>() * 0.25;
-                let index = image.frame().to_index(centroid);
-                let in_image =
-                    id.and_then(|id| image_components.near(image, id, index)).unwrap_or(NO_SET);
-                let key = overlap_key(parts.of(t as u32), in_image);
-                keyed_sums.add(key, Tets { count: 1, volume: tet_volume(&corners) });
             }
+            sums.add(&block, &keys);
+            let keyed_sums = sums.sums;
             Ok(keyed_sums.sums())
         };
         let pieces: Vec<Sums<Tets>> =
@@ -195,6 +198,36 @@ impl MeshComponents {
     pub fn of(&self, t: u32) -> Option<u32> {
         let part = (t != NONE).then(|| self.parts.of(t)).filter(|&part| part != NO_SET);
         part.map(|part| self.of_parts[part as usize])
+    }
+}
+
+/// Sums of tets by the component of the image that they lie in.
+struct OverlapSums<'a> {
+    image: &'a LabelImage,
+    image_components: &'a ImageComponents,
+    /// The label of the tet before, and its id in the image: tets mostly have the same.
+    id_of_label: (i32, Option<u16>),
+    /// Of the tets of a block.
+    places: Places,
+    sums: KeyedSums<Tets>,
+}
+
+impl OverlapSums<'_> {
+    /// Adds tets, each with its label and the part it belongs to.
+    fn add(&mut self, block: &TetBlock, tets: &[(i32, u32)]) {
+        let (image, frame) = (self.image, self.image.frame());
+        block.places(|centroid| frame.to_index(centroid), &mut self.places);
+        for (i, &(label, part)) in tets.iter().enumerate() {
+            if label != self.id_of_label.0 {
+                self.id_of_label = (label, image.id_of(label));
+            }
+            let [x, y, z] = &self.places.centroid;
+            let index = DVec3::new(x[i], y[i], z[i]);
+            let near = |id| self.image_components.near(image, id, index);
+            let in_image = self.id_of_label.1.and_then(near).unwrap_or(NO_SET);
+            let tet = Tets { count: 1, volume: self.places.volume[i] };
+            self.sums.add(overlap_key(part, in_image), tet);
+        }
     }
 }
 

@@ -34,6 +34,15 @@ pub(crate) struct Touch {
     pub euler: i64,
 }
 
+/// A vertex of a facet.
+#[derive(Clone, Copy)]
+pub(crate) struct Corner {
+    /// The facet.
+    pub facet: u32,
+    /// Which of its three vertices.
+    pub place: usize,
+}
+
 /// The side of a facet at some edge.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Side {
@@ -97,10 +106,15 @@ impl<'m> VertexLinks<'m> {
 
     /// Counts at vertex `v`, whose facets are given, its cycles, and the edges and facets of
     /// which it is the smallest vertex.
-    pub fn look_at(&mut self, v: u32, facets: impl Iterator<Item = u32>) {
+    pub fn look_at(&mut self, v: u32, corners: impl Iterator<Item = Corner>) {
         self.facets.clear();
-        self.facets.extend(facets);
-        if !self.is_disk(v) {
+        self.rim.clear();
+        for Corner { facet, place } in corners {
+            let vertices = self.mesh.facets[facet as usize];
+            self.facets.push(facet);
+            self.rim.push([vertices[(place + 1) % 3], vertices[(place + 2) % 3]]);
+        }
+        if !self.facets.is_empty() && !self.is_disk(v) {
             self.follow_link(v);
         }
     }
@@ -134,12 +148,6 @@ impl<'m> VertexLinks<'m> {
         }
         // Each facet leads from one of its vertices to the next: those of one interface are all
         // turned the same way.
-        self.rim.clear();
-        for &f in &self.facets {
-            let facet = self.mesh.facets[f as usize];
-            let Some(i) = facet.iter().position(|&w| w == v) else { return false };
-            self.rim.push([facet[(i + 1) % 3], facet[(i + 2) % 3]]);
-        }
         let [first, mut end] = self.rim[0];
         let mut steps = 1;
         while end != first && steps < self.rim.len() {
@@ -164,9 +172,8 @@ impl<'m> VertexLinks<'m> {
     /// Counts where more than two labels meet, or something touches itself.
     fn follow_link(&mut self, v: u32) {
         self.edges.clear();
-        for (&f, place) in self.facets.iter().zip(0..) {
-            let others = self.mesh.facets[f as usize].into_iter().filter(|&w| w != v);
-            self.edges.extend(others.map(|w| (w, place)));
+        for (rim, place) in self.rim.iter().zip(0..) {
+            self.edges.extend(rim.map(|w| (w, place)));
         }
         self.edges.sort_unstable();
         self.parents.clear();
@@ -193,7 +200,7 @@ impl<'m> VertexLinks<'m> {
             if label != 0 && self.parents[node as usize] == node {
                 self.tops.push(Side { label, node });
             }
-            if self.mesh.facets[self.facets[node as usize / 2] as usize].iter().all(|&w| w >= v) {
+            if self.rim[node as usize / 2].iter().all(|&w| w >= v) {
                 self.add(node, 1);
             }
         }
