@@ -27,6 +27,7 @@ use super::state::State;
 use super::team::{PERMITS, Team};
 use super::unmet::LeftOver;
 use crate::delaunay::numa::MAX_NODES;
+use crate::delaunay::tet::TetRecord;
 use crate::delaunay::worker::mark_of;
 use crate::delaunay::{
     Insertion, Locks, Removal, TetId, TetStamp, Triangulation, VertexId, Worker,
@@ -329,13 +330,18 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             self.worker.probe.pause();
             match self.pel.pop() {
                 Some(Task::Remove(v)) => self.remove(v)?,
-                Some(Task::Inspect(stamp)) if self.triangulation.is_current(stamp) => {
-                    self.inspect(stamp)?
+                Some(Task::Inspect(stamp)) => {
+                    // Looked up once: the compiler may not assume that a second time would give
+                    // the same.
+                    let record = self.triangulation.tet(stamp.tet);
+                    if record.vertex(3) == stamp.last {
+                        self.inspect(stamp, record)?;
+                    }
                 }
                 Some(Task::Serve(stamp)) if self.triangulation.is_current(stamp) => {
                     self.serve(stamp)?
                 }
-                Some(Task::Inspect(_) | Task::Serve(_)) => {}
+                Some(Task::Serve(_)) => {}
                 // Among several workers what is put off stays left over: a vertex nearby may be
                 // another one's to remove.
                 None if !L::SHARED && self.ask_again()? => {}
@@ -359,8 +365,9 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             if !self.triangulation.is_current(stamp) {
                 continue;
             }
+            let record = self.triangulation.tet(stamp.tet);
             let mut interfaces =
-                self.rules.interfaces(stamp.tet, Facets::Second(self.worker.mark()));
+                self.rules.interfaces(stamp.tet, record, Facets::Second(self.worker.mark()));
             if self.rounds < ROUNDS && self.ask_surface(stamp.tet, &mut interfaces).is_some() {
                 self.pel.push_made(stamp);
                 any = true;
@@ -398,18 +405,25 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         Ok(())
     }
 
-    fn inspect(&mut self, stamp: TetStamp) -> Result<()> {
+    #[inline(always)]
+    fn inspect(&mut self, stamp: TetStamp, record: &TetRecord) -> Result<()> {
         self.work.inspections += 1;
         self.worker.probe.inspect(self.triangulation, stamp.tet);
-        self.state.mark_elsewhere(stamp.tet);
-        let interfaces = self.rules.interfaces(stamp.tet, Facets::Second(self.worker.mark()));
-        self.inspect_facets(stamp, interfaces)
+        State::mark_elsewhere(record);
+        let facets = Facets::Second(self.worker.mark());
+        let interfaces = self.rules.interfaces(stamp.tet, record, facets);
+        self.inspect_facets(stamp, record, interfaces)
     }
 
     /// Does what the surface demands of a tet at these of its facets, or notes what its volume
     /// does. Most inspections find nothing: for these a call would be 36 instructions more.
     #[inline(always)]
-    fn inspect_facets(&mut self, stamp: TetStamp, mut interfaces: u32) -> Result<()> {
+    fn inspect_facets(
+        &mut self,
+        stamp: TetStamp,
+        record: &TetRecord,
+        mut interfaces: u32,
+    ) -> Result<()> {
         let put_off = self.work.lookups.put_off;
         // Demands stay where they were made: one is a hundred bytes and more, and a copy of what
         // was just written waits for that.
@@ -425,7 +439,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             reserve(&mut self.put_off, 1, "facets at walls")?;
             self.put_off.push(stamp);
         }
-        if let Some(wanted) = &self.rules.volume_point(stamp.tet)
+        if let Some(wanted) = &self.rules.volume_point(stamp.tet, record)
             && !self.hand_over(stamp, wanted, 0)?
         {
             self.pel.push_poor(stamp);
@@ -495,7 +509,8 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     }
 
     fn serve(&mut self, stamp: TetStamp) -> Result<()> {
-        let Some(wanted) = &self.rules.volume_point(stamp.tet) else { return Ok(()) };
+        let record = self.triangulation.tet(stamp.tet);
+        let Some(wanted) = &self.rules.volume_point(stamp.tet, record) else { return Ok(()) };
         match self.carry_out(stamp, wanted)? {
             Fate::GivenUp => self.pel.push_poor(stamp),
             // What was inserted lies in its circumball, so it is gone; but for rounding.
@@ -635,7 +650,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             for stamp in &gift.waiting {
                 // Where the tet has died meanwhile, its slot's next one is inspected twice at
                 // worst.
-                self.state.mark_elsewhere(stamp.tet);
+                State::mark_elsewhere(self.triangulation.tet(stamp.tet));
             }
             self.lost.overhead.gifts += 1;
             self.team.begging.give(beggar, gift, &self.team.parking);
@@ -667,7 +682,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         for (stamp, wanted, interfaces) in gift.points {
             if self.triangulation.is_current(stamp) && self.settle(stamp, &wanted)? == Fate::Dropped
             {
-                self.inspect_facets(stamp, interfaces)?;
+                self.inspect_facets(stamp, self.triangulation.tet(stamp.tet), interfaces)?;
             }
         }
         Ok(())

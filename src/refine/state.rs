@@ -12,6 +12,7 @@ use super::cell_table::MAX_HEADS;
 use super::rules::{ISOVERTEX, Rules};
 use super::vertex_grid::VertexGrid;
 use crate::Result;
+use crate::delaunay::tet::TetRecord;
 use crate::delaunay::worker::MARKS;
 use crate::delaunay::{TetId, VertexId, VertexKind};
 use crate::memory::{reserve, room};
@@ -142,8 +143,8 @@ impl<'a> State<'a> {
     /// Notes that a tet is no longer one that waits in the list that its mark names. A note that
     /// comes too late, to the slot's next tet, only makes its facets be inspected twice.
     #[inline]
-    pub fn mark_elsewhere(&self, t: TetId) {
-        self.rules.triangulation.tet(t).set_mark(ELSEWHERE);
+    pub fn mark_elsewhere(tet: &TetRecord) {
+        tet.set_mark(ELSEWHERE);
     }
 
     /// Notes a vertex that was inserted, an isovertex or a free one.

@@ -146,10 +146,11 @@ impl Rules<'_> {
 
     /// The first rule that applies to a tet. With all tets each facet is asked once.
     fn unmet_rule(&self, t: TetId) -> Option<Rule> {
-        let mut interfaces = self.interfaces(t, Facets::Once);
+        let record = self.triangulation.tet(t);
+        let mut interfaces = self.interfaces(t, record, Facets::Once);
         let wanted = self
             .surface_point(t, &mut interfaces, &mut Lookups::default())
-            .or_else(|| self.volume_point(t));
+            .or_else(|| self.volume_point(t, record));
         wanted.map(|wanted| wanted.rule).or_else(|| self.is_undecided(t).then_some(Rule::R4))
     }
 

@@ -73,10 +73,11 @@ fn nothing_is_demanded_when_refinement_has_ended() {
         assert_eq!(unmet, [0; 6], "{surface:?}");
         let mut facets = 0;
         for t in order {
-            let mut interfaces = rules.interfaces(t, NO_WORKER);
+            let record = triangulation.tet(t);
+            let mut interfaces = rules.interfaces(t, record, NO_WORKER);
             facets += interfaces.count_ones();
             let wanted = rules.surface_point(t, &mut interfaces, &mut Lookups::default());
-            let wanted = wanted.or_else(|| rules.volume_point(t));
+            let wanted = wanted.or_else(|| rules.volume_point(t, record));
             assert!(wanted.is_none(), "{surface:?}: {wanted:?}");
         }
         assert!(facets > 1000, "{surface:?}: {facets} sides of interface facets");
@@ -95,9 +96,13 @@ fn a_demand_is_true_while_its_tets_are_as_they_were_seen() {
     let fine = Rules::new(&triangulation, &oracle, &fine, &params(0.8), labels);
     let (mut demands, mut of_two) = (0, 0);
     for t in triangulation.living_tets() {
-        let surface =
-            fine.surface_point(t, &mut fine.interfaces(t, NO_WORKER), &mut Lookups::default());
-        for wanted in surface.into_iter().chain(fine.volume_point(t)) {
+        let record = triangulation.tet(t);
+        let surface = fine.surface_point(
+            t,
+            &mut fine.interfaces(t, record, NO_WORKER),
+            &mut Lookups::default(),
+        );
+        for wanted in surface.into_iter().chain(fine.volume_point(t, record)) {
             assert!(fine.still_applies(t, &wanted), "{wanted:?}");
             let relabelled = |other: u32| {
                 let record = triangulation.tet(other);

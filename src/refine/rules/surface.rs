@@ -8,8 +8,8 @@ use super::{
     FACET_DISTANCE, Facets, ISOVERTEX, LABEL_UNKNOWN, Lookups, MIN_DISTANCE, RefinementPoint, Rule,
     Rules, SPACING_FLOOR, Seen,
 };
-use crate::delaunay::tet::{FACET, is_free};
-use crate::delaunay::{TetId, VertexId};
+use crate::delaunay::tet::{FACET, TetRecord, is_free};
+use crate::delaunay::{Facet, TetId, VertexId};
 use crate::geometry::predicates::perturbation_order;
 use crate::geometry::shape::{has_angle_below, triangle_circumcircle};
 
@@ -19,11 +19,35 @@ const MOVE_ON_WALL: f64 = 0.02;
 /// and of delta.
 const NEAR_JUNCTION: [f64; 2] = [0.7, 0.5];
 
+/// An interface facet that R3 may ask for something at.
+struct InterfaceFacet {
+    t: TetId,
+    /// The facet as the tet across has it.
+    neighbor: Facet,
+    /// What `t` and the tet across were seen to be.
+    seen: Seen,
+    other: Seen,
+    vertices: [VertexId; 3],
+    at_wall: Option<FacetAtWall>,
+    misshapen: bool,
+}
+
 impl Rules<'_> {
     /// What R3 asks for the next of `interfaces`, facets of `t` as bits ([`Self::interfaces`]),
     /// that asks for anything; leaves those behind it.
-    #[inline]
+    #[inline(always)]
     pub fn surface_point(
+        &self,
+        t: TetId,
+        interfaces: &mut u32,
+        asked: &mut Lookups,
+    ) -> Option<RefinementPoint> {
+        // Most tets have none: for these a call would be thirty instructions more.
+        if *interfaces == 0 { None } else { self.next_surface_point(t, interfaces, asked) }
+    }
+
+    #[inline(never)]
+    fn next_surface_point(
         &self,
         t: TetId,
         interfaces: &mut u32,
@@ -42,10 +66,8 @@ impl Rules<'_> {
     /// Those of `facets` of `t`, whose label is known, that are interfaces, as bits; none of a tet
     /// too flat to have a circumcenter. Which tets wait is as good as random, so there is no branch
     /// on it.
-    #[inline]
-    pub fn interfaces(&self, t: TetId, facets: Facets) -> u32 {
-        let record = self.triangulation.tet(t);
-        self.triangulation.prefetch_neighbors(record);
+    #[inline(always)]
+    pub fn interfaces(&self, t: TetId, record: &TetRecord, facets: Facets) -> u32 {
         if !record.sphere().is_certain() {
             return 0;
         }
@@ -67,6 +89,7 @@ impl Rules<'_> {
     }
 
     /// R3 for an interface facet: facet `i` of `t`.
+    #[inline(always)]
     fn facet_point(&self, t: TetId, i: usize, asked: &mut Lookups) -> Option<RefinementPoint> {
         let record = self.triangulation.tet(t);
         let seen = Seen::of(record);
@@ -87,19 +110,40 @@ impl Rules<'_> {
             return None;
         }
         let vertices = FACET[i].map(|k| seen.vertices[k]);
-        let facet @ [a, ..] = vertices.map(|v| self.triangulation.position(v));
+        let facet = vertices.map(|v| self.triangulation.position(v));
         let misshapen = self.is_misshapen(vertices, facet);
         let tets = [t, neighbor.tet()];
-        let (x, radius) = if let Some(at_wall) = self.at_wall([&seen, &other], tets) {
+        let at_wall = self.at_wall([&seen, &other], tets);
+        // Most facets are as they should be: what comes of the others is not inlined, for it needs
+        // all registers.
+        if at_wall.is_none()
+            && !misshapen
+            && !self.strays(vertices, facet, [here.center, there.center], labels, asked)
+        {
+            return None;
+        }
+        let facet = InterfaceFacet { t, neighbor, seen, other, vertices, at_wall, misshapen };
+        self.surface_center(facet, asked)
+    }
+
+    /// What R3 inserts for a facet at a wall, one that is misshapen, or one that strays from the
+    /// interface.
+    #[inline(never)]
+    fn surface_center(
+        &self,
+        facet: InterfaceFacet,
+        asked: &mut Lookups,
+    ) -> Option<RefinementPoint> {
+        let InterfaceFacet { t, neighbor, seen, other, vertices, at_wall, misshapen } = facet;
+        let (here, there) = (seen.sphere, other.sphere);
+        let labels = [seen.label, other.label];
+        let facet @ [a, ..] = vertices.map(|v| self.triangulation.position(v));
+        let tets = [t, neighbor.tet()];
+        let (x, radius) = if let Some(at_wall) = at_wall {
             asked.crossings += 1;
             let reach = self.facet_distance(vertices);
             self.surface_center_at_wall(&at_wall, facet, misshapen, reach, asked)?
         } else {
-            if !misshapen
-                && !self.strays(vertices, facet, [here.center, there.center], labels, asked)
-            {
-                return None;
-            }
             // A segment that crosses more than once has one surface center, whichever side is
             // asked.
             let (label, from, to) = if perturbation_order(here.center, there.center).is_lt() {

@@ -10,9 +10,17 @@ use crate::geometry::shape::shortest_squared_edge;
 
 impl Rules<'_> {
     /// What the first volume rule (R2, R4, R5) that applies to `t` asks for.
-    pub fn volume_point(&self, t: TetId) -> Option<RefinementPoint> {
-        let record = self.triangulation.tet(t);
+    #[inline(always)]
+    pub fn volume_point(&self, t: TetId, record: &TetRecord) -> Option<RefinementPoint> {
+        // Of the background nothing is asked, but where a tet is flat.
+        let is_plain_background = record.tag() == 0 && record.sphere().is_certain();
+        if is_plain_background { None } else { self.volume_point_of(t, record) }
+    }
+
+    #[inline(never)]
+    fn volume_point_of(&self, t: TetId, record: &TetRecord) -> Option<RefinementPoint> {
         let (label, sphere) = (record.tag(), record.sphere());
+        // Asked again: with others at work the record may have changed since.
         if label == 0 && (sphere.is_certain() || !self.has_interface(record)) {
             return None;
         }
@@ -25,29 +33,35 @@ impl Rules<'_> {
             return self.flat_point(record, seen);
         }
         let squared_radius = sphere.squared_radius();
-        let wanted = |rule| {
-            let (mut point, mut kind) = (sphere.center, VertexKind::Free);
-            if let Some(back) = self.oracle.back_to_walls(point) {
-                point = self.volume_point_at_wall(point, back, squared_radius.sqrt())?;
-                kind = ISOVERTEX;
-            }
-            Some(RefinementPoint { rule, point, kind, start: t, seen, across: None })
-        };
         // The cheapest first: all three ask for the same point.
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
-        if squared_radius > size_squared {
-            wanted(Rule::R5)
+        let rule = if squared_radius > size_squared {
+            Rule::R5
         } else if squared_radius > self.large_squared
             && self.is_large(seen.vertices, squared_radius)
         {
-            wanted(Rule::R2)
+            Rule::R2
         } else if squared_radius > self.small_squared
             && self.is_skinny(seen.vertices, squared_radius)
         {
-            wanted(Rule::R4)
+            Rule::R4
         } else {
-            None
+            return None;
+        };
+        self.center_of_ball(rule, t, seen)
+    }
+
+    /// The circumcenter of `t`, or the point of a wall in its place. Not inlined: most tets need
+    /// none.
+    #[inline(never)]
+    fn center_of_ball(&self, rule: Rule, t: TetId, seen: Seen) -> Option<RefinementPoint> {
+        let (mut point, mut kind) = (seen.sphere.center, VertexKind::Free);
+        if let Some(back) = self.oracle.back_to_walls(point) {
+            let radius = seen.sphere.squared_radius().sqrt();
+            point = self.volume_point_at_wall(point, back, radius)?;
+            kind = ISOVERTEX;
         }
+        Some(RefinementPoint { rule, point, kind, start: t, seen, across: None })
     }
 
     /// Whether a radius is larger than R2 allows: 2 deltas of the vertices that are isovertices, on
