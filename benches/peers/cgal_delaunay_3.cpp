@@ -53,7 +53,7 @@ void collect(const std::string &path, double delta, double size, double threads,
         .set_threads(static_cast<std::size_t>(threads))
         .set_background(true);
     // As the runs beside it.
-    params.set_adaptive(LAPD_ADAPTIVE_OFF);
+    params.set_adaptive(LAPD_ADAPTIVE_OFF).set_improve(LAPD_IMPROVE_NONE);
     const lapd::image image = lapd::image::read(context, path);
     const lapd::mesh mesh = lapd::mesh::make(context, image, params);
     const auto coordinates = mesh.points().values();

@@ -4,6 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::grid_corners::Corners;
+use super::points::Points;
 use super::triangle_bins::Triangle;
 use super::voxel_faces::{Face, VoxelFaces};
 use super::{CHECK_EVERY, CHUNK, Distance, MAX_ALONG, PART, Sum, TOLERANCE};
@@ -38,6 +39,9 @@ pub(crate) fn mesh_to_image(
         let mut keyed_sums = KeyedSums::default();
         let mut start = None;
         let mut corners = faces.corners_of_grid();
+        let mut points = Points::default();
+        // Samples since the last look at the cancel flag.
+        let mut unchecked = 0;
         // Of each sample in turn, rounded up.
         let mut distances: Vec<f32> = Vec::new();
         let mut sides: [Option<Side>; 2] = [None, None];
@@ -57,24 +61,16 @@ pub(crate) fn mesh_to_image(
             let mut of_sides = [Sum::default(); 2];
             let parts = Parts::new(&triangle.corners, PART * spacing);
             let weight = parts.area();
-            parts.for_each(|p, _| {
-                if distances.len().is_multiple_of(CHECK_EVERY) {
-                    monitor.advance(0)?;
-                    reserve(&mut distances, CHECK_EVERY, "distances of facets")?;
-                }
-                // What is near a corner of the grid, as most is, is told by the voxels there.
-                let [near, of_labels @ ..] = corners.near_distances(p, triangle.ids);
+            let mut look_at = |p: DVec3, [near, of_labels @ ..]: [f64; 3]| {
                 if are_there && near.is_finite() && of_labels == [near; 2] {
                     let distance = near.sqrt();
-                    distances.push(rounded_up(distance));
                     of_each += Sum::of(weight, distance);
-                    return Ok(());
+                    return distance;
                 }
                 let far = if near.is_finite() { None } else { faces.nearest(p, start) };
                 start = far.map(|(face, _)| face).or(start);
                 let squared_of_all = far.map_or(near, |(_, squared)| squared);
                 let distance = squared_of_all.sqrt();
-                distances.push(rounded_up(distance));
                 let sum_of_all = Sum::of(weight, distance);
                 of_all += sum_of_all;
                 for ((side, sum), near) in sides.iter_mut().zip(&mut of_sides).zip(of_labels) {
@@ -95,8 +91,29 @@ pub(crate) fn mesh_to_image(
                         Sum::of(weight, squared.sqrt())
                     };
                 }
+                distance
+            };
+            let mut look_at_all = |points: &mut Points| {
+                unchecked += points.len();
+                if unchecked >= CHECK_EVERY {
+                    monitor.advance(0)?;
+                    unchecked = 0;
+                }
+                reserve(&mut distances, points.len(), "distances of facets")?;
+                // What is near a corner of the grid, as most is, is told by the voxels there.
+                corners.near_distances(points, triangle.ids);
+                distances.extend((0..points.len()).map(|i| {
+                    let distance = look_at(points.get(i), points.distances(i));
+                    rounded_up(distance)
+                }));
+                points.clear();
                 Ok(())
+            };
+            parts.for_each(|p, _| {
+                points.push(p);
+                if points.is_full() { look_at_all(&mut points) } else { Ok(()) }
             })?;
+            look_at_all(&mut points)?;
             of_all += of_each;
             whole += of_all;
             for (side, mut sum) in sides.iter().zip(of_sides) {
@@ -123,7 +140,8 @@ pub(crate) fn mesh_to_image(
         monitor.advance(0)?;
         let (near, max) = (faces.corners_of_grid(), sampled.max);
         let (start, bounds, tolerance) = (None, [DVec3::ZERO; 2], TOLERANCE * spacing);
-        let mut search = Search { faces, near, start, bounds, max, tolerance, monitor };
+        let points = Points::default();
+        let mut search = Search { faces, near, points, start, bounds, max, tolerance, monitor };
         let mut distances = &distances[..];
         triangles.iter().try_for_each(|triangle| search.look_at(triangle, &mut distances))?;
         Ok(search.max)
@@ -137,6 +155,8 @@ pub(crate) fn mesh_to_image(
 struct Search<'s, 'i, 'm> {
     faces: &'s VoxelFaces<'i>,
     near: Corners<'i>,
+    /// Room for one point.
+    points: Points,
     /// The face that was found last.
     start: Option<Face>,
     /// Corners of the box around the facet.
@@ -213,7 +233,10 @@ impl Search<'_, '_, '_> {
     /// Distance to the nearest face; 0 where there is none.
     #[inline(never)]
     fn distance(&mut self, p: DVec3, ids: [u16; 2]) -> f64 {
-        let [squared, ..] = self.near.near_distances(p, ids);
+        self.points.clear();
+        self.points.push(p);
+        self.near.near_distances(&mut self.points, ids);
+        let [squared, ..] = self.points.distances(0);
         if squared.is_finite() {
             return squared.sqrt();
         }

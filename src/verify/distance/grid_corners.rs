@@ -7,11 +7,15 @@
 //! distances are all there are; which of them count is told by a table from the set of voxels that
 //! have a label.
 //!
+//! Points come some at a time ([`Points`]), so that what is computed of each is vectorised, as in
+//! [`star`](crate::geometry::star); only the voxels around a corner are looked up point by point.
+//!
 //! A memory of corners belongs to who asks; any number of threads may have one each. Some hundred
 //! instructions a point.
 
 use glam::DVec3;
 
+use super::points::Points;
 use crate::image::LabelImage;
 
 /// The voxels around a corner of the grid, x fastest.
@@ -45,23 +49,33 @@ impl<'i> Corners<'i> {
         Self { image, spacing, per_spacing: 1.0 / spacing, last, known: [unknown; 64] }
     }
 
-    /// Squared distances from `p` to the nearest face of all, and to the nearest ones of two
-    /// labels, as far as the corner of the grid nearest to `p` tells: twelve faces meet there, and
+    /// Squared distances from `points` to the nearest face of all, and to the nearest ones of two
+    /// labels, as far as the corner of the grid nearest to each tells: twelve faces meet there, and
     /// all others are no nearer than the planes of the grid beyond. What it does not tell is
     /// infinite.
-    #[inline(always)]
-    pub fn near_distances(&mut self, p: DVec3, ids: [u16; 2]) -> [f64; 3] {
-        // The sum with 2^52 has the nearest integer in its low bits; a call of `floor` takes
-        // several times as long.
-        const SHIFT: f64 = (1_u64 << 52) as f64;
-        let shifted = p * self.per_spacing + SHIFT;
-        let corner = shifted - SHIFT;
-        if !(corner.cmpge(DVec3::ZERO).all() && corner.cmple(self.last).all()) {
-            return [f64::INFINITY; 3];
+    #[inline]
+    pub fn near_distances(&mut self, points: &mut Points, ids: [u16; 2]) {
+        points.offsets(self.spacing, self.per_spacing, self.last);
+        let mut is_one_code = true;
+        for i in 0..points.len {
+            points.codes.iter_mut().for_each(|row| row[i] = 0);
+            if points.beyond[i] < 0.0 {
+                continue;
+            }
+            let corner = points.corners.each_ref().map(|row| row[i].to_bits() as u32 as usize);
+            let codes = self.codes(corner, points.octants[i] as usize, ids);
+            is_one_code &= codes[1] == codes[0] && codes[2] == codes[0];
+            for (row, code) in points.codes.iter_mut().zip(codes) {
+                row[i] = code.into();
+            }
         }
-        let offset = p - corner * self.spacing;
-        let octant = offset.cmpge(DVec3::ZERO).bitmask() as usize;
-        let corner = shifted.to_array().map(|x| x.to_bits() as u32 as usize);
+        points.nearest(is_one_code);
+    }
+
+    /// Where faces are around a corner of the grid, for a point in `octant`: of all, and of two
+    /// labels; see [`CODES`].
+    #[inline(always)]
+    fn codes(&mut self, corner: [usize; 3], octant: usize, ids: [u16; 2]) -> [u8; 3] {
         let [i, j, k] = corner;
         let place = (i & 3) | (j & 3) << 2 | (k & 3) << 4;
         let [nx, ny, _] = self.image.dims();
@@ -76,25 +90,7 @@ impl<'i> Corners<'i> {
         } else {
             around_code(&known.around, octant) as u8
         };
-        let DVec3 { x, y, z } = offset * offset;
-        let squares = [x, y, z, x + y, x + z, y + z, x + y + z];
-        let beyond = (self.spacing - offset.abs()).min_element();
-        let distance = |code: u8| {
-            // No branch on the bits, which could not be foreseen.
-            let absent = &ABSENT[usize::from(code)];
-            let nearest =
-                squares.iter().zip(absent).fold(f64::INFINITY, |nearest, (square, absent)| {
-                    let square = square + absent;
-                    if square < nearest { square } else { nearest }
-                });
-            if nearest <= beyond * beyond { nearest } else { f64::INFINITY }
-        };
-        let nearest = distance(all);
-        if all == one && one == other {
-            [nearest; 3]
-        } else {
-            [nearest, distance(one), distance(other)]
-        }
+        [all, one, other]
     }
 }
 
@@ -151,19 +147,6 @@ static CODES: [[u8; 256]; 8] = {
     codes
 };
 
-/// Infinity for each bit that a code of [`CODES`] does not have.
-static ABSENT: [[f64; 7]; 128] = {
-    let mut absent = [[f64::INFINITY; 7]; 128];
-    let mut at = 0;
-    while at < 128 * 7 {
-        if (at / 7) >> (at % 7) & 1 == 1 {
-            absent[at / 7][at % 7] = 0.0;
-        }
-        at += 1;
-    }
-    absent
-};
-
 /// Where faces are between eight voxels, the first of which holds a point near the corner that they
 /// share: see [`CODES`].
 const fn code(ids: &[u16; 8]) -> u32 {
@@ -216,7 +199,10 @@ mod tests {
             let all = faces.all();
             let p = DVec3::from(p) * DVec3::from(spacing);
             let ids = ids.map(|id| id.min(image.labels().len() as u16 - 1));
-            let found = Corners::new(&image).near_distances(p, ids);
+            let mut points = Points::default();
+            points.push(p);
+            Corners::new(&image).near_distances(&mut points, ids);
+            let found = points.distances(0);
             let wanted = |id: Option<u16>| {
                 let of = all.iter().filter(|&&f| id.is_none_or(|id| faces.touches(f, id)));
                 of.map(|&f| faces.distance_squared(f, p)).fold(f64::INFINITY, f64::min)

@@ -39,6 +39,7 @@
 mod from_image;
 mod from_mesh;
 mod grid_corners;
+mod points;
 mod to_surface;
 mod triangle_bins;
 mod voxel_faces;
