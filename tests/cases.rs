@@ -2,13 +2,15 @@
 //! checkout, or of the folder that `LAPD_IMAGES` names.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
-use lapd::image::{LabelImage, MapValues};
+use lapd::image::{LabelImage, MapValues, WorldAxes};
 use lapd::io::read::values::{read_gray, read_maps, read_probabilities};
 use lapd::io::read::{ReadOptions, read_image};
+use lapd::io::write::{WriteOptions, write_mesh_watching};
 use lapd::mesh::TetMesh;
 use lapd::monitor::{Level, Monitor};
-use lapd::params::{ImageBorder, MeshParams};
+use lapd::params::{CertificateLevel, ImageBorder, MeshParams};
 use lapd::pipeline::mesh_image;
 use lapd::verify::certificate::{DefectKind, SmallLost};
 
@@ -255,5 +257,45 @@ fn a_smooth_border_closes_what_fills_the_image() {
         let part = volume(&mesh) / (16.0 * 16.0 * 12.0);
         println!("{name}: {part}");
         assert!((0.95..1.0).contains(&part), "{name}: {part}");
+    }
+}
+
+/// The files of a mesh say what its axes mean, as the image did.
+#[test]
+fn meshes_say_the_frame_of_their_image() {
+    let Some(path) = case("frame_ras.nii.gz") else { return };
+    let read = read_image(&path).unwrap();
+    assert_eq!(read.world, Some(WorldAxes::Ras));
+    let mesh = mesh_image(&read.image, &flat(2.0, 0.0), &Monitor::silent()).unwrap().mesh;
+    let folder = tempfile::tempdir().unwrap();
+    let options = WriteOptions { world: read.world, ..WriteOptions::default() };
+    for ending in ["stl", "ply", "vtk"] {
+        let path = folder.path().join(format!("a.{ending}"));
+        write_mesh_watching(&mesh, &path, options, None).unwrap();
+        let file = std::fs::read(&path).unwrap();
+        assert!(file.windows(9).any(|part| part == b"SPACE=RAS"), "{ending}");
+    }
+}
+
+/// Slices 4000 times as thick as pixels: distances need what the image and the mesh do, and limits
+/// hold for them, too.
+#[test]
+fn distances_of_thick_slices_are_bounded() {
+    let Some(path) = case("spacing_1_1_4000.nrrd") else { return };
+    let image = read_image(&path).unwrap().image;
+    for mebibytes in [20, 64] {
+        let start = Instant::now();
+        let params = MeshParams {
+            certificate: CertificateLevel::Full,
+            max_memory: Some(mebibytes << 20),
+            time_limit: Some(20.0),
+            ..flat(24.0, 0.0)
+        };
+        let ended = mesh_image(&image, &params, &Monitor::silent());
+        assert!(start.elapsed().as_secs_f64() < 30.0, "{:?}", start.elapsed());
+        match ended {
+            Ok(made) => assert!(made.report.certificate.mesh_to_image.is_some()),
+            Err(error) => assert!(error.is_limit(), "{error}"),
+        }
     }
 }
