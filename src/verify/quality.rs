@@ -53,7 +53,8 @@ pub struct Quality {
     /// Six dihedral angles per tet, in bins of 10 degrees; an angle of exactly 180 is in the last
     /// bin.
     pub dihedral_histogram: [u64; 18],
-    /// Scaled Jacobians ([`TetMeasures`]), in bins of 1/20 from 0 on.
+    /// Scaled Jacobians, in bins of 1/20 from 0 on; for these measures see
+    /// [`TetMeasures`](crate::geometry::measures::TetMeasures).
     pub scaled_jacobian: Spread,
     /// Edge ratios, in bins of 1/4 from 1 on.
     pub edge_ratio: Spread,
