@@ -32,11 +32,11 @@ use rayon::prelude::*;
 use super::mesh_components::MeshComponents;
 pub use super::vertex_links::NonManifold;
 use super::vertex_links::{Corner, Touch, VertexLinks};
-use crate::Result;
 use crate::memory::{filled, zeroed};
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::reduce::Sums;
+use crate::{Error, Result};
 
 /// Facets, or vertices, per work item.
 const CHUNK: usize = 1 << 12;
@@ -125,7 +125,13 @@ struct Stars {
 }
 
 impl Stars {
+    /// # Errors
+    /// [`Error::LimitReached`] for more than 1431655764 facets, whose corners have no numbers;
+    /// [`Error::Cancelled`], [`Error::OutOfMemory`].
     fn new(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<Self> {
+        if mesh.facets.len() >= (u32::MAX / 3) as usize {
+            return Err(Error::LimitReached("more than 1431655764 interface facets".into()));
+        }
         let first: Vec<AtomicU32> = zeroed(mesh.points.len(), "vertices")?;
         let next: Vec<AtomicU32> = zeroed(3 * mesh.facets.len(), "facets of vertices")?;
         // Relaxed: each list is read when all are made. Which corner comes first in it does not
