@@ -514,8 +514,8 @@ typedef enum {
    */
   LAPD_CERTIFICATE_SOUND = 1,
   /**
-   * That, and the distances between mesh and image, in both directions, which take about as long
-   * as the refinement.
+   * That, and the distances between mesh and image, in both directions, which take about half
+   * as long as the refinement.
    */
   LAPD_CERTIFICATE_FULL = 2,
 } lapd_certificate_level;

@@ -49,9 +49,9 @@ pub enum Step {
     Validate,
     /// Slivers are removed.
     Improve,
-    /// Shapes are measured.
+    /// Shapes and orientations are measured.
     Quality,
-    /// Orientations, orphans, components and their boundaries.
+    /// Orphans, components and their boundaries.
     Counts,
     /// The image's interfaces are collected, and the mesh's distance to them is measured.
     MeshToImage,
@@ -61,8 +61,8 @@ pub enum Step {
     Done,
 }
 
-/// Phase of each step, and the part of a run's time at which it starts: as on the abdomen at delta
-/// 2, one thread, with all that is measured.
+/// Phase of each step, and the part of a run's time at which it starts: as it was on the abdomen at
+/// delta 2, one thread, with all that is measured, when every tet was asked for unmet rules.
 const STEPS: [(Phase, f64); 11] = [
     (Phase::Prepare, 0.0),
     (Phase::Refine, 0.01),

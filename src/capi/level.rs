@@ -15,8 +15,8 @@ pub enum lapd_certificate_level {
     /// rules that stay unmet, volumes, components with what became of them, Euler numbers, defects,
     /// quality. The default.
     LAPD_CERTIFICATE_SOUND = 1,
-    /// That, and the distances between mesh and image, in both directions, which take about as long
-    /// as the refinement.
+    /// That, and the distances between mesh and image, in both directions, which take about half
+    /// as long as the refinement.
     LAPD_CERTIFICATE_FULL = 2,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! | file | what it is |
 //! |---|---|
-//! | [`quality`] | the shape of tets and interface facets |
+//! | [`quality`] | the shape and orientation of tets, the shape of interface facets |
 //! | [`topology`] | components, boundaries and their Euler characteristics, in mesh and image |
 //! | [`distance`] | distances between mesh and image, both ways |
 //! | `off_walls` | outer facets that should lie where the image ends |

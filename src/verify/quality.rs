@@ -6,7 +6,8 @@
 //!
 //! Where only the order of angles matters they are told by the squared cotangent with its sign,
 //! which takes no root and loses no digits near 0 and 180 degrees, where slivers are. Only tets
-//! with a label other than 0 count; background that was kept is not part of the object.
+//! with a label other than 0 count; background that was kept is not part of the object. But tets
+//! that are not positive are counted among all.
 //!
 //! Pure functions of the mesh, safe from any thread. Linear in the number of tets and parallel in
 //! the current rayon pool; the partial results are combined in the order of the tets, so that equal

@@ -115,7 +115,9 @@ pub(super) fn open<'a>(path: &Path, _: Volumes, access: Access<'a>) -> Result<Op
     }
     described.check(path, count)?;
     pages.seek_to_image(0).map_err(broken)?;
-    let page = u64::from(size.0) * u64::from(size.1) * scalar.size() as u64;
+    // Headers may name sizes beyond all numbers; memory for these is refused below.
+    let pixels = u64::from(size.0) * u64::from(size.1);
+    let page = pixels.saturating_mul(scalar.size() as u64);
     let bytes = page.saturating_mul(count);
     let mut limits = Limits::default();
     limits.decoding_buffer_size = usize::try_from(page).unwrap_or(usize::MAX).max(BESIDE);
@@ -134,7 +136,8 @@ pub(super) fn open<'a>(path: &Path, _: Volumes, access: Access<'a>) -> Result<Op
     };
     let source = Source::of_decoder(path, access, BufReader::new(stream), length, bytes);
     // A page is decoded at once where it is in tiles, or in one strip.
-    source.check_memory(page + 2 * (bytes / scalar.size() as u64))?;
+    let labels = 2_u64.saturating_mul(bytes / scalar.size() as u64);
+    source.check_memory(page.saturating_add(labels))?;
     let sizes = [u64::from(size.0), u64::from(size.1), count];
     // The decoder gives the machine's own numbers.
     let coding = if cfg!(target_endian = "big") { Coding::BigEndian } else { Coding::LittleEndian };
@@ -360,6 +363,30 @@ mod tests {
             image.write_data(page).unwrap();
         }
         bytes.into_inner()
+    }
+
+    /// A page of such a size, without any pixels.
+    fn header_alone(width: u32, height: u32, bits: u32) -> Vec<u8> {
+        let mut bytes = b"II*\0\x08\0\0\0\x07\0".to_vec();
+        // Width, height, bits, no compression, 0 is black, place and bytes of the strip.
+        let tags = [256, 257, 258, 259, 262, 273, 279_u16];
+        for (tag, value) in tags.into_iter().zip([width, height, bits, 1, 1, 2, 0]) {
+            bytes.extend(
+                [&tag.to_le_bytes()[..], &[4, 0, 1, 0, 0, 0], &value.to_le_bytes()].concat(),
+            );
+        }
+        bytes.extend([0; 4]);
+        bytes
+    }
+
+    #[test]
+    fn sizes_beyond_all_numbers_are_refused() {
+        for (width, height) in [(0xffff_0002, 0x8000_0002), (u32::MAX, u32::MAX), (u32::MAX, 1)] {
+            for bits in [8, 16, 64] {
+                let error = read_bytes("a.tif", &header_alone(width, height, bits)).unwrap_err();
+                assert!(error.contains("max-read-bytes"), "{width} x {height}: {error}");
+            }
+        }
     }
 
     fn values<T: From<u8>>() -> [Vec<T>; 2] {

@@ -94,11 +94,11 @@ pub(crate) fn mesh_to_image(
                 distance
             };
             let mut look_at_all = |points: &mut Points| {
-                unchecked += points.len();
-                if unchecked >= CHECK_EVERY {
+                if unchecked + points.len() > CHECK_EVERY {
                     monitor.advance(0)?;
                     unchecked = 0;
                 }
+                unchecked += points.len();
                 reserve(&mut distances, points.len(), "distances of facets")?;
                 // What is near a corner of the grid, as most is, is told by the voxels there.
                 corners.near_distances(points, triangle.ids);
@@ -155,7 +155,7 @@ pub(crate) fn mesh_to_image(
 struct Search<'s, 'i, 'm> {
     faces: &'s VoxelFaces<'i>,
     near: Corners<'i>,
-    /// Room for one point.
+    /// Holds the one point that is asked about.
     points: Points,
     /// The face that was found last.
     start: Option<Face>,

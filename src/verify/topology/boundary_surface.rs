@@ -57,7 +57,8 @@ impl BoundarySurfaces {
     /// Measures the boundaries of the parts of a mesh, and joins those that touch to `components`.
     ///
     /// # Errors
-    /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
+    /// [`Error::Cancelled`], [`Error::OutOfMemory`]; [`Error::LimitReached`] for more than
+    /// 1431655764 facets.
     pub(crate) fn measure(
         mesh: &TetMesh,
         components: &mut MeshComponents,

@@ -104,13 +104,14 @@ impl<'m> VertexLinks<'m> {
         }
     }
 
-    /// Counts at vertex `v`, whose facets are given, its cycles, and the edges and facets of
-    /// which it is the smallest vertex.
+    /// Counts at vertex `v`, which stands at the given corners of facets, its cycles, and the edges
+    /// and facets of which it is the smallest vertex.
     pub fn look_at(&mut self, v: u32, corners: impl Iterator<Item = Corner>) {
         self.facets.clear();
         self.rim.clear();
         for Corner { facet, place } in corners {
             let vertices = self.mesh.facets[facet as usize];
+            debug_assert_eq!(vertices[place], v);
             self.facets.push(facet);
             self.rim.push([vertices[(place + 1) % 3], vertices[(place + 2) % 3]]);
         }
