@@ -16,5 +16,6 @@ pub mod shape;
 pub mod sphere;
 pub mod star;
 pub(crate) mod tet_block;
+pub(crate) mod vectors;
 
 pub use glam::DVec3;

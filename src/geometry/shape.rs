@@ -13,7 +13,7 @@ pub fn shortest_squared_edge(v: [DVec3; 4]) -> f64 {
 
 /// The smaller of two numbers, neither NaN: one instruction, where `f64::min` takes five.
 #[inline(always)]
-fn smaller(x: f64, y: f64) -> f64 {
+pub(crate) fn smaller(x: f64, y: f64) -> f64 {
     if x < y { x } else { y }
 }
 

@@ -134,12 +134,7 @@ fn compute_block(corners: &Corners, spheres: &mut Spheres, count: usize, origin:
 mod tests {
     use super::*;
     use crate::geometry::predicates::orient;
-
-    /// A number in [0, 1) for each index, equally distributed (Weyl); squares, so that points in
-    /// sequence are not in line.
-    fn weyl(i: usize) -> f64 {
-        ((i * i) as f64 * 0.618_033_988_749_894_9).fract()
-    }
+    use crate::geometry::vectors::weyl;
 
     /// Positive tets of a star around `apex`, more than one block of them, each tenth one flat.
     fn tets(apex: DVec3) -> Vec<[DVec3; 3]> {

@@ -1,13 +1,14 @@
 //! The measures of many tets at once, by vector instructions, for two or four tets side by side.
 //! The formulas are those of [`measures`](super::measures) and [`sphere`](super::sphere).
 //!
-//! As in [`star`](super::star): the loops are written so that the compiler vectorises them, on
-//! x86-64 a second instance for AVX2 is chosen when the program runs, and both give the same bits.
+//! As in [`star`](super::star), the loops are written so that the compiler vectorises them
+//! ([`vectors`](super::vectors)).
 
 use glam::DVec3;
 
 use super::measures::{Cotangent, TetMeasures, TetShape, tet_centroid, tet_volume};
 use super::sphere::{Circumsphere, Origin, relative_to};
+use super::vectors::vectorized;
 
 /// Tets of one block: what is known of them stays in the nearest cache.
 pub(crate) const BLOCK: usize = 64;
@@ -137,32 +138,17 @@ impl TetBlock {
         shapes: &mut Shapes,
         counts: &mut [u64; N],
     ) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2, the only thing that the function needs.
-            return unsafe { shapes_avx2(self, ends, shapes, counts) };
-        }
-        shapes_portably(self, ends, shapes, counts);
+        shapes_of(self, ends, shapes, counts);
     }
 
     /// Finds volumes and centroids, the latter as `moved` has them.
     pub fn places(&self, moved: impl Fn(DVec3) -> DVec3, places: &mut Places) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2, the only thing that the function needs.
-            return unsafe { places_avx2(self, &moved, places) };
-        }
-        places_portably(self, &moved, places);
+        places_of(self, &moved, places);
     }
 
     /// Computes the circumspheres.
     pub fn spheres(&self, spheres: &mut Spheres) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2, the only thing that the function needs.
-            return unsafe { spheres_avx2(self, spheres) };
-        }
-        spheres_portably(self, spheres);
+        spheres_of(self, spheres);
     }
 }
 
@@ -171,26 +157,14 @@ fn corners_of(corners: &[[Row; 3]; 4], i: usize) -> [DVec3; 4] {
     [0, 1, 2, 3].map(|k: usize| DVec3::new(corners[k][0][i], corners[k][1][i], corners[k][2][i]))
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn shapes_avx2<const N: usize>(
-    block: &TetBlock,
-    ends: &[Cotangent; N],
-    shapes: &mut Shapes,
-    counts: &mut [u64; N],
-) {
-    measure_shapes(block, ends, shapes, counts);
-}
-
-/// Not inlined: only the arguments of a function are known not to overlap.
-#[inline(never)]
-fn shapes_portably<const N: usize>(
-    block: &TetBlock,
-    ends: &[Cotangent; N],
-    shapes: &mut Shapes,
-    counts: &mut [u64; N],
-) {
-    measure_shapes(block, ends, shapes, counts);
+vectorized! {
+    fn shapes_of[const N: usize](
+        block: &TetBlock,
+        ends: &[Cotangent; N],
+        shapes: &mut Shapes,
+        counts: &mut [u64; N]
+    ) = measure_shapes;
+    shapes_avx2, shapes_portably
 }
 
 #[inline(always)]
@@ -225,16 +199,13 @@ fn measure_shapes<const N: usize>(
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn places_avx2(block: &TetBlock, moved: &impl Fn(DVec3) -> DVec3, places: &mut Places) {
-    find_places(block, moved, places);
-}
-
-/// Not inlined: only the arguments of a function are known not to overlap.
-#[inline(never)]
-fn places_portably(block: &TetBlock, moved: &impl Fn(DVec3) -> DVec3, places: &mut Places) {
-    find_places(block, moved, places);
+vectorized! {
+    fn places_of[M: Fn(DVec3) -> DVec3](
+        block: &TetBlock,
+        moved: &M,
+        places: &mut Places
+    ) = find_places;
+    places_avx2, places_portably
 }
 
 #[inline(always)]
@@ -247,16 +218,9 @@ fn find_places(block: &TetBlock, moved: &impl Fn(DVec3) -> DVec3, places: &mut P
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn spheres_avx2(block: &TetBlock, spheres: &mut Spheres) {
-    compute_spheres(block, spheres);
-}
-
-/// Not inlined: only the arguments of a function are known not to overlap.
-#[inline(never)]
-fn spheres_portably(block: &TetBlock, spheres: &mut Spheres) {
-    compute_spheres(block, spheres);
+vectorized! {
+    fn spheres_of[](block: &TetBlock, spheres: &mut Spheres) = compute_spheres;
+    spheres_avx2, spheres_portably
 }
 
 #[inline(always)]
@@ -274,12 +238,7 @@ fn compute_spheres(block: &TetBlock, spheres: &mut Spheres) {
 mod tests {
     use super::*;
     use crate::geometry::measures::{tet_circumradius, tet_measures};
-
-    /// A number in [0, 1) for each index, equally distributed (Weyl); squares, so that points in
-    /// sequence are not in line.
-    fn weyl(i: usize) -> f64 {
-        ((i * i) as f64 * 0.618_033_988_749_894_9).fract()
-    }
+    use crate::geometry::vectors::weyl;
 
     /// Tets of all shapes, the first ones flat, or with two equal vertices.
     fn block(len: usize) -> TetBlock {

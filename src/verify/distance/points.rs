@@ -1,10 +1,13 @@
 //! What is computed of points near the corners of a grid, some at a time: see
 //! [`grid_corners`](super::grid_corners).
 //!
-//! The loops are written so that the compiler vectorises them. On x86-64 a second instance for AVX2
-//! is chosen when the program runs; both give the same bits.
+//! The loops are written so that the compiler vectorises them
+//! ([`vectors`](crate::geometry::vectors)).
 
 use glam::DVec3;
+
+use crate::geometry::shape::smaller;
+use crate::geometry::vectors::vectorized;
 
 /// Most points at once.
 pub(super) const AT_ONCE: usize = 64;
@@ -94,22 +97,12 @@ impl Points {
     /// the index of its last corner.
     pub(super) fn offsets(&mut self, spacing: DVec3, per_spacing: DVec3, last: DVec3) {
         let grid = [spacing, per_spacing, last];
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2, the only thing that the function needs.
-            return unsafe { offsets_avx2(self, &grid) };
-        }
-        offsets_portably(self, &grid);
+        offsets_of(self, &grid);
     }
 
     /// Finds the distances by the codes, which are three times the same ones where `is_one_code`.
     pub(super) fn nearest(&mut self, is_one_code: bool) {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2, the only thing that the function needs.
-            return unsafe { nearest_avx2(self, is_one_code) };
-        }
-        nearest_portably(self, is_one_code);
+        nearest_of(self, is_one_code);
     }
 
     /// How many are computed: those beyond the last one in vain.
@@ -119,15 +112,9 @@ impl Points {
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn offsets_avx2(points: &mut Points, grid: &[DVec3; 3]) {
-    find_offsets(points, grid);
-}
-
-#[inline(never)]
-fn offsets_portably(points: &mut Points, grid: &[DVec3; 3]) {
-    find_offsets(points, grid);
+vectorized! {
+    fn offsets_of[](points: &mut Points, grid: &[DVec3; 3]) = find_offsets;
+    offsets_avx2, offsets_portably
 }
 
 #[inline(always)]
@@ -147,7 +134,6 @@ fn find_offsets(points: &mut Points, &[spacing, per_spacing, last]: &[DVec3; 3])
             & (corner.x <= last.x)
             & (corner.y <= last.y)
             & (corner.z <= last.z);
-        let smaller = |x: f64, y: f64| if x < y { x } else { y };
         let beyond = smaller(smaller(room.x, room.y), room.z);
         points.corners[0][i] = shifted.x;
         points.corners[1][i] = shifted.y;
@@ -162,15 +148,9 @@ fn find_offsets(points: &mut Points, &[spacing, per_spacing, last]: &[DVec3; 3])
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn nearest_avx2(points: &mut Points, is_one_code: bool) {
-    find_nearest(points, is_one_code);
-}
-
-#[inline(never)]
-fn nearest_portably(points: &mut Points, is_one_code: bool) {
-    find_nearest(points, is_one_code);
+vectorized! {
+    fn nearest_of[](points: &mut Points, is_one_code: bool) = find_nearest;
+    nearest_avx2, nearest_portably
 }
 
 #[inline(always)]
@@ -206,6 +186,7 @@ fn find_nearest(points: &mut Points, is_one_code: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::vectors::weyl;
 
     #[test]
     #[cfg(target_arch = "x86_64")]
@@ -216,7 +197,6 @@ mod tests {
         }
         let spacing = DVec3::new(0.9, 0.7, 3.0);
         let grid = [spacing, 1.0 / spacing, DVec3::new(5.0, 6.0, 7.0)];
-        let weyl = |i: usize| ((i * i) as f64 * 0.618_033_988_749_894_9).fract();
         let points = || {
             let mut points = Points::default();
             for i in 0..AT_ONCE {
