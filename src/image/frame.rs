@@ -135,6 +135,13 @@ impl Frame {
         Self { origin: signs * self.origin, spacing: self.spacing, direction }
     }
 
+    /// The frame of the parts of the voxels, so many along each axis.
+    pub(crate) fn divided(&self, parts: [usize; 3]) -> Self {
+        let parts = DVec3::from(parts.map(|n| n as f64));
+        let origin = self.to_world(0.5 * (parts.recip() - 1.0));
+        Self { origin, spacing: self.spacing / parts, direction: self.direction }
+    }
+
     /// World position of the centre of voxel (0, 0, 0).
     pub fn origin(&self) -> DVec3 {
         self.origin

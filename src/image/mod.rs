@@ -10,6 +10,7 @@
 //! | `relabel` | merging labels, another background, selection |
 //! | `components` | the connected components of labels |
 //! | [`small_components`] | small components, and an image without them |
+//! | `division` | long voxels, divided into parts that are nearly cubes |
 //! | [`region`] | the bounding box of the object, as rows of labels |
 //! | `grid` | the region's voxels in the world |
 //! | `bricks` | how values of voxels lie in memory |
@@ -23,6 +24,7 @@ pub(crate) mod bits;
 pub(crate) mod bricks;
 mod builder;
 pub(crate) mod components;
+mod division;
 mod field;
 pub mod frame;
 pub mod gray;

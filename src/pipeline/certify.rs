@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::finish;
 use super::messages;
-use super::prepare::{Selected, enter, limits, oracle_of, select_labels};
+use super::prepare::{Selected, divide, enter, limits, oracle_of, select_labels};
 use super::{MeshResult, RunReport};
 use crate::image::LabelImage;
 use crate::mesh::TetMesh;
@@ -52,10 +52,14 @@ pub fn certify(
     };
     monitor.leave_out_from(last);
     monitor.leave_out_before(Step::Quality);
-    let limits = limits(params, image, start);
+    let mut limits = limits(params, image, start);
     enter(image, monitor)?;
     let Selected { image, dropped } = select_labels(image, params, monitor)?;
-    let oracle = oracle_of(&image, params, &limits, monitor)?;
+    let oracle = {
+        let divided = divide(&image, params, &mut limits, monitor)?;
+        oracle_of(&divided, params, &limits, monitor)?
+    };
+    limits.bytes_beside = 0;
 
     let MeshResult { mesh, report, .. } = result;
     monitor.end_at(limits.deadline);

@@ -64,7 +64,8 @@ pub fn estimate(
     params.validate()?;
     params.validate_together()?;
     prepare::enter(image, monitor)?;
-    let prepare::Selected { image, .. } = prepare::select_labels(image, params, monitor)?;
+    let prepare::Selected { image: selected, .. } = prepare::select_labels(image, params, monitor)?;
+    let image = prepare::divide(&selected, params, &mut Limits::default(), monitor)?;
     let factor = match params.target_tets {
         Some(target) => {
             let limits = Limits::default();
@@ -83,7 +84,7 @@ pub fn estimate(
     let tables = Oracle::bytes_needed(&image, &region)
         + Sizing::bytes_needed(&image, &region, &spacing)
         + image.ids().len() as u64 * size_of::<u16>() as u64;
-    let after = prepare::limits(params, &image, Instant::now()).bytes_after;
+    let after = prepare::limits(params, &selected, Instant::now()).bytes_after;
     let improves = params.improve != Improve::None;
     let kept = if improves { all } else { of_labels };
     let peak = (BYTES_PER_TET * all).max(BYTES_AFTER * kept + after as f64);

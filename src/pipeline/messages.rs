@@ -25,6 +25,16 @@ pub(super) fn describe(image: &LabelImage, params: &MeshParams) -> String {
     )
 }
 
+/// A line about an image whose long voxels were divided.
+pub(super) fn describe_division(image: &LabelImage, divided: &LabelImage) -> String {
+    let [x, y, z] = [0, 1, 2].map(|a| divided.dims()[a] / image.dims()[a]);
+    let spacing = divided.frame().spacing();
+    format!(
+        "long voxels divided into {x} x {y} x {z} parts of {} x {} x {}",
+        spacing.x, spacing.y, spacing.z
+    )
+}
+
 pub(super) fn log_refinement(monitor: &Monitor<'_>, counters: &Counters, seconds: f64) {
     let Counters { insertions, removals, created, destroyed, .. } = counters;
     let tets = created.saturating_sub(*destroyed);
@@ -143,12 +153,11 @@ pub(super) fn warn_of_missed(target: u64, mesh: &TetMesh, monitor: &Monitor<'_>)
 
 /// Says so if a mesh will have very many tets for its image, and not because delta and size ask for
 /// them: `asked_for` are those that these alone make.
-pub(super) fn warn_of_many([asked_for, expected]: [f64; 2], voxels: u64, monitor: &Monitor<'_>) {
+pub(super) fn warn_of_many([asked_for, expected]: [f64; 2], voxels: f64, monitor: &Monitor<'_>) {
     /// At half a voxel between samples a mesh has some ten tets per voxel.
     const MANY_PER_VOXEL: f64 = 100.0;
     /// How many times as many as asked for are worth a word.
     const MANY_TIMES: f64 = 4.0;
-    let voxels = voxels as f64;
     if expected > MANY_PER_VOXEL * voxels && expected > MANY_TIMES * asked_for {
         let line = format!(
             "about {expected:.1e} tets are to be expected, {:.0} for each voxel of the object: \

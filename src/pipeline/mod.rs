@@ -166,7 +166,7 @@ pub fn mesh_image(
     params.validate_together()?;
     let _end = AtEnd;
     let mut watch = Stopwatch::new(start);
-    let limits = prepare::limits(params, image, start);
+    let mut limits = prepare::limits(params, image, start);
 
     monitor.leave_out_from(match params.certificate {
         CertificateLevel::None => Step::Quality,
@@ -176,7 +176,11 @@ pub fn mesh_image(
     prepare::enter(image, monitor)?;
     let Selected { image, dropped } = prepare::select_labels(image, params, monitor)?;
     monitor.log(Level::Info, &messages::describe(&image, params));
-    let Found { factor, oracle, made } = find_mesh(&image, params, &limits, &mut watch, monitor)?;
+    let Found { factor, oracle, made } = {
+        let divided = prepare::divide(&image, params, &mut limits, monitor)?;
+        find_mesh([&image, &divided], params, &limits, &mut watch, monitor)?
+    };
+    limits.bytes_beside = 0;
     let Made { mesh, refinement, differences, check, examined, improvement } = made;
     let Refinement { counters, work, threads, mut ended_by, .. } = refinement;
     let (mesh, (quality, certificate, second_order)) = or_drop_aside(mesh, |mesh| {
@@ -249,10 +253,10 @@ struct Found {
     made: Made,
 }
 
-/// Prepares the image and makes its mesh; again with other lengths, as long as a number of tets is
-/// asked for and missed.
+/// Prepares an image, given before and after its long voxels were divided, and makes its mesh; again
+/// with other lengths, as long as a number of tets is asked for and missed.
 fn find_mesh(
-    image: &LabelImage,
+    [whole, image]: [&LabelImage; 2],
     params: &MeshParams,
     limits: &Limits,
     watch: &mut Stopwatch,
@@ -265,7 +269,7 @@ fn find_mesh(
     let mut prepared = prepare::prepare(image, &used, limits, monitor)?;
     let seconds = watch.add_to(|seconds| &mut seconds.prepare);
     monitor.log(Level::Info, &format!("image prepared in {seconds:.2} s"));
-    refine::warn_of_many(image, &prepared, &used, monitor);
+    refine::warn_of_many(whole, image, &prepared, &used, monitor);
     monitor.enter(Step::Refine, 1)?;
     // A mesh of an earlier try, for when a limit ends a later one.
     let mut earlier = None;

@@ -9,7 +9,7 @@ use crate::image::LabelImage;
 use crate::image::region::{Region, Rows};
 use crate::image::small_components::SmallComponent;
 use crate::mesh::extract::BYTES_PER_SLOT;
-use crate::monitor::{Monitor, Step};
+use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::{Oracle, Surface};
 use crate::params::{CertificateLevel, MeshParams};
 use crate::pipeline::messages;
@@ -61,6 +61,30 @@ pub fn select_labels<'a>(
         return Err(Error::EmptyImage);
     }
     Ok(Selected { image, dropped })
+}
+
+/// The image that is meshed: with its long voxels divided, but where these are smoothed. `limits`
+/// then count what it takes.
+///
+/// # Errors
+/// [`Error::Cancelled`]; [`Error::OutOfMemory`]; those of `limits`.
+pub fn divide<'a>(
+    image: &'a LabelImage,
+    params: &MeshParams,
+    limits: &mut Limits,
+    monitor: &Monitor<'_>,
+) -> Result<Cow<'a, LabelImage>> {
+    if params.sigma > 0.0 {
+        return Ok(Cow::Borrowed(image));
+    }
+    let before: &Limits = limits;
+    let divided = image.with_cubes(&|bytes| before.check_memory(bytes))?;
+    if let Cow::Owned(divided) = &divided {
+        limits.bytes_beside += size_of_val(divided.ids()) as u64;
+        monitor.log(Level::Info, &messages::describe_division(image, divided));
+    }
+    monitor.advance(0)?;
+    Ok(divided)
 }
 
 /// What refinement asks about an image.
@@ -148,7 +172,7 @@ fn surface(params: &MeshParams) -> Surface {
 /// Enters the step of the preparation, with the most that it asks whether to go on: per plane, per
 /// layer in five passes, where a table is filled in, in each step of the weights.
 pub(super) fn enter(image: &LabelImage, monitor: &Monitor<'_>) -> Result<()> {
-    let [nx, ny, nz] = image.dims();
+    let [nx, ny, nz] = image.dims_in_cubes();
     monitor.enter(Step::Oracle, nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)
 }
 
@@ -172,6 +196,7 @@ pub fn limits(params: &MeshParams, image: &LabelImage, start: Instant) -> Limits
         max_memory,
         bytes_per_slot: BYTES_PER_SLOT + of_nodes,
         bytes_after,
+        bytes_beside: 0,
     }
 }
 

@@ -31,17 +31,20 @@ pub fn triangulation_around(oracle: &Oracle, delta: f64) -> Result<Triangulation
     Triangulation::new(lower - margin, upper + margin)
 }
 
-/// Says so if there will be very many tets, and not because delta and size ask for them.
+/// Says so if there will be very many tets for the voxels of an image, and not because delta and
+/// size ask for them. The image that was prepared may have more voxels: `divided`.
 pub(super) fn warn_of_many(
     image: &LabelImage,
+    divided: &LabelImage,
     prepared: &Prepared,
     params: &MeshParams,
     monitor: &Monitor<'_>,
 ) {
     let Prepared { oracle, sizing, voxels } = prepared;
-    let by_volume = expected_by_volume(prepared, image, params);
+    let by_volume = expected_by_volume(prepared, divided, params);
     let about_interfaces = oracle.expected_tets(sizing.max(), &sizing.palette());
-    messages::warn_of_many(about_interfaces.map(|tets| tets + by_volume), *voxels, monitor);
+    let voxels = *voxels as f64 * divided.voxel_volume() / image.voxel_volume();
+    messages::warn_of_many(about_interfaces.map(|tets| tets + by_volume), voxels, monitor);
 }
 
 /// Tets to be expected for the size that is asked for, beside those about interfaces.

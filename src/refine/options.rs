@@ -80,6 +80,8 @@ pub struct Limits {
     /// Bytes that are needed in the end, when the triangulation has gone, beside the oracle and
     /// what `bytes_per_slot` counts.
     pub bytes_after: u64,
+    /// Bytes that are held all the time besides.
+    pub bytes_beside: u64,
 }
 
 impl Limits {
@@ -95,6 +97,7 @@ impl Limits {
     /// # Errors
     /// [`Error::MemoryLimit`] when `needed`, in bytes, is more than allowed.
     pub fn check_memory(&self, needed: u64) -> Result<()> {
+        let needed = needed.saturating_add(self.bytes_beside);
         match self.max_memory {
             Some(max) if needed > max => Err(Error::MemoryLimit(format!(
                 "the memory limit of {max} bytes was reached: {needed} are needed"

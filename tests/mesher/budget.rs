@@ -77,7 +77,8 @@ fn what_cannot_be_had_is_said() {
         let monitor = Monitor::silent().with_log(Some(&mut log));
         let run = mesh_image(&balls(), &quick(Adaptive::Off, Some(target)), &monitor).unwrap();
         let said = warnings.iter().any(|line| line.contains("tets were asked for"));
-        assert_eq!(said, tets(&run.mesh) != target, "{target}: {warnings:?}");
+        let off = (tets(&run.mesh) as f64 / target as f64 - 1.0).abs();
+        assert_eq!(said, off > 0.1, "{target}: {warnings:?}");
         missed += u32::from(said);
     }
     assert!(missed > 0);

@@ -258,3 +258,38 @@ fn thick_bodies_are_sampled_as_before() {
     let uniform = mesh(&image, &MeshParams { adaptive: Adaptive::Off, ..params(1.5) });
     assert!(adaptive.mesh == uniform.mesh);
 }
+
+/// Slices are many times thicker than voxels are wide in most clinical images: where boundaries are
+/// oblique, these are terraces. Cells of random seeds, some of which have the same label, so that
+/// labels meet in all kinds of lines, edges and corners.
+#[test]
+fn thick_slices_keep_what_is_connected() {
+    let mut state = 1_u64;
+    let mut random = || {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    for (n, thick) in [4.0, 6.4, 2.9].into_iter().cycle().take(18).enumerate() {
+        let mut spacing = [1.0, 1.1, 0.95];
+        spacing[n % 3] = thick;
+        if n % 2 == 1 {
+            spacing[(n + 1) % 3] = 0.6 * thick;
+        }
+        let dims = spacing.map(|side| (22.0 / side) as usize);
+        let seeds: Vec<(glam::DVec3, i32)> = (0..16)
+            .map(|n| (22.0 * glam::DVec3::new(random(), random(), random()), n % 5))
+            .collect();
+        let nearest = |p: glam::DVec3| {
+            let mut seeds = seeds.iter().map(|(q, label)| (q.distance(p), *label));
+            let first = seeds.next().unwrap();
+            seeds.fold(first, |a, b| if b.0 < a.0 { b } else { a }).1
+        };
+        let frame = lapd::image::Frame::axis_aligned(spacing).unwrap();
+        let image = LabelImage::from_fn(dims, frame, nearest).unwrap();
+        for delta in [1.0, 3.0] {
+            let meshing = mesh_image(&image, &params(delta), &Monitor::silent()).unwrap();
+            assert_same_topology(&meshing, &format!("slices {n}, {spacing:?}, at delta {delta}"));
+        }
+    }
+}

@@ -122,10 +122,12 @@ impl EdgeGrid<'_> {
     /// Calls `visit` for what is to be sampled at the contacts of a row, see `contacts`, and at its
     /// narrow and its corner voxels, in world coordinates. Around a contact those are the points of
     /// an octahedron: the contact itself, and on each of the three lines through it that follow the
-    /// grid a point half a voxel away on both sides; the tets between it and three of these have
-    /// their circumcenters in the octants, and so the labels of the voxels there. Neighbours share
-    /// such points, which are told more often. Intensities and probabilities say themselves what is
-    /// joined, and know no voxels: with these there are none. Smoothed labels have no contacts.
+    /// grid a point on both sides, half of the smallest side of a voxel away; the tets between it
+    /// and three of these have their circumcenters in the octants, and so the labels of the voxels
+    /// there. Half a voxel away along long sides, their circumspheres would hold other samples.
+    /// Neighbours share such points in cubes, where these are told more often. Intensities and
+    /// probabilities say themselves what is joined, and know no voxels: with these there are none.
+    /// Smoothed labels have no contacts.
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
@@ -169,7 +171,7 @@ impl EdgeGrid<'_> {
                 for axis in 0..3 {
                     for beside in [step(contact, axis, -1), step(contact, axis, 1)] {
                         if inside(beside) {
-                            visit(FeaturePoint::Around, self.near_half(beside))?;
+                            visit(FeaturePoint::Around, self.near_contact(contact, beside))?;
                         }
                     }
                 }
@@ -234,12 +236,18 @@ impl EdgeGrid<'_> {
     /// A point at a place given in half voxels, moved a little: to and fro across each plane of the
     /// grid in turn, so that no four around a square stay in a plane.
     fn near_half(&self, half: [usize; 3]) -> DVec3 {
+        self.near_contact(half, half)
+    }
+
+    /// The same, drawn to a contact as far as half a side of the voxel is longer than half of its
+    /// smallest one.
+    fn near_contact(&self, contact: [usize; 3], half: [usize; 3]) -> DVec3 {
+        let spacing = self.oracle.grid.spacing;
+        let reach = spacing.min_element() / spacing;
         let turns = [0, 1, 2].map(|a| (half[(a + 1) % 3] + half[(a + 2) % 3]) % 2 == 1);
-        self.oracle.grid.point_at(moved(
-            DVec3::from(half.map(|h| h as f64 / 2.0)),
-            turns,
-            hash(half),
-        ))
+        let [from, to] = [contact, half].map(|half| DVec3::from(half.map(|h| h as f64 / 2.0)));
+        let at = from + reach * (to - from);
+        self.oracle.grid.point_at(moved(at, turns, hash(half)))
     }
 
     /// The edges from a voxel to the next one along each axis; all belong to the cell from this
