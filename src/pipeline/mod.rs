@@ -253,8 +253,8 @@ struct Found {
     made: Made,
 }
 
-/// Prepares an image, given before and after its long voxels were divided, and makes its mesh; again
-/// with other lengths, as long as a number of tets is asked for and missed.
+/// Prepares an image, given before and after its long voxels were divided, and makes its mesh;
+/// again with other lengths, as long as a number of tets is asked for and missed.
 fn find_mesh(
     [whole, image]: [&LabelImage; 2],
     params: &MeshParams,

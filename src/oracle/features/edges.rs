@@ -31,6 +31,10 @@ pub(crate) fn parts_of(numbers: DVec3) -> [usize; 3] {
 const MAX_MOVE: f64 = 0.02;
 const MIN_MOVE: f64 = 0.01;
 
+/// How far beside a contact a label is looked for, in parts of the way along the cell's axes to a
+/// voxel of it: farther than samples are moved.
+const BESIDE_CONTACT: f64 = 0.24;
+
 /// A *corner voxel* has its label in common with so many of the six beside it, as at the corner of
 /// a block; a *narrow* one with fewer, as along a row of voxels and at the corner of a sheet of
 /// one.
@@ -366,10 +370,11 @@ impl Oracle {
         (0..3).all(|a| at[a] >= self.walls.first[a] && at[a] <= self.walls.last[a])
     }
 
-    /// Calls `visit` for points, in world coordinates, that the closed body of a label other than
-    /// the background, given by its id, reaches in the surface model as its voxels do: contacts,
-    /// and halfway from the centre of a cell that is one to those on the cell's faces, between
-    /// which the body would else have a hole. Of one row; a point may come more often.
+    /// Calls `visit` for points, in world coordinates, that belong to a label other than the
+    /// background, given by its id, in the surface model: one just beside each contact for each
+    /// voxel there, and halfway from the centre of a cell that is one to those on the cell's
+    /// faces, between which a body would else have a hole. So the body of each of these voxels
+    /// reaches the contact, not only that of one. Of one row; a point may come more often.
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
@@ -390,9 +395,11 @@ impl Oracle {
             let center = cell.map(|c| 2 * c + 1);
             let has_center = contacts == Contacts::Center && self.is_between_walls(center);
             let at = |half: [usize; 3]| DVec3::from(half.map(|h| h as f64 / 2.0));
-            let mut tell = |id: u16, x: DVec3| match id {
+            // From the cell's centre to that of a voxel.
+            let way = |c: usize| DVec3::from([0, 1, 2].map(|a| (c >> a & 1) as f64 - 0.5));
+            let mut tell = |id: u16, x: DVec3, way: DVec3| match id {
                 0 => Ok(()),
-                id => visit(id, self.grid.point_at(x)),
+                id => visit(id, self.grid.point_at(x + BESIDE_CONTACT * way)),
             };
             for axis in 0..3 {
                 for (side, by) in [(0, -1), (1, 1)] {
@@ -401,24 +408,23 @@ impl Oracle {
                     if !contacts::alternates(&corners, face) || !self.is_between_walls(half) {
                         continue;
                     }
-                    for id in [corners[face[0]], corners[face[2]]] {
+                    for c in face {
+                        let mut across = way(c);
+                        across[axis] = 0.0;
                         // The upper one is the next cell's.
                         if side == 0 {
-                            tell(id, at(half))?;
+                            tell(corners[c], at(half), across)?;
                         }
                         if has_center {
-                            tell(id, at(half).midpoint(at(center)))?;
-                            tell(id, at(center))?;
+                            tell(corners[c], at(half).midpoint(at(center)), across)?;
+                            tell(corners[c], at(center), way(c))?;
                         }
                     }
                 }
             }
             if has_center {
-                for id in (1..8).filter(|&c| corners[..c].contains(&corners[c])).map(|c| corners[c])
-                {
-                    if contacts::needs_center_of(&corners, id) {
-                        tell(id, at(center))?;
-                    }
+                for c in (0..8).filter(|&c| contacts::needs_center_of(&corners, corners[c])) {
+                    tell(corners[c], at(center), way(c))?;
                 }
             }
             Ok(())

@@ -11,7 +11,8 @@
 //! along a line meet it may be up to twice that.
 //!
 //! **Contacts** (`oracle/model/contacts`) are places in which the bodies of labels touch as their
-//! voxels do. Each is a sample, with points around it half a voxel away on the lines of the grid:
+//! voxels do. Each is a sample, with points around it on the lines of the grid, half of a voxel's
+//! smallest side away:
 //! so it is a vertex whose tets have the labels of the voxels there, if nothing else is inserted
 //! within these octahedra.
 //!

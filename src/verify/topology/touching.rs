@@ -4,8 +4,8 @@
 //! Voxels of a label that have an edge or a corner alone in common are joined there. The surface
 //! model has them touch in *contacts* (`oracle/model/contacts`), which refinement samples where
 //! samples are near enough to each other. A contact, or a point halfway between two of one cell, is
-//! *open* when no tet of the label reaches it. Where labels touch elsewhere, in an edge or a vertex
-//! of the mesh, samples are too far apart.
+//! *open* when the label of a voxel there has no tet just beside it, on this voxel's side. Where
+//! labels touch elsewhere, in an edge or a vertex of the mesh, samples are too far apart.
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
