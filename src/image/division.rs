@@ -18,19 +18,20 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 
 use super::{Frame, LabelImage, voxel_count};
-use crate::Result;
 use crate::memory::zeroed;
+use crate::{Error, Result};
 
-/// A part may be shorter than the smallest side of a voxel by one part of this many of its own:
-/// voxels whose sides differ by less than 1.7 are not divided. Of sides that differ by 1.6, as in
-/// many scans, meshes are right already (docs/notes/design-notes.md), and parts that are shorter
-/// would cost more tets.
+/// Added to the ratio of a side to the smallest one before it is rounded down: a ratio of 1.7 gives
+/// two parts of 0.85. Below that a side is not divided. Parts shorter than the smallest side cost
+/// more tets than they mend: the abdomen, with a ratio of 1.6, two fifths more for one component
+/// (docs/notes/design-notes.md).
 const ROUNDED_UP: f64 = 0.3;
 
 /// Most parts of a voxel along an axis.
 const MAX_PARTS: f64 = 16.0;
 
-/// An image is not divided into more voxels than this; one that has more is left as it is.
+/// An image is not divided into more voxels than this: voxels have fewer parts then, and an image
+/// that has more is left as it is.
 const MAX_VOXELS: usize = 1 << 29;
 
 impl LabelImage {
@@ -44,28 +45,39 @@ impl LabelImage {
         if self.field().is_some() { [1; 3] } else { parts(self.dims(), self.frame()) }
     }
 
+    /// Whether parts are longer than they would be in a smaller image.
+    pub(crate) fn is_too_large_for_cubes(&self) -> bool {
+        self.field().is_none() && self.parts() != parts([1; 3], self.frame())
+    }
+
     /// The image with its long voxels divided, or itself where they are nearly cubes or where
     /// labels are not all that is known.
     ///
     /// # Errors
-    /// [`OutOfMemory`](crate::Error::OutOfMemory); whatever `check` returns, which is told how many
-    /// bytes the voxels will take.
-    pub(crate) fn with_cubes(&self, check: &dyn Fn(u64) -> Result<()>) -> Result<Cow<'_, Self>> {
+    /// [`OutOfMemory`](crate::Error::OutOfMemory); what `check_memory` returns, which is told how
+    /// many bytes the voxels will take; what `go_on` returns, which is asked once per plane.
+    pub(crate) fn with_cubes(
+        &self,
+        check_memory: &dyn Fn(u64) -> Result<()>,
+        go_on: &(dyn Fn() -> Result<()> + Sync),
+    ) -> Result<Cow<'_, Self>> {
         let parts = self.parts();
         if parts == [1; 3] {
             return Ok(Cow::Borrowed(self));
         }
         let ([nx, ny, _], dims) = (self.dims(), self.dims_in_cubes());
         let count = voxel_count(dims)?;
-        check((size_of::<u16>() * count) as u64)?;
+        check_memory((size_of::<u16>() * count) as u64)?;
         let mut ids = zeroed(count, "parts of long voxels")?;
-        ids.par_chunks_mut(dims[0] * dims[1]).enumerate().for_each(|(z, plane)| {
+        ids.par_chunks_mut(dims[0] * dims[1]).enumerate().try_for_each(|(z, plane)| {
+            go_on()?;
             for (y, row) in plane.chunks_mut(dims[0]).enumerate() {
                 let from = nx * (y / parts[1] + ny * (z / parts[2]));
                 let whole = &self.ids()[from..from + nx];
                 row.chunks_mut(parts[0]).zip(whole).for_each(|(row, &id)| row.fill(id));
             }
-        });
+            Ok::<_, Error>(())
+        })?;
         let frame = self.frame().divided(parts);
         Ok(Cow::Owned(Self::assembled(ids, self.labels().to_vec(), dims, frame)))
     }
@@ -94,7 +106,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::Error;
     use crate::image::GrayImage;
 
     fn frame(spacing: [f64; 3]) -> Frame {
@@ -112,16 +123,18 @@ mod tests {
         // Fewer where there would be too many.
         assert_eq!(parts([512, 512, 700], &frame([1.0, 1.0, 6.0])), [1, 1, 2]);
         assert_eq!(parts([2000, 2000, 1000], &frame([1.0, 1.0, 6.0])), [1; 3]);
+        let small = LabelImage::from_fn([4; 3], frame([1.0, 1.0, 6.0]), |_| 1).unwrap();
+        assert!(!small.is_too_large_for_cubes());
     }
 
     #[test]
     fn cubes_and_scans_are_left_as_they_are() {
         let cubes = LabelImage::from_fn([4; 3], frame([1.0, 1.2, 1.6]), |p| i32::from(p.x > 4.0));
-        assert!(matches!(cubes.unwrap().with_cubes(&|_| Ok(())), Ok(Cow::Borrowed(_))));
+        assert!(matches!(cubes.unwrap().with_cubes(&|_| Ok(()), &|| Ok(())), Ok(Cow::Borrowed(_))));
         let values = (0..64_u8).map(f32::from).collect();
         let scan = GrayImage::new([4; 3], frame([1.0, 1.0, 5.0]), values).unwrap();
         let labels = scan.label_image(&[20.0], None).unwrap();
-        assert!(matches!(labels.with_cubes(&|_| Ok(())), Ok(Cow::Borrowed(_))));
+        assert!(matches!(labels.with_cubes(&|_| Ok(()), &|| Ok(())), Ok(Cow::Borrowed(_))));
     }
 
     #[test]
@@ -132,7 +145,9 @@ mod tests {
             assert_eq!(bytes, 2 * 4 * 4 * 20);
             Err(Error::Cancelled)
         };
-        assert!(matches!(long.with_cubes(&refuse), Err(Error::Cancelled)));
+        assert!(matches!(long.with_cubes(&refuse, &|| Ok(())), Err(Error::Cancelled)));
+        let stop = || Err(Error::Cancelled);
+        assert!(matches!(long.with_cubes(&|_| Ok(()), &stop), Err(Error::Cancelled)));
     }
 
     proptest! {
@@ -146,7 +161,7 @@ mod tests {
         ) {
             let label = |p: DVec3| (p.x * 3.1 + p.y * 1.7 + p.z * 0.9 + f64::from(seed)) as i32 % 4;
             let image = LabelImage::from_fn(dims, frame(sides), label).unwrap();
-            let cubes = image.with_cubes(&|_| Ok(())).unwrap();
+            let cubes = image.with_cubes(&|_| Ok(()), &|| Ok(())).unwrap();
             let ratios = cubes.frame().spacing() / cubes.frame().spacing().min_element();
             prop_assert!(ratios.max_element() < 2.0);
             let [nx, ny, _] = cubes.dims();

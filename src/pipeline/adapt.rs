@@ -10,8 +10,8 @@
 //! - In the first rounds by half, within half of what it was, and within the voxel at least; so a
 //!   place takes some dozens of samples each time.
 //! - Then to the floor at once: within a voxel, two, three, of the smallest side.
-//! - Contacts need the octahedron around them (`oracle/features/edges`), whose points are half a
-//!   voxel apart: at once so small that these are sampled.
+//! - Contacts need the octahedron around them (`oracle/features/edges`), whose points are half of a
+//!   voxel's smallest side away: at once so small that these are sampled.
 //!
 //! The refinement then goes on, on the same triangulation. Most differences are gone after two or
 //! three rounds; the last ones move about for some more, and each round goes through the image.
@@ -67,7 +67,7 @@ const CONTACT_SPACING: f64 = 0.75;
 /// Euler characteristic are 219 of 280, with 1.5 238, with 2.2 237.
 const CONTACT_REACH: f64 = 1.5;
 
-/// The same in voxels, at least: the points around a contact are half a voxel away.
+/// The same in voxels, at least: the voxels around a contact are to be sampled so, too.
 const AROUND_CONTACT: f64 = 0.6;
 
 /// A spacing so little above the floor is the floor: fields count in steps.

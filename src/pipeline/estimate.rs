@@ -4,6 +4,7 @@
 //! image needs, and from what is measured on the mesh; time from all of these and from how fast
 //! this machine refines a small ball just now.
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use glam::DVec3;
@@ -81,21 +82,24 @@ pub fn estimate(
     let Expected { of_labels, of_background } = expected_tets(&image, &rows, params, &check)?;
     let all = of_labels + of_background;
 
+    let divided = if matches!(image, Cow::Owned(_)) { image.ids().len() } else { 0 };
     let tables = Oracle::bytes_needed(&image, &region)
         + Sizing::bytes_needed(&image, &region, &spacing)
-        + image.ids().len() as u64 * size_of::<u16>() as u64;
+        + (selected.ids().len() + divided) as u64 * size_of::<u16>() as u64;
     let after = prepare::limits(params, &selected, Instant::now()).bytes_after;
     let improves = params.improve != Improve::None;
     let kept = if improves { all } else { of_labels };
     let peak = (BYTES_PER_TET * all).max(BYTES_AFTER * kept + after as f64);
 
     let voxels = region.dims.iter().product::<usize>() as f64;
+    // The certificate goes through the voxels that were given.
+    let whole = voxels * selected.ids().len() as f64 / image.ids().len() as f64;
     let of_refinement = PREPARE_VOXEL * voxels + REFINE_TET * all;
     let of_improvement = if improves { IMPROVE_TET * all } else { 0.0 };
     let of_certificate = match params.certificate {
         CertificateLevel::None => 0.0,
-        CertificateLevel::Sound => SOUND_TET * all + SOUND_VOXEL * voxels,
-        CertificateLevel::Full => FULL_TET * all + FULL_VOXEL * voxels,
+        CertificateLevel::Sound => SOUND_TET * all + SOUND_VOXEL * whole,
+        CertificateLevel::Full => FULL_TET * all + FULL_VOXEL * whole,
     };
     let nanoseconds = of_refinement + of_improvement + of_certificate;
     let seconds = 1e-9 * nanoseconds * machine(monitor)? / speedup(params.threads);

@@ -25,12 +25,20 @@ pub(super) fn describe(image: &LabelImage, params: &MeshParams) -> String {
     )
 }
 
+/// Says so where long voxels are not divided as far as they would be.
+pub(super) fn warn_of_long_voxels(monitor: &Monitor<'_>) {
+    let line = "the image is too large for its long voxels to be divided into cubes: meshes of \
+                thick slices may have holes and bridges that it does not have; crop it to the \
+                object";
+    monitor.log(Level::Warning, line);
+}
+
 /// A line about an image whose long voxels were divided.
 pub(super) fn describe_division(image: &LabelImage, divided: &LabelImage) -> String {
     let [x, y, z] = [0, 1, 2].map(|a| divided.dims()[a] / image.dims()[a]);
     let spacing = divided.frame().spacing();
     format!(
-        "long voxels divided into {x} x {y} x {z} parts of {} x {} x {}",
+        "long voxels divided into {x} x {y} x {z} parts of {:.4} x {:.4} x {:.4}",
         spacing.x, spacing.y, spacing.z
     )
 }

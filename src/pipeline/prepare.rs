@@ -11,7 +11,7 @@ use crate::image::small_components::SmallComponent;
 use crate::mesh::extract::BYTES_PER_SLOT;
 use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::{Oracle, Surface};
-use crate::params::{CertificateLevel, MeshParams};
+use crate::params::{CertificateLevel, MeshParams, SurfaceModel};
 use crate::pipeline::messages;
 use crate::refine::options::Limits;
 use crate::second_order;
@@ -63,8 +63,8 @@ pub fn select_labels<'a>(
     Ok(Selected { image, dropped })
 }
 
-/// The image that is meshed: with its long voxels divided, but where these are smoothed. `limits`
-/// then count what it takes.
+/// The image that is meshed: with its long voxels divided for the smooth surface model, which is
+/// the one that bulges between them, but for smoothed labels. `limits` then count what it takes.
 ///
 /// # Errors
 /// [`Error::Cancelled`]; [`Error::OutOfMemory`]; those of `limits`.
@@ -74,16 +74,19 @@ pub fn divide<'a>(
     limits: &mut Limits,
     monitor: &Monitor<'_>,
 ) -> Result<Cow<'a, LabelImage>> {
-    if params.sigma > 0.0 {
+    if params.sigma > 0.0 || params.surface == SurfaceModel::Voxel {
         return Ok(Cow::Borrowed(image));
     }
     let before: &Limits = limits;
-    let divided = image.with_cubes(&|bytes| before.check_memory(bytes))?;
+    let go_on = || monitor.advance(0).and_then(|()| before.check_time());
+    let divided = image.with_cubes(&|bytes| before.check_memory(bytes), &go_on)?;
+    if image.is_too_large_for_cubes() {
+        messages::warn_of_long_voxels(monitor);
+    }
     if let Cow::Owned(divided) = &divided {
         limits.bytes_beside += size_of_val(divided.ids()) as u64;
         monitor.log(Level::Info, &messages::describe_division(image, divided));
     }
-    monitor.advance(0)?;
     Ok(divided)
 }
 

@@ -35,6 +35,10 @@ const MIN_MOVE: f64 = 0.01;
 /// voxel of it: farther than samples are moved.
 const BESIDE_CONTACT: f64 = 0.24;
 
+/// Points around a contact are so far from it at least, in halves of a voxel's side: farther than
+/// they are moved.
+const LEAST_REACH: f64 = 0.1;
+
 /// A *corner voxel* has its label in common with so many of the six beside it, as at the corner of
 /// a block; a *narrow* one with fewer, as along a row of voxels and at the corner of a sheet of
 /// one.
@@ -247,7 +251,8 @@ impl EdgeGrid<'_> {
     /// smallest one.
     fn near_contact(&self, contact: [usize; 3], half: [usize; 3]) -> DVec3 {
         let spacing = self.oracle.grid.spacing;
-        let reach = spacing.min_element() / spacing;
+        // Along sides that are longer still, moving the two points could exchange them.
+        let reach = (spacing.min_element() / spacing).max(DVec3::splat(LEAST_REACH));
         let turns = [0, 1, 2].map(|a| (half[(a + 1) % 3] + half[(a + 2) % 3]) % 2 == 1);
         let [from, to] = [contact, half].map(|half| DVec3::from(half.map(|h| h as f64 / 2.0)));
         let at = from + reach * (to - from);

@@ -421,8 +421,8 @@ fn crossing(target: &Target, faces: &VoxelFaces<'_>, oracle: &Oracle) -> DVec3 {
     let Face { cell, axis } = target.face;
     let ids = target.sides.map(|side| side.map_or(0, |(_, id)| id));
     let mut point = target.centre;
-    // The oracle may know the parts of long voxels: those in the middle, the last one before the
-    // face along its axis.
+    // The oracle may know the parts of long voxels. Of those at the face the one in the middle is
+    // taken; along the axis it is the last one before the face.
     let parts = (faces.spacing() / oracle.spacing()).round().to_array().map(|n| n as isize);
     let mut part = [0, 1, 2].map(|a| parts[a] * cell[a] as isize + parts[a] / 2);
     part[axis] = parts[axis] * cell[axis] as isize - 1;

@@ -175,8 +175,9 @@ impl Distances {
         }
         let (mesh_to_image, sums) = from_mesh::mesh_to_image(&triangles, &faces, monitor)?;
         let of_mesh = spread(sums, mesh_components.list.len())?;
+        let longest = faces.spacing().max_element();
         let (mesh_to_surface, sums) =
-            to_surface::mesh_to_surface(&triangles, to_world, oracle, monitor)?;
+            to_surface::mesh_to_surface(&triangles, longest, to_world, oracle, monitor)?;
         let of_mesh_to_surface = spread(sums, mesh_components.list.len())?;
         let [_, ny, nz] = faces.brick_dims();
         monitor.enter(Step::ImageToMesh, ny * nz)?;

@@ -15,9 +15,11 @@ use crate::reduce::{KeyedSums, Sums};
 const FAR: f64 = 2.0;
 
 /// Distances from the mesh to dO: over the whole, and the sums of each component that has any
-/// facets. `to_world` leads from the coordinates of the triangles to the oracle's.
+/// facets. `to_world` leads from the coordinates of the triangles to the oracle's, and `longest` is
+/// the largest side of a voxel.
 pub(crate) fn mesh_to_surface(
     triangles: &[Triangle],
+    longest: f64,
     to_world: impl Fn(DVec3) -> DVec3 + Sync,
     oracle: &Oracle,
     monitor: &Monitor<'_>,
@@ -31,7 +33,13 @@ pub(crate) fn mesh_to_surface(
             }
             let facet @ [a, b, c] = triangle.corners.map(&to_world);
             let normal = (b - a).cross(c - a);
-            let distance = from_centroid(oracle, facet, normal.normalize_or_zero(), triangle.ids);
+            let distance = from_centroid(
+                oracle,
+                facet,
+                normal.normalize_or_zero(),
+                triangle.ids,
+                FAR * longest,
+            );
             let sum = Sum::of(0.5 * normal.length(), distance);
             whole += sum;
             for component in
@@ -49,12 +57,18 @@ pub(crate) fn mesh_to_surface(
 
 /// Distance from the centroid of a facet to the nearest change of label that is found along its
 /// normal: towards the side whose label the centroid does not have; where that is far, the other
-/// way, and then beside the normal. No more than [`FAR`]. The normal leads from the first label of
+/// way, and then beside the normal. No more than `far`. The normal leads from the first label of
 /// `ids` to the second.
-fn from_centroid(oracle: &Oracle, [a, b, c]: [DVec3; 3], normal: DVec3, ids: [u16; 2]) -> f64 {
+fn from_centroid(
+    oracle: &Oracle,
+    [a, b, c]: [DVec3; 3],
+    normal: DVec3,
+    ids: [u16; 2],
+    far: f64,
+) -> f64 {
     let p = (a + b + c) / 3.0;
     let here = oracle.label(p);
-    let mut nearest = FAR * oracle.spacing().max_element();
+    let mut nearest = far;
     let mut look = |way: DVec3| {
         if let Some(crossing) = oracle.first_crossing_from(here, p, p + way * nearest) {
             nearest = crossing.point.distance(p).min(nearest);
