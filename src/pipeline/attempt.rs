@@ -136,7 +136,7 @@ impl Attempt<'_> {
         monitor: &Monitor<'_>,
     ) -> Result<(Refinement, Vec<u64>)> {
         let &Self { image, params, limits } = self;
-        let by_volume = refine::expected_by_volume(prepared, image, params);
+        let by_volume = refine::expected_by_volume(prepared, params);
         let options = RefineOptions {
             parts: adapt::parts(params, 0, parts),
             ..refine::options(params, limits.clone(), by_volume as u64)?

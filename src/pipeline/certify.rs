@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::finish;
 use super::messages;
-use super::prepare::{Selected, divide, enter, limits, oracle_of, select_labels};
+use super::prepare::{Divided, Selected, divide, enter, limits, oracle_of, select_labels};
 use super::{MeshResult, RunReport};
 use crate::image::LabelImage;
 use crate::mesh::TetMesh;
@@ -52,14 +52,13 @@ pub fn certify(
     };
     monitor.leave_out_from(last);
     monitor.leave_out_before(Step::Quality);
-    let mut limits = limits(params, image, start);
+    let limits = limits(params, image, start);
     enter(image, monitor)?;
     let Selected { image, dropped } = select_labels(image, params, monitor)?;
     let oracle = {
-        let divided = divide(&image, params, &mut limits, monitor)?;
-        oracle_of(&divided, params, &limits, monitor)?
+        let Divided { image: divided, limits } = &divide(&image, params, &limits, monitor)?;
+        oracle_of(divided, params, limits, monitor)?
     };
-    limits.bytes_beside = 0;
 
     let MeshResult { mesh, report, .. } = result;
     monitor.end_at(limits.deadline);

@@ -66,7 +66,8 @@ pub fn estimate(
     params.validate_together()?;
     prepare::enter(image, monitor)?;
     let prepare::Selected { image: selected, .. } = prepare::select_labels(image, params, monitor)?;
-    let image = prepare::divide(&selected, params, &mut Limits::default(), monitor)?;
+    let prepare::Divided { image, .. } =
+        prepare::divide(&selected, params, &Limits::default(), monitor)?;
     let factor = match params.target_tets {
         Some(target) => {
             let limits = Limits::default();

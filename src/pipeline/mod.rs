@@ -49,7 +49,7 @@ use crate::second_order::SecondOrder;
 use crate::verify::{Certificate, Extent, Quality};
 use crate::{Error, Result};
 use attempt::{Attempt, Made};
-use prepare::Selected;
+use prepare::{Divided, Selected};
 
 /// A finished run.
 #[derive(Debug)]
@@ -166,7 +166,7 @@ pub fn mesh_image(
     params.validate_together()?;
     let _end = AtEnd;
     let mut watch = Stopwatch::new(start);
-    let mut limits = prepare::limits(params, image, start);
+    let limits = prepare::limits(params, image, start);
 
     monitor.leave_out_from(match params.certificate {
         CertificateLevel::None => Step::Quality,
@@ -177,10 +177,10 @@ pub fn mesh_image(
     let Selected { image, dropped } = prepare::select_labels(image, params, monitor)?;
     monitor.log(Level::Info, &messages::describe(&image, params));
     let Found { factor, oracle, made } = {
-        let divided = prepare::divide(&image, params, &mut limits, monitor)?;
-        find_mesh([&image, &divided], params, &limits, &mut watch, monitor)?
+        let Divided { image: divided, limits } =
+            &prepare::divide(&image, params, &limits, monitor)?;
+        find_mesh([&image, divided], params, limits, &mut watch, monitor)?
     };
-    limits.bytes_beside = 0;
     let Made { mesh, refinement, differences, check, examined, improvement } = made;
     let Refinement { counters, work, threads, mut ended_by, .. } = refinement;
     let (mesh, (quality, certificate, second_order)) = or_drop_aside(mesh, |mesh| {
@@ -269,7 +269,7 @@ fn find_mesh(
     let mut prepared = prepare::prepare(image, &used, limits, monitor)?;
     let seconds = watch.add_to(|seconds| &mut seconds.prepare);
     monitor.log(Level::Info, &format!("image prepared in {seconds:.2} s"));
-    refine::warn_of_many(whole, image, &prepared, &used, monitor);
+    refine::warn_of_many(whole, &prepared, &used, monitor);
     monitor.enter(Step::Refine, 1)?;
     // A mesh of an earlier try, for when a limit ends a later one.
     let mut earlier = None;

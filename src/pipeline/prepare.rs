@@ -63,23 +63,31 @@ pub fn select_labels<'a>(
     Ok(Selected { image, dropped })
 }
 
-/// The image that is meshed: with its long voxels divided for the smooth surface model, which is
-/// the one that bulges between them, but for smoothed labels. `limits` then count what it takes.
+/// An image that is ready to be meshed.
+pub struct Divided<'a> {
+    /// The image.
+    pub image: Cow<'a, LabelImage>,
+    /// The limits, which count what it takes, as long as it is held.
+    pub limits: Limits,
+}
+
+/// Divides the long voxels of an image for the smooth surface model, which is the one that bulges
+/// between them, but for smoothed labels.
 ///
 /// # Errors
 /// [`Error::Cancelled`]; [`Error::OutOfMemory`]; those of `limits`.
 pub fn divide<'a>(
     image: &'a LabelImage,
     params: &MeshParams,
-    limits: &mut Limits,
+    limits: &Limits,
     monitor: &Monitor<'_>,
-) -> Result<Cow<'a, LabelImage>> {
+) -> Result<Divided<'a>> {
+    let mut limits = limits.clone();
     if params.sigma > 0.0 || params.surface == SurfaceModel::Voxel {
-        return Ok(Cow::Borrowed(image));
+        return Ok(Divided { image: Cow::Borrowed(image), limits });
     }
-    let before: &Limits = limits;
-    let go_on = || monitor.advance(0).and_then(|()| before.check_time());
-    let divided = image.with_cubes(&|bytes| before.check_memory(bytes), &go_on)?;
+    let go_on = || monitor.advance(0).and_then(|()| limits.check_time());
+    let divided = image.with_cubes(&|bytes| limits.check_memory(bytes), &go_on)?;
     if image.is_too_large_for_cubes() {
         messages::warn_of_long_voxels(monitor);
     }
@@ -87,7 +95,7 @@ pub fn divide<'a>(
         limits.bytes_beside += size_of_val(divided.ids()) as u64;
         monitor.log(Level::Info, &messages::describe_division(image, divided));
     }
-    Ok(divided)
+    Ok(Divided { image: divided, limits })
 }
 
 /// What refinement asks about an image.
@@ -96,8 +104,8 @@ pub struct Prepared {
     pub oracle: Oracle,
     /// How far apart their samples are.
     pub sizing: Sizing,
-    /// The voxels of the object.
-    pub voxels: u64,
+    /// The volume of the object.
+    pub volume: f64,
 }
 
 /// Prepares an image, on all threads of the current rayon pool.
@@ -127,7 +135,7 @@ pub fn prepare(
         || Oracle::of_rows(image, &rows, surface, &go_on),
         || Sizing::new(image, &rows, &spacing, &[], &go_on),
     );
-    Ok(Prepared { oracle: oracle?, sizing: sizing?, voxels: object_voxels(image) })
+    Ok(Prepared { oracle: oracle?, sizing: sizing?, volume: object_volume(image) })
 }
 
 /// The sizing field alone, for other lengths than those that the image was prepared for.
@@ -203,9 +211,10 @@ pub fn limits(params: &MeshParams, image: &LabelImage, start: Instant) -> Limits
     }
 }
 
-/// The voxels of the object.
-fn object_voxels(image: &LabelImage) -> u64 {
+/// The volume of the object, by its voxels.
+fn object_volume(image: &LabelImage) -> f64 {
     // Few enough at once that 16 bits hold their number, which lets many be counted at a time.
     let count = |ids: &[u16]| u64::from(ids.iter().map(|&id| u16::from(id != 0)).sum::<u16>());
-    image.ids().par_chunks(1 << 15).map(count).sum()
+    let voxels: u64 = image.ids().par_chunks(1 << 15).map(count).sum();
+    voxels as f64 * image.voxel_volume()
 }

@@ -32,28 +32,23 @@ pub fn triangulation_around(oracle: &Oracle, delta: f64) -> Result<Triangulation
 }
 
 /// Says so if there will be very many tets for the voxels of an image, and not because delta and
-/// size ask for them. The image that was prepared may have more voxels: `divided`.
+/// size ask for them.
 pub(super) fn warn_of_many(
     image: &LabelImage,
-    divided: &LabelImage,
     prepared: &Prepared,
     params: &MeshParams,
     monitor: &Monitor<'_>,
 ) {
-    let Prepared { oracle, sizing, voxels } = prepared;
-    let by_volume = expected_by_volume(prepared, divided, params);
+    let Prepared { oracle, sizing, volume } = prepared;
+    let by_volume = expected_by_volume(prepared, params);
     let about_interfaces = oracle.expected_tets(sizing.max(), &sizing.palette());
-    let voxels = *voxels as f64 * divided.voxel_volume() / image.voxel_volume();
+    let voxels = volume / image.voxel_volume();
     messages::warn_of_many(about_interfaces.map(|tets| tets + by_volume), voxels, monitor);
 }
 
 /// Tets to be expected for the size that is asked for, beside those about interfaces.
-pub(super) fn expected_by_volume(
-    prepared: &Prepared,
-    image: &LabelImage,
-    params: &MeshParams,
-) -> f64 {
-    TETS_PER_SIZE * prepared.voxels as f64 * image.voxel_volume() / params.size.powi(3)
+pub(super) fn expected_by_volume(prepared: &Prepared, params: &MeshParams) -> f64 {
+    TETS_PER_SIZE * prepared.volume / params.size.powi(3)
 }
 
 /// How `params` ask for the refinement to be done.

@@ -9,6 +9,7 @@ use lapd::params::{Adaptive, Algorithm, MeshParams};
 use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::verify::DefectKind;
 
+use super::random::Random;
 use super::{mesh, params};
 
 /// Every component of the image is one of the mesh, and bounded alike.
@@ -290,12 +291,7 @@ fn thick_bodies_are_sampled_as_before() {
 /// labels meet in all kinds of lines, edges and corners.
 #[test]
 fn thick_slices_keep_what_is_connected() {
-    let mut state = 1_u64;
-    let mut random = || {
-        state =
-            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1_u64 << 53) as f64
-    };
+    let mut random = Random(1);
     for (n, thick) in [4.0, 6.4, 2.9].into_iter().cycle().take(18).enumerate() {
         let mut spacing = [1.0, 1.1, 0.95];
         spacing[n % 3] = thick;
@@ -304,7 +300,7 @@ fn thick_slices_keep_what_is_connected() {
         }
         let dims = spacing.map(|side| (22.0 / side) as usize);
         let seeds: Vec<(glam::DVec3, i32)> = (0..16)
-            .map(|n| (22.0 * glam::DVec3::new(random(), random(), random()), n % 5))
+            .map(|n| (22.0 * glam::DVec3::from([(); 3].map(|()| random.unit())), n % 5))
             .collect();
         let nearest = |p: glam::DVec3| {
             let mut seeds = seeds.iter().map(|(q, label)| (q.distance(p), *label));

@@ -406,6 +406,8 @@ impl Oracle {
                 0 => Ok(()),
                 id => visit(id, self.grid.point_at(x + BESIDE_CONTACT * way)),
             };
+            // The voxels whose bodies reach the centre.
+            let mut at_center = [false; 8];
             for axis in 0..3 {
                 for (side, by) in [(0, -1), (1, 1)] {
                     let face = contacts::FACES[axis][side];
@@ -422,15 +424,15 @@ impl Oracle {
                         }
                         if has_center {
                             tell(corners[c], at(half).midpoint(at(center)), across)?;
-                            tell(corners[c], at(center), way(c))?;
+                            at_center[c] = true;
                         }
                     }
                 }
             }
             if has_center {
-                for c in (0..8).filter(|&c| contacts::needs_center_of(&corners, corners[c])) {
-                    tell(corners[c], at(center), way(c))?;
-                }
+                let needs =
+                    |&c: &usize| at_center[c] || contacts::needs_center_of(&corners, corners[c]);
+                (0..8).filter(needs).try_for_each(|c| tell(corners[c], at(center), way(c)))?;
             }
             Ok(())
         })

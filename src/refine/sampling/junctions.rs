@@ -12,9 +12,8 @@
 //!
 //! **Contacts** (`oracle/model/contacts`) are places in which the bodies of labels touch as their
 //! voxels do. Each is a sample, with points around it on the lines of the grid, half of a voxel's
-//! smallest side away:
-//! so it is a vertex whose tets have the labels of the voxels there, if nothing else is inserted
-//! within these octahedra.
+//! smallest side away: so it is a vertex whose tets have the labels of the voxels there, if nothing
+//! else is inserted within these octahedra.
 //!
 //! **Narrow voxels** are those that have their label in common with two or fewer of the six beside
 //! them: single ones, pairs, rows, and the corners of sheets of one voxel. Where dO crosses the

@@ -288,6 +288,8 @@ pub(crate) fn image_to_mesh(
     monitor: &Monitor<'_>,
 ) -> Result<[Measured; 2]> {
     let [nx, ny, nz] = faces.brick_dims();
+    // The oracle may know the parts of long voxels.
+    let parts = (faces.spacing() / oracle.spacing()).round().to_array().map(|n| n as isize);
     // What is no farther than the maximum that any thread knows need not be looked at.
     let maximum = Maxima::default();
     let mut maxima: Vec<Maxima> = room(components.list.len(), "components of the image")?;
@@ -310,7 +312,7 @@ pub(crate) fn image_to_mesh(
                     monitor.advance(0)?;
                 }
                 let area = faces.area(target.face);
-                let crossing = crossing(target, faces, oracle);
+                let crossing = crossing(target, parts, oracle);
                 // Mostly one triangle is the nearest of all three.
                 let mut known: Option<Met> = None;
                 // That is asked for first.
@@ -416,14 +418,14 @@ struct Maxima {
     surface: Max,
 }
 
-/// Where dO crosses the edge between the centres of the two voxels of a face.
-fn crossing(target: &Target, faces: &VoxelFaces<'_>, oracle: &Oracle) -> DVec3 {
+/// Where dO crosses the line between the centres of the two voxels of a face, each of which has so
+/// many `parts` along each axis.
+fn crossing(target: &Target, parts: [isize; 3], oracle: &Oracle) -> DVec3 {
     let Face { cell, axis } = target.face;
     let ids = target.sides.map(|side| side.map_or(0, |(_, id)| id));
     let mut point = target.centre;
-    // The oracle may know the parts of long voxels. Of those at the face the one in the middle is
-    // taken; along the axis it is the last one before the face.
-    let parts = (faces.spacing() / oracle.spacing()).round().to_array().map(|n| n as isize);
+    // Of the parts at the face the one in the middle is taken; along the axis it is the last one
+    // before the face.
     let mut part = [0, 1, 2].map(|a| parts[a] * cell[a] as isize + parts[a] / 2);
     part[axis] = parts[axis] * cell[axis] as isize - 1;
     point[axis] += (oracle.crossed_at(part, axis, ids) - 0.5) * oracle.spacing()[axis];
