@@ -44,6 +44,18 @@ impl Interfaces<'_> {
         !has_angle_below(a, b, c, self.facet_cosine_squared)
     }
 
+    /// Whether interface facets that take the place of `old` ones have angles as large as asked
+    /// for, or none that is smaller than all there were.
+    pub fn keep_angles<const N: usize>(&self, new: [[DVec3; 3]; N], old: [[DVec3; 3]; N]) -> bool {
+        if new.iter().all(|&facet| self.is_well_shaped(facet)) {
+            return true;
+        }
+        let least = |facets: [[DVec3; 3]; N]| {
+            facets.iter().map(|[a, b, c]| facet_measure(*a, &[*b, *c])).fold(1.0, f64::min)
+        };
+        least(new) >= least(old)
+    }
+
     /// The point of the interface near `p`, along `normal`, that has the first label below and the
     /// second one above, both at a distance of `reach`.
     pub fn project(&self, p: DVec3, normal: DVec3, reach: f64, pair: [i32; 2]) -> Option<DVec3> {
@@ -65,4 +77,11 @@ impl Interfaces<'_> {
         let [a, b, c] = points.map(|p| self.oracle.walls_at(p));
         a.common(&b).common(&c)
     }
+}
+
+/// The squared sine of the least angle of a triangle.
+pub(super) fn facet_measure(a: DVec3, &[b, c]: &[DVec3; 2]) -> f64 {
+    let (u, v, w) = ((b - a).length_squared(), (c - a).length_squared(), (c - b).length_squared());
+    // Opposite to the shortest edge, between the two others.
+    (b - a).cross(c - a).length_squared() * u.min(v).min(w) / (u * v * w)
 }

@@ -255,7 +255,7 @@ impl Worker<'_, '_> {
                 return false;
             }
         }
-        if !facets.iter().all(|&facet| interfaces.is_well_shaped(facet)) {
+        if !interfaces.keep_angles(facets, [[a, b, c], [b, a, d]]) {
             return false;
         }
         if labels.contains(&0) {

@@ -21,6 +21,7 @@
 
 use glam::DVec3;
 
+use super::interfaces::facet_measure;
 use super::measure::{Measure, is_positive};
 use super::report::Counts;
 use super::star::{Collected, Star};
@@ -381,9 +382,10 @@ impl Worker<'_, '_> {
     /// Whether the interface facets around a vertex that is moved keep the angles that were asked
     /// for.
     fn keeps_facets(&self, star: &Star, at: DVec3) -> bool {
+        let from = self.point(star.vertex);
         star.facets.iter().all(|facet| {
             let [p, q] = facet.others.map(|v| self.point(v));
-            self.round.interfaces.is_well_shaped([at, p, q])
+            self.round.interfaces.keep_angles([[at, p, q]], [[from, p, q]])
         })
     }
 
@@ -505,13 +507,6 @@ fn ascent(
 fn gradient_of(at: DVec3, other: DVec3, value: f64, of: impl Fn(DVec3) -> f64) -> DVec3 {
     let step = DIFFERENCE * (other - at).length();
     DVec3::from([DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (of(at + axis * step) - value) / step))
-}
-
-/// The squared sine of the least angle of a triangle.
-fn facet_measure(a: DVec3, &[b, c]: &[DVec3; 2]) -> f64 {
-    let (u, v, w) = ((b - a).length_squared(), (c - a).length_squared(), (c - b).length_squared());
-    // Opposite to the shortest edge, between the two others.
-    (b - a).cross(c - a).length_squared() * u.min(v).min(w) / (u * v * w)
 }
 
 /// The point of the convex hull of some vectors that is nearest to zero, nearly (E. G. Gilbert, "An
