@@ -100,6 +100,12 @@ grep -q -e '-o: a.nonsense: unknown ending for a mesh, known are .vtu ' err || f
     "a.nonsense: $(cat err)"
 [ ! -e a.json ] || fail "bad usage wrote a report"
 expect 2 2 box.nrrd -o a.vtu --improve much
+expect 2 2 box.nrrd -o a.vtu --coarsen -1
+expect 2 2 box.nrrd -o a.vtu --coarsen 31
+grep -q 'coarsening keeps facet angles above 0 and not above 30 degrees, got 31' err || fail \
+    "--coarsen 31: $(cat err)"
+expect 1 1 box.nrrd -o a.vtu --coarsen 15 --improve interior --quiet
+grep -q 'coarsening needs improvement full' err || fail "--coarsen without: $(cat err)"
 expect 2 2 box.nrrd -o a.vtu --target-dihedral nan
 expect 2 2 box.nrrd -o a.vtu --target-dihedral 40
 grep -q 'target dihedral angle must lie above 0 and not above 30 degrees, got 40' err || fail \
@@ -229,7 +235,7 @@ inner = {
     "quality": """min_dihedral max_dihedral max_radius_edge min_facet_angle dihedral_histogram
         scaled_jacobian edge_ratio radius_ratio""",
     "improvement": """target_dihedral tolerance below_before left edge_removals max_interface_move
-        non_delaunay_facets left_tets""",
+        non_delaunay_facets contractions tets_before facets_below left_tets""",
     "certificate": """non_delaunay_facets inverted_tets hausdorff_mesh_to_image
         hausdorff_image_to_mesh unmet""",
 }

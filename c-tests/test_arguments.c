@@ -190,6 +190,7 @@ static void double_parameters(void) {
                  {lapd_params_set_radius_edge, lapd_params_get_radius_edge, 2.5, 1.9},
                  {lapd_params_set_spacing_floor, lapd_params_get_spacing_floor, 0.25, 0},
                  {lapd_params_set_facet_angle, lapd_params_get_facet_angle, 25, 31},
+                 {lapd_params_set_coarsen, lapd_params_get_coarsen, 12, -1},
                  {lapd_params_set_target_dihedral, lapd_params_get_target_dihedral, 20, 40}};
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
         double value = 0;
@@ -203,6 +204,8 @@ static void double_parameters(void) {
         INVALID(table[i].get(params, NULL));
         CHECK(table[i].get(params, &value) == LAPD_OK && value == table[i].good);
     }
+    /* It goes with full improvement only. */
+    CHECK(lapd_params_set_coarsen(context, params, 0) == LAPD_OK);
 }
 
 /* The setters that take an enum or a flag: how many values exist, and how many of them in this

@@ -246,6 +246,9 @@ void parameters() {
     params.set_target_tets(5000);
     CHECK(params.target_tets() == 5000);
     params.set_target_tets(0);
+    params.set_coarsen(12);
+    CHECK(params.coarsen() == 12);
+    params.set_coarsen(0);
     params.set_label_size(5, 1.25);
     CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 &&
           params.facet_angle() == 25);

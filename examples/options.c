@@ -92,6 +92,10 @@ static const char MORE_USAGE[] =
     "  --improve NAME       none | interior | full: what may be changed to remove slivers: "
     "nothing, the inside of\n"
     "                       labels, or interfaces too; default full\n"
+    "  --coarsen DEG        contract edges where that changes nothing in what is connected, as far "
+    "as size and\n"
+    "                       delta allow and facets keep this angle; at most 30, 15 is a good "
+    "choice; default not\n"
     "  --target-dihedral D  smallest dihedral angle of tets, in degrees; the largest is 180 less "
     "this; at most 30,\n"
     "                       default 15\n"
@@ -255,6 +259,7 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
                    {"--facet-angle", lapd_params_set_facet_angle},
                    {"--spacing-floor", lapd_params_set_spacing_floor},
                    {"--gaussian", lapd_params_set_sigma},
+                   {"--coarsen", lapd_params_set_coarsen},
                    {"--target-dihedral", lapd_params_set_target_dihedral},
                    {"--time-limit", lapd_params_set_time_limit}};
     static const struct {
@@ -497,6 +502,7 @@ bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *pa
                                                      "--delta",
                                                      "--size",
                                                      "--tets",
+                                                     "--coarsen",
                                                      "--keep",
                                                      "--label-size",
                                                      "--merge",

@@ -158,6 +158,12 @@ static void print_improvement(const lapd_improvement *im) {
                "Delaunay %llu\n",
                im->max_interface_move, im->tolerance, (unsigned long long)im->non_delaunay_facets);
     }
+    if (im->tets_before > 0) {
+        printf("  coarsened from %llu tets: edges contracted %llu; facets between labels below the "
+               "facet angle %llu\n",
+               (unsigned long long)im->tets_before, (unsigned long long)im->contractions,
+               (unsigned long long)im->facets_below);
+    }
 }
 
 static void print_second_order(const lapd_second_order *so) {

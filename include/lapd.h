@@ -1306,6 +1306,19 @@ typedef struct {
    * image cuts that off.
    */
   uint64_t nicks_filled;
+  /**
+   * Edges contracted, as lapd_params_set_coarsen asks for: vertices that are gone.
+   */
+  uint64_t contractions;
+  /**
+   * Tets with a label other than 0 before the first of them; 0 where none was asked for.
+   */
+  uint64_t tets_before;
+  /**
+   * Facets between labels with an angle below that of lapd_params_set_facet_angle; counted where
+   * edges were contracted, 0 otherwise.
+   */
+  uint64_t facets_below;
 } lapd_improvement;
 
 /**
@@ -2604,11 +2617,12 @@ lapd_status lapd_mesh_image(lapd_context *context,
 
 /**
  * Sets how many tets of labels the mesh is to have. Delta, the sizes, and above 1 the floor of
- * spacing, are then multiplied by one factor, which is searched: the mesh has as many tets within
- * a tenth, unless no factor leads to that, of which a warning tells. With 0, the default, these
- * lengths are taken as they are. lapd_mesh_get_bounds tells what was found. It takes one to three
- * refinements, seldom more. Where a limit ends a later one, and partial meshes are allowed, the
- * mesh is that of an earlier one. No other thread may use `params` or the context meanwhile.
+ * spacing (but for a mesh that is coarsened), are then multiplied by one factor, which is
+ * searched: the mesh has as many tets within a tenth, unless no factor leads to that, of which a
+ * warning tells. With 0, the default, these lengths are taken as they are. lapd_mesh_get_bounds
+ * tells what was found. It takes one to three refinements, seldom more. Where a limit ends a later
+ * one, and partial meshes are allowed, the mesh is that of an earlier one. No other thread may use
+ * `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is above 4294967295.
  */
@@ -2623,6 +2637,28 @@ lapd_status lapd_params_set_target_tets(lapd_context *context, lapd_params *para
 lapd_status lapd_params_get_target_tets(const lapd_params *params, uint64_t *tets);
 
 /**
+ * Has the refined mesh made coarser where that changes nothing in what is connected: edges are
+ * contracted as long as tets stay within size, samples of the interfaces within delta, and the
+ * facets between keep planar angles of so many degrees, above 0 and at most 30. 15 is a good
+ * choice; with more fewer edges can go. Most is gained with LAPD_ADAPTIVE_THICKNESS at a large
+ * delta: a mesh of the brain has a sixth of the tets, and no component less. It takes several
+ * times as long as the refinement. lapd_mesh_get_improvement tells what was done. With 0, the
+ * default, the mesh stays as refinement made it. Needs LAPD_IMPROVE_FULL, which lapd_mesh_image
+ * checks. No other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_coarsen(lapd_context *context, lapd_params *params, double degrees);
+
+/**
+ * The planar angle in degrees that interface facets keep where the mesh is made coarser; 0: it is
+ * not. Any thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_coarsen(const lapd_params *params, double *degrees);
+
+/**
  * Tells what bounds a mesh was made with: the distance of samples, and the largest circumradius of
  * tets where no label has its own; those that lapd_params_set_target_tets has led to. Any thread.
  *
@@ -2635,7 +2671,8 @@ lapd_status lapd_mesh_get_bounds(const lapd_mesh *mesh, double *delta, double *s
  * Tells what lapd_mesh_image is to be expected to need for an image, without making a mesh: tets
  * of labels, bytes of memory at the peak, the image among them, and seconds on this machine, as
  * busy as it is now. Mostly within a fifth. What LAPD_ADAPTIVE_TOPOLOGY adds is not known before,
- * and left out.
+ * and left out. What lapd_params_set_coarsen leaves is known roughly: within two fifths where
+ * delta is three voxels at most, at coarser ones there may be three times as many.
  *
  * It takes as long as the preparation of the image, and some 20 milliseconds to find out how fast
  * the machine is. Progress callbacks of the context are called on this thread. No other thread may

@@ -584,6 +584,9 @@ class params {
     params &set_target_tets(std::uint64_t tets) {
         return set(lapd_params_set_target_tets, tets);
     }
+    params &set_coarsen(double degrees) {
+        return set(lapd_params_set_coarsen, degrees);
+    }
     params &set_count_accesses(bool count_accesses) {
         return set(lapd_params_set_count_accesses, count_accesses);
     }
@@ -688,6 +691,9 @@ class params {
     }
     std::uint64_t target_tets() const {
         return value<std::uint64_t>(lapd_params_get_target_tets);
+    }
+    double coarsen() const {
+        return value<double>(lapd_params_get_coarsen);
     }
     std::uint64_t min_voxels() const {
         return value<std::uint64_t>(lapd_params_get_min_voxels);

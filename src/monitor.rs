@@ -145,6 +145,8 @@ pub struct Monitor<'a> {
     step: AtomicUsize,
     pieces: AtomicUsize,
     done: AtomicUsize,
+    /// The parts of the step between which its pieces lie, as bits.
+    parts: [AtomicU64; 2],
     tets: AtomicU64,
     start: Instant,
     /// When the next report is due, in milliseconds after `start`.
@@ -162,6 +164,9 @@ pub struct Monitor<'a> {
     /// Asked besides at each look at the cancel flag.
     also: Option<&'a (dyn Fn() -> Result<()> + Sync)>,
 }
+
+/// All of a step.
+const WHOLE: [f64; 2] = [0.0, 1.0];
 
 /// `ends_at` without an end.
 const NEVER: u64 = u64::MAX;
@@ -189,6 +194,7 @@ impl<'a> Monitor<'a> {
             step: AtomicUsize::new(0),
             pieces: AtomicUsize::new(1),
             done: AtomicUsize::new(0),
+            parts: WHOLE.map(|part| AtomicU64::new(part.to_bits())),
             tets: AtomicU64::new(0),
             start: Instant::now(),
             due: AtomicU64::new(0),
@@ -224,7 +230,18 @@ impl<'a> Monitor<'a> {
     /// # Errors
     /// [`Error::Cancelled`].
     pub fn enter(&self, step: Step, pieces: usize) -> Result<()> {
+        self.enter_part(step, pieces, WHOLE)
+    }
+
+    /// The same for pieces of work that lie between two parts of the step.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`].
+    pub fn enter_part(&self, step: Step, pieces: usize, parts: [f64; 2]) -> Result<()> {
         self.step.store(step as usize, Relaxed);
+        for (to, part) in self.parts.iter().zip(parts) {
+            to.store(part.to_bits(), Relaxed);
+        }
         self.pieces.store(pieces.max(1), Relaxed);
         self.done.store(0, Relaxed);
         // After a cancellation the callback is not called again.
@@ -335,7 +352,9 @@ impl<'a> Monitor<'a> {
         let (phase, start) = STEPS[step];
         let end = STEPS[(step + 1).min(STEPS.len() - 1)].1;
         let [from, to] = [&self.first, &self.last].map(|step| STEPS[step.load(Relaxed)].1);
-        let fraction = (start + (end - start) * part.clamp(0.0, 1.0) - from) / (to - from);
+        let [begun, ended] = [0, 1].map(|i| f64::from_bits(self.parts[i].load(Relaxed)));
+        let part = begun + (ended - begun) * part.clamp(0.0, 1.0);
+        let fraction = (start + (end - start) * part - from) / (to - from);
         reporter.last_fraction = reporter.last_fraction.max(fraction.min(1.0));
         let progress =
             Progress { phase, fraction: reporter.last_fraction, tets: self.tets.load(Relaxed) };

@@ -86,6 +86,9 @@ pub enum CertificateLevel {
 /// Largest value of [`MeshParams::target_dihedral`], in degrees.
 pub const MAX_TARGET_DIHEDRAL: f64 = 30.0;
 
+/// Largest value of [`MeshParams::coarsen`], in degrees.
+pub const MAX_COARSEN: f64 = 30.0;
+
 /// Largest standard deviation of [`MeshParams::sigma`].
 pub const MAX_SIGMA: f64 = 5.0;
 
@@ -130,6 +133,12 @@ pub struct MeshParams {
     /// Tets with a dihedral angle below this, or above 180 less this, are improved; in degrees,
     /// above 0 and at most [`MAX_TARGET_DIHEDRAL`].
     pub target_dihedral: f64,
+    /// Make the refined mesh coarser where that changes nothing in what is connected: edges are
+    /// contracted as long as tets and samples stay within `size` and `delta`, and interface facets
+    /// keep planar angles of so many degrees, above 0 and at most [`MAX_COARSEN`]. Most is gained
+    /// where [`Adaptive::Thickness`] has sampled densely. Needs [`Improve::Full`]. `None`: the mesh
+    /// stays as refinement made it.
+    pub coarsen: Option<f64>,
     /// What is measured on the finished mesh.
     pub certificate: CertificateLevel,
     /// The order of tets: 1 for four nodes each, 2 for ten, one more in the middle of each edge.
@@ -206,6 +215,7 @@ impl Default for MeshParams {
             facet_angle: 30.0,
             improve: Improve::Full,
             target_dihedral: 15.0,
+            coarsen: None,
             certificate: CertificateLevel::Sound,
             order: 1,
             curved: false,
@@ -288,6 +298,12 @@ impl MeshParams {
                 self.target_dihedral
             )));
         }
+        if let Some(degrees) = self.coarsen.filter(|d| !(*d > 0.0 && *d <= MAX_COARSEN)) {
+            return Err(Error::InvalidArgument(format!(
+                "coarsening keeps facet angles above 0 and not above {MAX_COARSEN} degrees, got \
+                 {degrees}"
+            )));
+        }
         if !(1..=2).contains(&self.order) {
             return Err(Error::InvalidArgument(format!(
                 "order must be 1 or 2, got {}",
@@ -325,13 +341,16 @@ impl MeshParams {
 
     /// The same with all lengths that decide how many tets there are multiplied by `factor`: delta,
     /// the sizes, and the spacing floor where that makes it larger. A finer mesh is no reason to
-    /// look for structure that the voxels do not have.
+    /// look for structure that the voxels do not have. Where the mesh is coarsened the floor stays:
+    /// it does not decide how many tets there are in the end.
     pub fn scaled(&self, factor: f64) -> Self {
         let mut scaled = self.clone();
         scaled.delta *= factor;
         scaled.size *= factor;
         scaled.label_sizes.values_mut().for_each(|size| *size *= factor);
-        scaled.spacing_floor *= factor.max(1.0);
+        if self.coarsen.is_none() {
+            scaled.spacing_floor *= factor.max(1.0);
+        }
         scaled
     }
 
@@ -346,6 +365,12 @@ impl MeshParams {
                 "curved tets need order 2, got {}",
                 self.order
             )));
+        }
+        if self.coarsen.is_some() && self.improve != Improve::Full {
+            return Err(Error::InvalidArgument(
+                "coarsening needs improvement full: it makes slivers, and changes interfaces"
+                    .to_owned(),
+            ));
         }
         Ok(())
     }

@@ -56,7 +56,7 @@ unsafe fn set_something(
     params: *mut lapd_params,
 ) {
     unsafe {
-        let what = bytes.byte() % 18;
+        let what = bytes.byte() % 19;
         known(match what {
             0 => lapd_params_set_delta(context, params, bytes.number()),
             1 => lapd_params_set_size(context, params, bytes.number()),
@@ -75,6 +75,7 @@ unsafe fn set_something(
             14 => lapd_params_set_min_voxels(context, params, u64::from(bytes.byte())),
             15 => lapd_params_set_target_tets(context, params, 16 * u64::from(bytes.byte())),
             16 => lapd_params_set_certificate(context, params, i32::from(bytes.byte() % 4)),
+            17 => lapd_params_set_coarsen(context, params, 10.0 * bytes.number()),
             _ => lapd_params_set_partial(context, params, i32::from(bytes.byte() % 2)),
         });
     }

@@ -62,6 +62,12 @@ PARAMETERS = [
         "the tets that the mesh is to have, within a tenth: delta and size are multiplied by one "
         "factor, which is searched; 0 for no such search",
     ),
+    Parameter(
+        "coarsen",
+        c_double,
+        "contract edges where that changes nothing in what is connected: the smallest angle in "
+        "degrees that interface facets keep then; 15 is a good choice, 0 for no coarsening",
+    ),
     Parameter("label_size", LABEL_SIZES, "the same for single labels: a mapping"),
     Parameter("radius_edge", c_double, "largest circumradius over shortest edge; at least 2"),
     Parameter("facet_angle", c_double, "smallest angle of interface facets in degrees; at most 30"),

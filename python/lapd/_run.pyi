@@ -27,6 +27,7 @@ def mesh(
     delta: float | None = None,
     size: float | None = None,
     target_tets: int | None = None,
+    coarsen: float | None = None,
     label_size: Mapping[int, float] | None = None,
     radius_edge: float | None = None,
     facet_angle: float | None = None,
@@ -80,6 +81,8 @@ def mesh(
     size: largest circumradius of tets, in units of length; 2 times delta by default
     target_tets: the tets that the mesh is to have, within a tenth: delta and size are multiplied
         by one factor, which is searched; 0 for no such search
+    coarsen: contract edges where that changes nothing in what is connected: the smallest angle in
+        degrees that interface facets keep then; 15 is a good choice, 0 for no coarsening
     label_size: the same for single labels: a mapping
     radius_edge: largest circumradius over shortest edge; at least 2
     facet_angle: smallest angle of interface facets in degrees; at most 30
@@ -116,6 +119,7 @@ def estimate(
     delta: float | None = None,
     size: float | None = None,
     target_tets: int | None = None,
+    coarsen: float | None = None,
     label_size: Mapping[int, float] | None = None,
     radius_edge: float | None = None,
     facet_angle: float | None = None,
@@ -152,6 +156,8 @@ def estimate(
     size: largest circumradius of tets, in units of length; 2 times delta by default
     target_tets: the tets that the mesh is to have, within a tenth: delta and size are multiplied
         by one factor, which is searched; 0 for no such search
+    coarsen: contract edges where that changes nothing in what is connected: the smallest angle in
+        degrees that interface facets keep then; 15 is a good choice, 0 for no coarsening
     label_size: the same for single labels: a mapping
     radius_edge: largest circumradius over shortest edge; at least 2
     facet_angle: smallest angle of interface facets in degrees; at most 30

@@ -44,6 +44,13 @@ pub struct lapd_improvement {
     /// Tets of background within the image that became a part of the label beside them, where the
     /// image cuts that off.
     pub nicks_filled: u64,
+    /// Edges contracted, as lapd_params_set_coarsen asks for: vertices that are gone.
+    pub contractions: u64,
+    /// Tets with a label other than 0 before the first of them; 0 where none was asked for.
+    pub tets_before: u64,
+    /// Facets between labels with an angle below that of lapd_params_set_facet_angle; counted where
+    /// edges were contracted, 0 otherwise.
+    pub facets_below: u64,
 }
 
 /// Why a tet is left: the first of these that one of its vertices belongs to.
@@ -122,6 +129,9 @@ pub unsafe extern "C" fn lapd_mesh_get_improvement(
                 max_move: found.max_move,
                 non_delaunay_facets: found.non_delaunay_facets,
                 nicks_filled: found.nicks_filled,
+                contractions: counts.contractions,
+                tets_before: found.tets_before,
+                facets_below: found.facets_below,
             }
         })
     }

@@ -3,10 +3,15 @@
 
 use glam::DVec3;
 
+use super::{Settings, tolerance};
 use crate::geometry::shape::has_angle_below;
 use crate::oracle::{Oracle, Walls};
+use crate::params::Improve;
 use crate::refine::rules::FACET_DISTANCE;
 use crate::sizing::Sizing;
+
+/// Distances at which the labels beside a facet are looked for, in parts of the largest.
+const NEARER: [f64; 3] = [1.0, 0.5, 0.25];
 
 /// The interfaces of a run.
 pub(super) struct Interfaces<'a> {
@@ -23,7 +28,20 @@ pub(super) struct Interfaces<'a> {
     pub change: bool,
 }
 
-impl Interfaces<'_> {
+impl<'a> Interfaces<'a> {
+    /// Those of a run with these settings.
+    pub fn new(settings: &Settings<'a>) -> Self {
+        let &Settings { oracle, labels, sizing, target, facet_angle, improve, .. } = settings;
+        Self {
+            oracle,
+            labels,
+            sizing,
+            tolerance: tolerance(target) * oracle.spacing().min_element(),
+            facet_cosine_squared: facet_angle.to_radians().cos().powi(2),
+            change: improve == Improve::Full,
+        }
+    }
+
     /// The label at a point.
     pub fn label(&self, p: DVec3) -> i32 {
         self.labels[usize::from(self.oracle.label(p))]
@@ -37,6 +55,22 @@ impl Interfaces<'_> {
         let normal = (b - a).cross(c - a).normalize_or_zero();
         let off = FACET_DISTANCE * self.sizing.at(center) * normal;
         self.label(center - off) == below && self.label(center + off) == above
+    }
+
+    /// Whether a place is near the image's interface of two labels: whether the first label is
+    /// below it and the second one above, at equal distances of at most the facet distance for
+    /// samples that are `delta` apart. Where the labels are thin only small ones will do.
+    pub fn is_between(&self, at: DVec3, normal: DVec3, delta: f64, pair: [i32; 2]) -> bool {
+        let [below, above] = pair;
+        NEARER.iter().any(|part| {
+            let off = part * FACET_DISTANCE * delta * normal;
+            self.label(at - off) == below && self.label(at + off) == above
+        })
+    }
+
+    /// Whether the squared sine of the least angle of a triangle is at least `measure`.
+    pub fn has_angles(&self, [a, b, c]: [DVec3; 3], measure: f64) -> bool {
+        !has_angle_below(a, b, c, 1.0 - measure)
     }
 
     /// Whether all angles of an interface facet are as large as asked for.

@@ -114,6 +114,18 @@ impl Measure {
     }
 }
 
+/// Whether the circumradius of a positive tet is at most `radius`.
+#[inline]
+pub fn has_circumradius_within(&[a, b, c, d]: &[DVec3; 4], radius: f64) -> bool {
+    let (u, v, w) = (b - a, c - a, d - a);
+    let of_b = v.cross(w);
+    let six_volumes = u.dot(of_b);
+    let to_center = u.length_squared() * of_b
+        + v.length_squared() * w.cross(u)
+        + w.length_squared() * u.cross(v);
+    to_center.length_squared() <= (2.0 * six_volumes * radius).powi(2)
+}
+
 /// Whether a tet is positive, by its exact sign.
 #[inline]
 pub fn is_positive(&[a, b, c, d]: &[DVec3; 4]) -> bool {

@@ -36,10 +36,14 @@
 //! | `star`, `smoothing` | moves of vertices |
 //! | `split` | new vertices on edges |
 //! | `interfaces` | what is asked about the image |
+//! | `coarsen`, `contraction`, `link` | before, where it is asked for: fewer tets |
 //! | [`report`] | what was done |
 
 mod blocks;
+mod coarsen;
+mod contraction;
 mod interfaces;
+mod link;
 pub mod measure;
 mod nicks;
 mod removal;
@@ -64,6 +68,7 @@ use crate::params::Improve;
 use crate::sizing::Sizing;
 use crate::{Error, Result};
 
+pub use coarsen::{Coarseness, PART as PART_OF_COARSENING, coarsen, facets_below};
 use interfaces::Interfaces;
 use measure::Measure;
 pub use nicks::fill_nicks;
@@ -97,6 +102,10 @@ pub struct Settings<'a> {
     pub radius_edge: f64,
     /// The least angle of interface facets that refinement was asked for, in degrees.
     pub facet_angle: f64,
+    /// Whether the mesh is as refinement made it, Delaunay in all of its tets.
+    pub is_delaunay: bool,
+    /// The part of the step that is done when this begins, and when it ends, for progress.
+    pub parts: [f64; 2],
     /// Whether there is time left.
     pub check_time: &'a (dyn Fn() -> Result<()> + Sync),
 }
@@ -113,14 +122,7 @@ pub fn improve(
     monitor: &Monitor<'_>,
 ) -> Result<(Improvement, Option<Error>)> {
     let measure = Measure::new(settings.target, settings.radius_edge);
-    let interfaces = Interfaces {
-        oracle: settings.oracle,
-        labels: settings.labels,
-        sizing: settings.sizing,
-        tolerance: tolerance(settings.target) * settings.oracle.spacing().min_element(),
-        facet_cosine_squared: settings.facet_angle.to_radians().cos().powi(2),
-        change: settings.improve == Improve::Full,
-    };
+    let interfaces = Interfaces::new(settings);
     let mut improvement = Improvement {
         target: settings.target,
         tolerance: interfaces.tolerance,
@@ -132,7 +134,7 @@ pub fn improve(
     };
     improvement.below_before =
         queue.iter().filter(|&&t| mesh.labels[t as usize] != 0).count() as u64;
-    if let Err(cancelled) = monitor.enter(Step::Improve, queue.len()) {
+    if let Err(cancelled) = monitor.enter_part(Step::Improve, queue.len(), settings.parts) {
         return Ok((improvement, Some(cancelled)));
     }
     let report_and_check = |done| monitor.advance(done).and_then(|()| (settings.check_time)());
@@ -150,10 +152,10 @@ pub fn improve(
     improvement.rounds = rounds;
     improvement.left = describe(mesh, &left, settings.target, &interfaces)?;
     improvement.max_move = max_move(mesh, &refined);
-    // Only changed tets have facets that are not Delaunay.
+    // In a Delaunay mesh only changed tets have facets that are not.
     let counted = mesh.non_delaunay_facets(
         |t| mesh.tets[t as usize][0] != NONE && mesh.labels[t as usize] != 0,
-        |t| changed[t as usize] != 0,
+        |t| !settings.is_delaunay || changed[t as usize] != 0,
         monitor,
     );
     match counted {

@@ -15,6 +15,8 @@ pub struct Counts {
     pub moves_on_junctions: u64,
     /// Edges split.
     pub splits: u64,
+    /// Edges contracted.
+    pub contractions: u64,
     /// The largest distance between an interface edge and the one that replaced it.
     pub max_flip: f64,
     /// The largest distance of a moved vertex on an interface from where refinement put the
@@ -46,12 +48,13 @@ impl Counts {
         self.moves_on_interfaces += other.moves_on_interfaces;
         self.moves_on_junctions += other.moves_on_junctions;
         self.splits += other.splits;
+        self.contractions += other.contractions;
         self.max_flip = self.max_flip.max(other.max_flip);
         self.max_interface_move = self.max_interface_move.max(other.max_interface_move);
         other.volumes.iter().for_each(|&(label, volume)| self.add_volume(label, volume));
     }
 
-    /// How many operations were carried out.
+    /// How many operations were carried out to improve tets.
     pub fn operations(&self) -> u64 {
         let moves = self.moves_inside + self.moves_on_interfaces + self.moves_on_junctions;
         self.edge_removals + self.interface_flips + moves + self.splits
@@ -106,12 +109,28 @@ pub struct Improvement {
     pub non_delaunay_facets: u64,
     /// Tets of background that became a part of a label where the image cuts it off.
     pub nicks_filled: u64,
+    /// Tets of the object before it was coarsened; 0 where it was not.
+    pub tets_before: u64,
+    /// Interface facets with an angle below what refinement was asked for, where the mesh was
+    /// coarsened.
+    pub facets_below: u64,
     /// The largest distance of a vertex from where refinement put it; those inside of labels may
     /// move far.
     pub max_move: f64,
 }
 
 impl Improvement {
+    /// Adds what was done to the mesh before.
+    pub fn add_earlier(&mut self, earlier: &Self) {
+        let mut counts = earlier.counts.clone();
+        counts.add(&self.counts);
+        self.counts = counts;
+        self.below_before = earlier.below_before;
+        self.tets_before = earlier.tets_before;
+        self.rounds += earlier.rounds;
+        self.max_move = self.max_move.max(earlier.max_move);
+    }
+
     /// Adds nicks that were filled, by label and volume.
     pub fn add_filled(&mut self, filled: &[(i32, f64)]) {
         self.nicks_filled += filled.len() as u64;

@@ -1,5 +1,6 @@
 //! The finished mesh: plain arrays, collected from the triangulation, or made elsewhere.
 
+mod compact;
 mod delaunay;
 pub mod extract;
 mod facets;

@@ -52,6 +52,24 @@ const LEFT_BY_IMPROVEMENT: f64 = 0.96;
 /// the atlases.
 const BY_TOPOLOGY: f64 = 1.2;
 
+/// How many times the tets to be expected without denser samples are left of a mesh that is
+/// coarsened: 1 to 1.5 on the atlases at delta 3.
+const BY_COARSENING: f64 = 1.2;
+
+/// How many tets of labels are to be expected of a mesh that is coarsened.
+///
+/// # Errors
+/// As [`expected_tets`].
+pub(super) fn expected_after_coarsening(
+    image: &LabelImage,
+    rows: &Rows,
+    params: &MeshParams,
+    check: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<f64> {
+    let coarse = MeshParams { adaptive: Adaptive::Off, ..params.clone() };
+    Ok(BY_COARSENING * expected_tets(image, rows, &coarse, check)?.of_labels)
+}
+
 /// The search for the factor.
 pub(super) struct Search {
     /// The tets that are wanted.
@@ -59,6 +77,8 @@ pub(super) struct Search {
     /// Those of the last refined mesh, and the part of these that improvement leaves.
     refined: f64,
     left: f64,
+    /// Whether the refined mesh is coarsened: how many tets it has tells nothing then.
+    coarsens: bool,
     /// Factors that were tried, and what came of them.
     tries: Vec<(f64, f64)>,
     factor: f64,
@@ -84,20 +104,28 @@ impl Search {
         let rows = Rows::new(image, region, &check)?;
         let left = if params.improve == Improve::Full { LEFT_BY_IMPROVEMENT } else { 1.0 };
         let wanted = target as f64;
-        let added = if params.adaptive == Adaptive::Topology { BY_TOPOLOGY } else { 1.0 };
-        let mut guess = Self::of(wanted / added);
+        let coarsens = params.coarsen.is_some();
+        let mut guess = Self::of(wanted);
         for _ in 0..GUESSES {
-            let expected = expected_tets(image, &rows, &params.scaled(guess.factor), &check)?;
-            if !guess.goes_on(expected.of_labels, GUESS_WITHIN) {
+            let scaled = params.scaled(guess.factor);
+            let expected = if coarsens {
+                expected_after_coarsening(image, &rows, &scaled, &check)?
+            } else {
+                let by_topology = params.adaptive == Adaptive::Topology;
+                let added = if by_topology { BY_TOPOLOGY } else { 1.0 };
+                added * expected_tets(image, &rows, &scaled, &check)?.of_labels
+            };
+            if !guess.goes_on(expected, GUESS_WITHIN) {
                 break;
             }
         }
-        Ok(Self { left, factor: guess.factor, ..Self::of(wanted) })
+        Ok(Self { left, coarsens, factor: guess.factor, ..Self::of(wanted) })
     }
 
     /// A search that knows nothing yet.
     fn of(wanted: f64) -> Self {
-        Self { wanted, refined: 0.0, left: 1.0, tries: Vec::new(), factor: 1.0 }
+        let (tries, coarsens) = (Vec::new(), false);
+        Self { wanted, refined: 0.0, left: 1.0, coarsens, tries, factor: 1.0 }
     }
 
     /// The factor to try.
@@ -115,7 +143,7 @@ impl Search {
     /// what is wanted that it is not worth going on with it, and there is another factor to try.
     pub(super) fn is_far_off(&mut self, tets: u64) -> bool {
         self.refined = tets as f64;
-        self.may_try_again() && self.goes_on(self.left * self.refined, FAR_OFF)
+        !self.coarsens && self.may_try_again() && self.goes_on(self.left * self.refined, FAR_OFF)
     }
 
     /// Takes in how many tets the mesh with that factor has in the end; whether there is another

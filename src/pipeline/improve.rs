@@ -1,14 +1,19 @@
-//! The third stage: nicks are filled, slivers go, and then the background that is not to be kept.
+//! The third stage: nicks are filled, the mesh is coarsened if that is asked for, slivers go, and
+//! then the background that is not to be kept.
 
 use crate::Error;
 use crate::Result;
 use crate::image::LabelImage;
-use crate::improve::{Improvement, Settings, fill_nicks, improve};
+use crate::improve::{
+    Coarseness, Improvement, PART_OF_COARSENING, Settings, coarsen, facets_below, fill_nicks,
+    improve,
+};
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::params::{Improve, MeshParams};
 use crate::pipeline::prepare::Prepared;
 use crate::refine::options::Limits;
+use crate::sizing::Spacing;
 
 /// Improves a mesh that has the background around the object, and keeps of it what `params` ask
 /// for; `points_kept` is as [`collect`](super::refine::collect) has it. Told besides: the limit
@@ -18,14 +23,14 @@ use crate::refine::options::Limits;
 /// Limits, where none is allowed; [`Error::Cancelled`]; [`Error::OutOfMemory`].
 pub fn improve_mesh(
     mesh: &mut TetMesh,
-    points_kept: usize,
+    mut points_kept: usize,
     prepared: &Prepared,
     image: &LabelImage,
     params: &MeshParams,
     limits: &Limits,
     monitor: &Monitor<'_>,
 ) -> Result<(Improvement, Option<Error>)> {
-    let settings = Settings {
+    let mut settings = Settings {
         oracle: &prepared.oracle,
         labels: image.labels(),
         sizing: &prepared.sizing,
@@ -33,15 +38,36 @@ pub fn improve_mesh(
         target: params.target_dihedral,
         radius_edge: params.radius_edge,
         facet_angle: params.facet_angle,
+        is_delaunay: true,
+        parts: [0.0, 1.0],
         check_time: &|| limits.check_time(),
     };
-    let points_before = mesh.points.len();
     // Whoever asks for the inside alone keeps interfaces bit for bit.
     let filled = match params.improve {
         Improve::Full => fill_nicks(mesh, &prepared.oracle, points_kept, monitor)?,
         Improve::None | Improve::Interior => Vec::new(),
     };
-    let (mut improvement, ended) = improve(mesh, &settings, monitor)?;
+    let mut coarsened = None;
+    if let Some(facet_angle) = params.coarsen {
+        let coarseness = Coarseness {
+            facet_angle,
+            delta: params.delta,
+            delta_between: &|labels| Spacing::between(params, labels),
+            size_of: &|label| params.size_of(label),
+        };
+        let done = coarsen(mesh, &settings, &coarseness, monitor)?;
+        settings.is_delaunay = false;
+        settings.parts[0] = PART_OF_COARSENING;
+        points_kept = if params.background { mesh.points.len() } else { done.points_kept };
+        coarsened = Some(done);
+    }
+    let points_before = mesh.points.len();
+    let (mut improvement, mut ended) = improve(mesh, &settings, monitor)?;
+    if let Some(coarsened) = coarsened {
+        improvement.add_earlier(&coarsened.improvement);
+        improvement.facets_below = facets_below(mesh, params.facet_angle);
+        ended = ended.or(coarsened.ended);
+    }
     let ended_by = match ended {
         Some(limit) if limit.is_limit() && params.partial => Some(limit),
         Some(error) => return Err(error),

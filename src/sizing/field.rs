@@ -92,6 +92,12 @@ impl Spacing {
         }
     }
 
+    /// How far apart samples of the interface of two labels may be where nothing is thin.
+    pub fn between(params: &MeshParams, labels: [i32; 2]) -> f64 {
+        let of_labels = labels.into_iter().filter(|&label| label != 0);
+        of_labels.fold(params.delta, |delta, label| delta.min(PER_SIZE * params.size_of(label)))
+    }
+
     /// Samples are no closer than this because of what is thin, or of places, and no farther apart
     /// than delta.
     pub fn floor(&self, image: &LabelImage) -> f64 {

@@ -46,6 +46,19 @@ fn a_mesh_has_the_tets_asked_for() {
     }
 }
 
+/// So it has where it is made coarse, which the refined mesh tells nothing about.
+#[test]
+fn a_coarsened_mesh_has_the_tets_asked_for() {
+    for target in [4_000, 20_000] {
+        let params = MeshParams { coarsen: Some(15.0), ..quick(Adaptive::Thickness, Some(target)) };
+        let run = mesh_image(&busy_image(), &params, &Monitor::silent()).unwrap();
+        let ratio = tets(&run.mesh) as f64 / target as f64;
+        assert!((0.9..=1.1).contains(&ratio), "{ratio} of {target}");
+        // The floor of samples stays: what is thin must be found.
+        assert_eq!(params.scaled(3.0).spacing_floor, params.spacing_floor);
+    }
+}
+
 /// A limit that ends a later try leaves the mesh of an earlier one, where partial ones are allowed.
 #[test]
 fn a_limit_leaves_the_mesh_of_an_earlier_try() {

@@ -10,7 +10,7 @@ use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::verify::DefectKind;
 
 use super::random::Random;
-use super::{mesh, params};
+use super::{assert_sound, mesh, params, run};
 
 /// Every component of the image is one of the mesh, and bounded alike.
 fn assert_same_topology(meshing: &MeshResult, what: &str) {
@@ -27,7 +27,7 @@ fn assert_same_topology(meshing: &MeshResult, what: &str) {
 }
 
 /// Meshes at a delta of one voxel and of more, sampled more densely where the image is thin, and
-/// where the mesh differs from it.
+/// where the mesh differs from it; and made coarse again.
 fn keeps_its_topology(image: &LabelImage, what: &str) {
     for adaptive in [Adaptive::Thickness, Adaptive::Topology] {
         for delta in [1.0, 2.0, 3.0, 4.0] {
@@ -35,6 +35,22 @@ fn keeps_its_topology(image: &LabelImage, what: &str) {
             assert_same_topology(&meshing, &format!("{what} at delta {delta}, {adaptive:?}"));
         }
     }
+    for delta in [1.0, 2.0, 3.0, 4.0] {
+        assert_coarsened_alike(image, &format!("{what} at delta {delta}, coarsened"), delta);
+    }
+}
+
+/// A mesh that is made coarse has the topology of the image, and is sound.
+fn assert_coarsened_alike(image: &LabelImage, what: &str, delta: f64) {
+    let coarse = MeshParams { size: 2.0 * delta, coarsen: Some(15.0), ..params(delta) };
+    let meshing = run(image, &coarse);
+    assert_sound(&meshing);
+    assert_same_topology(&meshing, what);
+    let improvement = &meshing.report.improvement;
+    assert!(
+        improvement.tets_before > 0 && meshing.report.quality.min_facet_angle > 14.99,
+        "{what}"
+    );
 }
 
 #[test]
@@ -75,6 +91,7 @@ fn checkerboards_touch_where_their_cells_do() {
             assert_eq!((row.euler_image, row.euler_mesh), (218, 218), "label {}", row.label);
         }
         assert_same_topology(&meshing, &format!("a checkerboard of two labels at delta {delta}"));
+        assert_coarsened_alike(&two, "a checkerboard of two labels, coarsened", delta);
     }
     keeps_its_topology(&eight, "a checkerboard of eight labels");
 }

@@ -440,6 +440,9 @@ struct ImprovementJson {
     max_move: f64,
     non_delaunay_facets: u64,
     nicks_filled: u64,
+    contractions: u64,
+    tets_before: u64,
+    facets_below: u64,
     left_tets: Vec<LeftTet>,
 }
 
@@ -472,6 +475,9 @@ impl ImprovementJson {
             max_move: improvement.max_move,
             non_delaunay_facets: improvement.non_delaunay_facets,
             nicks_filled: improvement.nicks_filled,
+            contractions: counts.contractions,
+            tets_before: improvement.tets_before,
+            facets_below: improvement.facets_below,
             left_tets: filled(left, "tets that are left", |left| LeftTet {
                 tet: left.tet,
                 label: labels[left.tet as usize],

@@ -1,6 +1,8 @@
 //! Slivers go, and nothing else: angles, topology, interfaces, walls, and the same mesh on any
 //! number of threads.
 
+mod coarsen;
+
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
@@ -106,6 +108,8 @@ fn improved(
         target,
         radius_edge: 2.0,
         facet_angle: 30.0,
+        is_delaunay: true,
+        parts: [0.0, 1.0],
         check_time,
     };
     let (improvement, ended) = improve(&mut mesh, &settings, &Monitor::silent()).unwrap();

@@ -1,0 +1,377 @@
+//! Edge contraction: a vertex goes into one beside it, and the tets of their edge vanish.
+//!
+//! What is given up are tets and vertices. **What is connected stays**, of every label, exactly:
+//! vertex u may go into v if
+//! - *v belongs to what u belongs to*, and *the link condition* holds: see [`link`](super::link).
+//! - *Every tet is positive afterwards*, by its exact sign, those of the background too. The tets
+//!   around u are a ball. If v sees all of its boundary, the new tets fill the same ball, so no
+//!   condition on the tets is needed beside this one.
+//!
+//! What the mesh is asked for is kept: new tets have a circumradius of at most the size of their
+//! label, new interface facets one of at most delta, and angles as large as
+//! [`Bounds::facet_measure`] has it. The image has the labels of a new facet on its two sides,
+//! within the facet distance of refinement (rule R3). Slivers may be made: [`improve`](super) is
+//! for them.
+
+use std::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
+
+use glam::DVec3;
+
+use super::blocks::owner;
+use super::interfaces::Interfaces;
+use super::link::{Support, has_link_condition};
+use super::measure::{Measure, has_circumradius_within, is_positive};
+use super::report::Counts;
+use super::shared::Shared;
+use super::star::{Collected, Star, StarFacet};
+use crate::Result;
+use crate::geometry::shape::triangle_circumcircle;
+use crate::mesh::NONE;
+use crate::oracle::Walls;
+
+/// Vertices beside a vertex that it is tried to contract into, the nearest first.
+const MAX_TRIED: usize = 12;
+
+/// Vertices between two checks.
+const REPORT_EVERY: usize = 64;
+
+/// What contractions keep to.
+pub(super) struct Bounds<'a> {
+    /// How far apart samples on the interface of two labels may be.
+    pub delta: &'a (dyn Fn([i32; 2]) -> f64 + Sync),
+    /// The largest circumradius of a label's tets.
+    pub size: &'a (dyn Fn(i32) -> f64 + Sync),
+    /// No longer edge is contracted.
+    pub longest: f64,
+    /// The least measure of new tets, where those that they replace are no worse.
+    pub tet_measure: f64,
+    /// The squared sine of the least angle of new interface facets.
+    pub facet_measure: f64,
+}
+
+/// What all blocks of a round share.
+pub(super) struct Round<'a> {
+    pub shared: Shared<'a>,
+    /// The block of each vertex.
+    pub blocks: &'a [u32],
+    /// 1 for each vertex that is to be tried.
+    pub to_try: &'a [u8],
+    /// A tet of each vertex that is still to be tried, or [`NONE`]; for the vertex's block alone.
+    pub tets: &'a [AtomicU32],
+    /// 1 for each vertex that is to be tried in the next round. Any block may set it, and none
+    /// reads it.
+    pub next: &'a [AtomicU8],
+    pub interfaces: &'a Interfaces<'a>,
+    pub measure: Measure,
+    pub bounds: &'a Bounds<'a>,
+    /// Told how many vertices were dealt with; an error ends the work.
+    pub report_and_check: &'a (dyn Fn(usize) -> Result<()> + Sync),
+}
+
+/// What works in one block.
+pub(super) struct Contractor<'r, 'a> {
+    round: &'r Round<'a>,
+    me: u32,
+    other: Star,
+    /// What was done.
+    pub counts: Counts,
+}
+
+/// A vertex that is to go into one beside it.
+struct Leaving<'s> {
+    star: &'s Star,
+    support: Support,
+    walls: Walls,
+    /// New tets must measure more than this.
+    bound: f64,
+}
+
+impl<'r, 'a> Contractor<'r, 'a> {
+    pub fn new(round: &'r Round<'a>, me: u32) -> Self {
+        Self { round, me, other: Star::default(), counts: Counts::default() }
+    }
+
+    /// Tries the vertices of `tets`, which the block owns, that with the shortest edge first. What
+    /// changes is in order when this ends early, too.
+    ///
+    /// # Errors
+    /// Those of the round's `report_and_check`.
+    pub fn run(&mut self, tets: impl Iterator<Item = u32>) -> Result<()> {
+        let round = self.round;
+        let mut star = Star::default();
+        let vertices = self.to_try(tets);
+        for some in vertices.chunks(REPORT_EVERY) {
+            some.iter().for_each(|&(_, u)| self.contract(&mut star, u));
+            (round.report_and_check)(some.len())?;
+        }
+        Ok(())
+    }
+
+    /// The vertices of the block that are to be tried, with the squares of the shortest edges in
+    /// the tets that the block owns; notes a tet of each.
+    fn to_try(&self, tets: impl Iterator<Item = u32>) -> Vec<(u64, u32)> {
+        let round = self.round;
+        let mut vertices = Vec::new();
+        for t in tets {
+            let tet = round.shared.tet(t);
+            for v in tet {
+                let is_mine = round.blocks[v as usize] == self.me;
+                if !is_mine || round.to_try[v as usize] == 0 {
+                    continue;
+                }
+                round.tets[v as usize].store(t, Relaxed);
+                let at = round.shared.point(v);
+                let others = tet.into_iter().filter(|&w| w != v);
+                let squares = others.map(|w| round.shared.point(w).distance_squared(at));
+                // Squares are not negative, so their bits are in their order.
+                vertices.push((v, squares.fold(f64::INFINITY, f64::min).to_bits()));
+            }
+        }
+        vertices.sort_unstable();
+        vertices.dedup_by_key(|(v, _)| *v);
+        let mut vertices: Vec<_> = vertices.into_iter().map(|(v, square)| (square, v)).collect();
+        vertices.sort_unstable();
+        vertices
+    }
+
+    fn owns(&self, vertices: [u32; 4]) -> bool {
+        owner(vertices.map(|v| self.round.blocks[v as usize])) == Some(self.me)
+    }
+
+    fn walls_at(&self, v: u32) -> Walls {
+        self.round.interfaces.oracle.walls_at(self.round.shared.point(v))
+    }
+
+    /// Has a vertex tried in the next round.
+    fn try_later(&self, v: u32) {
+        self.round.next[v as usize].store(1, Relaxed);
+    }
+
+    fn contract(&mut self, star: &mut Star, u: u32) {
+        let round = self.round;
+        let t = round.tets[u as usize].swap(NONE, Relaxed);
+        match star.collect(&round.shared, t, u, |tet| self.owns(tet)) {
+            Collected::Star => {}
+            Collected::Foreign => return self.try_later(u),
+            Collected::Open => return,
+        }
+        let at = round.shared.point(u);
+        let Some(support) = Support::of(star, |w| self.walls_at(w)) else { return };
+        let walls = self.walls_at(u);
+        if walls.count() == 3 {
+            return;
+        }
+        let mut near = neighbors(star, at);
+        near.retain(|&(square, v)| {
+            square <= round.bounds.longest * round.bounds.longest && support.allows(star, v)
+        });
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        if near.is_empty() {
+            return;
+        }
+        let least = round.bounds.tet_measure;
+        let old = star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0);
+        let old = old.map(|(_, &[x, y, z])| [at, x, y, z]);
+        let below = old.filter(|tet| !round.measure.exceeds(tet, least));
+        let leaving = Leaving {
+            star,
+            support,
+            walls,
+            bound: below.map(|tet| round.measure.of(&tet)).fold(least, f64::min).next_down(),
+        };
+        let mut waits = false;
+        for &(_, v) in near.iter().take(MAX_TRIED) {
+            match self.check(&leaving, v) {
+                Outcome::Sound => {
+                    return self.carry_out(star, u, v);
+                }
+                Outcome::Foreign => waits = true,
+                Outcome::Failed => {}
+            }
+        }
+        if waits {
+            self.try_later(u);
+        }
+    }
+
+    /// Whether a vertex may go into `v`.
+    fn check(&mut self, leaving: &Leaving<'_>, v: u32) -> Outcome {
+        let &Leaving { star, support, walls, bound } = leaving;
+        let round = self.round;
+        let to = round.shared.point(v);
+        if walls.count() > 0 && walls.common(&self.walls_at(v)) != walls {
+            return Outcome::Failed;
+        }
+        let moved = |i: usize| {
+            let [x, y, z] = star.points[i];
+            [to, x, y, z]
+        };
+        // What of the star is still there afterwards.
+        let kept = || (0..star.tets.len()).filter(|&i| !star.links[i].contains(&v));
+        let is_good = |i: usize| {
+            let (label, tet) = (star.labels[i], moved(i));
+            label == 0
+                || round.measure.exceeds(&tet, bound)
+                    && has_circumradius_within(&tet, (round.bounds.size)(label))
+        };
+        // What costs least is asked first.
+        if !self.has_good_facets(star, v, to)
+            || !kept().all(is_good)
+            || !kept().all(|i| is_positive(&moved(i)))
+            || !self.has_facets_in_place(star, v, to, support)
+        {
+            return Outcome::Failed;
+        }
+        let is_mine = |i: usize| {
+            let [x, y, z] = star.links[i];
+            self.owns([v, x, y, z])
+        };
+        if !kept().all(is_mine) {
+            return Outcome::Foreign;
+        }
+        if star.facets.is_empty() { Outcome::Sound } else { self.keeps_topology(star, v, support) }
+    }
+
+    /// The facets that vertex `v`, at `to`, takes from a star, by their corners.
+    fn taken(
+        &self,
+        star: &Star,
+        v: u32,
+        to: DVec3,
+    ) -> impl Iterator<Item = (StarFacet, [DVec3; 3])> {
+        let facets = star.facets.iter().filter(move |facet| !facet.others.contains(&v));
+        facets.map(move |&facet| {
+            let [p, q] = facet.others.map(|w| self.round.shared.point(w));
+            (facet, [to, p, q])
+        })
+    }
+
+    /// Whether the facets that `v` takes are as they are asked to be.
+    fn has_good_facets(&self, star: &Star, v: u32, to: DVec3) -> bool {
+        let Round { interfaces, bounds, .. } = self.round;
+        self.taken(star, v, to).all(|(facet, corners @ [a, b, c])| {
+            let delta = (bounds.delta)(facet.labels);
+            interfaces.has_angles(corners, bounds.facet_measure)
+                && triangle_circumcircle(a, b, c).is_some_and(|(_, square)| square <= delta * delta)
+        })
+    }
+
+    /// Whether the facets that `v` takes are where the image has them.
+    fn has_facets_in_place(&self, star: &Star, v: u32, to: DVec3, support: Support) -> bool {
+        let Round { interfaces, bounds, .. } = self.round;
+        self.taken(star, v, to).all(|(facet, corners @ [a, b, c])| {
+            if facet.labels.contains(&0) && interfaces.oracle.has_walls() {
+                // On a wall is where the image ends, and beside it nothing may be left out.
+                if interfaces.walls_of(corners).count() > 0 {
+                    return true;
+                }
+                let outwards = if facet.labels[1] == 0 { 1.0 } else { -1.0 };
+                if interfaces.oracle.is_off_wall(corners, outwards) {
+                    return false;
+                }
+            }
+            let delta = (bounds.delta)(facet.labels);
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            let is_there = |at| interfaces.is_between(at, normal, delta, facet.labels);
+            // Beside an edge of a line are other labels, too.
+            let [with_b, with_c] = facet.others.map(|w| support.is_end(w));
+            is_there((a + b + c) / 3.0)
+                && (with_b || is_there((a + b) / 2.0))
+                && (with_c || is_there((a + c) / 2.0))
+        })
+    }
+
+    /// Whether the link condition holds for `v` and the vertex of a star in the interfaces and
+    /// their lines.
+    fn keeps_topology(&mut self, star: &Star, v: u32, support: Support) -> Outcome {
+        let Some(i) = star.links.iter().position(|link| link.contains(&v)) else {
+            return Outcome::Failed;
+        };
+        let mut other = std::mem::take(&mut self.other);
+        let outcome = match other.collect(&self.round.shared, star.tets[i], v, |t| self.owns(t)) {
+            Collected::Star if has_link_condition(star, &other, support, |w| self.walls_at(w)) => {
+                Outcome::Sound
+            }
+            Collected::Foreign => Outcome::Foreign,
+            _ => Outcome::Failed,
+        };
+        self.other = other;
+        outcome
+    }
+
+    fn carry_out(&mut self, star: &Star, u: u32, v: u32) {
+        let round = self.round;
+        let shared = &round.shared;
+        self.counts.contractions += 1;
+        if !star.facets.is_empty() {
+            let [from, to] = [u, v].map(|w| shared.point(w));
+            for (&label, &[x, y, z]) in star.labels.iter().zip(&star.points) {
+                // Of a tet that vanishes nothing is left: its three others and v are in a plane.
+                let volume = (from - to).dot((y - x).cross(z - x)) / 6.0;
+                self.counts.add_volume(label, volume);
+            }
+        }
+        for (link, &t) in star.links.iter().zip(&star.tets) {
+            if !link.contains(&v) {
+                continue;
+            }
+            // The tets across the facets without u and without v are beside each other from now
+            // on. Neither vanishes: each has one of u and v.
+            let tet = shared.tet(t);
+            let facet = |w: u32| (0..4).find(|&i| tet[i] == w).unwrap_or(0);
+            let [beyond_u, beyond_v] = [u, v].map(|w| shared.neighbor(t, facet(w)));
+            for (at, beside) in [(beyond_u, beyond_v), (beyond_v, beyond_u)] {
+                if at != NONE
+                    && let Some(i) = shared.facet_to(at, t)
+                {
+                    shared.set_neighbor(at, i, beside);
+                }
+            }
+        }
+        for ((link, &t), &label) in star.links.iter().zip(&star.tets).zip(&star.labels) {
+            if link.contains(&v) {
+                shared.free(t);
+                continue;
+            }
+            shared.put(t, shared.tet(t).map(|w| if w == u { v } else { w }), label);
+        }
+        // What is around may be contracted by now.
+        for (link, &t) in star.links.iter().zip(&star.tets) {
+            if link.contains(&v) {
+                continue;
+            }
+            for w in link.iter().copied().chain([v]) {
+                self.try_later(w);
+                let is_mine = round.blocks[w as usize] == self.me;
+                // What it had may be gone.
+                if is_mine && round.tets[w as usize].load(Relaxed) != NONE {
+                    round.tets[w as usize].store(t, Relaxed);
+                }
+            }
+        }
+    }
+}
+
+/// What became of an attempt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Outcome {
+    /// The edge may be contracted.
+    Sound,
+    /// It may not.
+    Failed,
+    /// It may, perhaps, but that needs a tet that the block does not own.
+    Foreign,
+}
+
+/// The vertices beside that of a star, which is at `at`, with their squared distances.
+fn neighbors(star: &Star, at: DVec3) -> Vec<(f64, u32)> {
+    let mut near: Vec<(f64, u32)> = Vec::with_capacity(24);
+    for (link, points) in star.links.iter().zip(&star.points) {
+        for (&v, p) in link.iter().zip(points) {
+            if near.iter().all(|&(_, w)| w != v) {
+                near.push((p.distance_squared(at), v));
+            }
+        }
+    }
+    near
+}
