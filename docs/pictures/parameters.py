@@ -100,7 +100,7 @@ def budgets(arguments, numbers):
     figure, grid = plt.subplots(2, 2, figsize=(8.4, 9.4), squeeze=False, layout="constrained")
     for axes, tets in zip(grid.flat, numbers):
         path, report = (arguments.work / f"tets-{tets}.{ending}" for ending in ("mesh", "json"))
-        options = f"--tets {tets} --adaptive topology"
+        options = f"--tets {tets} --adaptive topology --coarsen 15"
         command = [arguments.mesh_image, ATLAS, "-o", str(path), "--report", str(report)]
         subprocess.run(
             [*command, "--certificate", "sound", "--quiet", *options.split()],
