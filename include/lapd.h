@@ -1237,8 +1237,8 @@ typedef struct {
 } lapd_defect;
 
 /**
- * What the removal of slivers did. Set struct_size to sizeof(lapd_improvement) before the call.
- * All is 0 with LAPD_IMPROVE_NONE.
+ * What coarsening and the removal of slivers did. Set struct_size to sizeof(lapd_improvement)
+ * before the call. All is 0 with LAPD_IMPROVE_NONE.
  */
 typedef struct {
   /**
@@ -1290,7 +1290,9 @@ typedef struct {
    */
   double max_flip;
   /**
-   * The largest distance of a vertex on an interface from where refinement put the interface.
+   * The largest distance of a vertex on an interface from where refinement put the interface; of
+   * a mesh that was coarsened, from where it was after the contractions before, of which there
+   * are three at most.
    */
   double max_interface_move;
   /**
@@ -2620,9 +2622,9 @@ lapd_status lapd_mesh_image(lapd_context *context,
  * spacing (but for a mesh that is coarsened), are then multiplied by one factor, which is
  * searched: the mesh has as many tets within a tenth, unless no factor leads to that, of which a
  * warning tells. With 0, the default, these lengths are taken as they are. lapd_mesh_get_bounds
- * tells what was found. It takes one to three refinements, seldom more. Where a limit ends a later
- * one, and partial meshes are allowed, the mesh is that of an earlier one. No other thread may use
- * `params` or the context meanwhile.
+ * tells what was found. It takes one to three refinements, seldom more, each with its coarsening
+ * where that is asked for. Where a limit ends a later one, and partial meshes are allowed, the
+ * mesh is that of an earlier one. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the number is above 4294967295.
  */
@@ -2637,14 +2639,16 @@ lapd_status lapd_params_set_target_tets(lapd_context *context, lapd_params *para
 lapd_status lapd_params_get_target_tets(const lapd_params *params, uint64_t *tets);
 
 /**
- * Has the refined mesh made coarser where that changes nothing in what is connected: edges are
+ * Makes the refined mesh coarser where that changes nothing in what is connected: edges are
  * contracted as long as tets stay within size, samples of the interfaces within delta, and the
- * facets between keep planar angles of so many degrees, above 0 and at most 30. 15 is a good
- * choice; with more fewer edges can go. Most is gained with LAPD_ADAPTIVE_THICKNESS at a large
- * delta: a mesh of the brain has a sixth of the tets, and no component less. It takes several
- * times as long as the refinement. lapd_mesh_get_improvement tells what was done. With 0, the
- * default, the mesh stays as refinement made it. Needs LAPD_IMPROVE_FULL, which lapd_mesh_image
- * checks. No other thread may use `params` or the context meanwhile.
+ * facets between keep planar angles of at least so many degrees (or those that they had), above 0
+ * and at most 30. 15 is a good choice; with more fewer edges can go. Most is gained with
+ * LAPD_ADAPTIVE_THICKNESS at a large delta: a mesh of the brain has a sixth of the tets, and no
+ * component less. It takes 5 to 10 times as long as the refinement, less with
+ * LAPD_ADAPTIVE_TOPOLOGY. A limit of time that ends it early leaves many slivers, where partial
+ * meshes are allowed. lapd_mesh_get_improvement tells what was done. With 0, the default, the mesh
+ * stays as refinement made it. Needs LAPD_IMPROVE_FULL, which lapd_mesh_image checks. No other
+ * thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
@@ -2672,7 +2676,8 @@ lapd_status lapd_mesh_get_bounds(const lapd_mesh *mesh, double *delta, double *s
  * of labels, bytes of memory at the peak, the image among them, and seconds on this machine, as
  * busy as it is now. Mostly within a fifth. What LAPD_ADAPTIVE_TOPOLOGY adds is not known before,
  * and left out. What lapd_params_set_coarsen leaves is known roughly: within two fifths where
- * delta is three voxels at most, at coarser ones there may be three times as many.
+ * delta is three voxels at most, at coarser ones there may be four times as many; seconds within a
+ * half.
  *
  * It takes as long as the preparation of the image, and some 20 milliseconds to find out how fast
  * the machine is. Progress callbacks of the context are called on this thread. No other thread may

@@ -6,8 +6,8 @@ use super::report::{of_run, own_size};
 use super::status::lapd_status;
 use crate::improve::Cause;
 
-/// What the removal of slivers did. Set struct_size to sizeof(lapd_improvement) before the call.
-/// All is 0 with LAPD_IMPROVE_NONE.
+/// What coarsening and the removal of slivers did. Set struct_size to sizeof(lapd_improvement)
+/// before the call. All is 0 with LAPD_IMPROVE_NONE.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct lapd_improvement {
@@ -35,7 +35,9 @@ pub struct lapd_improvement {
     pub splits: u64,
     /// The largest distance between an interface edge that was flipped and the one in its place.
     pub max_flip: f64,
-    /// The largest distance of a vertex on an interface from where refinement put the interface.
+    /// The largest distance of a vertex on an interface from where refinement put the interface; of
+    /// a mesh that was coarsened, from where it was after the contractions before, of which there
+    /// are three at most.
     pub max_interface_move: f64,
     /// The largest distance of any vertex from where refinement put it.
     pub max_move: f64,

@@ -9,8 +9,9 @@
 //!
 //! What the mesh is asked for is kept: new tets have a circumradius of at most the size of their
 //! label, new interface facets one of at most delta, and angles as large as
-//! [`Bounds::facet_measure`] has it. The image has the labels of a new facet on its two sides,
-//! within the facet distance of refinement (rule R3). Slivers may be made: [`improve`](super) is
+//! [`Bounds::facet_measure`] has it. The image has the labels of a new facet on its two sides, at
+//! no more than 0.22 of delta from its centroid and the middles of its edges; of edges of a line
+//! the facets beside them tell. Slivers may be made: [`improve`](super) is
 //! for them.
 
 use std::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
@@ -33,7 +34,11 @@ use crate::oracle::Walls;
 const MAX_TRIED: usize = 12;
 
 /// Vertices between two checks.
-const REPORT_EVERY: usize = 64;
+const REPORT_EVERY: usize = 16;
+
+/// What stands for the tet of a vertex that has been tried; [`NONE`] is that of one that has not,
+/// because its block owns no tet of it.
+pub(super) const TRIED: u32 = NONE - 1;
 
 /// What contractions keep to.
 pub(super) struct Bounds<'a> {
@@ -56,7 +61,8 @@ pub(super) struct Round<'a> {
     pub blocks: &'a [u32],
     /// 1 for each vertex that is to be tried.
     pub to_try: &'a [u8],
-    /// A tet of each vertex that is still to be tried, or [`NONE`]; for the vertex's block alone.
+    /// A tet of each vertex that is still to be tried, or [`NONE`] or [`TRIED`]; for the vertex's
+    /// block alone.
     pub tets: &'a [AtomicU32],
     /// 1 for each vertex that is to be tried in the next round. Any block may set it, and none
     /// reads it.
@@ -98,6 +104,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
     /// Those of the round's `report_and_check`.
     pub fn run(&mut self, tets: impl Iterator<Item = u32>) -> Result<()> {
         let round = self.round;
+        (round.report_and_check)(0)?;
         let mut star = Star::default();
         let vertices = self.to_try(tets);
         for some in vertices.chunks(REPORT_EVERY) {
@@ -149,7 +156,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
 
     fn contract(&mut self, star: &mut Star, u: u32) {
         let round = self.round;
-        let t = round.tets[u as usize].swap(NONE, Relaxed);
+        let t = round.tets[u as usize].swap(TRIED, Relaxed);
         match star.collect(&round.shared, t, u, |tet| self.owns(tet)) {
             Collected::Star => {}
             Collected::Foreign => return self.try_later(u),
@@ -260,18 +267,20 @@ impl<'r, 'a> Contractor<'r, 'a> {
     fn has_facets_in_place(&self, star: &Star, v: u32, to: DVec3, support: Support) -> bool {
         let Round { interfaces, bounds, .. } = self.round;
         self.taken(star, v, to).all(|(facet, corners @ [a, b, c])| {
+            let delta = (bounds.delta)(facet.labels);
+            let normal = (b - a).cross(c - a).normalize_or_zero();
             if facet.labels.contains(&0) && interfaces.oracle.has_walls() {
-                // On a wall is where the image ends, and beside it nothing may be left out.
-                if interfaces.walls_of(corners).count() > 0 {
-                    return true;
-                }
                 let outwards = if facet.labels[1] == 0 { 1.0 } else { -1.0 };
+                // The image ends at a wall. The label must reach it there, and nothing of it may be
+                // left out beside a wall.
+                if interfaces.walls_of(corners).count() > 0 {
+                    let label = facet.labels[usize::from(facet.labels[0] == 0)];
+                    return interfaces.is_below((a + b + c) / 3.0, outwards * normal, delta, label);
+                }
                 if interfaces.oracle.is_off_wall(corners, outwards) {
                     return false;
                 }
             }
-            let delta = (bounds.delta)(facet.labels);
-            let normal = (b - a).cross(c - a).normalize_or_zero();
             let is_there = |at| interfaces.is_between(at, normal, delta, facet.labels);
             // Beside an edge of a line are other labels, too.
             let [with_b, with_c] = facet.others.map(|w| support.is_end(w));
@@ -344,7 +353,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
                 self.try_later(w);
                 let is_mine = round.blocks[w as usize] == self.me;
                 // What it had may be gone.
-                if is_mine && round.tets[w as usize].load(Relaxed) != NONE {
+                if is_mine && round.tets[w as usize].load(Relaxed) < TRIED {
                     round.tets[w as usize].store(t, Relaxed);
                 }
             }

@@ -68,6 +68,11 @@ impl<'a> Interfaces<'a> {
         })
     }
 
+    /// Whether a label is below a place, at one of these distances.
+    pub fn is_below(&self, at: DVec3, normal: DVec3, delta: f64, label: i32) -> bool {
+        NEARER.iter().any(|part| self.label(at - part * FACET_DISTANCE * delta * normal) == label)
+    }
+
     /// Whether the squared sine of the least angle of a triangle is at least `measure`.
     pub fn has_angles(&self, [a, b, c]: [DVec3; 3], measure: f64) -> bool {
         !has_angle_below(a, b, c, 1.0 - measure)
@@ -79,7 +84,7 @@ impl<'a> Interfaces<'a> {
     }
 
     /// Whether interface facets that take the place of `old` ones have angles as large as asked
-    /// for, or none that is smaller than all there were.
+    /// for, or at least the least angle that there was.
     pub fn keep_angles<const N: usize>(&self, new: [[DVec3; 3]; N], old: [[DVec3; 3]; N]) -> bool {
         if new.iter().all(|&facet| self.is_well_shaped(facet)) {
             return true;

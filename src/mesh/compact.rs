@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::{NONE, TetMesh};
 use crate::Result;
 use crate::memory::{reserve, zeroed};
+use crate::monitor::Monitor;
 
 impl TetMesh {
     /// Drops empty slots of tets, and vertices that no tet has. Tets keep their order; so do
@@ -12,8 +13,9 @@ impl TetMesh {
     /// without facets.
     ///
     /// # Errors
-    /// [`OutOfMemory`](crate::Error::OutOfMemory), with the mesh unchanged.
-    pub(crate) fn compact(&mut self) -> Result<usize> {
+    /// [`OutOfMemory`](crate::Error::OutOfMemory) and [`Cancelled`](crate::Error::Cancelled), with
+    /// the mesh unchanged.
+    pub(crate) fn compact(&mut self, monitor: &Monitor<'_>) -> Result<usize> {
         let (of_object, of_background) = (2_u8, 1_u8);
         let mut uses = zeroed(self.points.len(), "vertices of the mesh")?;
         for (tet, &label) in self.tets.iter().zip(&self.labels).filter(|(tet, _)| tet[0] != NONE) {
@@ -23,6 +25,7 @@ impl TetMesh {
                 *uses = of_tet.max(*uses);
             });
         }
+        monitor.check_cancelled()?;
         let count = |of: u8| uses.par_iter().filter(|&&uses| uses == of).count();
         let points_kept = count(of_object);
         let mut points = Vec::new();
@@ -35,6 +38,7 @@ impl TetMesh {
                 points.push(point);
             }
         }
+        monitor.check_cancelled()?;
         self.points = points;
         let mut live = 0;
         for (slot, tet) in slots.iter_mut().zip(&self.tets) {

@@ -5,7 +5,8 @@
 //! ([`expected_tets`](crate::sizing::expected)): no mesh is made for that. Then the mesh is made
 //! with it, and its tets are counted. Where they are too many or too few, it is made again with
 //! another factor, by the power law through the two nearest tries. Mostly one or two tries do.
-//! Where the refined mesh is far off already, it is not improved.
+//! Where the refined mesh is far off already, it is not improved. If it is to be coarsened only the
+//! mesh in the end tells, and the spacing floor stays as it is.
 //!
 //! It ends: tries are counted.
 
@@ -67,7 +68,9 @@ pub(super) fn expected_after_coarsening(
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<f64> {
     let coarse = MeshParams { adaptive: Adaptive::Off, ..params.clone() };
-    Ok(BY_COARSENING * expected_tets(image, rows, &coarse, check)?.of_labels)
+    let least = BY_COARSENING * expected_tets(image, rows, &coarse, check)?.of_labels;
+    // It has no more than were refined.
+    Ok(least.min(expected_tets(image, rows, params, check)?.of_labels))
 }
 
 /// The search for the factor.
@@ -105,15 +108,15 @@ impl Search {
         let left = if params.improve == Improve::Full { LEFT_BY_IMPROVEMENT } else { 1.0 };
         let wanted = target as f64;
         let coarsens = params.coarsen.is_some();
-        let mut guess = Self::of(wanted);
+        let follows = !coarsens && params.adaptive == Adaptive::Topology;
+        let added = if follows { BY_TOPOLOGY } else { 1.0 };
+        let mut guess = Self::of(wanted / added);
         for _ in 0..GUESSES {
             let scaled = params.scaled(guess.factor);
             let expected = if coarsens {
                 expected_after_coarsening(image, &rows, &scaled, &check)?
             } else {
-                let by_topology = params.adaptive == Adaptive::Topology;
-                let added = if by_topology { BY_TOPOLOGY } else { 1.0 };
-                added * expected_tets(image, &rows, &scaled, &check)?.of_labels
+                expected_tets(image, &rows, &scaled, &check)?.of_labels
             };
             if !guess.goes_on(expected, GUESS_WITHIN) {
                 break;

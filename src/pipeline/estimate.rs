@@ -85,7 +85,7 @@ pub fn estimate(
     let Expected { of_labels, of_background } = expected_tets(&image, &rows, params, &check)?;
     let all = of_labels + of_background;
     let left = if params.coarsen.is_some() {
-        budget::expected_after_coarsening(&image, &rows, params, &check)?.min(of_labels)
+        budget::expected_after_coarsening(&image, &rows, params, &check)?
     } else {
         of_labels
     };

@@ -55,7 +55,10 @@ pub fn improve_mesh(
             delta_between: &|labels| Spacing::between(params, labels),
             size_of: &|label| params.size_of(label),
         };
-        let done = coarsen(mesh, &settings, &coarseness, monitor)?;
+        let mut done = coarsen(mesh, &settings, &coarseness, monitor)?;
+        if let Some(limit) = done.ended.take_if(|_| !params.partial) {
+            return Err(limit);
+        }
         settings.is_delaunay = false;
         settings.parts[0] = PART_OF_COARSENING;
         points_kept = if params.background { mesh.points.len() } else { done.points_kept };
