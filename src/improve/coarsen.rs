@@ -101,12 +101,7 @@ pub fn coarsen(
             improvement.add_earlier(&coarsened.improvement);
         }
         coarsened.improvement = Improvement { tets_before, ..improvement };
-        if let Some(cancelled @ Error::Cancelled) = ended {
-            return Err(cancelled);
-        }
-        coarsened.points_kept = mesh.compact(monitor)?;
-        coarsened.ended = ended;
-        if coarsened.ended.is_some() {
+        if coarsened.is_ended(mesh, ended, monitor)? {
             break;
         }
         let vertices = mesh.points.len();
@@ -114,18 +109,31 @@ pub fn coarsen(
         let run = Pass::new(settings, coarseness, least_dihedral);
         let report_and_check = |done| monitor.advance(done).and_then(|()| (settings.check_time)());
         let (counts, ended) = run.run(mesh, &report_and_check)?;
-        if let Some(cancelled @ Error::Cancelled) = ended {
-            return Err(cancelled);
-        }
-        coarsened.points_kept = mesh.compact(monitor)?;
         coarsened.improvement.counts.add(&counts);
-        coarsened.ended = ended;
         let little = (counts.contractions as f64) < WORTHWHILE_PASS * vertices as f64;
-        if little || coarsened.ended.is_some() {
+        if coarsened.is_ended(mesh, ended, monitor)? || little {
             break;
         }
     }
     Ok(coarsened)
+}
+
+impl Coarsened {
+    /// Closes the gaps of a mesh after a part of the work, and notes the limit that ended this.
+    /// Returns whether one did.
+    fn is_ended(
+        &mut self,
+        mesh: &mut TetMesh,
+        ended: Option<Error>,
+        monitor: &Monitor<'_>,
+    ) -> Result<bool> {
+        if let Some(cancelled @ Error::Cancelled) = ended {
+            return Err(cancelled);
+        }
+        self.points_kept = mesh.compact(monitor)?;
+        self.ended = ended;
+        Ok(self.ended.is_some())
+    }
 }
 
 /// One pass of contractions.
