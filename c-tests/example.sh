@@ -106,6 +106,11 @@ grep -q 'coarsening keeps facet angles above 0 and not above 30 degrees, got 31'
     "--coarsen 31: $(cat err)"
 expect 1 1 box.nrrd -o a.vtu --coarsen 15 --improve interior --quiet
 grep -q 'coarsening needs improvement full' err || fail "--coarsen without: $(cat err)"
+expect 2 2 box.nrrd -o a.vtu --across 0.5
+grep -q 'elements across a layer must lie in 1 to 100, got 0.5' err || fail \
+    "--across 0.5: $(cat err)"
+expect 2 2 box.nrrd -o a.vtu --least-size -1
+expect 2 2 box.nrrd -o a.vtu --gradation 0
 expect 2 2 box.nrrd -o a.vtu --target-dihedral nan
 expect 2 2 box.nrrd -o a.vtu --target-dihedral 40
 grep -q 'target dihedral angle must lie above 0 and not above 30 degrees, got 40' err || fail \

@@ -191,6 +191,9 @@ static void double_parameters(void) {
                  {lapd_params_set_spacing_floor, lapd_params_get_spacing_floor, 0.25, 0},
                  {lapd_params_set_facet_angle, lapd_params_get_facet_angle, 25, 31},
                  {lapd_params_set_coarsen, lapd_params_get_coarsen, 12, -1},
+                 {lapd_params_set_across, lapd_params_get_across, 3, 0.5},
+                 {lapd_params_set_least_size, lapd_params_get_least_size, 0.25, -1},
+                 {lapd_params_set_gradation, lapd_params_get_gradation, 0.3, 0},
                  {lapd_params_set_target_dihedral, lapd_params_get_target_dihedral, 20, 40}};
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
         double value = 0;
@@ -206,6 +209,7 @@ static void double_parameters(void) {
     }
     /* It goes with full improvement only. */
     CHECK(lapd_params_set_coarsen(context, params, 0) == LAPD_OK);
+    CHECK(lapd_params_set_across(context, params, 0) == LAPD_OK);
 }
 
 /* The setters that take an enum or a flag: how many values exist, and how many of them in this

@@ -249,6 +249,9 @@ void parameters() {
     params.set_coarsen(12);
     CHECK(params.coarsen() == 12);
     params.set_coarsen(0);
+    params.set_across(3).set_least_size(0.25).set_gradation(0.3);
+    CHECK(params.across() == 3 && params.least_size() == 0.25 && params.gradation() == 0.3);
+    params.set_across(0).set_least_size(0);
     params.set_label_size(5, 1.25);
     CHECK(params.delta() == 0.5 && params.size() == 1.5 && params.radius_edge() == 2.5 &&
           params.facet_angle() == 25);

@@ -30,6 +30,11 @@ static const char USAGE[] =
     "  --estimate           tell how many tets, how much memory and time a mesh needs, and make "
     "none\n"
     "  --label-size L=MM    the same for one label (after --merge); may be given again\n"
+    "  --across N           so many elements across each layer of a label, down to "
+    "--least-size; at least 1\n"
+    "  --least-size MM      circumradius of tets that no layer goes below; default that of the "
+    "spacing floor\n"
+    "  --gradation G        how much sizes grow per distance from a layer; default 0.4\n"
     "  --adaptive NAME      off | thickness | topology: sample more densely nothing, what is "
     "thinner than\n"
     "                       4/3 delta, or places where the mesh would tear, merge, or have holes; "
@@ -258,6 +263,9 @@ static set_result set_parameter(lapd_context *context, lapd_params *params, cons
                    {"--radius-edge", lapd_params_set_radius_edge},
                    {"--facet-angle", lapd_params_set_facet_angle},
                    {"--spacing-floor", lapd_params_set_spacing_floor},
+                   {"--across", lapd_params_set_across},
+                   {"--least-size", lapd_params_set_least_size},
+                   {"--gradation", lapd_params_set_gradation},
                    {"--gaussian", lapd_params_set_sigma},
                    {"--coarsen", lapd_params_set_coarsen},
                    {"--target-dihedral", lapd_params_set_target_dihedral},
@@ -503,6 +511,9 @@ bool parse_options(int argc, char **argv, lapd_context *context, lapd_params *pa
                                                      "--size",
                                                      "--tets",
                                                      "--coarsen",
+                                                     "--across",
+                                                     "--least-size",
+                                                     "--gradation",
                                                      "--keep",
                                                      "--label-size",
                                                      "--merge",

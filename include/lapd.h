@@ -2334,6 +2334,64 @@ lapd_status lapd_params_set_spacing_floor(lapd_context *context,
 lapd_status lapd_params_get_spacing_floor(const lapd_params *params, double *spacing_floor);
 
 /**
+ * Sets how many elements are to lie across each layer of a label: where a label is t thick, the
+ * edges of its tets are about t over this long on average. Their circumradii are at most 0.85 of
+ * that, and samples of interfaces at most 0.6 of it apart. 1 to 100; 0, the default: thickness
+ * does not matter for the sizes of tets. The size of lapd_params_set_size is the largest then,
+ * lapd_params_set_least_size sets the least, and lapd_params_set_gradation how fast sizes grow
+ * away from a layer. What holds cubes of 32 times the smallest side of a voxel counts as thick. No
+ * other thread may use `params` or the context meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_across(lapd_context *context, lapd_params *params, double elements);
+
+/**
+ * How many elements are to lie across each layer of a label; 0: thickness does not matter. Any
+ * thread, unless another one changes `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_across(const lapd_params *params, double *elements);
+
+/**
+ * Sets the least size that lapd_params_set_across leads to, a circumradius in world units; at
+ * least 0, the default. The floor of lapd_params_set_spacing_floor bounds it as well: to that over
+ * 0.7, half of a voxel over 0.7 by default. No other thread may use `params` or the context
+ * meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_least_size(lapd_context *context,
+                                       lapd_params *params,
+                                       double least_size);
+
+/**
+ * The least size that lapd_params_set_across leads to. Any thread, unless another one changes
+ * `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_least_size(const lapd_params *params, double *least_size);
+
+/**
+ * Sets by how much sizes grow per distance away from a layer, where lapd_params_set_across asks
+ * for elements across it; above 0, by default 0.4. No other thread may use `params` or the context
+ * meanwhile.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+ */
+lapd_status lapd_params_set_gradation(lapd_context *context, lapd_params *params, double gradation);
+
+/**
+ * By how much sizes grow per distance away from a layer. Any thread, unless another one changes
+ * `params`.
+ *
+ * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+ */
+lapd_status lapd_params_get_gradation(const lapd_params *params, double *gradation);
+
+/**
  * Leaves out components of a label (after lapd_params_set_merge, of voxels joined with all 26
  * around them) of fewer voxels than this: they become a part of the label, or the background, that
  * most voxels around them have. lapd_mesh_get_defect lists them. 0, the default, and 1 leave out

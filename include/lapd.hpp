@@ -584,6 +584,15 @@ class params {
     params &set_target_tets(std::uint64_t tets) {
         return set(lapd_params_set_target_tets, tets);
     }
+    params &set_across(double elements) {
+        return set(lapd_params_set_across, elements);
+    }
+    params &set_least_size(double least_size) {
+        return set(lapd_params_set_least_size, least_size);
+    }
+    params &set_gradation(double gradation) {
+        return set(lapd_params_set_gradation, gradation);
+    }
     params &set_coarsen(double degrees) {
         return set(lapd_params_set_coarsen, degrees);
     }
@@ -691,6 +700,15 @@ class params {
     }
     std::uint64_t target_tets() const {
         return value<std::uint64_t>(lapd_params_get_target_tets);
+    }
+    double across() const {
+        return value<double>(lapd_params_get_across);
+    }
+    double least_size() const {
+        return value<double>(lapd_params_get_least_size);
+    }
+    double gradation() const {
+        return value<double>(lapd_params_get_gradation);
     }
     double coarsen() const {
         return value<double>(lapd_params_get_coarsen);

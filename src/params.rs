@@ -89,6 +89,9 @@ pub const MAX_TARGET_DIHEDRAL: f64 = 30.0;
 /// Largest value of [`MeshParams::coarsen`], in degrees.
 pub const MAX_COARSEN: f64 = 30.0;
 
+/// Largest value of [`MeshParams::across`].
+pub const MAX_ACROSS: f64 = 100.0;
+
 /// Largest standard deviation of [`MeshParams::sigma`].
 pub const MAX_SIGMA: f64 = 5.0;
 
@@ -119,6 +122,16 @@ pub struct MeshParams {
     /// Bounds for single labels (after merging), overriding `size`; delta is lowered around these
     /// labels likewise.
     pub label_sizes: BTreeMap<i32, f64>,
+    /// So many elements across each layer of a label: where it is t thick the edges of tets are t
+    /// over this long on average, by circumradii of at most 0.85 of that; 1 to [`MAX_ACROSS`]. What
+    /// holds cubes of 32 times the smallest side of a voxel counts as thick. `None`: thickness does
+    /// not matter for the sizes of tets.
+    pub across: Option<f64>,
+    /// No layer makes that bound smaller than this; at least 0. Nor does any make it smaller than
+    /// the spacing floor over 0.7.
+    pub least_size: f64,
+    /// By how much that bound grows per distance from a layer; > 0.
+    pub gradation: f64,
     /// The tets of labels that the mesh is to have, within a tenth where that can be had. Delta,
     /// the sizes and, above 1, the spacing floor are multiplied by one factor, which is searched.
     pub target_tets: Option<u64>,
@@ -210,6 +223,9 @@ impl Default for MeshParams {
             min_voxels: 0,
             size: 2.0,
             label_sizes: BTreeMap::new(),
+            across: None,
+            least_size: 0.0,
+            gradation: 0.4,
             target_tets: None,
             radius_edge: 2.0,
             facet_angle: 30.0,
@@ -274,6 +290,18 @@ impl MeshParams {
         positive("spacing floor", self.spacing_floor)?;
         positive("size", self.size)?;
         self.label_sizes.iter().try_for_each(|(&label, &size)| check_label_size(label, size))?;
+        if let Some(across) = self.across.filter(|n| !(1.0..=MAX_ACROSS).contains(n)) {
+            return Err(Error::InvalidArgument(format!(
+                "elements across a layer must lie in 1 to {MAX_ACROSS}, got {across}"
+            )));
+        }
+        if !(self.least_size.is_finite() && self.least_size >= 0.0) {
+            return Err(Error::InvalidArgument(format!(
+                "least size must be a finite number of at least 0, got {}",
+                self.least_size
+            )));
+        }
+        positive("gradation", self.gradation)?;
         if let Some(tets) = self.target_tets.filter(|tets| !(1..=MAX_TARGET_TETS).contains(tets)) {
             return Err(Error::InvalidArgument(format!(
                 "target tets must lie in 1 to {MAX_TARGET_TETS}, got {tets}"
@@ -348,6 +376,8 @@ impl MeshParams {
         scaled.delta *= factor;
         scaled.size *= factor;
         scaled.label_sizes.values_mut().for_each(|size| *size *= factor);
+        scaled.across = scaled.across.map(|across| across / factor);
+        scaled.least_size *= factor;
         if self.coarsen.is_none() {
             scaled.spacing_floor *= factor.max(1.0);
         }

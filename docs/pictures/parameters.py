@@ -124,10 +124,10 @@ def main():
     parser.add_argument("--mesh-image", default="build/bin/mesh_image")
     parser.add_argument("-o", "--output", type=pathlib.Path, default=pathlib.Path("docs/pictures"))
     parser.add_argument("--work", type=pathlib.Path, default=pathlib.Path("build/parameters"))
-    parser.add_argument("--only", help="one picture: delta, size, surface or tets")
+    parser.add_argument("--only", help="one picture: delta, size, surface, across or tets")
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
-    wanted = [arguments.only] if arguments.only else ["delta", "size", "surface", "tets"]
+    wanted = [arguments.only] if arguments.only else ["delta", "size", "surface", "across", "tets"]
     deltas = [f"--delta {delta}" for delta in (2, 4, 8)]
     adaptive = [f"{delta} --no-adaptive" for delta in deltas]
     if "delta" in wanted:
@@ -138,6 +138,10 @@ def main():
     surfaces = ["--surface voxel", "--surface smooth", "--gaussian 1.5"]
     if "surface" in wanted:
         picture(arguments, "surface", [f"--delta 1 {surface}" for surface in surfaces], NEAR)
+    coarse = "--delta 4 --adaptive topology"
+    across = [coarse, f"{coarse} --across 1", f"{coarse} --across 2"]
+    if "across" in wanted:
+        picture(arguments, "across", across, NEAR)
     if "tets" in wanted:
         budgets(arguments, [50_000, 150_000, 500_000, 2_000_000])
 

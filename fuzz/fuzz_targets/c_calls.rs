@@ -56,7 +56,7 @@ unsafe fn set_something(
     params: *mut lapd_params,
 ) {
     unsafe {
-        let what = bytes.byte() % 19;
+        let what = bytes.byte() % 22;
         known(match what {
             0 => lapd_params_set_delta(context, params, bytes.number()),
             1 => lapd_params_set_size(context, params, bytes.number()),
@@ -76,6 +76,9 @@ unsafe fn set_something(
             15 => lapd_params_set_target_tets(context, params, 16 * u64::from(bytes.byte())),
             16 => lapd_params_set_certificate(context, params, i32::from(bytes.byte() % 4)),
             17 => lapd_params_set_coarsen(context, params, 10.0 * bytes.number()),
+            18 => lapd_params_set_across(context, params, f64::from(bytes.byte() % 8)),
+            19 => lapd_params_set_least_size(context, params, bytes.number()),
+            20 => lapd_params_set_gradation(context, params, bytes.number()),
             _ => lapd_params_set_partial(context, params, i32::from(bytes.byte() % 2)),
         });
     }

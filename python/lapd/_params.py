@@ -68,6 +68,13 @@ PARAMETERS = [
         "contract edges where that changes nothing in what is connected: the smallest angle in "
         "degrees that interface facets keep then; 15 is a good choice, 0 for no coarsening",
     ),
+    Parameter(
+        "across",
+        c_double,
+        "so many elements across each layer of a label, at least 1; 0, the default, for none",
+    ),
+    Parameter("least_size", c_double, "the least size that elements across layers lead to; 0"),
+    Parameter("gradation", c_double, "by how much such sizes grow per distance from a layer; 0.4"),
     Parameter("label_size", LABEL_SIZES, "the same for single labels: a mapping"),
     Parameter("radius_edge", c_double, "largest circumradius over shortest edge; at least 2"),
     Parameter("facet_angle", c_double, "smallest angle of interface facets in degrees; at most 30"),

@@ -28,6 +28,9 @@ def mesh(
     size: float | None = None,
     target_tets: int | None = None,
     coarsen: float | None = None,
+    across: float | None = None,
+    least_size: float | None = None,
+    gradation: float | None = None,
     label_size: Mapping[int, float] | None = None,
     radius_edge: float | None = None,
     facet_angle: float | None = None,
@@ -83,6 +86,9 @@ def mesh(
         by one factor, which is searched; 0 for no such search
     coarsen: contract edges where that changes nothing in what is connected: the smallest angle in
         degrees that interface facets keep then; 15 is a good choice, 0 for no coarsening
+    across: so many elements across each layer of a label, at least 1; 0, the default, for none
+    least_size: the least size that elements across layers lead to; 0
+    gradation: by how much such sizes grow per distance from a layer; 0.4
     label_size: the same for single labels: a mapping
     radius_edge: largest circumradius over shortest edge; at least 2
     facet_angle: smallest angle of interface facets in degrees; at most 30
@@ -120,6 +126,9 @@ def estimate(
     size: float | None = None,
     target_tets: int | None = None,
     coarsen: float | None = None,
+    across: float | None = None,
+    least_size: float | None = None,
+    gradation: float | None = None,
     label_size: Mapping[int, float] | None = None,
     radius_edge: float | None = None,
     facet_angle: float | None = None,
@@ -158,6 +167,9 @@ def estimate(
         by one factor, which is searched; 0 for no such search
     coarsen: contract edges where that changes nothing in what is connected: the smallest angle in
         degrees that interface facets keep then; 15 is a good choice, 0 for no coarsening
+    across: so many elements across each layer of a label, at least 1; 0, the default, for none
+    least_size: the least size that elements across layers lead to; 0
+    gradation: by how much such sizes grow per distance from a layer; 0.4
     label_size: the same for single labels: a mapping
     radius_edge: largest circumradius over shortest edge; at least 2
     facet_angle: smallest angle of interface facets in degrees; at most 30

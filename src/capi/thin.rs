@@ -96,6 +96,110 @@ pub unsafe extern "C" fn lapd_params_get_spacing_floor(
     unsafe { read(params, spacing_floor, "spacing_floor", |p| p.spacing_floor) }
 }
 
+/// Sets how many elements are to lie across each layer of a label: where a label is t thick, the
+/// edges of its tets are about t over this long on average. Their circumradii are at most 0.85 of
+/// that, and samples of interfaces at most 0.6 of it apart. 1 to 100; 0, the default: thickness
+/// does not matter for the sizes of tets. The size of lapd_params_set_size is the largest then,
+/// lapd_params_set_least_size sets the least, and lapd_params_set_gradation how fast sizes grow
+/// away from a layer. What holds cubes of 32 times the smallest side of a voxel counts as thick. No
+/// other thread may use `params` or the context meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_across(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    elements: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.across = (elements != 0.0).then_some(elements);
+            Ok(())
+        })
+    }
+}
+
+/// How many elements are to lie across each layer of a label; 0: thickness does not matter. Any
+/// thread, unless another one changes `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_across(
+    params: *const lapd_params,
+    elements: *mut f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, elements, "elements", |p| p.across.unwrap_or(0.0)) }
+}
+
+/// Sets the least size that lapd_params_set_across leads to, a circumradius in world units; at
+/// least 0, the default. The floor of lapd_params_set_spacing_floor bounds it as well: to that over
+/// 0.7, half of a voxel over 0.7 by default. No other thread may use `params` or the context
+/// meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_least_size(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    least_size: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.least_size = least_size;
+            Ok(())
+        })
+    }
+}
+
+/// The least size that lapd_params_set_across leads to. Any thread, unless another one changes
+/// `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_least_size(
+    params: *const lapd_params,
+    least_size: *mut f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, least_size, "least_size", |p| p.least_size) }
+}
+
+/// Sets by how much sizes grow per distance away from a layer, where lapd_params_set_across asks
+/// for elements across it; above 0, by default 0.4. No other thread may use `params` or the context
+/// meanwhile.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_set_gradation(
+    context: *mut lapd_context,
+    params: *mut lapd_params,
+    gradation: f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe {
+        change(context, params, |p| {
+            p.gradation = gradation;
+            Ok(())
+        })
+    }
+}
+
+/// By how much sizes grow per distance away from a layer. Any thread, unless another one changes
+/// `params`.
+///
+/// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn lapd_params_get_gradation(
+    params: *const lapd_params,
+    gradation: *mut f64,
+) -> lapd_status {
+    // SAFETY: see the module's head.
+    unsafe { read(params, gradation, "gradation", |p| p.gradation) }
+}
+
 /// Leaves out components of a label (after lapd_params_set_merge, of voxels joined with all 26
 /// around them) of fewer voxels than this: they become a part of the label, or the background, that
 /// most voxels around them have. lapd_mesh_get_defect lists them. 0, the default, and 1 leave out

@@ -54,10 +54,10 @@ pub struct Coarseness<'a> {
     pub facet_angle: f64,
     /// How far apart samples may be anywhere.
     pub delta: f64,
-    /// How far apart they may be on the interface of two labels.
-    pub delta_between: &'a (dyn Fn([i32; 2]) -> f64 + Sync),
-    /// The largest circumradius of a label's tets.
-    pub size_of: &'a (dyn Fn(i32) -> f64 + Sync),
+    /// How far apart they may be on the interface of two labels, about a place.
+    pub delta_between: &'a (dyn Fn([i32; 2], DVec3) -> f64 + Sync),
+    /// The largest circumradius of a label's tets, about a place.
+    pub size_of: &'a (dyn Fn(i32, DVec3) -> f64 + Sync),
 }
 
 /// What came of coarsening.

@@ -43,9 +43,9 @@ pub(super) const TRIED: u32 = NONE - 1;
 /// What contractions keep to.
 pub(super) struct Bounds<'a> {
     /// How far apart samples on the interface of two labels may be.
-    pub delta: &'a (dyn Fn([i32; 2]) -> f64 + Sync),
+    pub delta: &'a (dyn Fn([i32; 2], DVec3) -> f64 + Sync),
     /// The largest circumradius of a label's tets.
-    pub size: &'a (dyn Fn(i32) -> f64 + Sync),
+    pub size: &'a (dyn Fn(i32, DVec3) -> f64 + Sync),
     /// No longer edge is contracted.
     pub longest: f64,
     /// The least measure of new tets, where those that they replace are no worse.
@@ -213,13 +213,15 @@ impl<'r, 'a> Contractor<'r, 'a> {
             let [x, y, z] = star.points[i];
             [to, x, y, z]
         };
+        let size_of =
+            |label, &[a, b, c, d]: &[DVec3; 4]| (round.bounds.size)(label, (a + b + c + d) / 4.0);
         // What of the star is still there afterwards.
         let kept = || (0..star.tets.len()).filter(|&i| !star.links[i].contains(&v));
         let is_good = |i: usize| {
             let (label, tet) = (star.labels[i], moved(i));
             label == 0
                 || round.measure.exceeds(&tet, bound)
-                    && has_circumradius_within(&tet, (round.bounds.size)(label))
+                    && has_circumradius_within(&tet, size_of(label, &tet))
         };
         // What costs least is asked first.
         if !self.has_good_facets(star, v, to)
@@ -257,7 +259,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
     fn has_good_facets(&self, star: &Star, v: u32, to: DVec3) -> bool {
         let Round { interfaces, bounds, .. } = self.round;
         self.taken(star, v, to).all(|(facet, corners @ [a, b, c])| {
-            let delta = (bounds.delta)(facet.labels);
+            let delta = (bounds.delta)(facet.labels, (a + b + c) / 3.0);
             interfaces.has_angles(corners, bounds.facet_measure)
                 && triangle_circumcircle(a, b, c).is_some_and(|(_, square)| square <= delta * delta)
         })
@@ -267,7 +269,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
     fn has_facets_in_place(&self, star: &Star, v: u32, to: DVec3, support: Support) -> bool {
         let Round { interfaces, bounds, .. } = self.round;
         self.taken(star, v, to).all(|(facet, corners @ [a, b, c])| {
-            let delta = (bounds.delta)(facet.labels);
+            let delta = (bounds.delta)(facet.labels, (a + b + c) / 3.0);
             let normal = (b - a).cross(c - a).normalize_or_zero();
             if facet.labels.contains(&0) && interfaces.oracle.has_walls() {
                 let outwards = if facet.labels[1] == 0 { 1.0 } else { -1.0 };

@@ -21,6 +21,8 @@
 //! It ends: the field only gets smaller, not below the floor, and rounds are counted. Whether
 //! differences are left is not an error: the certificate tells of them.
 
+use std::sync::Arc;
+
 use super::messages;
 use super::prepare::Prepared;
 use super::refine::{Collected, collect, options};
@@ -154,7 +156,8 @@ impl Run<'_> {
                 break;
             }
             let rows = Rows::new(image, region, &look)?;
-            let denser = Sizing::new(image, &rows, &places.spacing, &places.list, &look)?;
+            let tets = Arc::clone(sizing.tets());
+            let denser = Sizing::new(image, &rows, &places.spacing, tets, &places.list, &look)?;
             drop(rows);
             how.parts = parts(params, round, self.parts);
             let before = Before { sizing, refinement, inspects_all: false };

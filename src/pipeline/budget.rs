@@ -16,8 +16,8 @@ use crate::image::region::{Region, Rows};
 use crate::monitor::Monitor;
 use crate::params::{Adaptive, Improve, MeshParams};
 use crate::refine::options::Limits;
+use crate::sizing::Sizing;
 use crate::sizing::expected::expected_tets;
-use crate::sizing::{Sizing, Spacing};
 
 /// How far from what was asked for the number of tets may be.
 const WITHIN: f64 = 0.1;
@@ -101,8 +101,7 @@ impl Search {
     ) -> Result<Self> {
         let check = || monitor.advance(0).and_then(|()| limits.check_time());
         let region = Region::new(image, &check)?;
-        let spacing = Spacing::new(params, image.labels());
-        let tables = Rows::bytes(region.dims) + Sizing::bytes_needed(image, &region, &spacing);
+        let tables = Rows::bytes(region.dims) + Sizing::bytes_needed(image, &region, params);
         limits.check_memory(tables)?;
         let rows = Rows::new(image, region, &check)?;
         let left = if params.improve == Improve::Full { LEFT_BY_IMPROVEMENT } else { 1.0 };

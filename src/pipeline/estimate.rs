@@ -17,8 +17,8 @@ use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
 use crate::refine::options::Limits;
+use crate::sizing::Sizing;
 use crate::sizing::expected::{Expected, expected_tets};
-use crate::sizing::{Sizing, Spacing};
 
 /// Seconds that the refinement of the ball of [`machine`] took on the machine on which the costs
 /// below were measured, with one thread.
@@ -81,7 +81,6 @@ pub fn estimate(
     let check = || monitor.advance(1);
     let region = Region::new(&image, &check)?;
     let rows = Rows::new(&image, region, &check)?;
-    let spacing = Spacing::new(params, image.labels());
     let Expected { of_labels, of_background } = expected_tets(&image, &rows, params, &check)?;
     let all = of_labels + of_background;
     let left = if params.coarsen.is_some() {
@@ -92,7 +91,7 @@ pub fn estimate(
 
     let divided = if matches!(image, Cow::Owned(_)) { image.ids().len() } else { 0 };
     let tables = Oracle::bytes_needed(&image, &region)
-        + Sizing::bytes_needed(&image, &region, &spacing)
+        + Sizing::bytes_needed(&image, &region, params)
         + (selected.ids().len() + divided) as u64 * size_of::<u16>() as u64;
     let after = prepare::limits(params, &selected, Instant::now()).bytes_after;
     let improves = params.improve != Improve::None;

@@ -13,7 +13,6 @@ use crate::monitor::Monitor;
 use crate::params::{Improve, MeshParams};
 use crate::pipeline::prepare::Prepared;
 use crate::refine::options::Limits;
-use crate::sizing::Spacing;
 
 /// Improves a mesh that has the background around the object, and keeps of it what `params` ask
 /// for; `points_kept` is as [`collect`](super::refine::collect) has it. Told besides: the limit
@@ -52,8 +51,8 @@ pub fn improve_mesh(
         let coarseness = Coarseness {
             facet_angle,
             delta: params.delta,
-            delta_between: &|labels| Spacing::between(params, labels),
-            size_of: &|label| params.size_of(label),
+            delta_between: &|labels, p| prepared.sizing.largest_between(params, labels, p),
+            size_of: &|label, p| params.size_of(label).min(prepared.sizing.tets().at(p)),
         };
         let mut done = coarsen(mesh, &settings, &coarseness, monitor)?;
         if let Some(limit) = done.ended.take_if(|_| !params.partial) {

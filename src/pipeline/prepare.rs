@@ -15,7 +15,7 @@ use crate::params::{CertificateLevel, MeshParams, SurfaceModel};
 use crate::pipeline::messages;
 use crate::refine::options::Limits;
 use crate::second_order;
-use crate::sizing::{Sizing, Spacing};
+use crate::sizing::{Sizing, Spacing, TetSizes};
 use crate::verify::Certificate;
 use crate::{Error, Result};
 
@@ -124,7 +124,7 @@ pub fn prepare(
     let spacing = Spacing::new(params, image.labels());
     messages::warn_of_lowered(params, spacing.delta, monitor);
     if limits.max_memory.is_some() {
-        let sizing = Sizing::bytes_needed(image, &region, &spacing);
+        let sizing = Sizing::bytes_needed(image, &region, params);
         let first = Oracle::bytes_needed(image, &region) + sizing;
         limits.check_memory(first.max(limits.bytes_after))?;
     }
@@ -133,7 +133,7 @@ pub fn prepare(
     // Side by side: where the threads have nothing to do for the one they work on the other.
     let (oracle, sizing) = rayon::join(
         || Oracle::of_rows(image, &rows, surface, &go_on),
-        || Sizing::new(image, &rows, &spacing, &[], &go_on),
+        || sizing_of_rows(image, &rows, params, &go_on),
     );
     Ok(Prepared { oracle: oracle?, sizing: sizing?, volume: object_volume(image) })
 }
@@ -150,7 +150,17 @@ pub fn sizing(
 ) -> Result<Sizing> {
     let go_on = || monitor.advance(0).and_then(|()| limits.check_time());
     let rows = Rows::new(image, Region::new(image, &go_on)?, &go_on)?;
-    Sizing::new(image, &rows, &Spacing::new(params, image.labels()), &[], &go_on)
+    sizing_of_rows(image, &rows, params, &go_on)
+}
+
+fn sizing_of_rows(
+    image: &LabelImage,
+    rows: &Rows,
+    params: &MeshParams,
+    go_on: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Sizing> {
+    let tets = TetSizes::new(image, rows, params, go_on)?.into();
+    Sizing::new(image, rows, &Spacing::new(params, image.labels()), tets, &[], go_on)
 }
 
 /// The oracle alone, for a mesh that is finished already.

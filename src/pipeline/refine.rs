@@ -48,7 +48,7 @@ pub(super) fn warn_of_many(
 
 /// Tets to be expected for the size that is asked for, beside those about interfaces.
 pub(super) fn expected_by_volume(prepared: &Prepared, params: &MeshParams) -> f64 {
-    TETS_PER_SIZE * prepared.volume / params.size.powi(3)
+    TETS_PER_SIZE * (prepared.volume / params.size.powi(3) + prepared.sizing.tets().cubes())
 }
 
 /// How `params` ask for the refinement to be done.

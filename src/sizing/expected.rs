@@ -15,8 +15,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::field::grade;
-use super::{Sizing, Spacing};
+use super::levels::grade;
+use super::{Sizing, Spacing, TetSizes};
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::region::Rows;
@@ -61,13 +61,14 @@ pub fn expected_tets(
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Expected> {
     let spacing = Spacing::new(params, image.labels());
-    let sizing = &Sizing::new(image, rows, &spacing, &[], check)?;
+    let tets = TetSizes::new(image, rows, params, check)?.into();
+    let sizing = &Sizing::new(image, rows, &spacing, tets, &[], check)?;
     let boundaries = Boundaries { image, rows, sizing, check };
     let [of_background, about_interfaces] = boundaries.tets()?;
     let sizes: Vec<f64> = image.labels().iter().map(|&label| params.size_of(label)).collect();
     let sides = rows.dims().into_iter().zip(image.frame().spacing().to_array());
     let longest = sides.map(|(n, side)| n as f64 * side).fold(0.0, f64::max);
-    let bounds_any = sizes.iter().skip(1).any(|&size| size < longest);
+    let bounds_any = sizes.iter().skip(1).any(|&size| size.min(sizing.tets().min()) < longest);
     let inside = if bounds_any { boundaries.tets_inside(&sizes)? } else { 0.0 };
     Ok(Expected { of_labels: about_interfaces + inside, of_background })
 }
@@ -125,7 +126,6 @@ impl Boundaries<'_> {
         let growth = (spacing / step).to_array().map(|steps| steps.clamp(1.0, 255.0) as u8);
         grade(&mut distances, [nx, ny, nz], growth);
         let apart: Vec<f64> = sizing.levels().collect();
-        let wanted: Vec<f64> = sizes.iter().map(|size| size.powi(-3)).collect();
         let volume = PER_CUBE * image.voxel_volume();
         let of_layer = |y: usize| {
             check()?;
@@ -136,7 +136,8 @@ impl Boundaries<'_> {
                     let apart = apart[usize::from(sizing.level_of_voxel([x, y, z]))];
                     let distance = step * f64::from(distances[x + nx * (z + nz * y)]);
                     let grown = (AT_INTERFACE * apart + GROWTH * distance).powi(-3);
-                    sum += volume * (wanted[usize::from(id)] - grown).max(0.0);
+                    let size = sizes[usize::from(id)].min(sizing.tets().of_voxel([x, y, z]));
+                    sum += volume * (size.powi(-3) - grown).max(0.0);
                 }
             }
             Ok(sum)

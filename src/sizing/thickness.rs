@@ -374,9 +374,18 @@ impl ThinVoxels {
     }
 }
 
-/// Finds what is thinner than `max`, in world units; what holds cubes of 32 of the smallest sides
-/// of a voxel is not searched for, however large `max` is. `check` is called many times in each
-/// step, from several threads.
+/// What two voxels of a label count as that meet in an edge or a corner alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Necks {
+    /// As one voxel thick.
+    Thin,
+    /// As what they belong to.
+    Ignored,
+}
+
+/// Finds what is thinner than `max`, in world units; what holds cubes of [`LARGEST`] of the
+/// smallest sides of a voxel is not searched for, however large `max` is. `check` is called many
+/// times in each step, from several threads.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
@@ -384,6 +393,7 @@ pub fn thin_voxels(
     image: &LabelImage,
     rows: &Rows,
     max: f64,
+    necks: Necks,
     check: Check<'_>,
 ) -> Result<ThinVoxels> {
     let region = *rows.region();
@@ -398,7 +408,10 @@ pub fn thin_voxels(
     let of_row =
         |w: usize| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 };
     let all: Vec<u64> = (0..labels.equal[0].block()).map(|n| of_row(n % words)).collect();
-    let contacts = contacts(rows, &labels, &all, largest, check)?;
+    let contacts = match necks {
+        Necks::Thin => contacts(rows, &labels, &all, largest, check)?,
+        Necks::Ignored => Vec::new(),
+    };
     if !contacts.is_empty() {
         let number = thin.number(unit, check)?;
         contacts.into_iter().for_each(|v| thin.of_voxels[v as usize] = number);
@@ -541,8 +554,11 @@ fn contacts(
 /// Edges of the cubes, in the smallest sides of a voxel: about a third apart, all from 2 to 4.
 /// Thicker parts than the last are not searched for.
 fn sizes() -> impl Iterator<Item = usize> {
-    [2, 3, 4, 6, 8, 11, 16, 22, 32].into_iter()
+    [2, 3, 4, 6, 8, 11, 16, 22, LARGEST].into_iter()
 }
+
+/// The largest of them.
+pub const LARGEST: usize = 32;
 
 /// How thick what no cube of `count` voxels holds is taken to be: as the next smaller cube.
 fn thickness_below(count: usize) -> usize {
@@ -568,7 +584,7 @@ mod tests {
         });
         let image = image.unwrap();
         let rows = Rows::new(&image, Region::new(&image, &|| Ok(())).unwrap(), &|| Ok(())).unwrap();
-        let thin = thin_voxels(&image, &rows, max, &|| Ok(())).unwrap();
+        let thin = thin_voxels(&image, &rows, max, Necks::Thin, &|| Ok(())).unwrap();
         let Region { first, dims: [nx, _, nz] } = thin.region;
         let place = |v: usize| {
             let at = [v % nx, v / nx / nz, v / nx % nz];

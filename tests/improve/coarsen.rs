@@ -42,8 +42,12 @@ fn coarsened(
         parts: [0.0, 1.0],
         check_time,
     };
-    let coarseness =
-        Coarseness { facet_angle, delta, delta_between: &|_| delta, size_of: &|_| 2.0 * delta };
+    let coarseness = Coarseness {
+        facet_angle,
+        delta,
+        delta_between: &|_, _| delta,
+        size_of: &|_, _| 2.0 * delta,
+    };
     let done = coarsen(&mut mesh, &settings, &coarseness, &Monitor::silent()).unwrap();
     let contractions = done.improvement.counts.contractions;
     Coarse { mesh, points_kept: done.points_kept, contractions, ended: done.ended }

@@ -132,6 +132,13 @@ fn case(seed: u64) -> (LabelImage, MeshParams) {
     if params.adaptive == Adaptive::Thickness && seed % 5 == 3 {
         params.adaptive = Adaptive::Topology;
     }
+    if seed % 4 == 2 {
+        params.across = Some([1.0, 2.0, 3.5][seed as usize % 3]);
+        params.gradation = [0.4, 0.1, 2.0][seed as usize / 4 % 3];
+    }
+    if seed % 3 == 2 && params.improve == Improve::Full && !FAILED.contains(&seed) {
+        params.coarsen = Some([15.0, 5.0, 30.0][seed as usize % 9 / 3]);
+    }
     (image, params)
 }
 

@@ -5,6 +5,7 @@
 //! |---|---|
 //! | `phantoms` | analytic bodies: volumes, distances, topology |
 //! | `thin` | what is thinner than the samples are apart, or touches itself |
+//! | `across` | numbers of elements across layers |
 //! | `placement` | spacing, direction, origin, parameters that choose what is meshed |
 //! | `inputs` | intensities, probability maps, smoothed labels |
 //! | `budget` | numbers of tets that are asked for, and what is expected |
@@ -12,6 +13,7 @@
 //! | `anything` | any image with any parameters, by random numbers |
 //! | `runs` | one run against another: determinism, cancelling, limits, demands that are left |
 
+mod across;
 mod anything;
 mod awkward;
 mod budget;

@@ -73,6 +73,20 @@ fn a_tube_of_two_voxels_stays_connected() {
     keeps_its_topology(&helical_tube([64; 3], 20.0, 4.0).unwrap(), "the tube");
 }
 
+/// However far apart samples may be elsewhere.
+#[test]
+fn any_delta_keeps_what_is_thin() {
+    for delta in [30.0, 1e3, 1e6] {
+        for (image, what) in
+            [(comb(4).unwrap(), "comb"), (helical_tube([40; 3], 10.0, 2.0).unwrap(), "tube")]
+        {
+            let meshing = run(&image, &MeshParams { size: 2.0 * delta, ..params(delta) });
+            assert_sound(&meshing);
+            assert_same_topology(&meshing, &format!("the {what} at delta {delta}"));
+        }
+    }
+}
+
 #[test]
 fn slits_of_one_voxel_stay_open() {
     keeps_its_topology(&comb(12).unwrap(), "the comb");

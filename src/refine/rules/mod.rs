@@ -133,6 +133,8 @@ pub struct Rules<'a> {
     facet_cosine_squared: f64,
     /// Squared size bound of each label id; infinite for the background.
     sizes_squared: Vec<f64>,
+    /// No squared radius below this is above what R5 allows at some place, whatever the label.
+    size_somewhere_squared: f64,
 }
 
 /// R2 splits circumballs with a radius of more than this many deltas. The proof of termination
@@ -170,7 +172,8 @@ impl<'a> Rules<'a> {
             .map(|(id, &label)| if id == 0 { f64::INFINITY } else { size(label) * size(label) })
             .collect::<Vec<f64>>();
         let min_squared = sizing.min() * sizing.min();
-        let min_size_squared = sizes_squared.iter().copied().fold(f64::INFINITY, f64::min);
+        let size_somewhere_squared = sizing.tets().min().powi(2);
+        let min_size_squared = sizes_squared.iter().copied().fold(size_somewhere_squared, f64::min);
         let closest_squared =
             (0.25 * min_size_squared).min(MIN_DISTANCE * MIN_DISTANCE * min_squared);
         let radius_edge_squared = params.radius_edge * params.radius_edge;
@@ -184,6 +187,7 @@ impl<'a> Rules<'a> {
             small_squared: 0.999 * radius_edge_squared * closest_squared,
             facet_cosine_squared: params.facet_angle.to_radians().cos().powi(2),
             sizes_squared,
+            size_somewhere_squared,
         }
     }
 
@@ -239,7 +243,7 @@ impl<'a> Rules<'a> {
     /// Tets to be expected within `volume` about `p`, those around samples of dO apart: for
     /// progress and the sharing of work alone.
     pub fn expected_tets(&self, p: DVec3, volume: f64) -> f64 {
-        let size_squared = self.sizes_squared[usize::from(self.oracle.label(p))];
-        TETS_PER_SIZE * volume / (size_squared * size_squared.sqrt())
+        let of_label = self.sizes_squared[usize::from(self.oracle.label(p))];
+        TETS_PER_SIZE * volume / of_label.sqrt().min(self.sizing.tets().at(p)).powi(3)
     }
 }

@@ -35,7 +35,10 @@ impl Rules<'_> {
         let squared_radius = sphere.squared_radius();
         // The cheapest first: all three ask for the same point.
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
-        let rule = if squared_radius > size_squared {
+        let rule = if squared_radius > size_squared
+            || squared_radius > self.size_somewhere_squared
+                && self.is_above_size(label, sphere.center, squared_radius)
+        {
             Rule::R5
         } else if squared_radius > self.large_squared
             && self.is_large(seen.vertices, squared_radius)
@@ -62,6 +65,13 @@ impl Rules<'_> {
             kind = ISOVERTEX;
         }
         Some(RefinementPoint { rule, point, kind, start: t, seen, across: None })
+    }
+
+    /// Whether a radius is larger than what is asked of a tissue at a place.
+    #[inline(never)]
+    fn is_above_size(&self, label: u16, center: DVec3, squared_radius: f64) -> bool {
+        let size = self.sizing.tets().at(center);
+        label != 0 && squared_radius > size * size
     }
 
     /// Whether a radius is larger than R2 allows: 2 deltas of the vertices that are isovertices, on
