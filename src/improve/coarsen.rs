@@ -25,7 +25,7 @@ use super::interfaces::Interfaces;
 use super::measure::{Measure, measure_of};
 use super::report::{Counts, Improvement};
 use super::shared::Shared;
-use super::{CHUNK, Settings, improve};
+use super::{CHUNK, Settings, change};
 use crate::delaunay::tet::FACET;
 use crate::geometry::shape::has_angle_below;
 use crate::memory::{concatenated, reserve, zeroed};
@@ -43,8 +43,12 @@ const LEAST_DIHEDRALS: [f64; 3] = [2.0, 6.0, 10.0];
 const WORTHWHILE_PASS: f64 = 0.05;
 /// Most rounds of a pass.
 const MAX_ROUNDS: u32 = 24;
-/// The rounds of a pass end when one contracts less than this part of the vertices.
-const WORTHWHILE_ROUND: f64 = 5e-4;
+/// The rounds of a pass end when one contracts less than this part of the vertices: the next pass
+/// tries them all again.
+const WORTHWHILE_ROUND: f64 = 4e-3;
+/// Blocks have so many times the tets that they have in improvement: all tets of a vertex must be the
+/// block's own, so more has to wait at borders.
+const LARGER_BLOCKS: usize = 4;
 /// The part of the step of improvement that the passes are taken to have, for progress.
 pub const PART: f64 = 0.8;
 
@@ -96,7 +100,7 @@ pub fn coarsen(
             parts: [from, middle],
             ..*settings
         };
-        let (mut improvement, ended) = improve(mesh, &improving, monitor)?;
+        let (mut improvement, _, ended) = change(mesh, &improving, monitor)?;
         if pass > 0 {
             improvement.add_earlier(&coarsened.improvement);
         }
@@ -166,7 +170,7 @@ impl<'a> Pass<'a> {
     ) -> Result<(Counts, Option<Error>)> {
         const WHAT: &str = "vertices to be contracted";
         let vertices = mesh.points.len();
-        let blocks = Blocks::new(&mesh.points, mesh.tets.len());
+        let blocks = Blocks::new(&mesh.points, mesh.tets.len() / LARGER_BLOCKS);
         let mut changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
         let mut to_try: Vec<u8> = zeroed(vertices, WHAT)?;
         to_try.fill(1);

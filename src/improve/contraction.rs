@@ -14,6 +14,7 @@
 //! the facets beside them tell. Slivers may be made: [`improve`](super) is
 //! for them.
 
+use std::cell::OnceCell;
 use std::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
 
 use glam::DVec3;
@@ -88,8 +89,9 @@ struct Leaving<'s> {
     star: &'s Star,
     support: Support,
     walls: Walls,
-    /// New tets must measure more than this.
-    bound: f64,
+    at: DVec3,
+    /// What [`Contractor::bound`] is, once it is known.
+    bound: OnceCell<f64>,
 }
 
 impl<'r, 'a> Contractor<'r, 'a> {
@@ -176,16 +178,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
         if near.is_empty() {
             return;
         }
-        let least = round.bounds.tet_measure;
-        let old = star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0);
-        let old = old.map(|(_, &[x, y, z])| [at, x, y, z]);
-        let below = old.filter(|tet| !round.measure.exceeds(tet, least));
-        let leaving = Leaving {
-            star,
-            support,
-            walls,
-            bound: below.map(|tet| round.measure.of(&tet)).fold(least, f64::min).next_down(),
-        };
+        let leaving = Leaving { star, support, walls, at, bound: OnceCell::new() };
         let mut waits = false;
         for &(_, v) in near.iter().take(MAX_TRIED) {
             match self.check(&leaving, v) {
@@ -201,9 +194,23 @@ impl<'r, 'a> Contractor<'r, 'a> {
         }
     }
 
+    /// What new tets must measure more than: what is asked for, or what the worst tet measures that
+    /// is there.
+    fn bound(&self, leaving: &Leaving<'_>) -> f64 {
+        let (measure, least) = (self.round.measure, self.round.bounds.tet_measure);
+        let of_worst = || {
+            let Leaving { star, at, .. } = *leaving;
+            let old = star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0);
+            let old = old.map(|(_, &[x, y, z])| [at, x, y, z]);
+            let below = old.filter(|tet| !measure.exceeds(tet, least));
+            below.map(|tet| measure.of(&tet)).fold(least, f64::min).next_down()
+        };
+        *leaving.bound.get_or_init(of_worst)
+    }
+
     /// Whether a vertex may go into `v`.
     fn check(&mut self, leaving: &Leaving<'_>, v: u32) -> Outcome {
-        let &Leaving { star, support, walls, bound } = leaving;
+        let Leaving { star, support, walls, .. } = *leaving;
         let round = self.round;
         let to = round.shared.point(v);
         if walls.count() > 0 && walls.common(&self.walls_at(v)) != walls {
@@ -217,7 +224,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
             |label, &[a, b, c, d]: &[DVec3; 4]| (round.bounds.size)(label, (a + b + c + d) / 4.0);
         // What of the star is still there afterwards.
         let kept = || (0..star.tets.len()).filter(|&i| !star.links[i].contains(&v));
-        let is_good = |i: usize| {
+        let is_good = |i: usize, bound: f64| {
             let (label, tet) = (star.labels[i], moved(i));
             label == 0
                 || round.measure.exceeds(&tet, bound)
@@ -225,7 +232,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
         };
         // What costs least is asked first.
         if !self.has_good_facets(star, v, to)
-            || !kept().all(is_good)
+            || !kept().all(|i| is_good(i, self.bound(leaving)))
             || !kept().all(|i| is_positive(&moved(i)))
             || !self.has_facets_in_place(star, v, to, support)
         {
@@ -376,10 +383,12 @@ enum Outcome {
 
 /// The vertices beside that of a star, which is at `at`, with their squared distances.
 fn neighbors(star: &Star, at: DVec3) -> Vec<(f64, u32)> {
-    let mut near: Vec<(f64, u32)> = Vec::with_capacity(24);
+    let (mut near, mut numbers) = (Vec::with_capacity(24), Vec::with_capacity(24));
     for (link, points) in star.links.iter().zip(&star.points) {
         for (&v, p) in link.iter().zip(points) {
-            if near.iter().all(|&(_, w)| w != v) {
+            // Of numbers alone, for these can be compared many at a time.
+            if !numbers.contains(&v) {
+                numbers.push(v);
                 near.push((p.distance_squared(at), v));
             }
         }

@@ -41,10 +41,13 @@ impl Support {
         if star.facets.is_empty() {
             return Some(Self::Inside);
         }
-        let mut ends = Vec::with_capacity(2);
+        let (mut seen, mut ends) = (Vec::with_capacity(16), Vec::with_capacity(2));
         for w in star.facets.iter().flat_map(|facet| facet.others) {
-            if !ends.contains(&w) && is_line(star, w, walls_at) {
-                ends.push(w);
+            if !seen.contains(&w) {
+                seen.push(w);
+                if is_line(star, w, walls_at) {
+                    ends.push(w);
+                }
             }
         }
         match ends[..] {

@@ -121,37 +121,16 @@ pub fn improve(
     settings: &Settings<'_>,
     monitor: &Monitor<'_>,
 ) -> Result<(Improvement, Option<Error>)> {
-    let measure = Measure::new(settings.target, settings.radius_edge);
-    let interfaces = Interfaces::new(settings);
-    let mut improvement = Improvement {
-        target: settings.target,
-        tolerance: interfaces.tolerance,
-        ..Improvement::default()
-    };
-    let queue = match below(mesh, measure, interfaces.change, monitor) {
-        Err(cancelled @ Error::Cancelled) => return Ok((improvement, Some(cancelled))),
-        queue => queue?,
-    };
-    improvement.below_before =
-        queue.iter().filter(|&&t| mesh.labels[t as usize] != 0).count() as u64;
-    if let Err(cancelled) = monitor.enter_part(Step::Improve, queue.len(), settings.parts) {
-        return Ok((improvement, Some(cancelled)));
-    }
-    let report_and_check = |done| monitor.advance(done).and_then(|()| (settings.check_time)());
-    let mut run = Run::new(mesh, &interfaces, measure, queue, &report_and_check)?;
-    let ended = run.run()?;
-    let Run { refined, changed, queue, mut left, counts, rounds, .. } = run;
+    let (mut improvement, improved, ended) = change(mesh, settings, monitor)?;
     if let Some(cancelled @ Error::Cancelled) = ended {
         return Ok((improvement, Some(cancelled)));
     }
-    left.extend(queue);
+    let measure = Measure::new(settings.target, settings.radius_edge);
+    let Improved { mut left, changed } = improved;
     left.sort_unstable();
     left.dedup();
     left.retain(|&t| is_below(mesh, t, measure));
-    improvement.counts = counts;
-    improvement.rounds = rounds;
-    improvement.left = describe(mesh, &left, settings.target, &interfaces)?;
-    improvement.max_move = max_move(mesh, &refined);
+    improvement.left = describe(mesh, &left, settings.target, &Interfaces::new(settings))?;
     // In a Delaunay mesh only changed tets have facets that are not.
     let counted = mesh.non_delaunay_facets(
         |t| mesh.tets[t as usize][0] != NONE && mesh.labels[t as usize] != 0,
@@ -163,6 +142,50 @@ pub fn improve(
         Err(cancelled) => return Ok((improvement, Some(cancelled))),
     }
     Ok((improvement, ended))
+}
+
+/// What is to be described when a mesh has been improved.
+#[derive(Default)]
+struct Improved {
+    /// Tets that may still be below the target.
+    left: Vec<u32>,
+    /// Which slots have changed.
+    changed: Vec<u8>,
+}
+
+/// Improves as [`improve`] does, and tells what was done, but not of the mesh that comes of it.
+fn change(
+    mesh: &mut TetMesh,
+    settings: &Settings<'_>,
+    monitor: &Monitor<'_>,
+) -> Result<(Improvement, Improved, Option<Error>)> {
+    let measure = Measure::new(settings.target, settings.radius_edge);
+    let interfaces = Interfaces::new(settings);
+    let mut improvement = Improvement {
+        target: settings.target,
+        tolerance: interfaces.tolerance,
+        ..Improvement::default()
+    };
+    let queue = match below(mesh, measure, interfaces.change, monitor) {
+        Err(cancelled @ Error::Cancelled) => {
+            return Ok((improvement, Improved::default(), Some(cancelled)));
+        }
+        queue => queue?,
+    };
+    improvement.below_before =
+        queue.iter().filter(|&&t| mesh.labels[t as usize] != 0).count() as u64;
+    if let Err(cancelled) = monitor.enter_part(Step::Improve, queue.len(), settings.parts) {
+        return Ok((improvement, Improved::default(), Some(cancelled)));
+    }
+    let report_and_check = |done| monitor.advance(done).and_then(|()| (settings.check_time)());
+    let mut run = Run::new(mesh, &interfaces, measure, queue, &report_and_check)?;
+    let ended = run.run()?;
+    let Run { refined, changed, queue, mut left, counts, rounds, .. } = run;
+    left.extend(queue);
+    improvement.counts = counts;
+    improvement.rounds = rounds;
+    improvement.max_move = max_move(mesh, &refined);
+    Ok((improvement, Improved { left, changed }, ended))
 }
 
 /// How far interfaces may be moved for a target in degrees, in parts of the smallest side of a

@@ -89,7 +89,12 @@ impl Oracle {
     }
 
     /// The walls that a point is on, but for rounding.
+    #[inline]
     pub fn walls_at(&self, p: DVec3) -> Walls {
+        if self.walls.has_walls { self.walls_there(p) } else { Walls::NONE }
+    }
+
+    fn walls_there(&self, p: DVec3) -> Walls {
         let x = self.walls.onto_face(self.grid.index_at(p));
         let mut walls = Walls::NONE;
         for a in self.walls.around(x) {
