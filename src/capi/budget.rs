@@ -114,9 +114,8 @@ pub unsafe extern "C" fn lapd_mesh_get_bounds(
 /// Tells what lapd_mesh_image is to be expected to need for an image, without making a mesh: tets
 /// of labels, bytes of memory at the peak, the image among them, and seconds on this machine, as
 /// busy as it is now. Mostly within a fifth. What LAPD_ADAPTIVE_TOPOLOGY adds is not known before,
-/// and left out. What lapd_params_set_coarsen leaves is known roughly: within two fifths where
-/// delta is three voxels at most, at coarser ones there may be four times as many; seconds within a
-/// half.
+/// and left out. Where lapd_params_set_coarsen is set tets are within a fifth, too, but with
+/// LAPD_ADAPTIVE_TOPOLOGY up to half fewer than told; seconds are within a half then.
 ///
 /// It takes as long as the preparation of the image, and some 20 milliseconds to find out how fast
 /// the machine is. Progress callbacks of the context are called on this thread. No other thread may

@@ -46,8 +46,8 @@ const MAX_ROUNDS: u32 = 24;
 /// The rounds of a pass end when one contracts less than this part of the vertices: the next pass
 /// tries them all again.
 const WORTHWHILE_ROUND: f64 = 4e-3;
-/// Blocks have so many times the tets that they have in improvement: all tets of a vertex must be the
-/// block's own, so more has to wait at borders.
+/// Blocks have so many times the tets that they have in improvement: all tets of a vertex must be
+/// the block's own, so more has to wait at borders.
 const LARGER_BLOCKS: usize = 4;
 /// The part of the step of improvement that the passes are taken to have, for progress.
 pub const PART: f64 = 0.8;

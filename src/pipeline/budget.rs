@@ -17,7 +17,7 @@ use crate::monitor::Monitor;
 use crate::params::{Adaptive, Improve, MeshParams};
 use crate::refine::options::Limits;
 use crate::sizing::Sizing;
-use crate::sizing::expected::expected_tets;
+use crate::sizing::expected::{expected_coarsened, expected_tets};
 
 /// How far from what was asked for the number of tets may be.
 const WITHIN: f64 = 0.1;
@@ -53,10 +53,6 @@ const LEFT_BY_IMPROVEMENT: f64 = 0.96;
 /// the atlases.
 const BY_TOPOLOGY: f64 = 1.2;
 
-/// How many times the tets to be expected without denser samples are left of a mesh that is
-/// coarsened: 1 to 1.5 on the atlases at delta 3.
-const BY_COARSENING: f64 = 1.2;
-
 /// How many tets of labels are to be expected of a mesh that is coarsened.
 ///
 /// # Errors
@@ -67,8 +63,7 @@ pub(super) fn expected_after_coarsening(
     params: &MeshParams,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<f64> {
-    let coarse = MeshParams { adaptive: Adaptive::Off, ..params.clone() };
-    let least = BY_COARSENING * expected_tets(image, rows, &coarse, check)?.of_labels;
+    let least = expected_coarsened(image, rows, params, check)?.of_labels;
     // It has no more than were refined.
     Ok(least.min(expected_tets(image, rows, params, check)?.of_labels))
 }

@@ -60,9 +60,31 @@ pub fn expected_tets(
     params: &MeshParams,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Expected> {
-    let spacing = Spacing::new(params, image.labels());
+    expected_of(image, rows, params, &Spacing::new(params, image.labels()), check)
+}
+
+/// The same where the mesh is coarsened.
+///
+/// # Errors
+/// As [`expected_tets`].
+pub fn expected_coarsened(
+    image: &LabelImage,
+    rows: &Rows,
+    params: &MeshParams,
+    check: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Expected> {
+    expected_of(image, rows, params, &Spacing::coarsened(params, image.labels()), check)
+}
+
+fn expected_of(
+    image: &LabelImage,
+    rows: &Rows,
+    params: &MeshParams,
+    spacing: &Spacing,
+    check: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Expected> {
     let tets = TetSizes::new(image, rows, params, check)?.into();
-    let sizing = &Sizing::new(image, rows, &spacing, tets, &[], check)?;
+    let sizing = &Sizing::new(image, rows, spacing, tets, &[], check)?;
     let boundaries = Boundaries { image, rows, sizing, check };
     let [of_background, about_interfaces] = boundaries.tets()?;
     let sizes: Vec<f64> = image.labels().iter().map(|&label| params.size_of(label)).collect();

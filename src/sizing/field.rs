@@ -41,6 +41,11 @@ pub(super) const PER_SIZE: f64 = 0.7;
 /// Growth of the field per distance.
 const GRADING: f64 = 0.4;
 
+/// What coarsening leaves of both: samples are so many thicknesses apart, and no grading is asked
+/// for. Measured (docs/notes/sampling.md).
+const COARSENED_PER_THICKNESS: f64 = 2.3;
+const COARSENED_GRADING: f64 = 2.0;
+
 /// The same away from places. Measured on the atlas of the brain at delta 3: with 0.4 the mesh has
 /// a tenth more tets, and no fewer differences from the image (docs/notes/sampling.md).
 const PLACE_GRADING: f64 = 0.6;
@@ -63,6 +68,10 @@ pub struct Spacing {
     adaptive: Adaptive,
     /// No more densely than this times the smallest side of a voxel.
     floor: f64,
+    /// Samples of a thin structure are this part of its thickness apart.
+    per_thickness: f64,
+    /// Growth per distance from there.
+    grading: f64,
 }
 
 /// A place about which samples are to be closer than elsewhere.
@@ -91,7 +100,16 @@ impl Spacing {
             of_labels,
             adaptive: params.adaptive,
             floor: params.spacing_floor,
+            per_thickness: PER_THICKNESS,
+            grading: GRADING,
         }
+    }
+
+    /// How far apart samples are in the end, about, where the mesh is coarsened. For estimates.
+    pub fn coarsened(params: &MeshParams, labels: &[i32]) -> Self {
+        let (per_thickness, grading) = (COARSENED_PER_THICKNESS, COARSENED_GRADING);
+        let adaptive = Adaptive::Thickness;
+        Self { adaptive, per_thickness, grading, ..Self::new(params, labels) }
     }
 
     /// How far apart samples of the interface of two labels may be where nothing is thin.
@@ -161,7 +179,7 @@ impl Sizing {
             return Ok(Self::uniform_with(delta, tets));
         }
         let thin = if of_thin < delta {
-            thin_voxels(image, rows, delta / PER_THICKNESS, Necks::Thin, check)?
+            thin_voxels(image, rows, delta / wanted.per_thickness, Necks::Thin, check)?
         } else {
             ThinVoxels::none(*rows.region())
         };
@@ -182,7 +200,7 @@ impl Sizing {
         // What is not thin has delta.
         let mut level_of = [LEVELS; NOT_THIN as usize + 1];
         for (level_of, thickness) in level_of.iter_mut().zip(thicknesses) {
-            *level_of = scale.level((PER_THICKNESS * thickness).max(of_thin));
+            *level_of = scale.level((wanted.per_thickness * thickness).max(of_thin));
         }
         levels.par_iter_mut().for_each(|level| *level = level_of[usize::from(*level)]);
         if of_label < delta {
@@ -206,7 +224,7 @@ impl Sizing {
         // The side of a thin voxel is as much the next one's, and so is that of a label.
         widen(&mut levels, nx, layer);
         if of_thin.min(of_label).min(of_tets) < delta {
-            grade(&mut levels, [nx, ny, nz], scale.growth(GRADING, spacing));
+            grade(&mut levels, [nx, ny, nz], scale.growth(wanted.grading, spacing));
         }
         if !places.is_empty() {
             for place in places {

@@ -1,5 +1,6 @@
 //! A number of tets that is asked for, and what is to be expected.
 
+use lapd::image::phantom::{comb, helical_tube};
 use lapd::image::{Frame, LabelImage};
 use lapd::monitor::{Level, Monitor};
 use lapd::params::{Adaptive, CertificateLevel, MeshParams};
@@ -124,6 +125,21 @@ fn tets_are_as_expected() {
                 assert!((0.65..=1.5).contains(&ratio), "{adaptive:?}, {factor}: {ratio}");
                 assert!(peak_bytes > 0 && seconds > 0.0);
             }
+        }
+    }
+}
+
+/// So it is where the mesh is coarsened, and what is thin has the last word.
+#[test]
+fn tets_of_coarsened_meshes_are_as_expected() {
+    for image in [comb(8).unwrap(), helical_tube([48; 3], 14.0, 3.0).unwrap(), busy_image()] {
+        for factor in [0.6, 1.0, 2.0] {
+            let params = MeshParams { coarsen: Some(15.0), ..quick(Adaptive::Thickness, None) };
+            let params = params.scaled(factor);
+            let told = estimate(&image, &params, &Monitor::silent()).unwrap().tets;
+            let run = mesh_image(&image, &params, &Monitor::silent()).unwrap();
+            let ratio = told as f64 / tets(&run.mesh) as f64;
+            assert!((0.5..=2.0).contains(&ratio), "{factor}: {told}, {ratio} times too many");
         }
     }
 }
