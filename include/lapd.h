@@ -2337,10 +2337,11 @@ lapd_status lapd_params_get_spacing_floor(const lapd_params *params, double *spa
  * Sets how many elements are to lie across each layer of a label: where a label is t thick, the
  * edges of its tets are about t over this long on average. Their circumradii are at most 0.85 of
  * that, and samples of interfaces at most 0.6 of it apart. 1 to 100; 0, the default: thickness
- * does not matter for the sizes of tets. The size of lapd_params_set_size is the largest then,
- * lapd_params_set_least_size sets the least, and lapd_params_set_gradation how fast sizes grow
- * away from a layer. What holds cubes of 32 times the smallest side of a voxel counts as thick. No
- * other thread may use `params` or the context meanwhile.
+ * does not matter for the sizes of tets. Across slanted layers there may be 1.7 times as many.
+ * lapd_params_set_target_tets multiplies these bounds, too. The size of lapd_params_set_size is
+ * the largest then, lapd_params_set_least_size sets the least, and lapd_params_set_gradation how
+ * fast sizes grow away from a layer. What holds cubes of 32 times the smallest side of a voxel
+ * counts as thick. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
@@ -2356,8 +2357,8 @@ lapd_status lapd_params_get_across(const lapd_params *params, double *elements);
 
 /**
  * Sets the least size that lapd_params_set_across leads to, a circumradius in world units; at
- * least 0, the default. The floor of lapd_params_set_spacing_floor bounds it as well: to that over
- * 0.7, half of a voxel over 0.7 by default. No other thread may use `params` or the context
+ * least 0, the default. No layer leads to less than the spacing floor over 0.7 either: by default
+ * 0.71 times the smallest side of a voxel. No other thread may use `params` or the context
  * meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.

@@ -122,18 +122,19 @@ pub struct MeshParams {
     /// Bounds for single labels (after merging), overriding `size`; delta is lowered around these
     /// labels likewise.
     pub label_sizes: BTreeMap<i32, f64>,
-    /// So many elements across each layer of a label: where it is t thick the edges of tets are t
-    /// over this long on average, by circumradii of at most 0.85 of that; 1 to [`MAX_ACROSS`]. What
-    /// holds cubes of 32 times the smallest side of a voxel counts as thick. `None`: thickness does
-    /// not matter for the sizes of tets.
+    /// So many elements, or more, across each layer of a label; 1 to [`MAX_ACROSS`]. Where it is t
+    /// thick the edges of tets are t over this long on average: circumradii are at most 0.85 of
+    /// that. What holds cubes of 32 times the smallest side of a voxel counts as thick. `None`:
+    /// thickness does not matter for the sizes of tets.
     pub across: Option<f64>,
     /// No layer makes that bound smaller than this; at least 0. Nor does any make it smaller than
-    /// the spacing floor over 0.7.
+    /// the spacing floor over 0.7: by default 0.71 times the smallest side of a voxel.
     pub least_size: f64,
     /// By how much that bound grows per distance from a layer; > 0.
     pub gradation: f64,
     /// The tets of labels that the mesh is to have, within a tenth where that can be had. Delta,
-    /// the sizes and, above 1, the spacing floor are multiplied by one factor, which is searched.
+    /// the sizes (the bounds of `across` and `least_size` too) and, above 1, the spacing floor are
+    /// multiplied by one factor, which is searched.
     pub target_tets: Option<u64>,
     /// Upper bound on circumradius over shortest edge; at least 2 (below, Delaunay refinement need
     /// not end).

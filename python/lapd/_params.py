@@ -75,7 +75,7 @@ PARAMETERS = [
     ),
     Parameter("least_size", c_double, "the least size that elements across layers lead to; 0"),
     Parameter("gradation", c_double, "by how much such sizes grow per distance from a layer; 0.4"),
-    Parameter("label_size", LABEL_SIZES, "the same for single labels: a mapping"),
+    Parameter("label_size", LABEL_SIZES, "size for single labels: a mapping"),
     Parameter("radius_edge", c_double, "largest circumradius over shortest edge; at least 2"),
     Parameter("facet_angle", c_double, "smallest angle of interface facets in degrees; at most 30"),
     Parameter("target_dihedral", c_double, "smallest dihedral angle in degrees; 15 by default"),

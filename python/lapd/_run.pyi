@@ -89,7 +89,7 @@ def mesh(
     across: so many elements across each layer of a label, at least 1; 0, the default, for none
     least_size: the least size that elements across layers lead to; 0
     gradation: by how much such sizes grow per distance from a layer; 0.4
-    label_size: the same for single labels: a mapping
+    label_size: size for single labels: a mapping
     radius_edge: largest circumradius over shortest edge; at least 2
     facet_angle: smallest angle of interface facets in degrees; at most 30
     target_dihedral: smallest dihedral angle in degrees; 15 by default
@@ -170,7 +170,7 @@ def estimate(
     across: so many elements across each layer of a label, at least 1; 0, the default, for none
     least_size: the least size that elements across layers lead to; 0
     gradation: by how much such sizes grow per distance from a layer; 0.4
-    label_size: the same for single labels: a mapping
+    label_size: size for single labels: a mapping
     radius_edge: largest circumradius over shortest edge; at least 2
     facet_angle: smallest angle of interface facets in degrees; at most 30
     target_dihedral: smallest dihedral angle in degrees; 15 by default

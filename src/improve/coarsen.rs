@@ -43,8 +43,8 @@ const LEAST_DIHEDRALS: [f64; 3] = [2.0, 6.0, 10.0];
 const WORTHWHILE_PASS: f64 = 0.05;
 /// Most rounds of a pass.
 const MAX_ROUNDS: u32 = 24;
-/// The rounds of a pass end when one contracts less than this part of the vertices: the next pass
-/// tries them all again.
+/// The rounds of a pass end when one contracts less than this part of the vertices. The next pass
+/// tries them all again; after the last one few would still go.
 const WORTHWHILE_ROUND: f64 = 4e-3;
 /// Blocks have so many times the tets that they have in improvement: all tets of a vertex must be
 /// the block's own, so more has to wait at borders.

@@ -63,9 +63,17 @@ pub(super) fn expected_after_coarsening(
     params: &MeshParams,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<f64> {
-    let least = expected_coarsened(image, rows, params, check)?.of_labels;
-    // It has no more than were refined.
-    Ok(least.min(expected_tets(image, rows, params, check)?.of_labels))
+    let left = expected_coarsened(image, rows, params, check)?.of_labels;
+    // It has no more than were refined, as far as that is known.
+    let refined = match params.adaptive {
+        Adaptive::Topology => &by_thickness(params),
+        Adaptive::Off | Adaptive::Thickness => params,
+    };
+    Ok(left.min(expected_tets(image, rows, refined, check)?.of_labels))
+}
+
+fn by_thickness(params: &MeshParams) -> MeshParams {
+    MeshParams { adaptive: Adaptive::Thickness, ..params.clone() }
 }
 
 /// The search for the factor.
@@ -96,7 +104,9 @@ impl Search {
     ) -> Result<Self> {
         let check = || monitor.advance(0).and_then(|()| limits.check_time());
         let region = Region::new(image, &check)?;
-        let tables = Rows::bytes(region.dims) + Sizing::bytes_needed(image, &region, params);
+        // What coarsening leaves is told by thickness, whatever samples follow.
+        let told_by = if params.coarsen.is_some() { &by_thickness(params) } else { params };
+        let tables = Rows::bytes(region.dims) + Sizing::bytes_needed(image, &region, told_by);
         limits.check_memory(tables)?;
         let rows = Rows::new(image, region, &check)?;
         let left = if params.improve == Improve::Full { LEFT_BY_IMPROVEMENT } else { 1.0 };

@@ -12,7 +12,7 @@
 //! Places ([`Place`]) where the mesh must come closer to the image make it small as well, whatever
 //! is thin there. From these the field grows faster: they are small, and may be many.
 //!
-//! Where nothing makes it small there is no table ([`levels`](super::levels)), and every answer is
+//! Where nothing makes it small there is no table (`sizing/levels`), and every answer is
 //! delta. Where there is one, nothing is above `MAX_GRADED` voxels.
 
 use std::sync::Arc;
@@ -171,10 +171,15 @@ impl Sizing {
         let spacing = image.frame().spacing();
         let &Spacing { delta, ref of_labels, .. } = wanted;
         let [of_thin, of_label] = wanted.lowest(image);
-        // The same for any places, so that fields of one run count in the same steps.
-        let of_places = if places.is_empty() { delta } else { wanted.floor(image) };
         let of_tets = PER_SIZE * tets.min();
-        let min = of_thin.min(of_label).min(of_places).min(of_tets);
+        let mut min = of_thin.min(of_label).min(of_tets);
+        if places.is_empty() && delta <= min {
+            return Ok(Self::uniform_with(delta, tets));
+        }
+        // The same for any places and for none, so that fields of one run count in the same steps.
+        if wanted.adaptive == Adaptive::Topology || !places.is_empty() {
+            min = min.min(wanted.floor(image));
+        }
         if delta <= min {
             return Ok(Self::uniform_with(delta, tets));
         }
@@ -187,7 +192,7 @@ impl Sizing {
         let [nx, ny, nz] = region.dims;
         let layer = nx * nz;
         if levels.is_empty() {
-            if of_label.min(of_places).min(of_tets) >= delta {
+            if places.is_empty() && of_label.min(of_tets) >= delta {
                 return Ok(Self::uniform_with(delta, tets));
             }
             levels = filled(layer * ny, NOT_THIN, "voxels of the sizing field", check)?;
@@ -221,6 +226,7 @@ impl Sizing {
                 }
             });
         }
+        check()?;
         // The side of a thin voxel is as much the next one's, and so is that of a label.
         widen(&mut levels, nx, layer);
         if of_thin.min(of_label).min(of_tets) < delta {

@@ -1,17 +1,26 @@
 //! How large tets may be, from place to place: as many of them across each layer as are asked for.
 //!
-//! A part of a label that is t thick (`sizing/thickness`) wants tets whose edges are t / N long on
-//! average, N being the elements across, and so circumradii of at most `PER_EDGE` of that; no less
-//! than the least size, and no more than the largest.
-//! Away from there the bound grows by no more than the gradation per distance, along the image axes
-//! one after the other. The background has no tets that count, so it wants nothing. Nor do contacts
-//! of two voxels, which are no layers.
+//! A part of a label is t thick (`sizing/thickness`), and N elements are to lie across it. Then the
+//! edges of its tets are to be t / N long on average. So their circumradii are at most `PER_EDGE`
+//! of that, but never bound to less than the least size, or than the floor of spacing allows.
+//!
+//! Away from there the bound grows by the gradation per distance, along the image axes one after
+//! the other; by a level per voxel at least, for levels are whole numbers. What it has grown to
+//! above 32 voxels is no bound any more. The background has no tets that count, so it wants
+//! nothing. Nor do contacts of two voxels, which are no layers.
+//!
+//! Thicknesses are those of cubes: between two cubes of the list the smaller one counts, and in a
+//! layer across a diagonal a cube is smaller than the layer is thick. So N is what there is at
+//! least; in slanted layers there may be 1.7 times as many.
 //!
 //! What SimNIBS calls the slope and the range of element sizes (Puonti et al., "Accurate and robust
 //! whole-head segmentation from magnetic resonance images for individualized head modeling", 2020)
 //! is 1 / N, and the least and the largest size.
 //!
 //! Bounds of labels hold beside these. Samples of interfaces follow: `sizing/field`.
+//!
+//! Cost: that of finding what is thin, and a few nanoseconds per voxel. Memory: a byte per voxel,
+//! twice while it is made.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -23,11 +32,16 @@ use crate::Result;
 use crate::image::LabelImage;
 use crate::image::bricks::Bricks;
 use crate::image::region::{Region, Rows};
+use crate::memory::room;
 use crate::params::MeshParams;
 
 /// Tets have circumradii of at most this times the length that their edges have on average.
 /// Measured on sheets of 2 to 8 voxels with 2 to 4 elements across (docs/notes/design-notes.md).
 const PER_EDGE: f64 = 0.85;
+
+/// A bound that has grown to so many times the least one need not be looked at any more, if it is
+/// above all that layers want.
+const FAR_ABOVE: f64 = 4.0;
 
 /// The largest circumradius that thickness allows at each place; none without a table.
 #[derive(Debug, Default)]
@@ -53,8 +67,10 @@ impl Wanted {
         let least = params.least_size.max(params.spacing_floor * side / PER_SIZE);
         let sizes = image.labels().iter().filter(|&&label| label != 0);
         let sizes = sizes.map(|&label| params.size_of(label)).fold(0.0, f64::max);
-        // What is thicker than the largest cube is not looked at.
-        let largest = sizes.min(LARGEST as f64 * side * (PER_EDGE / across).max(1.0));
+        // What is thicker than the largest cube is not looked at, so what wants more than that
+        // wants nothing. Not less, however few are to lie across.
+        let farthest = LARGEST as f64 * side * (PER_EDGE / across).max(1.0);
+        let largest = sizes.min(farthest.max(FAR_ABOVE * least));
         let gradation = params.gradation;
         (least < largest).then_some(Self { across, range: [least, largest], gradation })
     }
@@ -84,11 +100,16 @@ impl TetSizes {
         let Some(wanted) = Wanted::new(image, params) else { return Ok(Self::default()) };
         let thin = thin_voxels(image, rows, wanted.max_thickness(), Necks::Ignored, check)?;
         let ThinVoxels { region, thicknesses, of_voxels: mut levels } = thin;
-        if levels.is_empty() {
+        let Some(thinnest) = thicknesses.first().filter(|_| !levels.is_empty()) else {
+            return Ok(Self::default());
+        };
+        let [nx, _, nz] = region.dims;
+        // From what there is, not from what there might be: steps would be coarser.
+        let min = wanted.range[0].max(wanted.per_thickness() * thinnest);
+        if min >= wanted.range[1] {
             return Ok(Self::default());
         }
-        let [nx, _, nz] = region.dims;
-        let scale = Scale::between(wanted.range[0], wanted.range[1]);
+        let scale = Scale::between(min, wanted.range[1]);
         let mut level_of = [LEVELS; NOT_THIN as usize + 1];
         for (level_of, thickness) in level_of.iter_mut().zip(thicknesses) {
             *level_of = scale.level(wanted.per_thickness() * thickness);
@@ -98,8 +119,13 @@ impl TetSizes {
                 *level = if id == 0 { LEVELS } else { level_of[usize::from(*level)] };
             }
         });
+        check()?;
+        if levels.par_iter().all(|&level| level == LEVELS) {
+            return Ok(Self::default());
+        }
         let growth = scale.growth(wanted.gradation, image.frame().spacing());
         grade(&mut levels, region.dims, growth);
+        check()?;
         let per_voxel = |level| image.voxel_volume() * of_level(&scale, level).powi(-3);
         let per_voxel: Vec<f64> = (0..=LEVELS).map(per_voxel).collect();
         let of_row = |(row, levels): (usize, &[u8])| {
@@ -107,8 +133,10 @@ impl TetSizes {
             voxels.filter(|&(_, &id)| id != 0).map(|(&l, _)| per_voxel[usize::from(l)]).sum::<f64>()
         };
         // In order, so that the sum is the same in each run.
-        let of_rows: Vec<f64> = levels.par_chunks(nx).enumerate().map(of_row).collect();
+        let mut of_rows = room(levels.len() / nx, "rows of the sizes of tets")?;
+        levels.par_chunks(nx).enumerate().map(of_row).collect_into_vec(&mut of_rows);
         let cubes = of_rows.into_iter().sum();
+        check()?;
         let table = Table::new(image.frame(), &region, &levels)?;
         Ok(Self { field: Some((scale, table)), cubes })
     }

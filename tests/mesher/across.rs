@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 use lapd::geometry::measures::tet_circumradius;
-use lapd::image::LabelImage;
 use lapd::image::phantom::{ball, sampled};
+use lapd::image::{Frame, LabelImage};
 use lapd::mesh::TetMesh;
 use lapd::monitor::Monitor;
 use lapd::params::{Adaptive, Improve, MeshParams};
@@ -134,5 +134,65 @@ fn elements_across_go_with_everything() {
         let many = mesh_image(&image, &many, &Monitor::silent()).unwrap().mesh;
         let ratio = many.labels.iter().filter(|&&label| label != 0).count() as f64 / target;
         assert!((0.9..=1.1).contains(&ratio), "{adaptive:?}: {ratio}");
+    }
+}
+
+/// In layers of any thickness and direction there are as many elements as were asked for, or more.
+#[test]
+fn slanted_layers_have_enough_elements() {
+    let normal = DVec3::new(0.3, 0.5, 0.81).normalize();
+    for thickness in [2.0, 5.0, 7.0] {
+        let label = |p: DVec3| match p.abs().max_element() {
+            far if far > 17.0 => 0,
+            _ if p.dot(normal).abs() < 0.5 * thickness => 2,
+            _ => 1,
+        };
+        let image = sampled([38; 3], [1.0; 3], label).unwrap();
+        let found = thickness / mean_edge(&run(&image, &across(2.0)).mesh);
+        assert!((1.8..=5.0).contains(&found), "{found} of 2 elements across {thickness} voxels");
+    }
+}
+
+/// The size of a label holds beside the bound of its layers, and what a layer wants does not depend
+/// on how large others may be, nor on a floor far below it.
+#[test]
+fn what_a_layer_wants_depends_on_nothing_else() {
+    let image = layer(3);
+    let tets = |params: &MeshParams| run(&image, params).mesh.labels.len() as f64;
+    let usual = tets(&across(2.0));
+    for other in [
+        MeshParams { size: 1e6, delta: 1e5, ..across(2.0) },
+        MeshParams { spacing_floor: 1e-3, ..across(2.0) },
+    ] {
+        let ratio = tets(&other) / usual;
+        assert!((0.6..1.6).contains(&ratio), "{ratio}");
+    }
+    let mut of_label = across(2.0);
+    of_label.label_sizes.insert(2, 0.8);
+    let small = run(&image, &of_label).mesh;
+    for t in (0..small.tets.len()).filter(|&t| small.labels[t] == 2) {
+        assert!(tet_circumradius(&corners(&small, t)) <= 0.8 + 1e-9);
+    }
+}
+
+/// Numbers at the ends of their ranges, on images with little in them.
+#[test]
+fn any_numbers_are_taken() {
+    let one =
+        LabelImage::from_ids([1; 3], Frame::axis_aligned([1.0; 3]).unwrap(), vec![1], vec![0, 1]);
+    for image in [one.unwrap(), layer(2)] {
+        for (elements, gradation) in [(1.0, 1e-300), (100.0, 1e300), (3.0, 1e-3)] {
+            for size in [1e-1, 3.0, 1e300] {
+                let params = MeshParams {
+                    delta: 0.7 * size,
+                    size,
+                    gradation,
+                    max_vertices: Some(30_000),
+                    partial: true,
+                    ..across(elements)
+                };
+                super::assert_sound(&run(&image, &params));
+            }
+        }
     }
 }

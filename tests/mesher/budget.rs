@@ -134,12 +134,14 @@ fn tets_are_as_expected() {
 fn tets_of_coarsened_meshes_are_as_expected() {
     for image in [comb(8).unwrap(), helical_tube([48; 3], 14.0, 3.0).unwrap(), busy_image()] {
         for factor in [0.6, 1.0, 2.0] {
-            let params = MeshParams { coarsen: Some(15.0), ..quick(Adaptive::Thickness, None) };
-            let params = params.scaled(factor);
-            let told = estimate(&image, &params, &Monitor::silent()).unwrap().tets;
-            let run = mesh_image(&image, &params, &Monitor::silent()).unwrap();
-            let ratio = told as f64 / tets(&run.mesh) as f64;
-            assert!((0.5..=2.0).contains(&ratio), "{factor}: {told}, {ratio} times too many");
+            for adaptive in [Adaptive::Thickness, Adaptive::Topology] {
+                let params = MeshParams { coarsen: Some(15.0), ..quick(adaptive, None) };
+                let params = params.scaled(factor);
+                let told = estimate(&image, &params, &Monitor::silent()).unwrap().tets;
+                let run = mesh_image(&image, &params, &Monitor::silent()).unwrap();
+                let ratio = told as f64 / tets(&run.mesh) as f64;
+                assert!((0.5..=2.5).contains(&ratio), "{adaptive:?}, {factor}: {ratio}");
+            }
         }
     }
 }

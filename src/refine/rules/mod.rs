@@ -243,7 +243,12 @@ impl<'a> Rules<'a> {
     /// Tets to be expected within `volume` about `p`, those around samples of dO apart: for
     /// progress and the sharing of work alone.
     pub fn expected_tets(&self, p: DVec3, volume: f64) -> f64 {
-        let of_label = self.sizes_squared[usize::from(self.oracle.label(p))];
-        TETS_PER_SIZE * volume / of_label.sqrt().min(self.sizing.tets().at(p)).powi(3)
+        match self.oracle.label(p) {
+            0 => 0.0,
+            label => {
+                let of_label = self.sizes_squared[usize::from(label)].sqrt();
+                TETS_PER_SIZE * volume / of_label.min(self.sizing.tets().at(p)).powi(3)
+            }
+        }
     }
 }

@@ -17,7 +17,7 @@ use crate::{Error, Result};
 /// No sample.
 const NONE: u32 = u32::MAX;
 
-/// No chain has more, if its samples differ.
+/// A chain that is longer is split, unless all of its samples lie at one place.
 const LONGEST: usize = 32;
 
 /// A number from here on is that of a chain that was split, plus this.
@@ -170,7 +170,8 @@ impl Net {
         let own = parts.of(p);
         let apart = (p - parts.middle).to_array();
         let mut all = (0..8).filter(|across| {
-            // Nothing beyond the middle along these axes is nearer than that.
+            // Nothing beyond the middle along these axes is nearer than that. Nor does it seem so
+            // by rounding: differences, squares and their sums are rounded in order.
             let beyond = |a: usize| if across >> a & 1 == 1 { apart[a] } else { 0.0 };
             DVec3::new(beyond(0), beyond(1), beyond(2)).length_squared() < delta * delta
         });
