@@ -21,7 +21,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::levels::{LEVELS, Scale, Table, grade, widen};
-use super::tet_sizes::TetSizes;
+use super::tet_sizes::{PER_SIZE, TetSizes};
 use super::thickness::{self, NOT_THIN, Necks, ThinVoxels, thin_voxels};
 use crate::Result;
 use crate::image::bricks::Bricks;
@@ -32,11 +32,6 @@ use crate::params::{Adaptive, MeshParams};
 
 /// Samples of a thin structure are this part of its thickness apart.
 const PER_THICKNESS: f64 = 0.75;
-
-/// Samples beside tets of a largest circumradius are this part of it apart, or less. Measured
-/// (docs/notes/design-notes.md): with 1 a fifth of what R5 inserts is removed again, with 0.7
-/// nothing is, and the mesh has as many tets.
-pub(super) const PER_SIZE: f64 = 0.7;
 
 /// Growth of the field per distance.
 const GRADING: f64 = 0.4;

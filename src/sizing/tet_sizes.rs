@@ -25,7 +25,6 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::field::PER_SIZE;
 use super::levels::{LEVELS, Scale, Table, grade};
 use super::thickness::{self, LARGEST, NOT_THIN, Necks, ThinVoxels, thin_voxels};
 use crate::Result;
@@ -34,6 +33,11 @@ use crate::image::bricks::Bricks;
 use crate::image::region::{Region, Rows};
 use crate::memory::room;
 use crate::params::MeshParams;
+
+/// Samples beside tets of a largest circumradius are this part of it apart, or less. Measured
+/// (docs/notes/design-notes.md): with 1 a fifth of what R5 inserts is removed again, with 0.7
+/// nothing is, and the mesh has as many tets.
+pub(super) const PER_SIZE: f64 = 0.7;
 
 /// Tets have circumradii of at most this times the length that their edges have on average.
 /// Measured on sheets of 2 to 8 voxels with 2 to 4 elements across (docs/notes/design-notes.md).
