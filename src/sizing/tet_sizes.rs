@@ -43,8 +43,8 @@ pub(super) const PER_SIZE: f64 = 0.7;
 /// Measured on sheets of 2 to 8 voxels with 2 to 4 elements across (docs/notes/design-notes.md).
 const PER_EDGE: f64 = 0.85;
 
-/// A bound that has grown to so many times the least one need not be looked at any more, if it is
-/// above all that layers want.
+/// The field goes up to so many times the least size, if that is more than 32 voxels. Above, tets
+/// are bounded by the sizes of their labels alone.
 const FAR_ABOVE: f64 = 4.0;
 
 /// The largest circumradius that thickness allows at each place; none without a table.
@@ -71,8 +71,8 @@ impl Wanted {
         let least = params.least_size.max(params.spacing_floor * side / PER_SIZE);
         let sizes = image.labels().iter().filter(|&&label| label != 0);
         let sizes = sizes.map(|&label| params.size_of(label)).fold(0.0, f64::max);
-        // What is thicker than the largest cube is not looked at, so what wants more than that
-        // wants nothing. Not less, however few are to lie across.
+        // Nothing thicker than the largest cube is looked for, so no layer wants a bound above it;
+        // nor above so many times its size where less than one element is to lie across.
         let farthest = LARGEST as f64 * side * (PER_EDGE / across).max(1.0);
         let largest = sizes.min(farthest.max(FAR_ABOVE * least));
         let gradation = params.gradation;

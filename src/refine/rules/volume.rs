@@ -37,7 +37,7 @@ impl Rules<'_> {
         let &size_squared = self.sizes_squared.get(usize::from(label))?;
         let rule = if squared_radius > size_squared
             || squared_radius > self.size_somewhere_squared
-                && self.is_above_size(label, sphere.center, squared_radius)
+                && self.is_above_size(sphere.center, squared_radius)
         {
             Rule::R5
         } else if squared_radius > self.large_squared
@@ -67,11 +67,11 @@ impl Rules<'_> {
         Some(RefinementPoint { rule, point, kind, start: t, seen, across: None })
     }
 
-    /// Whether a radius is larger than what is asked of a tissue at a place.
+    /// Whether the radius of a tet of a label is larger than what is asked for at its circumcenter.
     #[inline(never)]
-    fn is_above_size(&self, label: u16, center: DVec3, squared_radius: f64) -> bool {
+    fn is_above_size(&self, center: DVec3, squared_radius: f64) -> bool {
         let size = self.sizing.tets().at(center);
-        label != 0 && squared_radius > size * size
+        squared_radius > size * size
     }
 
     /// Whether a radius is larger than R2 allows: 2 deltas of the vertices that are isovertices, on
