@@ -86,8 +86,10 @@ impl Facet {
 
 /// Most tets that packed facets can name, but for a chunk: its last facet would be [`Facet::NONE`].
 pub const MAX_TETS: usize = (1 << 30) - CHUNK;
-/// Most vertices: a triangulation of so many tets has fewer.
-pub const MAX_VERTICES: usize = 1 << 28;
+/// There is room for a vertex for so many tets: a triangulation has some six.
+pub const TETS_PER_VERTEX: usize = 4;
+/// Most vertices, removed ones included.
+pub const MAX_VERTICES: usize = MAX_TETS / TETS_PER_VERTEX;
 
 /// The record of a tet: one cache line.
 #[repr(C, align(64))]

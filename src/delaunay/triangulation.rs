@@ -13,8 +13,8 @@ use super::chunked::{CHUNK, Chunked};
 use super::numa::{NodeId, NodeMap};
 use super::ownership::{FREE, NOBODY, Owner, OwnerId};
 use super::tet::{
-    FACET, Facet, MAX_TETS, MAX_VERTICES, TetId, TetRecord, TetStamp, VertexId, VertexKind,
-    VertexRecord, is_free, is_tet,
+    FACET, Facet, MAX_TETS, MAX_VERTICES, TETS_PER_VERTEX, TetId, TetRecord, TetStamp, VertexId,
+    VertexKind, VertexRecord, is_free, is_tet,
 };
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
@@ -48,9 +48,10 @@ impl Triangulation {
                 "the box from {lower} to {upper} is empty or not finite"
             )));
         }
+        let tets = Chunked::with_capacity_at_most(MAX_TETS)?;
         let triangulation = Self {
-            tets: Chunked::with_capacity(MAX_TETS)?,
-            vertices: Chunked::with_capacity(MAX_VERTICES)?,
+            vertices: Chunked::with_capacity(tets.capacity() / TETS_PER_VERTEX)?,
+            tets,
             nodes: NodeMap::new()?,
             tet_chunks: AtomicU32::new(0),
             vertex_chunks: AtomicU32::new(0),
@@ -280,6 +281,11 @@ impl Triangulation {
                 * Chunked::<VertexRecord>::CHUNK_BYTES as u64
     }
 
+    /// No id of a vertex is as large.
+    pub fn vertex_capacity(&self) -> usize {
+        self.vertices.capacity()
+    }
+
     /// Ids below this may be vertices.
     pub fn vertex_bound(&self) -> u32 {
         self.vertex_chunks.load(Acquire) * CHUNK as u32
@@ -303,7 +309,7 @@ impl Triangulation {
     pub(super) fn claim_tets(&self, node: NodeId) -> Result<Range<u32>> {
         let _growing = self.growing();
         let chunk = self.tet_chunks.load(Relaxed);
-        if chunk as usize >= self.tets.max_chunks() {
+        if chunk as usize >= MAX_TETS / CHUNK {
             return Err(Error::LimitReached(format!(
                 "the triangulation would exceed {MAX_TETS} tets"
             )));
@@ -325,7 +331,7 @@ impl Triangulation {
     pub(super) fn claim_vertices(&self, node: NodeId) -> Result<Range<u32>> {
         let _growing = self.growing();
         let chunk = self.vertex_chunks.load(Relaxed);
-        if chunk as usize >= self.vertices.max_chunks() {
+        if chunk as usize >= MAX_VERTICES / CHUNK {
             return Err(Error::LimitReached(format!(
                 "the triangulation would exceed {MAX_VERTICES} vertices"
             )));

@@ -1,8 +1,9 @@
 //! Large tables: an error that names the table where `Vec` alone would end the process; and
-//! fetching ahead of a sweep through them. Small blocks: `reserve`. What a cancelled call need not
-//! wait for: `aside`.
+//! fetching ahead of a sweep through them. Tables that grow in place: `pages`. Small blocks:
+//! `reserve`. What a cancelled call need not wait for: `aside`.
 
 pub mod aside;
+pub mod pages;
 #[cfg(any(test, feature = "memory-reserve"))]
 pub mod reserve;
 
@@ -140,14 +141,6 @@ pub fn insert<K: Eq + Hash, V>(
 /// [`Error::OutOfMemory`].
 pub fn zeroed<T: Zeroable>(count: usize, what: &'static str) -> Result<Vec<T>> {
     bytemuck::try_zeroed_vec(count).map_err(|()| Error::OutOfMemory { count, what })
-}
-
-/// A value of all bytes zero, counted by its bytes as `what`; otherwise as [`zeroed`].
-///
-/// # Errors
-/// [`Error::OutOfMemory`].
-pub fn zeroed_box<T: Zeroable>(what: &'static str) -> Result<Box<T>> {
-    bytemuck::try_zeroed_box().map_err(|()| Error::OutOfMemory { count: size_of::<T>(), what })
 }
 
 /// `count` copies of a value, counted as `what`.

@@ -46,12 +46,12 @@ impl VertexGrid {
             kind,
             cells,
             heads: no_chains,
-            next: Chunked::with_capacity(crate::delaunay::tet::MAX_VERTICES)?,
+            next: Chunked::with_capacity(triangulation.vertex_capacity())?,
         })
     }
 
-    /// Bytes held when the triangulation has ids up to `vertex_bound`; at most, for chunks without
-    /// a vertex of the grid do not exist.
+    /// Bytes held when the triangulation has ids up to `vertex_bound`; at most, for pages without a
+    /// vertex of the grid are never touched.
     pub fn bytes(&self, vertex_bound: u32) -> u64 {
         size_of::<AtomicU32>() as u64 * (self.heads.len() as u64 + u64::from(vertex_bound))
     }

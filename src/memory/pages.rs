@@ -1,0 +1,262 @@
+//! Address space that becomes memory little by little, and never moves.
+//!
+//! Tables that grow while threads read them need places that stay. The addresses for all that such
+//! a table may ever hold are reserved when it is made, which costs no memory; pages are made usable
+//! as the table grows, and the system hands each one out, all zeros, when it is first touched.
+//!
+//! Addresses can be short: a limit of address space (`ulimit -v`) counts what is reserved, too.
+//! [`Pages::reserve_part`] takes a part of what there is then.
+
+use std::ops::Range;
+use std::ptr::NonNull;
+
+use rayon::prelude::*;
+
+use super::aside::drop_aside;
+use crate::Result;
+
+/// Of the addresses that there are, where they are too few, this part is taken: the rest is for all
+/// other tables. Measured with AAL, abdomen and brain: the tets of a triangulation are 0.4 of what
+/// a run needs at its peak.
+const PART: (usize, usize) = (7, 16);
+
+/// Where reserving is refused, this part less is tried next.
+const STEP_BACK: usize = 8;
+
+/// Sizes are multiples of this: the largest pages that systems have, but for huge ones.
+pub const PAGE: usize = 1 << 16;
+
+/// A range of addresses. None of it is memory at first.
+pub struct Pages {
+    start: NonNull<u8>,
+    bytes: usize,
+}
+
+// SAFETY: it owns a range of addresses, as a Box does, and does not read or write what is there.
+unsafe impl Send for Pages {}
+// SAFETY: as above.
+unsafe impl Sync for Pages {}
+
+impl Pages {
+    /// So many bytes, a multiple of [`PAGE`] above 0; `None` where the system refuses.
+    pub fn reserve(bytes: usize) -> Option<Self> {
+        debug_assert!(bytes > 0 && bytes.is_multiple_of(PAGE));
+        system::reserve(bytes).map(|start| Self { start, bytes })
+    }
+
+    /// So many bytes, a multiple of `unit`; where the system refuses, a part of what it would give.
+    /// `None` where that is not even one unit, itself a multiple of [`PAGE`].
+    pub fn reserve_part(bytes: usize, unit: usize) -> Option<Self> {
+        if let Some(pages) = Self::reserve(bytes) {
+            return Some(pages);
+        }
+        let mut there = bytes;
+        loop {
+            there = (there - there / STEP_BACK) / unit * unit;
+            if there < unit {
+                return None;
+            }
+            // Given back at once: only a part is taken.
+            if Self::reserve(there).is_some() {
+                let (part, of) = PART;
+                return Self::reserve((there / of * part / unit).max(1) * unit);
+            }
+        }
+    }
+
+    /// Where they begin.
+    #[inline(always)]
+    pub fn start(&self) -> NonNull<u8> {
+        self.start
+    }
+
+    /// How many bytes there are.
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// Makes a range usable, whose ends are multiples of [`PAGE`]: all bytes are 0, and may be read
+    /// and written until this is dropped. Returns whether the system does so. What is usable
+    /// already stays as it is.
+    #[must_use]
+    pub fn make_usable(&self, range: Range<usize>) -> bool {
+        debug_assert!(range.start.is_multiple_of(PAGE) && range.end.is_multiple_of(PAGE));
+        range.start < range.end && range.end <= self.bytes && system::make_usable(self.start, range)
+    }
+
+    /// Asks the system for the memory of usable pages, which are about to be written for the first
+    /// time, at once: that costs less than a fault for each. Where the system does not know how,
+    /// they come by faults.
+    pub fn populate(&self, range: Range<usize>) {
+        if range.start < range.end && range.end <= self.bytes {
+            system::populate(self.start, range);
+        }
+    }
+
+    /// Gives the memory back, of which no more than the first `used` bytes were touched: in parts
+    /// of so many bytes, many at a time, for it takes the system 50 to 200 ms for each GB. What is
+    /// left when `go_on` fails is given back aside.
+    pub fn give_back(self, used: usize, part: usize, go_on: &(dyn Fn() -> Result<()> + Sync)) {
+        let used = used.min(self.bytes);
+        let parts = (0..used.div_ceil(part)).into_par_iter().with_max_len(1);
+        let given = parts.try_for_each(|i| {
+            go_on()?;
+            system::forget(&self, i * part..((i + 1) * part).min(used));
+            Ok::<_, crate::Error>(())
+        });
+        if given.is_err() {
+            drop_aside(self);
+        }
+    }
+}
+
+impl Drop for Pages {
+    fn drop(&mut self) {
+        system::release(self.start, self.bytes);
+    }
+}
+
+#[cfg(unix)]
+mod system {
+    use std::ops::Range;
+    use std::ptr::{NonNull, null_mut};
+
+    use rustix::mm::{MapFlags, MprotectFlags, ProtFlags, mmap_anonymous, mprotect, munmap};
+
+    use super::Pages;
+
+    pub fn reserve(bytes: usize) -> Option<NonNull<u8>> {
+        // What may not be touched counts for no limit but that of address space.
+        let (access, flags) = (ProtFlags::empty(), MapFlags::PRIVATE | MapFlags::NORESERVE);
+        // SAFETY: without an address that is asked for, nothing that is mapped is replaced.
+        let start = unsafe { mmap_anonymous(null_mut(), bytes, access, flags) };
+        start.ok().and_then(|start| NonNull::new(start.cast()))
+    }
+
+    pub fn make_usable(start: NonNull<u8>, range: Range<usize>) -> bool {
+        let access = MprotectFlags::READ | MprotectFlags::WRITE;
+        // SAFETY: the range lies within a reservation, and what is usable already stays so.
+        unsafe { mprotect(start.as_ptr().add(range.start).cast(), range.len(), access).is_ok() }
+    }
+
+    #[cfg(target_os = "linux")]
+    pub fn populate(start: NonNull<u8>, range: Range<usize>) {
+        use rustix::mm::{Advice, madvise};
+        // SAFETY: the range lies within a reservation, and no contents change.
+        let _ = unsafe {
+            let first = start.as_ptr().add(range.start).cast();
+            madvise(first, range.len(), Advice::LinuxPopulateWrite)
+        };
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    pub fn populate(_: NonNull<u8>, _: Range<usize>) {}
+
+    /// Gives memory back. The addresses stay reserved.
+    #[cfg(target_os = "linux")]
+    pub fn forget(pages: &Pages, range: Range<usize>) {
+        use rustix::mm::{Advice, madvise};
+        // SAFETY: called by `give_back` alone, which owns the pages: nobody looks at them any more.
+        let _ = unsafe {
+            let first = pages.start.as_ptr().add(range.start).cast();
+            madvise(first, range.len(), Advice::LinuxDontNeed)
+        };
+    }
+
+    /// Elsewhere all is given back when the pages are dropped.
+    #[cfg(not(target_os = "linux"))]
+    pub fn forget(_: &Pages, _: Range<usize>) {}
+
+    pub fn release(start: NonNull<u8>, bytes: usize) {
+        // SAFETY: this is a whole reservation, whose owner is being dropped.
+        let _ = unsafe { munmap(start.as_ptr().cast(), bytes) };
+    }
+}
+
+#[cfg(windows)]
+mod system {
+    use std::ops::Range;
+    use std::ptr::{NonNull, null};
+
+    use windows_sys::Win32::System::Memory::{
+        MEM_COMMIT, MEM_RELEASE, MEM_RESERVE, PAGE_NOACCESS, PAGE_READWRITE, VirtualAlloc,
+        VirtualFree,
+    };
+
+    use super::Pages;
+
+    pub fn reserve(bytes: usize) -> Option<NonNull<u8>> {
+        // SAFETY: without an address that is asked for, nothing that is reserved is touched.
+        NonNull::new(unsafe { VirtualAlloc(null(), bytes, MEM_RESERVE, PAGE_NOACCESS) }.cast())
+    }
+
+    pub fn make_usable(start: NonNull<u8>, range: Range<usize>) -> bool {
+        // SAFETY: the range lies within a reservation, and what is usable already stays so.
+        let made = unsafe {
+            let first = start.as_ptr().add(range.start).cast();
+            VirtualAlloc(first, range.len(), MEM_COMMIT, PAGE_READWRITE)
+        };
+        !made.is_null()
+    }
+
+    pub fn populate(_: NonNull<u8>, _: Range<usize>) {}
+
+    /// All is given back when the pages are dropped.
+    pub fn forget(_: &Pages, _: Range<usize>) {}
+
+    pub fn release(start: NonNull<u8>, _: usize) {
+        // SAFETY: this is a whole reservation, whose owner is being dropped.
+        unsafe { VirtualFree(start.as_ptr().cast(), 0, MEM_RELEASE) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// More than any machine has addresses for.
+    const TOO_MANY: usize = 1 << 60;
+
+    #[test]
+    fn pages_are_zeros_until_they_are_written() {
+        let pages = Pages::reserve(64 * PAGE).unwrap();
+        assert!(pages.make_usable(0..PAGE) && pages.make_usable(3 * PAGE..5 * PAGE));
+        let at = |i: usize| pages.start().as_ptr().wrapping_add(i);
+        for i in [0, PAGE - 1, 3 * PAGE, 5 * PAGE - 1] {
+            // SAFETY: these are usable, and nobody else has them.
+            unsafe {
+                assert_eq!(*at(i), 0);
+                *at(i) = 7;
+            }
+        }
+        pages.populate(3 * PAGE..5 * PAGE);
+        assert!(pages.make_usable(0..6 * PAGE));
+        // SAFETY: as above.
+        unsafe { assert_eq!([*at(0), *at(3 * PAGE), *at(5 * PAGE)], [7, 7, 0]) };
+        pages.give_back(6 * PAGE, PAGE, &|| Ok(()));
+    }
+
+    #[test]
+    fn what_is_not_reserved_is_not_made_usable() {
+        let pages = Pages::reserve(2 * PAGE).unwrap();
+        assert!(!pages.make_usable(PAGE..3 * PAGE) && !pages.make_usable(PAGE..PAGE));
+    }
+
+    #[test]
+    fn a_part_is_taken_where_addresses_are_too_few() {
+        assert!(Pages::reserve(TOO_MANY).is_none());
+        let unit = 16 * PAGE;
+        let part = Pages::reserve_part(TOO_MANY, unit).unwrap();
+        assert!(part.bytes().is_multiple_of(unit) && part.bytes() < TOO_MANY / 2);
+        // The other part is there for others.
+        assert!(Pages::reserve(part.bytes()).is_some());
+        assert_eq!(Pages::reserve_part(8 * unit, unit).unwrap().bytes(), 8 * unit);
+    }
+
+    #[test]
+    fn memory_is_given_back_aside_after_a_failure() {
+        let pages = Pages::reserve(4 * PAGE).unwrap();
+        assert!(pages.make_usable(0..4 * PAGE));
+        pages.give_back(4 * PAGE, PAGE, &|| Err(crate::Error::Cancelled));
+    }
+}
