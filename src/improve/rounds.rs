@@ -22,9 +22,13 @@ const MAX_IDLE: u32 = 4;
 /// So few tets are improved in one block that holds all: there are no borders then, at which some
 /// would have to wait. One thread works alone there, and the last tets take milliseconds each.
 const ALONE: usize = 24;
-/// Surroundings are relaxed only for so few tets in all: it takes milliseconds for each. Where more
-/// are left, as in slabs that are thinner than tets can be, that would not end within minutes.
-const MAX_RELAXED: usize = 1000;
+/// Where no more tets are left in all, it is not hopeless to go on.
+const FEW: usize = 1000;
+/// Surroundings are relaxed only where few tets are left, or one in so many of the mesh: it takes
+/// milliseconds for each. Where more are left, as in slabs that are thinner than tets can be, that
+/// would not end within minutes. Measured on the brain at delta 1 with a target of 20 degrees: 2226
+/// of 6.3 M are left to be relaxed around; 261 instead of 924 stay, in a fifth more time.
+const RELAXED_OF: usize = 2000;
 /// Slots of new tets that a block gets, and those that it gets for each tet to be improved.
 const SLOTS: u32 = 16;
 const SLOTS_PER_TET: f64 = 1.0;
@@ -104,14 +108,15 @@ impl<'m, 'a> Run<'m, 'a> {
         // What is left may get long and thin tets around it, and move farther.
         std::mem::swap(&mut self.queue, &mut self.left);
         self.queue.append(&mut self.left);
-        self.last = LastResorts { go_farther: true, relax: self.queue.len() <= MAX_RELAXED };
+        let relax = self.queue.len() <= FEW.max(self.mesh.tets.len() / RELAXED_OF);
+        self.last = LastResorts { go_farther: true, relax };
         self.measure = self.measure.last();
         self.run_until_idle(&blocks)
     }
 
     /// Whether so much of what was `below` the target is left that trying further is in vain.
     fn is_hopeless(&self, below: usize) -> bool {
-        self.left.len() > MAX_RELAXED.max(below / HOPELESS_PART)
+        self.left.len() > FEW.max(below / HOPELESS_PART)
     }
 
     /// Works until some rounds in sequence did nothing.
