@@ -33,7 +33,8 @@
 //! | `rounds` | which block begins with what, round by round |
 //! | `worker` | the queue of a block |
 //! | `ring`, `removal` | edge removal |
-//! | `star`, `smoothing` | moves of vertices |
+//! | `star`, `smoothing` | moves of vertices, one at a time |
+//! | `joint` | moves of several vertices at the same time |
 //! | `split` | new vertices on edges |
 //! | `interfaces` | what is asked about the image |
 //! | `coarsen`, `contraction`, `link` | before, where it is asked for: fewer tets |
@@ -43,6 +44,7 @@ mod blocks;
 mod coarsen;
 mod contraction;
 mod interfaces;
+mod joint;
 mod link;
 pub mod measure;
 mod nicks;

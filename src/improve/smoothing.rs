@@ -60,12 +60,20 @@ const PROBE: f64 = 0.5;
 /// What would leave the tolerance ends at this part of it, so that its way back to the interface
 /// does not leave it.
 const TO_BORDER: f64 = 0.97;
+/// Steps towards the shortest vector of a convex hull.
+const MAX_APPROACHES: usize = 24;
 /// How far points around contacts may go, in parts of the tolerance.
 const AROUND_CONTACTS: f64 = 0.5;
 
+/// What a vertex belongs to, with the walls it is in.
+pub(super) struct Place {
+    pub support: Support,
+    walls: Walls,
+}
+
 /// Where a vertex may go.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Support {
+pub(super) enum Support {
     Inside,
     /// On the interface of two labels, whose normal leads from the first to the second; as far off
     /// it as refinement put it.
@@ -81,6 +89,19 @@ enum Support {
     /// Within the tolerance.
     Near,
     Fixed,
+}
+
+impl Support {
+    /// The part of a direction in which the vertex may go.
+    #[inline]
+    pub fn allowed(&self, way: DVec3) -> DVec3 {
+        match *self {
+            Support::Interface { normal, .. } => way - normal * normal.dot(way),
+            Support::Line(line) => line * line.dot(way),
+            Support::Fixed => DVec3::ZERO,
+            Support::Inside | Support::Near | Support::Walls => way,
+        }
+    }
 }
 
 /// The other vertices of interface facets whose angles must not get smaller.
@@ -283,19 +304,8 @@ impl Worker<'_, '_> {
     ) -> Option<(DVec3, f64)> {
         let facets = self.tight_facets(star, support, at);
         let (way, rate) =
-            ascent(star, self.round.measure, at, min, &facets, |gradient| match support {
-                Support::Interface { normal, .. } => gradient - normal * normal.dot(gradient),
-                Support::Line(way) => way * way.dot(gradient),
-                Support::Fixed => DVec3::ZERO,
-                Support::Inside | Support::Near | Support::Walls => gradient,
-            })?;
-        let max = match support {
-            Support::Inside => MAX_STEP * star.shortest_edge(at),
-            Support::Interface { .. } | Support::Line(_) => {
-                self.farthest() * self.round.interfaces.tolerance
-            }
-            _ => self.round.interfaces.tolerance,
-        };
+            ascent(star, self.round.measure, at, min, &facets, |way| support.allowed(way))?;
+        let max = self.max_step(star, support, at);
         // To where the worst tet would reach a little more than the target, if it went on so.
         // Places on interfaces are found to less than a hundredth of the tolerance, so a step is
         // longer than that.
@@ -313,8 +323,33 @@ impl Worker<'_, '_> {
         None
     }
 
+    /// How far a vertex may go in one step.
+    pub fn max_step(&self, star: &Star, support: Support, at: DVec3) -> f64 {
+        match support {
+            Support::Inside => MAX_STEP * star.shortest_edge(at),
+            Support::Interface { .. } | Support::Line(_) => {
+                self.farthest() * self.round.interfaces.tolerance
+            }
+            _ => self.round.interfaces.tolerance,
+        }
+    }
+
+    /// What the vertex of a star belongs to first.
+    pub fn place(&self, star: &Star, at: DVec3) -> Place {
+        let walls = self.round.interfaces.oracle.walls_at(at);
+        let [support, _] = self.supports(star, at, &walls);
+        Place { support, walls }
+    }
+
     /// Where a vertex ends that is to go to `p`; `None`: it may not.
     fn settle(&self, star: &Star, support: Support, walls: &Walls, p: DVec3) -> Option<DVec3> {
+        let p = self.land(star, &Place { support, walls: *walls }, p)?;
+        (support == Support::Inside || self.keeps_facets(star, p)).then_some(p)
+    }
+
+    /// The same, without a look at the facets around.
+    pub fn land(&self, star: &Star, place: &Place, p: DVec3) -> Option<DVec3> {
+        let Place { support, walls } = *place;
         if support == Support::Inside {
             return Some(p);
         }
@@ -341,13 +376,9 @@ impl Worker<'_, '_> {
                 within(p, max)
             }
         };
-        let p = interfaces.oracle.onto_walls(p, *walls);
+        let p = interfaces.oracle.onto_walls(p, walls);
         let is_near = p.distance_squared(refined) <= max * max;
-        let is_kept = || {
-            self.keeps_facets(star, p)
-                && self.distance_from_refined(star, p) <= interfaces.tolerance
-        };
-        (is_near && is_kept()).then_some(p)
+        (is_near && self.distance_from_refined(star, p) <= interfaces.tolerance).then_some(p)
     }
 
     /// How far a place of the vertex is from where refinement put the interface around it.
@@ -389,7 +420,7 @@ impl Worker<'_, '_> {
         })
     }
 
-    fn commit(&mut self, star: &Star, support: Support, at: DVec3) {
+    pub fn commit(&mut self, star: &Star, support: Support, at: DVec3) {
         let from = self.point(star.vertex);
         for (&label, &[x, y, z]) in star.labels.iter().zip(&star.points) {
             if !star.facets.is_empty() {
@@ -490,7 +521,7 @@ fn ascent(
             * steepest;
         count += 1;
     }
-    let way = nearest_to_zero(&gradients[..count]);
+    let way = nearest_to_zero(&gradients[..count])?;
     let length = way.length();
     // Also where nothing is a number.
     if length.is_nan() || length <= 1e-3 * steepest {
@@ -504,27 +535,54 @@ fn ascent(
 
 /// The gradient of a function that has `value` at a place, by differences; `other` is some point as
 /// far away as what the function depends on.
-fn gradient_of(at: DVec3, other: DVec3, value: f64, of: impl Fn(DVec3) -> f64) -> DVec3 {
+pub(super) fn gradient_of(at: DVec3, other: DVec3, value: f64, of: impl Fn(DVec3) -> f64) -> DVec3 {
     let step = DIFFERENCE * (other - at).length();
     DVec3::from([DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (of(at + axis * step) - value) / step))
 }
 
+/// A vector of any dimension.
+pub(super) trait Vector: Clone {
+    fn dot(&self, other: &Self) -> f64;
+    fn minus(&self, other: &Self) -> Self;
+    fn add(&mut self, other: &Self, times: f64);
+}
+
+impl Vector for DVec3 {
+    fn dot(&self, other: &Self) -> f64 {
+        DVec3::dot(*self, *other)
+    }
+    fn minus(&self, other: &Self) -> Self {
+        *self - *other
+    }
+    fn add(&mut self, other: &Self, times: f64) {
+        *self += *other * times;
+    }
+}
+
+impl Vector for Vec<DVec3> {
+    fn dot(&self, other: &Self) -> f64 {
+        self.iter().zip(other).map(|(a, b)| DVec3::dot(*a, *b)).sum()
+    }
+    fn minus(&self, other: &Self) -> Self {
+        self.iter().zip(other).map(|(a, b)| *a - *b).collect()
+    }
+    fn add(&mut self, other: &Self, times: f64) {
+        self.iter_mut().zip(other).for_each(|(a, b)| *a += *b * times);
+    }
+}
+
 /// The point of the convex hull of some vectors that is nearest to zero, nearly (E. G. Gilbert, "An
 /// iterative procedure for computing the minimum of a quadratic form on a convex set", 1966).
-fn nearest_to_zero(vectors: &[DVec3]) -> DVec3 {
-    let Some(&first) = vectors.first() else { return DVec3::ZERO };
-    let mut nearest = first;
-    for _ in 0..24 {
-        let Some(&far) = vectors.iter().min_by(|a, b| a.dot(nearest).total_cmp(&b.dot(nearest)))
-        else {
-            break;
-        };
-        let way = far - nearest;
-        let gain = -nearest.dot(way);
-        if gain <= 1e-6 * nearest.length_squared() {
+pub(super) fn nearest_to_zero<V: Vector>(vectors: &[V]) -> Option<V> {
+    let mut nearest = vectors.first()?.clone();
+    for _ in 0..MAX_APPROACHES {
+        let far = vectors.iter().min_by(|a, b| a.dot(&nearest).total_cmp(&b.dot(&nearest)))?;
+        let way = far.minus(&nearest);
+        let gain = -nearest.dot(&way);
+        if gain <= 1e-6 * nearest.dot(&nearest) {
             break;
         }
-        nearest += way * (gain / way.length_squared()).min(1.0);
+        nearest.add(&way, (gain / way.dot(&way)).min(1.0));
     }
-    nearest
+    Some(nearest)
 }

@@ -191,8 +191,15 @@ impl<'r, 'a> Worker<'r, 'a> {
         }
         let mut outcome = Outcome::Failed;
         // Reconnecting may help by now.
-        let attempts = [Self::reconnect, Self::smooth, Self::split, Self::make_way, Self::relax];
-        let count = attempts.len() - usize::from(!self.round.last.relax);
+        let attempts = [
+            Self::reconnect,
+            Self::smooth,
+            Self::split,
+            Self::make_way,
+            Self::smooth_jointly,
+            Self::relax,
+        ];
+        let count = attempts.len() - if self.round.last.relax { 0 } else { 2 };
         for attempt in &attempts[..count] {
             match attempt(self, t) {
                 Outcome::Done => return self.enqueue_again(&entry),

@@ -467,6 +467,21 @@ fn other_surfaces_keep_the_promises() {
 }
 
 #[test]
+fn high_targets_leave_few_tets() {
+    let mut left = [0; 2];
+    for (target_dihedral, left) in [20.0, 22.0].into_iter().zip(&mut left) {
+        for (name, image, delta) in subjects() {
+            let params = MeshParams { target_dihedral, ..params(delta) };
+            let meshing = mesh_image(&image, &params, &Monitor::silent()).unwrap();
+            let of_image = meshing.report.improvement.left.len();
+            println!("{name}, {target_dihedral} degrees: {of_image} left");
+            *left += of_image;
+        }
+    }
+    assert!(left[0] <= 3 && left[1] <= 3, "{left:?}");
+}
+
+#[test]
 fn background_that_is_kept_does_not_change_the_object() {
     let image = ball([22; 3], [1.0; 3], 8.0).unwrap();
     let object = |background| {
