@@ -56,8 +56,8 @@ impl<T: Zeroable + Sync> Chunked<T> {
         Self::of(Pages::reserve(Self::bytes_for(capacity)))
     }
 
-    /// The same; where there are not as many addresses, with room for as many elements as fit in a
-    /// part of these.
+    /// The same; where a limit leaves not as many addresses, with room for what fits in a part of
+    /// these.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`].
@@ -66,7 +66,8 @@ impl<T: Zeroable + Sync> Chunked<T> {
     }
 
     fn bytes_for(capacity: usize) -> usize {
-        capacity.div_ceil(CHUNK).max(1) * Self::CHUNK_BYTES
+        let most = isize::MAX as usize / Self::CHUNK_BYTES;
+        capacity.div_ceil(CHUNK).clamp(1, most) * Self::CHUNK_BYTES
     }
 
     fn of(pages: Option<Pages>) -> Result<Self> {

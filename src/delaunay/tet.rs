@@ -89,7 +89,7 @@ pub const MAX_TETS: usize = (1 << 30) - CHUNK;
 /// There is room for a vertex for so many tets: a triangulation has some six.
 pub const TETS_PER_VERTEX: usize = 4;
 /// Most vertices, removed ones included.
-pub const MAX_VERTICES: usize = MAX_TETS / TETS_PER_VERTEX;
+pub const MAX_VERTICES: usize = MAX_TETS / TETS_PER_VERTEX / CHUNK * CHUNK;
 
 /// The record of a tet: one cache line.
 #[repr(C, align(64))]

@@ -48,9 +48,11 @@ impl Triangulation {
                 "the box from {lower} to {upper} is empty or not finite"
             )));
         }
-        let tets = Chunked::with_capacity_at_most(MAX_TETS)?;
+        let tets: Chunked<TetRecord> = Chunked::with_capacity_at_most(MAX_TETS)?;
+        // Every worker begins with a chunk of each.
+        let room = (tets.capacity() / TETS_PER_VERTEX).max(tets.capacity().min(64 * CHUNK));
         let triangulation = Self {
-            vertices: Chunked::with_capacity(tets.capacity() / TETS_PER_VERTEX)?,
+            vertices: Chunked::with_capacity(room)?,
             tets,
             nodes: NodeMap::new()?,
             tet_chunks: AtomicU32::new(0),

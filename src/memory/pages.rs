@@ -5,7 +5,7 @@
 //! as the table grows, and the system hands each one out, all zeros, when it is first touched.
 //!
 //! Addresses can be short: a limit of address space (`ulimit -v`) counts what is reserved, too.
-//! [`Pages::reserve_part`] takes a part of what there is then.
+//! [`Pages::reserve_part`] takes a part of what such a limit leaves.
 
 use std::ops::Range;
 use std::ptr::NonNull;
@@ -15,13 +15,10 @@ use rayon::prelude::*;
 use super::aside::drop_aside;
 use crate::Result;
 
-/// Of the addresses that there are, where they are too few, this part is taken: the rest is for all
-/// other tables. Measured with AAL, abdomen and brain: the tets of a triangulation are 0.4 of what
-/// a run needs at its peak.
+/// No more than this part of the addresses that a limit leaves is taken: the rest is for all other
+/// tables. Measured with AAL, abdomen and brain: the tets of a triangulation are 0.4 of what a run
+/// needs at its peak.
 const PART: (usize, usize) = (7, 16);
-
-/// Where reserving is refused, this part less is tried next.
-const STEP_BACK: usize = 8;
 
 /// Sizes are multiples of this: the largest pages that systems have, but for huge ones.
 pub const PAGE: usize = 1 << 16;
@@ -44,23 +41,23 @@ impl Pages {
         system::reserve(bytes).map(|start| Self { start, bytes })
     }
 
-    /// So many bytes, a multiple of `unit`; where the system refuses, a part of what it would give.
-    /// `None` where that is not even one unit, itself a multiple of [`PAGE`].
+    /// So many bytes, a multiple of `unit`, or a part of the addresses that a limit leaves. `None`
+    /// where that is not even one unit, itself a multiple of [`PAGE`].
     pub fn reserve_part(bytes: usize, unit: usize) -> Option<Self> {
-        if let Some(pages) = Self::reserve(bytes) {
-            return Some(pages);
-        }
-        let mut there = bytes;
+        let mut part = part_of(system::addresses_left(), bytes, unit);
+        let mut is_refused = false;
         loop {
-            there = (there - there / STEP_BACK) / unit * unit;
-            if there < unit {
+            if part < unit {
                 return None;
             }
-            // Given back at once: only a part is taken.
-            if Self::reserve(there).is_some() {
-                let (part, of) = PART;
-                return Self::reserve((there / of * part / unit).max(1) * unit);
+            match Self::reserve(part) {
+                Some(pages) if !is_refused => return Some(pages),
+                // There are fewer than twice as many: others need some, too.
+                Some(_) if part >= 2 * unit => is_refused = false,
+                Some(pages) => return Some(pages),
+                None => is_refused = true,
             }
+            part = part / 2 / unit * unit;
         }
     }
 
@@ -95,7 +92,7 @@ impl Pages {
 
     /// Gives the memory back, of which no more than the first `used` bytes were touched: in parts
     /// of so many bytes, many at a time, for it takes the system 50 to 200 ms for each GB. What is
-    /// left when `go_on` fails is given back aside.
+    /// left when `go_on` fails is given back aside. Other systems than Linux get all at once.
     pub fn give_back(self, used: usize, part: usize, go_on: &(dyn Fn() -> Result<()> + Sync)) {
         let used = used.min(self.bytes);
         let parts = (0..used.div_ceil(part)).into_par_iter().with_max_len(1);
@@ -108,6 +105,12 @@ impl Pages {
             drop_aside(self);
         }
     }
+}
+
+/// `bytes`, or the largest multiple of `unit` in [`PART`] of the bytes that are `left`.
+fn part_of(left: Option<usize>, bytes: usize, unit: usize) -> usize {
+    let (part, of) = PART;
+    left.map_or(bytes, |left| bytes.min(left / of * part / unit * unit))
 }
 
 impl Drop for Pages {
@@ -125,9 +128,28 @@ mod system {
 
     use super::Pages;
 
+    /// How many bytes of addresses the process may still take, where there is a limit.
+    #[cfg(target_os = "linux")]
+    pub fn addresses_left() -> Option<usize> {
+        use rustix::process::{Resource, getrlimit};
+        let limit = getrlimit(Resource::As).current?;
+        let statm = std::fs::read_to_string("/proc/self/statm").ok()?;
+        let pages: u64 = statm.split(' ').next()?.parse().ok()?;
+        let used = pages.saturating_mul(rustix::param::page_size() as u64);
+        usize::try_from(limit.saturating_sub(used)).ok()
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    pub fn addresses_left() -> Option<usize> {
+        None
+    }
+
     pub fn reserve(bytes: usize) -> Option<NonNull<u8>> {
         // What may not be touched counts for no limit but that of address space.
-        let (access, flags) = (ProtFlags::empty(), MapFlags::PRIVATE | MapFlags::NORESERVE);
+        let (access, flags) = (ProtFlags::empty(), MapFlags::PRIVATE);
+        // Nor is it to count as a whole once a part of it may be.
+        #[cfg(target_os = "linux")]
+        let flags = flags | MapFlags::NORESERVE;
         // SAFETY: without an address that is asked for, nothing that is mapped is replaced.
         let start = unsafe { mmap_anonymous(null_mut(), bytes, access, flags) };
         start.ok().and_then(|start| NonNull::new(start.cast()))
@@ -185,6 +207,10 @@ mod system {
 
     use super::Pages;
 
+    pub fn addresses_left() -> Option<usize> {
+        None
+    }
+
     pub fn reserve(bytes: usize) -> Option<NonNull<u8>> {
         // SAFETY: without an address that is asked for, nothing that is reserved is touched.
         NonNull::new(unsafe { VirtualAlloc(null(), bytes, MEM_RESERVE, PAGE_NOACCESS) }.cast())
@@ -215,7 +241,7 @@ mod tests {
     use super::*;
 
     /// More than any machine has addresses for.
-    const TOO_MANY: usize = 1 << 60;
+    const TOO_MANY: usize = 1 << (usize::BITS - 4);
 
     #[test]
     fn pages_are_zeros_until_they_are_written() {
@@ -243,12 +269,23 @@ mod tests {
     }
 
     #[test]
-    fn a_part_is_taken_where_addresses_are_too_few() {
-        assert!(Pages::reserve(TOO_MANY).is_none());
+    fn a_part_is_taken_of_what_a_limit_leaves() {
         let unit = 16 * PAGE;
+        assert_eq!(part_of(None, 64 * unit, unit), 64 * unit);
+        assert_eq!(part_of(Some(usize::MAX), 64 * unit, unit), 64 * unit);
+        assert_eq!(part_of(Some(32 * unit), 64 * unit, unit), 14 * unit);
+        // Also where the limit leaves a little more than what was asked for.
+        assert_eq!(part_of(Some(65 * unit), 64 * unit, unit), 28 * unit);
+        assert_eq!(part_of(Some(unit), 64 * unit, unit), 0);
+    }
+
+    #[test]
+    fn what_the_system_refuses_is_halved() {
+        let unit = 16 * PAGE;
+        assert!(Pages::reserve(TOO_MANY).is_none());
         let part = Pages::reserve_part(TOO_MANY, unit).unwrap();
         assert!(part.bytes().is_multiple_of(unit) && part.bytes() < TOO_MANY / 2);
-        // The other part is there for others.
+        // As many are there for others.
         assert!(Pages::reserve(part.bytes()).is_some());
         assert_eq!(Pages::reserve_part(8 * unit, unit).unwrap().bytes(), 8 * unit);
     }
