@@ -1,19 +1,19 @@
 //! Joint smoothing: the vertices of a tet are moved at the same time, then those around it, too.
 //!
-//! Where no vertex alone can make the worst tet around it any better ([`smoothing`]), several
-//! together may: one makes room for the next, but alone it would make another tet worse. The least
-//! measure of all tets around them is a function of all their coordinates. It rises fastest along
-//! the shortest vector in the convex hull of the gradients of the worst tets, as that of one vertex
-//! does. Each vertex keeps to what it belongs to.
+//! Where no vertex alone can make the worst tet around it any better (`smoothing`), several may:
+//! one makes room for the next, but alone it would make another tet worse. The least measure of all
+//! tets around them is a function of all their coordinates. It rises fastest along the shortest
+//! vector in the convex hull of the gradients of the worst tets, as that of one vertex does. Each
+//! vertex keeps to what it belongs to.
 //!
 //! It takes many times as long as to move one vertex, so it is for tets that nothing else helped.
-//! Measured with a target of 20 degrees: on AAL, at delta 1, 4 tets are left instead of 40.
+//! With a target of 20 degrees a tenth of the tets is left (docs/reference/improvement.md).
 
 use glam::DVec3;
 
 use super::interfaces::facet_measure;
 use super::measure::is_positive;
-use super::smoothing::{Place, Support, gradient_of, nearest_to_zero};
+use super::smoothing::{Place, SHORTEST_STEP, Support, gradient_of, nearest_to_zero};
 use super::star::{Collected, Star};
 use super::worker::{GAIN, Outcome, Worker};
 
@@ -22,20 +22,18 @@ const MAX_STEPS: usize = 80;
 /// Halvings of a step.
 const MAX_HALVINGS: usize = 8;
 /// Tets whose measure is below the least by this factor, or a little more, shape the direction. A
-/// larger one leaves more tets: 1.25 leaves 31 on the brain at delta 3, this one 19.
+/// larger one leaves more tets: on the brain at delta 3 1.25 left 31, and this one 19.
 const ACTIVE: f64 = 1.05;
-/// Most of them.
+/// Most of them, and most tight facets.
 const MAX_ACTIVE: usize = 24;
-/// The first step on an interface is this part of the tolerance at least.
-const SHORTEST_STEP: f64 = 0.1;
 /// An interface facet shapes the direction, too, if the squared sine of its least angle is below
 /// the bound by this factor.
 const TIGHT: f64 = 1.1;
 /// The least measure must rise to the target, or by this part of it: more than one vertex alone has
 /// to bring about. So there are no endless small gains where nothing can reach the target.
 const WORTHWHILE: f64 = 0.05;
-/// No more vertices are moved together; mostly there are some forty. So one attempt ends within
-/// hundredths of a second, whatever the mesh.
+/// No more vertices are moved together; mostly there are some forty. So one attempt, which mostly
+/// takes milliseconds, ends within tenths of a second, whatever the mesh.
 const MAX_MOVERS: usize = 80;
 
 /// A vertex that is moved.
@@ -53,6 +51,8 @@ struct Patch {
     start: Vec<DVec3>,
     /// The tets with a mover, and whether they belong to the object.
     tets: Vec<([usize; 4], bool)>,
+    /// Their slots.
+    slots: Vec<u32>,
     /// The interface facets with a mover.
     facets: Vec<[usize; 3]>,
 }
@@ -109,12 +109,11 @@ impl Worker<'_, '_> {
                 patch.movers.push(Mover { star, place });
             }
         }
-        let mut seen: Vec<u32> = Vec::new();
         for mover in 0..patch.movers.len() {
             let star = std::mem::take(&mut patch.movers[mover].star);
             for ((&t, &[x, y, z]), &label) in star.tets.iter().zip(&star.links).zip(&star.labels) {
-                if !seen.contains(&t) {
-                    seen.push(t);
+                if !patch.slots.contains(&t) {
+                    patch.slots.push(t);
                     let tet = [star.vertex, x, y, z].map(|v| self.number(&mut patch, v));
                     patch.tets.push((tet, label != 0));
                 }
@@ -172,9 +171,11 @@ impl Worker<'_, '_> {
                 // Those around it may have moved.
                 let (t, v) = (star.tets[0], star.vertex);
                 star.collect(&self.round.shared, t, v, |_| true);
-                self.commit(&star, place.support, to);
+                self.move_vertex(&star, place.support, to);
             }
         }
+        // Only now are all where they belong.
+        patch.slots.iter().for_each(|&t| self.note_and_enqueue(t));
         Outcome::Done
     }
 
@@ -250,11 +251,11 @@ impl Worker<'_, '_> {
         let steepest = gradients.iter().map(|gradient| length(gradient)).fold(0.0, f64::max);
         let bound = TIGHT * (1.0 - self.round.interfaces.facet_cosine_squared);
         let of_facet = |[a, b, c]: [DVec3; 3]| facet_measure(a, &[b, c]);
-        for facet in &patch.facets {
-            let value = of_facet(facet.map(|v| at[v]));
-            if value >= bound {
-                continue;
-            }
+        let facets = patch.facets.iter().map(|facet| (of_facet(facet.map(|v| at[v])), facet));
+        let mut tight: Vec<_> = facets.filter(|&(value, _)| value < bound).collect();
+        tight.sort_by(|a, b| a.0.total_cmp(&b.0));
+        tight.truncate(MAX_ACTIVE);
+        for (value, facet) in tight {
             // Only the directions of these matter.
             let mut gradient = patch.gradient(at, facet, value, of_facet);
             let own = length(&gradient);

@@ -44,7 +44,7 @@ const MAX_ACTIVE: usize = 12;
 /// The step by which gradients are taken, in parts of the length of an edge.
 const DIFFERENCE: f64 = 1e-6;
 /// The first step on an interface is this part of the tolerance at least.
-const SHORTEST_STEP: f64 = 0.1;
+pub(super) const SHORTEST_STEP: f64 = 0.1;
 /// A vertex inside moves by no more than this part of its shortest edge in a step.
 const MAX_STEP: f64 = 0.5;
 /// An interface facet shapes the direction, too, if the squared sine of its least angle is below
@@ -420,7 +420,19 @@ impl Worker<'_, '_> {
         })
     }
 
-    pub fn commit(&mut self, star: &Star, support: Support, at: DVec3) {
+    fn commit(&mut self, star: &Star, support: Support, at: DVec3) {
+        self.move_vertex(star, support, at);
+        star.tets.iter().for_each(|&t| self.note_and_enqueue(t));
+    }
+
+    /// Has a tet that changed inspected again.
+    pub fn note_and_enqueue(&mut self, t: u32) {
+        self.round.shared.note_changed(t);
+        self.enqueue(t);
+    }
+
+    /// Puts the vertex of a star where it is to be, and counts that.
+    pub fn move_vertex(&mut self, star: &Star, support: Support, at: DVec3) {
         let from = self.point(star.vertex);
         for (&label, &[x, y, z]) in star.labels.iter().zip(&star.points) {
             if !star.facets.is_empty() {
@@ -440,10 +452,6 @@ impl Worker<'_, '_> {
             Support::Interface { .. } | Support::Walls => moves_on_interfaces,
             Support::Line(_) | Support::Near | Support::Fixed => moves_on_junctions,
         } += 1;
-        for &t in &star.tets {
-            self.round.shared.note_changed(t);
-            self.enqueue(t);
-        }
     }
 }
 

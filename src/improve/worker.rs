@@ -1,10 +1,10 @@
 //! What works in one block: a queue of the tets that are to be improved, the worst first.
 //!
 //! Each tet below the target is reconnected if that helps (`removal`). What can't be helped so
-//! waits until nothing is left to reconnect; then its vertices are moved (`smoothing`), at last an
-//! edge is split (`split`). After each change the tets that changed are inspected again if they are
-//! below the target. Every change raises the least measure of the tets that it changes by [`GAIN`]
-//! at least, so the work ends.
+//! waits until nothing is left to reconnect; then its vertices are moved (`smoothing`), or an edge
+//! is split (`split`), at last several vertices are moved at the same time (`joint`). After each
+//! change the tets that changed are inspected again if they are below the target. Every change
+//! raises the least measure of the tets that it changes by [`GAIN`] at least, so the work ends.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -47,7 +47,7 @@ pub(super) struct Round<'a> {
 pub(super) struct LastResorts {
     /// Vertices may go farther along interfaces and lines.
     pub go_farther: bool,
-    /// The surroundings of a tet are relaxed.
+    /// Several vertices are moved at the same time, and the surroundings of a tet are relaxed.
     pub relax: bool,
 }
 
@@ -191,16 +191,13 @@ impl<'r, 'a> Worker<'r, 'a> {
         }
         let mut outcome = Outcome::Failed;
         // Reconnecting may help by now.
-        let attempts = [
-            Self::reconnect,
-            Self::smooth,
-            Self::split,
-            Self::make_way,
-            Self::smooth_jointly,
-            Self::relax,
-        ];
-        let count = attempts.len() - if self.round.last.relax { 0 } else { 2 };
-        for attempt in &attempts[..count] {
+        let attempts: &[fn(&mut Self, u32) -> Outcome] =
+            &[Self::reconnect, Self::smooth, Self::split, Self::make_way];
+        let last: &[fn(&mut Self, u32) -> Outcome] = match self.round.last.relax {
+            true => &[Self::smooth_jointly, Self::relax],
+            false => &[],
+        };
+        for attempt in attempts.iter().chain(last) {
             match attempt(self, t) {
                 Outcome::Done => return self.enqueue_again(&entry),
                 Outcome::Foreign => outcome = Outcome::Foreign,
