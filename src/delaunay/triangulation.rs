@@ -24,6 +24,9 @@ use crate::{Error, Result};
 /// Number of box vertices; they have the first ids.
 pub const BOX_VERTICES: u32 = 8;
 
+/// Room for vertices, where there is as much for tets: every worker begins with a chunk of each.
+const LEAST_ROOM: usize = 64 * CHUNK;
+
 /// A Delaunay triangulation of points strictly inside an axis-aligned box.
 pub struct Triangulation {
     tets: Chunked<TetRecord>,
@@ -49,8 +52,7 @@ impl Triangulation {
             )));
         }
         let tets: Chunked<TetRecord> = Chunked::with_capacity_at_most(MAX_TETS)?;
-        // Every worker begins with a chunk of each.
-        let room = (tets.capacity() / TETS_PER_VERTEX).max(tets.capacity().min(64 * CHUNK));
+        let room = (tets.capacity() / TETS_PER_VERTEX).max(LEAST_ROOM.min(tets.capacity()));
         let triangulation = Self {
             vertices: Chunked::with_capacity(room)?,
             tets,

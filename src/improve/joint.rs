@@ -13,7 +13,7 @@ use glam::DVec3;
 
 use super::interfaces::facet_measure;
 use super::measure::is_positive;
-use super::smoothing::{Place, SHORTEST_STEP, Support, gradient_of, nearest_to_zero};
+use super::smoothing::{Place, SHORTEST_STEP, Support, Vector, gradient_of, uphill};
 use super::star::{Collected, Star};
 use super::worker::{GAIN, Outcome, Worker};
 
@@ -248,7 +248,7 @@ impl Worker<'_, '_> {
         let of_tet = |corners: [DVec3; 4]| measure.of(&corners);
         let mut gradients: Vec<Vec<DVec3>> =
             active.iter().map(|&(value, tet)| patch.gradient(at, tet, value, of_tet)).collect();
-        let steepest = gradients.iter().map(|gradient| length(gradient)).fold(0.0, f64::max);
+        let steepest = gradients.iter().map(|gradient| gradient.length()).fold(0.0, f64::max);
         let bound = TIGHT * (1.0 - self.round.interfaces.facet_cosine_squared);
         let of_facet = |[a, b, c]: [DVec3; 3]| facet_measure(a, &[b, c]);
         let facets = patch.facets.iter().map(|facet| (of_facet(facet.map(|v| at[v])), facet));
@@ -258,23 +258,13 @@ impl Worker<'_, '_> {
         for (value, facet) in tight {
             // Only the directions of these matter.
             let mut gradient = patch.gradient(at, facet, value, of_facet);
-            let own = length(&gradient);
+            let own = gradient.length();
             if own > 0.0 {
                 gradient.iter_mut().for_each(|way| *way *= steepest / own);
                 gradients.push(gradient);
             }
         }
-        let mut way = nearest_to_zero(&gradients)?;
-        let whole = length(&way);
-        // Also where nothing is a number.
-        if whole.is_nan() || whole <= 1e-3 * steepest {
-            return None;
-        }
-        way.iter_mut().for_each(|way| *way /= whole);
-        // The worst tet rises by at least this.
-        let rate = way.iter().zip(gradients.first()?).map(|(way, of_worst)| way.dot(*of_worst));
-        let rate: f64 = rate.sum();
-        (rate > 0.0).then_some((way, rate))
+        uphill(&gradients, steepest)
     }
 }
 
@@ -302,9 +292,4 @@ impl Patch {
         }
         gradient
     }
-}
-
-/// The length of a vector of all movers.
-fn length(way: &[DVec3]) -> f64 {
-    way.iter().map(|way| way.length_squared()).sum::<f64>().sqrt()
 }

@@ -24,8 +24,8 @@ const MAX_IDLE: u32 = 4;
 const ALONE: usize = 24;
 /// Where no more tets are left in all, it is not hopeless to go on.
 const FEW: usize = 1000;
-/// The last resorts are only for few tets that are left, or one in so many of the mesh: each takes
-/// milliseconds for each. Where more are left, as in slabs that are thinner than tets can be, that
+/// The last resorts are only for few tets that are left, or one in so many of the mesh: a tet takes
+/// some milliseconds. Where more are left, as in slabs that are thinner than tets can be, that
 /// would not end within minutes. Measured on the brain at delta 1 with a target of 20 degrees: 2226
 /// of 6.3 M are left to be relaxed around; 261 instead of 924 stay, in a fifth more time.
 const RELAXED_OF: usize = 2000;

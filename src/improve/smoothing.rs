@@ -529,15 +529,22 @@ fn ascent(
             * steepest;
         count += 1;
     }
-    let way = nearest_to_zero(&gradients[..count])?;
+    uphill(&gradients[..count], steepest)
+}
+
+/// The direction in which the least of some functions rises fastest, and how fast, by their
+/// gradients; the first is that of the worst one, and the longest is `steepest` long. `None` where
+/// it rises in none.
+pub(super) fn uphill<V: Vector>(gradients: &[V], steepest: f64) -> Option<(V, f64)> {
+    let way = nearest_to_zero(gradients)?;
     let length = way.length();
     // Also where nothing is a number.
     if length.is_nan() || length <= 1e-3 * steepest {
         return None;
     }
-    let way = way / length;
-    // The worst tet rises by at least this.
-    let rate = way.dot(gradients[0]);
+    let way = way.over(length);
+    // The worst one rises by at least this.
+    let rate = way.dot(&gradients[0]);
     (rate > 0.0).then_some((way, rate))
 }
 
@@ -553,6 +560,10 @@ pub(super) trait Vector: Clone {
     fn dot(&self, other: &Self) -> f64;
     fn minus(&self, other: &Self) -> Self;
     fn add(&mut self, other: &Self, times: f64);
+    fn over(&self, by: f64) -> Self;
+    fn length(&self) -> f64 {
+        self.dot(self).sqrt()
+    }
 }
 
 impl Vector for DVec3 {
@@ -564,6 +575,9 @@ impl Vector for DVec3 {
     }
     fn add(&mut self, other: &Self, times: f64) {
         *self += *other * times;
+    }
+    fn over(&self, by: f64) -> Self {
+        *self / by
     }
 }
 
@@ -577,11 +591,14 @@ impl Vector for Vec<DVec3> {
     fn add(&mut self, other: &Self, times: f64) {
         self.iter_mut().zip(other).for_each(|(a, b)| *a += *b * times);
     }
+    fn over(&self, by: f64) -> Self {
+        self.iter().map(|a| *a / by).collect()
+    }
 }
 
 /// The point of the convex hull of some vectors that is nearest to zero, nearly (E. G. Gilbert, "An
 /// iterative procedure for computing the minimum of a quadratic form on a convex set", 1966).
-pub(super) fn nearest_to_zero<V: Vector>(vectors: &[V]) -> Option<V> {
+fn nearest_to_zero<V: Vector>(vectors: &[V]) -> Option<V> {
     let mut nearest = vectors.first()?.clone();
     for _ in 0..MAX_APPROACHES {
         let far = vectors.iter().min_by(|a, b| a.dot(&nearest).total_cmp(&b.dot(&nearest)))?;

@@ -44,21 +44,21 @@ impl Pages {
     /// So many bytes, a multiple of `unit`, or a part of the addresses that a limit leaves. `None`
     /// where that is not even one unit, itself a multiple of [`PAGE`].
     pub fn reserve_part(bytes: usize, unit: usize) -> Option<Self> {
-        let mut part = part_of(system::addresses_left(), bytes, unit);
-        let mut is_refused = false;
-        loop {
-            if part < unit {
-                return None;
-            }
+        let wanted = part_of(system::addresses_left(), bytes, unit);
+        let half = |bytes: usize| bytes / 2 / unit * unit;
+        let mut part = wanted;
+        while part >= unit {
             match Self::reserve(part) {
-                Some(pages) if !is_refused => return Some(pages),
-                // There are fewer than twice as many: others need some, too.
-                Some(_) if part >= 2 * unit => is_refused = false,
-                Some(pages) => return Some(pages),
-                None => is_refused = true,
+                None => part = half(part),
+                // There are less than twice as many, and others need some: half of them will do.
+                Some(pages) if part < wanted && part >= 2 * unit => {
+                    drop(pages);
+                    return Self::reserve(half(part));
+                }
+                pages => return pages,
             }
-            part = part / 2 / unit * unit;
         }
+        None
     }
 
     /// Where they begin.
@@ -98,7 +98,10 @@ impl Pages {
         let parts = (0..used.div_ceil(part)).into_par_iter().with_max_len(1);
         let given = parts.try_for_each(|i| {
             go_on()?;
-            system::forget(&self, i * part..((i + 1) * part).min(used));
+            let range = i * part..((i + 1) * part).min(used);
+            // SAFETY: the range lies within the pages, which are this call's: nobody looks at them
+            // any more.
+            unsafe { system::forget(self.start(), range) };
             Ok::<_, crate::Error>(())
         });
         if given.is_err() {
@@ -126,8 +129,6 @@ mod system {
 
     use rustix::mm::{MapFlags, MprotectFlags, ProtFlags, mmap_anonymous, mprotect, munmap};
 
-    use super::Pages;
-
     /// How many bytes of addresses the process may still take, where there is a limit.
     #[cfg(target_os = "linux")]
     pub fn addresses_left() -> Option<usize> {
@@ -147,7 +148,7 @@ mod system {
     pub fn reserve(bytes: usize) -> Option<NonNull<u8>> {
         // What may not be touched counts for no limit but that of address space.
         let (access, flags) = (ProtFlags::empty(), MapFlags::PRIVATE);
-        // Nor is it to count as a whole once a part of it may be.
+        // Else the whole would count as soon as a part of it may be written.
         #[cfg(target_os = "linux")]
         let flags = flags | MapFlags::NORESERVE;
         // SAFETY: without an address that is asked for, nothing that is mapped is replaced.
@@ -175,19 +176,22 @@ mod system {
     pub fn populate(_: NonNull<u8>, _: Range<usize>) {}
 
     /// Gives memory back. The addresses stay reserved.
+    ///
+    /// # Safety
+    /// The range must lie within a reservation, and nobody may look at it any more.
     #[cfg(target_os = "linux")]
-    pub fn forget(pages: &Pages, range: Range<usize>) {
+    pub unsafe fn forget(start: NonNull<u8>, range: Range<usize>) {
         use rustix::mm::{Advice, madvise};
-        // SAFETY: called by `give_back` alone, which owns the pages: nobody looks at them any more.
+        // SAFETY: as promised.
         let _ = unsafe {
-            let first = pages.start.as_ptr().add(range.start).cast();
+            let first = start.as_ptr().add(range.start).cast();
             madvise(first, range.len(), Advice::LinuxDontNeed)
         };
     }
 
     /// Elsewhere all is given back when the pages are dropped.
     #[cfg(not(target_os = "linux"))]
-    pub fn forget(_: &Pages, _: Range<usize>) {}
+    pub unsafe fn forget(_: NonNull<u8>, _: Range<usize>) {}
 
     pub fn release(start: NonNull<u8>, bytes: usize) {
         // SAFETY: this is a whole reservation, whose owner is being dropped.
@@ -204,8 +208,6 @@ mod system {
         MEM_COMMIT, MEM_RELEASE, MEM_RESERVE, PAGE_NOACCESS, PAGE_READWRITE, VirtualAlloc,
         VirtualFree,
     };
-
-    use super::Pages;
 
     pub fn addresses_left() -> Option<usize> {
         None
@@ -228,7 +230,7 @@ mod system {
     pub fn populate(_: NonNull<u8>, _: Range<usize>) {}
 
     /// All is given back when the pages are dropped.
-    pub fn forget(_: &Pages, _: Range<usize>) {}
+    pub unsafe fn forget(_: NonNull<u8>, _: Range<usize>) {}
 
     pub fn release(start: NonNull<u8>, _: usize) {
         // SAFETY: this is a whole reservation, whose owner is being dropped.
