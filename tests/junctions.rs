@@ -1,6 +1,8 @@
 //! Junctions in meshes: lines where three labels or more meet, points where more do, and the sharp
 //! edges where the image cuts the object off.
 
+mod random;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -15,6 +17,7 @@ use lapd::monitor::Monitor;
 use lapd::oracle::{JunctionKind, Oracle};
 use lapd::params::{CertificateLevel, ImageBorder, MeshParams, SurfaceModel};
 use lapd::pipeline::{MeshResult, mesh_image};
+use random::Random;
 
 /// The edges of a mesh around which three labels or more are, background included.
 fn junction_edges(mesh: &TetMesh) -> Vec<[DVec3; 2]> {
@@ -108,6 +111,37 @@ fn points_of_lines_lie_on_no_common_planes() {
         places.sort_unstable_by(f64::total_cmp);
         let shared = places.array_windows().filter(|[a, b]| b - a < 1e-12).count();
         assert_eq!(shared, 0, "of {} points that share a place on axis {axis}", points.len());
+    }
+}
+
+/// What moves along lines while a mesh is improved stays where it is unless it is moved, and goes
+/// on by little where it is moved by little.
+#[test]
+fn points_of_lines_are_their_own_nearest_ones() {
+    const N: usize = 8;
+    const REACH: f64 = 0.3;
+    const SHIFT: f64 = 1e-3;
+    let mut random = Random(1);
+    for frame in frames() {
+        let noise = (0..N * N * N).map(|_| random.between(1.0, 5.0) as u16).collect();
+        let image = LabelImage::from_ids([N; 3], frame, noise, (0..5).collect()).unwrap();
+        let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
+        let voxel = oracle.spacing().min_element();
+        let nearest = |p: DVec3| oracle.nearest_junction(p, REACH * voxel);
+        let mut found = 0;
+        for _ in 0..2000 {
+            let mut at = || random.between(1.0, N as f64 - 2.0);
+            let p = frame.to_world(DVec3::new(at(), at(), at()));
+            let Some(on_line) = nearest(p) else { continue };
+            found += 1;
+            let itself = nearest(on_line).expect("a point of a junction");
+            assert!(itself.distance(on_line) < 1e-6 * voxel, "{on_line}, {itself}");
+            let mut shift = || SHIFT * voxel * random.between(-1.0, 1.0);
+            let by = DVec3::new(shift(), shift(), shift());
+            let beside = nearest(on_line + by).expect("a point of a junction");
+            assert!(beside.distance(on_line) < 4.0 * by.length(), "{on_line}, {by}, {beside}");
+        }
+        assert!(found > 100, "{found} points near lines");
     }
 }
 

@@ -2,59 +2,69 @@
 //!
 //! Where no vertex alone can make the worst tet around it any better (`smoothing`), several may:
 //! one makes room for the next, but alone it would make another tet worse. The least measure of all
-//! tets around them is a function of all their coordinates. It rises fastest along the shortest
-//! vector in the convex hull of the gradients of the worst tets, as that of one vertex does. Each
-//! vertex keeps to what it belongs to.
+//! tets around them is a function of all their coordinates, the least of the measure's parts:
+//! squared sines of angles, mostly. These are smooth, so the way up is found by their values and
+//! gradients (`minmax`). Each vertex keeps to what it belongs to. The angles of interface facets
+//! that are hardly larger than what was asked for count like those of tets.
+//!
+//! A trial that does not raise the least measure tells how far off the linear models are; the next
+//! one takes that into account. Only if it fails, too, shorter steps are tried.
 //!
 //! It takes many times as long as to move one vertex, so it is for tets that nothing else helped.
-//! With a target of 20 degrees a tenth of the tets is left (docs/reference/improvement.md).
+//! With a target of 20 degrees, nine of ten are helped by their own four vertices
+//! (docs/reference/improvement.md).
 
 use glam::DVec3;
 
-use super::interfaces::facet_measure;
 use super::measure::is_positive;
-use super::smoothing::{Place, SHORTEST_STEP, Support, Vector, gradient_of, uphill};
+use super::minmax::{Gradient, Models};
+use super::patch::{Mover, Patch};
 use super::star::{Collected, Star};
 use super::worker::{GAIN, Outcome, Worker};
 
 /// Steps of all vertices.
 const MAX_STEPS: usize = 80;
-/// Halvings of a step.
-const MAX_HALVINGS: usize = 8;
-/// Tets whose measure is below the least by this factor, or a little more, shape the direction. A
-/// larger one leaves more tets: on the brain at delta 3 1.25 left 31, and this one 19.
-const ACTIVE: f64 = 1.05;
-/// Most of them, and most tight facets.
-const MAX_ACTIVE: usize = 24;
-/// An interface facet shapes the direction, too, if the squared sine of its least angle is below
-/// the bound by this factor.
-const TIGHT: f64 = 1.1;
+/// Trials of one step.
+const MAX_TRIALS: usize = 12;
+/// Parts of measures that are below the aim by this factor shape a step.
+const ACTIVE: f64 = 3.0;
+/// Most of them, and most angles of facets.
+const MAX_ACTIVE: usize = 96;
+/// An angle of an interface facet shapes a step if its squared sine is below the bound by this
+/// factor.
+const TIGHT: f64 = 1.3;
+/// How much the squared sine of a facet's angle counts, over its bound; that of a tet's counts 1,
+/// over the aim. So much that facets hardly hold back steps that leave their angles alone.
+const WEIGHT_OF_FACETS: f64 = 10.0;
+/// The first reach is so many times that which would bring the worst tet to the aim alone.
+const FIRST_REACH: f64 = 4.0;
+/// The reach after a step, and after trials that failed.
+const LONGER: f64 = 2.0;
+const SHORTER: f64 = 0.25;
+/// A step is to end above the aim by this part of what is missing, and by that part of the aim:
+/// what is shorter is lost in how precisely places on interfaces are found.
+const BEYOND: f64 = 0.2;
+const BEYOND_AIM: f64 = 0.02;
 /// The least measure must rise to the target, or by this part of it: more than one vertex alone has
 /// to bring about. So there are no endless small gains where nothing can reach the target.
 const WORTHWHILE: f64 = 0.05;
-/// No more vertices are moved together; mostly there are some forty. So one attempt, which mostly
-/// takes milliseconds, ends within tenths of a second, whatever the mesh.
-const MAX_MOVERS: usize = 80;
 
-/// A vertex that is moved.
-struct Mover {
-    star: Star,
-    place: Place,
+/// A function of the places of some vertices, the least of which a step is to raise.
+struct Term {
+    /// What it is at the place, less the least measure.
+    value: f64,
+    of: Of,
+    /// Which of the functions of this tet or facet.
+    part: usize,
+    gradient: Gradient,
 }
 
-/// Some vertices with all that is around them. Vertices are numbered within it, the movers first.
-#[derive(Default)]
-struct Patch {
-    movers: Vec<Mover>,
-    vertices: Vec<u32>,
-    /// Where they are.
-    start: Vec<DVec3>,
-    /// The tets with a mover, and whether they belong to the object.
-    tets: Vec<([usize; 4], bool)>,
-    /// Their slots.
-    slots: Vec<u32>,
-    /// The interface facets with a mover.
-    facets: Vec<[usize; 3]>,
+#[derive(Clone, Copy)]
+enum Of {
+    /// A part of a tet's measure.
+    Tet([usize; 4]),
+    /// By how much the squared sine of a facet's angle is above the least one allowed.
+    Facet { facet: [usize; 3], least: f64 },
 }
 
 impl Worker<'_, '_> {
@@ -77,69 +87,6 @@ impl Worker<'_, '_> {
         self.smooth_patch(self.patch(around))
     }
 
-    /// The stars of the vertices of some stars, as far as the block owns them.
-    fn stars_around(&self, of_tet: &[Star]) -> Vec<Star> {
-        let mut around: Vec<(u32, u32)> = Vec::new();
-        for star in of_tet {
-            for (link, &t) in star.links.iter().zip(&star.tets) {
-                for v in link.iter().copied().chain([star.vertex]) {
-                    if !around.iter().any(|&(w, _)| w == v) {
-                        around.push((v, t));
-                    }
-                }
-            }
-        }
-        let star = |(v, t)| {
-            let mut star = Star::default();
-            let collected = star.collect(&self.round.shared, t, v, |tet| self.owns(tet));
-            (collected == Collected::Star).then_some(star)
-        };
-        around.into_iter().filter_map(star).take(MAX_MOVERS).collect()
-    }
-
-    /// What the vertices of some stars have around them.
-    fn patch(&self, stars: Vec<Star>) -> Patch {
-        let mut patch = Patch::default();
-        for star in stars {
-            let at = self.point(star.vertex);
-            let place = self.place(&star, at);
-            if place.support != Support::Fixed {
-                patch.vertices.push(star.vertex);
-                patch.start.push(at);
-                patch.movers.push(Mover { star, place });
-            }
-        }
-        for mover in 0..patch.movers.len() {
-            let star = std::mem::take(&mut patch.movers[mover].star);
-            for ((&t, &[x, y, z]), &label) in star.tets.iter().zip(&star.links).zip(&star.labels) {
-                if !patch.slots.contains(&t) {
-                    patch.slots.push(t);
-                    let tet = [star.vertex, x, y, z].map(|v| self.number(&mut patch, v));
-                    patch.tets.push((tet, label != 0));
-                }
-            }
-            for facet in &star.facets {
-                let [p, q] = facet.others;
-                let facet = [star.vertex, p, q].map(|v| self.number(&mut patch, v));
-                let is_same = |known: &[usize; 3]| facet.iter().all(|v| known.contains(v));
-                if !patch.facets.iter().any(is_same) {
-                    patch.facets.push(facet);
-                }
-            }
-            patch.movers[mover].star = star;
-        }
-        patch
-    }
-
-    /// The number of a vertex in a patch, which gets one if it has none.
-    fn number(&self, patch: &mut Patch, v: u32) -> usize {
-        patch.vertices.iter().position(|&w| w == v).unwrap_or_else(|| {
-            patch.vertices.push(v);
-            patch.start.push(self.point(v));
-            patch.vertices.len() - 1
-        })
-    }
-
     fn smooth_patch(&mut self, patch: Patch) -> Outcome {
         if patch.movers.len() < 2 {
             return Outcome::Failed;
@@ -150,8 +97,9 @@ impl Worker<'_, '_> {
             return Outcome::Failed;
         }
         let (mut at, mut min) = (patch.start.clone(), before);
+        let mut reach = None;
         for _ in 0..MAX_STEPS {
-            match self.step_jointly(&patch, &at, min) {
+            match self.step_jointly(&patch, &at, min, &mut reach) {
                 Some(better) => (at, min) = better,
                 None => break,
             }
@@ -181,115 +129,178 @@ impl Worker<'_, '_> {
 
     /// The least measure in a patch with its vertices at some places.
     fn min_in(&self, patch: &Patch, at: &[DVec3]) -> f64 {
-        let of_object = patch.tets.iter().filter(|(_, counts)| *counts);
-        let measures = of_object.map(|(tet, _)| self.round.measure.of(&tet.map(|v| at[v])));
+        let measures = patch.tets.iter().map(|tet| self.round.measure.of(&tet.map(|v| at[v])));
         measures.fold(f64::INFINITY, f64::min)
     }
 
-    /// One step uphill, where the least measure is `min`: where to, and what it is there.
-    fn step_jointly(&self, patch: &Patch, at: &[DVec3], min: f64) -> Option<(Vec<DVec3>, f64)> {
-        let (way, rate) = self.joint_ascent(patch, at, min)?;
-        let longest = way.iter().map(|way| way.length()).fold(0.0, f64::max);
-        let shortest = SHORTEST_STEP * self.round.interfaces.tolerance / longest;
-        // To where the worst tet would reach a little more than the target, if it went on so.
-        let length = (1.2 * (self.aim - min) / rate).max(shortest);
-        let most = patch.movers.iter().zip(at).zip(&way).map(|((mover, &at), way)| {
-            self.max_step(&mover.star, mover.place.support, at) / way.length()
-        });
-        let mut length = most.fold(length, f64::min);
+    /// One step uphill, where the least measure is `min`: where to, and what it is there. The
+    /// `reach` of a step is kept for the next one.
+    fn step_jointly(
+        &self,
+        patch: &Patch,
+        at: &[DVec3],
+        min: f64,
+        reach: &mut Option<f64>,
+    ) -> Option<(Vec<DVec3>, f64)> {
+        let terms = self.terms(patch, at, min);
+        let values = || -> Vec<f64> { terms.iter().map(|term| term.value).collect() };
+        let gradients = terms.iter().map(|term| term.gradient).collect();
+        let mut models = Models::new(values(), gradients);
+        let of_step = FIRST_REACH * (self.aim - min) / models.steepness();
+        let reach = reach.get_or_insert(of_step);
+        // Nothing rises, or nothing is a number.
+        if !reach.is_finite() || *reach <= 0.0 {
+            return None;
+        }
         let enough = (min + 0.1 * GAIN).min(self.aim.next_down());
-        for _ in 0..MAX_HALVINGS {
-            if let Some(to) = self.settle_jointly(patch, at, &way, length) {
-                let min = self.min_in(patch, &to);
-                if min > enough
-                    && patch.tets.iter().all(|(tet, _)| is_positive(&tet.map(|v| to[v])))
-                {
-                    return Some((to, min));
+        let wanted = (self.aim - min) + (BEYOND * (self.aim - min)).max(BEYOND_AIM * self.aim);
+        let mut is_corrected = false;
+        for _ in 0..MAX_TRIALS {
+            let (mut way, rise) = models.step(patch.movers.len(), *reach);
+            let mut part = 1.0;
+            // Also where nothing is a number.
+            let is_uphill = rise > 0.1 * GAIN;
+            if is_uphill {
+                part = self.part_of_way(patch, at, &way).min(wanted / rise);
+                way.iter_mut().for_each(|way| *way *= part);
+            } else if !is_corrected {
+                return None;
+            }
+            let to = if is_uphill { self.land_jointly(patch, at, &way) } else { None };
+            if let Some(to) = to {
+                let reached = self.min_in(patch, &to);
+                if reached > enough && self.is_allowed(patch, &to) {
+                    if !is_corrected {
+                        *reach *= LONGER;
+                    }
+                    return Some((to, reached));
+                }
+                if !is_corrected {
+                    let reached: Vec<f64> =
+                        terms.iter().map(|term| self.value_of(term, &to, min)).collect();
+                    models.correct(&way, &reached);
+                    is_corrected = true;
+                    continue;
                 }
             }
-            length *= 0.5;
+            models.set_values(values());
+            is_corrected = false;
+            *reach *= SHORTER * part;
         }
         None
     }
 
-    /// Where the vertices of a patch end whose movers are to go so far along their ways; `None`:
-    /// they may not.
-    fn settle_jointly(
-        &self,
-        patch: &Patch,
-        at: &[DVec3],
-        way: &[DVec3],
-        length: f64,
-    ) -> Option<Vec<DVec3>> {
+    /// The part of a way, 1 at most, on which no vertex goes farther than one may in one step.
+    fn part_of_way(&self, patch: &Patch, at: &[DVec3], way: &[DVec3]) -> f64 {
+        let parts = patch.movers.iter().zip(at).zip(way).map(|((mover, &at), way)| {
+            self.max_step(&mover.star, mover.place.support, at) / way.length()
+        });
+        parts.fold(1.0, f64::min)
+    }
+
+    /// Where the vertices of a patch end whose movers are to go along their ways; `None`: one may
+    /// not.
+    fn land_jointly(&self, patch: &Patch, at: &[DVec3], way: &[DVec3]) -> Option<Vec<DVec3>> {
         let mut to = at.to_vec();
         for ((mover, way), to) in patch.movers.iter().zip(way).zip(&mut to) {
             if *way != DVec3::ZERO {
-                *to = self.land(&mover.star, &mover.place, *to + *way * length)?;
+                *to = self.land(&mover.star, &mover.place, *to + *way)?;
             }
         }
-        let keeps_angles = |facet: &[usize; 3]| {
-            let [new, old] = [&to, &patch.start].map(|at| facet.map(|v| at[v]));
-            self.round.interfaces.keep_angles([new], [old])
-        };
-        patch.facets.iter().all(keeps_angles).then_some(to)
+        Some(to)
     }
 
-    /// The direction in which the least measure rises fastest, for each mover, and how fast; `None`
-    /// where it rises in none in which the angles of tight facets do not fall.
-    fn joint_ascent(&self, patch: &Patch, at: &[DVec3], min: f64) -> Option<(Vec<DVec3>, f64)> {
-        let measure = self.round.measure;
-        let of_object = patch.tets.iter().filter(|(_, counts)| *counts);
-        let mut active: Vec<(f64, &[usize; 4])> = of_object
-            .map(|(tet, _)| (measure.of(&tet.map(|v| at[v])), tet))
-            .filter(|&(value, _)| value <= ACTIVE * min + GAIN)
-            .collect();
-        active.sort_by(|a, b| a.0.total_cmp(&b.0));
-        active.truncate(MAX_ACTIVE);
-        let of_tet = |corners: [DVec3; 4]| measure.of(&corners);
-        let mut gradients: Vec<Vec<DVec3>> =
-            active.iter().map(|&(value, tet)| patch.gradient(at, tet, value, of_tet)).collect();
-        let steepest = gradients.iter().map(|gradient| gradient.length()).fold(0.0, f64::max);
-        let bound = TIGHT * (1.0 - self.round.interfaces.facet_cosine_squared);
-        let of_facet = |[a, b, c]: [DVec3; 3]| facet_measure(a, &[b, c]);
-        let facets = patch.facets.iter().map(|facet| (of_facet(facet.map(|v| at[v])), facet));
-        let mut tight: Vec<_> = facets.filter(|&(value, _)| value < bound).collect();
-        tight.sort_by(|a, b| a.0.total_cmp(&b.0));
-        tight.truncate(MAX_ACTIVE);
-        for (value, facet) in tight {
-            // Only the directions of these matter.
-            let mut gradient = patch.gradient(at, facet, value, of_facet);
-            let own = gradient.length();
-            if own > 0.0 {
-                gradient.iter_mut().for_each(|way| *way *= steepest / own);
-                gradients.push(gradient);
+    /// Whether all tets of a patch are positive, and the facets keep their angles.
+    fn is_allowed(&self, patch: &Patch, at: &[DVec3]) -> bool {
+        let keeps_angles = |facet: &[usize; 3]| {
+            let [new, old] = [at, &patch.start].map(|at| facet.map(|v| at[v]));
+            self.round.interfaces.keep_angles([new], [old])
+        };
+        let mut tets = patch.tets.iter().chain(&patch.background);
+        tets.all(|tet| is_positive(&tet.map(|v| at[v]))) && patch.facets.iter().all(keeps_angles)
+    }
+
+    /// What shapes a step: the parts of measures that are low, the lowest first, then the angles of
+    /// facets that are tight.
+    fn terms(&self, patch: &Patch, at: &[DVec3], min: f64) -> Vec<Term> {
+        let lowest = |mut terms: Vec<Term>| {
+            terms.sort_by(|a, b| a.value.total_cmp(&b.value));
+            terms.truncate(MAX_ACTIVE);
+            terms
+        };
+        let (mut of_tets, mut of_facets) = (Vec::new(), Vec::new());
+        for tet in &patch.tets {
+            let parts = |corners: &[DVec3; 4]| self.parts_of_tet(corners, min);
+            let max = ACTIVE * self.aim - min;
+            of_tets.extend(patch.terms_below(max, at, tet, Of::Tet(*tet), parts));
+        }
+        for facet in &patch.facets {
+            let before = squared_sines(&facet.map(|v| patch.start[v]));
+            let least = before.into_iter().fold(self.facet_bound(), f64::min);
+            let parts = |corners: &[DVec3; 3]| self.parts_of_facet(corners, least);
+            let max = WEIGHT_OF_FACETS * (TIGHT - 1.0) * self.aim;
+            let of = Of::Facet { facet: *facet, least };
+            of_facets.extend(patch.terms_below(max, at, facet, of, parts));
+        }
+        let mut terms = lowest(of_tets);
+        terms.extend(lowest(of_facets));
+        terms
+    }
+
+    /// What a term is at some places.
+    fn value_of(&self, term: &Term, at: &[DVec3], min: f64) -> f64 {
+        match term.of {
+            Of::Tet(tet) => self.parts_of_tet(&tet.map(|v| at[v]), min)[term.part],
+            Of::Facet { facet, least } => {
+                self.parts_of_facet(&facet.map(|v| at[v]), least)[term.part]
             }
         }
-        uphill(&gradients, steepest)
+    }
+
+    /// By how much the parts of a tet's measure are above `min`.
+    fn parts_of_tet(&self, corners: &[DVec3; 4], min: f64) -> [f64; 7] {
+        self.round.measure.parts(corners).map(|part| part - min)
+    }
+
+    /// By how much the squared sines of a facet's angles are above the least one allowed, with the
+    /// weight of facets.
+    fn parts_of_facet(&self, corners: &[DVec3; 3], least: f64) -> [f64; 3] {
+        let weight = WEIGHT_OF_FACETS * self.aim / self.facet_bound();
+        squared_sines(corners).map(|squared| weight * (squared - least))
+    }
+
+    /// The squared sine of the smallest angle that a facet is asked for.
+    fn facet_bound(&self) -> f64 {
+        1.0 - self.round.interfaces.facet_cosine_squared
     }
 }
 
 impl Patch {
-    /// The gradient of a function of some vertices, which has `value` there, by the movers; each in
-    /// the directions in which it may go.
-    fn gradient<const N: usize>(
+    /// The terms of a tet or facet that are not above `max`.
+    fn terms_below<const N: usize, const M: usize>(
         &self,
+        max: f64,
         at: &[DVec3],
         vertices: &[usize; N],
-        value: f64,
-        of: impl Fn([DVec3; N]) -> f64,
-    ) -> Vec<DVec3> {
-        let there = vertices.map(|v| at[v]);
-        let mut gradient = vec![DVec3::ZERO; self.movers.len()];
-        for (i, &v) in vertices.iter().enumerate() {
-            let Some(mover) = self.movers.get(v) else { continue };
-            let with = |p: DVec3| {
-                let mut there = there;
-                there[i] = p;
-                of(there)
-            };
-            let free = gradient_of(there[i], there[(i + 1) % N], value, with);
-            gradient[v] = mover.place.support.allowed(free);
+        of: Of,
+        parts: impl Fn(&[DVec3; N]) -> [f64; M],
+    ) -> Vec<Term> {
+        let values = parts(&vertices.map(|v| at[v]));
+        if values.iter().all(|&value| value > max) {
+            return Vec::new();
         }
-        gradient
+        let gradients = self.gradients(at, vertices, values, parts);
+        let terms = values.into_iter().zip(gradients).enumerate();
+        terms
+            .filter(|&(_, (value, _))| value <= max)
+            .map(|(part, (value, gradient))| Term { value, of, part, gradient })
+            .collect()
     }
+}
+
+/// The squared sines of the angles of a triangle.
+fn squared_sines(&[a, b, c]: &[DVec3; 3]) -> [f64; 3] {
+    let (u, v, w) = ((b - a).length_squared(), (c - a).length_squared(), (c - b).length_squared());
+    let squared_area = (b - a).cross(c - a).length_squared();
+    [u * v, u * w, v * w].map(|product| squared_area / product)
 }

@@ -85,13 +85,21 @@ impl Measure {
     /// The measure of a tet; 0 where the computed volume is not above 0. At most 8/9, that of a
     /// regular tet.
     #[inline]
-    pub fn of(&self, &[a, b, c, d]: &[DVec3; 4]) -> f64 {
+    pub fn of(&self, corners: &[DVec3; 4]) -> f64 {
+        self.parts(corners).into_iter().fold(f64::INFINITY, f64::min)
+    }
+
+    /// What the measure is the least of, each a smooth function of the corners but for the last:
+    /// the squared sines of the six angles, and what the ratio measures. All are 0 where the
+    /// computed volume is not above 0.
+    #[inline]
+    pub fn parts(&self, &[a, b, c, d]: &[DVec3; 4]) -> [f64; 7] {
         let (u, v, w) = (b - a, c - a, d - a);
         let (x, y, z) = (c - b, d - b, d - c);
         let (of_b, of_c, of_d) = (v.cross(w), w.cross(u), u.cross(v));
         let six_volumes = u.dot(of_b);
         if six_volumes <= 0.0 {
-            return 0.0;
+            return [0.0; 7];
         }
         let (uu, vv, ww) = (u.length_squared(), v.length_squared(), w.length_squared());
         let (xx, yy, zz) = (x.length_squared(), y.length_squared(), z.length_squared());
@@ -100,17 +108,19 @@ impl Measure {
         let over_b = of_b.length_squared().recip();
         let over_c = of_c.length_squared().recip();
         let over_d = of_d.length_squared().recip();
-        let min_sine = (uu * over_c * over_d)
-            .min(vv * over_d * over_b)
-            .min(ww * over_b * over_c)
-            .min(xx * over_d * over_a)
-            .min(yy * over_a * over_c)
-            .min(zz * over_a * over_b);
         // The circumradius is the length of this over twice six volumes.
         let to_center = uu * of_b + vv * of_c + ww * of_d;
         let shortest = uu.min(vv).min(ww).min(xx).min(yy).min(zz);
-        let min_ratio = self.ratio * shortest / to_center.length_squared();
-        min_sine.min(min_ratio) * six_volumes * six_volumes
+        [
+            uu * over_c * over_d,
+            vv * over_d * over_b,
+            ww * over_b * over_c,
+            xx * over_d * over_a,
+            yy * over_a * over_c,
+            zz * over_a * over_b,
+            self.ratio * shortest / to_center.length_squared(),
+        ]
+        .map(|part| part * six_volumes * six_volumes)
     }
 }
 

@@ -34,7 +34,7 @@
 //! | `worker` | the queue of a block |
 //! | `ring`, `removal` | edge removal |
 //! | `star`, `smoothing` | moves of vertices, one at a time |
-//! | `joint` | moves of several vertices at the same time |
+//! | `joint`, `patch`, `minmax` | moves of several vertices at the same time |
 //! | `split` | new vertices on edges |
 //! | `interfaces` | what is asked about the image |
 //! | `coarsen`, `contraction`, `link` | before, where it is asked for: fewer tets |
@@ -47,7 +47,9 @@ mod interfaces;
 mod joint;
 mod link;
 pub mod measure;
+mod minmax;
 mod nicks;
+mod patch;
 mod removal;
 pub mod report;
 mod ring;

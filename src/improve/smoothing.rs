@@ -42,9 +42,9 @@ const ACTIVE: f64 = 1.5;
 /// Most of them.
 const MAX_ACTIVE: usize = 12;
 /// The step by which gradients are taken, in parts of the length of an edge.
-const DIFFERENCE: f64 = 1e-6;
+pub(super) const DIFFERENCE: f64 = 1e-6;
 /// The first step on an interface is this part of the tolerance at least.
-pub(super) const SHORTEST_STEP: f64 = 0.1;
+const SHORTEST_STEP: f64 = 0.1;
 /// A vertex inside moves by no more than this part of its shortest edge in a step.
 const MAX_STEP: f64 = 0.5;
 /// An interface facet shapes the direction, too, if the squared sine of its least angle is below
@@ -84,8 +84,11 @@ pub(super) enum Support {
     },
     /// In the walls of the image.
     Walls,
-    /// On a line, which the image knows, in this direction.
-    Line(DVec3),
+    /// On a line, which the image knows, in this direction; as far off it as the vertex is.
+    Line {
+        way: DVec3,
+        off: DVec3,
+    },
     /// Within the tolerance.
     Near,
     Fixed,
@@ -97,7 +100,7 @@ impl Support {
     pub fn allowed(&self, way: DVec3) -> DVec3 {
         match *self {
             Support::Interface { normal, .. } => way - normal * normal.dot(way),
-            Support::Line(line) => line * line.dot(way),
+            Support::Line { way: line, .. } => line * line.dot(way),
             Support::Fixed => DVec3::ZERO,
             Support::Inside | Support::Near | Support::Walls => way,
         }
@@ -242,7 +245,7 @@ impl Worker<'_, '_> {
             let all_in_walls = star.facets.iter().flat_map(|facet| facet.others).all(is_in_walls);
             return match () {
                 () if all_in_walls && is_surface => [Support::Walls, Support::Fixed],
-                () => [self.line_of(&ends, lines), Support::Near],
+                () => [self.line_of(at, &ends, lines), Support::Near],
             };
         }
         match two_labels {
@@ -261,7 +264,7 @@ impl Worker<'_, '_> {
                     Support::Fixed,
                 ]
             }
-            _ => [self.line_of(&ends, lines), Support::Near],
+            _ => [self.line_of(at, &ends, lines), Support::Near],
         }
     }
 
@@ -284,12 +287,17 @@ impl Worker<'_, '_> {
         Support::Interface { labels, normal: own_normal, off: refined - own }
     }
 
-    fn line_of(&self, ends: &[u32; 3], lines: usize) -> Support {
+    /// The support of a vertex on a line, of which these edges at the vertex are a part.
+    fn line_of(&self, at: DVec3, ends: &[u32; 3], lines: usize) -> Support {
+        let interfaces = self.round.interfaces;
         if lines != 2 {
             return Support::Fixed;
         }
+        let Some(here) = interfaces.oracle.nearest_junction(at, interfaces.tolerance) else {
+            return Support::Fixed;
+        };
         let way = self.point(ends[1]) - self.point(ends[0]);
-        Support::Line(way.normalize_or_zero())
+        Support::Line { way: way.normalize_or_zero(), off: at - here }
     }
 
     /// One step uphill from `at`, where the least measure is `min`: where to, and what it is
@@ -327,7 +335,7 @@ impl Worker<'_, '_> {
     pub fn max_step(&self, star: &Star, support: Support, at: DVec3) -> f64 {
         match support {
             Support::Inside => MAX_STEP * star.shortest_edge(at),
-            Support::Interface { .. } | Support::Line(_) => {
+            Support::Interface { .. } | Support::Line { .. } => {
                 self.farthest() * self.round.interfaces.tolerance
             }
             _ => self.round.interfaces.tolerance,
@@ -365,9 +373,10 @@ impl Worker<'_, '_> {
                 interfaces.project(within(p, max) - off, normal, interfaces.tolerance, labels)?
                     + off
             }
-            Support::Line(_) => {
+            Support::Line { off, .. } => {
                 max = self.farthest() * interfaces.tolerance;
-                interfaces.oracle.nearest_junction(within(p, max), interfaces.tolerance)?
+                let p = within(p, max) - off;
+                interfaces.oracle.nearest_junction(p, interfaces.tolerance)? + off
             }
             Support::Walls | Support::Near => {
                 if interfaces.oracle.is_near_contact(refined) {
@@ -450,7 +459,7 @@ impl Worker<'_, '_> {
         *match support {
             Support::Inside => moves_inside,
             Support::Interface { .. } | Support::Walls => moves_on_interfaces,
-            Support::Line(_) | Support::Near | Support::Fixed => moves_on_junctions,
+            Support::Line { .. } | Support::Near | Support::Fixed => moves_on_junctions,
         } += 1;
     }
 }
@@ -529,85 +538,41 @@ fn ascent(
             * steepest;
         count += 1;
     }
-    uphill(&gradients[..count], steepest)
-}
-
-/// The direction in which the least of some functions rises fastest, and how fast, by their
-/// gradients; the first is that of the worst one, and the longest is `steepest` long. `None` where
-/// it rises in none.
-pub(super) fn uphill<V: Vector>(gradients: &[V], steepest: f64) -> Option<(V, f64)> {
-    let way = nearest_to_zero(gradients)?;
+    let way = nearest_to_zero(&gradients[..count]);
     let length = way.length();
     // Also where nothing is a number.
     if length.is_nan() || length <= 1e-3 * steepest {
         return None;
     }
-    let way = way.over(length);
-    // The worst one rises by at least this.
-    let rate = way.dot(&gradients[0]);
+    let way = way / length;
+    // The worst tet rises by at least this.
+    let rate = way.dot(gradients[0]);
     (rate > 0.0).then_some((way, rate))
 }
 
 /// The gradient of a function that has `value` at a place, by differences; `other` is some point as
 /// far away as what the function depends on.
-pub(super) fn gradient_of(at: DVec3, other: DVec3, value: f64, of: impl Fn(DVec3) -> f64) -> DVec3 {
+fn gradient_of(at: DVec3, other: DVec3, value: f64, of: impl Fn(DVec3) -> f64) -> DVec3 {
     let step = DIFFERENCE * (other - at).length();
     DVec3::from([DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (of(at + axis * step) - value) / step))
 }
 
-/// A vector of any dimension.
-pub(super) trait Vector: Clone {
-    fn dot(&self, other: &Self) -> f64;
-    fn minus(&self, other: &Self) -> Self;
-    fn add(&mut self, other: &Self, times: f64);
-    fn over(&self, by: f64) -> Self;
-    fn length(&self) -> f64 {
-        self.dot(self).sqrt()
-    }
-}
-
-impl Vector for DVec3 {
-    fn dot(&self, other: &Self) -> f64 {
-        DVec3::dot(*self, *other)
-    }
-    fn minus(&self, other: &Self) -> Self {
-        *self - *other
-    }
-    fn add(&mut self, other: &Self, times: f64) {
-        *self += *other * times;
-    }
-    fn over(&self, by: f64) -> Self {
-        *self / by
-    }
-}
-
-impl Vector for Vec<DVec3> {
-    fn dot(&self, other: &Self) -> f64 {
-        self.iter().zip(other).map(|(a, b)| DVec3::dot(*a, *b)).sum()
-    }
-    fn minus(&self, other: &Self) -> Self {
-        self.iter().zip(other).map(|(a, b)| *a - *b).collect()
-    }
-    fn add(&mut self, other: &Self, times: f64) {
-        self.iter_mut().zip(other).for_each(|(a, b)| *a += *b * times);
-    }
-    fn over(&self, by: f64) -> Self {
-        self.iter().map(|a| *a / by).collect()
-    }
-}
-
 /// The point of the convex hull of some vectors that is nearest to zero, nearly (E. G. Gilbert, "An
 /// iterative procedure for computing the minimum of a quadratic form on a convex set", 1966).
-fn nearest_to_zero<V: Vector>(vectors: &[V]) -> Option<V> {
-    let mut nearest = vectors.first()?.clone();
+fn nearest_to_zero(vectors: &[DVec3]) -> DVec3 {
+    let Some(&first) = vectors.first() else { return DVec3::ZERO };
+    let mut nearest = first;
     for _ in 0..MAX_APPROACHES {
-        let far = vectors.iter().min_by(|a, b| a.dot(&nearest).total_cmp(&b.dot(&nearest)))?;
-        let way = far.minus(&nearest);
-        let gain = -nearest.dot(&way);
-        if gain <= 1e-6 * nearest.dot(&nearest) {
+        let Some(&far) = vectors.iter().min_by(|a, b| a.dot(nearest).total_cmp(&b.dot(nearest)))
+        else {
+            break;
+        };
+        let way = far - nearest;
+        let gain = -nearest.dot(way);
+        if gain <= 1e-6 * nearest.length_squared() {
             break;
         }
-        nearest.add(&way, (gain / way.dot(&way)).min(1.0));
+        nearest += way * (gain / way.length_squared()).min(1.0);
     }
-    Some(nearest)
+    nearest
 }

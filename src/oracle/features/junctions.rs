@@ -81,18 +81,28 @@ impl Oracle {
     }
 
     /// About the nearest point of a junction to `p`, if one is nearer than `reach`: the nearest of
-    /// those on planes across the axes close to `p`, one of which cuts a straight line hardly
-    /// farther from `p` than the square root of three times the line's distance.
+    /// those on the planes across the axes through `p`, one of which cuts a straight line no
+    /// farther from `p` than the square root of three times the line's distance. A point of a
+    /// junction is its own nearest one.
     pub fn nearest_junction(&self, p: DVec3, reach: f64) -> Option<DVec3> {
+        self.nearest_on_planes(p, DVec3::ZERO, reach)
+    }
+
+    /// The same for what is inserted, by planes beside `p`: for points that mirror each other on
+    /// parallel lines it would be in fours on a circle.
+    pub fn nearest_junction_to_insert(&self, p: DVec3, reach: f64) -> Option<DVec3> {
+        self.nearest_on_planes(p, BESIDE * reach * random_of(p), reach)
+    }
+
+    /// The nearest point to `p` of those on the planes through `p + off`.
+    fn nearest_on_planes(&self, p: DVec3, off: DVec3, reach: f64) -> Option<DVec3> {
         let x = self.grid.index_at(p);
-        // Through a point beside: what is inserted for mirror images of each other on parallel
-        // lines would be in fours on a circle.
-        let beside = x + BESIDE * reach * random_of(p) / self.grid.spacing;
-        let planes = JunctionPlanes { oracle: self, cuts: Cuts::Through(beside) };
+        let through = x + off / self.grid.spacing;
+        let planes = JunctionPlanes { oracle: self, cuts: Cuts::Through(through) };
         let last = self.grid.last - 1.0;
         let cell_of = |x: DVec3| x.max(DVec3::ZERO).min(last).to_array().map(|c| c as usize);
         let [low, high, cut] =
-            [x - reach / self.grid.spacing, x + reach / self.grid.spacing, beside].map(cell_of);
+            [x - reach / self.grid.spacing, x + reach / self.grid.spacing, through].map(cell_of);
         let (mut nearest, mut squared) = (None, reach * reach);
         let mut ties = Vec::new();
         // Not inclusive: those ranges are slower.

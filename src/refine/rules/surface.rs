@@ -211,7 +211,8 @@ impl Rules<'_> {
         if max <= 0.0 && !at_wall {
             return x;
         }
-        let near = self.oracle.nearest_junction(x, if at_wall { reach } else { reach.min(max) });
+        let near =
+            self.oracle.nearest_junction_to_insert(x, if at_wall { reach } else { reach.min(max) });
         // Around contacts samples stand where they do for a reason.
         let near = near.filter(|&y| !self.oracle.is_near_contact(y));
         let near = near.filter(|&y| {
