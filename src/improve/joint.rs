@@ -1,4 +1,4 @@
-//! Joint smoothing: the vertices of a tet are moved at the same time, then those around it, too.
+//! Joint smoothing: the vertices of a tet are moved at the same time, at last those around it, too.
 //!
 //! Where no vertex alone can make the worst tet around it any better (`smoothing`), several may:
 //! one makes room for the next, but alone it would make another tet worse. The least measure of all
@@ -19,7 +19,6 @@ use glam::DVec3;
 use super::measure::is_positive;
 use super::minmax::{Gradient, Models};
 use super::patch::{Mover, Patch};
-use super::star::{Collected, Star};
 use super::worker::{GAIN, Outcome, Worker};
 
 /// Steps of all vertices.
@@ -68,23 +67,20 @@ enum Of {
 }
 
 impl Worker<'_, '_> {
-    /// Moves the vertices of a tet together, and those around if that does not help, until the tet
-    /// reaches the target or nothing helps.
+    /// Moves the vertices of a tet together until it reaches the target or nothing helps.
     pub fn smooth_jointly(&mut self, t: u32) -> Outcome {
-        let mut of_tet: Vec<Star> = Vec::new();
-        for v in self.round.shared.tet(t) {
-            let mut star = Star::default();
-            match star.collect(&self.round.shared, t, v, |tet| self.owns(tet)) {
-                Collected::Star => of_tet.push(star),
-                Collected::Foreign => return Outcome::Foreign,
-                Collected::Open => {}
-            }
+        match self.stars_of(t) {
+            Some(stars) => self.smooth_patch(self.patch(stars)),
+            None => Outcome::Foreign,
         }
-        let around = self.stars_around(&of_tet);
-        if self.smooth_patch(self.patch(of_tet)) == Outcome::Done {
-            return Outcome::Done;
+    }
+
+    /// The same with those around.
+    pub fn smooth_around(&mut self, t: u32) -> Outcome {
+        match self.stars_of(t) {
+            Some(stars) => self.smooth_patch(self.patch(self.stars_around(&stars))),
+            None => Outcome::Foreign,
         }
-        self.smooth_patch(self.patch(around))
     }
 
     fn smooth_patch(&mut self, patch: Patch) -> Outcome {

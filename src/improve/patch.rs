@@ -35,6 +35,20 @@ pub(super) struct Patch {
 }
 
 impl Worker<'_, '_> {
+    /// The stars of the vertices of a tet; `None` where the block does not own them.
+    pub fn stars_of(&self, t: u32) -> Option<Vec<Star>> {
+        let mut stars = Vec::new();
+        for v in self.round.shared.tet(t) {
+            let mut star = Star::default();
+            match star.collect(&self.round.shared, t, v, |tet| self.owns(tet)) {
+                Collected::Star => stars.push(star),
+                Collected::Foreign => return None,
+                Collected::Open => {}
+            }
+        }
+        Some(stars)
+    }
+
     /// The stars of the vertices of some stars, as far as the block owns them.
     pub fn stars_around(&self, of_tet: &[Star]) -> Vec<Star> {
         let mut around: Vec<(u32, u32)> = Vec::new();

@@ -1,5 +1,6 @@
 //! The rounds of a run: which block begins with which tets, and what is tried again.
 
+use std::cmp::Reverse;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -21,7 +22,7 @@ const MAX_ROUNDS: u32 = 30;
 const MAX_IDLE: u32 = 4;
 /// So few tets are improved in one block that holds all: there are no borders then, at which some
 /// would have to wait. One thread works alone there, and the last tets take milliseconds each.
-const ALONE: usize = 24;
+const ALONE: usize = 6;
 /// Where no more tets are left in all, it is not hopeless to go on.
 const FEW: usize = 1000;
 /// The last resorts are only for few tets that are left, or one in so many of the mesh: a tet takes
@@ -172,8 +173,9 @@ impl<'m, 'a> Run<'m, 'a> {
             last: self.last,
             report_and_check: self.report_and_check,
         };
-        let work = |job: Job| {
-            let mut worker = Worker::new(&round, job.block, job.slots, job.vertices);
+        let work = |job: &Job| {
+            let mut worker =
+                Worker::new(&round, job.block, job.slots.clone(), job.vertices.clone());
             let done = worker.run(&job.tets);
             Done {
                 counts: worker.counts,
@@ -182,9 +184,15 @@ impl<'m, 'a> Run<'m, 'a> {
                 ended: done.err(),
             }
         };
-        let done: Vec<Done> = jobs.into_par_iter().with_max_len(1).map(work).collect();
+        // The longest first, so that all threads end at the same time.
+        let mut order: Vec<usize> = (0..jobs.len()).collect();
+        order.sort_by_key(|&job| Reverse(jobs[job].tets.len()));
+        let mut done: Vec<(usize, Done)> =
+            order.into_iter().par_bridge().map(|job| (job, work(&jobs[job]))).collect();
+        // Their figures are added up in an order that depends on the mesh alone.
+        done.sort_unstable_by_key(|&(job, _)| job);
         let mut ended = None;
-        for done in done {
+        for (_, done) in done {
             self.counts.add(&done.counts);
             reserve(&mut self.queue, done.deferred.len(), "tets to be improved")?;
             self.queue.extend(done.deferred);

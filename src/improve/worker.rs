@@ -62,7 +62,8 @@ pub(super) enum Outcome {
     Foreign,
 }
 
-/// A tet in a queue: worst first, ties by slot. The vertices tell whether it is still there.
+/// A tet in a queue: worst first, ties by slot. Vertices and measure tell whether it is still what
+/// it was; where it is not, what changed it has put it into the queue again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Entry {
     measure: Reverse<u64>,
@@ -151,9 +152,9 @@ impl<'r, 'a> Worker<'r, 'a> {
                 (self.round.report_and_check)(steps)?;
                 steps = 0;
             }
-            if let Some(entry) = self.queue.pop() {
+            if let Some(entry) = pop(&mut self.queue) {
                 self.reconnect_or_defer(entry);
-            } else if let Some(entry) = self.late.pop() {
+            } else if let Some(entry) = pop(&mut self.late) {
                 self.move_or_give_up(entry);
                 // Some of these take milliseconds.
                 (self.round.report_and_check)(0)?;
@@ -165,7 +166,7 @@ impl<'r, 'a> Worker<'r, 'a> {
 
     fn reconnect_or_defer(&mut self, entry: Entry) {
         let t = entry.tet.0;
-        if !self.is_below_target(&entry) {
+        if !self.is_current(&entry) {
             return;
         }
         // What is done for the background depends on what labels lose.
@@ -178,7 +179,7 @@ impl<'r, 'a> Worker<'r, 'a> {
 
     fn move_or_give_up(&mut self, entry: Entry) {
         let t = entry.tet.0;
-        if !self.is_below_target(&entry) {
+        if !self.is_current(&entry) {
             return;
         }
         if self.round.shared.label(t) == 0 {
@@ -194,7 +195,7 @@ impl<'r, 'a> Worker<'r, 'a> {
         let attempts: &[fn(&mut Self, u32) -> Outcome] =
             &[Self::reconnect, Self::smooth, Self::split, Self::make_way];
         let last: &[fn(&mut Self, u32) -> Outcome] = match self.round.last.relax {
-            true => &[Self::smooth_jointly, Self::relax],
+            true => &[Self::smooth_jointly, Self::relax, Self::smooth_around],
             false => &[],
         };
         for attempt in attempts.iter().chain(last) {
@@ -220,9 +221,10 @@ impl<'r, 'a> Worker<'r, 'a> {
         }
     }
 
-    fn is_below_target(&self, entry: &Entry) -> bool {
+    fn is_current(&self, entry: &Entry) -> bool {
         let t = entry.tet.0;
-        self.round.shared.tet(t) == entry.vertices && !self.is_good(t)
+        self.round.shared.tet(t) == entry.vertices
+            && self.measure_of(t).to_bits() == entry.measure.0
     }
 
     /// Whether a tet is at the target or above.
@@ -298,4 +300,13 @@ impl<'r, 'a> Worker<'r, 'a> {
         self.round.shared.free(t);
         self.free.push(t);
     }
+}
+
+/// Takes the first entry out of a queue, as often as it is there.
+fn pop(queue: &mut BinaryHeap<Entry>) -> Option<Entry> {
+    let entry = queue.pop()?;
+    while queue.peek() == Some(&entry) {
+        queue.pop();
+    }
+    Some(entry)
 }
