@@ -36,13 +36,14 @@
 //! | `star`, `smoothing` | moves of vertices, one at a time |
 //! | `joint`, `patch`, `minmax` | moves of several vertices at the same time |
 //! | `split` | new vertices on edges |
-//! | `interfaces` | what is asked about the image |
+//! | `interfaces`, `flips` | what is asked about the image, and about refinement's interface |
 //! | `coarsen`, `contraction`, `link` | before, where it is asked for: fewer tets |
 //! | [`report`] | what was done |
 
 mod blocks;
 mod coarsen;
 mod contraction;
+mod flips;
 mod interfaces;
 mod joint;
 mod link;

@@ -25,6 +25,7 @@ use glam::DVec3;
 use super::ring::{self, Around, Division, EDGES, MAX_RING, Ring, RingPoints};
 use super::star::Collected;
 use super::worker::{Outcome, Worker};
+use crate::Error;
 use crate::mesh::NONE;
 
 /// A flip farther than the tolerance, but toward the image's interface, may be this many times as
@@ -329,8 +330,11 @@ impl Worker<'_, '_> {
             None => ring.labels[0],
         };
         if let Some(chord @ [from, to]) = *chord {
-            self.note_flip(ring, chord);
             debug_assert!(from < to);
+            // Without memory to remember it, it is not done.
+            if self.note_flip(ring, chord).is_err() {
+                return false;
+            }
         }
         let shared = &self.round.shared;
         // Old slots first.
@@ -404,8 +408,10 @@ impl Worker<'_, '_> {
         true
     }
 
-    /// Counts what a flip on an interface changes.
-    fn note_flip(&mut self, ring: &Ring, [from, to]: [usize; 2]) {
+    /// Counts what a flip on an interface changes, and remembers how far its facets are from
+    /// refinement's.
+    fn note_flip(&mut self, ring: &Ring, [from, to]: [usize; 2]) -> Result<(), Error> {
+        self.note_distance(ring.ends, [from, to].map(|i| ring.vertices[i]))?;
         let [a, b] = ring.ends.map(|v| self.point(v));
         let [c, d] = [from, to].map(|i| self.point(ring.vertices[i]));
         // Positive where the flip cuts the tet abcd off from the part between c and d.
@@ -414,6 +420,18 @@ impl Worker<'_, '_> {
         self.counts.add_volume(ring.labels[to], volume);
         let distance = nearest_points([a, b], [c, d]).map_or(0.0, |[p, q]| p.distance(q));
         self.counts.max_flip = self.counts.max_flip.max(distance);
+        Ok(())
+    }
+
+    /// Notes how far the facets acd and bcd, which replace abc and abd, are from refinement's
+    /// interface.
+    fn note_distance(&mut self, [a, b]: [u32; 2], [c, d]: [u32; 2]) -> Result<(), Error> {
+        let of_old = self.distance_of_flip([a, b, c]).max(self.distance_of_flip([a, b, d]));
+        let edges = [[a, b], [c, d]].map(|edge| edge.map(|v| self.refined(v)));
+        // Where the edges do not cross at refinement's places nothing is known.
+        let of_flip =
+            nearest_points(edges[0], edges[1]).map_or(f64::INFINITY, |[p, q]| p.distance(q));
+        [[a, c, d], [b, c, d]].into_iter().try_for_each(|f| self.flips.note(f, of_old + of_flip))
     }
 }
 

@@ -6,6 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, owner};
+use super::flips::Flips;
 use super::interfaces::Interfaces;
 use super::measure::Measure;
 use super::report::Counts;
@@ -55,6 +56,8 @@ pub(super) struct Run<'m, 'a> {
     pub report_and_check: &'a (dyn Fn(usize) -> Result<()> + Sync),
     /// Where refinement put each vertex.
     pub refined: Vec<[f64; 3]>,
+    /// What was flipped on interfaces.
+    flips: Flips,
     /// 1 for each tet that is not the one that refinement made.
     pub changed: Vec<u8>,
     /// Tets to be improved.
@@ -87,6 +90,7 @@ impl<'m, 'a> Run<'m, 'a> {
             last,
             report_and_check,
             refined,
+            flips: Flips::default(),
             changed,
             queue,
             left,
@@ -168,6 +172,7 @@ impl<'m, 'a> Run<'m, 'a> {
             shared: Shared::new(self.mesh, &mut self.changed),
             blocks: &of_vertices,
             refined: &self.refined,
+            flips: &self.flips,
             interfaces: self.interfaces,
             measure: self.measure,
             last: self.last,
@@ -179,6 +184,7 @@ impl<'m, 'a> Run<'m, 'a> {
             let done = worker.run(&job.tets);
             Done {
                 counts: worker.counts,
+                flips: worker.flips,
                 deferred: worker.deferred,
                 left: worker.left,
                 ended: done.err(),
@@ -194,6 +200,7 @@ impl<'m, 'a> Run<'m, 'a> {
         let mut ended = None;
         for (_, done) in done {
             self.counts.add(&done.counts);
+            self.flips.extend(done.flips)?;
             reserve(&mut self.queue, done.deferred.len(), "tets to be improved")?;
             self.queue.extend(done.deferred);
             reserve(&mut self.left, done.left.len(), "tets to be improved")?;
@@ -266,6 +273,7 @@ struct Job {
 /// What came of it.
 struct Done {
     counts: Counts,
+    flips: Flips,
     /// Tets to be tried again in another block.
     deferred: Vec<u32>,
     /// Tets that nothing helped.

@@ -273,7 +273,7 @@ impl Worker<'_, '_> {
     fn on_interface(&self, star: &Star, at: DVec3, normal: DVec3, labels: [i32; 2]) -> Support {
         let interfaces = self.round.interfaces;
         let project = |p: DVec3| interfaces.project(p, normal, interfaces.tolerance, labels);
-        let refined = DVec3::from_array(self.round.refined[star.vertex as usize]);
+        let refined = self.refined(star.vertex);
         let [Some(own), Some(here)] = [project(refined), project(at)] else {
             return Support::Fixed;
         };
@@ -363,7 +363,7 @@ impl Worker<'_, '_> {
         }
         let interfaces = self.round.interfaces;
         let mut max = interfaces.tolerance;
-        let refined = DVec3::from_array(self.round.refined[star.vertex as usize]);
+        let refined = self.refined(star.vertex);
         // What would leave the tolerance goes along its border.
         let within = |p: DVec3, max: f64| refined + (p - refined).clamp_length_max(TO_BORDER * max);
         let p = match support {
@@ -390,15 +390,16 @@ impl Worker<'_, '_> {
         (is_near && self.distance_from_refined(star, p) <= interfaces.tolerance).then_some(p)
     }
 
-    /// How far a place of the vertex is from where refinement put the interface around it.
+    /// How far a place of the vertex is from where refinement put the interface around it, at most.
     fn distance_from_refined(&self, star: &Star, at: DVec3) -> f64 {
-        let refined = |v: u32| DVec3::from_array(self.round.refined[v as usize]);
-        let own = refined(star.vertex);
-        let squares = star.facets.iter().map(|facet| {
-            let [p, q] = facet.others.map(refined);
-            closest_point(&[own, p, q], at).distance_squared(at)
+        let own = self.refined(star.vertex);
+        let distances = star.facets.iter().map(|facet| {
+            let [p, q] = facet.others;
+            let of_flip = self.distance_of_flip([star.vertex, p, q]);
+            let nearest = closest_point(&[own, self.refined(p), self.refined(q)], at);
+            of_flip + nearest.distance(at)
         });
-        squares.fold(at.distance_squared(own), f64::min).sqrt()
+        distances.fold(at.distance(own), f64::min)
     }
 
     /// The other vertices of the interface facets whose angles are hardly larger than what was

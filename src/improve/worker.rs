@@ -13,6 +13,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::blocks::owner;
+use super::flips::Flips;
 use super::interfaces::Interfaces;
 use super::measure::Measure;
 use super::report::Counts;
@@ -33,6 +34,8 @@ pub(super) struct Round<'a> {
     pub blocks: &'a [u32],
     /// Where refinement put each vertex.
     pub refined: &'a [[f64; 3]],
+    /// What was flipped in earlier rounds.
+    pub flips: &'a Flips,
     pub interfaces: &'a Interfaces<'a>,
     /// How tets are measured, and what is to be reached.
     pub measure: Measure,
@@ -89,6 +92,8 @@ pub(super) struct Worker<'r, 'a> {
     pub deferred: Vec<u32>,
     /// Tets that nothing helped.
     pub left: Vec<u32>,
+    /// What was flipped in this round.
+    pub flips: Flips,
     /// So many more tets that nothing helps are tried.
     patience: usize,
     pub counts: Counts,
@@ -131,6 +136,7 @@ impl<'r, 'a> Worker<'r, 'a> {
             fresh_vertices,
             deferred,
             left,
+            flips: Flips::default(),
             patience: 0,
             counts,
             aim: round.measure.target,
@@ -276,6 +282,20 @@ impl<'r, 'a> Worker<'r, 'a> {
     #[inline]
     pub fn point(&self, v: u32) -> DVec3 {
         self.round.shared.point(v)
+    }
+
+    /// Where refinement put a vertex.
+    #[inline]
+    pub fn refined(&self, v: u32) -> DVec3 {
+        DVec3::from_array(self.round.refined[v as usize])
+    }
+
+    /// How far an interface facet is from refinement's interface, at refinement's places of its
+    /// vertices: 0 but where flips were.
+    #[inline]
+    pub fn distance_of_flip(&self, facet: [u32; 3]) -> f64 {
+        let earlier = || self.round.flips.distance(facet);
+        self.flips.distance(facet).or_else(earlier).unwrap_or(0.0)
     }
 
     /// How many more tets there is room for.

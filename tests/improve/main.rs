@@ -370,9 +370,8 @@ fn check_distance(name: &str, before: &MeshResult, after: &MeshResult) {
             farthest = farthest.max(distances.fold(f64::INFINITY, f64::min));
         }
     }
-    // Flips may have changed the facets beside a vertex before it was moved.
     assert!(
-        farthest <= 1.5 * max,
+        farthest <= max * (1.0 + 1e-9),
         "{name}: a vertex is {farthest} from the interface, {max} are allowed"
     );
 }
