@@ -126,12 +126,16 @@ impl<'m, 'a> Run<'m, 'a> {
 
     /// Works until some rounds in sequence did nothing.
     fn run_until_idle(&mut self, blocks: &Blocks) -> Result<Option<Error>> {
-        let (mut seen, mut idle) = (self.counts.operations(), 0);
+        let (mut seen, mut idle, mut tried) = (self.counts.operations(), 0, usize::MAX);
         let (first, below) = (self.rounds, self.queue.len());
         while self.rounds < first + MAX_ROUNDS && idle < MAX_IDLE {
-            if self.queue.is_empty() && seen < self.counts.operations() {
-                // What nothing helped may be helped by now.
-                seen = self.counts.operations();
+            // What nothing helped may be helped by now. Where as many are left as the last time,
+            // last resorts help sooner.
+            self.left.sort_unstable();
+            self.left.dedup();
+            let is_worth_it = self.left.len() < tried || self.last.go_farther;
+            if self.queue.is_empty() && seen < self.counts.operations() && is_worth_it {
+                (seen, tried) = (self.counts.operations(), self.left.len());
                 std::mem::swap(&mut self.queue, &mut self.left);
             }
             if self.queue.is_empty() {
