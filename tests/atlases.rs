@@ -74,7 +74,7 @@ fn misses(meshing: &MeshResult, params: &MeshParams) -> Vec<String> {
         bar(below <= 10, format!("{below} tets below {target} degrees"));
         // Higher targets take larger moves.
         let is_default = target <= MeshParams::default().target_dihedral;
-        let [of_label, of_all] = if is_default { [1e-3, 1e-4] } else { [1e-2, 1e-3] };
+        let [of_label, of_all] = if is_default { [1e-3, 1e-4] } else { [4e-3, 4e-4] };
         let (moved, max) = (improvement.counts.max_interface_move, improvement.tolerance);
         bar(moved <= max, format!("a vertex {moved} off the interface, {max} are allowed"));
         for row in certificate.labels.iter().filter(|row| row.image_voxels >= LARGE) {

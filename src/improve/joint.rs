@@ -17,7 +17,7 @@
 use glam::DVec3;
 
 use super::measure::is_positive;
-use super::minmax::{Gradient, Models};
+use super::minmax::{Gradient, Models, Step};
 use super::patch::{Mover, Patch};
 use super::worker::{GAIN, Outcome, Worker};
 
@@ -32,16 +32,17 @@ const MAX_ACTIVE: usize = 96;
 /// An angle of an interface facet shapes a step if its squared sine is below the bound by this
 /// factor.
 const TIGHT: f64 = 1.3;
-/// How much the squared sine of a facet's angle counts, over its bound; that of a tet's counts 1,
-/// over the aim. So much that facets hardly hold back steps that leave their angles alone.
+/// By so many times the aim a term of a facet rises where the squared sine of its angle rises by
+/// the bound. A tet's rises by the aim where its measure does. So a small rise of the angle makes
+/// room for a large one of the measure.
 const WEIGHT_OF_FACETS: f64 = 10.0;
 /// The first reach is so many times that which would bring the worst tet to the aim alone.
 const FIRST_REACH: f64 = 4.0;
 /// The reach after a step, and after trials that failed.
 const LONGER: f64 = 2.0;
 const SHORTER: f64 = 0.25;
-/// A step is to end above the aim by this part of what is missing, and by that part of the aim:
-/// what is shorter is lost in how precisely places on interfaces are found.
+/// A step is to end above the aim by this part of what is missing, or by that part of the aim if
+/// that is more: what is shorter is lost in how precisely places on interfaces are found.
 const BEYOND: f64 = 0.2;
 const BEYOND_AIM: f64 = 0.02;
 /// The least measure must rise to the target, or by this part of it: more than one vertex alone has
@@ -75,11 +76,13 @@ impl Worker<'_, '_> {
         }
     }
 
-    /// The same with those around.
+    /// The same with those around, as far as the block owns them.
     pub fn smooth_around(&mut self, t: u32) -> Outcome {
-        match self.stars_of(t) {
-            Some(stars) => self.smooth_patch(self.patch(self.stars_around(&stars))),
-            None => Outcome::Foreign,
+        let Some(stars) = self.stars_of(t) else { return Outcome::Foreign };
+        let (around, are_all) = self.stars_around(&stars);
+        match self.smooth_patch(self.patch(around)) {
+            Outcome::Failed if !are_all => Outcome::Foreign,
+            outcome => outcome,
         }
     }
 
@@ -152,21 +155,22 @@ impl Worker<'_, '_> {
         let wanted = (self.aim - min) + (BEYOND * (self.aim - min)).max(BEYOND_AIM * self.aim);
         let mut is_corrected = false;
         for _ in 0..MAX_TRIALS {
-            let (mut way, rise) = models.step(patch.movers.len(), *reach);
+            let Step { mut way, least: rise, is_best } = models.step(patch.movers.len(), *reach);
             let mut part = 1.0;
             // Also where nothing is a number.
             let is_uphill = rise > 0.1 * GAIN;
             if is_uphill {
                 part = self.part_of_way(patch, at, &way).min(wanted / rise);
                 way.iter_mut().for_each(|way| *way *= part);
-            } else if !is_corrected {
+            } else if is_best && !is_corrected {
                 return None;
             }
             let to = if is_uphill { self.land_jointly(patch, at, &way) } else { None };
             if let Some(to) = to {
                 let reached = self.min_in(patch, &to);
                 if reached > enough && self.is_allowed(patch, &to) {
-                    if !is_corrected {
+                    // A step that was cut short does not tell whether longer ones would do.
+                    if !is_corrected && part == 1.0 {
                         *reach *= LONGER;
                     }
                     return Some((to, reached));
@@ -174,9 +178,10 @@ impl Worker<'_, '_> {
                 if !is_corrected {
                     let reached: Vec<f64> =
                         terms.iter().map(|term| self.value_of(term, &to, min)).collect();
-                    models.correct(&way, &reached);
-                    is_corrected = true;
-                    continue;
+                    if models.correct(&way, &reached) {
+                        is_corrected = true;
+                        continue;
+                    }
                 }
             }
             models.set_values(values());

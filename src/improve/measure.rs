@@ -98,7 +98,8 @@ impl Measure {
         let (x, y, z) = (c - b, d - b, d - c);
         let (of_b, of_c, of_d) = (v.cross(w), w.cross(u), u.cross(v));
         let six_volumes = u.dot(of_b);
-        if six_volumes <= 0.0 {
+        // Also where it is not a number.
+        if six_volumes.is_nan() || six_volumes <= 0.0 {
             return [0.0; 7];
         }
         let (uu, vv, ww) = (u.length_squared(), v.length_squared(), w.length_squared());

@@ -35,6 +35,22 @@ pub(super) struct Models {
     products: Vec<f64>,
 }
 
+/// A step of some vertices.
+pub(super) struct Step {
+    pub way: Vec<DVec3>,
+    /// What the least model is after it.
+    pub least: f64,
+    /// Whether it is the best one, nearly. With a shorter reach it is found sooner.
+    pub is_best: bool,
+}
+
+struct Weights {
+    weights: Vec<f64>,
+    /// What the least model is after the step that they make.
+    least: f64,
+    are_best: bool,
+}
+
 impl Models {
     pub fn new(values: Vec<f64>, gradients: Vec<Gradient>) -> Self {
         let mut products = Vec::with_capacity(gradients.len() * gradients.len());
@@ -55,20 +71,25 @@ impl Models {
     }
 
     /// Lowers the functions that have less than their models say after a `step`, so that the next
-    /// one takes their curvature into account.
-    pub fn correct(&mut self, step: &[DVec3], reached: &[f64]) {
+    /// one takes their curvature into account. Returns whether there are any.
+    pub fn correct(&mut self, step: &[DVec3], reached: &[f64]) -> bool {
+        let mut any = false;
         for ((value, gradient), &reached) in
             self.values.iter_mut().zip(&self.gradients).zip(reached)
         {
             let rise: f64 = parts(gradient).map(|(v, part)| part.dot(step[v])).sum();
-            *value += (reached - *value - rise).min(0.0);
+            let off = reached - *value - rise;
+            if off < 0.0 {
+                (*value, any) = (*value + off, true);
+            }
         }
+        any
     }
 
-    /// The step of so many vertices with a reach, and what the least model is after it.
-    pub fn step(&self, vertices: usize, reach: f64) -> (Vec<DVec3>, f64) {
-        let (weights, least) = self.weights(reach, MAX_MOVES);
-        (self.step_of(&weights, vertices, reach), least)
+    /// The step of so many vertices with a reach.
+    pub fn step(&self, vertices: usize, reach: f64) -> Step {
+        let Weights { weights, least, are_best } = self.weights(reach, MAX_MOVES);
+        Step { way: self.step_of(&weights, vertices, reach), least, is_best: are_best }
     }
 
     fn step_of(&self, weights: &[f64], vertices: usize, reach: f64) -> Vec<DVec3> {
@@ -81,8 +102,8 @@ impl Models {
         step
     }
 
-    /// The weights after so many moves, and what the least model is after the step that they make.
-    fn weights(&self, reach: f64, moves: usize) -> (Vec<f64>, f64) {
+    /// The weights after so many moves.
+    fn weights(&self, reach: f64, moves: usize) -> Weights {
         let count = self.values.len();
         let row = |i: usize| &self.products[i * count..(i + 1) * count];
         let lowest = |heights: &[f64]| {
@@ -99,7 +120,7 @@ impl Models {
             let weighty = || (0..count).filter(|&i| weights[i] > 0.0);
             let highest = weighty().map(|i| heights[i]).fold(f64::NEG_INFINITY, f64::max);
             if highest - heights[low] <= PRECISION * highest.abs() + NEGLIGIBLE {
-                break;
+                return Weights { weights, least: heights[low], are_best: true };
             }
             // By how much the gap to a model closes as weight moves from it to the lowest one.
             let slope_of = |i: usize| reach * (row(low)[low] + row(i)[i] - 2.0 * row(low)[i]);
@@ -119,7 +140,7 @@ impl Models {
             }
         }
         let least = heights[lowest(&heights)];
-        (weights, least)
+        Weights { weights, least, are_best: false }
     }
 }
 
@@ -166,7 +187,8 @@ mod tests {
         /// are after the step what they are said to be.
         #[test]
         fn the_step_is_the_best_one(models in models(), reach in 0.01..10.0_f64) {
-            let (weights, least) = models.weights(reach, 100 * MAX_MOVES);
+            let Weights { weights, least, are_best } = models.weights(reach, 100 * MAX_MOVES);
+            prop_assert!(are_best);
             prop_assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-9);
             let step = models.step_of(&weights, VERTICES, reach);
             for ((gradient, value), weight) in
@@ -178,6 +200,18 @@ mod tests {
                 let most = least + PRECISION * height.abs() + 2.0 * NEGLIGIBLE;
                 prop_assert!(weight == 0.0 || weight > 0.0 && height <= most, "{height} {least}");
             }
+        }
+
+        /// However far the weights are from the best ones, the models are what they are said to be.
+        #[test]
+        fn the_least_model_is_told(models in models(), reach in 0.01..1e6_f64) {
+            let Step { way: step, least, .. } = models.step(VERTICES, reach);
+            let rise = |gradient: &Gradient| -> f64 {
+                parts(gradient).map(|(v, part)| part.dot(step[v])).sum()
+            };
+            let heights = models.values.iter().zip(&models.gradients);
+            let lowest = heights.map(|(value, g)| value + rise(g)).fold(f64::INFINITY, f64::min);
+            prop_assert!((lowest - least).abs() < 1e-9 * reach.max(1.0), "{lowest} {least}");
         }
 
         /// After a correction the models have no more than what was reached.
@@ -199,7 +233,7 @@ mod tests {
             // Every second one is lower than its model says, the others are higher.
             let off = |i: usize| if i.is_multiple_of(2) { -less } else { less };
             let reached: Vec<f64> = before.iter().enumerate().map(|(i, h)| h + off(i)).collect();
-            models.correct(&step, &reached);
+            prop_assert_eq!(models.correct(&step, &reached), less > 0.0);
             for (i, height) in heights(&models).into_iter().enumerate() {
                 prop_assert!((height - before[i].min(reached[i])).abs() < 1e-9);
             }
@@ -214,9 +248,9 @@ mod tests {
             gradient
         };
         let models = Models::new(vec![0.0, 1.0], vec![gradient(1.0), gradient(-1.0)]);
-        let (step, least) = models.step(1, 100.0);
+        let Step { way: step, least, .. } = models.step(1, 100.0);
         assert!((step[0] - DVec3::X * 0.5).length() < 0.01 && (least - 0.5).abs() < 0.01);
-        let (step, least) = models.step(1, 0.1);
+        let Step { way: step, least, .. } = models.step(1, 0.1);
         assert!((step[0] - DVec3::X * 0.1).length() < 1e-9 && (least - 0.1).abs() < 1e-9);
     }
 }

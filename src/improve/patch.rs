@@ -49,8 +49,9 @@ impl Worker<'_, '_> {
         Some(stars)
     }
 
-    /// The stars of the vertices of some stars, as far as the block owns them.
-    pub fn stars_around(&self, of_tet: &[Star]) -> Vec<Star> {
+    /// The stars of the vertices of some stars, and whether the block owns all of them; it gets
+    /// those that it owns.
+    pub fn stars_around(&self, of_tet: &[Star]) -> (Vec<Star>, bool) {
         let mut around: Vec<(u32, u32)> = Vec::new();
         for star in of_tet {
             for (link, &t) in star.links.iter().zip(&star.tets) {
@@ -61,12 +62,16 @@ impl Worker<'_, '_> {
                 }
             }
         }
-        let star = |(v, t)| {
+        let (mut stars, mut are_all) = (Vec::new(), true);
+        for (v, t) in around {
             let mut star = Star::default();
-            let collected = star.collect(&self.round.shared, t, v, |tet| self.owns(tet));
-            (collected == Collected::Star).then_some(star)
-        };
-        around.into_iter().filter_map(star).take(MAX_MOVERS).collect()
+            match star.collect(&self.round.shared, t, v, |tet| self.owns(tet)) {
+                Collected::Star if stars.len() < MAX_MOVERS => stars.push(star),
+                Collected::Foreign => are_all = false,
+                Collected::Star | Collected::Open => {}
+            }
+        }
+        (stars, are_all)
     }
 
     /// What the vertices of some stars have around them.

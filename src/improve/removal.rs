@@ -291,7 +291,7 @@ impl Worker<'_, '_> {
     }
 
     /// Replaces the tets of a ring; `false`, with nothing changed, if the new tets would not be the
-    /// block's own or there is no room for them.
+    /// block's own, or there is no room for them or no memory.
     fn carry_out(&mut self, removal: &Removal) -> bool {
         let Removal { ring, division, chord } = removal;
         let shared = &self.round.shared;

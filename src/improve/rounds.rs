@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::blocks::{Blocks, owner};
 use super::flips::Flips;
 use super::interfaces::Interfaces;
+use super::is_below;
 use super::measure::Measure;
 use super::report::Counts;
 use super::shared::Shared;
@@ -133,6 +134,8 @@ impl<'m, 'a> Run<'m, 'a> {
             // last resorts help sooner.
             self.left.sort_unstable();
             self.left.dedup();
+            let Self { mesh, measure, left, .. } = self;
+            left.retain(|&t| is_below(mesh, t, *measure));
             let is_worth_it = self.left.len() < tried || self.last.go_farther;
             if self.queue.is_empty() && seen < self.counts.operations() && is_worth_it {
                 (seen, tried) = (self.counts.operations(), self.left.len());

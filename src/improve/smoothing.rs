@@ -12,7 +12,7 @@
 //! |---|---|
 //! | inside of a label | anywhere |
 //! | on an interface of two labels | along it: each step ends at the image's change of label |
-//! | on a line (of three labels, or in a wall) | along it: each step ends on the line |
+//! | on a line (of three labels, or in a wall) | along it, as far off it as it is |
 //! | at any other junction, or where the image's lines are not known | anywhere near |
 //! | in a wall, on an edge of the image | in this wall, along this edge |
 //! | at a contact of voxels | nowhere; those around it by half of the tolerance |

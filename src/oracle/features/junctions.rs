@@ -83,7 +83,7 @@ impl Oracle {
     /// About the nearest point of a junction to `p`, if one is nearer than `reach`: the nearest of
     /// those on the planes across the axes through `p`, one of which cuts a straight line no
     /// farther from `p` than the square root of three times the line's distance. A point of a
-    /// junction is its own nearest one.
+    /// junction is its own nearest one, but for rounding.
     pub fn nearest_junction(&self, p: DVec3, reach: f64) -> Option<DVec3> {
         self.nearest_on_planes(p, DVec3::ZERO, reach)
     }
