@@ -4,6 +4,7 @@
 mod coarsen;
 
 use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use glam::DVec3;
@@ -13,6 +14,7 @@ use lapd::geometry::shape::closest_point;
 use lapd::image::phantom::*;
 use lapd::image::{Frame, LabelImage};
 use lapd::improve::{Improvement, Settings, improve, tolerance};
+use lapd::io::read::read_image;
 use lapd::mesh::extract::Background;
 use lapd::mesh::{NONE, TetMesh};
 use lapd::monitor::Monitor;
@@ -463,6 +465,20 @@ fn other_surfaces_keep_the_promises() {
     let kept = MeshParams { background: true, ..params(1.2) };
     let [before, after] = both(&image, &kept, Improve::Full);
     check_promises("background kept", &[before, after], 10);
+}
+
+/// A facet that a flip made is none of refinement's. Measured against such facets two of the 219 000
+/// interface vertices were within the tolerance that were up to 1.16 times as far away.
+#[test]
+fn flips_carry_no_vertex_away() {
+    let path = Path::new("/usr/share/mricron/templates/aal.nii.gz");
+    if !path.is_file() {
+        eprintln!("SKIPPED: no atlas {}", path.display());
+        return;
+    }
+    let image = read_image(path).unwrap().image;
+    let [before, after] = both(&image, &params(2.0), Improve::Full);
+    check_distance("AAL", &before, &after);
 }
 
 #[test]
