@@ -467,8 +467,8 @@ fn other_surfaces_keep_the_promises() {
     check_promises("background kept", &[before, after], 10);
 }
 
-/// A facet that a flip made is none of refinement's. Measured against such facets two of the 219 000
-/// interface vertices were within the tolerance that were up to 1.16 times as far away.
+/// A facet that a flip made is none of refinement's. When places were measured against such facets,
+/// too, two of 219 000 vertices were up to 1.16 tolerances away.
 #[test]
 fn flips_carry_no_vertex_away() {
     let path = Path::new("/usr/share/mricron/templates/aal.nii.gz");
