@@ -142,9 +142,8 @@ impl Worker<'_, '_> {
         reach: &mut Option<f64>,
     ) -> Option<(Vec<DVec3>, f64)> {
         let terms = self.terms(patch, at, min);
-        let values = || -> Vec<f64> { terms.iter().map(|term| term.value).collect() };
-        let gradients = terms.iter().map(|term| term.gradient).collect();
-        let mut models = Models::new(values(), gradients);
+        let (values, gradients) = terms.iter().map(|term| (term.value, term.gradient)).unzip();
+        let mut models = Models::new(values, gradients);
         let of_step = FIRST_REACH * (self.aim - min) / models.steepness();
         let reach = reach.get_or_insert(of_step);
         // Nothing rises, or nothing is a number.
@@ -184,7 +183,7 @@ impl Worker<'_, '_> {
                     }
                 }
             }
-            models.set_values(values());
+            models.restore();
             is_corrected = false;
             *reach *= SHORTER * part;
         }

@@ -29,6 +29,9 @@ pub(super) const NO_VERTEX: usize = usize::MAX;
 /// The linear models of some functions, one at least.
 #[derive(Debug)]
 pub(super) struct Models {
+    /// What the functions are at the place.
+    start: Vec<f64>,
+    /// The same, lower where corrected.
     values: Vec<f64>,
     gradients: Vec<Gradient>,
     /// The products of all pairs of gradients, row by row.
@@ -57,7 +60,7 @@ impl Models {
         for a in &gradients {
             products.extend(gradients.iter().map(|b| product(a, b)));
         }
-        Self { values, gradients, products }
+        Self { start: values.clone(), values, gradients, products }
     }
 
     /// The squared length of the first gradient.
@@ -65,9 +68,9 @@ impl Models {
         self.products[0]
     }
 
-    /// What the functions are at the place, if not what it was.
-    pub fn set_values(&mut self, values: Vec<f64>) {
-        self.values = values;
+    /// Undoes all corrections.
+    pub fn restore(&mut self) {
+        self.values.clone_from(&self.start);
     }
 
     /// Lowers the functions that have less than their models say after a `step`, so that the next

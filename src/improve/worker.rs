@@ -66,7 +66,8 @@ pub(super) enum Outcome {
 }
 
 /// A tet in a queue: worst first, ties by slot. Vertices and measure tell whether it is still what
-/// it was; where it is not, what changed it has put it into the queue again.
+/// it was. Where it is not, what changed it has put it into the queue again, if it is still below
+/// the target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Entry {
     measure: Reverse<u64>,
@@ -227,6 +228,7 @@ impl<'r, 'a> Worker<'r, 'a> {
         }
     }
 
+    /// Whether a tet is what it was when it came into the queue.
     fn is_current(&self, entry: &Entry) -> bool {
         let t = entry.tet.0;
         self.round.shared.tet(t) == entry.vertices
