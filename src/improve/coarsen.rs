@@ -96,6 +96,7 @@ pub fn coarsen(
         let [from, to] = [pass, pass + 1].map(|pass| PART * (1.0 - 0.5_f64.powi(pass as i32)));
         let middle = (from + to) / 2.0;
         let improving = Settings {
+            volumes: &[],
             is_delaunay: settings.is_delaunay && pass == 0,
             parts: [from, middle],
             ..*settings

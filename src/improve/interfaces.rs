@@ -47,6 +47,12 @@ impl<'a> Interfaces<'a> {
         self.labels[usize::from(self.oracle.label(p))]
     }
 
+    /// The id of a label of the image.
+    pub fn id(&self, label: i32) -> usize {
+        // The background comes first, the others in order.
+        if label == 0 { 0 } else { 1 + self.labels[1..].partition_point(|&other| other < label) }
+    }
+
     /// Whether a facet between two labels is where the image has that interface: has the first
     /// label below it and the second one above, in the direction of (b - a) x (c - a), within the
     /// facet distance of refinement (rule R3).

@@ -36,6 +36,7 @@
 //! | `star`, `smoothing` | moves of vertices, one at a time |
 //! | `joint`, `patch`, `minmax` | moves of several vertices at the same time |
 //! | `split` | new vertices on edges |
+//! | `volumes` | in the end: labels get back what they lost |
 //! | `interfaces`, `flips` | what is asked about the image, and about refinement's interface |
 //! | `coarsen`, `contraction`, `link` | before, where it is asked for: fewer tets |
 //! | [`report`] | what was done |
@@ -59,6 +60,7 @@ mod shared;
 mod smoothing;
 mod split;
 mod star;
+mod volumes;
 mod worker;
 
 use glam::DVec3;
@@ -97,6 +99,8 @@ pub struct Settings<'a> {
     pub oracle: &'a Oracle,
     /// The label of each id of the oracle.
     pub labels: &'a [i32],
+    /// The volume of each id in the image; empty: labels need not keep theirs.
+    pub volumes: &'a [f64],
     /// How far apart refinement sampled the interfaces.
     pub sizing: &'a Sizing,
     /// What may be changed.
@@ -184,7 +188,11 @@ fn change(
     }
     let report_and_check = |done| monitor.advance(done).and_then(|()| (settings.check_time)());
     let mut run = Run::new(mesh, &interfaces, measure, queue, &report_and_check)?;
-    let ended = run.run()?;
+    let mut ended = run.run()?;
+    if ended.is_none() {
+        run.measure = measure;
+        ended = run.give_back(settings.volumes)?;
+    }
     let Run { refined, changed, queue, mut left, counts, rounds, .. } = run;
     left.extend(queue);
     improvement.counts = counts;

@@ -175,19 +175,10 @@ impl<'m, 'a> Run<'m, 'a> {
             of_vertices.resize(vertices as usize, job.block);
         }
         self.make_room(slots as usize, vertices as usize)?;
-        let round = Round {
-            shared: Shared::new(self.mesh, &mut self.changed),
-            blocks: &of_vertices,
-            refined: &self.refined,
-            flips: &self.flips,
-            interfaces: self.interfaces,
-            measure: self.measure,
-            last: self.last,
-            report_and_check: self.report_and_check,
-        };
-        let work = |job: &Job| {
-            let mut worker =
-                Worker::new(&round, job.block, job.slots.clone(), job.vertices.clone());
+        let lengths = jobs.iter().map(|job| job.tets.len());
+        let done = self.side_by_side(&of_vertices, lengths, |round, job| {
+            let job = &jobs[job];
+            let mut worker = Worker::new(round, job.block, job.slots.clone(), job.vertices.clone());
             let done = worker.run(&job.tets);
             Done {
                 counts: worker.counts,
@@ -196,16 +187,9 @@ impl<'m, 'a> Run<'m, 'a> {
                 left: worker.left,
                 ended: done.err(),
             }
-        };
-        // The longest first, so that all threads end at the same time.
-        let mut order: Vec<usize> = (0..jobs.len()).collect();
-        order.sort_by_key(|&job| Reverse(jobs[job].tets.len()));
-        let mut done: Vec<(usize, Done)> =
-            order.into_iter().par_bridge().map(|job| (job, work(&jobs[job]))).collect();
-        // Their figures are added up in an order that depends on the mesh alone.
-        done.sort_unstable_by_key(|&(job, _)| job);
+        });
         let mut ended = None;
-        for (_, done) in done {
+        for done in done {
             self.counts.add(&done.counts);
             self.flips.extend(done.flips)?;
             reserve(&mut self.queue, done.deferred.len(), "tets to be improved")?;
@@ -215,6 +199,34 @@ impl<'m, 'a> Run<'m, 'a> {
             ended = ended.or(done.ended);
         }
         Ok(ended)
+    }
+
+    /// Does jobs of these lengths, of different blocks, side by side. Returns what comes of them,
+    /// in their order.
+    pub(super) fn side_by_side<D: Send>(
+        &mut self,
+        of_vertices: &[u32],
+        lengths: impl Iterator<Item = usize>,
+        work: impl Fn(&Round<'_>, usize) -> D + Sync,
+    ) -> Vec<D> {
+        let round = Round {
+            shared: Shared::new(self.mesh, &mut self.changed),
+            blocks: of_vertices,
+            refined: &self.refined,
+            flips: &self.flips,
+            interfaces: self.interfaces,
+            measure: self.measure,
+            last: self.last,
+            report_and_check: self.report_and_check,
+        };
+        // The longest first, so that all threads end at the same time.
+        let mut order: Vec<(Reverse<usize>, usize)> = lengths.map(Reverse).zip(0..).collect();
+        order.sort_unstable();
+        let mut done: Vec<(usize, D)> =
+            order.into_iter().par_bridge().map(|(_, job)| (job, work(&round, job))).collect();
+        // What is added up is so in an order that depends on the mesh alone.
+        done.sort_unstable_by_key(|&(job, _)| job);
+        done.into_iter().map(|(_, done)| done).collect()
     }
 
     /// What each block has to do, in an order that depends on the mesh alone; keeps in the queue

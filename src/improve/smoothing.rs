@@ -164,7 +164,7 @@ impl Worker<'_, '_> {
     }
 
     /// How far a vertex may go along an interface or line, in tolerances.
-    fn farthest(&self) -> f64 {
+    pub fn farthest(&self) -> f64 {
         if self.round.last.go_farther { FARTHEST_LAST } else { FARTHEST }
     }
 
@@ -231,12 +231,10 @@ impl Worker<'_, '_> {
         if !interfaces.change || walls.count() == 3 {
             return [Support::Fixed; 2];
         }
-        let two_labels = star.two_labels();
-        let (ends, lines) = star.line_edges();
-        let is_surface = two_labels.is_some() && lines == 0 && star.is_one_fan();
+        let surface = star.surface();
         if interfaces.oracle.is_near_contact(at) {
             // A contact is where the boundary of a label touches itself.
-            let is_contact = two_labels.is_some() && !is_surface;
+            let is_contact = surface.is_none() && star.two_labels().is_some();
             return [if is_contact { Support::Fixed } else { Support::Near }, Support::Fixed];
         }
         if walls.count() > 0 {
@@ -244,12 +242,12 @@ impl Worker<'_, '_> {
                 |v: u32| walls.common(&interfaces.oracle.walls_at(self.point(v))) == *walls;
             let all_in_walls = star.facets.iter().flat_map(|facet| facet.others).all(is_in_walls);
             return match () {
-                () if all_in_walls && is_surface => [Support::Walls, Support::Fixed],
-                () => [self.line_of(at, &ends, lines), Support::Near],
+                () if all_in_walls && surface.is_some() => [Support::Walls, Support::Fixed],
+                () => [self.line_of(star, at), Support::Near],
             };
         }
-        match two_labels {
-            Some([inner, outer]) if is_surface => {
+        match surface {
+            Some([inner, outer]) => {
                 let normal = star.facets.iter().map(|facet| {
                     let [p, q] = facet.others.map(|v| self.point(v) - at);
                     p.cross(q)
@@ -264,7 +262,7 @@ impl Worker<'_, '_> {
                     Support::Fixed,
                 ]
             }
-            _ => [self.line_of(at, &ends, lines), Support::Near],
+            None => [self.line_of(star, at), Support::Near],
         }
     }
 
@@ -287,9 +285,10 @@ impl Worker<'_, '_> {
         Support::Interface { labels, normal: own_normal, off: refined - own }
     }
 
-    /// The support of a vertex on a line, of which these edges at the vertex are a part.
-    fn line_of(&self, at: DVec3, ends: &[u32; 3], lines: usize) -> Support {
+    /// The support of the vertex of a star if it is on a line.
+    fn line_of(&self, star: &Star, at: DVec3) -> Support {
         let interfaces = self.round.interfaces;
+        let (ends, lines) = star.line_edges();
         if lines != 2 {
             return Support::Fixed;
         }
@@ -391,7 +390,7 @@ impl Worker<'_, '_> {
     }
 
     /// How far a place of the vertex is from where refinement put the interface around it, at most.
-    fn distance_from_refined(&self, star: &Star, at: DVec3) -> f64 {
+    pub fn distance_from_refined(&self, star: &Star, at: DVec3) -> f64 {
         let own = self.refined(star.vertex);
         let distances = star.facets.iter().map(|facet| {
             let [p, q] = facet.others;
@@ -422,7 +421,7 @@ impl Worker<'_, '_> {
 
     /// Whether the interface facets around a vertex that is moved keep the angles that were asked
     /// for.
-    fn keeps_facets(&self, star: &Star, at: DVec3) -> bool {
+    pub fn keeps_facets(&self, star: &Star, at: DVec3) -> bool {
         let from = self.point(star.vertex);
         star.facets.iter().all(|facet| {
             let [p, q] = facet.others.map(|v| self.point(v));
@@ -474,19 +473,19 @@ impl Star {
 }
 
 /// Whether all tets that count measure more than `bound` with the vertex at `p`.
-fn exceeds_at(star: &Star, measure: Measure, p: DVec3, bound: f64) -> bool {
+pub(super) fn exceeds_at(star: &Star, measure: Measure, p: DVec3, bound: f64) -> bool {
     let mut tets = star.labels.iter().zip(&star.points);
     tets.all(|(&label, &[x, y, z])| label == 0 || measure.exceeds(&[p, x, y, z], bound))
 }
 
 /// The least measure of the tets that count, with the vertex at `p`.
-fn min_at(star: &Star, measure: Measure, p: DVec3) -> f64 {
+pub(super) fn min_at(star: &Star, measure: Measure, p: DVec3) -> f64 {
     let counting = star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0);
     counting.map(|(_, &[x, y, z])| measure.of(&[p, x, y, z])).fold(f64::INFINITY, f64::min)
 }
 
 /// Whether all tets are positive with the vertex at `p`.
-fn is_valid(star: &Star, p: DVec3) -> bool {
+pub(super) fn is_valid(star: &Star, p: DVec3) -> bool {
     star.points.iter().all(|&[x, y, z]| is_positive(&[p, x, y, z]))
 }
 

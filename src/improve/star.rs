@@ -108,6 +108,11 @@ impl Star {
         (same && self.labels.iter().all(|label| first.contains(label))).then_some(first)
     }
 
+    /// The labels of the facets, if these are a surface around the vertex between the same two.
+    pub fn surface(&self) -> Option<[i32; 2]> {
+        self.two_labels().filter(|_| self.line_edges().1 == 0 && self.is_one_fan())
+    }
+
     /// The ends of the edges at the vertex where not just two interface facets meet: edges of
     /// lines. At most three.
     pub fn line_edges(&self) -> ([u32; 3], usize) {

@@ -29,9 +29,13 @@ pub fn improve_mesh(
     limits: &Limits,
     monitor: &Monitor<'_>,
 ) -> Result<(Improvement, Option<Error>)> {
+    let of_voxel = image.voxel_volume();
+    let volumes: Vec<f64> =
+        image.voxel_counts().into_iter().map(|voxels| voxels as f64 * of_voxel).collect();
     let mut settings = Settings {
         oracle: &prepared.oracle,
         labels: image.labels(),
+        volumes: &volumes,
         sizing: &prepared.sizing,
         improve: params.improve,
         target: params.target_dihedral,

@@ -33,6 +33,7 @@ fn coarsened(
     let settings = Settings {
         oracle: &refined.oracle,
         labels: &refined.labels,
+        volumes: &refined.volumes,
         sizing: &refined.sizing,
         improve: Improve::Full,
         target: 15.0,
