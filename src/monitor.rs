@@ -41,12 +41,14 @@ pub enum Step {
     Oracle,
     /// Delaunay refinement.
     Refine,
-    /// The mesh is collected.
-    Extract,
+    /// What is kept of the triangulation is numbered.
+    Number,
     /// What rules still apply to is counted.
     Unmet,
     /// The triangulation is checked.
     Validate,
+    /// The mesh is copied.
+    Extract,
     /// Slivers are removed.
     Improve,
     /// Shapes and orientations are measured.
@@ -63,12 +65,13 @@ pub enum Step {
 
 /// Phase of each step, and the part of a run's time at which it starts: as it was on the abdomen at
 /// delta 2, one thread, with all that is measured, when every tet was asked for unmet rules.
-const STEPS: [(Phase, f64); 11] = [
+const STEPS: [(Phase, f64); 12] = [
     (Phase::Prepare, 0.0),
     (Phase::Refine, 0.01),
     (Phase::Extract, 0.385),
-    (Phase::Extract, 0.44),
-    (Phase::Extract, 0.505),
+    (Phase::Extract, 0.42),
+    (Phase::Extract, 0.485),
+    (Phase::Extract, 0.545),
     (Phase::Improve, 0.565),
     (Phase::Certify, 0.665),
     (Phase::Certify, 0.70),

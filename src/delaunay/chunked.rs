@@ -121,9 +121,28 @@ impl<T: Zeroable + Sync> Chunked<T> {
     }
 
     /// Gives the memory back, as long as `go_on` says so; then aside.
-    pub fn give_back(self, go_on: &(dyn Fn() -> Result<()> + Sync)) {
+    ///
+    /// # Errors
+    /// Those of `go_on`.
+    pub fn give_back(self, go_on: &(dyn Fn() -> Result<()> + Sync)) -> Result<()> {
         let used = self.len.into_inner() * size_of::<T>();
-        self.pages.give_back(used, BLOCK * Self::CHUNK_BYTES, go_on);
+        self.pages.give_back(used, BLOCK * Self::CHUNK_BYTES, &|_, _| go_on())
+    }
+
+    /// The same, chunk by chunk, each of which is shown before to `visit`: the index of its first
+    /// element, and all of them.
+    ///
+    /// # Errors
+    /// Those of `visit`.
+    pub fn drain(self, visit: &(dyn Fn(usize, &[T]) -> Result<()> + Sync)) -> Result<()> {
+        let used = self.len.into_inner() * size_of::<T>();
+        self.pages.give_back(used, Self::CHUNK_BYTES, &|start, range| {
+            let count = range.len() / size_of::<T>();
+            // SAFETY: these are elements before the length, as in `get`; the pages outlive the
+            // call.
+            let elements = unsafe { std::slice::from_raw_parts(start.cast::<T>().as_ptr(), count) };
+            visit(range.start / size_of::<T>(), elements)
+        })
     }
 
     /// Asks the processor to fetch element `index`, which is inspected soon. Does nothing when
@@ -193,6 +212,23 @@ mod tests {
             }
         });
         assert_eq!(array.get(1).load(Ordering::Relaxed), 4);
+    }
+
+    #[test]
+    fn all_is_shown_before_it_is_given_back() {
+        let array = Chunked::<AtomicU32>::with_capacity(40 * CHUNK).unwrap();
+        array.make_chunk(20).unwrap();
+        let count = 32 * CHUNK;
+        (0..count as u32).for_each(|i| array.get(i).store(i + 1, Ordering::Relaxed));
+        let seen = AtomicUsize::new(0);
+        let visit = |first: usize, elements: &[AtomicU32]| {
+            let values = elements.iter().map(|value| value.load(Ordering::Relaxed));
+            assert!(values.eq(first as u32 + 1..(first + elements.len()) as u32 + 1));
+            seen.fetch_add(elements.len(), Ordering::Relaxed);
+            Ok(())
+        };
+        array.drain(&visit).unwrap();
+        assert_eq!(seen.into_inner(), count);
     }
 
     #[test]

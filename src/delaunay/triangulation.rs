@@ -18,6 +18,7 @@ use super::tet::{
 };
 use crate::geometry::predicates::{in_sphere_perturbed, orient};
 use crate::geometry::sphere::Circumsphere;
+use crate::memory::aside::or_drop_aside;
 use crate::sync::lock;
 use crate::{Error, Result};
 
@@ -27,9 +28,12 @@ pub const BOX_VERTICES: u32 = 8;
 /// Room for vertices, where there is as much for tets: every worker begins with a chunk of each.
 const LEAST_ROOM: usize = 64 * CHUNK;
 
+/// Tets by their slots.
+pub type TetRecords = Chunked<TetRecord>;
+
 /// A Delaunay triangulation of points strictly inside an axis-aligned box.
 pub struct Triangulation {
-    tets: Chunked<TetRecord>,
+    tets: TetRecords,
     vertices: Chunked<VertexRecord>,
     nodes: NodeMap,
     tet_chunks: AtomicU32,
@@ -51,7 +55,7 @@ impl Triangulation {
                 "the box from {lower} to {upper} is empty or not finite"
             )));
         }
-        let tets: Chunked<TetRecord> = Chunked::with_capacity_at_most(MAX_TETS)?;
+        let tets = TetRecords::with_capacity_at_most(MAX_TETS)?;
         let room = (tets.capacity() / TETS_PER_VERTEX).max(LEAST_ROOM.min(tets.capacity()));
         let triangulation = Self {
             vertices: Chunked::with_capacity(room)?,
@@ -72,9 +76,21 @@ impl Triangulation {
     /// # Errors
     /// Those of `go_on`.
     pub fn give_back(self, go_on: &(dyn Fn() -> Result<()> + Sync)) -> Result<()> {
-        self.tets.give_back(go_on);
-        self.vertices.give_back(go_on);
-        go_on()
+        self.into_tets(go_on)?.give_back(go_on)
+    }
+
+    /// The records of the tets alone; the memory of all others is given back.
+    ///
+    /// # Errors
+    /// Those of `go_on`; all is then given back aside.
+    pub fn into_tets(self, go_on: &(dyn Fn() -> Result<()> + Sync)) -> Result<TetRecords> {
+        let (tets, ()) = or_drop_aside(self.tets, |_| self.vertices.give_back(go_on))?;
+        Ok(tets)
+    }
+
+    /// The records of all slots of tets.
+    pub fn tets(&self) -> &TetRecords {
+        &self.tets
     }
 
     /// The perturbed Delaunay triangulation of eight cospherical points, by its definition: of all
@@ -280,7 +296,7 @@ impl Triangulation {
 
     /// Bytes of all chunks.
     pub fn bytes(&self) -> u64 {
-        u64::from(self.tet_chunks.load(Relaxed)) * Chunked::<TetRecord>::CHUNK_BYTES as u64
+        u64::from(self.tet_chunks.load(Relaxed)) * TetRecords::CHUNK_BYTES as u64
             + u64::from(self.vertex_chunks.load(Relaxed))
                 * Chunked::<VertexRecord>::CHUNK_BYTES as u64
     }

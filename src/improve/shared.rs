@@ -1,51 +1,15 @@
 //! The arrays of a mesh as several threads see them while they improve it.
 //!
-//! Every element is an atomic, read and written with relaxed order. So no access can be a data
-//! race, and none needs `unsafe`. Relaxed order is enough: which thread may touch which element is
-//! settled before the threads start (see [`blocks`](super::blocks)), and they are joined before
-//! anybody reads what another one wrote.
+//! Every element is an atomic, read and written with relaxed order. That is enough: which thread
+//! may touch which element is settled before the threads start (see [`blocks`](super::blocks)), and
+//! they are joined before anybody reads what another one wrote.
 
 use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, Ordering::Relaxed};
 
 use glam::DVec3;
 
+use crate::memory::atomic::atomic;
 use crate::mesh::{NONE, TetMesh};
-
-/// A type that is the atomic form of another one.
-///
-/// # Safety
-/// `Self` must have the size, the alignment and the valid bits of `Plain`, and allow changes
-/// through a shared reference.
-unsafe trait Atomic {
-    /// The plain form.
-    type Plain;
-}
-
-// SAFETY: the standard library promises the same size, alignment and bit validity for each of these
-// pairs.
-unsafe impl Atomic for AtomicU8 {
-    type Plain = u8;
-}
-// SAFETY: as above.
-unsafe impl Atomic for AtomicU32 {
-    type Plain = u32;
-}
-// SAFETY: as above.
-unsafe impl Atomic for AtomicI32 {
-    type Plain = i32;
-}
-
-/// Lets many threads use values that one thread owns.
-fn atomic<A: Atomic>(values: &mut [A::Plain]) -> &[A] {
-    const {
-        assert!(
-            size_of::<A>() == size_of::<A::Plain>() && align_of::<A>() == align_of::<A::Plain>()
-        )
-    };
-    // SAFETY: the layouts agree by the trait's contract. The exclusive borrow lasts as long as the
-    // result, so nobody reads or writes the values by plain accesses meanwhile.
-    unsafe { std::slice::from_raw_parts(std::ptr::from_mut(values).cast::<A>(), values.len()) }
-}
 
 /// The arrays of a mesh, for all threads.
 pub(super) struct Shared<'m> {
@@ -61,7 +25,7 @@ impl<'m> Shared<'m> {
     /// Shares the arrays of `mesh`, and which tets have `changed`.
     pub fn new(mesh: &'m mut TetMesh, changed: &'m mut [u8]) -> Self {
         Self {
-            points: bits_of(mesh.points.as_flattened_mut()).as_chunks().0,
+            points: atomic::<AtomicU64>(mesh.points.as_flattened_mut()).as_chunks().0,
             tets: atomic::<AtomicU32>(mesh.tets.as_flattened_mut()).as_chunks().0,
             neighbors: atomic::<AtomicU32>(mesh.neighbors.as_flattened_mut()).as_chunks().0,
             labels: atomic(&mut mesh.labels),
@@ -132,20 +96,6 @@ impl<'m> Shared<'m> {
         self.changed[t as usize].store(1, Relaxed);
     }
 }
-
-/// Coordinates as their bits, for all threads.
-fn bits_of(coordinates: &mut [f64]) -> &[AtomicU64] {
-    // SAFETY: f64 and u64 have the same size and alignment, and every bit pattern is valid for
-    // both. AtomicU64 has the layout of u64. The exclusive borrow lasts as long as the result.
-    unsafe {
-        std::slice::from_raw_parts(
-            std::ptr::from_mut(coordinates).cast::<AtomicU64>(),
-            coordinates.len(),
-        )
-    }
-}
-
-const _: () = assert!(align_of::<AtomicU64>() == align_of::<f64>());
 
 #[cfg(test)]
 mod tests {

@@ -91,22 +91,32 @@ impl Pages {
     }
 
     /// Gives the memory back, of which no more than the first `used` bytes were touched: in parts
-    /// of so many bytes, many at a time, for it takes the system 50 to 200 ms for each GB. What is
-    /// left when `go_on` fails is given back aside. Other systems than Linux get all at once.
-    pub fn give_back(self, used: usize, part: usize, go_on: &(dyn Fn() -> Result<()> + Sync)) {
+    /// of so many bytes, many at a time, for it takes the system 50 to 200 ms for each GB. Each
+    /// part is shown to `visit` before: where it begins, and its range. What is left when that
+    /// fails is given back aside. Other systems than Linux get all at once.
+    ///
+    /// # Errors
+    /// Those of `visit`.
+    pub fn give_back(
+        self,
+        used: usize,
+        part: usize,
+        visit: &(dyn Fn(NonNull<u8>, Range<usize>) -> Result<()> + Sync),
+    ) -> Result<()> {
         let used = used.min(self.bytes);
         let parts = (0..used.div_ceil(part)).into_par_iter().with_max_len(1);
         let given = parts.try_for_each(|i| {
-            go_on()?;
             let range = i * part..((i + 1) * part).min(used);
-            // SAFETY: the range lies within the pages, which are this call's: nobody looks at them
-            // any more.
+            // SAFETY: the range lies within the pages.
+            visit(unsafe { self.start().add(range.start) }, range.clone())?;
+            // SAFETY: the pages are this call's, and nobody looks at this part any more.
             unsafe { system::forget(self.start(), range) };
-            Ok::<_, crate::Error>(())
+            Ok(())
         });
         if given.is_err() {
             drop_aside(self);
         }
+        given
     }
 }
 
@@ -240,6 +250,9 @@ mod system {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicUsize;
+    use std::sync::atomic::Ordering::Relaxed;
+
     use super::*;
 
     /// More than any machine has addresses for.
@@ -249,7 +262,8 @@ mod tests {
     fn pages_are_zeros_until_they_are_written() {
         let pages = Pages::reserve(64 * PAGE).unwrap();
         assert!(pages.make_usable(0..PAGE) && pages.make_usable(3 * PAGE..5 * PAGE));
-        let at = |i: usize| pages.start().as_ptr().wrapping_add(i);
+        let first = pages.start();
+        let at = |i: usize| first.as_ptr().wrapping_add(i);
         for i in [0, PAGE - 1, 3 * PAGE, 5 * PAGE - 1] {
             // SAFETY: these are usable, and nobody else has them.
             unsafe {
@@ -261,7 +275,14 @@ mod tests {
         assert!(pages.make_usable(0..6 * PAGE));
         // SAFETY: as above.
         unsafe { assert_eq!([*at(0), *at(3 * PAGE), *at(5 * PAGE)], [7, 7, 0]) };
-        pages.give_back(6 * PAGE, PAGE, &|| Ok(()));
+        let (seen, address) = (AtomicUsize::new(0), first.addr().get());
+        let visit = |start: NonNull<u8>, range: Range<usize>| {
+            assert_eq!(start.addr().get(), address + range.start);
+            seen.fetch_add(range.len(), Relaxed);
+            Ok(())
+        };
+        pages.give_back(6 * PAGE, PAGE, &visit).unwrap();
+        assert_eq!(seen.into_inner(), 6 * PAGE);
     }
 
     #[test]
@@ -296,6 +317,7 @@ mod tests {
     fn memory_is_given_back_aside_after_a_failure() {
         let pages = Pages::reserve(4 * PAGE).unwrap();
         assert!(pages.make_usable(0..4 * PAGE));
-        pages.give_back(4 * PAGE, PAGE, &|| Err(crate::Error::Cancelled));
+        let given = pages.give_back(4 * PAGE, PAGE, &|_, _| Err(crate::Error::Cancelled));
+        assert!(matches!(given, Err(crate::Error::Cancelled)));
     }
 }

@@ -11,16 +11,22 @@
 //!    vertices in use.
 //! 2. *Vertices*: those in use are numbered and copied.
 //! 3. *Number*: the tets get their indices and labels.
-//! 4. *Tets*: a sweep in the order of places writes vertices and neighbours in their new indices.
+//! 4. *Tets*: a sweep over the slots writes vertices and neighbours in their new indices. Nothing
+//!    of the triangulation is needed any more but the slot at hand, so the memory of each chunk can
+//!    be given back behind the sweep.
 //!
 //! The interface facets are listed last, when the mesh no longer changes: `facets`.
 //!
+//! **Background that comes last** is in the order of the slots, not of places. So its part of the
+//! mesh takes memory only as the triangulation gives it back, and hardly adds to the peak.
+//!
 //! Work goes by ranges of tets or vertices. A pass counts by range what the next one writes, so
 //! that each range knows where it starts: the mesh does not depend on the number of threads, and
-//! every array gets its memory at once, touched first by the thread that fills it.
+//! every array gets its memory at once.
 //!
 //! Cost: two reads of every record, and for each kept tet eight lookups in two tables: four bytes a
-//! slot, four a vertex. Beside the mesh it holds these tables and two bytes a slot.
+//! slot, four a vertex. Beside the mesh it holds these tables, and two bytes a slot until the tets
+//! have their numbers.
 //!
 //! Thread safety: runs in the current rayon pool; nobody may operate on the triangulation
 //! meanwhile.
@@ -30,17 +36,22 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use rayon::prelude::*;
 
-use super::TetMesh;
+use super::{NONE, TetMesh};
 use crate::Result;
-use crate::delaunay::check::{AHEAD, AHEAD_AROUND};
-use crate::delaunay::tet::{NO_TAG, is_tet};
+use crate::delaunay::tet::{NO_TAG, TetRecord, is_tet};
+use crate::delaunay::triangulation::TetRecords;
 use crate::delaunay::{TetId, Triangulation};
+use crate::memory::aside::or_drop_aside;
+use crate::memory::atomic::atomic;
 use crate::memory::{parts, prefetch, reserve, zeroed};
-use crate::monitor::Monitor;
+use crate::monitor::{Monitor, Step};
 
 /// Tets, or vertices, of one piece of work: some hundred microseconds, between two looks at the
 /// cancel flag. No longer pieces, so that threads end together.
 const RANGE: usize = 1 << 13;
+
+/// The pass over the tets fetches what a slot so many places ahead leads to.
+const AHEAD: usize = 24;
 
 /// Bytes per slot of a tet that extraction needs at most, mesh included: 36 for a kept tet, 5 for
 /// the vertices (some six tets have one), 18 for the interface facets (fewer than one for two
@@ -59,153 +70,229 @@ pub enum Background {
     Last,
 }
 
-/// A mesh without its interface facets.
-pub struct Extracted {
-    /// The mesh.
-    pub mesh: TetMesh,
+/// A mesh whose vertices and tets are numbered: all of it is known but the tets.
+pub struct Numbered {
+    /// Has points and labels.
+    mesh: TetMesh,
     /// How many of its vertices, the first, belong to the object or were to be kept anyway.
     pub points_kept: usize,
+    /// The index of the tet in each slot, with 1 added: 0 is none.
+    tet_index: Vec<AtomicU32>,
+    /// The index of each vertex of the triangulation.
+    vertex_index: Vec<AtomicU32>,
 }
 
-/// Collects the mesh, in the `order` of [`Triangulation::tets_by_place`], which has the object
-/// first afterwards where the background comes last. `label_id` is the dense id of a tet's label,
-/// asked once for each tet; `labels` has the label of each id. Id 0 is the background.
+/// Numbers what is kept of a triangulation; `order` is that of [`Triangulation::tets_by_place`].
+/// `label_id` is the dense id of a tet's label, asked once for each tet; `labels` has the label of
+/// each id. Id 0 is the background.
 ///
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
-pub fn extract(
+pub fn number(
     triangulation: &Triangulation,
-    order: &mut Vec<TetId>,
+    order: &[TetId],
     label_id: impl Fn(TetId) -> u16 + Sync,
     labels: &[i32],
     background: Background,
     monitor: &Monitor<'_>,
-) -> Result<Extracted> {
-    let (kept, in_use) = Kept::new(triangulation, order, label_id, background, monitor)?;
+) -> Result<Numbered> {
+    let (ids, in_use) = keep(triangulation, label_id, background, monitor)?;
     let Vertices { index, points, points_kept } = copy_vertices(triangulation, &in_use, monitor)?;
     drop(in_use);
-    let mut mesh = TetMesh { points, ..TetMesh::default() };
-    let tet_index = kept.number(labels, &mut mesh, monitor)?;
-    copy_tets(&kept, &tet_index, &index, &mut mesh, monitor)?;
-    Ok(Extracted { mesh, points_kept })
+    let is_last = |id: u16| id == 0 && background == Background::Last;
+    let by_place = |tets: &[TetId]| {
+        monitor.advance(0)?;
+        let ids = tets.iter().map(|&t| ids[t as usize]);
+        Ok(ids.filter(|&id| id != NOT_KEPT && !is_last(id)).count())
+    };
+    let last = |ids: &[u16]| {
+        monitor.advance(0)?;
+        Ok(ids.iter().filter(|&&id| is_last(id)).count())
+    };
+    let ranges: Vec<Range<usize>> =
+        consecutive(0, order.par_chunks(RANGE).map(by_place).collect::<Result<_>>()?);
+    let first = end_of(&ranges);
+    let ranges_of_last: Vec<Range<usize>> = match background {
+        Background::Last => {
+            consecutive(first, ids.par_chunks(RANGE).map(last).collect::<Result<_>>()?)
+        }
+        Background::Dropped | Background::Kept => Vec::new(),
+    };
+    let tet_index: Vec<AtomicU32> = zeroed(ids.len(), "slots of tets")?;
+    // Those of the background that comes last are zero already, and never written.
+    let count = end_of(&ranges_of_last).max(first);
+    let mut mesh =
+        TetMesh { points, labels: zeroed(count, "tets of the mesh")?, ..TetMesh::default() };
+    let pieces = split(&mut mesh.labels[..first], &ranges)?
+        .into_par_iter()
+        .zip(ranges.par_iter().zip(order.par_chunks(RANGE)))
+        .with_max_len(1);
+    pieces.try_for_each(|(own, (indices, tets))| {
+        monitor.advance(0)?;
+        let tets = tets.iter().map(|&t| (t, ids[t as usize]));
+        let kept = tets.filter(|&(_, id)| id != NOT_KEPT && !is_last(id));
+        for ((t, id), (label, index)) in kept.zip(own.iter_mut().zip(indices.clone())) {
+            *label = labels[usize::from(id)];
+            tet_index[t as usize].store(index as u32 + 1, Relaxed);
+        }
+        Ok(())
+    })?;
+    let pieces =
+        ranges_of_last.into_par_iter().zip(ids.par_chunks(RANGE)).zip(tet_index.par_chunks(RANGE));
+    pieces.with_max_len(1).try_for_each(|((mut indices, ids), tet_index)| {
+        monitor.advance(0)?;
+        let last = ids.iter().zip(tet_index).filter(|&(&id, _)| is_last(id));
+        for ((_, own), index) in last.zip(&mut indices) {
+            own.store(index as u32 + 1, Relaxed);
+        }
+        Ok(())
+    })?;
+    Ok(Numbered { mesh, points_kept, tet_index, vertex_index: index })
 }
 
-/// What becomes of the tets.
-struct Kept<'o> {
-    triangulation: &'o Triangulation,
-    order: &'o [TetId],
-    /// The label id of the tet in each slot, or [`NOT_KEPT`].
-    ids: Vec<u16>,
-    /// The indices in the mesh of the tets in each [`RANGE`] of the order.
-    ranges: Vec<Range<usize>>,
+impl Numbered {
+    /// The labels of its tets.
+    pub fn labels(&self) -> &[i32] {
+        &self.mesh.labels
+    }
+
+    /// The mesh, without its facets, of the triangulation that was numbered, which stays.
+    ///
+    /// # Errors
+    /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
+    pub fn copy(mut self, tets: &TetRecords, monitor: &Monitor<'_>) -> Result<TetMesh> {
+        monitor.enter(Step::Extract, self.tet_index.len())?;
+        let mut mesh = self.make_room()?;
+        let (count, to) = (self.tet_index.len(), Columns::of(&mut mesh));
+        (0..count.div_ceil(RANGE)).into_par_iter().with_max_len(1).try_for_each(|range| {
+            monitor.advance(RANGE)?;
+            let slots = range * RANGE..((range + 1) * RANGE).min(count);
+            self.copy_slots(slots, |slot| tets.get(slot as TetId), &to);
+            Ok(())
+        })?;
+        Ok(mesh)
+    }
+
+    /// The same; the memory of the triangulation is given back meanwhile.
+    ///
+    /// # Errors
+    /// As [`Self::copy`].
+    pub fn copy_and_give_back(
+        mut self,
+        triangulation: Triangulation,
+        monitor: &Monitor<'_>,
+    ) -> Result<TetMesh> {
+        let tets = triangulation.into_tets(&|| monitor.advance(0))?;
+        let (mesh, ()) = or_drop_aside(self.make_room()?, |mesh| {
+            let to = Columns::of(mesh);
+            monitor.enter(Step::Extract, self.tet_index.len())?;
+            tets.drain(&|first, records| {
+                monitor.advance(records.len())?;
+                let slots = first..(first + records.len()).min(self.tet_index.len());
+                self.copy_slots(slots, |slot| &records[slot - first], &to);
+                Ok(())
+            })
+        })?;
+        Ok(mesh)
+    }
+
+    /// Takes the mesh, and gives it memory for its tets.
+    fn make_room(&mut self) -> Result<TetMesh> {
+        let mut mesh = std::mem::take(&mut self.mesh);
+        mesh.tets = zeroed(mesh.labels.len(), "tets of the mesh")?;
+        mesh.neighbors = zeroed(mesh.labels.len(), "tets of the mesh")?;
+        Ok(mesh)
+    }
+
+    /// Copies the tets of some slots.
+    fn copy_slots<'r>(
+        &self,
+        slots: Range<usize>,
+        record: impl Fn(usize) -> &'r TetRecord,
+        to: &Columns<'_>,
+    ) {
+        // Less 1, no index is `NONE`. A facet on the box names a slot far beyond all that exist.
+        let index_of = |slot: usize| {
+            self.tet_index.get(slot).map_or(0, |index| index.load(Relaxed)).wrapping_sub(1)
+        };
+        let end = slots.end;
+        for slot in slots {
+            let ahead = (slot + AHEAD).min(end - 1);
+            let index_ahead = index_of(ahead);
+            if index_ahead != NONE {
+                prefetch(to.tets.as_ptr().wrapping_add(index_ahead as usize));
+                prefetch(to.neighbors.as_ptr().wrapping_add(index_ahead as usize));
+                let record = record(ahead);
+                for i in 0..4 {
+                    prefetch(self.vertex_index.as_ptr().wrapping_add(record.vertex(i) as usize));
+                    let beyond = record.neighbor(i).tet() as usize;
+                    prefetch(self.tet_index.as_ptr().wrapping_add(beyond));
+                }
+            }
+            let index = index_of(slot);
+            if index == NONE {
+                continue;
+            }
+            let record = record(slot);
+            for (i, to) in to.tets[index as usize].iter().enumerate() {
+                let v = &self.vertex_index[record.vertex(i) as usize];
+                to.store(v.load(Relaxed), Relaxed);
+            }
+            for (i, to) in to.neighbors[index as usize].iter().enumerate() {
+                to.store(index_of(record.neighbor(i).tet() as usize), Relaxed);
+            }
+        }
+    }
+}
+
+/// The tets of a mesh, for all threads, each of which writes others of them.
+struct Columns<'m> {
+    tets: &'m [[AtomicU32; 4]],
+    neighbors: &'m [[AtomicU32; 4]],
+}
+
+impl<'m> Columns<'m> {
+    fn of(mesh: &'m mut TetMesh) -> Self {
+        Self {
+            tets: atomic::<AtomicU32>(mesh.tets.as_flattened_mut()).as_chunks().0,
+            neighbors: atomic::<AtomicU32>(mesh.neighbors.as_flattened_mut()).as_chunks().0,
+        }
+    }
 }
 
 /// The note on a slot without a tet of the mesh; no label's id.
 const NOT_KEPT: u16 = NO_TAG;
 
-impl<'o> Kept<'o> {
-    /// The keep pass. Returns besides which vertices are in use.
-    fn new(
-        triangulation: &'o Triangulation,
-        order: &'o mut Vec<TetId>,
-        label_id: impl Fn(TetId) -> u16 + Sync,
-        background: Background,
-        monitor: &Monitor<'_>,
-    ) -> Result<(Self, InUse)> {
-        let in_use = InUse::new(triangulation.vertex_bound(), background)?;
-        let mut ids = zeroed(triangulation.tet_bound() as usize, "slots of tets")?;
-        ids.par_chunks_mut(RANGE).enumerate().with_max_len(1).try_for_each(|(range, ids)| {
-            monitor.advance(ids.len() / 2)?;
-            for (id, t) in ids.iter_mut().zip((range * RANGE) as TetId..) {
-                *id = NOT_KEPT;
-                triangulation.prefetch_next(t);
-                let vertices = triangulation.tet(t).vertices();
-                if !is_tet(vertices) {
-                    continue;
-                }
-                let label = label_id(t);
-                if label == 0 && background == Background::Dropped {
-                    continue;
-                }
-                *id = label;
-                let is_last = label == 0 && background == Background::Last;
-                vertices.into_iter().for_each(|v| in_use.note(v, is_last));
+/// The keep pass: the label id of the tet in each slot, or [`NOT_KEPT`], and which vertices are in
+/// use.
+fn keep(
+    triangulation: &Triangulation,
+    label_id: impl Fn(TetId) -> u16 + Sync,
+    background: Background,
+    monitor: &Monitor<'_>,
+) -> Result<(Vec<u16>, InUse)> {
+    let in_use = InUse::new(triangulation.vertex_bound(), background)?;
+    let mut ids = zeroed(triangulation.tet_bound() as usize, "slots of tets")?;
+    ids.par_chunks_mut(RANGE).enumerate().with_max_len(1).try_for_each(|(range, ids)| {
+        monitor.advance(ids.len())?;
+        for (id, t) in ids.iter_mut().zip((range * RANGE) as TetId..) {
+            *id = NOT_KEPT;
+            triangulation.prefetch_next(t);
+            let vertices = triangulation.tet(t).vertices();
+            if !is_tet(vertices) {
+                continue;
             }
-            Ok(())
-        })?;
-        if background == Background::Last {
-            object_first(order, &ids, monitor)?;
+            let label = label_id(t);
+            if label == 0 && background == Background::Dropped {
+                continue;
+            }
+            *id = label;
+            let is_last = label == 0 && background == Background::Last;
+            vertices.into_iter().for_each(|v| in_use.note(v, is_last));
         }
-        let order: &[TetId] = order;
-        let kept = |tets: &[TetId]| {
-            monitor.advance(0)?;
-            Ok(tets.iter().filter(|&&t| ids[t as usize] != NOT_KEPT).count())
-        };
-        let ranges =
-            consecutive(order.par_chunks(RANGE).with_max_len(1).map(kept).collect::<Result<_>>()?);
-        Ok((Self { triangulation, order, ids, ranges }, in_use))
-    }
-
-    /// The tets of a range that are kept, each with its label id, and the tets that are to be
-    /// fetched meanwhile: one, and what another one leads to.
-    fn of_range(&self, range: usize) -> impl Iterator<Item = (TetId, u16, [TetId; 2])> {
-        let tets = &self.order[range * RANGE..((range + 1) * RANGE).min(self.order.len())];
-        let ahead = move |i: usize| {
-            [AHEAD, AHEAD_AROUND].map(|ahead| tets[(i + ahead).min(tets.len() - 1)])
-        };
-        let tets = tets.iter().enumerate().map(move |(i, &t)| (t, self.ids[t as usize], ahead(i)));
-        tets.filter(|&(_, id, _)| id != NOT_KEPT)
-    }
-
-    /// The number pass: fills in the labels. Returns the index of the tet in each slot, [`NONE`]
-    /// where none is kept.
-    fn number(
-        &self,
-        labels: &[i32],
-        mesh: &mut TetMesh,
-        monitor: &Monitor<'_>,
-    ) -> Result<Vec<AtomicU32>> {
-        // What is zero stands for none, so indices are kept with 1 added.
-        let tet_index: Vec<AtomicU32> = zeroed(self.ids.len(), "slots of tets")?;
-        mesh.labels = zeroed(end_of(&self.ranges), "tets of the mesh")?;
-        let pieces = split(&mut mesh.labels, &self.ranges)?
-            .into_par_iter()
-            .zip(&self.ranges)
-            .enumerate()
-            .with_max_len(1);
-        pieces.try_for_each(|(range, (own, indices))| {
-            monitor.advance(0)?;
-            for (((t, id, _), label), index) in self.of_range(range).zip(own).zip(indices.clone()) {
-                *label = labels[usize::from(id)];
-                tet_index[t as usize].store(index as u32 + 1, Relaxed);
-            }
-            Ok(())
-        })?;
-        Ok(tet_index)
-    }
-}
-
-/// Puts the tets of the object first; otherwise they stay in the same order.
-fn object_first(order: &mut Vec<TetId>, ids: &[u16], monitor: &Monitor<'_>) -> Result<()> {
-    let mut last: Vec<TetId> = Vec::new();
-    let mut first = 0;
-    for from in (0..order.len()).step_by(RANGE) {
-        monitor.advance(0)?;
-        reserve(&mut last, RANGE, "tets of the background")?;
-        for at in from..(from + RANGE).min(order.len()) {
-            let t = order[at];
-            if ids[t as usize] == 0 {
-                last.push(t);
-            } else {
-                order[first] = t;
-                first += 1;
-            }
-        }
-    }
-    order.truncate(first);
-    // There is room: all came from here.
-    order.append(&mut last);
-    Ok(())
+        Ok(())
+    })?;
+    Ok((ids, in_use))
 }
 
 /// Which vertices tets have that are kept: a bit for each.
@@ -292,50 +379,9 @@ fn copy_vertices(
     Ok(Vertices { index, points, points_kept })
 }
 
-/// What the tet pass fills in: four vertices, or four neighbours, of each tet of a range.
-type Fours<'a> = &'a mut [[u32; 4]];
-
-/// The tet pass: fills in vertices and neighbours.
-fn copy_tets(
-    kept: &Kept<'_>,
-    tet_index: &[AtomicU32],
-    vertex_index: &[AtomicU32],
-    mesh: &mut TetMesh,
-    monitor: &Monitor<'_>,
-) -> Result<()> {
-    let count = end_of(&kept.ranges);
-    mesh.tets = zeroed(count, "tets of the mesh")?;
-    mesh.neighbors = zeroed(count, "tets of the mesh")?;
-    let copy = |(range, (tets, neighbors)): (usize, (Fours<'_>, Fours<'_>))| {
-        monitor.advance(RANGE / 2)?;
-        for ((t, _, [far, near]), (vertices, neighbors)) in
-            kept.of_range(range).zip(tets.iter_mut().zip(neighbors))
-        {
-            kept.triangulation.prefetch(far);
-            let record = kept.triangulation.tet(near);
-            for i in 0..4 {
-                prefetch(vertex_index.as_ptr().wrapping_add(record.vertex(i) as usize));
-                prefetch(tet_index.as_ptr().wrapping_add(record.neighbor(i).tet() as usize));
-            }
-            let record = kept.triangulation.tet(t);
-            *vertices = record.vertices().map(|v| vertex_index[v as usize].load(Relaxed));
-            // A facet on the box names a slot far beyond all that exist. Less 1, 0 becomes `NONE`.
-            let index_of = |slot: TetId| {
-                tet_index.get(slot as usize).map_or(0, |index| index.load(Relaxed)).wrapping_sub(1)
-            };
-            *neighbors = [0, 1, 2, 3].map(|i| index_of(record.neighbor(i).tet()));
-        }
-        Ok(())
-    };
-    let pieces = split(&mut mesh.tets, &kept.ranges)?
-        .into_par_iter()
-        .zip(split(&mut mesh.neighbors, &kept.ranges)?);
-    pieces.enumerate().with_max_len(1).try_for_each(copy)
-}
-
-/// Ranges of these lengths, one after the other from 0.
-fn consecutive(lengths: Vec<usize>) -> Vec<Range<usize>> {
-    let mut end = 0;
+/// Ranges of these lengths, one after the other from `start`.
+fn consecutive(start: usize, lengths: Vec<usize>) -> Vec<Range<usize>> {
+    let mut end = start;
     let next = |length| {
         end += length;
         end - length..end
@@ -355,7 +401,6 @@ fn split<'v, T>(values: &'v mut [T], ranges: &[Range<usize>]) -> Result<Vec<&'v 
 
 #[cfg(test)]
 mod tests {
-    use super::super::NONE;
     use super::*;
     use crate::delaunay::{Insertion, Removal, Solo, VertexKind, Worker};
     use glam::DVec3;
@@ -400,11 +445,9 @@ mod tests {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let monitor = Monitor::silent();
-                let mut order = order.clone();
-                let mut mesh =
-                    extract(&triangulation, &mut order, label_id, labels, kept, &monitor)
-                        .unwrap()
-                        .mesh;
+                let numbered =
+                    number(&triangulation, &order, label_id, labels, kept, &monitor).unwrap();
+                let mut mesh = numbered.copy(triangulation.tets(), &monitor).unwrap();
                 mesh.collect_facets(&monitor).unwrap();
                 mesh
             })
@@ -415,8 +458,11 @@ mod tests {
         let mut kept_tets: Vec<TetId> =
             order.iter().copied().filter(|&t| background || label_id(t) != 0).collect();
         if kept == Background::Last {
-            kept_tets.sort_by_key(|&t| label_id(t) == 0);
+            // Behind the others, in the order of their slots.
+            kept_tets.sort_by_key(|&t| if label_id(t) == 0 { 1 + t } else { 0 });
         }
+        let numbered =
+            number(&triangulation, &order, label_id, labels, kept, &Monitor::silent()).unwrap();
         let kept = kept_tets;
         let index: HashMap<TetId, u32> = kept.iter().zip(0..).map(|(&t, i)| (t, i)).collect();
         assert_eq!(mesh.tets.len(), kept.len());
@@ -452,6 +498,9 @@ mod tests {
                 assert_eq!((b - a).cross(c - a).dot(center - a) > 0.0, side == 1);
             }
         }
+        let mut same = numbered.copy_and_give_back(triangulation, &Monitor::silent()).unwrap();
+        same.collect_facets(&Monitor::silent()).unwrap();
+        assert_eq!(same, mesh);
     }
 
     #[test]

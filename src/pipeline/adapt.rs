@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 use super::messages;
 use super::prepare::Prepared;
-use super::refine::{Collected, collect, options};
+use super::refine::{collect, options};
 use crate::Result;
 use crate::delaunay::Triangulation;
 use crate::image::LabelImage;
@@ -194,9 +194,7 @@ impl Run<'_> {
     ) -> Result<Vec<Difference>> {
         let labels = self.image.labels();
         let rules = self.rules(sizing);
-        let Collected { mut mesh, order, .. } =
-            collect(&rules, labels, Background::Dropped, quiet)?;
-        drop(order);
+        let mut mesh = collect(&rules, labels, Background::Dropped, quiet)?;
         mesh.collect_facets(quiet)?;
         differences.of(&mesh, quiet)
     }

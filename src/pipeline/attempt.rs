@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::adapt::{self, Adapted};
 use super::prepare::Prepared;
+use super::refine::Ordered;
 use super::{Stopwatch, improve, messages, refine};
 use crate::delaunay::Triangulation;
 use crate::delaunay::check::Check;
@@ -12,8 +13,8 @@ use crate::image::LabelImage;
 use crate::improve::Improvement;
 use crate::memory::aside::or_drop_aside;
 use crate::mesh::TetMesh;
-use crate::mesh::extract::Background;
-use crate::monitor::{Level, Monitor};
+use crate::mesh::extract::{Background, Numbered};
+use crate::monitor::Monitor;
 use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
 use crate::refine::Asked;
 use crate::refine::options::{Limits, RefineOptions};
@@ -52,12 +53,9 @@ pub(super) struct Made {
     pub(super) improvement: Improvement,
 }
 
-/// What is collected of a triangulation.
-struct Collected {
-    /// The mesh, with the background that is wanted, and without its facets.
-    mesh: TetMesh,
-    /// How many of its points belong to tets that are kept in the end.
-    points_kept: usize,
+/// A triangulation that is numbered and checked, ready to be copied.
+struct Checked {
+    numbered: Numbered,
     check: Check,
     examined: Examined,
 }
@@ -173,13 +171,14 @@ impl Attempt<'_> {
     ) -> Result<Made> {
         let &Self { image, params, limits } = self;
         let Refined { triangulation, mut refinement, differences } = refined;
-        let (triangulation, collected) = or_drop_aside(triangulation, |triangulation| {
-            self.collect(triangulation, &mut refinement, prepared, watch, monitor)
+        let (triangulation, checked) = or_drop_aside(triangulation, |triangulation| {
+            self.number_and_check(triangulation, &mut refinement, prepared, watch, monitor)
         })?;
-        watch.add_to(|seconds| &mut seconds.certify);
-        let Collected { mesh, points_kept, check, examined } = collected;
-        let (mesh, ()) = or_drop_aside(mesh, |_| triangulation.give_back(&|| monitor.advance(0)))?;
-        watch.add_to(|seconds| &mut seconds.extract);
+        let Checked { numbered, check, examined } = checked;
+        let points_kept = numbered.points_kept;
+        let mesh = numbered.copy_and_give_back(triangulation, monitor)?;
+        let seconds = watch.add_to(|seconds| &mut seconds.extract);
+        messages::log_extraction(monitor, &mesh, seconds);
 
         if !self.improves(&refinement) {
             let improvement = Improvement::default();
@@ -200,14 +199,16 @@ impl Attempt<'_> {
         self.params.improve != Improve::None && refinement.ended_by.is_none()
     }
 
-    fn collect(
+    /// What is kept of a triangulation, and what is checked before this is copied: the vertices
+    /// and the order of the tets are in memory only until then.
+    fn number_and_check(
         &self,
         triangulation: &Triangulation,
         refinement: &mut Refinement,
         prepared: &Prepared,
         watch: &mut Stopwatch,
         monitor: &Monitor<'_>,
-    ) -> Result<Collected> {
+    ) -> Result<Checked> {
         let &Self { image, params, .. } = self;
         let rules = self.rules(triangulation, prepared);
         let background = match (params.background, self.improves(refinement)) {
@@ -215,9 +216,9 @@ impl Attempt<'_> {
             (false, true) => Background::Last,
             (false, false) => Background::Dropped,
         };
-        let collected = refine::collect(&rules, image.labels(), background, monitor)?;
-        let refine::Collected { mut mesh, points_kept, order } = collected;
-        if !mesh.labels.par_iter().any(|&label| label != 0) {
+        let Ordered { numbered, order } =
+            refine::number(&rules, image.labels(), background, monitor)?;
+        if !numbered.labels().par_iter().any(|&label| label != 0) {
             return Err(refinement.ended_by.take().unwrap_or_else(|| {
                 Error::InvalidArgument(format!(
                     "delta {} is too coarse for the object: no tet has its circumcenter inside",
@@ -225,15 +226,7 @@ impl Attempt<'_> {
                 ))
             }));
         }
-        let seconds = watch.add_to(|seconds| &mut seconds.extract);
-        monitor.log(
-            Level::Info,
-            &format!(
-                "mesh of {} tets, {} vertices collected in {seconds:.2} s",
-                mesh.tets.len(),
-                mesh.points.len(),
-            ),
-        );
+        watch.add_to(|seconds| &mut seconds.extract);
         let (check, examined) = if params.certificate == CertificateLevel::None {
             let Counters { insertions, removals, .. } = refinement.counters;
             let vertices = BOX_CORNERS + insertions - removals;
@@ -243,14 +236,13 @@ impl Attempt<'_> {
                 None => Asked::LeftOver(&refinement.left_over),
                 Some(_) => Asked::All,
             };
-            let examine = || crate::refine::examine(&rules, &order, asked, monitor);
-            let (checked, (check, unmet)) = or_drop_aside(mesh, |_| examine())?;
-            mesh = checked;
+            let (check, unmet) = crate::refine::examine(&rules, &order, asked, monitor)?;
             let non_delaunay_facets = Some(check.non_delaunay_facets);
             (check, Examined { non_delaunay_facets, unmet: Some(unmet) })
         };
+        watch.add_to(|seconds| &mut seconds.certify);
         monitor.note_tets(check.tets);
-        Ok(Collected { mesh, points_kept, check, examined })
+        Ok(Checked { numbered, check, examined })
     }
 
     /// Both, as [`Self::refine`] and [`Self::finish`].

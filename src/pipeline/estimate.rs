@@ -13,6 +13,7 @@ use super::{budget, prepare};
 use crate::Result;
 use crate::image::region::{Region, Rows};
 use crate::image::{Frame, LabelImage};
+use crate::mesh::extract::BYTES_PER_SLOT;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
@@ -37,10 +38,12 @@ const SOUND_VOXEL: f64 = 15.0;
 const FULL_TET: f64 = 527.0;
 const FULL_VOXEL: f64 = 160.0;
 
-/// Bytes for each tet of the triangulation at the end of refinement, for each tet that is kept when
-/// it has gone, and of a process that does nothing.
-const BYTES_PER_TET: f64 = 120.0;
-const BYTES_AFTER: f64 = 130.0;
+/// Bytes for each tet of the triangulation while the mesh is copied, for each tet that is kept when
+/// it has gone, and of a process that does nothing. Distances need as much again as the tables of
+/// the image, and a third of that.
+const BYTES_PER_TET: f64 = 102.0;
+const BYTES_AFTER: f64 = 60.0;
+const OF_DISTANCES: f64 = 1.3;
 const BYTES_AT_REST: u64 = 6 << 20;
 
 /// What a run is to be expected to need. Measured on atlases: docs/notes/sampling.md.
@@ -93,10 +96,14 @@ pub fn estimate(
     let tables = Oracle::bytes_needed(&image, &region)
         + Sizing::bytes_needed(&image, &region, params)
         + (selected.ids().len() + divided) as u64 * size_of::<u16>() as u64;
-    let after = prepare::limits(params, &selected, Instant::now()).bytes_after;
-    let improves = params.improve != Improve::None;
-    let kept = if improves { all } else { of_labels };
-    let peak = (BYTES_PER_TET * all).max(BYTES_AFTER * kept + after as f64);
+    let limits = prepare::limits(params, &selected, Instant::now());
+    let of_nodes = (limits.bytes_per_slot - BYTES_PER_SLOT) as f64;
+    let of_distances = match params.certificate {
+        CertificateLevel::Full => OF_DISTANCES * tables as f64 + limits.bytes_after as f64,
+        CertificateLevel::None | CertificateLevel::Sound => 0.0,
+    };
+    let after = (BYTES_AFTER + of_nodes) * of_labels + of_distances;
+    let peak = (BYTES_PER_TET * all).max(after);
 
     let voxels = region.dims.iter().product::<usize>() as f64;
     // The certificate goes through the voxels that were given.
@@ -104,7 +111,7 @@ pub fn estimate(
     let of_refinement = PREPARE_VOXEL * voxels + REFINE_TET * all;
     let of_improvement = match params.coarsen {
         Some(_) => COARSEN_TET * all,
-        None if improves => IMPROVE_TET * all,
+        None if params.improve != Improve::None => IMPROVE_TET * all,
         None => 0.0,
     };
     let of_certificate = match params.certificate {

@@ -54,6 +54,12 @@ pub(super) fn log_refinement(monitor: &Monitor<'_>, counters: &Counters, seconds
     monitor.log(Level::Info, &line);
 }
 
+pub(super) fn log_extraction(monitor: &Monitor<'_>, mesh: &TetMesh, seconds: f64) {
+    let (tets, vertices) = (mesh.tets.len(), mesh.points.len());
+    let line = format!("mesh of {tets} tets, {vertices} vertices collected in {seconds:.2} s");
+    monitor.log(Level::Info, &line);
+}
+
 pub(super) fn log_try(monitor: &Monitor<'_>, params: &MeshParams, tets: u64) {
     let MeshParams { delta, size, .. } = params;
     monitor.log(Level::Info, &format!("delta {delta:.4}, size {size:.4}: {tets} tets"));

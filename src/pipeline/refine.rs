@@ -6,7 +6,7 @@ use crate::Result;
 use crate::delaunay::{TetId, Triangulation};
 use crate::image::LabelImage;
 use crate::mesh::TetMesh;
-use crate::mesh::extract::{Background, Extracted, extract};
+use crate::mesh::extract::{self, Background, Numbered};
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
 use crate::parallel::machine::Machine;
@@ -78,31 +78,43 @@ pub fn options(params: &MeshParams, limits: Limits, expected_tets: u64) -> Resul
     })
 }
 
-/// The mesh of a refined triangulation.
-pub struct Collected {
-    /// The mesh, without its facets.
-    pub mesh: TetMesh,
-    /// How many of its points belong to tets that are kept in the end.
-    pub points_kept: usize,
+/// A refined triangulation whose tets and vertices are numbered.
+pub struct Ordered {
+    /// The numbers.
+    pub numbered: Numbered,
     /// The tets of the triangulation in the order of their places.
     pub order: Vec<TetId>,
 }
 
-/// Collects the tets of a triangulation that is at rest, labelled by `rules`.
+/// Numbers what is kept of a triangulation that is at rest, labelled by `rules`.
 ///
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
+pub fn number(
+    rules: &Rules<'_>,
+    labels: &[i32],
+    background: Background,
+    monitor: &Monitor<'_>,
+) -> Result<Ordered> {
+    let triangulation = rules.triangulation();
+    monitor.enter(Step::Number, triangulation.tet_bound() as usize)?;
+    let order = triangulation.tets_by_place(|| monitor.advance(0))?;
+    let label = |t| rules.label(t);
+    let numbered = extract::number(triangulation, &order, label, labels, background, monitor)?;
+    Ok(Ordered { numbered, order })
+}
+
+/// The mesh of such a triangulation, without its facets; the triangulation stays.
+///
+/// # Errors
+/// As [`number`].
 pub fn collect(
     rules: &Rules<'_>,
     labels: &[i32],
     background: Background,
     monitor: &Monitor<'_>,
-) -> Result<Collected> {
-    let triangulation = rules.triangulation();
-    monitor.enter(Step::Extract, triangulation.tet_bound() as usize)?;
-    let mut order = triangulation.tets_by_place(|| monitor.advance(0))?;
-    let label = |t| rules.label(t);
-    let Extracted { mesh, points_kept } =
-        extract(triangulation, &mut order, label, labels, background, monitor)?;
-    Ok(Collected { mesh, points_kept, order })
+) -> Result<TetMesh> {
+    let Ordered { numbered, order } = number(rules, labels, background, monitor)?;
+    drop(order);
+    numbered.copy(rules.triangulation().tets(), monitor)
 }

@@ -18,7 +18,7 @@ use crate::oracle::Oracle;
 use crate::parallel::machine::Machine;
 use crate::params::{Algorithm, Begging, CertificateLevel, Contention, MeshParams};
 use crate::pipeline::finish::measure;
-use crate::pipeline::refine::{Collected, collect, triangulation_around};
+use crate::pipeline::refine::{Ordered, number, triangulation_around};
 use crate::refine::activity::Doing;
 use crate::refine::options::RefineOptions;
 use crate::refine::rules::Rules;
@@ -61,8 +61,9 @@ impl Subject {
         let sizing = Sizing::uniform(params.delta);
         let rules = Rules::new(&triangulation, oracle, &sizing, params, image.labels());
         let done = work(&rules).unwrap_or_else(|error| panic!("{what}: {error}"));
-        let Collected { mut mesh, order, .. } =
-            collect(&rules, image.labels(), Background::Dropped, &monitor).unwrap();
+        let Ordered { numbered, order } =
+            number(&rules, image.labels(), Background::Dropped, &monitor).unwrap();
+        let mut mesh = numbered.copy(triangulation.tets(), &monitor).unwrap();
         let (check, unmet) = examine(&rules, &order, Asked::All, &monitor).unwrap();
         assert!(check.is_sound(), "{what}: {check:?}");
         assert_eq!(

@@ -20,7 +20,7 @@ use lapd::mesh::{NONE, TetMesh};
 use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
 use lapd::params::{Improve, MeshParams, SurfaceModel};
-use lapd::pipeline::refine::{Collected, collect, triangulation_around};
+use lapd::pipeline::refine::{collect, triangulation_around};
 use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::refine::options::RefineOptions;
 use lapd::refine::refine;
@@ -89,8 +89,7 @@ fn refined(image: &LabelImage, params: &MeshParams) -> Refined {
     let rules = Rules::new(&triangulation, &oracle, &sizing, params, image.labels());
     let monitor = Monitor::silent();
     refine(&rules, &RefineOptions::solo(), &monitor).unwrap();
-    let Collected { mesh, .. } =
-        collect(&rules, image.labels(), Background::Last, &monitor).unwrap();
+    let mesh = collect(&rules, image.labels(), Background::Last, &monitor).unwrap();
     let corners = [0, 7].map(|v| triangulation.position(v));
     let box_volume = (corners[1] - corners[0]).element_product().abs();
     let of_voxel = image.voxel_volume();

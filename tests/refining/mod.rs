@@ -12,7 +12,7 @@ use lapd::monitor::{CancelFlag, Monitor, Progress};
 use lapd::oracle::Oracle;
 use lapd::params::{CertificateLevel, Contention, MeshParams};
 use lapd::pipeline::finish::measure;
-use lapd::pipeline::refine::{Collected, collect, triangulation_around};
+use lapd::pipeline::refine::{Ordered, number, triangulation_around};
 use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::refine::activity::Overhead;
 use lapd::refine::options::RefineOptions;
@@ -142,8 +142,9 @@ pub fn outcome(subject: &Subject, options: &RefineOptions, complete: bool) -> Ou
     let clock = Instant::now();
     let refinement = refine(&rules, options, &monitor).unwrap_or_else(|e| panic!("{what}: {e}"));
     let seconds = clock.elapsed().as_secs_f64();
-    let Collected { mut mesh, order, .. } =
-        collect(&rules, image.labels(), Background::Dropped, &monitor).unwrap();
+    let Ordered { numbered, order } =
+        number(&rules, image.labels(), Background::Dropped, &monitor).unwrap();
+    let mut mesh = numbered.copy(triangulation.tets(), &monitor).unwrap();
     let (check, unmet) = examine(&rules, &order, Asked::All, &monitor).unwrap();
     assert!(check.is_sound(), "{what}: {check:?}");
     if complete {
