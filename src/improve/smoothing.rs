@@ -473,13 +473,13 @@ impl Star {
 }
 
 /// Whether all tets that count measure more than `bound` with the vertex at `p`.
-pub(super) fn exceeds_at(star: &Star, measure: Measure, p: DVec3, bound: f64) -> bool {
+fn exceeds_at(star: &Star, measure: Measure, p: DVec3, bound: f64) -> bool {
     let mut tets = star.labels.iter().zip(&star.points);
     tets.all(|(&label, &[x, y, z])| label == 0 || measure.exceeds(&[p, x, y, z], bound))
 }
 
 /// The least measure of the tets that count, with the vertex at `p`.
-pub(super) fn min_at(star: &Star, measure: Measure, p: DVec3) -> f64 {
+fn min_at(star: &Star, measure: Measure, p: DVec3) -> f64 {
     let counting = star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0);
     counting.map(|(_, &[x, y, z])| measure.of(&[p, x, y, z])).fold(f64::INFINITY, f64::min)
 }

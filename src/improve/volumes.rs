@@ -4,7 +4,7 @@
 //! and gives it to another. Over many that evens out. In a small mesh, or where facets are large
 //! for what they bound, it may not. So where more than [`OF_ALL`] or [`OF_LABEL`] has changed,
 //! vertices of interfaces are moved along their normals in the end, those between the same two
-//! labels by the same distance.
+//! labels by the same distance; in a large mesh a sample of them.
 //!
 //! # Which distance
 //! Label L is to gain the volume g(L), and A(L, M) is the area that can be moved between L and M.
@@ -29,8 +29,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::blocks::Blocks;
+use super::measure::Measure;
 use super::rounds::Run;
-use super::smoothing::{Support, exceeds_at, is_valid, min_at};
+use super::smoothing::{Support, is_valid};
 use super::star::{Collected, Star};
 use super::worker::{Round, Worker};
 use crate::memory::{reserve, zeroed};
@@ -43,9 +44,14 @@ const OF_ALL: f64 = 1e-4;
 const OF_LABEL: f64 = 1e-3;
 const LABEL_FROM: f64 = 1000.0;
 /// Once volumes are given back, no more than this part of what may change is left.
-const REST: f64 = 0.1;
+const REST: f64 = 0.2;
 /// Most rounds. What each gives back depends on how many vertices can move.
 const MAX_ROUNDS: u32 = 12;
+/// About so many vertices are moved in the first round, and twice as many in each that follows:
+/// enough for what is mostly missing, so that a large mesh does not take seconds.
+const SAMPLE: usize = 20_000;
+/// 2^32 over the golden ratio.
+const MIX: u32 = 0x9E37_79B9;
 /// A vertex moves by no more than this part of the tolerance in a round.
 const MAX_STEP: f64 = 0.25;
 /// Parts of the way that are tried.
@@ -90,16 +96,17 @@ impl Run<'_, '_> {
             return Ok(None);
         }
         let blocks = Blocks::new(&self.mesh.points, self.mesh.tets.len());
-        let mut of_interfaces = vertices_of_interfaces(self.mesh)?;
-        for _ in 0..MAX_ROUNDS {
+        let of_interfaces = vertices_of_interfaces(self.mesh)?;
+        for round in 0..MAX_ROUNDS {
             let Some(missing) = self.missing(volumes, REST) else { break };
             let of_vertices = blocks.of_vertices(self.mesh, self.rounds)?;
             self.rounds += 1;
-            of_interfaces.par_iter_mut().with_min_len(CHUNK).for_each(|vertex| {
+            let mut sample = sample_of(&of_interfaces, round)?;
+            sample.par_iter_mut().for_each(|vertex| {
                 vertex.block = of_vertices[vertex.index as usize];
             });
-            of_interfaces.par_sort_unstable();
-            let jobs: Vec<&[Vertex]> = of_interfaces.chunk_by(|a, b| a.block == b.block).collect();
+            sample.par_sort_unstable();
+            let jobs: Vec<&[Vertex]> = sample.chunk_by(|a, b| a.block == b.block).collect();
             let lengths = || jobs.iter().map(|job| job.len());
             let mut areas = BTreeMap::new();
             for of_job in self.side_by_side(&of_vertices, lengths(), |round, job| {
@@ -205,15 +212,24 @@ impl Worker<'_, '_> {
         Some(Between { labels, ids: labels.map(|label| interfaces.id(label)), area: areas.sum() })
     }
 
-    /// Whether the vertex of a star may go from one place to another: nothing gets worse that is
-    /// below what was asked for, and nothing else comes below it.
+    /// Whether the vertex of a star may go from one place to another: no tet and no facet comes
+    /// below what was asked for, or gets worse if it is below already.
     fn may_be(&self, star: &Star, from: DVec3, to: DVec3) -> bool {
         let Round { measure, interfaces, .. } = self.round;
-        let least = min_at(star, *measure, from).min(measure.target).next_down();
+        // Where nothing else helped a tet may be long: such a one is to keep its angles, too.
+        let keeps = |measure: Measure| {
+            let mut tets = star.labels.iter().zip(&star.points);
+            tets.all(|(&label, &[x, y, z])| {
+                label == 0
+                    || measure.exceeds(&[to, x, y, z], measure.target)
+                    || measure.of(&[to, x, y, z]) >= measure.of(&[from, x, y, z])
+            })
+        };
         let farthest = self.farthest() * interfaces.tolerance;
         to.distance(self.refined(star.vertex)) <= farthest
             && self.distance_from_refined(star, to) <= interfaces.tolerance
-            && exceeds_at(star, *measure, to, least)
+            && keeps(*measure)
+            && keeps(measure.last())
             && is_valid(star, to)
             && self.keeps_facets(star, to)
     }
@@ -245,6 +261,21 @@ fn vertices_of_interfaces(mesh: &TetMesh) -> Result<Vec<Vertex>> {
         }
     }
     Ok(vertices)
+}
+
+/// The vertices that may be moved in a round: of many one in so many, others each time.
+fn sample_of(vertices: &[Vertex], round: u32) -> Result<Vec<Vertex>> {
+    let stride = (vertices.len() / (SAMPLE << round)).max(1) as u32;
+    // Mixed, so that neighbours, whose numbers are near, are not chosen together.
+    let is_chosen =
+        |vertex: &&Vertex| (vertex.index.wrapping_mul(MIX) >> 8).wrapping_add(round) % stride == 0;
+    let mut sample = Vec::new();
+    reserve(&mut sample, vertices.len() / stride as usize, "vertices of interfaces")?;
+    for &vertex in vertices.iter().filter(is_chosen) {
+        reserve(&mut sample, 1, "vertices of interfaces")?;
+        sample.push(vertex);
+    }
+    Ok(sample)
 }
 
 /// The potentials of ids that give each what it is to gain, where so large areas can be moved

@@ -324,12 +324,24 @@ fn check_promises(name: &str, [before, after]: &[MeshResult; 2], max_left: usize
         (volume_after - volume).abs() <= 1e-4 * volume,
         "{name}: {volume_after} of {volume} in all"
     );
-    // Angles, but for those that are listed as they are.
-    let mesh = &after.mesh;
+    check_angles(name, &after.mesh, improvement);
+    let left = improvement.left.len();
+    assert!(left <= max_left, "{name}: {left} tets are left: {:?}", improvement.left);
+    assert!(
+        after.report.quality.min_facet_angle >= 30.0 - 1e-9,
+        "{name}: {}",
+        after.report.quality.min_facet_angle
+    );
+    assert!(after.mesh.tets.len() <= before.mesh.tets.len(), "{name}: more tets than before");
+    check_distance(name, before, after);
+}
+
+/// Asserts that tets have the angles of the target, but for those that are listed as they are.
+fn check_angles(name: &str, mesh: &TetMesh, improvement: &Improvement) {
     let target = improvement.target;
     let left: BTreeMap<u32, _> = improvement.left.iter().map(|left| (left.tet, left)).collect();
-    assert!(left.len() <= max_left, "{name}: {} tets are left: {:?}", left.len(), improvement.left);
-    for (t, tet) in mesh.tets.iter().enumerate().filter(|&(t, _)| mesh.labels[t] != 0) {
+    let tets = mesh.tets.iter().enumerate();
+    for (t, tet) in tets.filter(|&(t, tet)| tet[0] != NONE && mesh.labels[t] != 0) {
         let p = tet.map(|v| mesh.point(v));
         let [min, largest] = angle_range(p);
         let is_below = min < target - 1e-6 || largest > 180.0 - target + 1e-6;
@@ -345,13 +357,6 @@ fn check_promises(name: &str, [before, after]: &[MeshResult; 2], max_left: usize
             None => assert!(!is_below, "{name}: tet {t} has angles of {min} to {largest}"),
         }
     }
-    assert!(
-        after.report.quality.min_facet_angle >= 30.0 - 1e-9,
-        "{name}: {}",
-        after.report.quality.min_facet_angle
-    );
-    assert!(after.mesh.tets.len() <= before.mesh.tets.len(), "{name}: more tets than before");
-    check_distance(name, before, after);
 }
 
 /// Vertices of interfaces must be near where refinement put the interface.
@@ -551,12 +556,13 @@ fn labels_get_their_volumes_back() {
     let balls = (0..4).map(|i| ball([20; 3], [1.0; 3], 5.0 + f64::from(i)).unwrap());
     let noises = (0..4).map(|seed| noise([16, 15, 14], [1.0, 1.1, 0.9], 3, seed));
     for image in balls.chain(noises) {
-        for delta in [1.0, 3.0] {
+        for (delta, target) in [(1.0, 15.0), (1.0, 20.0), (3.0, 15.0)] {
             let refined = refined(&image, &params(delta));
             let [kept, changed] = [&refined.volumes[..], &[]].map(|volumes| {
                 let (mesh, improvement, _) =
-                    improved_within(&refined, Improve::Full, 15.0, volumes, &|| Ok(()));
+                    improved_within(&refined, Improve::Full, target, volumes, &|| Ok(()));
                 check_cover(&mesh, refined.box_volume, "volumes");
+                check_angles("volumes", &mesh, &improvement);
                 improvement.counts
             });
             // The background loses what the others gain, and has no limit.
