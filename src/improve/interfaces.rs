@@ -48,9 +48,10 @@ impl<'a> Interfaces<'a> {
     }
 
     /// The id of a label of the image.
-    pub fn id(&self, label: i32) -> usize {
+    pub fn id(&self, label: i32) -> u16 {
         // The background comes first, the others in order.
-        if label == 0 { 0 } else { 1 + self.labels[1..].partition_point(|&other| other < label) }
+        let before = || 1 + self.labels[1..].partition_point(|&other| other < label) as u16;
+        if label == 0 { 0 } else { before() }
     }
 
     /// Whether a facet between two labels is where the image has that interface: has the first

@@ -3,13 +3,11 @@
 //! A flip or move on an interface keeps within the tolerance, but takes some volume from one label
 //! and gives it to another. Over many that evens out. In a small mesh, or where facets are large
 //! for what they bound, it may not. So where more than [`OF_ALL`] or [`OF_LABEL`] has changed,
-//! vertices of interfaces are moved along their normals in the end, those between the same two
-//! labels by the same distance; in a large mesh a sample of them.
+//! vertices of interfaces are moved along their normals in the end.
 //!
-//! # Which distance
-//! Label L is to gain the volume g(L), and A(L, M) is the area that can be moved between L and M.
-//! The interface between them moves from L towards M by p(L) - p(M), where p of the background is 0
-//! and
+//! # How far
+//! Label L is to gain the volume g(L), and A(L, M) is the area between L and M. The interface
+//! between them is to move from L towards M by p(L) - p(M), where p of the background is 0 and
 //!
 //! ```text
 //! for each label L:  sum over M of A(L, M) (p(L) - p(M)) = g(L)
@@ -19,8 +17,14 @@
 //! weighted by area: p are the Lagrange multipliers. It is Laplace's equation on the graph of
 //! labels, solved by conjugate gradients.
 //!
-//! A vertex stays where it is if a tet around it would fall below the target, or a facet below its
-//! angle. So the rest is sought again, among those vertices that can move.
+//! # Which vertices
+//! These distances are mostly below a hundredth of what a vertex may move. Where all vertices were
+//! to move by so little, some of them move farther, by [`STEP`] at most, chosen by their numbers:
+//! so the work grows with the volume that is missing, not with the mesh.
+//!
+//! A vertex stays where it is if it is on a line, or a tet around it would fall below the target,
+//! or a facet below its angle. So what is missing then is sought again, with more effort the less
+//! the round before has done: all distances are multiplied by it.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -34,6 +38,8 @@ use super::rounds::Run;
 use super::smoothing::{Support, is_valid};
 use super::star::{Collected, Star};
 use super::worker::{Round, Worker};
+use crate::delaunay::tet::FACET;
+use crate::geometry::measures::triangle_area;
 use crate::memory::{reserve, zeroed};
 use crate::mesh::{NONE, TetMesh};
 use crate::{Error, Result};
@@ -44,18 +50,19 @@ const OF_ALL: f64 = 1e-4;
 const OF_LABEL: f64 = 1e-3;
 const LABEL_FROM: f64 = 1000.0;
 /// Once volumes are given back, no more than this part of what may change is left.
-const REST: f64 = 0.2;
+const REST: f64 = 0.5;
 /// Most rounds. What each gives back depends on how many vertices can move.
 const MAX_ROUNDS: u32 = 12;
-/// About so many vertices are moved in the first round, and twice as many in each that follows:
-/// enough for what is mostly missing, so that a large mesh does not take seconds.
-const SAMPLE: usize = 20_000;
-/// 2^32 over the golden ratio.
-const MIX: u32 = 0x9E37_79B9;
 /// A vertex moves by no more than this part of the tolerance in a round.
-const MAX_STEP: f64 = 0.25;
-/// Parts of the way that are tried.
-const PARTS: [f64; 2] = [1.0, 0.5];
+const STEP: f64 = 0.4;
+/// No fewer vertices are chosen between two labels, on average, if there are as many.
+const FEWEST: f64 = 4.0;
+/// What a round has done counts as this part of what was missing at least, and the effort grows no
+/// larger than that: where hardly any vertex can move.
+const LEAST_DONE: f64 = 0.1;
+const MAX_EFFORT: f64 = 100.0;
+/// Where interfaces are to move by less than this part of the tolerance they stay.
+const LEAST: f64 = 1e-4;
 /// The residual of the solution, in parts of what is to be gained.
 const RESIDUAL: f64 = 1e-6;
 /// Most steps towards it; labels are few steps from the background.
@@ -65,24 +72,35 @@ const SHIFT: f64 = 1e-6;
 /// Tets, or vertices, per piece of work.
 const CHUNK: usize = 1 << 12;
 
+/// The ids of two labels, the smaller one first.
+type Pair = [u16; 2];
+
 /// A vertex of an interface.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy)]
 struct Vertex {
-    /// Where it lies in this round.
-    block: u32,
     index: u32,
-    /// One of its tets.
+    /// One of its tets, which has an interface facet with it.
     tet: u32,
+    /// Of that facet.
+    pair: Pair,
 }
 
-/// What a vertex is between.
+/// A vertex that is to be moved.
+#[derive(Clone, Copy)]
+struct Chosen {
+    /// Where it lies in this round.
+    block: u32,
+    vertex: Vertex,
+    /// How far, from the first of the pair to the other.
+    distance: f64,
+}
+
+/// The interfaces between the ids of two labels.
+#[derive(Clone, Copy, Default)]
 struct Between {
-    /// The labels below and above.
-    labels: [i32; 2],
-    ids: [usize; 2],
-    /// By how much the one below grows with a move of the vertex: its derivative. This leads from
-    /// the one below to the one above.
-    area: DVec3,
+    area: f64,
+    /// How many vertices have their pair.
+    vertices: f64,
 }
 
 impl Run<'_, '_> {
@@ -96,34 +114,34 @@ impl Run<'_, '_> {
             return Ok(None);
         }
         let blocks = Blocks::new(&self.mesh.points, self.mesh.tets.len());
-        let of_interfaces = vertices_of_interfaces(self.mesh)?;
-        for round in 0..MAX_ROUNDS {
+        let ids = self.ids_of_tets()?;
+        let vertices = vertices_of_interfaces(self.mesh, &ids)?;
+        let mut interfaces = areas(self.mesh, &ids);
+        for vertex in &vertices {
+            interfaces.entry(vertex.pair).or_default().vertices += 1.0;
+        }
+        drop(ids);
+        let (mut effort, mut before) = (1.0, None);
+        for _ in 0..MAX_ROUNDS {
             let Some(missing) = self.missing(volumes, REST) else { break };
+            if let Some(before) = before.replace(missing.clone()) {
+                let done = done(&before, &missing).max(LEAST_DONE);
+                effort = (effort / done).clamp(1.0, MAX_EFFORT);
+            }
+            let potentials = potentials(missing, &interfaces);
             let of_vertices = blocks.of_vertices(self.mesh, self.rounds)?;
             self.rounds += 1;
-            let mut sample = sample_of(&of_interfaces, round)?;
-            sample.par_iter_mut().for_each(|vertex| {
-                vertex.block = of_vertices[vertex.index as usize];
-            });
-            sample.par_sort_unstable();
-            let jobs: Vec<&[Vertex]> = sample.chunk_by(|a, b| a.block == b.block).collect();
-            let lengths = || jobs.iter().map(|job| job.len());
-            let mut areas = BTreeMap::new();
-            for of_job in self.side_by_side(&of_vertices, lengths(), |round, job| {
-                Worker::new(round, jobs[job][0].block, 0..0, 0..0).areas(jobs[job])
-            }) {
-                match of_job {
-                    Ok(of_job) => of_job
-                        .into_iter()
-                        .for_each(|(ids, area)| *areas.entry(ids).or_insert(0.0) += area),
-                    Err(ended) => return Ok(Some(ended)),
-                }
+            let mut chosen = self.choose(&vertices, &interfaces, &potentials, effort)?;
+            for chosen in &mut chosen {
+                chosen.block = of_vertices[chosen.vertex.index as usize];
             }
-            let potentials = potentials(missing, &areas);
+            chosen.par_sort_unstable_by_key(|chosen| (chosen.block, chosen.vertex.index));
+            let jobs: Vec<&[Chosen]> = chosen.chunk_by(|a, b| a.block == b.block).collect();
+            let lengths = jobs.iter().map(|job| job.len());
             let mut ended = None;
-            for (counts, result) in self.side_by_side(&of_vertices, lengths(), |round, job| {
+            for (counts, result) in self.side_by_side(&of_vertices, lengths, |round, job| {
                 let mut worker = Worker::new(round, jobs[job][0].block, 0..0, 0..0);
-                let result = worker.shift(jobs[job], &potentials);
+                let result = worker.shift(jobs[job]);
                 (worker.counts, result)
             }) {
                 self.counts.add(&counts);
@@ -136,13 +154,50 @@ impl Run<'_, '_> {
         Ok(None)
     }
 
+    /// Those vertices that are to be moved in the next round, so that interfaces move as the
+    /// differences of the potentials say.
+    fn choose(
+        &self,
+        vertices: &[Vertex],
+        interfaces: &BTreeMap<Pair, Between>,
+        potentials: &[f64],
+        effort: f64,
+    ) -> Result<Vec<Chosen>> {
+        let tolerance = self.interfaces.tolerance;
+        // One in how many, and how far.
+        let move_of = |pair: Pair| {
+            let [a, b] = pair.map(|id| potentials[usize::from(id)]);
+            let (distance, step) = (effort * (a - b), STEP * tolerance);
+            let fewest = FEWEST / interfaces[&pair].vertices;
+            let part = (distance.abs() / step).max(effort * fewest).min(1.0);
+            match distance.abs() < LEAST * tolerance {
+                true => (0.0, 0.0),
+                false => (part, (distance / part).clamp(-step, step)),
+            }
+        };
+        let (mut chosen, mut last) = (Vec::new(), None);
+        for &vertex in vertices {
+            // Mostly that of the vertex before.
+            let (part, distance) = match last {
+                Some((pair, it)) if pair == vertex.pair => it,
+                _ => move_of(vertex.pair),
+            };
+            last = Some((vertex.pair, (part, distance)));
+            if at_random(vertex.index, self.rounds) < part {
+                reserve(&mut chosen, 1, "vertices of interfaces")?;
+                chosen.push(Chosen { block: 0, vertex, distance });
+            }
+        }
+        Ok(chosen)
+    }
+
     /// What the id of each label is to gain; `None` where no more than this part of what may change
     /// has changed.
     fn missing(&self, volumes: &[f64], part: f64) -> Option<Vec<f64>> {
         let of_voxel = self.interfaces.oracle.spacing().element_product();
         let mut missing = vec![0.0; volumes.len()];
         for &(label, gained) in &self.counts.volumes {
-            if let Some(missing) = missing.get_mut(self.interfaces.id(label)) {
+            if let Some(missing) = missing.get_mut(usize::from(self.interfaces.id(label))) {
                 *missing = -gained;
             }
         }
@@ -154,36 +209,49 @@ impl Run<'_, '_> {
             || of_labels().any(|(missing, &volume)| {
                 volume >= LABEL_FROM * of_voxel && missing.abs() > part * OF_LABEL * volume
             });
-        is_off.then_some(missing)
+        if !is_off {
+            return None;
+        }
+        // Where all are right together, what is right alone stays.
+        if all[0].abs() <= part * OF_ALL * all[1] {
+            for (missing, volume) in missing.iter_mut().zip(volumes) {
+                if missing.abs() <= part * OF_LABEL * volume {
+                    *missing = 0.0;
+                }
+            }
+        }
+        Some(missing)
+    }
+
+    /// The id of each tet's label.
+    fn ids_of_tets(&self) -> Result<Vec<u16>> {
+        let mut ids = zeroed(self.mesh.tets.len(), "tets of the mesh")?;
+        let pieces = ids.par_chunks_mut(CHUNK).zip(self.mesh.labels.par_chunks(CHUNK));
+        pieces.for_each(|(ids, labels)| {
+            let mut last = (0, 0);
+            for (id, &label) in ids.iter_mut().zip(labels) {
+                // Mostly that of the tet before.
+                if label != last.0 {
+                    last = (label, self.interfaces.id(label));
+                }
+                *id = last.1;
+            }
+        });
+        Ok(ids)
     }
 }
 
 impl Worker<'_, '_> {
-    /// The areas between the ids of two labels that these vertices move.
-    fn areas(&mut self, vertices: &[Vertex]) -> Result<BTreeMap<[usize; 2], f64>> {
+    /// Moves these vertices, if they can be moved.
+    fn shift(&mut self, chosen: &[Chosen]) -> Result<()> {
         (self.round.report_and_check)(0)?;
-        let mut areas = BTreeMap::new();
-        for &vertex in vertices {
-            if let Some(Between { ids, area, .. }) = self.between(vertex) {
-                *areas.entry(ids).or_insert(0.0) += area.length();
-            }
-        }
-        Ok(areas)
-    }
-
-    /// Moves these vertices by the differences of the potentials, as far as they can be.
-    fn shift(&mut self, vertices: &[Vertex], potentials: &[f64]) -> Result<()> {
-        let max = MAX_STEP * self.round.interfaces.tolerance;
-        (self.round.report_and_check)(0)?;
-        for &vertex in vertices {
-            let Some(Between { labels, ids: [below, above], area }) = self.between(vertex) else {
-                continue;
-            };
-            let (normal, at) = (area.normalize_or_zero(), self.point(vertex.index));
-            let distance = (potentials[below] - potentials[above]).clamp(-max, max);
-            let star = std::mem::take(&mut self.star);
-            let places = PARTS.map(|part| at + normal * (part * distance));
-            if let Some(to) = places.into_iter().find(|&to| self.may_be(&star, at, to)) {
+        for &Chosen { vertex, distance, .. } in chosen {
+            let Some((labels, normal)) = self.surface_at(vertex) else { continue };
+            let first = self.round.interfaces.id(labels[0]);
+            let distance = if first == vertex.pair[0] { distance } else { -distance };
+            let (star, at) = (std::mem::take(&mut self.star), self.point(vertex.index));
+            let to = at + normal * distance;
+            if self.may_be(&star, at, to) {
                 let support = Support::Interface { labels, normal, off: DVec3::ZERO };
                 self.move_vertex(&star, support, to);
                 star.tets.iter().for_each(|&t| self.round.shared.note_changed(t));
@@ -193,23 +261,24 @@ impl Worker<'_, '_> {
         Ok(())
     }
 
-    /// What a vertex is between, if all around it is the block's, and two labels meet there in a
-    /// surface that nothing holds. Its star is then at hand.
-    fn between(&mut self, vertex: Vertex) -> Option<Between> {
+    /// The labels below and above a vertex, and the normal between them, if all around it is the
+    /// block's, and only two labels meet there, in a surface that nothing holds. Its star is then
+    /// at hand.
+    fn surface_at(&mut self, vertex: Vertex) -> Option<([i32; 2], DVec3)> {
         let mut star = std::mem::take(&mut self.star);
         let Vertex { index, tet, .. } = vertex;
         let collected = star.collect(&self.round.shared, tet, index, |tet| self.owns(tet));
         self.star = star;
         let labels = (collected == Collected::Star).then(|| self.star.surface()).flatten()?;
-        let (at, interfaces) = (self.point(index), self.round.interfaces);
-        if interfaces.oracle.walls_at(at).count() > 0 || interfaces.oracle.is_near_contact(at) {
+        let (at, oracle) = (self.point(index), self.round.interfaces.oracle);
+        if oracle.walls_at(at).count() > 0 || oracle.is_near_contact(at) {
             return None;
         }
         let areas = self.star.facets.iter().map(|facet| {
             let [p, q] = facet.others.map(|v| self.point(v) - at);
-            p.cross(q) / 6.0
+            p.cross(q)
         });
-        Some(Between { labels, ids: labels.map(|label| interfaces.id(label)), area: areas.sum() })
+        Some((labels, areas.sum::<DVec3>().try_normalize()?))
     }
 
     /// Whether the vertex of a star may go from one place to another: no tet and no facet comes
@@ -235,61 +304,99 @@ impl Worker<'_, '_> {
     }
 }
 
-/// The vertices of interface facets, each with the first of its tets that has one.
-fn vertices_of_interfaces(mesh: &TetMesh) -> Result<Vec<Vertex>> {
-    let first: Vec<AtomicU32> = zeroed(mesh.points.len(), "vertices of interfaces")?;
+/// Which part of what was missing before is there now.
+fn done(before: &[f64], now: &[f64]) -> f64 {
+    let [sum, of] = before.iter().zip(now).skip(1).fold([0.0; 2], |[sum, of], (before, now)| {
+        [sum + before * (before - now), of + before * before]
+    });
+    sum / of
+}
+
+/// A number from 0 to below 1 for a vertex, another one in each round, as good as random.
+fn at_random(vertex: u32, round: u32) -> f64 {
+    let mut bits = vertex ^ round.rotate_right(5);
+    // The finalizer of MurmurHash3 (A. Appleby).
+    bits = (bits ^ bits >> 16).wrapping_mul(0x85EB_CA6B);
+    bits = (bits ^ bits >> 13).wrapping_mul(0xC2B2_AE35);
+    f64::from(bits ^ bits >> 16) / 2.0_f64.powi(32)
+}
+
+/// The ids on the two sides of a tet's facet, if these differ and there are two sides.
+fn pair_at(mesh: &TetMesh, ids: &[u16], t: usize, facet: usize) -> Option<Pair> {
+    let (id, other) = (ids[t], *ids.get(mesh.neighbors[t][facet] as usize)?);
+    (id != other).then_some([id.min(other), id.max(other)])
+}
+
+/// The area between the ids of each two labels.
+fn areas(mesh: &TetMesh, ids: &[u16]) -> BTreeMap<Pair, Between> {
+    let of_chunk = |chunk: usize| {
+        let mut areas: BTreeMap<Pair, f64> = BTreeMap::new();
+        for t in chunk * CHUNK..((chunk + 1) * CHUNK).min(mesh.tets.len()) {
+            if mesh.tets[t][0] == NONE {
+                continue;
+            }
+            for (facet, corners) in FACET.iter().enumerate() {
+                // Each facet once.
+                if let Some(pair) = pair_at(mesh, ids, t, facet)
+                    && ids[t] == pair[1]
+                {
+                    let corners = corners.map(|i| mesh.point(mesh.tets[t][i]));
+                    *areas.entry(pair).or_insert(0.0) += triangle_area(&corners);
+                }
+            }
+        }
+        areas
+    };
+    let chunks = mesh.tets.len().div_ceil(CHUNK);
+    let of_chunks: Vec<_> = (0..chunks).into_par_iter().map(of_chunk).collect();
+    let mut all: BTreeMap<Pair, Between> = BTreeMap::new();
+    for (pair, area) in of_chunks.into_iter().flatten() {
+        all.entry(pair).or_default().area += area;
+    }
+    all
+}
+
+/// The vertices of interface facets, each with the last of its tets that has such a facet there.
+fn vertices_of_interfaces(mesh: &TetMesh, ids: &[u16]) -> Result<Vec<Vertex>> {
+    // With 1 added: zero is none.
+    let last: Vec<AtomicU32> = zeroed(mesh.points.len(), "vertices of interfaces")?;
     mesh.tets.par_iter().enumerate().with_min_len(CHUNK).for_each(|(t, tet)| {
-        let label_across = |i: usize| mesh.labels.get(mesh.neighbors[t][i] as usize);
-        let is_interface = |i| label_across(i).is_some_and(|&label| label != mesh.labels[t]);
         if tet[0] == NONE {
             return;
         }
+        let is_interface = [0, 1, 2, 3].map(|facet| pair_at(mesh, ids, t, facet).is_some());
         for (i, &v) in tet.iter().enumerate() {
-            if (0..4).any(|facet| facet != i && is_interface(facet)) {
-                // Counted down, so that zero is none.
-                first[v as usize].fetch_max(u32::MAX - t as u32, Relaxed);
+            if (0..4).any(|facet| facet != i && is_interface[facet]) {
+                last[v as usize].fetch_max(t as u32 + 1, Relaxed);
             }
         }
     });
-    let count = first.par_iter().filter(|first| first.load(Relaxed) != 0).count();
     let mut vertices = Vec::new();
-    reserve(&mut vertices, count, "vertices of interfaces")?;
-    for (index, first) in (0..).zip(first) {
-        let first = first.into_inner();
-        if first != 0 {
-            vertices.push(Vertex { block: 0, index, tet: u32::MAX - first });
+    for (index, last) in (0..).zip(last) {
+        let Some(tet) = last.into_inner().checked_sub(1) else { continue };
+        let own = mesh.tets[tet as usize].iter().position(|&v| v == index);
+        let mut facets = (0..4).filter(|&facet| Some(facet) != own);
+        if let Some(pair) = facets.find_map(|facet| pair_at(mesh, ids, tet as usize, facet)) {
+            reserve(&mut vertices, 1, "vertices of interfaces")?;
+            vertices.push(Vertex { index, tet, pair });
         }
     }
     Ok(vertices)
 }
 
-/// The vertices that may be moved in a round: of many one in so many, others each time.
-fn sample_of(vertices: &[Vertex], round: u32) -> Result<Vec<Vertex>> {
-    let stride = (vertices.len() / (SAMPLE << round)).max(1) as u32;
-    // Mixed, so that neighbours, whose numbers are near, are not chosen together.
-    let is_chosen =
-        |vertex: &&Vertex| (vertex.index.wrapping_mul(MIX) >> 8).wrapping_add(round) % stride == 0;
-    let mut sample = Vec::new();
-    reserve(&mut sample, vertices.len() / stride as usize, "vertices of interfaces")?;
-    for &vertex in vertices.iter().filter(is_chosen) {
-        reserve(&mut sample, 1, "vertices of interfaces")?;
-        sample.push(vertex);
-    }
-    Ok(sample)
-}
-
 /// The potentials of ids that give each what it is to gain, where so large areas can be moved
 /// between two of them; id 0 has 0.
-fn potentials(gains: Vec<f64>, areas: &BTreeMap<[usize; 2], f64>) -> Vec<f64> {
+fn potentials(gains: Vec<f64>, areas: &BTreeMap<Pair, Between>) -> Vec<f64> {
     let count = gains.len();
     let mut diagonal = vec![0.0; count];
-    for (&ids, area) in areas {
-        ids.into_iter().for_each(|id| diagonal[id] += (1.0 + SHIFT) * area);
+    for (&ids, Between { area, .. }) in areas {
+        ids.into_iter().for_each(|id| diagonal[usize::from(id)] += (1.0 + SHIFT) * area);
     }
     diagonal[0] = 0.0;
     let times = |x: &[f64]| {
         let mut product: Vec<f64> = x.iter().zip(&diagonal).map(|(x, d)| x * d).collect();
-        for (&[a, b], area) in areas.iter().filter(|([a, b], _)| *a != 0 && *b != 0) {
+        for (ids, Between { area, .. }) in areas.iter().filter(|(ids, _)| !ids.contains(&0)) {
+            let [a, b] = ids.map(usize::from);
             product[a] -= area * x[b];
             product[b] -= area * x[a];
         }
@@ -326,30 +433,35 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn of_area(area: f64) -> Between {
+        Between { area, vertices: 0.0 }
+    }
+
     proptest! {
         /// Labels in a chain, each with the next one, and some with others and the background.
         #[test]
         fn labels_gain_what_they_are_to_gain(
             gains in prop::collection::vec(-1.0..1.0_f64, 2..40),
-            more in prop::collection::vec((0_usize..40, 0_usize..40, 0.01..10.0_f64), 1..60),
+            more in prop::collection::vec((0_u16..40, 0_u16..40, 0.01..10.0_f64), 1..60),
         ) {
-            let count = gains.len();
-            let mut areas: BTreeMap<[usize; 2], f64> =
-                (1..count).map(|id| ([id, id - 1], 1.0)).collect();
+            let count = gains.len() as u16;
+            let mut areas: BTreeMap<Pair, Between> =
+                (1..count).map(|id| ([id - 1, id], of_area(1.0))).collect();
             for (a, b, area) in more {
                 let (a, b) = (a % count, b % count);
                 if a != b {
-                    *areas.entry([a, b]).or_insert(0.0) += area;
+                    areas.entry([a.min(b), a.max(b)]).or_default().area += area;
                 }
             }
             let potentials = potentials(gains.clone(), &areas);
             prop_assert_eq!(potentials[0], 0.0);
-            let mut gained = vec![0.0; count];
-            for (&[a, b], area) in &areas {
+            let mut gained = vec![0.0; gains.len()];
+            for (ids, Between { area, .. }) in &areas {
+                let [a, b] = ids.map(usize::from);
                 gained[a] += area * (potentials[a] - potentials[b]);
                 gained[b] -= area * (potentials[a] - potentials[b]);
             }
-            for id in 1..count {
+            for id in 1..gains.len() {
                 prop_assert!((gained[id] - gains[id]).abs() < 1e-3, "{gained:?} is not {gains:?}");
             }
         }
@@ -359,7 +471,7 @@ mod tests {
     fn what_cannot_move_gains_nothing() {
         assert_eq!(potentials(vec![0.0, 1.0], &BTreeMap::new()), [0.0, 0.0]);
         // Two that meet only each other: one gains what the other loses.
-        let areas = BTreeMap::from([([1, 2], 2.0)]);
+        let areas = BTreeMap::from([([1, 2], of_area(2.0))]);
         let [_, a, b] = potentials(vec![0.0, 1.0, -1.0], &areas)[..] else { panic!() };
         assert!((a - b - 0.5).abs() < 1e-5);
     }
