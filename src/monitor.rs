@@ -63,7 +63,7 @@ pub enum Step {
     Done,
 }
 
-/// Phase of each step, and the part of a run's time at which it starts: as it was on the abdomen at
+/// Phase of each step, and the part of a run's time at which it starts: about as on the abdomen at
 /// delta 2, one thread, with all that is measured, when every tet was asked for unmet rules.
 const STEPS: [(Phase, f64); 12] = [
     (Phase::Prepare, 0.0),

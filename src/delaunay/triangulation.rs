@@ -82,7 +82,7 @@ impl Triangulation {
     /// The records of the tets alone; the memory of all others is given back.
     ///
     /// # Errors
-    /// Those of `go_on`; all is then given back aside.
+    /// Those of `go_on`; after a cancellation all is given back aside.
     pub fn into_tets(self, go_on: &(dyn Fn() -> Result<()> + Sync)) -> Result<TetRecords> {
         let (tets, ()) = or_drop_aside(self.tets, |_| self.vertices.give_back(go_on))?;
         Ok(tets)

@@ -59,7 +59,7 @@ const FARTHEST_LAST: f64 = 4.0;
 const PROBE: f64 = 0.5;
 /// What would leave the tolerance ends at this part of it, so that its way back to the interface
 /// does not leave it.
-const TO_BORDER: f64 = 0.97;
+pub(super) const TO_BORDER: f64 = 0.97;
 /// Steps towards the shortest vector of a convex hull.
 const MAX_APPROACHES: usize = 24;
 /// How far points around contacts may go, in parts of the tolerance.

@@ -35,7 +35,7 @@ use rayon::prelude::*;
 use super::blocks::Blocks;
 use super::measure::Measure;
 use super::rounds::Run;
-use super::smoothing::{Support, is_valid};
+use super::smoothing::{Support, TO_BORDER, is_valid};
 use super::star::{Collected, Star};
 use super::worker::{Round, Worker};
 use crate::delaunay::tet::FACET;
@@ -60,7 +60,7 @@ const FEWEST: f64 = 4.0;
 /// What a round has done counts as this part of what was missing at least, and the effort grows no
 /// larger than that: where hardly any vertex can move.
 const LEAST_DONE: f64 = 0.1;
-const MAX_EFFORT: f64 = 100.0;
+const MAX_EFFORT: f64 = 30.0;
 /// Where interfaces are to move by less than this part of the tolerance they stay.
 const LEAST: f64 = 1e-4;
 /// The residual of the solution, in parts of what is to be gained.
@@ -125,8 +125,15 @@ impl Run<'_, '_> {
         for _ in 0..MAX_ROUNDS {
             let Some(missing) = self.missing(volumes, REST) else { break };
             if let Some(before) = before.replace(missing.clone()) {
-                let done = done(&before, &missing).max(LEAST_DONE);
-                effort = (effort / done).clamp(1.0, MAX_EFFORT);
+                let done = done(&before, &missing);
+                // What got worse was done with too much effort.
+                effort = match done < 0.0 {
+                    true => 1.0,
+                    false => (effort / done.max(LEAST_DONE)).clamp(1.0, MAX_EFFORT),
+                };
+            }
+            if let Err(ended) = (self.report_and_check)(0) {
+                return Ok(Some(ended));
             }
             let potentials = potentials(missing, &interfaces);
             let of_vertices = blocks.of_vertices(self.mesh, self.rounds)?;
@@ -271,7 +278,8 @@ impl Worker<'_, '_> {
         self.star = star;
         let labels = (collected == Collected::Star).then(|| self.star.surface()).flatten()?;
         let (at, oracle) = (self.point(index), self.round.interfaces.oracle);
-        if oracle.walls_at(at).count() > 0 || oracle.is_near_contact(at) {
+        let is_near_contact = [at, self.refined(index)].iter().any(|&p| oracle.is_near_contact(p));
+        if is_near_contact || oracle.walls_at(at).count() > 0 {
             return None;
         }
         let areas = self.star.facets.iter().map(|facet| {
@@ -296,7 +304,7 @@ impl Worker<'_, '_> {
         };
         let farthest = self.farthest() * interfaces.tolerance;
         to.distance(self.refined(star.vertex)) <= farthest
-            && self.distance_from_refined(star, to) <= interfaces.tolerance
+            && self.distance_from_refined(star, to) <= TO_BORDER * interfaces.tolerance
             && keeps(*measure)
             && keeps(measure.last())
             && is_valid(star, to)

@@ -182,10 +182,11 @@ impl Numbered {
         triangulation: Triangulation,
         monitor: &Monitor<'_>,
     ) -> Result<TetMesh> {
+        let (triangulation, ()) =
+            or_drop_aside(triangulation, |_| monitor.enter(Step::Extract, self.tet_index.len()))?;
         let tets = triangulation.into_tets(&|| monitor.advance(0))?;
         let (mesh, ()) = or_drop_aside(self.make_room()?, |mesh| {
             let to = Columns::of(mesh);
-            monitor.enter(Step::Extract, self.tet_index.len())?;
             tets.drain(&|first, records| {
                 monitor.advance(records.len())?;
                 let slots = first..(first + records.len()).min(self.tet_index.len());

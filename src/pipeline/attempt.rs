@@ -216,7 +216,7 @@ impl Attempt<'_> {
             (false, true) => Background::Last,
             (false, false) => Background::Dropped,
         };
-        let Ordered { numbered, order } =
+        let Ordered { mut numbered, order } =
             refine::number(&rules, image.labels(), background, monitor)?;
         if !numbered.labels().par_iter().any(|&label| label != 0) {
             return Err(refinement.ended_by.take().unwrap_or_else(|| {
@@ -236,7 +236,9 @@ impl Attempt<'_> {
                 None => Asked::LeftOver(&refinement.left_over),
                 Some(_) => Asked::All,
             };
-            let (check, unmet) = crate::refine::examine(&rules, &order, asked, monitor)?;
+            let examine = || crate::refine::examine(&rules, &order, asked, monitor);
+            let (kept, (check, unmet)) = or_drop_aside(numbered, |_| examine())?;
+            numbered = kept;
             let non_delaunay_facets = Some(check.non_delaunay_facets);
             (check, Examined { non_delaunay_facets, unmet: Some(unmet) })
         };

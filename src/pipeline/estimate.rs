@@ -102,7 +102,8 @@ pub fn estimate(
         CertificateLevel::Full => OF_DISTANCES * tables as f64 + limits.bytes_after as f64,
         CertificateLevel::None | CertificateLevel::Sound => 0.0,
     };
-    let after = (BYTES_AFTER + of_nodes) * of_labels + of_distances;
+    let kept = if params.background { all } else { of_labels };
+    let after = (BYTES_AFTER + of_nodes) * kept + of_distances;
     let peak = (BYTES_PER_TET * all).max(after);
 
     let voxels = region.dims.iter().product::<usize>() as f64;
