@@ -21,11 +21,11 @@ pub const CHECK_EVERY: usize = 1 << 12;
 
 /// A sweep fetches the tet this many places ahead: more than there are in a few cells, so that most
 /// neighbours are there before they are asked for.
-pub(crate) const AHEAD: usize = 96;
+const AHEAD: usize = 96;
 
 /// It fetches what the tet this many places ahead leads to, vertices and neighbours; its own record
 /// is there by then.
-pub(crate) const AHEAD_AROUND: usize = 32;
+const AHEAD_AROUND: usize = 32;
 
 /// What the validator counted. All but `tets` and `vertices` are 0 for a sound triangulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -57,9 +57,10 @@ const MAX_ROUNDS: u32 = 12;
 const STEP: f64 = 0.4;
 /// No fewer vertices are chosen between two labels, on average, if there are as many.
 const FEWEST: f64 = 4.0;
-/// What a round has done counts as this part of what was missing at least, and the effort grows no
-/// larger than that: where hardly any vertex can move.
+/// The effort grows by the inverse of the part that a round has given back, but of no less than
+/// this part: hardly any vertex may be able to move.
 const LEAST_DONE: f64 = 0.1;
+/// The largest effort.
 const MAX_EFFORT: f64 = 30.0;
 /// Where interfaces are to move by less than this part of the tolerance they stay.
 const LEAST: f64 = 1e-4;
@@ -138,10 +139,8 @@ impl Run<'_, '_> {
             let potentials = potentials(missing, &interfaces);
             let of_vertices = blocks.of_vertices(self.mesh, self.rounds)?;
             self.rounds += 1;
-            let mut chosen = self.choose(&vertices, &interfaces, &potentials, effort)?;
-            for chosen in &mut chosen {
-                chosen.block = of_vertices[chosen.vertex.index as usize];
-            }
+            let mut chosen =
+                self.choose(&vertices, &of_vertices, &interfaces, &potentials, effort)?;
             chosen.par_sort_unstable_by_key(|chosen| (chosen.block, chosen.vertex.index));
             let jobs: Vec<&[Chosen]> = chosen.chunk_by(|a, b| a.block == b.block).collect();
             let lengths = jobs.iter().map(|job| job.len());
@@ -166,6 +165,7 @@ impl Run<'_, '_> {
     fn choose(
         &self,
         vertices: &[Vertex],
+        of_vertices: &[u32],
         interfaces: &BTreeMap<Pair, Between>,
         potentials: &[f64],
         effort: f64,
@@ -192,7 +192,8 @@ impl Run<'_, '_> {
             last = Some((vertex.pair, (part, distance)));
             if at_random(vertex.index, self.rounds) < part {
                 reserve(&mut chosen, 1, "vertices of interfaces")?;
-                chosen.push(Chosen { block: 0, vertex, distance });
+                let block = of_vertices[vertex.index as usize];
+                chosen.push(Chosen { block, vertex, distance });
             }
         }
         Ok(chosen)
@@ -312,7 +313,7 @@ impl Worker<'_, '_> {
     }
 }
 
-/// Which part of what was missing before is there now.
+/// The part of what was missing before that is missing no more; below 0 if more is missing.
 fn done(before: &[f64], now: &[f64]) -> f64 {
     let [sum, of] = before.iter().zip(now).skip(1).fold([0.0; 2], |[sum, of], (before, now)| {
         [sum + before * (before - now), of + before * before]

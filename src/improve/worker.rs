@@ -5,7 +5,7 @@
 //! is split (`split`), at last several vertices are moved at the same time (`joint`). After each
 //! change the tets that changed are inspected again if they are below the target. Every change
 //! raises the least measure of the tets that it changes by [`GAIN`] at least, so the work ends.
-//! (`volumes` comes later, and has a number of rounds.)
+//! What follows in the end (`volumes`) ends after a fixed number of rounds.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
