@@ -14,7 +14,7 @@ use super::vectors::vectorized;
 pub(crate) const BLOCK: usize = 64;
 
 /// A value of each tet.
-type Row = [f64; BLOCK];
+pub(crate) type Row = [f64; BLOCK];
 
 /// Some tets, at most [`BLOCK`].
 #[repr(align(64))]
@@ -125,7 +125,15 @@ impl TetBlock {
         self.len += 1;
     }
 
+    /// Moves the first vertex of all tets to `p`.
+    pub fn set_first(&mut self, p: DVec3) {
+        for (row, x) in self.corners[0].iter_mut().zip(p.to_array()) {
+            row[..self.len].fill(x);
+        }
+    }
+
     /// The vertices of tet `i`.
+    #[inline(always)]
     pub fn corners(&self, i: usize) -> [DVec3; 4] {
         corners_of(&self.corners, i)
     }

@@ -84,12 +84,14 @@ impl Blocks {
     pub fn of_vertices(&self, mesh: &TetMesh, round: u32) -> Result<Vec<u32>> {
         let mut blocks = zeroed(mesh.points.len(), "blocks of vertices")?;
         let shift = (SHIFT * f64::from(round)).fract();
+        let (along, per_edge) = (self.along.as_uvec3(), 1.0 / self.edge);
         blocks.par_chunks_mut(CHUNK).zip(mesh.points.par_chunks(CHUNK)).for_each(
             |(blocks, points)| {
                 for (block, &p) in blocks.iter_mut().zip(points) {
-                    let at = ((DVec3::from_array(p) - self.lower) / self.edge + shift).floor();
-                    let at = at.max(DVec3::ZERO).min(self.along - 1.0);
-                    *block = (at.x + self.along.x * (at.y + self.along.y * at.z)) as u32;
+                    let at = (DVec3::from_array(p) - self.lower) * per_edge + shift;
+                    // Rounded down; what is below 0 becomes 0.
+                    let at = at.as_uvec3().min(along - 1);
+                    *block = at.x + along.x * (at.y + along.y * at.z);
                 }
             },
         );

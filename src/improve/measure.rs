@@ -84,24 +84,32 @@ impl Measure {
 
     /// The measure of a tet; 0 where the computed volume is not above 0. At most 8/9, that of a
     /// regular tet.
-    #[inline]
+    #[inline(always)]
     pub fn of(&self, corners: &[DVec3; 4]) -> f64 {
-        self.parts(corners).into_iter().fold(f64::INFINITY, f64::min)
+        let (six_volumes, parts) = self.volume_and_parts(corners);
+        // Not with `f64::min`, which looks for what is no number at each step.
+        let least = parts.into_iter().fold(f64::INFINITY, |a, b| if b < a { b } else { a });
+        // Selected, not branched on, so that loops over tets vectorise.
+        if six_volumes > 0.0 { least } else { 0.0 }
     }
 
     /// What the measure is the least of, each a smooth function of the corners but for the last:
     /// the squared sines of the six angles, and what the ratio measures. All are 0 where the
     /// computed volume is not above 0.
     #[inline]
-    pub fn parts(&self, &[a, b, c, d]: &[DVec3; 4]) -> [f64; 7] {
+    pub fn parts(&self, corners: &[DVec3; 4]) -> [f64; 7] {
+        let (six_volumes, parts) = self.volume_and_parts(corners);
+        // Also where it is not a number.
+        if six_volumes > 0.0 { parts } else { [0.0; 7] }
+    }
+
+    /// Six volumes of a tet, and the parts of its measure where these are positive.
+    #[inline(always)]
+    fn volume_and_parts(&self, &[a, b, c, d]: &[DVec3; 4]) -> (f64, [f64; 7]) {
         let (u, v, w) = (b - a, c - a, d - a);
         let (x, y, z) = (c - b, d - b, d - c);
         let (of_b, of_c, of_d) = (v.cross(w), w.cross(u), u.cross(v));
         let six_volumes = u.dot(of_b);
-        // Also where it is not a number.
-        if six_volumes.is_nan() || six_volumes <= 0.0 {
-            return [0.0; 7];
-        }
         let (uu, vv, ww) = (u.length_squared(), v.length_squared(), w.length_squared());
         let (xx, yy, zz) = (x.length_squared(), y.length_squared(), z.length_squared());
         // Of the facet opposite to each vertex: one over four times its squared area.
@@ -111,8 +119,8 @@ impl Measure {
         let over_d = of_d.length_squared().recip();
         // The circumradius is the length of this over twice six volumes.
         let to_center = uu * of_b + vv * of_c + ww * of_d;
-        let shortest = uu.min(vv).min(ww).min(xx).min(yy).min(zz);
-        [
+        let shortest = [vv, ww, xx, yy, zz].into_iter().fold(uu, |a, b| if b < a { b } else { a });
+        let parts = [
             uu * over_c * over_d,
             vv * over_d * over_b,
             ww * over_b * over_c,
@@ -120,8 +128,8 @@ impl Measure {
             yy * over_a * over_c,
             zz * over_a * over_b,
             self.ratio * shortest / to_center.length_squared(),
-        ]
-        .map(|part| part * six_volumes * six_volumes)
+        ];
+        (six_volumes, parts.map(|part| part * six_volumes * six_volumes))
     }
 }
 

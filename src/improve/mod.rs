@@ -7,7 +7,7 @@
 //!
 //! These operations are tried in this order, worst tet first:
 //! 1. Edge removal, inside of a label and on interfaces (`removal`, `ring`).
-//! 2. Smoothing of the vertices, each along what it belongs to (`smoothing`, `star`).
+//! 2. Smoothing of the vertices, each along what it belongs to (`smoothing`, `climb`, `star`).
 //! 3. Splits of edges inside of labels (`split`).
 //!
 //! An operation is carried out only if the least measure of the tets that it changes rises
@@ -27,13 +27,13 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | [`measure`] | how good a tet is |
+//! | [`measure`], `batch` | how good a tet is, how good many are |
 //! | `blocks` | which part of the mesh may be changed by whom |
 //! | `shared` | the mesh's arrays for several threads |
 //! | `rounds` | which block begins with what, round by round |
 //! | `worker` | the queue of a block |
 //! | `ring`, `removal` | edge removal |
-//! | `star`, `smoothing` | moves of vertices, one at a time |
+//! | `star`, `climb`, `smoothing` | moves of vertices, one at a time |
 //! | `joint`, `patch`, `minmax` | moves of several vertices at the same time |
 //! | `split` | new vertices on edges |
 //! | `volumes` | in the end: labels get back what they lost |
@@ -41,7 +41,9 @@
 //! | `coarsen`, `contraction`, `link` | before, where it is asked for: fewer tets |
 //! | [`report`] | what was done |
 
+mod batch;
 mod blocks;
+mod climb;
 mod coarsen;
 mod contraction;
 mod flips;
@@ -67,7 +69,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::geometry::measures::dihedral_angles;
-use crate::memory::{concatenated, reserve, zeroed};
+use crate::geometry::tet_block::BLOCK;
+use crate::memory::{concatenated, prefetch, reserve, zeroed};
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
@@ -75,6 +78,7 @@ use crate::params::Improve;
 use crate::sizing::Sizing;
 use crate::{Error, Result};
 
+use batch::Batch;
 pub use coarsen::{Coarseness, PART as PART_OF_COARSENING, coarsen, facets_below};
 use interfaces::Interfaces;
 use measure::Measure;
@@ -86,6 +90,8 @@ use star::Star;
 
 /// Tets per piece of work.
 const CHUNK: usize = 1 << 12;
+/// So many tets ahead the vertices are fetched.
+const AHEAD: usize = 16;
 /// How far interfaces may be moved, in parts of the smallest side of a voxel: for targets up to
 /// that many degrees, and for the largest ones.
 const TOLERANCE: f64 = 0.1;
@@ -215,14 +221,10 @@ fn is_below(mesh: &TetMesh, t: u32, measure: Measure) -> bool {
         && !measure.exceeds(&tet.map(|v| mesh.point(v)), measure.target)
 }
 
-/// Whether a slot has a tet of the background below the target that closes the angle between two
-/// facets of the object.
-fn is_flat_background(mesh: &TetMesh, t: u32, measure: Measure) -> bool {
-    let t = t as usize;
+/// Whether a tet of the background closes the angle between two facets of the object.
+fn closes_angle(mesh: &TetMesh, t: usize) -> bool {
     let is_object = |&n: &u32| n != NONE && mesh.labels[n as usize] != 0;
-    mesh.labels[t] == 0
-        && mesh.neighbors[t].iter().filter(|&n| is_object(n)).count() >= 2
-        && !measure.exceeds(&mesh.tets[t].map(|v| mesh.point(v)), measure.target)
+    mesh.neighbors[t].iter().filter(|&n| is_object(n)).count() >= 2
 }
 
 /// The tets to be improved, in order.
@@ -232,16 +234,35 @@ fn below(
     background: bool,
     monitor: &Monitor<'_>,
 ) -> Result<Vec<u32>> {
-    let is_wanted =
-        |t: u32| is_below(mesh, t, measure) || background && is_flat_background(mesh, t, measure);
+    let is_candidate = |t: usize| {
+        mesh.tets[t][0] != NONE && (mesh.labels[t] != 0 || background && closes_angle(mesh, t))
+    };
     let count = mesh.tets.len();
-    let chunks = (0..count.div_ceil(CHUNK)).into_par_iter().map(|chunk| {
+    let scratch = || (Batch::default(), [0; BLOCK]);
+    let chunks = (0..count.div_ceil(CHUNK)).into_par_iter();
+    let chunks = chunks.map_init(scratch, |(batch, measured), chunk| {
         monitor.advance(0)?;
-        let tets = (chunk * CHUNK) as u32..((chunk + 1) * CHUNK).min(count) as u32;
+        let end = ((chunk + 1) * CHUNK).min(count);
         let mut found = Vec::new();
-        for t in tets.filter(|&t| is_wanted(t)) {
-            reserve(&mut found, 1, "tets to be improved")?;
-            found.push(t);
+        for piece in (chunk * CHUNK..end).step_by(BLOCK) {
+            batch.clear();
+            let tets = piece..(piece + BLOCK).min(end);
+            for (t, to) in tets.filter(|&t| is_candidate(t)).zip(measured.iter_mut()) {
+                for v in mesh.tets[(t + AHEAD).min(end - 1)] {
+                    prefetch(mesh.points.as_ptr().wrapping_add(v as usize));
+                }
+                batch.push(mesh.tets[t].map(|v| mesh.points[v as usize]));
+                *to = t as u32;
+            }
+            batch.measure(&measure);
+            let below = measured
+                .iter()
+                .zip(batch.measures().flatten())
+                .filter(|&(_, m)| *m <= measure.target);
+            for (&t, _) in below {
+                reserve(&mut found, 1, "tets to be improved")?;
+                found.push(t);
+            }
         }
         Ok(found)
     });

@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 
+use super::climb::DIFFERENCE;
 use super::minmax::{Gradient, NO_VERTEX};
-use super::smoothing::{DIFFERENCE, Place, Support};
+use super::smoothing::{Place, Support};
 use super::star::{Collected, Star};
 use super::worker::Worker;
 

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, Ordering::Rel
 use glam::DVec3;
 
 use crate::memory::atomic::atomic;
+use crate::memory::prefetch;
 use crate::mesh::{NONE, TetMesh};
 
 /// The arrays of a mesh, for all threads.
@@ -72,6 +73,23 @@ impl<'m> Shared<'m> {
         self.neighbors[t as usize][i].store(neighbor, Relaxed);
     }
 
+    /// Asks for what tells of a tet.
+    #[inline(always)]
+    pub fn prefetch(&self, t: u32) {
+        prefetch(self.tets.as_ptr().wrapping_add(t as usize));
+        prefetch(self.neighbors.as_ptr().wrapping_add(t as usize));
+        prefetch(self.labels.as_ptr().wrapping_add(t as usize));
+    }
+
+    /// Asks for the vertices of a tet and for the tets beside it.
+    #[inline(always)]
+    pub fn prefetch_around(&self, t: u32) {
+        for (i, v) in self.tet(t).into_iter().enumerate() {
+            prefetch(self.points.as_ptr().wrapping_add(v as usize));
+            self.prefetch(self.neighbor(t, i));
+        }
+    }
+
     /// Which facet of `t` lies between it and `neighbor`.
     pub fn facet_to(&self, t: u32, neighbor: u32) -> Option<usize> {
         (0..4).find(|&i| self.neighbor(t, i) == neighbor)
@@ -86,9 +104,10 @@ impl<'m> Shared<'m> {
         self.note_changed(t);
     }
 
-    /// Empties a slot.
+    /// Empties a slot. Its label is that of the background then.
     pub fn free(&self, t: u32) {
         self.tets[t as usize][0].store(NONE, Relaxed);
+        self.labels[t as usize].store(0, Relaxed);
     }
 
     /// Notes that a tet is not the one that refinement made.

@@ -1,10 +1,7 @@
 //! Smoothing: a vertex is moved so that the worst tet around it gets better.
 //!
-//! The least measure of the tets around a vertex is a function of where the vertex is, with kinks
-//! where another tet becomes the worst. It rises fastest along the shortest vector in the convex
-//! hull of the gradients of the worst tets (L. A. Freitag, M. Jones, P. Plassmann, "An efficient
-//! parallel algorithm for mesh smoothing", 1995). Along this direction the step is halved until the
-//! least measure rises.
+//! It goes in the direction in which that rises fastest (see [`climb`](super::climb)). The step is
+//! halved until the least measure rises.
 //!
 //! A vertex keeps to what it belongs to:
 //!
@@ -21,8 +18,9 @@
 
 use glam::DVec3;
 
+use super::climb::{Climb, Tight};
 use super::interfaces::facet_measure;
-use super::measure::{Measure, is_positive};
+use super::measure::is_positive;
 use super::report::Counts;
 use super::star::{Collected, Star};
 use super::worker::{GAIN, Outcome, Worker};
@@ -37,12 +35,6 @@ const MAX_STEPS_INSIDE: usize = 20;
 const RELAXED: f64 = 2.0;
 /// Halvings of a step.
 const MAX_HALVINGS: usize = 6;
-/// Tets whose measure is below the least by this factor, or a little more, shape the direction.
-const ACTIVE: f64 = 1.5;
-/// Most of them.
-const MAX_ACTIVE: usize = 12;
-/// The step by which gradients are taken, in parts of the length of an edge.
-pub(super) const DIFFERENCE: f64 = 1e-6;
 /// The first step on an interface is this part of the tolerance at least.
 const SHORTEST_STEP: f64 = 0.1;
 /// A vertex inside moves by no more than this part of its shortest edge in a step.
@@ -60,8 +52,6 @@ const PROBE: f64 = 0.5;
 /// What would leave the tolerance ends at this part of it, so that its way back to the interface
 /// does not leave it.
 pub(super) const TO_BORDER: f64 = 0.97;
-/// Steps towards the shortest vector of a convex hull.
-const MAX_APPROACHES: usize = 24;
 /// How far points around contacts may go, in parts of the tolerance.
 const AROUND_CONTACTS: f64 = 0.5;
 
@@ -105,12 +95,6 @@ impl Support {
             Support::Inside | Support::Near | Support::Walls => way,
         }
     }
-}
-
-/// The other vertices of interface facets whose angles must not get smaller.
-struct Tight {
-    count: usize,
-    others: [[DVec3; 2]; MAX_ACTIVE],
 }
 
 impl Worker<'_, '_> {
@@ -175,26 +159,30 @@ impl Worker<'_, '_> {
             Collected::Open => return Outcome::Failed,
         }
         let start = self.point(v);
-        let before = min_at(star, self.round.measure, start);
+        let mut climb = std::mem::take(&mut self.climb);
+        let outcome = self.smooth_star(star, start, &mut climb);
+        self.climb = climb;
+        outcome
+    }
+
+    /// The same for the vertex of a star, which is at `start`.
+    fn smooth_star(&mut self, star: &Star, start: DVec3, climb: &mut Climb) -> Outcome {
+        climb.begin(star, &self.round.measure, start);
+        let before = climb.min;
         // The worst tet may not be one of this vertex's.
         if before >= self.aim {
             return Outcome::Failed;
         }
-        let walls = self.round.interfaces.oracle.walls_at(start);
-        let supports = self.supports(star, start, &walls);
-        for support in supports {
-            let (mut at, mut min) = (start, before);
-            for _ in 0..MAX_STEPS {
-                match self.step(star, support, &walls, at, min) {
-                    Some(better) => (at, min) = better,
-                    None => break,
-                }
-                if min >= self.aim {
-                    break;
-                }
+        let place =
+            |support| Place { support, walls: self.round.interfaces.oracle.walls_at(start) };
+        let [first, second] = self.supports(star, start, &place(Support::Fixed).walls).map(place);
+        for (n, place) in [first, second].into_iter().enumerate() {
+            if n > 0 {
+                climb.begin(star, &self.round.measure, start);
             }
-            if min > self.to_exceed(before) && is_valid(star, at) {
-                self.commit(star, support, at);
+            self.climb(star, &place, climb, MAX_STEPS, self.aim);
+            if climb.min > self.to_exceed(before) && is_valid(star, climb.at) {
+                self.commit(star, place.support, climb.at);
                 return Outcome::Done;
             }
         }
@@ -203,18 +191,23 @@ impl Worker<'_, '_> {
 
     /// Where a vertex inside of a label makes the least measure of its star exceed `above`, from
     /// `start` on.
-    pub fn best_inside(&self, star: &Star, start: DVec3, above: f64) -> Option<DVec3> {
-        let (mut at, mut min) = (start, min_at(star, self.round.measure, start));
-        for _ in 0..MAX_STEPS_INSIDE {
-            match self.step(star, Support::Inside, &Walls::NONE, at, min) {
-                Some(better) => (at, min) = better,
-                None => break,
-            }
-            if min >= self.round.measure.target {
+    pub fn best_inside(&mut self, star: &Star, start: DVec3, above: f64) -> Option<DVec3> {
+        let mut climb = std::mem::take(&mut self.climb);
+        climb.begin(star, &self.round.measure, start);
+        let place = Place { support: Support::Inside, walls: Walls::NONE };
+        self.climb(star, &place, &mut climb, MAX_STEPS_INSIDE, self.round.measure.target);
+        let Climb { at, min, .. } = climb;
+        self.climb = climb;
+        (min > above && is_valid(star, at)).then_some(at)
+    }
+
+    /// Takes so many steps uphill, or fewer until the least measure is `enough`.
+    fn climb(&self, star: &Star, place: &Place, climb: &mut Climb, steps: usize, enough: f64) {
+        for _ in 0..steps {
+            if !self.step(star, place, climb) || climb.min >= enough {
                 break;
             }
         }
-        (min > above && is_valid(star, at)).then_some(at)
     }
 
     /// Where the vertex of a star may go: first along what it belongs to, then, for junctions,
@@ -299,35 +292,31 @@ impl Worker<'_, '_> {
         Support::Line { way: way.normalize_or_zero(), off: at - here }
     }
 
-    /// One step uphill from `at`, where the least measure is `min`: where to, and what it is
-    /// there.
-    fn step(
-        &self,
-        star: &Star,
-        support: Support,
-        walls: &Walls,
-        at: DVec3,
-        min: f64,
-    ) -> Option<(DVec3, f64)> {
-        let facets = self.tight_facets(star, support, at);
-        let (way, rate) =
-            ascent(star, self.round.measure, at, min, &facets, |way| support.allowed(way))?;
+    /// One step uphill, if there is one.
+    fn step(&self, star: &Star, place: &Place, climb: &mut Climb) -> bool {
+        let (support, at, measure) = (place.support, climb.at, &self.round.measure);
+        let tight = self.tight_facets(star, support, at);
+        let Some((way, rate)) = climb.ascent(measure, &tight, |way| support.allowed(way)) else {
+            return false;
+        };
         let max = self.max_step(star, support, at);
         // To where the worst tet would reach a little more than the target, if it went on so.
         // Places on interfaces are found to less than a hundredth of the tolerance, so a step is
         // longer than that.
         let shortest = SHORTEST_STEP * self.round.interfaces.tolerance;
-        let mut length = (1.2 * (self.aim - min) / rate).max(shortest).min(max);
+        let enough = (climb.min + 0.1 * GAIN).min(self.aim.next_down());
+        let mut length = (1.2 * (self.aim - climb.min) / rate).max(shortest).min(max);
         for _ in 0..MAX_HALVINGS {
-            if let Some(p) = self.settle(star, support, walls, at + way * length) {
-                let enough = (min + 0.1 * GAIN).min(self.aim.next_down());
-                if exceeds_at(star, self.round.measure, p, enough) && is_valid(star, p) {
-                    return Some((p, min_at(star, self.round.measure, p)));
+            if let Some(p) = self.settle(star, place, at + way * length) {
+                let min = climb.measure_at(measure, p);
+                if min > enough && is_valid(star, p) {
+                    climb.go(p, min);
+                    return true;
                 }
             }
             length *= 0.5;
         }
-        None
+        false
     }
 
     /// How far a vertex may go in one step.
@@ -349,9 +338,9 @@ impl Worker<'_, '_> {
     }
 
     /// Where a vertex ends that is to go to `p`; `None`: it may not.
-    fn settle(&self, star: &Star, support: Support, walls: &Walls, p: DVec3) -> Option<DVec3> {
-        let p = self.land(star, &Place { support, walls: *walls }, p)?;
-        (support == Support::Inside || self.keeps_facets(star, p)).then_some(p)
+    fn settle(&self, star: &Star, place: &Place, p: DVec3) -> Option<DVec3> {
+        let p = self.land(star, place, p)?;
+        (place.support == Support::Inside || self.keeps_facets(star, p)).then_some(p)
     }
 
     /// The same, without a look at the facets around.
@@ -404,16 +393,15 @@ impl Worker<'_, '_> {
     /// The other vertices of the interface facets whose angles are hardly larger than what was
     /// asked for.
     fn tight_facets(&self, star: &Star, support: Support, at: DVec3) -> Tight {
-        let mut tight = Tight { count: 0, others: [[DVec3::ZERO; 2]; MAX_ACTIVE] };
+        let mut tight = Tight::NONE;
         if support == Support::Inside {
             return tight;
         }
         let bound = TIGHT * (1.0 - self.round.interfaces.facet_cosine_squared);
         for facet in &star.facets {
             let others = facet.others.map(|v| self.point(v));
-            if tight.count < MAX_ACTIVE && facet_measure(at, &others) < bound {
-                tight.others[tight.count] = others;
-                tight.count += 1;
+            if facet_measure(at, &others) < bound {
+                tight.push(others);
             }
         }
         tight
@@ -472,107 +460,7 @@ impl Star {
     }
 }
 
-/// Whether all tets that count measure more than `bound` with the vertex at `p`.
-fn exceeds_at(star: &Star, measure: Measure, p: DVec3, bound: f64) -> bool {
-    let mut tets = star.labels.iter().zip(&star.points);
-    tets.all(|(&label, &[x, y, z])| label == 0 || measure.exceeds(&[p, x, y, z], bound))
-}
-
-/// The least measure of the tets that count, with the vertex at `p`.
-fn min_at(star: &Star, measure: Measure, p: DVec3) -> f64 {
-    let counting = star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0);
-    counting.map(|(_, &[x, y, z])| measure.of(&[p, x, y, z])).fold(f64::INFINITY, f64::min)
-}
-
 /// Whether all tets are positive with the vertex at `p`.
 pub(super) fn is_valid(star: &Star, p: DVec3) -> bool {
     star.points.iter().all(|&[x, y, z]| is_positive(&[p, x, y, z]))
-}
-
-/// The direction in which the least measure rises fastest, and how fast; `None` where it rises in
-/// none in which the angles of the `tight` facets do not fall.
-fn ascent(
-    star: &Star,
-    measure: Measure,
-    at: DVec3,
-    min: f64,
-    tight: &Tight,
-    allowed: impl Fn(DVec3) -> DVec3,
-) -> Option<(DVec3, f64)> {
-    let bound = ACTIVE * min + GAIN;
-    let mut active: [(f64, [DVec3; 3]); MAX_ACTIVE] =
-        [(f64::INFINITY, [DVec3::ZERO; 3]); MAX_ACTIVE];
-    let mut count = 0;
-    for (_, &others @ [x, y, z]) in
-        star.labels.iter().zip(&star.points).filter(|(label, _)| **label != 0)
-    {
-        let value = measure.of(&[at, x, y, z]);
-        if value > bound {
-            continue;
-        }
-        // Keeps the worst, in order.
-        let mut to = count.min(MAX_ACTIVE - 1);
-        if count == MAX_ACTIVE && active[to].0 <= value {
-            continue;
-        }
-        while to > 0 && active[to - 1].0 > value {
-            active[to] = active[to - 1];
-            to -= 1;
-        }
-        active[to] = (value, others);
-        count = (count + 1).min(MAX_ACTIVE);
-    }
-    let mut gradients = [DVec3::ZERO; 2 * MAX_ACTIVE];
-    for (gradient, &(value, others)) in gradients.iter_mut().zip(&active[..count]) {
-        *gradient = allowed(gradient_of(at, others[0], value, |p| {
-            measure.of(&[p, others[0], others[1], others[2]])
-        }));
-    }
-    let steepest = gradients[..count].iter().map(|g| g.length()).fold(0.0, f64::max);
-    // Only the directions of these matter.
-    for others in &tight.others[..tight.count] {
-        gradients[count] = allowed(gradient_of(at, others[0], facet_measure(at, others), |p| {
-            facet_measure(p, others)
-        }))
-        .normalize_or_zero()
-            * steepest;
-        count += 1;
-    }
-    let way = nearest_to_zero(&gradients[..count]);
-    let length = way.length();
-    // Also where nothing is a number.
-    if length.is_nan() || length <= 1e-3 * steepest {
-        return None;
-    }
-    let way = way / length;
-    // The worst tet rises by at least this.
-    let rate = way.dot(gradients[0]);
-    (rate > 0.0).then_some((way, rate))
-}
-
-/// The gradient of a function that has `value` at a place, by differences; `other` is some point as
-/// far away as what the function depends on.
-fn gradient_of(at: DVec3, other: DVec3, value: f64, of: impl Fn(DVec3) -> f64) -> DVec3 {
-    let step = DIFFERENCE * (other - at).length();
-    DVec3::from([DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (of(at + axis * step) - value) / step))
-}
-
-/// The point of the convex hull of some vectors that is nearest to zero, nearly (E. G. Gilbert, "An
-/// iterative procedure for computing the minimum of a quadratic form on a convex set", 1966).
-fn nearest_to_zero(vectors: &[DVec3]) -> DVec3 {
-    let Some(&first) = vectors.first() else { return DVec3::ZERO };
-    let mut nearest = first;
-    for _ in 0..MAX_APPROACHES {
-        let Some(&far) = vectors.iter().min_by(|a, b| a.dot(nearest).total_cmp(&b.dot(nearest)))
-        else {
-            break;
-        };
-        let way = far - nearest;
-        let gain = -nearest.dot(way);
-        if gain <= 1e-6 * nearest.length_squared() {
-            break;
-        }
-        nearest += way * (gain / way.length_squared()).min(1.0);
-    }
-    nearest
 }

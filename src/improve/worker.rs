@@ -14,6 +14,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::blocks::owner;
+use super::climb::Climb;
 use super::flips::Flips;
 use super::interfaces::Interfaces;
 use super::measure::Measure;
@@ -27,6 +28,9 @@ use crate::mesh::NONE;
 pub(super) const GAIN: f64 = 1e-4;
 /// Steps between two checks.
 const REPORT_EVERY: usize = 32;
+
+/// So many tets go into the queue between two steps of fetching what is around one.
+const AHEAD: usize = 8;
 
 /// What all blocks of a round share.
 pub(super) struct Round<'a> {
@@ -104,6 +108,8 @@ pub(super) struct Worker<'r, 'a> {
     pub aim: f64,
     /// The star at hand.
     pub star: Star,
+    /// The climb of its vertex.
+    pub climb: Climb,
 }
 
 /// Where more than this part of the tets below the target is left once they have been tried, the
@@ -127,7 +133,7 @@ impl<'r, 'a> Worker<'r, 'a> {
     ) -> Self {
         let (queue, late) = (BinaryHeap::new(), BinaryHeap::new());
         let (free, deferred, left) = (Vec::new(), Vec::new(), Vec::new());
-        let (counts, star) = (Counts::default(), Star::default());
+        let (counts, star, climb) = (Counts::default(), Star::default(), Climb::default());
         Self {
             round,
             me,
@@ -143,6 +149,7 @@ impl<'r, 'a> Worker<'r, 'a> {
             counts,
             aim: round.measure.target,
             star,
+            climb,
         }
     }
 
@@ -151,7 +158,10 @@ impl<'r, 'a> Worker<'r, 'a> {
     /// # Errors
     /// Those of the round's `report_and_check`.
     pub fn run(&mut self, tets: &[u32]) -> Result<()> {
-        tets.iter().for_each(|&t| self.enqueue(t));
+        for (i, &t) in tets.iter().enumerate() {
+            self.prefetch(&tets[i..]);
+            self.enqueue(t);
+        }
         self.patience = PATIENCE.max(tets.len() / HOPELESS_PART);
         let mut steps = 0;
         loop {
@@ -169,6 +179,23 @@ impl<'r, 'a> Worker<'r, 'a> {
             } else {
                 return (self.round.report_and_check)(steps);
             }
+        }
+    }
+
+    /// Asks for what is around tets that come into the queue soon, step by step: the tets, those
+    /// beside them, and those beside these. Most of it is looked at, and all of a block stays in
+    /// the processor's cache.
+    fn prefetch(&self, next: &[u32]) {
+        let shared = &self.round.shared;
+        if let Some(&t) = next.get(3 * AHEAD) {
+            shared.prefetch(t);
+        }
+        if let Some(&t) = next.get(2 * AHEAD) {
+            shared.prefetch_around(t);
+        }
+        if let Some(&t) = next.get(AHEAD) {
+            let beside = (0..4).map(|i| shared.neighbor(t, i)).filter(|&other| other != NONE);
+            beside.for_each(|other| shared.prefetch_around(other));
         }
     }
 

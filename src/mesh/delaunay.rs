@@ -7,6 +7,8 @@ use super::{NONE, TetMesh};
 use crate::Result;
 use crate::geometry::predicates::{in_sphere, orient};
 use crate::geometry::sphere::Circumsphere;
+use crate::geometry::tet_block::{BLOCK, Spheres, TetBlock};
+use crate::memory::{prefetch, reserve};
 use crate::monitor::Monitor;
 
 /// Tets of one piece of work.
@@ -19,20 +21,23 @@ impl TetMesh {
     /// current rayon pool; linear.
     ///
     /// # Errors
-    /// [`Cancelled`](crate::Error::Cancelled).
+    /// [`Cancelled`](crate::Error::Cancelled); [`OutOfMemory`](crate::Error::OutOfMemory).
     pub fn non_delaunay_facets(
         &self,
         is_kept: impl Fn(u32) -> bool + Sync,
         is_asked: impl Fn(u32) -> bool + Sync,
         monitor: &Monitor<'_>,
     ) -> Result<u64> {
-        let count = |t: u32| {
-            if !is_asked(t) || !is_kept(t) {
-                return 0;
+        let ask_for = |t: u32| {
+            let t = t as usize;
+            for (v, other) in self.tets[t].into_iter().zip(self.neighbors[t]) {
+                prefetch(self.points.as_ptr().wrapping_add(v as usize));
+                prefetch(self.tets.as_ptr().wrapping_add(other as usize));
             }
+        };
+        let count = |t: u32, sphere: Circumsphere| {
             let tet = self.tets[t as usize];
             let [a, b, c, d] = tet.map(|v| self.point(v));
-            let sphere = Circumsphere::of_tet(a, b, c, d);
             if !sphere.is_certain() && orient(a, b, c, d) <= 0.0 {
                 return 0;
             }
@@ -49,10 +54,26 @@ impl TetMesh {
             });
             facets.count() as u64
         };
-        let pieces = (0..self.tets.len().div_ceil(CHUNK)).into_par_iter().map(|piece| {
+        let scratch = || (Vec::new(), TetBlock::default(), Spheres::default());
+        let pieces = (0..self.tets.len().div_ceil(CHUNK)).into_par_iter();
+        let pieces = pieces.map_init(scratch, |(asked, block, spheres), piece| {
             monitor.advance(0)?;
             let tets = piece * CHUNK..((piece + 1) * CHUNK).min(self.tets.len());
-            Ok(tets.map(|t| count(t as u32)).sum::<u64>())
+            asked.clear();
+            reserve(asked, tets.len(), "tets of the mesh")?;
+            asked.extend(tets.map(|t| t as u32).filter(|&t| is_asked(t) && is_kept(t)));
+            let mut facets = 0;
+            for asked in asked.chunks(BLOCK) {
+                asked.iter().for_each(|&t| ask_for(t));
+                block.clear();
+                for &t in asked {
+                    block.push(self.tets[t as usize].map(|v| self.points[v as usize]));
+                }
+                block.spheres(spheres);
+                let counted = asked.iter().enumerate().map(|(i, &t)| count(t, spheres.get(i)));
+                facets += counted.sum::<u64>();
+            }
+            Ok(facets)
         });
         pieces.try_reduce(|| 0, |a, b| Ok(a + b))
     }

@@ -125,19 +125,26 @@ impl TetMesh {
     ) -> Result<Vec<u32>> {
         // Only to report: a mesh that is half changed would be of no use to anybody.
         let report = || drop(monitor.advance(0));
-        let is_kept = |t: usize| self.tets[t][0] != NONE && (kept || self.labels[t] != 0);
-        let chunks = (0..self.tets.len().div_ceil(RANGE)).into_par_iter().with_max_len(1);
+        // An empty slot is labelled as background.
+        let is_kept = |t: usize| match kept {
+            true => self.tets[t][0] != NONE,
+            false => self.labels[t] != 0,
+        };
         let of_chunk = |chunk: usize| chunk * RANGE..((chunk + 1) * RANGE).min(self.tets.len());
-        let count: usize =
-            chunks.clone().map(|chunk| of_chunk(chunk).filter(|&t| is_kept(t)).count()).sum();
-        // As many gaps before `count` as tets behind it.
+        let chunks = (0..self.tets.len().div_ceil(RANGE)).into_par_iter().with_max_len(1);
+        let counts: Vec<usize> =
+            chunks.clone().map(|chunk| of_chunk(chunk).filter(|&t| is_kept(t)).count()).collect();
+        let count = counts.iter().sum();
+        // As many gaps before `count` as tets behind it. Most chunks have no gap, or no tet.
         let gaps: Vec<u32> = chunks
             .clone()
+            .filter(|&chunk| counts[chunk] < of_chunk(chunk).len())
             .flat_map_iter(|chunk| {
                 of_chunk(chunk).filter(|&t| t < count && !is_kept(t)).map(|t| t as u32)
             })
             .collect();
         let moved: Vec<u32> = chunks
+            .filter(|&chunk| counts[chunk] > 0)
             .flat_map_iter(|chunk| {
                 of_chunk(chunk).filter(|&t| t >= count && is_kept(t)).map(|t| t as u32)
             })
@@ -145,28 +152,36 @@ impl TetMesh {
         debug_assert_eq!(gaps.len(), moved.len());
         report();
         let behind = self.tets.len() - count;
-        // Where each tet behind `count` goes.
+        // Where each tet behind `count` goes; nowhere what is dropped.
         let mut to: Vec<u32> = zeroed(behind, "tets of the mesh")?;
         to.iter_mut().for_each(|to| *to = NONE);
         for (&from, &gap) in moved.iter().zip(&gaps) {
             to[from as usize - count] = gap;
         }
-        let place = |t: u32| if (t as usize) < count { t } else { to[t as usize - count] };
+        let place = |t: u32| match t {
+            NONE => NONE,
+            t if (t as usize) < count => t,
+            t => to[t as usize - count],
+        };
         let mut places = Vec::new();
         reserve(&mut places, tets.len(), "tets of the mesh")?;
         places.extend(tets.iter().map(|&t| place(t)));
-        // No tet names an empty slot, so what is not kept is background.
-        let labels = &self.labels;
-        let is_dropped = |t: u32| t == NONE || !kept && labels[t as usize] == 0;
-        self.neighbors.par_chunks_mut(RANGE).for_each(|neighbors| {
+        // What is dropped before `count` is nobody's neighbour any more.
+        for &gap in gaps.iter().filter(|&&gap| self.tets[gap as usize][0] != NONE) {
+            for t in self.neighbors[gap as usize].into_iter().filter(|&t| t != NONE) {
+                let other = self.neighbors[t as usize].iter_mut().find(|other| **other == gap);
+                other.into_iter().for_each(|other| *other = NONE);
+            }
+        }
+        self.neighbors[..count].par_chunks_mut(RANGE).for_each(|neighbors| {
             for t in neighbors.iter_mut().flatten() {
-                *t = if is_dropped(*t) { NONE } else { place(*t) };
+                *t = place(*t);
             }
             report();
         });
         for (&from, &gap) in moved.iter().zip(&gaps) {
             self.tets[gap as usize] = self.tets[from as usize];
-            self.neighbors[gap as usize] = self.neighbors[from as usize];
+            self.neighbors[gap as usize] = self.neighbors[from as usize].map(place);
             self.labels[gap as usize] = self.labels[from as usize];
         }
         self.tets.truncate(count);
