@@ -8,12 +8,16 @@ use std::sync::Arc;
 
 use bytemuck::Zeroable;
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::builder::{LabelBuilder, voxel_count};
 use super::field::Field;
 use super::{Frame, MAX_IDS};
 use crate::memory::zeroed;
 use crate::{Error, Result};
+
+/// Voxels that are counted in one piece.
+const COUNTED_AT_ONCE: usize = 1 << 18;
 
 /// A caller's voxels, in any of the integer types. Strides are given beside it, in elements.
 #[derive(Clone, Copy, Debug)]
@@ -239,11 +243,19 @@ impl LabelImage {
 
     /// Voxels of each id; a pass over the image.
     pub fn voxel_counts(&self) -> Vec<u64> {
-        let mut counts = vec![0; self.labels.len()];
-        for run in self.ids.chunk_by(|a, b| a == b) {
-            counts[usize::from(run[0])] += run.len() as u64;
-        }
-        counts
+        let of_piece = |ids: &[u16]| {
+            let mut counts = vec![0; self.labels.len()];
+            for run in ids.chunk_by(|a, b| a == b) {
+                counts[usize::from(run[0])] += run.len() as u64;
+            }
+            counts
+        };
+        let sum = |mut counts: Vec<u64>, others: Vec<u64>| {
+            counts.iter_mut().zip(others).for_each(|(count, other)| *count += other);
+            counts
+        };
+        let pieces = self.ids.par_chunks(COUNTED_AT_ONCE).map(of_piece);
+        pieces.reduce(|| vec![0; self.labels.len()], sum)
     }
 
     /// World volume of one voxel, in cubed world units.

@@ -239,7 +239,7 @@ fn below(
     };
     let count = mesh.tets.len();
     let scratch = || (Batch::default(), [0; BLOCK]);
-    let chunks = (0..count.div_ceil(CHUNK)).into_par_iter();
+    let chunks = (0..count.div_ceil(CHUNK)).into_par_iter().with_max_len(1);
     let chunks = chunks.map_init(scratch, |(batch, measured), chunk| {
         monitor.advance(0)?;
         let end = ((chunk + 1) * CHUNK).min(count);

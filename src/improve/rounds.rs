@@ -3,6 +3,7 @@
 use std::cmp::Reverse;
 use std::ops::Range;
 
+use rayon::iter::repeat_n;
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, owner};
@@ -12,7 +13,7 @@ use super::is_below;
 use super::measure::Measure;
 use super::report::Counts;
 use super::shared::Shared;
-use super::worker::{HOPELESS_PART, LastResorts, Round, Worker};
+use super::worker::{Done, HOPELESS_PART, LastResorts, Round, Scratch, Worker};
 use crate::memory::{reserve, room, zeroed};
 use crate::mesh::{NONE, TetMesh};
 use crate::{Error, Result};
@@ -176,17 +177,11 @@ impl<'m, 'a> Run<'m, 'a> {
         }
         self.make_room(slots as usize, vertices as usize)?;
         let lengths = jobs.iter().map(|job| job.tets.len());
-        let done = self.side_by_side(&of_vertices, lengths, |round, job| {
-            let job = &jobs[job];
-            let mut worker = Worker::new(round, job.block, job.slots.clone(), job.vertices.clone());
-            let done = worker.run(&job.tets);
-            Done {
-                counts: worker.counts,
-                flips: worker.flips,
-                deferred: worker.deferred,
-                left: worker.left,
-                ended: done.err(),
-            }
+        let done = self.side_by_side(&of_vertices, lengths, |round, job, scratch| {
+            let Job { block, ref tets, ref slots, ref vertices } = jobs[job];
+            let mut worker = Worker::new(round, block, slots.clone(), vertices.clone(), scratch);
+            let done = worker.run(tets);
+            worker.end(done.err())
         });
         let mut ended = None;
         for done in done {
@@ -196,19 +191,19 @@ impl<'m, 'a> Run<'m, 'a> {
             self.queue.extend(done.deferred);
             reserve(&mut self.left, done.left.len(), "tets to be improved")?;
             self.left.extend(done.left);
-            ended = ended.or(done.ended);
+            ended = ended.or(done.error);
         }
         Ok(ended)
     }
 
     /// Does jobs of these lengths, of different blocks, side by side. Returns what comes of them,
     /// in their order.
-    pub(super) fn side_by_side<D: Send>(
+    pub(super) fn side_by_side(
         &mut self,
         of_vertices: &[u32],
         lengths: impl Iterator<Item = usize>,
-        work: impl Fn(&Round<'_>, usize) -> D + Sync,
-    ) -> Vec<D> {
+        work: impl Fn(&Round<'_>, usize, Scratch) -> (Done, Scratch) + Sync,
+    ) -> Vec<Done> {
         let round = Round {
             shared: Shared::new(self.mesh, &mut self.changed),
             blocks: of_vertices,
@@ -222,8 +217,13 @@ impl<'m, 'a> Run<'m, 'a> {
         // The longest first, so that all threads end at the same time.
         let mut order: Vec<(Reverse<usize>, usize)> = lengths.map(Reverse).zip(0..).collect();
         order.sort_unstable();
-        let mut done: Vec<(usize, D)> =
-            order.into_iter().par_bridge().map(|(_, job)| (job, work(&round, job))).collect();
+        let on_thread = |scratch: &mut Scratch, (_, job): (Reverse<usize>, usize)| {
+            let (done, left) = work(&round, job, std::mem::take(scratch));
+            *scratch = left;
+            (job, done)
+        };
+        let mut done: Vec<(usize, Done)> =
+            order.into_iter().par_bridge().map_init(Scratch::default, on_thread).collect();
         // What is added up is so in an order that depends on the mesh alone.
         done.sort_unstable_by_key(|&(job, _)| job);
         done.into_iter().map(|(_, done)| done).collect()
@@ -269,10 +269,11 @@ impl<'m, 'a> Run<'m, 'a> {
         reserve(changed, more, "tets of the mesh")?;
         let points = vertices - mesh.points.len();
         reserve(&mut mesh.points, points, "vertices of the mesh")?;
-        mesh.tets.resize(slots, [NONE; 4]);
-        mesh.neighbors.resize(slots, [NONE; 4]);
-        mesh.labels.resize(slots, 0);
-        changed.resize(slots, 0);
+        // By all threads, as the system hands out memory where it is first written to.
+        mesh.tets.par_extend(repeat_n([NONE; 4], more));
+        mesh.neighbors.par_extend(repeat_n([NONE; 4], more));
+        mesh.labels.par_extend(repeat_n(0, more));
+        changed.par_extend(repeat_n(0, more));
         mesh.points.resize(vertices, [f64::NAN; 3]);
         Ok(())
     }
@@ -287,15 +288,4 @@ struct Job {
     slots: Range<u32>,
     /// Numbers of vertices that it may use.
     vertices: Range<u32>,
-}
-
-/// What came of it.
-struct Done {
-    counts: Counts,
-    flips: Flips,
-    /// Tets to be tried again in another block.
-    deferred: Vec<u32>,
-    /// Tets that nothing helped.
-    left: Vec<u32>,
-    ended: Option<Error>,
 }

@@ -144,14 +144,15 @@ impl Run<'_, '_> {
             chosen.par_sort_unstable_by_key(|chosen| (chosen.block, chosen.vertex.index));
             let jobs: Vec<&[Chosen]> = chosen.chunk_by(|a, b| a.block == b.block).collect();
             let lengths = jobs.iter().map(|job| job.len());
+            let done = self.side_by_side(&of_vertices, lengths, |round, job, scratch| {
+                let mut worker = Worker::new(round, jobs[job][0].block, 0..0, 0..0, scratch);
+                let done = worker.shift(jobs[job]);
+                worker.end(done.err())
+            });
             let mut ended = None;
-            for (counts, result) in self.side_by_side(&of_vertices, lengths, |round, job| {
-                let mut worker = Worker::new(round, jobs[job][0].block, 0..0, 0..0);
-                let result = worker.shift(jobs[job]);
-                (worker.counts, result)
-            }) {
-                self.counts.add(&counts);
-                ended = ended.or(result.err());
+            for done in done {
+                self.counts.add(&done.counts);
+                ended = ended.or(done.error);
             }
             if ended.is_some() {
                 return Ok(ended);

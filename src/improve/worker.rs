@@ -21,8 +21,8 @@ use super::measure::Measure;
 use super::report::Counts;
 use super::shared::Shared;
 use super::star::Star;
-use crate::Result;
 use crate::mesh::NONE;
+use crate::{Error, Result};
 
 /// An operation must raise the least measure by this much.
 pub(super) const GAIN: f64 = 1e-4;
@@ -70,6 +70,19 @@ pub(super) enum Outcome {
     Foreign,
 }
 
+/// What comes of the work in a block.
+pub(super) struct Done {
+    pub counts: Counts,
+    /// What was flipped.
+    pub flips: Flips,
+    /// Tets to be tried again in a round of other blocks.
+    pub deferred: Vec<u32>,
+    /// Tets that nothing helped.
+    pub left: Vec<u32>,
+    /// What ended it early.
+    pub error: Option<Error>,
+}
+
 /// A tet in a queue: worst first, ties by slot. Vertices and measure tell whether it is still what
 /// it was. Where it is not, what changed it has put it into the queue again, if it is still below
 /// the target.
@@ -78,6 +91,16 @@ struct Entry {
     measure: Reverse<u64>,
     tet: Reverse<u32>,
     vertices: [u32; 4],
+}
+
+/// What a worker leaves to the next one of its thread, for its memory.
+#[derive(Default)]
+pub(super) struct Scratch {
+    queue: BinaryHeap<Entry>,
+    late: BinaryHeap<Entry>,
+    free: Vec<u32>,
+    star: Star,
+    climb: Climb,
 }
 
 /// The worker of a block.
@@ -95,9 +118,9 @@ pub(super) struct Worker<'r, 'a> {
     /// Numbers of vertices that nobody has used yet.
     fresh_vertices: Range<u32>,
     /// Tets to be tried again in a round of other blocks.
-    pub deferred: Vec<u32>,
+    deferred: Vec<u32>,
     /// Tets that nothing helped.
-    pub left: Vec<u32>,
+    left: Vec<u32>,
     /// What was flipped in this round.
     pub flips: Flips,
     /// So many more tets that nothing helps are tried.
@@ -130,10 +153,10 @@ impl<'r, 'a> Worker<'r, 'a> {
         me: u32,
         fresh: Range<u32>,
         fresh_vertices: Range<u32>,
+        scratch: Scratch,
     ) -> Self {
-        let (queue, late) = (BinaryHeap::new(), BinaryHeap::new());
-        let (free, deferred, left) = (Vec::new(), Vec::new(), Vec::new());
-        let (counts, star, climb) = (Counts::default(), Star::default(), Climb::default());
+        let Scratch { queue, late, free, star, climb } = scratch;
+        let (deferred, left, counts) = (Vec::new(), Vec::new(), Counts::default());
         Self {
             round,
             me,
@@ -151,6 +174,17 @@ impl<'r, 'a> Worker<'r, 'a> {
             star,
             climb,
         }
+    }
+
+    /// Ends the work: what comes of it, and what the next worker may use.
+    pub fn end(self, error: Option<Error>) -> (Done, Scratch) {
+        let Self { mut queue, mut late, mut free, star, climb, .. } = self;
+        queue.clear();
+        late.clear();
+        free.clear();
+        let Self { counts, flips, deferred, left, .. } = self;
+        let done = Done { counts, flips, deferred, left, error };
+        (done, Scratch { queue, late, free, star, climb })
     }
 
     /// Improves `tets`, which the block owns. What changes is in order when this ends early, too.

@@ -145,6 +145,21 @@ pub fn zeroed<T: Zeroable>(count: usize, what: &'static str) -> Result<Vec<T>> {
     bytemuck::try_zeroed_vec(count).map_err(|()| Error::OutOfMemory { count, what })
 }
 
+/// The same, with room for `more` values behind them. Where nobody writes there, it is addresses
+/// only.
+///
+/// # Errors
+/// [`Error::OutOfMemory`].
+pub fn zeroed_with_room<T: Zeroable>(
+    count: usize,
+    more: usize,
+    what: &'static str,
+) -> Result<Vec<T>> {
+    let mut values = zeroed(count + more, what)?;
+    values.truncate(count);
+    Ok(values)
+}
+
 /// `count` copies of a value, counted as `what`.
 ///
 /// # Errors

@@ -55,7 +55,7 @@ impl TetMesh {
             facets.count() as u64
         };
         let scratch = || (Vec::new(), TetBlock::default(), Spheres::default());
-        let pieces = (0..self.tets.len().div_ceil(CHUNK)).into_par_iter();
+        let pieces = (0..self.tets.len().div_ceil(CHUNK)).into_par_iter().with_max_len(1);
         let pieces = pieces.map_init(scratch, |(asked, block, spheres), piece| {
             monitor.advance(0)?;
             let tets = piece * CHUNK..((piece + 1) * CHUNK).min(self.tets.len());

@@ -43,7 +43,7 @@ use crate::delaunay::triangulation::TetRecords;
 use crate::delaunay::{TetId, Triangulation};
 use crate::memory::aside::or_drop_aside;
 use crate::memory::atomic::atomic;
-use crate::memory::{parts, prefetch, reserve, zeroed};
+use crate::memory::{parts, prefetch, reserve, zeroed, zeroed_with_room};
 use crate::monitor::{Monitor, Step};
 
 /// Tets, or vertices, of one piece of work: some hundred microseconds, between two looks at the
@@ -52,6 +52,10 @@ const RANGE: usize = 1 << 13;
 
 /// The pass over the tets fetches what a slot so many places ahead leads to.
 const AHEAD: usize = 24;
+
+/// A mesh that is to be improved has room for one new tet in so many: as many as improvement mostly
+/// needs in the end. Tables that grow are copied, by one thread.
+const SPARE_OF: usize = 8;
 
 /// Bytes per slot of a tet that extraction needs at most, mesh included: 36 for a kept tet, 5 for
 /// the vertices (some six tets have one), 18 for the interface facets (fewer than one for two
@@ -121,8 +125,12 @@ pub fn number(
     let tet_index: Vec<AtomicU32> = zeroed(ids.len(), "slots of tets")?;
     // Those of the background that comes last are zero already, and never written.
     let count = end_of(&ranges_of_last).max(first);
-    let mut mesh =
-        TetMesh { points, labels: zeroed(count, "tets of the mesh")?, ..TetMesh::default() };
+    let spare = if background == Background::Last { count / SPARE_OF } else { 0 };
+    let mut mesh = TetMesh {
+        points,
+        labels: zeroed_with_room(count, spare, "tets of the mesh")?,
+        ..TetMesh::default()
+    };
     let pieces = split(&mut mesh.labels[..first], &ranges)?
         .into_par_iter()
         .zip(ranges.par_iter().zip(order.par_chunks(RANGE)))
@@ -200,8 +208,9 @@ impl Numbered {
     /// Takes the mesh, and gives it memory for its tets.
     fn make_room(&mut self) -> Result<TetMesh> {
         let mut mesh = std::mem::take(&mut self.mesh);
-        mesh.tets = zeroed(mesh.labels.len(), "tets of the mesh")?;
-        mesh.neighbors = zeroed(mesh.labels.len(), "tets of the mesh")?;
+        let (count, spare) = (mesh.labels.len(), mesh.labels.capacity() - mesh.labels.len());
+        mesh.tets = zeroed_with_room(count, spare, "tets of the mesh")?;
+        mesh.neighbors = zeroed_with_room(count, spare, "tets of the mesh")?;
         Ok(mesh)
     }
 

@@ -166,6 +166,8 @@ impl TetMesh {
         let mut places = Vec::new();
         reserve(&mut places, tets.len(), "tets of the mesh")?;
         places.extend(tets.iter().map(|&t| place(t)));
+        let (mut next, mut numbers) = (points_kept as u32, Vec::new());
+        reserve(&mut numbers, self.points.len() - points_before, "vertices of the mesh")?;
         // What is dropped before `count` is nobody's neighbour any more.
         for &gap in gaps.iter().filter(|&&gap| self.tets[gap as usize][0] != NONE) {
             for t in self.neighbors[gap as usize].into_iter().filter(|&t| t != NONE) {
@@ -173,23 +175,7 @@ impl TetMesh {
                 other.into_iter().for_each(|other| *other = NONE);
             }
         }
-        self.neighbors[..count].par_chunks_mut(RANGE).for_each(|neighbors| {
-            for t in neighbors.iter_mut().flatten() {
-                *t = place(*t);
-            }
-            report();
-        });
-        for (&from, &gap) in moved.iter().zip(&gaps) {
-            self.tets[gap as usize] = self.tets[from as usize];
-            self.neighbors[gap as usize] = self.neighbors[from as usize].map(place);
-            self.labels[gap as usize] = self.labels[from as usize];
-        }
-        self.tets.truncate(count);
-        self.labels.truncate(count);
-        self.neighbors.truncate(count);
         // Of what comes after the vertices that were there before some are nowhere, and nobody's.
-        let (mut next, mut numbers) = (points_kept as u32, Vec::new());
-        reserve(&mut numbers, self.points.len() - points_before, "vertices of the mesh")?;
         for v in points_before..self.points.len() {
             numbers.push(next);
             if !self.points[v][0].is_nan() {
@@ -198,12 +184,34 @@ impl TetMesh {
             }
         }
         self.points.truncate(next as usize);
-        report();
-        self.tets.par_chunks_mut(RANGE).for_each(|tets| {
+        let (tets, last_tets) = self.tets.split_at_mut(count);
+        let (neighbors, last_neighbors) = self.neighbors.split_at_mut(count);
+        let (labels, last_labels) = self.labels.split_at_mut(count);
+        let chunks = tets
+            .par_chunks_mut(RANGE)
+            .zip(neighbors.par_chunks_mut(RANGE))
+            .zip(labels.par_chunks_mut(RANGE));
+        chunks.enumerate().for_each(|(chunk, ((tets, neighbors), labels))| {
+            report();
+            let first = chunk * RANGE;
+            let number_of = |t: usize| gaps.partition_point(|&gap| (gap as usize) < t);
+            let own = number_of(first)..number_of(first + tets.len());
+            for (&from, &gap) in moved[own.clone()].iter().zip(&gaps[own]) {
+                let (from, to) = (from as usize - count, gap as usize - first);
+                tets[to] = last_tets[from];
+                neighbors[to] = last_neighbors[from];
+                labels[to] = last_labels[from];
+            }
             for v in tets.iter_mut().flatten().filter(|v| **v as usize >= points_before) {
                 *v = numbers[*v as usize - points_before];
             }
+            for t in neighbors.iter_mut().flatten() {
+                *t = place(*t);
+            }
         });
+        self.tets.truncate(count);
+        self.labels.truncate(count);
+        self.neighbors.truncate(count);
         Ok(places)
     }
 }
