@@ -28,7 +28,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Result;
-use crate::memory::zeroed;
+use crate::memory::zeroed_with_room;
 use crate::mesh::TetMesh;
 
 /// Tets of the object in a block, about: enough that few lie at its border, few enough that each
@@ -77,12 +77,13 @@ impl Blocks {
         self.along.element_product() as usize
     }
 
-    /// The block of each vertex in a round.
+    /// The block of each vertex in a round, with as much room behind them as behind the vertices.
     ///
     /// # Errors
     /// [`OutOfMemory`](crate::Error::OutOfMemory).
     pub fn of_vertices(&self, mesh: &TetMesh, round: u32) -> Result<Vec<u32>> {
-        let mut blocks = zeroed(mesh.points.len(), "blocks of vertices")?;
+        let (count, more) = (mesh.points.len(), mesh.points.capacity() - mesh.points.len());
+        let mut blocks = zeroed_with_room(count, more, "blocks of vertices")?;
         let shift = (SHIFT * f64::from(round)).fract();
         let (along, per_edge) = (self.along.as_uvec3(), 1.0 / self.edge);
         blocks.par_chunks_mut(CHUNK).zip(mesh.points.par_chunks(CHUNK)).for_each(

@@ -28,6 +28,7 @@ use super::shared::Shared;
 use super::{CHUNK, Settings, change};
 use crate::delaunay::tet::FACET;
 use crate::geometry::shape::has_angle_below;
+use crate::memory::bits::Bits;
 use crate::memory::{concatenated, reserve, zeroed};
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::{Monitor, Step};
@@ -172,7 +173,7 @@ impl<'a> Pass<'a> {
         const WHAT: &str = "vertices to be contracted";
         let vertices = mesh.points.len();
         let blocks = Blocks::new(&mesh.points, mesh.tets.len() / LARGER_BLOCKS);
-        let mut changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
+        let changed = Bits::new(mesh.tets.len(), "tets of the mesh")?;
         let mut to_try: Vec<u8> = zeroed(vertices, WHAT)?;
         to_try.fill(1);
         let mut counts = Counts::default();
@@ -187,7 +188,7 @@ impl<'a> Pass<'a> {
             tets.par_iter().for_each(|t| t.store(NONE, Relaxed));
             let next: Vec<AtomicU8> = zeroed(vertices, WHAT)?;
             let shared = Round {
-                shared: Shared::new(mesh, &mut changed),
+                shared: Shared::new(mesh, &changed),
                 blocks: &of_vertices,
                 to_try: &to_try,
                 tets: &tets,

@@ -70,7 +70,8 @@ use rayon::prelude::*;
 
 use crate::geometry::measures::dihedral_angles;
 use crate::geometry::tet_block::BLOCK;
-use crate::memory::{concatenated, prefetch, reserve, zeroed};
+use crate::memory::bits::Bits;
+use crate::memory::{concatenated, prefetch, reserve};
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
@@ -149,7 +150,7 @@ pub fn improve(
     // In a Delaunay mesh only changed tets have facets that are not.
     let counted = mesh.non_delaunay_facets(
         |t| mesh.tets[t as usize][0] != NONE && mesh.labels[t as usize] != 0,
-        |t| !settings.is_delaunay || changed[t as usize] != 0,
+        |t| !settings.is_delaunay || changed.has(t),
         monitor,
     );
     match counted {
@@ -165,7 +166,7 @@ struct Improved {
     /// Tets that may still be below the target.
     left: Vec<u32>,
     /// Which slots have changed.
-    changed: Vec<u8>,
+    changed: Bits,
 }
 
 /// Improves as [`improve`] does, and tells what was done, but not of the mesh that comes of it.
@@ -278,8 +279,8 @@ fn describe(
 ) -> Result<Vec<Left>> {
     let mut described = Vec::new();
     reserve(&mut described, left.len(), "tets that are left")?;
-    let mut changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
-    let shared = Shared::new(mesh, &mut changed);
+    let changed = Bits::new(mesh.tets.len(), "tets of the mesh")?;
+    let shared = Shared::new(mesh, &changed);
     let mut star = Star::default();
     for &tet in left {
         let vertices = shared.tet(tet);

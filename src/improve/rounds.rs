@@ -14,6 +14,7 @@ use super::measure::Measure;
 use super::report::Counts;
 use super::shared::Shared;
 use super::worker::{Done, HOPELESS_PART, LastResorts, Round, Scratch, Worker};
+use crate::memory::bits::Bits;
 use crate::memory::{reserve, room, zeroed};
 use crate::mesh::{NONE, TetMesh};
 use crate::{Error, Result};
@@ -60,8 +61,8 @@ pub(super) struct Run<'m, 'a> {
     pub refined: Vec<[f64; 3]>,
     /// What was flipped on interfaces.
     flips: Flips,
-    /// 1 for each tet that is not the one that refinement made.
-    pub changed: Vec<u8>,
+    /// Which tets are not those that refinement made.
+    pub changed: Bits,
     /// Tets to be improved.
     pub queue: Vec<u32>,
     /// Tets that nothing helped.
@@ -82,7 +83,7 @@ impl<'m, 'a> Run<'m, 'a> {
     ) -> Result<Self> {
         let mut refined = room(mesh.points.len(), "vertices of the mesh")?;
         refined.par_extend(mesh.points.par_iter().copied());
-        let changed = zeroed(mesh.tets.len(), "tets of the mesh")?;
+        let changed = Bits::new(mesh.tets.len(), "tets of the mesh")?;
         let (left, counts, rounds) = (Vec::new(), Counts::default(), 0);
         let last = LastResorts::default();
         Ok(Self {
@@ -205,7 +206,7 @@ impl<'m, 'a> Run<'m, 'a> {
         work: impl Fn(&Round<'_>, usize, Scratch) -> (Done, Scratch) + Sync,
     ) -> Vec<Done> {
         let round = Round {
-            shared: Shared::new(self.mesh, &mut self.changed),
+            shared: Shared::new(self.mesh, &self.changed),
             blocks: of_vertices,
             refined: &self.refined,
             flips: &self.flips,
@@ -266,14 +267,13 @@ impl<'m, 'a> Run<'m, 'a> {
         reserve(&mut mesh.tets, more, "tets of the mesh")?;
         reserve(&mut mesh.neighbors, more, "tets of the mesh")?;
         reserve(&mut mesh.labels, more, "tets of the mesh")?;
-        reserve(changed, more, "tets of the mesh")?;
+        changed.grow(slots, "tets of the mesh")?;
         let points = vertices - mesh.points.len();
         reserve(&mut mesh.points, points, "vertices of the mesh")?;
         // By all threads, as the system hands out memory where it is first written to.
         mesh.tets.par_extend(repeat_n([NONE; 4], more));
         mesh.neighbors.par_extend(repeat_n([NONE; 4], more));
         mesh.labels.par_extend(repeat_n(0, more));
-        changed.par_extend(repeat_n(0, more));
         mesh.points.resize(vertices, [f64::NAN; 3]);
         Ok(())
     }

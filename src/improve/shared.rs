@@ -4,11 +4,12 @@
 //! may touch which element is settled before the threads start (see [`blocks`](super::blocks)), and
 //! they are joined before anybody reads what another one wrote.
 
-use std::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicI32, AtomicU32, AtomicU64, Ordering::Relaxed};
 
 use glam::DVec3;
 
 use crate::memory::atomic::atomic;
+use crate::memory::bits::Bits;
 use crate::memory::prefetch;
 use crate::mesh::{NONE, TetMesh};
 
@@ -18,19 +19,19 @@ pub(super) struct Shared<'m> {
     tets: &'m [[AtomicU32; 4]],
     neighbors: &'m [[AtomicU32; 4]],
     labels: &'m [AtomicI32],
-    /// 1 where a tet is not the one that refinement made.
-    changed: &'m [AtomicU8],
+    /// Which tets are not those that refinement made.
+    changed: &'m Bits,
 }
 
 impl<'m> Shared<'m> {
     /// Shares the arrays of `mesh`, and which tets have `changed`.
-    pub fn new(mesh: &'m mut TetMesh, changed: &'m mut [u8]) -> Self {
+    pub fn new(mesh: &'m mut TetMesh, changed: &'m Bits) -> Self {
         Self {
             points: atomic::<AtomicU64>(mesh.points.as_flattened_mut()).as_chunks().0,
             tets: atomic::<AtomicU32>(mesh.tets.as_flattened_mut()).as_chunks().0,
             neighbors: atomic::<AtomicU32>(mesh.neighbors.as_flattened_mut()).as_chunks().0,
             labels: atomic(&mut mesh.labels),
-            changed: atomic(changed),
+            changed,
         }
     }
 
@@ -112,7 +113,7 @@ impl<'m> Shared<'m> {
 
     /// Notes that a tet is not the one that refinement made.
     pub fn note_changed(&self, t: u32) {
-        self.changed[t as usize].store(1, Relaxed);
+        self.changed.set(t);
     }
 }
 
@@ -129,8 +130,8 @@ mod tests {
             neighbors: vec![[NONE, 4, 5, 6]],
             ..TetMesh::default()
         };
-        let mut changed = vec![0];
-        let shared = Shared::new(&mut mesh, &mut changed);
+        let changed = Bits::new(1, "tets").unwrap();
+        let shared = Shared::new(&mut mesh, &changed);
         assert_eq!(shared.point(3), DVec3::new(0.5, -1.0, 2.0));
         assert_eq!((shared.tet(0), shared.label(0)), ([0, 1, 2, 3], -7));
         assert_eq!((shared.neighbor(0, 0), shared.facet_to(0, 6)), (NONE, Some(3)));
@@ -142,6 +143,6 @@ mod tests {
             (mesh.tets[0], mesh.labels[0], mesh.neighbors[0]),
             ([3, 2, 1, 0], 8, [NONE, 4, 9, 6])
         );
-        assert_eq!(changed, [1]);
+        assert!(changed.has(0));
     }
 }

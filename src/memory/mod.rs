@@ -1,10 +1,11 @@
 //! Large tables: an error that names the table where `Vec` alone would end the process; and
 //! fetching ahead of a sweep through them. Tables that grow in place: `pages`. Small blocks:
 //! `reserve`. What a cancelled call need not wait for: `aside`. Tables that many threads write at
-//! the same time: `atomic`.
+//! the same time: `atomic`, `bits`.
 
 pub mod aside;
 pub mod atomic;
+pub mod bits;
 pub mod pages;
 #[cfg(any(test, feature = "memory-reserve"))]
 pub mod reserve;

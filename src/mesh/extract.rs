@@ -43,6 +43,7 @@ use crate::delaunay::triangulation::TetRecords;
 use crate::delaunay::{TetId, Triangulation};
 use crate::memory::aside::or_drop_aside;
 use crate::memory::atomic::atomic;
+use crate::memory::bits::Bits;
 use crate::memory::{parts, prefetch, reserve, zeroed, zeroed_with_room};
 use crate::monitor::{Monitor, Step};
 
@@ -53,8 +54,8 @@ const RANGE: usize = 1 << 13;
 /// The pass over the tets fetches what a slot so many places ahead leads to.
 const AHEAD: usize = 24;
 
-/// A mesh that is to be improved has room for one new tet in so many: as many as improvement mostly
-/// needs in the end. Tables that grow are copied, by one thread.
+/// A mesh that is to be improved has room for one new tet, or vertex, in so many: as many as
+/// improvement mostly needs. Tables that grow are copied, by one thread.
 const SPARE_OF: usize = 8;
 
 /// Bytes per slot of a tet that extraction needs at most, mesh included: 36 for a kept tet, 5 for
@@ -305,45 +306,32 @@ fn keep(
     Ok((ids, in_use))
 }
 
-/// Which vertices tets have that are kept: a bit for each.
+/// Which vertices tets have that are kept.
 struct InUse {
     /// Those of all tets, or only of those of the object where `last` has the others.
-    first: Vec<AtomicU32>,
+    first: Bits,
     /// Those of the background that comes last; empty where there is none.
-    last: Vec<AtomicU32>,
+    last: Bits,
 }
 
 impl InUse {
     fn new(bound: u32, background: Background) -> Result<Self> {
-        let words = bound.div_ceil(u32::BITS) as usize;
-        let last = if background == Background::Last { words } else { 0 };
-        Ok(Self {
-            first: zeroed(words, "vertices of the mesh")?,
-            last: zeroed(last, "vertices of the mesh")?,
-        })
+        let bits = || Bits::new(bound as usize, "vertices of the mesh");
+        let last = if background == Background::Last { bits()? } else { Bits::default() };
+        Ok(Self { first: bits()?, last })
     }
 
     fn note(&self, v: u32, is_last: bool) {
-        let bits = if is_last { &self.last } else { &self.first };
-        let (word, bit): (&AtomicU32, u32) =
-            (&bits[(v / u32::BITS) as usize], 1 << (v % u32::BITS));
-        // Most are in use already: looking first spares the locked operation.
-        if word.load(Relaxed) & bit == 0 {
-            word.fetch_or(bit, Relaxed);
-        }
+        if is_last { self.last.set(v) } else { self.first.set(v) }
     }
 
     fn is_first(&self, v: u32) -> bool {
-        has_bit(&self.first, v)
+        self.first.has(v)
     }
 
     fn is_last(&self, v: u32) -> bool {
-        !self.last.is_empty() && has_bit(&self.last, v) && !self.is_first(v)
+        !self.last.is_empty() && self.last.has(v) && !self.is_first(v)
     }
-}
-
-fn has_bit(bits: &[AtomicU32], v: u32) -> bool {
-    bits[(v / u32::BITS) as usize].load(Relaxed) >> (v % u32::BITS) & 1 == 1
 }
 
 /// The vertices of the mesh.
@@ -372,7 +360,8 @@ fn copy_vertices(
     }
     let index: Vec<AtomicU32> =
         zeroed(triangulation.vertex_bound() as usize, "vertices of the mesh")?;
-    let mut points: Vec<[f64; 3]> = zeroed(order.len(), "vertices of the mesh")?;
+    let spare = if in_use.last.is_empty() { 0 } else { order.len() / SPARE_OF };
+    let mut points: Vec<[f64; 3]> = zeroed_with_room(order.len(), spare, "vertices of the mesh")?;
     order
         .par_chunks(RANGE)
         .zip(points.par_chunks_mut(RANGE))
