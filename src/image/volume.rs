@@ -241,7 +241,7 @@ impl LabelImage {
             .then(|| self.labels[usize::from(self.ids[index[0] + nx * (index[1] + ny * index[2])])])
     }
 
-    /// Voxels of each id; a pass over the image.
+    /// Voxels of each id; a pass over the image, in parallel in the current rayon pool.
     pub fn voxel_counts(&self) -> Vec<u64> {
         let of_piece = |ids: &[u16]| {
             let mut counts = vec![0; self.labels.len()];

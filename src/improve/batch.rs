@@ -104,7 +104,7 @@ mod tests {
             let (measure, p) = (Measure::new(15.0, 2.0), DVec3::from_array(p));
             let mut batch = Batch::default();
             // What was there before does not matter.
-            batch.push([p.to_array(); 4]);
+            (0..3 * BLOCK).for_each(|_| batch.push([p.to_array(); 4]));
             batch.clear();
             tets.iter().for_each(|tet| batch.push(tet.map(|p| p.to_array())));
             for moved in [false, true] {

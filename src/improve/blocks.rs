@@ -58,11 +58,14 @@ impl Blocks {
         let start = [DVec3::INFINITY, DVec3::NEG_INFINITY];
         let join = |a: [DVec3; 2], b: [DVec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         let bounds = points.par_chunks(CHUNK).map(|points| {
-            let points = points.iter().map(|&p| DVec3::from_array(p));
+            // Vertices that nobody has are nowhere.
+            let points = points.iter().map(|&p| DVec3::from_array(p)).filter(|p| !p.is_nan());
             points.fold(start, |bounds, p| join(bounds, [p, p]))
         });
         let [lower, upper] = bounds.reduce(|| start, join);
-        let size = if points.is_empty() { DVec3::ONE } else { upper - lower };
+        let is_empty = lower.x > upper.x;
+        let (lower, size) =
+            if is_empty { (DVec3::ZERO, DVec3::ONE) } else { (lower, upper - lower) };
         // A box that is flat, or has no extent at all, is one block thick.
         let longest = size.max_element().max(f64::MIN_POSITIVE);
         let size = size.max(DVec3::splat(longest * 1e-3));
@@ -138,8 +141,29 @@ mod tests {
     }
 
     #[test]
+    fn vertices_that_are_nowhere_do_not_matter() {
+        let point = |i: usize| [(i % 31) as f64, (i / 31 % 17) as f64 * 0.5, (i / 527) as f64];
+        let points: Vec<[f64; 3]> = (0..3 * CHUNK).map(point).collect();
+        let expected = Blocks::new(&points, 1_000_000);
+        let nowhere = [f64::NAN; 3];
+        for places in [vec![0], vec![7, CHUNK - 1, 2 * CHUNK], vec![3 * CHUNK], vec![]] {
+            let mut points = points.clone();
+            places.iter().for_each(|&place| points.insert(place, nowhere));
+            points.extend([nowhere; 2]);
+            let blocks = Blocks::new(&points, 1_000_000);
+            assert_eq!(
+                (blocks.lower, blocks.edge, blocks.along),
+                (expected.lower, expected.edge, expected.along),
+                "{places:?}"
+            );
+        }
+    }
+
+    #[test]
     fn meshes_without_extent_have_blocks() {
-        for points in [vec![], vec![[3.0; 3]; 4], vec![[0.0; 3], [1.0, 0.0, 0.0]]] {
+        for points in
+            [vec![], vec![[f64::NAN; 3]; 4], vec![[3.0; 3]; 4], vec![[0.0; 3], [1.0, 0.0, 0.0]]]
+        {
             let mesh = TetMesh { points, ..TetMesh::default() };
             let blocks = Blocks::new(&mesh.points, 10);
             let of = blocks.of_vertices(&mesh, 1).unwrap();

@@ -162,3 +162,80 @@ fn nearest_to_zero(vectors: &[DVec3]) -> DVec3 {
     }
     nearest
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// The star of the middle of an octahedron whose corners are moved a little.
+    fn star(off: &[[f64; 3]; 6], label: i32) -> Star {
+        let mut star = Star::default();
+        star.clear(0);
+        let corner = |axis: usize, sign: f64| {
+            let moved = off[2 * axis + usize::from(sign > 0.0)];
+            DVec3::AXES[axis] * sign + DVec3::from_array(moved)
+        };
+        for signs in 0..8 {
+            let sign = |axis: usize| if signs >> axis & 1 == 1 { 1.0 } else { -1.0 };
+            let [x, y, z] = [0, 1, 2].map(|axis| corner(axis, sign(axis)));
+            // Positive seen from the middle.
+            let is_even = sign(0) * sign(1) * sign(2) > 0.0;
+            star.points.push(if is_even { [x, y, z] } else { [x, z, y] });
+            star.labels.push(label);
+        }
+        star
+    }
+
+    fn corners() -> impl Strategy<Value = [[f64; 3]; 6]> {
+        prop::array::uniform6(prop::array::uniform3(-0.2..0.2_f64))
+    }
+
+    proptest! {
+        /// A small step goes uphill, at the rate that was said or a little less.
+        #[test]
+        fn the_way_leads_up(off in corners(), at in prop::array::uniform3(-0.3..0.3_f64)) {
+            let (measure, at) = (Measure::new(15.0, 2.0), DVec3::from_array(at));
+            let star = star(&off, 1);
+            let mut climb = Climb::default();
+            climb.begin(&star, &measure, at);
+            prop_assume!(climb.min > 1e-3);
+            let Some((way, rate)) = climb.ascent(&measure, &Tight::NONE, |way| way) else {
+                return Ok(());
+            };
+            prop_assert!((way.length() - 1.0).abs() < 1e-9 && rate > 0.0);
+            let reached = climb.measure_at(&measure, at + way * 1e-5);
+            prop_assert!(reached > climb.min, "{reached} is not above {}", climb.min);
+        }
+
+        /// What was tried in vain leaves no trace.
+        #[test]
+        fn a_trial_changes_nothing(off in corners(), p in prop::array::uniform3(-0.9..0.9_f64)) {
+            let (measure, star) = (Measure::new(15.0, 2.0), star(&off, 1));
+            let [mut climb, mut other] = [Climb::default(), Climb::default()];
+            for climb in [&mut climb, &mut other] {
+                climb.begin(&star, &measure, DVec3::new(0.1, -0.2, 0.05));
+            }
+            climb.measure_at(&measure, DVec3::from_array(p));
+            let ways = [&mut climb, &mut other]
+                .map(|climb| climb.ascent(&measure, &Tight::NONE, |way| way));
+            prop_assert_eq!(ways[0], ways[1]);
+            // But where it goes it is.
+            let min = climb.measure_at(&measure, DVec3::ZERO);
+            climb.go(DVec3::ZERO, min);
+            other.begin(&star, &measure, DVec3::ZERO);
+            prop_assert_eq!((climb.at, climb.min), (other.at, other.min));
+            prop_assert_eq!(&climb.measures, &other.measures);
+        }
+    }
+
+    #[test]
+    fn where_no_tet_counts_there_is_no_way() {
+        let measure = Measure::new(15.0, 2.0);
+        let mut climb = Climb::default();
+        climb.begin(&star(&[[0.0; 3]; 6], 0), &measure, DVec3::ZERO);
+        assert_eq!(climb.min, f64::INFINITY);
+        assert_eq!(climb.ascent(&measure, &Tight::NONE, |way| way), None);
+    }
+}

@@ -155,7 +155,7 @@ pub fn improve(
     );
     match counted {
         Ok(facets) => improvement.non_delaunay_facets = facets,
-        Err(cancelled) => return Ok((improvement, Some(cancelled))),
+        Err(error) => return Ok((improvement, Some(error))),
     }
     Ok((improvement, ended))
 }
@@ -239,10 +239,10 @@ fn below(
         mesh.tets[t][0] != NONE && (mesh.labels[t] != 0 || background && closes_angle(mesh, t))
     };
     let count = mesh.tets.len();
-    let scratch = || (Batch::default(), [0; BLOCK]);
     let chunks = (0..count.div_ceil(CHUNK)).into_par_iter().with_max_len(1);
-    let chunks = chunks.map_init(scratch, |(batch, measured), chunk| {
+    let chunks = chunks.map(|chunk| {
         monitor.advance(0)?;
+        let (mut batch, mut measured) = (Batch::default(), [0; BLOCK]);
         let end = ((chunk + 1) * CHUNK).min(count);
         let mut found = Vec::new();
         for piece in (chunk * CHUNK..end).step_by(BLOCK) {

@@ -218,7 +218,8 @@ impl<'r, 'a> Worker<'r, 'a> {
 
     /// Asks for what is around tets that come into the queue soon, step by step: the tets, those
     /// beside them, and those beside these. Most of it is looked at, and all of a block stays in
-    /// the processor's cache.
+    /// the processor's cache. A neighbour that another block is just changing is no more than an
+    /// address to fetch: nothing depends on it.
     fn prefetch(&self, next: &[u32]) {
         let shared = &self.round.shared;
         if let Some(&t) = next.get(3 * AHEAD) {

@@ -146,8 +146,8 @@ pub fn zeroed<T: Zeroable>(count: usize, what: &'static str) -> Result<Vec<T>> {
     bytemuck::try_zeroed_vec(count).map_err(|()| Error::OutOfMemory { count, what })
 }
 
-/// The same, with room for `more` values behind them. Where nobody writes there, it is addresses
-/// only.
+/// The same, with room for `more` values behind them, if that can be had. Most systems hand out
+/// memory for it only where it is written to.
 ///
 /// # Errors
 /// [`Error::OutOfMemory`].
@@ -156,7 +156,7 @@ pub fn zeroed_with_room<T: Zeroable>(
     more: usize,
     what: &'static str,
 ) -> Result<Vec<T>> {
-    let mut values = zeroed(count + more, what)?;
+    let mut values = zeroed(count + more, what).or_else(|_| zeroed(count, what))?;
     values.truncate(count);
     Ok(values)
 }

@@ -54,13 +54,13 @@ impl TetMesh {
             });
             facets.count() as u64
         };
-        let scratch = || (Vec::new(), TetBlock::default(), Spheres::default());
         let pieces = (0..self.tets.len().div_ceil(CHUNK)).into_par_iter().with_max_len(1);
-        let pieces = pieces.map_init(scratch, |(asked, block, spheres), piece| {
+        let pieces = pieces.map(|piece| {
             monitor.advance(0)?;
+            let (mut block, mut spheres) = (TetBlock::default(), Spheres::default());
             let tets = piece * CHUNK..((piece + 1) * CHUNK).min(self.tets.len());
-            asked.clear();
-            reserve(asked, tets.len(), "tets of the mesh")?;
+            let mut asked = Vec::new();
+            reserve(&mut asked, tets.len(), "tets of the mesh")?;
             asked.extend(tets.map(|t| t as u32).filter(|&t| is_asked(t) && is_kept(t)));
             let mut facets = 0;
             for asked in asked.chunks(BLOCK) {
@@ -69,7 +69,7 @@ impl TetMesh {
                 for &t in asked {
                     block.push(self.tets[t as usize].map(|v| self.points[v as usize]));
                 }
-                block.spheres(spheres);
+                block.spheres(&mut spheres);
                 let counted = asked.iter().enumerate().map(|(i, &t)| count(t, spheres.get(i)));
                 facets += counted.sum::<u64>();
             }

@@ -54,8 +54,9 @@ const RANGE: usize = 1 << 13;
 /// The pass over the tets fetches what a slot so many places ahead leads to.
 const AHEAD: usize = 24;
 
-/// A mesh that is to be improved has room for one new tet, or vertex, in so many: as many as
-/// improvement mostly needs. Tables that grow are copied, by one thread.
+/// A mesh whose background comes last, as it does before improvement, has room for one new tet, or
+/// vertex, in so many: as many as improvement mostly needs. Tables that grow are copied, by one
+/// thread.
 const SPARE_OF: usize = 8;
 
 /// Bytes per slot of a tet that extraction needs at most, mesh included: 36 for a kept tet, 5 for

@@ -111,7 +111,8 @@ impl TetMesh {
     /// of the vertices those between number `points_kept` and `points_before`, the count before
     /// improvement. Returns where each of `tets` is now.
     ///
-    /// The last tets go where there are gaps, so that all others keep their places.
+    /// The last tets go where there are gaps, so that all others keep their places. An empty slot
+    /// has label 0, and no tet names it as its neighbour.
     ///
     /// # Errors
     /// [`OutOfMemory`](crate::Error::OutOfMemory), with the mesh unchanged.
@@ -125,7 +126,8 @@ impl TetMesh {
     ) -> Result<Vec<u32>> {
         // Only to report: a mesh that is half changed would be of no use to anybody.
         let report = || drop(monitor.advance(0));
-        // An empty slot is labelled as background.
+        let is_empty = |t: &usize| self.tets[*t][0] == NONE;
+        debug_assert!((0..self.tets.len()).filter(is_empty).all(|t| self.labels[t] == 0));
         let is_kept = |t: usize| match kept {
             true => self.tets[t][0] != NONE,
             false => self.labels[t] != 0,
@@ -213,5 +215,92 @@ impl TetMesh {
         self.labels.truncate(count);
         self.neighbors.truncate(count);
         Ok(places)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EMPTY: [u32; 4] = [NONE, 7, 8, 9];
+    const NO: u32 = NONE;
+
+    /// Tets in a row: an empty slot that names what was there, one of the background between two of
+    /// the object, and behind them two new ones beside each other, and a second empty slot.
+    fn mesh() -> TetMesh {
+        let mut points: Vec<[f64; 3]> = (0..8).map(|i| [f64::from(i), 0.0, 0.0]).collect();
+        // Two new vertices, and one that is nowhere between them.
+        points.extend([[8.0, 0.0, 0.0], [f64::NAN; 3], [10.0, 0.0, 0.0]]);
+        TetMesh {
+            points,
+            tets: vec![
+                [0, 1, 2, 3],
+                EMPTY,
+                [1, 2, 3, 4],
+                [2, 3, 4, 5],
+                [3, 4, 5, 6],
+                EMPTY,
+                [3, 4, 5, 8],
+                [4, 5, 8, 10],
+            ],
+            labels: vec![5, 0, 0, 5, 0, 0, 6, 7],
+            neighbors: vec![
+                [2, NO, NO, NO],
+                [0, 3, 4, 6],
+                [3, NO, NO, 0],
+                [4, 6, NO, 2],
+                [NO, NO, NO, 3],
+                [1, 1, 1, 1],
+                [7, NO, NO, 3],
+                [NO, NO, NO, 6],
+            ],
+            ..TetMesh::default()
+        }
+    }
+
+    #[test]
+    fn gaps_are_closed_and_the_background_goes() {
+        let mut mesh = mesh();
+        // Vertices 6 and 7 belong to the background alone.
+        let places = mesh.finish(false, 6, 8, &[0, 3, 6, 7], &Monitor::silent()).unwrap();
+        assert_eq!(places, [0, 3, 1, 2]);
+        assert_eq!(mesh.tets, [[0, 1, 2, 3], [3, 4, 5, 6], [4, 5, 6, 7], [2, 3, 4, 5]]);
+        assert_eq!(mesh.labels, [5, 6, 7, 5]);
+        let neighbors = [[NO, NO, NO, NO], [2, NO, NO, 3], [NO, NO, NO, 1], [NO, 1, NO, NO]];
+        assert_eq!(mesh.neighbors, neighbors);
+        assert_eq!(
+            mesh.points.iter().map(|p| p[0]).collect::<Vec<_>>(),
+            [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 8.0, 10.0]
+        );
+    }
+
+    #[test]
+    fn background_that_is_kept_stays_in_its_place() {
+        let mut mesh = mesh();
+        let places = mesh.finish(true, 8, 8, &[6, 7], &Monitor::silent()).unwrap();
+        assert_eq!(places, [1, 5]);
+        assert_eq!(mesh.labels, [5, 6, 0, 5, 0, 7]);
+        assert_eq!(mesh.tets[1], [3, 4, 5, 8]);
+        assert_eq!(mesh.tets[5], [4, 5, 8, 9]);
+        let neighbors = [
+            [2, NO, NO, NO],
+            [5, NO, NO, 3],
+            [3, NO, NO, 0],
+            [4, 1, NO, 2],
+            [NO, NO, NO, 3],
+            [NO, NO, NO, 1],
+        ];
+        assert_eq!(mesh.neighbors, neighbors);
+        assert_eq!(mesh.points.len(), 10);
+    }
+
+    #[test]
+    fn nothing_may_be_left() {
+        for mut mesh in [TetMesh::default(), TetMesh { labels: vec![0; 8], ..mesh() }] {
+            let points = mesh.points.len();
+            let places = mesh.finish(false, 0, points, &[], &Monitor::silent()).unwrap();
+            assert!(places.is_empty() && mesh.tets.is_empty() && mesh.neighbors.is_empty());
+            assert!(mesh.labels.is_empty() && mesh.points.is_empty());
+        }
     }
 }
