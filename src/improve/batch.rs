@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::measure::Measure;
+use super::measure::{Measure, lesser};
 use crate::geometry::tet_block::{BLOCK, Row, TetBlock};
 use crate::geometry::vectors::vectorized;
 
@@ -55,8 +55,7 @@ impl Batch {
     /// Measures all tets. Returns the least measure; infinite without tets.
     pub fn measure(&mut self, measure: &Measure) -> f64 {
         self.in_use().for_each(|block| measures_of(&block.tets, measure, &mut block.measures));
-        let measures = self.measures().flatten();
-        measures.fold(f64::INFINITY, |least, &m| if m < least { m } else { least })
+        self.measures().flatten().copied().fold(f64::INFINITY, lesser)
     }
 
     /// The measures of the tets, block by block, as [`Self::measure`] found them.

@@ -173,10 +173,10 @@ impl Worker<'_, '_> {
         if before >= self.aim {
             return Outcome::Failed;
         }
-        let place =
-            |support| Place { support, walls: self.round.interfaces.oracle.walls_at(start) };
-        let [first, second] = self.supports(star, start, &place(Support::Fixed).walls).map(place);
-        for (n, place) in [first, second].into_iter().enumerate() {
+        let walls = self.round.interfaces.oracle.walls_at(start);
+        let supports = self.supports(star, start, &walls);
+        let may_move = supports.into_iter().filter(|&support| support != Support::Fixed);
+        for (n, place) in may_move.map(|support| Place { support, walls }).enumerate() {
             if n > 0 {
                 climb.begin(star, &self.round.measure, start);
             }
