@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use crate::image::{LabelImage, numbered_voxels};
-use crate::memory::zeroed;
+use crate::memory::zeroed_huge;
 use crate::{Error, Result};
 
 /// Where a region lies in its image.
@@ -97,7 +97,7 @@ impl Rows {
         let [nx, ny, _] = image.dims();
         let dims = region.dims;
         let stride = Self::stride(dims);
-        let mut ids = zeroed(stride * dims[1] * dims[2], "voxels of the label volume")?;
+        let mut ids = zeroed_huge(stride * dims[1] * dims[2], "voxels of the label volume")?;
         // All but the region's outermost voxels are in the image.
         let inner = (region.first[0] + 1) as usize;
         let count = dims[0] - 2;

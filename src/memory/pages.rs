@@ -23,6 +23,9 @@ const PART: (usize, usize) = (7, 16);
 /// Sizes are multiples of this: the largest pages that systems have, but for huge ones.
 pub const PAGE: usize = 1 << 16;
 
+/// The huge pages that are most common. Another size costs time only.
+const HUGE_PAGE: usize = 1 << 21;
+
 /// A range of addresses. None of it is memory at first.
 pub struct Pages {
     start: NonNull<u8>,
@@ -120,6 +123,18 @@ impl Pages {
     }
 }
 
+/// Asks the system for huge pages where the bytes of `values` fill such pages. To be called before
+/// they are first touched. Small pages cost a fault each, and the processor remembers the places of
+/// few of them. Where the system has no huge pages to give, nothing changes.
+pub fn prefer_huge<T>(values: &mut [T]) {
+    let start = values.as_mut_ptr().addr();
+    let offset = start.next_multiple_of(HUGE_PAGE) - start;
+    let bytes = size_of_val(values).saturating_sub(offset) / HUGE_PAGE * HUGE_PAGE;
+    if bytes > 0 {
+        system::prefer_huge(values.as_mut_ptr().cast::<u8>().wrapping_add(offset), bytes);
+    }
+}
+
 /// `bytes`, or the largest multiple of `unit` in [`PART`] of the bytes that are `left`.
 fn part_of(left: Option<usize>, bytes: usize, unit: usize) -> usize {
     let (part, of) = PART;
@@ -185,6 +200,16 @@ mod system {
     #[cfg(not(target_os = "linux"))]
     pub fn populate(_: NonNull<u8>, _: Range<usize>) {}
 
+    #[cfg(target_os = "linux")]
+    pub fn prefer_huge(start: *mut u8, bytes: usize) {
+        use rustix::mm::{Advice, madvise};
+        // SAFETY: no contents change, whatever is there.
+        let _ = unsafe { madvise(start.cast(), bytes, Advice::LinuxHugepage) };
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    pub fn prefer_huge(_: *mut u8, _: usize) {}
+
     /// Gives memory back. The addresses stay reserved.
     ///
     /// # Safety
@@ -239,6 +264,8 @@ mod system {
 
     pub fn populate(_: NonNull<u8>, _: Range<usize>) {}
 
+    pub fn prefer_huge(_: *mut u8, _: usize) {}
+
     /// All is given back when the pages are dropped.
     pub unsafe fn forget(_: NonNull<u8>, _: Range<usize>) {}
 
@@ -283,6 +310,15 @@ mod tests {
         };
         pages.give_back(6 * PAGE, PAGE, &visit).unwrap();
         assert_eq!(seen.into_inner(), 6 * PAGE);
+    }
+
+    #[test]
+    fn huge_pages_keep_what_is_there() {
+        for bytes in [0, 1, PAGE, HUGE_PAGE - 1, HUGE_PAGE, 3 * HUGE_PAGE + 5] {
+            let mut values: Vec<u8> = (0..bytes).map(|i| i as u8).collect();
+            prefer_huge(&mut values);
+            assert!(values.into_iter().eq((0..bytes).map(|i| i as u8)));
+        }
     }
 
     #[test]

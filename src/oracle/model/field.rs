@@ -35,7 +35,7 @@ use crate::image::bricks::Bricks;
 use crate::image::gray::MAX_ISOVALUES;
 use crate::image::region::Region;
 use crate::image::{self, LabelImage};
-use crate::memory::zeroed;
+use crate::memory::zeroed_huge;
 use crate::{Error, Result};
 
 /// Values at the voxel centres of a region.
@@ -177,7 +177,7 @@ impl Intensities {
     ) -> Result<Self> {
         let bricks = Bricks::new(region.dims);
         let [nx, ny, nz] = image.dims();
-        let mut bricked: Vec<f32> = zeroed(bricks.len(), "intensities of the region")?;
+        let mut bricked: Vec<f32> = zeroed_huge(bricks.len(), "intensities of the region")?;
         bricked.par_chunks_mut(bricks.layer()).enumerate().try_for_each(|(layer, out)| {
             check()?;
             for (n, slot) in out.iter_mut().enumerate() {

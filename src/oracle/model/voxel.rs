@@ -24,7 +24,7 @@ use crate::Result;
 use crate::image::bits::{gathered, ones};
 use crate::image::bricks::Bricks;
 use crate::image::region::Rows;
-use crate::memory::zeroed;
+use crate::memory::zeroed_huge;
 use crate::sync::{Mutex, lock};
 
 /// Rings are counted up to this.
@@ -195,7 +195,7 @@ pub(crate) fn records<'a>(
     let near = beside.dilated(check)?;
     let bricks = Bricks::new(rows.dims());
     let [nx, ny, nz] = bricks.dims();
-    let mut voxels: Vec<Voxel> = zeroed(bricks.len(), "voxels of the label volume")?;
+    let mut voxels: Vec<Voxel> = zeroed_huge(bricks.len(), "voxels of the label volume")?;
     let none = || match pairs {
         Pairs::Counted(sampling) => Some(Tally::new(sampling)),
         _ => None,
