@@ -183,7 +183,8 @@ impl<'a> Pass<'a> {
             }
             let of_vertices = blocks.of_vertices(mesh, round)?;
             let owned = owned_tets(mesh, &of_vertices, &to_try)?;
-            let jobs: Vec<&[(u32, u32)]> = owned.chunk_by(|a, b| a.0 == b.0).collect();
+            let block = |owned: u64| (owned >> 32) as u32;
+            let jobs: Vec<&[u64]> = owned.chunk_by(|&a, &b| block(a) == block(b)).collect();
             let tets: Vec<AtomicU32> = zeroed(vertices, WHAT)?;
             tets.par_iter().for_each(|t| t.store(NONE, Relaxed));
             let next: Vec<AtomicU8> = zeroed(vertices, WHAT)?;
@@ -198,9 +199,9 @@ impl<'a> Pass<'a> {
                 bounds: &self.bounds,
                 report_and_check,
             };
-            let work = |job: &[(u32, u32)]| {
-                let mut contractor = Contractor::new(&shared, job[0].0);
-                let ended = contractor.run(job.iter().map(|&(_, t)| t)).err();
+            let work = |job: &[u64]| {
+                let mut contractor = Contractor::new(&shared, block(job[0]));
+                let ended = contractor.run(job.iter().map(|&owned| owned as u32)).err();
                 (contractor.counts, ended)
             };
             let done: Vec<_> = jobs.into_par_iter().with_max_len(1).map(work).collect();
@@ -227,8 +228,9 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// The tets with a vertex that is to be tried and the blocks that own them, by these.
-fn owned_tets(mesh: &TetMesh, blocks: &[u32], to_try: &[u8]) -> Result<Vec<(u32, u32)>> {
+/// The tets with a vertex that is to be tried and the blocks that own them, by these: the block in
+/// the upper half of a number and the tet in the lower one.
+fn owned_tets(mesh: &TetMesh, blocks: &[u32], to_try: &[u8]) -> Result<Vec<u64>> {
     let chunks = mesh.tets.par_chunks(CHUNK).enumerate().map(|(chunk, tets)| {
         let mut owned = Vec::new();
         reserve(&mut owned, tets.len(), "tets to be contracted")?;
@@ -237,7 +239,7 @@ fn owned_tets(mesh: &TetMesh, blocks: &[u32], to_try: &[u8]) -> Result<Vec<(u32,
                 && tet.iter().any(|&v| to_try[v as usize] == 1)
                 && let Some(owner) = owner(tet.map(|v| blocks[v as usize]))
             {
-                owned.push((owner, t as u32));
+                owned.push(u64::from(owner) << 32 | t as u64);
             }
         }
         Ok(owned)

@@ -109,11 +109,34 @@ impl<'r, 'a> Contractor<'r, 'a> {
         (round.report_and_check)(0)?;
         let mut star = Star::default();
         let vertices = self.to_try(tets);
-        for some in vertices.chunks(REPORT_EVERY) {
-            some.iter().for_each(|&(_, u)| self.contract(&mut star, u));
-            (round.report_and_check)(some.len())?;
+        for (i, &(_, u)) in vertices.iter().enumerate() {
+            self.prefetch(&vertices[i + 1..]);
+            self.contract(&mut star, u);
+            if (i + 1).is_multiple_of(REPORT_EVERY) {
+                (round.report_and_check)(REPORT_EVERY)?;
+            }
         }
-        Ok(())
+        (round.report_and_check)(vertices.len() % REPORT_EVERY)
+    }
+
+    /// Asks for what is around the next vertices: those with short edges lie anywhere in the block.
+    /// Each step finds what the step before has asked for.
+    fn prefetch(&self, next: &[(u64, u32)]) {
+        let shared = &self.round.shared;
+        let tet = |i: usize| {
+            let t = self.round.tets[next.get(i)?.1 as usize].load(Relaxed);
+            (t < TRIED).then_some(t)
+        };
+        if let Some(t) = tet(3) {
+            shared.prefetch(t);
+        }
+        if let Some(t) = tet(2) {
+            shared.prefetch_around(t);
+        }
+        if let Some(t) = tet(1) {
+            let beside = (0..4).map(|i| shared.neighbor(t, i)).filter(|&other| other != NONE);
+            beside.for_each(|other| shared.prefetch_around(other));
+        }
     }
 
     /// The vertices of the block that are to be tried, with the squares of the shortest edges in
@@ -170,10 +193,10 @@ impl<'r, 'a> Contractor<'r, 'a> {
         if walls.count() == 3 {
             return;
         }
-        let mut near = neighbors(star, at);
-        near.retain(|&(square, v)| {
-            square <= round.bounds.longest * round.bounds.longest && support.allows(star, v)
-        });
+        let longest = round.bounds.longest * round.bounds.longest;
+        let beside = star.vertices().into_iter().map(|(v, p)| (p.distance_squared(at), v));
+        let mut near: Vec<_> =
+            beside.filter(|&(square, v)| square <= longest && support.allows(star, v)).collect();
         near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         if near.is_empty() {
             return;
@@ -379,19 +402,4 @@ enum Outcome {
     Failed,
     /// It may, perhaps, but that needs a tet that the block does not own.
     Foreign,
-}
-
-/// The vertices beside that of a star, which is at `at`, with their squared distances.
-fn neighbors(star: &Star, at: DVec3) -> Vec<(f64, u32)> {
-    let (mut near, mut numbers) = (Vec::with_capacity(24), Vec::with_capacity(24));
-    for (link, points) in star.links.iter().zip(&star.points) {
-        for (&v, p) in link.iter().zip(points) {
-            // Of numbers alone, for these can be compared many at a time.
-            if !numbers.contains(&v) {
-                numbers.push(v);
-                near.push((p.distance_squared(at), v));
-            }
-        }
-    }
-    near
 }

@@ -31,6 +31,8 @@ pub(super) struct Star {
     pub points: Vec<[DVec3; 3]>,
     pub labels: Vec<i32>,
     pub facets: Vec<StarFacet>,
+    /// The two other vertices that each tet but the first has in common with one before it.
+    common: Vec<[u32; 2]>,
 }
 
 /// What came of collecting a star.
@@ -53,6 +55,7 @@ impl Star {
         self.points.clear();
         self.labels.clear();
         self.facets.clear();
+        self.common.clear();
     }
 
     /// Collects the tets around vertex `v`, one of which is `t`; all must be owned.
@@ -90,6 +93,9 @@ impl Star {
                         return Collected::Open;
                     }
                     self.tets.push(beside);
+                    self.common.push(outward);
+                    // Its turn comes some tets later.
+                    shared.prefetch(beside);
                 }
                 let other = shared.label(beside);
                 if other < label {
@@ -99,6 +105,24 @@ impl Star {
         }
         self.points.extend(self.links.iter().map(|link| link.map(|v| shared.point(v))));
         Collected::Star
+    }
+
+    /// The vertices beside that of the star, each once, with where they are. Of each tet but the
+    /// first only one can be new: that which it has not in common with the one that led to it.
+    pub fn vertices(&self) -> Vec<(u32, DVec3)> {
+        let Some(&first) = self.links.first() else { return Vec::new() };
+        let mut vertices = Vec::with_capacity(24);
+        vertices.extend(first.into_iter().zip(self.points[0]));
+        let later = self.links.iter().zip(&self.points).skip(1).zip(&self.common);
+        for ((link, points), common) in later {
+            let new = link.iter().zip(points).find(|(v, _)| !common.contains(v));
+            if let Some((&v, &p)) = new
+                && vertices.iter().all(|&(known, _)| known != v)
+            {
+                vertices.push((v, p));
+            }
+        }
+        vertices
     }
 
     /// The labels of the facets, if all have the same two.
@@ -145,5 +169,42 @@ impl Star {
             }
         }
         steps == self.facets.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::memory::bits::Bits;
+    use crate::mesh::testing::kuhn_box;
+
+    #[test]
+    fn the_vertices_of_a_star_are_those_of_its_tets() {
+        let mut mesh = kuhn_box([4, 3, 3], [1.0; 3], |i, j, k| ((i + j * k) % 3) as i32);
+        let changed = Bits::new(mesh.tets.len(), "tets").unwrap();
+        let tets = mesh.tets.clone();
+        let shared = Shared::new(&mut mesh, &changed);
+        let (mut star, mut stars) = (Star::default(), 0);
+        for (t, &tet) in (0..).zip(&tets) {
+            for v in tet {
+                if star.collect(&shared, t, v, |_| true) != Collected::Star {
+                    continue;
+                }
+                stars += 1;
+                let with_v = || tets.iter().filter(|tet| tet.contains(&v));
+                assert_eq!(star.tets.len(), with_v().count());
+                let mut expected: Vec<u32> =
+                    with_v().flatten().copied().filter(|&w| w != v).collect();
+                expected.sort_unstable();
+                expected.dedup();
+                let mut found = star.vertices();
+                assert!(found.iter().all(|&(w, p)| p == shared.point(w)));
+                found.sort_unstable_by_key(|&(w, _)| w);
+                assert!(found.into_iter().map(|(w, _)| w).eq(expected));
+            }
+        }
+        assert!(stars > 0);
+        star.clear(0);
+        assert!(star.vertices().is_empty());
     }
 }
