@@ -112,15 +112,16 @@ impl<'r, 'a> Contractor<'r, 'a> {
         for (i, &(_, u)) in vertices.iter().enumerate() {
             self.prefetch(&vertices[i + 1..]);
             self.contract(&mut star, u);
-            if (i + 1).is_multiple_of(REPORT_EVERY) {
-                (round.report_and_check)(REPORT_EVERY)?;
+            let tried = i + 1;
+            if tried.is_multiple_of(REPORT_EVERY) || tried == vertices.len() {
+                (round.report_and_check)((tried - 1) % REPORT_EVERY + 1)?;
             }
         }
-        (round.report_and_check)(vertices.len() % REPORT_EVERY)
+        Ok(())
     }
 
-    /// Asks for what is around the next vertices: those with short edges lie anywhere in the block.
-    /// Each step finds what the step before has asked for.
+    /// Asks for what is around the next vertices. They come in the order of their shortest edges,
+    /// so they lie anywhere in the block. Each step finds what the step before has asked for.
     fn prefetch(&self, next: &[(u64, u32)]) {
         let shared = &self.round.shared;
         let tet = |i: usize| {

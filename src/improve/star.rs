@@ -31,7 +31,8 @@ pub(super) struct Star {
     pub points: Vec<[DVec3; 3]>,
     pub labels: Vec<i32>,
     pub facets: Vec<StarFacet>,
-    /// The two other vertices that each tet but the first has in common with one before it.
+    /// The two other vertices that each tet but the first has in common with the one that led to
+    /// it; of collected stars.
     common: Vec<[u32; 2]>,
 }
 
@@ -107,9 +108,12 @@ impl Star {
         Collected::Star
     }
 
-    /// The vertices beside that of the star, each once, with where they are. Of each tet but the
-    /// first only one can be new: that which it has not in common with the one that led to it.
+    /// The vertices beside that of the star, each once, with where they are; of a star that
+    /// [`Self::collect`] found whole. Of each tet but the first only one can be new: that which it
+    /// has not in common with the tet that led to it.
     pub fn vertices(&self) -> Vec<(u32, DVec3)> {
+        debug_assert_eq!(self.links.len(), self.points.len());
+        debug_assert_eq!(self.links.len(), self.common.len() + usize::from(!self.links.is_empty()));
         let Some(&first) = self.links.first() else { return Vec::new() };
         let mut vertices = Vec::with_capacity(24);
         vertices.extend(first.into_iter().zip(self.points[0]));

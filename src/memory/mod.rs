@@ -146,8 +146,8 @@ pub fn zeroed<T: Zeroable>(count: usize, what: &'static str) -> Result<Vec<T>> {
     bytemuck::try_zeroed_vec(count).map_err(|()| Error::OutOfMemory { count, what })
 }
 
-/// The same, on huge pages where the system has them: for a table of all voxels, which is read at
-/// random as long as a mesh is made.
+/// As [`zeroed`], on huge pages where the system has them: for a table of all voxels, which is read
+/// at random as long as a mesh is made.
 ///
 /// # Errors
 /// [`Error::OutOfMemory`].
@@ -157,8 +157,8 @@ pub fn zeroed_huge<T: Zeroable>(count: usize, what: &'static str) -> Result<Vec<
     Ok(values)
 }
 
-/// The same, with room for `more` values behind them, if that can be had. Most systems hand out
-/// memory for it only where it is written to.
+/// As [`zeroed`], with room for `more` values behind them, if that can be had. Most systems hand
+/// out memory for it only where it is written to.
 ///
 /// # Errors
 /// [`Error::OutOfMemory`].
