@@ -21,6 +21,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::image::LabelImage;
+use crate::image::bits::{gathered, ones};
 use crate::memory::{room, zeroed};
 use crate::reduce::{Numbered, UnionFind};
 use crate::{Error, Result};
@@ -51,44 +52,22 @@ struct Run {
     id: u16,
 }
 
-/// Pairs of neighbours in a row that are compared at once.
-const COMPARED: usize = 64;
-
 /// Where a row changes: bit i is set where voxels `from + i` and `from + i + 1` have different ids.
 /// No bit is set for the last voxel. There are no branches, for where rows change can't be
 /// predicted.
 #[inline]
 fn changes_from(row: &[u16], from: usize) -> u64 {
-    let mut differ = [0_u8; COMPARED];
-    let (these, next) = (&row[from..row.len() - 1], &row[from + 1..]);
-    if let (Some(these), Some(next)) = (these.first_chunk(), next.first_chunk::<COMPARED>()) {
-        let these: &[u16; COMPARED] = these;
-        for i in 0..COMPARED {
-            differ[i] = u8::from(these[i] != next[i]);
-        }
-    } else {
-        for ((differ, a), b) in differ.iter_mut().zip(these).zip(next) {
-            *differ = u8::from(a != b);
-        }
+    let mut differ = [0; 64];
+    for ((differ, a), b) in differ.iter_mut().zip(&row[from..]).zip(&row[from + 1..]) {
+        *differ = u8::from(a != b);
     }
-    // The product brings the lowest bits of eight bytes side by side into its highest byte.
-    let bits =
-        |eight: &[u8; 8]| u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56;
-    differ.as_chunks().0.iter().rev().fold(0, |word, eight| word << 8 | bits(eight))
+    gathered(&differ)
 }
 
 /// The runs of the object in one row of ids, of at least one: start, end, id.
 fn runs_of(row: &[u16]) -> impl Iterator<Item = (u32, u32, u16)> {
-    let words = (0..row.len() - 1).step_by(COMPARED);
-    let ends = words.flat_map(|from| {
-        let mut changes = changes_from(row, from);
-        std::iter::from_fn(move || {
-            let end = from + changes.trailing_zeros() as usize + 1;
-            let any = changes != 0;
-            changes &= changes.wrapping_sub(1);
-            any.then_some(end)
-        })
-    });
+    let words = (0..row.len() - 1).step_by(64);
+    let ends = words.flat_map(|from| ones(changes_from(row, from)).map(move |i| from + i + 1));
     let mut start = 0;
     let runs = ends.chain(std::iter::once(row.len())).map(move |end| {
         let run = (start as u32, end as u32, row[start]);

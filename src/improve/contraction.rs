@@ -109,35 +109,23 @@ impl<'r, 'a> Contractor<'r, 'a> {
         (round.report_and_check)(0)?;
         let mut star = Star::default();
         let vertices = self.to_try(tets);
-        for (i, &(_, u)) in vertices.iter().enumerate() {
-            self.prefetch(&vertices[i + 1..]);
-            self.contract(&mut star, u);
-            let tried = i + 1;
-            if tried.is_multiple_of(REPORT_EVERY) || tried == vertices.len() {
-                (round.report_and_check)((tried - 1) % REPORT_EVERY + 1)?;
+        let mut next = &vertices[..];
+        for some in vertices.chunks(REPORT_EVERY) {
+            for &(_, u) in some {
+                next = &next[1..];
+                // They come by their shortest edges, so they lie anywhere in the block.
+                round.shared.prefetch_steps([3, 2, 1].map(|n| self.tet_of(next.get(n)?.1)));
+                self.contract(&mut star, u);
             }
+            (round.report_and_check)(some.len())?;
         }
         Ok(())
     }
 
-    /// Asks for what is around the next vertices. They come in the order of their shortest edges,
-    /// so they lie anywhere in the block. Each step finds what the step before has asked for.
-    fn prefetch(&self, next: &[(u64, u32)]) {
-        let shared = &self.round.shared;
-        let tet = |i: usize| {
-            let t = self.round.tets[next.get(i)?.1 as usize].load(Relaxed);
-            (t < TRIED).then_some(t)
-        };
-        if let Some(t) = tet(3) {
-            shared.prefetch(t);
-        }
-        if let Some(t) = tet(2) {
-            shared.prefetch_around(t);
-        }
-        if let Some(t) = tet(1) {
-            let beside = (0..4).map(|i| shared.neighbor(t, i)).filter(|&other| other != NONE);
-            beside.for_each(|other| shared.prefetch_around(other));
-        }
+    /// A tet of a vertex that is still to be tried, if one is known.
+    fn tet_of(&self, v: u32) -> Option<u32> {
+        let t = self.round.tets[v as usize].load(Relaxed);
+        (t < TRIED).then_some(t)
     }
 
     /// The vertices of the block that are to be tried, with the squares of the shortest edges in

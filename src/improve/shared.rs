@@ -91,6 +91,25 @@ impl<'m> Shared<'m> {
         }
     }
 
+    /// Asks for what is around tets that are looked at soon, step by step: the first tet, what is
+    /// around the second one, and what is around the tets beside the third one. Each tet is the
+    /// first at one call, the second at a later one and the third at one later still, so that each
+    /// step finds what the step before has fetched. A neighbour that another block is just changing
+    /// is no more than an address to fetch: nothing depends on it.
+    #[inline(always)]
+    pub fn prefetch_steps(&self, [first, second, third]: [Option<u32>; 3]) {
+        if let Some(t) = first {
+            self.prefetch(t);
+        }
+        if let Some(t) = second {
+            self.prefetch_around(t);
+        }
+        if let Some(t) = third {
+            let beside = (0..4).map(|i| self.neighbor(t, i)).filter(|&other| other != NONE);
+            beside.for_each(|other| self.prefetch_around(other));
+        }
+    }
+
     /// Which facet of `t` lies between it and `neighbor`.
     pub fn facet_to(&self, t: u32, neighbor: u32) -> Option<usize> {
         (0..4).find(|&i| self.neighbor(t, i) == neighbor)

@@ -193,7 +193,10 @@ impl<'r, 'a> Worker<'r, 'a> {
     /// Those of the round's `report_and_check`.
     pub fn run(&mut self, tets: &[u32]) -> Result<()> {
         for (i, &t) in tets.iter().enumerate() {
-            self.prefetch(&tets[i..]);
+            // Most of what is around them is looked at, and all of a block stays in the processor's
+            // cache.
+            let ahead = [3, 2, 1].map(|n| tets.get(i + n * AHEAD).copied());
+            self.round.shared.prefetch_steps(ahead);
             self.enqueue(t);
         }
         self.patience = PATIENCE.max(tets.len() / HOPELESS_PART);
@@ -213,24 +216,6 @@ impl<'r, 'a> Worker<'r, 'a> {
             } else {
                 return (self.round.report_and_check)(steps);
             }
-        }
-    }
-
-    /// Asks for what is around tets that come into the queue soon, step by step: the tets, those
-    /// beside them, and those beside these. Most of it is looked at, and all of a block stays in
-    /// the processor's cache. A neighbour that another block is just changing is no more than an
-    /// address to fetch: nothing depends on it.
-    fn prefetch(&self, next: &[u32]) {
-        let shared = &self.round.shared;
-        if let Some(&t) = next.get(3 * AHEAD) {
-            shared.prefetch(t);
-        }
-        if let Some(&t) = next.get(2 * AHEAD) {
-            shared.prefetch_around(t);
-        }
-        if let Some(&t) = next.get(AHEAD) {
-            let beside = (0..4).map(|i| shared.neighbor(t, i)).filter(|&other| other != NONE);
-            beside.for_each(|other| shared.prefetch_around(other));
         }
     }
 
