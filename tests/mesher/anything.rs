@@ -195,6 +195,23 @@ fn facets_at_walls_are_asked_again() {
     }
 }
 
+/// Where the bounds of a sphere did not tell whether R3's point lies in it, insertion began in the
+/// tet across the facet, even if the point lay outside of that one's sphere. Then it was dropped,
+/// and from 2 to 6 facets stayed unmet.
+#[test]
+fn surface_centers_begin_in_a_tet_that_they_are_in_conflict_with() {
+    for (seed, spacing_floor) in
+        [(300_247, 0.9), (300_585, 0.4), (300_585, 0.6), (300_585, 0.8), (300_783, 0.9)]
+    {
+        let (image, params) = case(seed);
+        let adaptive = Adaptive::Thickness;
+        let params = MeshParams { threads: 1, adaptive, spacing_floor, ..params };
+        let meshing = mesh_image(&image, &params, &Monitor::silent()).unwrap();
+        let unmet = meshing.report.certificate.unmet;
+        assert_eq!(unmet, Some([0; 6]), "seed {seed}, floor {spacing_floor}");
+    }
+}
+
 /// Where three labels met at a wall the way to the background went to and fro between two of them.
 #[test]
 fn labels_that_meet_at_a_wall_do_not_hold_up_the_way_out() {

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::delaunay::tet::{FACET, TetRecord, is_free};
 use crate::delaunay::{Facet, TetId, VertexId};
-use crate::geometry::predicates::perturbation_order;
+use crate::geometry::predicates::{in_sphere_perturbed, perturbation_order};
 use crate::geometry::shape::{has_angle_below, triangle_circumcircle};
 
 /// How far a surface center on a wall is moved, in parts of its distance to the vertices.
@@ -163,7 +163,13 @@ impl Rules<'_> {
             return None;
         }
         let point = self.instead_of(x, radius, self.sizing.at(x), tets);
-        let start = if here.contains(point) == Some(true) { t } else { neighbor.tet() };
+        let is_here = here.contains(point).unwrap_or_else(|| {
+            // It is in conflict with one of the two at least, as a rule: insertion begins there.
+            let corners = self.triangulation.corners(seen.vertices);
+            there.contains(point) != Some(true)
+                && (corners.contains(&point) || in_sphere_perturbed(corners, point))
+        });
+        let start = if is_here { t } else { neighbor.tet() };
         let (kind, across) = (ISOVERTEX, Some((neighbor, other)));
         Some(RefinementPoint { rule: Rule::R3, point, kind, start, seen, across })
     }
