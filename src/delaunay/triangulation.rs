@@ -250,6 +250,13 @@ impl Triangulation {
         ]
     }
 
+    /// Whether `p` is in conflict with a positive tet of these vertices, by the exact predicate:
+    /// for where the bounds of its sphere do not tell. `None` when `p` is one of them.
+    pub fn exact_conflict(&self, vertices: [VertexId; 4], p: DVec3) -> Option<bool> {
+        let corners = self.corners(vertices);
+        (!corners.contains(&p)).then(|| in_sphere_perturbed(corners, p))
+    }
+
     /// Whether the tet that the stamp was taken of still lives; [`TetStamp`] tells of the
     /// exception.
     #[inline(always)]

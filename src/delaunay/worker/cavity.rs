@@ -10,7 +10,6 @@ use crate::delaunay::ownership::{Claim, Holder};
 use crate::delaunay::probe::{Effort, Probe};
 use crate::delaunay::tet::{FACET, Facet, TetId, TetRecord, VertexId};
 use crate::delaunay::triangulation::Triangulation;
-use crate::geometry::predicates::in_sphere_perturbed;
 
 /// A facet of the cavity's boundary.
 #[derive(Clone, Copy, Debug)]
@@ -62,8 +61,7 @@ impl<L: Locks, P: Probe> Worker<L, P> {
     ) -> Option<bool> {
         self.counters.exact_predicates += 1;
         self.probe.spend(Effort::Exact(1));
-        let corners = triangulation.corners(tet.vertices());
-        (!corners.contains(&p)).then(|| in_sphere_perturbed(corners, p))
+        triangulation.exact_conflict(tet.vertices(), p)
     }
 
     /// Finds the cavity of `p`, starting from a tet in conflict with it. Its tets are owned then,

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::delaunay::tet::{FACET, TetRecord, is_free};
 use crate::delaunay::{Facet, TetId, VertexId};
-use crate::geometry::predicates::{in_sphere_perturbed, perturbation_order};
+use crate::geometry::predicates::perturbation_order;
 use crate::geometry::shape::{has_angle_below, triangle_circumcircle};
 
 /// How far a surface center on a wall is moved, in parts of its distance to the vertices.
@@ -165,9 +165,8 @@ impl Rules<'_> {
         let point = self.instead_of(x, radius, self.sizing.at(x), tets);
         let is_here = here.contains(point).unwrap_or_else(|| {
             // It is in conflict with one of the two at least, as a rule: insertion begins there.
-            let corners = self.triangulation.corners(seen.vertices);
             there.contains(point) != Some(true)
-                && (corners.contains(&point) || in_sphere_perturbed(corners, point))
+                && self.triangulation.exact_conflict(seen.vertices, point) != Some(false)
         });
         let start = if is_here { t } else { neighbor.tet() };
         let (kind, across) = (ISOVERTEX, Some((neighbor, other)));
