@@ -2317,7 +2317,9 @@ lapd_status lapd_params_get_adaptive(const lapd_params *params, int32_t *adaptiv
 
 /**
  * Sets how close samples of thin structures come at most: this times the smallest side of a voxel;
- * above 0, by default 0.5. No other thread may use `params` or the context meanwhile.
+ * above 0, by default 0.5. With LAPD_ADAPTIVE_THICKNESS they come no closer than 0.9 sides anyway,
+ * nor than 0.75 where voxels of a label touch in an edge or a corner alone. No other thread may
+ * use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */

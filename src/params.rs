@@ -110,7 +110,8 @@ pub struct MeshParams {
     /// away.
     pub adaptive: Adaptive,
     /// No spacing of such samples is less than this times the smallest side of a voxel, but delta
-    /// itself may be; > 0.
+    /// itself may be; > 0. With [`Adaptive::Thickness`] none is less than 0.9 sides anyway, nor
+    /// than 0.75 about contacts.
     pub spacing_floor: f64,
     /// Components of a label (after merging, of voxels joined with all 26 around them) of fewer
     /// voxels than this are not meshed: they become a part of the label around them, and the report

@@ -438,3 +438,26 @@ fn empty_images_and_cancelling_are_errors() {
         Err(Error::Cancelled)
     ));
 }
+
+#[test]
+fn contacts_are_where_voxels_touch_in_an_edge_or_a_corner_alone() {
+    let dims = [9, 9, 9];
+    let mut ids = vec![0; 729];
+    // A pair that shares a face, one that shares an edge, and one that shares a corner.
+    for [x, y, z] in [[1, 1, 2], [2, 1, 2], [5, 1, 2], [6, 2, 2], [2, 5, 5], [3, 6, 6]] {
+        ids[x + 9 * (y + 9 * z)] = 1;
+    }
+    let frame = Frame::new([0.0; 3], [2.0, 1.0, 1.0], DMat3::IDENTITY.to_cols_array_2d()).unwrap();
+    let image = LabelImage::from_ids(dims, frame, ids, vec![0, 1]).unwrap();
+    let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
+    let mut found = oracle.contacts(&|| Ok(())).unwrap();
+    found.sort_by(|a, b| a.y.total_cmp(&b.y));
+    let wanted = [DVec3::new(11.0, 1.5, 2.0), DVec3::new(5.0, 5.5, 5.5)];
+    assert_eq!(found.len(), wanted.len(), "{found:?}");
+    for (found, wanted) in found.iter().zip(wanted) {
+        // Moved a little off the planes of the grid.
+        assert!(found.distance(wanted) < 0.2, "{found} instead of {wanted}");
+    }
+    let cancelled = oracle.contacts(&|| Err(Error::Cancelled));
+    assert!(matches!(cancelled, Err(Error::Cancelled)));
+}

@@ -284,7 +284,7 @@ fn find_mesh(
         let quiet = Monitor::within(&look);
         let mut try_once = |search: &mut budget::Search| {
             if !is_first {
-                prepared.sizing = prepare::sizing(image, &used, limits, monitor)?;
+                prepared.sizing = prepare::sizing(image, &prepared.oracle, &used, limits, monitor)?;
             }
             let refined = attempt.refine(&mut prepared, search.parts(), watch, monitor)?;
             let is_complete = refined.is_complete();

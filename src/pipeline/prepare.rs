@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::image::LabelImage;
 use crate::image::region::{Region, Rows};
 use crate::image::small_components::SmallComponent;
+use crate::memory::collected;
 use crate::mesh::extract::BYTES_PER_SLOT;
 use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::{Oracle, Surface};
@@ -15,7 +16,7 @@ use crate::params::{CertificateLevel, MeshParams, SurfaceModel};
 use crate::pipeline::messages;
 use crate::refine::options::Limits;
 use crate::second_order;
-use crate::sizing::{Sizing, Spacing, TetSizes};
+use crate::sizing::{Place, Sizing, Spacing, TetSizes};
 use crate::verify::Certificate;
 use crate::{Error, Result};
 
@@ -130,12 +131,9 @@ pub fn prepare(
     }
     let surface = surface(params);
     let rows = Rows::new(image, region, &go_on)?;
-    // Side by side: where the threads have nothing to do for the one they work on the other.
-    let (oracle, sizing) = rayon::join(
-        || Oracle::of_rows(image, &rows, surface, &go_on),
-        || sizing_of_rows(image, &rows, params, &go_on),
-    );
-    Ok(Prepared { oracle: oracle?, sizing: sizing?, volume: object_volume(image) })
+    let oracle = Oracle::of_rows(image, &rows, surface, &go_on)?;
+    let sizing = sizing_of_rows(image, &rows, &oracle, params, &go_on)?;
+    Ok(Prepared { oracle, sizing, volume: object_volume(image) })
 }
 
 /// The sizing field alone, for other lengths than those that the image was prepared for.
@@ -144,23 +142,44 @@ pub fn prepare(
 /// Those of [`prepare`].
 pub fn sizing(
     image: &LabelImage,
+    oracle: &Oracle,
     params: &MeshParams,
     limits: &Limits,
     monitor: &Monitor<'_>,
 ) -> Result<Sizing> {
     let go_on = || monitor.advance(0).and_then(|()| limits.check_time());
     let rows = Rows::new(image, Region::new(image, &go_on)?, &go_on)?;
-    sizing_of_rows(image, &rows, params, &go_on)
+    sizing_of_rows(image, &rows, oracle, params, &go_on)
 }
 
 fn sizing_of_rows(
     image: &LabelImage,
     rows: &Rows,
+    oracle: &Oracle,
     params: &MeshParams,
     go_on: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Sizing> {
     let tets = TetSizes::new(image, rows, params, go_on)?.into();
-    Sizing::new(image, rows, &Spacing::new(params, image.labels()), tets, &[], go_on)
+    let spacing = Spacing::new(params, image.labels());
+    let contacts = places_of_contacts(image, oracle, &spacing, go_on)?;
+    Sizing::new(image, rows, &spacing, tets, &contacts, go_on)
+}
+
+/// The places about the contacts of the image; none where samples are as close without them.
+fn places_of_contacts(
+    image: &LabelImage,
+    oracle: &Oracle,
+    spacing: &Spacing,
+    go_on: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Vec<Place>> {
+    if !spacing.has_contacts(image) {
+        return Ok(Vec::new());
+    }
+    let (frame, apart) = (image.frame(), spacing.at_contacts(image));
+    let side = frame.spacing().min_element();
+    let contacts = oracle.contacts(go_on)?;
+    let place = |&p| Place::about_contact(frame.to_index(p), apart, side);
+    collected(contacts.iter().map(place), "places of contacts")
 }
 
 /// The oracle alone, for a mesh that is finished already.
@@ -227,4 +246,39 @@ fn object_volume(image: &LabelImage) -> f64 {
     let count = |ids: &[u16]| u64::from(ids.iter().map(|&id| u16::from(id != 0)).sum::<u16>());
     let voxels: u64 = image.ids().par_chunks(1 << 15).map(count).sum();
     voxels as f64 * image.voxel_volume()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::image::phantom::sampled;
+
+    /// Two cubes that touch along an edge, and a sheet of one voxel.
+    #[test]
+    fn samples_are_closest_about_contacts() {
+        let cube = |p: DVec3, center: DVec3| (p - center).abs().max_element() < 3.0;
+        let label = |p: DVec3| {
+            let is_body = cube(p, DVec3::new(-3.0, -3.0, -9.0))
+                || cube(p, DVec3::new(3.0, 3.0, -9.0))
+                || p.z > 11.0 && p.z < 12.0 && p.x.abs().max(p.y.abs()) < 9.0;
+            i32::from(is_body)
+        };
+        let image = sampled([30, 30, 40], [1.0; 3], label).unwrap();
+        let lengths = |spacing_floor: f64| {
+            let params = MeshParams { delta: 4.0, size: 8.0, spacing_floor, ..Default::default() };
+            let limits = Limits::default();
+            let prepared = prepare(&image, &params, &limits, &Monitor::silent()).unwrap();
+            let at = |x: f64, y: f64, z: f64| prepared.sizing.at(DVec3::new(x, y, z));
+            [at(0.1, 0.1, -9.0), at(5.0, 0.5, 11.5), at(0.0, 0.0, 5.0)]
+        };
+        let [contact, thin, elsewhere] = lengths(0.5);
+        assert!((0.7..=0.75).contains(&contact), "{contact}");
+        assert!((0.85..=0.9).contains(&thin), "{thin}");
+        assert!(elsewhere > 2.0, "{elsewhere}");
+        // What is asked for is the least.
+        let [contact, thin, _] = lengths(1.2);
+        assert!(contact.min(thin) >= 1.2, "{contact}, {thin}");
+    }
 }

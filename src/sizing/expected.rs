@@ -29,6 +29,15 @@ use crate::params::MeshParams;
 const PER_SQUARE: [(f64, f64); 7] =
     [(1.0, 3.1), (1.5, 3.5), (2.0, 3.55), (3.0, 3.76), (4.5, 3.9), (6.0, 3.85), (9.0, 3.4)];
 
+/// How many times as many there are where the distance of samples changes from place to place, as
+/// beside thin structures: tets there must fit to both. It does where it is neither the least nor
+/// the largest of the image. Not where sizes follow thickness, too (`across`): there tets are small
+/// on both sides of a transition.
+const GRADED: f64 = 1.3;
+
+/// Coarsening leaves this part of what [`Spacing::coarsened`] leads to.
+const LEFT: f64 = 0.95;
+
 /// Tets in the cube of a largest circumradius.
 const PER_CUBE: f64 = 4.6;
 
@@ -60,7 +69,7 @@ pub fn expected_tets(
     params: &MeshParams,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Expected> {
-    expected_of(image, rows, params, &Spacing::new(params, image.labels()), check)
+    expected_of(image, rows, params, &Spacing::new(params, image.labels()), GRADED, check)
 }
 
 /// The same where the mesh is coarsened.
@@ -73,7 +82,11 @@ pub fn expected_coarsened(
     params: &MeshParams,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Expected> {
-    expected_of(image, rows, params, &Spacing::coarsened(params, image.labels()), check)
+    let spacing = Spacing::coarsened(params, image.labels());
+    // Between edges that are contracted and others there is no such transition.
+    let Expected { of_labels, of_background } =
+        expected_of(image, rows, params, &spacing, 1.0, check)?;
+    Ok(Expected { of_labels: LEFT * of_labels, of_background: LEFT * of_background })
 }
 
 fn expected_of(
@@ -81,11 +94,13 @@ fn expected_of(
     rows: &Rows,
     params: &MeshParams,
     spacing: &Spacing,
+    graded: f64,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Expected> {
     let tets = TetSizes::new(image, rows, params, check)?.into();
     let sizing = &Sizing::new(image, rows, spacing, tets, &[], check)?;
-    let boundaries = Boundaries { image, rows, sizing, check };
+    let graded = if sizing.tets().min().is_finite() { 1.0 } else { graded };
+    let boundaries = Boundaries { image, rows, sizing, graded, check };
     let [of_background, about_interfaces] = boundaries.tets()?;
     let sizes: Vec<f64> = image.labels().iter().map(|&label| params.size_of(label)).collect();
     let sides = rows.dims().into_iter().zip(image.frame().spacing().to_array());
@@ -100,6 +115,8 @@ struct Boundaries<'a> {
     image: &'a LabelImage,
     rows: &'a Rows,
     sizing: &'a Sizing,
+    /// [`GRADED`], or 1.
+    graded: f64,
     check: &'a (dyn Fn() -> Result<()> + Sync),
 }
 
@@ -111,7 +128,10 @@ impl Boundaries<'_> {
         let voxel = spacing.element_product().cbrt();
         // For each distance of samples that there is.
         let per_area = |apart: f64| per_square(apart / voxel) / (apart * apart);
-        let per_area: Vec<f64> = self.sizing.levels().map(per_area).collect();
+        let mut per_area: Vec<f64> = self.sizing.levels().map(per_area).collect();
+        if let [_, between @ .., _] = &mut per_area[..] {
+            between.iter_mut().for_each(|tets| *tets *= self.graded);
+        }
         let [_, ny, nz] = self.rows.dims();
         let of_layer = |y: usize| {
             (self.check)()?;
@@ -131,7 +151,7 @@ impl Boundaries<'_> {
 
     /// Tets that a largest circumradius brings inside of labels; `sizes` are by id.
     fn tets_inside(&self, sizes: &[f64]) -> Result<f64> {
-        let &Self { image, rows, sizing, check } = self;
+        let &Self { image, rows, sizing, check, .. } = self;
         let [nx, ny, nz] = rows.dims();
         let layer = nx * nz;
         let what = "voxels of the distances for the estimate";

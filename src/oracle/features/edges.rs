@@ -7,11 +7,13 @@
 //! crosses edges of the grid, however small or thin what it bounds.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::Result;
 use crate::image::bits::ones;
 use crate::image::bricks::Bricks;
 use crate::image::palette::Palette;
+use crate::memory::{concatenated, reserve};
 use crate::oracle::Oracle;
 use crate::oracle::model::contacts::{self, Contacts};
 use crate::oracle::model::weights::hash;
@@ -38,6 +40,9 @@ const BESIDE_CONTACT: f64 = 0.24;
 /// Points around a contact are so far from it at least, in halves of a voxel's side: farther than
 /// they are moved.
 const LEAST_REACH: f64 = 0.1;
+
+/// What a list of contacts holds, as errors name it.
+const CONTACTS: &str = "contacts of voxels";
 
 /// A *corner voxel* has its label in common with so many of the six beside it, as at the corner of
 /// a block; a *narrow* one with fewer, as along a row of voxels and at the corner of a sheet of
@@ -75,8 +80,6 @@ pub struct EdgeGrid<'a> {
     divisions: Palette<'a, Division>,
     /// Whether crossings of undivided edges are looked for, too: not where labels alone tell.
     searches: bool,
-    /// Whether voxels are sampled as such: not those of intensities and probabilities.
-    knows_voxels: bool,
 }
 
 /// How the edges of a cell are divided.
@@ -95,8 +98,72 @@ impl Oracle {
             spacing,
             parts: parts_of((self.grid.spacing / spacing).round()),
         });
-        let knows_voxels = self.field.is_none() || self.is_smoothed;
-        EdgeGrid { oracle: self, divisions, searches: self.field.is_some(), knows_voxels }
+        EdgeGrid { oracle: self, divisions, searches: self.field.is_some() }
+    }
+
+    /// Whether voxels are sampled as such: not those of intensities and probabilities.
+    fn knows_voxels(&self) -> bool {
+        self.field.is_none() || self.is_smoothed
+    }
+
+    /// Where the contacts of the image are, in world coordinates: places in which the bodies of
+    /// labels touch as their voxels do, in an edge or a corner alone. Parallel; their order does
+    /// not depend on the number of threads. `go_on` is asked once per row of bricks of voxels.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`]; those of `go_on`.
+    pub fn contacts(&self, go_on: &(dyn Fn() -> Result<()> + Sync)) -> Result<Vec<DVec3>> {
+        if !self.knows_voxels() {
+            return Ok(Vec::new());
+        }
+        let rows = (0..self.rows()).into_par_iter().map(|row| {
+            go_on()?;
+            let mut found = Vec::new();
+            self.visit_mixed_cells(row, |cell| {
+                for contact in self.contacts_of(cell) {
+                    reserve(&mut found, 1, CONTACTS)?;
+                    found.push(self.near_half(contact));
+                }
+                Ok(())
+            })?;
+            Ok(found)
+        });
+        concatenated(rows.collect::<Result<_>>()?, CONTACTS)
+    }
+
+    /// The contacts at the centre of a cell and on its lower faces, in half voxels; none on walls,
+    /// where a point moved off the wall would dent it.
+    fn contacts_of(&self, cell: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
+        let contacts = self.at(cell).contacts();
+        let of_cell = (contacts != Contacts::None).then(|| {
+            let corners = self.corners(cell);
+            // In half voxels, where centres of cells are odd.
+            let center = cell.map(|c| 2 * c + 1);
+            // A face belongs to the cell of which it is the lower one.
+            let lower = (0..3)
+                .filter(move |&axis| contacts::alternates(&corners, contacts::FACES[axis][0]));
+            let of_face = lower.map(move |axis| step(center, axis, -1));
+            of_face.chain((contacts == Contacts::Center).then_some(center))
+        });
+        of_cell.into_iter().flatten().filter(|&contact| self.is_between_walls(contact))
+    }
+
+    /// A point at a place given in half voxels, moved a little: to and fro across each plane of the
+    /// grid in turn, so that no four around a square stay in a plane.
+    fn near_half(&self, half: [usize; 3]) -> DVec3 {
+        self.near_contact(half, half)
+    }
+
+    /// The same, drawn to a contact as far as half a side of the voxel is longer than half of its
+    /// smallest one.
+    fn near_contact(&self, contact: [usize; 3], half: [usize; 3]) -> DVec3 {
+        let spacing = self.grid.spacing;
+        // Along sides that are longer still, moving the two points could exchange them.
+        let reach = (spacing.min_element() / spacing).max(DVec3::splat(LEAST_REACH));
+        let turns = [0, 1, 2].map(|a| (half[(a + 1) % 3] + half[(a + 2) % 3]) % 2 == 1);
+        let [from, to] = [contact, half].map(|half| DVec3::from(half.map(|h| h as f64 / 2.0)));
+        let at = from + reach * (to - from);
+        self.grid.point_at(moved(at, turns, hash(half)))
     }
 }
 
@@ -145,11 +212,9 @@ impl EdgeGrid<'_> {
         mut visit: impl FnMut(FeaturePoint, DVec3) -> Result<()>,
     ) -> Result<()> {
         let oracle = self.oracle;
-        if !self.knows_voxels {
+        if !oracle.knows_voxels() {
             return Ok(());
         }
-        // A point moved off a wall would dent it.
-        let inside = |half: [usize; 3]| oracle.is_between_walls(half);
         oracle.visit_mixed_cells(row, |cell| {
             match self.joined(cell) {
                 Some(0..CORNER_JOINED) => {
@@ -160,26 +225,12 @@ impl EdgeGrid<'_> {
                 }
                 _ => {}
             }
-            let contacts = oracle.at(cell).contacts();
-            if contacts == Contacts::None {
-                return Ok(());
-            }
-            let corners = oracle.corners(cell);
-            // In half voxels, where centres of cells are odd.
-            let center = cell.map(|c| 2 * c + 1);
-            // A face belongs to the cell of which it is the lower one.
-            let lower =
-                (0..3).filter(|&axis| contacts::alternates(&corners, contacts::FACES[axis][0]));
-            let of_face = lower.map(|axis| step(center, axis, -1));
-            for contact in of_face
-                .chain((contacts == Contacts::Center).then_some(center))
-                .filter(|&c| inside(c))
-            {
-                visit(FeaturePoint::Contact, self.near_half(contact))?;
+            for contact in oracle.contacts_of(cell) {
+                visit(FeaturePoint::Contact, oracle.near_half(contact))?;
                 for axis in 0..3 {
                     for beside in [step(contact, axis, -1), step(contact, axis, 1)] {
-                        if inside(beside) {
-                            visit(FeaturePoint::Around, self.near_contact(contact, beside))?;
+                        if oracle.is_between_walls(beside) {
+                            visit(FeaturePoint::Around, oracle.near_contact(contact, beside))?;
                         }
                     }
                 }
@@ -239,24 +290,6 @@ impl EdgeGrid<'_> {
             }
         }
         Ok(())
-    }
-
-    /// A point at a place given in half voxels, moved a little: to and fro across each plane of the
-    /// grid in turn, so that no four around a square stay in a plane.
-    fn near_half(&self, half: [usize; 3]) -> DVec3 {
-        self.near_contact(half, half)
-    }
-
-    /// The same, drawn to a contact as far as half a side of the voxel is longer than half of its
-    /// smallest one.
-    fn near_contact(&self, contact: [usize; 3], half: [usize; 3]) -> DVec3 {
-        let spacing = self.oracle.grid.spacing;
-        // Along sides that are longer still, moving the two points could exchange them.
-        let reach = (spacing.min_element() / spacing).max(DVec3::splat(LEAST_REACH));
-        let turns = [0, 1, 2].map(|a| (half[(a + 1) % 3] + half[(a + 2) % 3]) % 2 == 1);
-        let [from, to] = [contact, half].map(|half| DVec3::from(half.map(|h| h as f64 / 2.0)));
-        let at = from + reach * (to - from);
-        self.oracle.grid.point_at(moved(at, turns, hash(half)))
     }
 
     /// The edges from a voxel to the next one along each axis; all belong to the cell from this
