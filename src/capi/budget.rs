@@ -51,7 +51,7 @@ pub unsafe extern "C" fn lapd_params_get_target_tets(
 /// contracted as long as tets stay within size, samples of the interfaces within delta, and the
 /// facets between keep planar angles of at least so many degrees (or those that they had), above 0
 /// and at most 30. 15 is a good choice; with more fewer edges can go. Most is gained with
-/// LAPD_ADAPTIVE_THICKNESS at a large delta: a mesh of the brain has a sixth of the tets, and no
+/// LAPD_ADAPTIVE_THICKNESS at a large delta: a mesh of the brain has a fifth of the tets, and no
 /// component less. It takes 5 to 10 times as long as the refinement, less with
 /// LAPD_ADAPTIVE_TOPOLOGY. A limit of time that ends it early leaves many slivers, where partial
 /// meshes are allowed. lapd_mesh_get_improvement tells what was done. With 0, the default, the mesh

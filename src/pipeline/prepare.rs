@@ -210,10 +210,12 @@ fn surface(params: &MeshParams) -> Surface {
 }
 
 /// Enters the step of the preparation, with the most that it asks whether to go on: per plane, per
-/// layer in five passes, where a table is filled in, in each step of the weights.
+/// layer in five passes, where a table is filled in, in each step of the weights, and per 512 rows
+/// for contacts.
 pub(super) fn enter(image: &LabelImage, monitor: &Monitor<'_>) -> Result<()> {
     let [nx, ny, nz] = image.dims_in_cubes();
-    monitor.enter(Step::Oracle, nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + 64)
+    let of_contacts = ny * nz / 512;
+    monitor.enter(Step::Oracle, nz + 5 * (ny + 2) + nx * ny * nz / (1 << 15) + of_contacts + 64)
 }
 
 /// The limits of `params` for a run on `image`, or on one of other labels; `start` is when it

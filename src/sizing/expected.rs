@@ -30,9 +30,8 @@ const PER_SQUARE: [(f64, f64); 7] =
     [(1.0, 3.1), (1.5, 3.5), (2.0, 3.55), (3.0, 3.76), (4.5, 3.9), (6.0, 3.85), (9.0, 3.4)];
 
 /// How many times as many there are where the distance of samples changes from place to place, as
-/// beside thin structures: tets there must fit to both. It does where it is neither the least nor
-/// the largest of the image. Not where sizes follow thickness, too (`across`): there tets are small
-/// on both sides of a transition.
+/// beside thin structures: tets there must fit to both. Not where sizes follow thickness, too
+/// (`across`): there tets are small on both sides of a transition.
 const GRADED: f64 = 1.3;
 
 /// Coarsening leaves this part of what [`Spacing::coarsened`] leads to.
@@ -100,7 +99,7 @@ fn expected_of(
     let tets = TetSizes::new(image, rows, params, check)?.into();
     let sizing = &Sizing::new(image, rows, spacing, tets, &[], check)?;
     let graded = if sizing.tets().min().is_finite() { 1.0 } else { graded };
-    let boundaries = Boundaries { image, rows, sizing, graded, check };
+    let boundaries = Boundaries { image, rows, spacing, sizing, graded, check };
     let [of_background, about_interfaces] = boundaries.tets()?;
     let sizes: Vec<f64> = image.labels().iter().map(|&label| params.size_of(label)).collect();
     let sides = rows.dims().into_iter().zip(image.frame().spacing().to_array());
@@ -114,6 +113,7 @@ fn expected_of(
 struct Boundaries<'a> {
     image: &'a LabelImage,
     rows: &'a Rows,
+    spacing: &'a Spacing,
     sizing: &'a Sizing,
     /// [`GRADED`], or 1.
     graded: f64,
@@ -129,8 +129,12 @@ impl Boundaries<'_> {
         // For each distance of samples that there is.
         let per_area = |apart: f64| per_square(apart / voxel) / (apart * apart);
         let mut per_area: Vec<f64> = self.sizing.levels().map(per_area).collect();
-        if let [_, between @ .., _] = &mut per_area[..] {
-            between.iter_mut().for_each(|tets| *tets *= self.graded);
+        let asked_for = self.spacing.asked_for(self.image);
+        let asked_for: Vec<u8> = asked_for.map(|apart| self.sizing.level_of(apart)).collect();
+        for (level, tets) in (0..=u8::MAX).zip(&mut per_area) {
+            if !asked_for.contains(&level) {
+                *tets *= self.graded;
+            }
         }
         let [_, ny, nz] = self.rows.dims();
         let of_layer = |y: usize| {

@@ -5,8 +5,8 @@
 //! samples are to each other, and rule R6 would remove what rule R5 inserts.
 //!
 //! A structure of thickness t (`sizing/thickness`) wants samples `PER_THICKNESS` t apart on both of
-//! its sides: farther apart, the tets between its sides reach out of it, and it tears. But for no
-//! structure they need be closer than `LEAST_OF_THIN`. Away from there the field grows by no more
+//! its sides: farther apart, the tets between its sides reach out of it, and it tears. For no
+//! structure need they be closer than `LEAST_OF_THIN`. Away from there the field grows by no more
 //! than `GRADING` per unit of distance (along the image axes one after the other), so that elements
 //! grow smoothly. What is thin never takes it below the floor.
 //!
@@ -68,6 +68,9 @@ const PLACE_GRADING: f64 = 0.6;
 /// Where anything is sampled more densely, nothing is sampled less densely than this, in smallest
 /// sides of a voxel: levels would be too far apart to grade by.
 const MAX_GRADED: f64 = 64.0;
+
+/// So many places are put into a field between two looks at whether to go on.
+const PLACES: usize = 1 << 14;
 
 /// Distances that differ by a smaller part are the same: two fields count in different steps.
 const SAME: f64 = 0.999;
@@ -168,6 +171,12 @@ impl Spacing {
         };
         [of_thin, self.of_labels.iter().copied().fold(self.delta, f64::min)]
     }
+
+    /// The distances that are asked for somewhere; between these others lead from one to the next.
+    pub(super) fn asked_for(&self, image: &LabelImage) -> impl Iterator<Item = f64> {
+        let [of_thin, _] = self.lowest(image);
+        [self.delta, of_thin].into_iter().chain(self.of_labels.iter().copied())
+    }
 }
 
 /// The distance of samples at each place, and how large tets may be there.
@@ -212,9 +221,11 @@ impl Sizing {
         if places.is_empty() && delta <= min {
             return Ok(Self::uniform_with(delta, tets));
         }
-        // The same for any places and for none, so that fields of one run count in the same steps.
-        if wanted.adaptive == Adaptive::Topology || !places.is_empty() {
+        if wanted.adaptive == Adaptive::Topology {
+            // For any places and for none, so that fields of one run count in the same steps.
             min = min.min(wanted.floor(image));
+        } else if !places.is_empty() {
+            min = places.iter().map(|place| place.spacing).fold(min, f64::min);
         }
         if delta <= min {
             return Ok(Self::uniform_with(delta, tets));
@@ -269,10 +280,12 @@ impl Sizing {
             grade(&mut levels, [nx, ny, nz], scale.growth(wanted.grading, spacing));
         }
         if !places.is_empty() {
-            for place in places {
-                lower(&mut levels, &region, spacing, place, scale.level(place.spacing));
+            for places in places.chunks(PLACES) {
+                check()?;
+                for place in places {
+                    lower(&mut levels, &region, spacing, place, scale.level(place.spacing));
+                }
             }
-            check()?;
             grade(&mut levels, [nx, ny, nz], scale.growth(PLACE_GRADING, spacing));
         }
         let table = Table::new(image.frame(), &region, &levels)?;
@@ -342,6 +355,11 @@ impl Sizing {
     #[inline(always)]
     pub fn sum(&self, count: u32, levels: u32) -> f64 {
         self.scale.min * f64::from(count) + self.scale.step * f64::from(levels)
+    }
+
+    /// The level of a distance of samples.
+    pub(super) fn level_of(&self, length: f64) -> u8 {
+        self.scale.level(length)
     }
 
     /// No place has less.

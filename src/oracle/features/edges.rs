@@ -41,6 +41,9 @@ const BESIDE_CONTACT: f64 = 0.24;
 /// they are moved.
 const LEAST_REACH: f64 = 0.1;
 
+/// So many rows of bricks are looked through for contacts at once.
+const ROWS: usize = 32;
+
 /// What a list of contacts holds, as errors name it.
 const CONTACTS: &str = "contacts of voxels";
 
@@ -108,7 +111,7 @@ impl Oracle {
 
     /// Where the contacts of the image are, in world coordinates: places in which the bodies of
     /// labels touch as their voxels do, in an edge or a corner alone. Parallel; their order does
-    /// not depend on the number of threads. `go_on` is asked once per row of bricks of voxels.
+    /// not depend on the number of threads. `go_on` is asked once per 512 rows of voxels.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; those of `go_on`.
@@ -116,19 +119,22 @@ impl Oracle {
         if !self.knows_voxels() {
             return Ok(Vec::new());
         }
-        let rows = (0..self.rows()).into_par_iter().map(|row| {
+        let rows = self.rows();
+        let parts = (0..rows.div_ceil(ROWS)).into_par_iter().map(|part| {
             go_on()?;
             let mut found = Vec::new();
-            self.visit_mixed_cells(row, |cell| {
-                for contact in self.contacts_of(cell) {
-                    reserve(&mut found, 1, CONTACTS)?;
-                    found.push(self.near_half(contact));
-                }
-                Ok(())
-            })?;
+            for row in part * ROWS..rows.min((part + 1) * ROWS) {
+                self.visit_mixed_cells(row, |cell| {
+                    for contact in self.contacts_of(cell) {
+                        reserve(&mut found, 1, CONTACTS)?;
+                        found.push(self.near_half(contact));
+                    }
+                    Ok(())
+                })?;
+            }
             Ok(found)
         });
-        concatenated(rows.collect::<Result<_>>()?, CONTACTS)
+        concatenated(parts.collect::<Result<_>>()?, CONTACTS)
     }
 
     /// The contacts at the centre of a cell and on its lower faces, in half voxels; none on walls,
