@@ -221,11 +221,9 @@ impl Sizing {
         if places.is_empty() && delta <= min {
             return Ok(Self::uniform_with(delta, tets));
         }
-        if wanted.adaptive == Adaptive::Topology {
-            // For any places and for none, so that fields of one run count in the same steps.
+        // The same for any places and for none, so that fields of one run count in the same steps.
+        if wanted.adaptive == Adaptive::Topology || !places.is_empty() {
             min = min.min(wanted.floor(image));
-        } else if !places.is_empty() {
-            min = places.iter().map(|place| place.spacing).fold(min, f64::min);
         }
         if delta <= min {
             return Ok(Self::uniform_with(delta, tets));
