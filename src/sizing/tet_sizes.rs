@@ -104,9 +104,9 @@ impl TetSizes {
         let Some(wanted) = Wanted::new(image, params) else { return Ok(Self::default()) };
         let thin = thin_voxels(image, rows, wanted.max_thickness(), Necks::Ignored, check)?;
         let ThinVoxels { region, thicknesses, of_voxels: mut levels } = thin;
-        let Some(thinnest) = thicknesses.first().filter(|_| !levels.is_empty()) else {
-            return Ok(Self::default());
-        };
+        let thinnest =
+            levels.par_iter().min().and_then(|&least| thicknesses.get(usize::from(least)));
+        let Some(thinnest) = thinnest else { return Ok(Self::default()) };
         let [nx, _, nz] = region.dims;
         // From what there is, not from what there might be: steps would be coarser.
         let min = wanted.range[0].max(wanted.per_thickness() * thinnest);

@@ -139,6 +139,38 @@ fn shells_with_a_gap_of_a_voxel_stay_apart() {
     }
 }
 
+/// Blocks of one label whose corners face each other stay apart, and so do hollows in a block.
+#[test]
+fn corners_that_face_each_other_stay_apart() {
+    let mut random = Random(2811);
+    for number in 0..24 {
+        let mut below = |end: usize| (random.unit() * end as f64) as i32;
+        let gap = [below(3), below(3), 1 + below(3)];
+        let sides = [(); 6].map(|()| 6 + below(7));
+        let (across, flipped, hollow) = (below(3) as usize, [(); 3].map(|()| below(2)), below(2));
+        let label = |p: glam::DVec3| {
+            let at = p.to_array();
+            // The first block ends at 0 along each axis, the second one begins beyond the gap.
+            let x = [0, 1, 2].map(|a| {
+                let x = at[a].round() as i32;
+                if flipped[a] == 1 { -x } else { x }
+            });
+            let gap = [0, 1, 2].map(|a| gap[(a + across) % 3]);
+            let first = (0..3).all(|a| (-sides[a]..0).contains(&x[a]));
+            let second = (0..3).all(|a| (gap[a]..gap[a] + sides[a + 3]).contains(&x[a]));
+            let is_inside = x.iter().all(|x| x.abs() < 18);
+            i32::from(if hollow == 1 { is_inside && !first && !second } else { first || second })
+        };
+        let image = sampled([43; 3], [1.0; 3], label).unwrap();
+        for delta in [3.0, 6.0, 9.0] {
+            let what = format!("pair {number} at delta {delta}");
+            let params = MeshParams { size: 2.0 * delta, ..params(delta) };
+            assert_same_topology(&mesh(&image, &params), &what);
+        }
+        assert_coarsened_alike(&image, &format!("pair {number}, coarsened"), 6.0);
+    }
+}
+
 /// Two cubes that meet in a corner alone are one body, and what is around them has no channel.
 #[test]
 fn cubes_touch_in_a_corner() {
