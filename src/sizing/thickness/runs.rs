@@ -166,7 +166,7 @@ impl Labels {
         Ok(Self { equal: [of_axis(0)?, of_axis(1)?, of_axis(2)?] })
     }
 
-    /// Makes `to` the voxels at which runs of `count` voxels of one label begin, all of which are in
+    /// Makes `to` the voxels at which runs of `count` voxels of one label begin, all of them of
     /// `from`.
     pub fn begin_runs(
         &self,
