@@ -32,6 +32,13 @@ pub enum ImageBorder {
     Smooth,
 }
 
+impl ImageBorder {
+    /// Whether the object ends with flat walls where the image does.
+    pub fn has_walls(self, model: SurfaceModel) -> bool {
+        (self, model) != (Self::Smooth, SurfaceModel::Smooth)
+    }
+}
+
 /// How the work is shared by threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum Algorithm {

@@ -143,9 +143,10 @@ impl Oracle {
         let &Region { first, dims } = rows.region();
         let mixed = Cells::mixed(rows, check)?;
         let Surface { model, border, sigma } = surface;
-        let walls = match (border, model) {
-            (ImageBorder::Smooth, SurfaceModel::Smooth) => Border::none(dims),
-            _ => Border::new(first, dims, image.dims()),
+        let walls = if border.has_walls(model) {
+            Border::new(first, dims, image.dims())
+        } else {
+            Border::none(dims)
         };
         let has_field = image.field().is_some() || sigma.is_some();
         let sampling;

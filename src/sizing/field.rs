@@ -90,6 +90,8 @@ pub struct Spacing {
     per_thickness: f64,
     /// Growth per distance from there.
     grading: f64,
+    /// Whether the image ends with walls.
+    has_walls: bool,
 }
 
 /// A place about which samples are to be closer than elsewhere.
@@ -127,6 +129,7 @@ impl Spacing {
             floor: params.spacing_floor,
             per_thickness: PER_THICKNESS,
             grading: GRADING,
+            has_walls: params.border.has_walls(params.surface),
         }
     }
 
@@ -229,7 +232,8 @@ impl Sizing {
             return Ok(Self::uniform_with(delta, tets));
         }
         let thin = if of_thin < delta {
-            thin_voxels(image, rows, delta / wanted.per_thickness, Necks::Thin, check)?
+            let max = delta / wanted.per_thickness;
+            thin_voxels(image, rows, max, Necks::Thin, wanted.has_walls, check)?
         } else {
             ThinVoxels::none(*rows.region())
         };

@@ -102,7 +102,7 @@ impl TetSizes {
         check: &(dyn Fn() -> Result<()> + Sync),
     ) -> Result<Self> {
         let Some(wanted) = Wanted::new(image, params) else { return Ok(Self::default()) };
-        let thin = thin_voxels(image, rows, wanted.max_thickness(), Necks::Ignored, check)?;
+        let thin = thin_voxels(image, rows, wanted.max_thickness(), Necks::Ignored, false, check)?;
         let ThinVoxels { region, thicknesses, of_voxels: mut levels } = thin;
         let thinnest =
             levels.par_iter().min().and_then(|&least| thicknesses.get(usize::from(least)));

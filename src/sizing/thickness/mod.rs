@@ -26,7 +26,9 @@
 //! voxels count as less than m thick. A plate within a half-space is held by a cube. Without
 //! throats samples may be as far apart as on the thick parts, and join the two bodies.
 //!
-//! The background is a label like others here: a slit between two objects is thin as well.
+//! The background is a label like others here: a slit between two objects is thin as well. Beyond
+//! walls it goes on straight from the outermost voxels, as the model does there: what a label
+//! surrounds at a wall is narrow, though it is open outwards. Labels end at walls.
 //!
 //! All of this is done for all labels at once, with sets of voxels as bits, 64 in a word: a bit for
 //! each pair of neighbours that says whether they have the same label is all that is asked of
@@ -39,6 +41,8 @@
 mod necks;
 mod runs;
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::Result;
@@ -47,7 +51,7 @@ use crate::image::bits::ones;
 use crate::image::region::{Region, Rows};
 use crate::memory::{filled, reserve};
 use necks::contacts;
-use runs::{Check, Labels, Set, both, either};
+use runs::{Check, Labels, Padded, Set, both, either};
 
 impl Labels {
     /// Makes the first set those voxels of `all`, the words of a block, that are less than a cube
@@ -162,7 +166,7 @@ pub enum Necks {
 
 /// Finds what is thinner than `max`, in world units; what holds cubes of [`LARGEST`] of the
 /// smallest sides of a voxel is not searched for, however large `max` is. `check` is called many
-/// times in each step, from several threads.
+/// times in each step, from several threads. `has_walls`: whether the image ends with walls.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
@@ -171,6 +175,7 @@ pub fn thin_voxels(
     rows: &Rows,
     max: f64,
     necks: Necks,
+    has_walls: bool,
     check: Check<'_>,
 ) -> Result<ThinVoxels> {
     let region = *rows.region();
@@ -178,12 +183,11 @@ pub fn thin_voxels(
     let spacing = image.frame().spacing();
     let unit = spacing.min_element();
     let Some(largest) = largest_cube(unit, max) else { return Ok(thin) };
-    let labels = Labels::new(rows, largest, check)?;
+    let padded = Padded::new(image, rows, has_walls, largest);
+    let labels = Labels::new(&padded, check)?;
     let [nx, _, nz] = region.dims;
-    let padded = nx + 2 * largest;
-    let words = padded.div_ceil(64);
-    let of_row =
-        |w: usize| if 64 * (w + 1) <= padded { u64::MAX } else { (1 << (padded % 64)) - 1 };
+    let (words, along) = (labels.equal[0].words, nx + 2 * largest);
+    let of_row = |w: usize| if 64 * (w + 1) <= along { u64::MAX } else { (1 << (along % 64)) - 1 };
     let all: Vec<u64> = (0..labels.equal[0].block()).map(|n| of_row(n % words)).collect();
     let contacts = match necks {
         Necks::Thin => contacts(rows, &labels, &all, largest, check)?,
@@ -208,8 +212,9 @@ pub fn thin_voxels(
             let sets = [spare, first, second];
             labels.throats(&all, half, thick, sets, check, |at, plate| {
                 let [x, y, z] = [0, 1, 2].map(|a| {
-                    // What surrounds the region counts for nothing.
-                    let inside = |at: usize| at.saturating_sub(largest).min(region.dims[a]);
+                    // What is around the region, or beyond a wall, counts for nothing.
+                    let Range { start, end } = padded.within[a];
+                    let inside = |at: usize| at.saturating_sub(largest).clamp(start, end);
                     inside(at[a])..inside(at[a] + plate[a])
                 });
                 reserve(&mut voxels, plate.iter().product(), "voxels of throats")?;
@@ -226,13 +231,14 @@ pub fn thin_voxels(
         }
         let [set, ..] = &sets;
         let table = thin.table(check)?;
+        let [along, across, through] = &padded.within;
         table.par_chunks_mut(nx * nz).enumerate().for_each(|(j, layer)| {
-            for (k, voxels) in layer.chunks_mut(nx).enumerate() {
+            let is_within = |k| across.contains(&j) && through.contains(&k);
+            for (k, voxels) in layer.chunks_mut(nx).enumerate().filter(|&(k, _)| is_within(k)) {
                 for (w, &word) in set.row(j + largest, k + largest).iter().enumerate() {
-                    // What surrounds the region counts for nothing.
                     let inside = ones(word)
                         .map(|bit| (64 * w + bit).wrapping_sub(largest))
-                        .filter(|&i| i < nx);
+                        .filter(|i| along.contains(i));
                     inside.for_each(|i| voxels[i] = voxels[i].min(number as u8));
                 }
             }
@@ -295,7 +301,7 @@ mod tests {
         });
         let image = image.unwrap();
         let rows = Rows::new(&image, Region::new(&image, &|| Ok(())).unwrap(), &|| Ok(())).unwrap();
-        let thin = thin_voxels(&image, &rows, max, Necks::Thin, &|| Ok(())).unwrap();
+        let thin = thin_voxels(&image, &rows, max, Necks::Thin, true, &|| Ok(())).unwrap();
         let Region { first, dims: [nx, _, nz] } = thin.region;
         let place = |v: usize| {
             let at = [v % nx, v / nx / nz, v / nx % nz];
@@ -388,6 +394,26 @@ mod tests {
             i32::from((2..22).contains(&j) && [2..8, 16..22][usize::from(k > 11)].contains(&i))
         };
         assert_eq!(thin([24, 24, 24], [1.0; 3], 6.0, label), []);
+    }
+
+    #[test]
+    fn walls_bound_labels_and_background_goes_on() {
+        // A label fills the image but for a pit at the wall below, and lies flat at the wall above.
+        let label = |[i, j, k]: [usize; 3]| match k {
+            0 if [i, j] == [9, 9] => 0,
+            19 => 2,
+            _ => 1,
+        };
+        let found = thin([20; 3], [1.0; 3], 4.0, label);
+        assert_eq!(found.len(), 1, "{found:?}");
+        let (thickness, voxels) = &found[0];
+        assert_eq!(*thickness, 1.0);
+        let pit = voxels.iter().filter(|at| at[2] < 19);
+        assert_eq!(pit.collect::<Vec<_>>(), [&[9, 9, 0]]);
+        assert_eq!(voxels.len(), 1 + 20 * 20);
+        // Background between a body and a wall is not thin.
+        let label = |at: [usize; 3]| i32::from(at.iter().all(|x| (1..18).contains(x)));
+        assert_eq!(thin([20; 3], [1.0; 3], 4.0, label), []);
     }
 
     proptest! {

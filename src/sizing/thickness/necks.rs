@@ -71,7 +71,7 @@ pub(super) fn contacts(
                 for (w, &word) in candidates.row(j + pad, k + pad).iter().enumerate() {
                     for i in ones(word)
                         .map(|bit| (64 * w + bit).wrapping_sub(pad))
-                        .filter(|&i| i + 1 < nx)
+                        .filter(|&i| i < nx - 1)
                     {
                         let id = |c: usize| around[c >> 1][i + (c & 1)];
                         let number = |c: usize| {

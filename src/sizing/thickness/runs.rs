@@ -1,8 +1,11 @@
 //! Sets of voxels as bits, 64 in a word, and the runs and cubes of one label in them.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use crate::Result;
+use crate::image::LabelImage;
 use crate::image::bits::gathered;
 use crate::image::region::Rows;
 use crate::memory::{filled, zeroed};
@@ -115,23 +118,124 @@ impl Set {
     }
 }
 
-/// The voxels of a region, and for each axis whether a voxel and the next one have the same label:
-/// never so at the end of a row or layer, so no run goes on in the next one.
+/// A region and what is around it: background, but beyond walls.
+///
+/// Beyond walls background goes on straight from the outermost voxels of the image, and all else is
+/// [`BEYOND`]. So background that a label surrounds at a wall is as narrow as it is in the image,
+/// and a label that lies flat at a wall is as thin.
+pub(super) struct Padded<'a> {
+    rows: &'a Rows,
+    /// Voxels around the region on each side.
+    pad: usize,
+    /// The voxels of the region along each axis that are within its walls.
+    pub within: [Range<usize>; 3],
+}
+
+/// What is beyond a wall, but for background. No label of an image has this number.
+const BEYOND: u16 = u16::MAX;
+
+impl<'a> Padded<'a> {
+    /// The region of `image`, which ends with walls if `has_walls`.
+    pub fn new(image: &LabelImage, rows: &'a Rows, has_walls: bool, pad: usize) -> Self {
+        let region = rows.region();
+        let within = [0, 1, 2].map(|axis| {
+            let (mut within, count) = (0..region.dims[axis], image.dims()[axis]);
+            if has_walls {
+                // Of the region one voxel at most is beyond the image on each side.
+                let is_beyond = |at| region.place([at; 3], axis, count).is_none();
+                within.start += usize::from(is_beyond(within.start));
+                within.end -= usize::from(is_beyond(within.end - 1));
+            }
+            within
+        });
+        Self { rows, pad, within }
+    }
+
+    /// Voxels along each axis, those around the region counted in.
+    fn dims(&self) -> [usize; 3] {
+        self.rows.dims().map(|n| n + 2 * self.pad)
+    }
+
+    /// For each voxel of row `here`, tells in `flags` whether the one that is `step` further along
+    /// row `there` has the same label. `copies` is room for two rows.
+    fn compare(
+        &self,
+        here: [usize; 2],
+        there: [usize; 2],
+        step: usize,
+        flags: &mut [u8],
+        copies: &mut [Vec<u16>; 2],
+    ) {
+        flags.fill(1);
+        let compare = |flags: &mut [u8], here: &[u16], there: &[u16]| {
+            let pairs = here.iter().zip(&there[step..]);
+            flags.iter_mut().zip(pairs).for_each(|(flag, (a, b))| *flag = u8::from(a == b));
+        };
+        // Mostly there is nothing but background before a row and after it.
+        if let Some((here, there)) = self.inner_row(here).zip(self.inner_row(there)) {
+            return compare(&mut flags[self.pad..], here, there);
+        }
+        let [copy, copy_there] = copies;
+        if self.copy_row(here, copy) | self.copy_row(there, copy_there) {
+            compare(flags, copy, copy_there);
+        }
+    }
+
+    /// A row of the region within its walls, if it ends with none.
+    fn inner_row(&self, row: [usize; 2]) -> Option<&'a [u16]> {
+        let [j, k] = row.map(|at| at.wrapping_sub(self.pad));
+        let [along, across @ ..] = &self.within;
+        let count = self.rows.dims()[0];
+        (across[0].contains(&j) && across[1].contains(&k) && *along == (0..count))
+            .then(|| &self.rows.row(j, k)[..count])
+    }
+
+    /// Copies a row with what is before and after it. Whether it may have any but background.
+    fn copy_row(&self, row: [usize; 2], copy: &mut [u16]) -> bool {
+        copy.fill(0);
+        let [j, k] = [1, 2].map(|axis| self.nearest(row[axis - 1], axis));
+        let Some(((j, j_beyond), (k, k_beyond))) = j.zip(k) else { return false };
+        let beyond = |id: u16| if id == 0 { 0 } else { BEYOND };
+        let (within, count) = (&self.within[0], self.rows.dims()[0]);
+        let ids = &self.rows.row(j, k)[within.clone()];
+        let inside = self.pad + within.start..self.pad + within.end;
+        copy[inside.clone()].copy_from_slice(ids);
+        if j_beyond || k_beyond {
+            copy[inside.clone()].iter_mut().for_each(|id| *id = beyond(*id));
+        }
+        if within.start > 0 {
+            copy[..inside.start].fill(beyond(ids[0]));
+        }
+        if within.end < count {
+            copy[inside.end..].fill(beyond(ids[ids.len() - 1]));
+        }
+        true
+    }
+
+    /// The voxel of the region along an axis that the labels at `at` come from, and whether `at` is
+    /// beyond a wall; `None` where all is background.
+    fn nearest(&self, at: usize, axis: usize) -> Option<(usize, bool)> {
+        let (within, count) = (&self.within[axis], self.rows.dims()[axis]);
+        match at.checked_sub(self.pad) {
+            Some(at) if within.contains(&at) => Some((at, false)),
+            Some(at) if at >= within.end => (within.end < count).then(|| (within.end - 1, true)),
+            _ => (within.start > 0).then_some((within.start, true)),
+        }
+    }
+}
+
+/// The voxels of a padded region, and for each axis whether a voxel and the next one have the same
+/// label: never so at the end of a row or layer, so no run goes on in the next one.
 pub(super) struct Labels {
     pub equal: [Set; 3],
 }
 
 impl Labels {
-    /// Of a region with `pad` voxels of background around it.
-    pub fn new(rows: &Rows, pad: usize, check: Check<'_>) -> Result<Self> {
-        let [nx, ny, nz] = rows.dims();
-        let padded = [nx, ny, nz].map(|n| n + 2 * pad);
-        let words = padded[0].div_ceil(64);
-        let size = [padded[1], padded[2]];
-        let row = |j: usize, k: usize| {
-            let (j, k) = (j.wrapping_sub(pad), k.wrapping_sub(pad));
-            (j < ny && k < nz).then(|| &rows.row(j, k)[..nx])
-        };
+    /// Of a region and what is around it.
+    pub fn new(padded: &Padded<'_>, check: Check<'_>) -> Result<Self> {
+        let dims = padded.dims();
+        let words = dims[0].div_ceil(64);
+        let size = [dims[1], dims[2]];
         let of_axis = |axis: usize| {
             let step = [0, 1, 2].map(|a| usize::from(a == axis));
             let mut bits: Vec<u64> =
@@ -139,21 +243,13 @@ impl Labels {
             bits.par_chunks_mut(words * size[1]).enumerate().take(size[0] - step[1]).try_for_each(
                 |(j, layer)| {
                     check()?;
-                    // Outside of the region, and at its ends, all is background.
-                    let mut flags = filled(64 * words, 1_u8, "flags of a row", || Ok(()))?;
-                    flags[padded[0] - step[0]..].fill(0);
+                    let mut flags = filled(64 * words, 0_u8, "flags of a row", || Ok(()))?;
+                    let copy = || filled(dims[0], 0, "labels of a row", || Ok(()));
+                    let mut copies = [copy()?, copy()?];
                     for (k, out) in layer.chunks_mut(words).enumerate().take(size[1] - step[2]) {
-                        let beside = row(j, k).zip(row(j + step[1], k + step[2]));
-                        let own = &mut flags[pad..pad + nx - step[0]];
-                        match beside {
-                            None => own.fill(1),
-                            Some((here, there)) => {
-                                let pairs = here.iter().zip(&there[step[0]..]);
-                                own.iter_mut()
-                                    .zip(pairs)
-                                    .for_each(|(flag, (a, b))| *flag = u8::from(a == b));
-                            }
-                        }
+                        let (here, there) = ([j, k], [j + step[1], k + step[2]]);
+                        let flags_of_pairs = &mut flags[..dims[0] - step[0]];
+                        padded.compare(here, there, step[0], flags_of_pairs, &mut copies);
                         for (word, flags) in out.iter_mut().zip(flags.as_chunks::<64>().0) {
                             *word = gathered(flags);
                         }
