@@ -162,6 +162,8 @@ pub struct Monitor<'a> {
     /// the run leaves out at its end.
     first: AtomicUsize,
     last: AtomicUsize,
+    /// How many times as long improvement takes as [`STEPS`] has it, as bits.
+    improvement: AtomicU64,
     /// Whether the system refuses memory.
     memory: Watch,
     /// Asked besides at each look at the cancel flag.
@@ -205,6 +207,7 @@ impl<'a> Monitor<'a> {
             time_limit: AtomicU64::new(0),
             first: AtomicUsize::new(Step::Oracle as usize),
             last: AtomicUsize::new(Step::Done as usize),
+            improvement: AtomicU64::new(1.0_f64.to_bits()),
             memory: Watch::new(),
             also: None,
         }
@@ -322,6 +325,23 @@ impl<'a> Monitor<'a> {
         self.first.store(step as usize, Relaxed);
     }
 
+    /// Says that improvement will take so many times as long as it does where the mesh is not
+    /// coarsened; before the run begins.
+    pub fn lengthen_improvement(&self, times: f64) {
+        self.improvement.store(times.to_bits(), Relaxed);
+    }
+
+    /// When a step starts, in units of [`STEPS`].
+    fn start_of(&self, step: usize) -> f64 {
+        let start = STEPS[step].1;
+        let [improve, next] = [Step::Improve, Step::Quality].map(|step| step as usize);
+        if step <= improve {
+            return start;
+        }
+        let times = f64::from_bits(self.improvement.load(Relaxed));
+        start + (times - 1.0) * (STEPS[next].1 - STEPS[improve].1)
+    }
+
     /// Ends what follows at a time, which the limit `seconds` has led to; `None`: at no time. No
     /// step may be under way.
     pub fn end_at(&self, deadline: Option<(Instant, f64)>) {
@@ -352,9 +372,9 @@ impl<'a> Monitor<'a> {
             return;
         }
         let step = self.step.load(Relaxed);
-        let (phase, start) = STEPS[step];
-        let end = STEPS[(step + 1).min(STEPS.len() - 1)].1;
-        let [from, to] = [&self.first, &self.last].map(|step| STEPS[step.load(Relaxed)].1);
+        let phase = STEPS[step].0;
+        let [start, end] = [step, (step + 1).min(STEPS.len() - 1)].map(|step| self.start_of(step));
+        let [from, to] = [&self.first, &self.last].map(|step| self.start_of(step.load(Relaxed)));
         let [begun, ended] = [0, 1].map(|i| f64::from_bits(self.parts[i].load(Relaxed)));
         let part = begun + (ended - begun) * part.clamp(0.0, 1.0);
         let fraction = (start + (end - start) * part - from) / (to - from);
@@ -395,6 +415,23 @@ mod tests {
         // A machine that stands still for a while makes more.
         assert!((5..50).contains(&seen.len()), "{seen:?}");
         assert!(seen.is_sorted());
+    }
+
+    #[test]
+    fn a_long_improvement_takes_most_of_the_way() {
+        for (times, part) in [(1.0, 0.565), (10.0, 0.565 / 1.9)] {
+            let mut seen = Vec::new();
+            let mut record = |p: Progress| {
+                seen.push(p.fraction);
+                true
+            };
+            let monitor = Monitor::new(Some(&mut record), None);
+            monitor.lengthen_improvement(times);
+            for step in [Step::Oracle, Step::Improve, Step::Done] {
+                monitor.enter(step, 1).unwrap();
+            }
+            assert!(seen[0] == 0.0 && (seen[1] - part).abs() < 1e-12 && seen[2] == 1.0, "{seen:?}");
+        }
     }
 
     #[test]

@@ -80,7 +80,9 @@ use crate::sizing::Sizing;
 use crate::{Error, Result};
 
 use batch::Batch;
-pub use coarsen::{Coarseness, PART as PART_OF_COARSENING, coarsen, facets_below};
+pub use coarsen::{
+    Coarseness, PART as PART_OF_COARSENING, TIMES as TIMES_OF_COARSENING, coarsen, facets_below,
+};
 use interfaces::Interfaces;
 use measure::Measure;
 pub use nicks::fill_nicks;

@@ -35,12 +35,12 @@ use std::time::Instant;
 
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
-use crate::improve::Improvement;
+use crate::improve::{Improvement, TIMES_OF_COARSENING};
 use crate::memory::aside::{AtEnd, or_drop_aside};
 use crate::mesh::TetMesh;
 use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::Oracle;
-use crate::params::{CertificateLevel, MeshParams};
+use crate::params::{Adaptive, CertificateLevel, MeshParams};
 use crate::refine::activity::Work;
 use crate::refine::activity::{Accesses, Overhead, ThreadReport};
 use crate::refine::options::Limits;
@@ -173,6 +173,11 @@ pub fn mesh_image(
         CertificateLevel::Sound => Step::MeshToImage,
         CertificateLevel::Full => Step::Done,
     });
+    if params.coarsen.is_some() {
+        let [dense, other] = TIMES_OF_COARSENING;
+        let is_dense = params.adaptive == Adaptive::Thickness;
+        monitor.lengthen_improvement(if is_dense { dense } else { other });
+    }
     prepare::enter(image, monitor)?;
     let Selected { image, dropped } = prepare::select_labels(image, params, monitor)?;
     monitor.log(Level::Info, &messages::describe(&image, params));
