@@ -69,7 +69,7 @@ const RESIDUAL: f64 = 1e-6;
 /// Most steps towards it; labels are few steps from the background.
 const MAX_STEPS: usize = 500;
 /// Added to the diagonal, in parts of it: labels that meet only each other can't both gain.
-const SHIFT: f64 = 1e-6;
+const SHIFT: f64 = 1e-8;
 /// Tets, or vertices, per piece of work.
 const CHUNK: usize = 1 << 12;
 
