@@ -102,6 +102,7 @@ impl TetSizes {
         check: &(dyn Fn() -> Result<()> + Sync),
     ) -> Result<Self> {
         let Some(wanted) = Wanted::new(image, params) else { return Ok(Self::default()) };
+        // Walls matter to background alone, which asks for nothing.
         let thin = thin_voxels(image, rows, wanted.max_thickness(), Necks::Ignored, false, check)?;
         let ThinVoxels { region, thicknesses, of_voxels: mut levels } = thin;
         let thinnest =

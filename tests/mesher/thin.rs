@@ -162,7 +162,7 @@ fn corners_that_face_each_other_stay_apart() {
             i32::from(if hollow == 1 { is_inside && !first && !second } else { first || second })
         };
         let image = sampled([43; 3], [1.0; 3], label).unwrap();
-        for delta in [3.0, 6.0, 9.0] {
+        for delta in [2.0, 3.0, 6.0, 9.0] {
             let what = format!("pair {number} at delta {delta}");
             let params = MeshParams { size: 2.0 * delta, ..params(delta) };
             assert_same_topology(&mesh(&image, &params), &what);

@@ -22,9 +22,10 @@
 //! **Throats.** Where the corners of two bodies face each other, what is between them may be narrow
 //! though each of its voxels is thick: one cube holds it on the one side, another one on the other.
 //! A *throat* less than m thick is a plate of one label, m voxels along two axes and one along the
-//! third, that no cube of m voxels holds, though all of its voxels are in cubes twice as large. Its
-//! voxels count as less than m thick. A plate within a half-space is held by a cube. Without
-//! throats samples may be as far apart as on the thick parts, and join the two bodies.
+//! third, that no cube of m voxels holds, though all of its voxels are in cubes about twice as
+//! large. Its voxels count as less than m thick. A plate within a half-space is held by a cube. If
+//! throats did not count, samples could be as far apart as on the thick parts, and join the two
+//! bodies. They are looked for up to half of the largest cube.
 //!
 //! The background is a label like others here: a slit between two objects is thin as well. Beyond
 //! walls it goes on straight from the outermost voxels, as the model does there: what a label
@@ -49,7 +50,7 @@ use crate::Result;
 use crate::image::LabelImage;
 use crate::image::bits::ones;
 use crate::image::region::{Region, Rows};
-use crate::memory::{filled, reserve};
+use crate::memory::filled;
 use necks::contacts;
 use runs::{Check, Labels, Padded, Set, both, either};
 
@@ -137,21 +138,11 @@ impl ThinVoxels {
         }
         Ok(&mut self.of_voxels)
     }
+}
 
-    /// Notes voxels that have a thickness, given by its number.
-    fn note(
-        &mut self,
-        number: usize,
-        voxels: impl IntoIterator<Item = usize>,
-        check: Check<'_>,
-    ) -> Result<()> {
-        let mut voxels = voxels.into_iter().peekable();
-        if voxels.peek().is_some() {
-            let table = self.table(check)?;
-            voxels.for_each(|v| table[v] = table[v].min(number as u8));
-        }
-        Ok(())
-    }
+/// Gives voxels the thickness of a number, where they have no lower one.
+fn lower(voxels: &mut [u8], number: usize) {
+    voxels.iter_mut().for_each(|voxel| *voxel = (*voxel).min(number as u8));
 }
 
 /// What joins parts of a label: two of its voxels that meet in an edge or a corner alone,
@@ -166,7 +157,8 @@ pub enum Necks {
 
 /// Finds what is thinner than `max`, in world units; what holds cubes of [`LARGEST`] of the
 /// smallest sides of a voxel is not searched for, however large `max` is. `check` is called many
-/// times in each step, from several threads. `has_walls`: whether the image ends with walls.
+/// times in each step, from several threads. `has_walls`: whether the image ends with
+/// walls, beyond which background goes on.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
@@ -189,11 +181,11 @@ pub fn thin_voxels(
     let (words, along) = (labels.equal[0].words, nx + 2 * largest);
     let of_row = |w: usize| if 64 * (w + 1) <= along { u64::MAX } else { (1 << (along % 64)) - 1 };
     let all: Vec<u64> = (0..labels.equal[0].block()).map(|n| of_row(n % words)).collect();
-    let contacts = match necks {
-        Necks::Thin => contacts(rows, &labels, &all, largest, check)?,
-        Necks::Ignored => Vec::new(),
-    };
-    thin.note(0, contacts.into_iter().map(|v| v as usize), check)?;
+    if necks == Necks::Thin {
+        for v in contacts(rows, &labels, &all, largest, check)? {
+            lower(&mut thin.table(check)?[v as usize..][..1], 0);
+        }
+    }
     let set = || Set::new(words, labels.equal[0].rows);
     let mut sets = [set()?, set()?, set()?, set()?];
     debug_assert_eq!(SETS, labels.equal.len() + sets.len());
@@ -208,7 +200,6 @@ pub fn thin_voxels(
         if let Some(half) = smaller[0]
             && necks == Necks::Thin
         {
-            let mut voxels = Vec::new();
             let sets = [spare, first, second];
             labels.throats(&all, half, thick, sets, check, |at, plate| {
                 let [x, y, z] = [0, 1, 2].map(|a| {
@@ -217,13 +208,12 @@ pub fn thin_voxels(
                     let inside = |at: usize| at.saturating_sub(largest).clamp(start, end);
                     inside(at[a])..inside(at[a] + plate[a])
                 });
-                reserve(&mut voxels, plate.iter().product(), "voxels of throats")?;
+                let table = thin.table(check)?;
                 for row in y.flat_map(|j| z.clone().map(move |k| (j * nz + k) * nx)) {
-                    voxels.extend(row + x.start..row + x.end);
+                    lower(&mut table[row + x.start..row + x.end], number - smaller.len());
                 }
                 Ok(())
             })?;
-            thin.note(number - smaller.len(), voxels, check)?;
         }
         smaller = [smaller[1], Some(cube)];
         if !labels.thin(&all, cube, &mut sets, check)? {
@@ -239,10 +229,14 @@ pub fn thin_voxels(
                     let inside = ones(word)
                         .map(|bit| (64 * w + bit).wrapping_sub(largest))
                         .filter(|i| along.contains(i));
-                    inside.for_each(|i| voxels[i] = voxels[i].min(number as u8));
+                    inside.for_each(|i| lower(&mut voxels[i..=i], number));
                 }
             }
         });
+    }
+    // What is beyond walls may have been thin alone.
+    if thin.of_voxels.par_iter().all(|&voxel| voxel == NOT_THIN) {
+        thin.of_voxels = Vec::new();
     }
     Ok(thin)
 }

@@ -101,7 +101,8 @@ pub(super) fn contacts(
 
 impl Labels {
     /// Calls `found` for each plate of a throat that is thinner than `cube`: with its first voxel,
-    /// and how many voxels it has along each axis. `thick` are the voxels in cubes twice as large.
+    /// and how many voxels it has along each axis. `thick` are the voxels in cubes about twice as
+    /// large.
     pub fn throats(
         &self,
         all: &[u64],
@@ -127,8 +128,8 @@ impl Labels {
                 }
             })?;
             let plate = [0, 1, 2].map(|axis| if axis == across { 1 } else { cube[axis] });
-            check()?;
             for (n, &word) in plates.bits.iter().enumerate().filter(|&(_, &word)| word != 0) {
+                check()?;
                 let (row, word_of_row) = (n / plates.words, n % plates.words);
                 let [j, k] = [row / plates.rows[1], row % plates.rows[1]];
                 for bit in ones(word) {

@@ -118,7 +118,7 @@ impl Set {
     }
 }
 
-/// A region and what is around it: background, but beyond walls.
+/// A region and what is around it: background, except beyond walls.
 ///
 /// Beyond walls background goes on straight from the outermost voxels of the image, and all else is
 /// [`BEYOND`]. So background that a label surrounds at a wall is as narrow as it is in the image,
@@ -131,7 +131,7 @@ pub(super) struct Padded<'a> {
     pub within: [Range<usize>; 3],
 }
 
-/// What is beyond a wall, but for background. No label of an image has this number.
+/// What is beyond a wall and is not background. No label of an image has this number.
 const BEYOND: u16 = u16::MAX;
 
 impl<'a> Padded<'a> {
@@ -181,7 +181,7 @@ impl<'a> Padded<'a> {
         }
     }
 
-    /// A row of the region within its walls, if it ends with none.
+    /// A row of the region, unless it is beyond a wall or has a wall at one of its ends.
     fn inner_row(&self, row: [usize; 2]) -> Option<&'a [u16]> {
         let [j, k] = row.map(|at| at.wrapping_sub(self.pad));
         let [along, across @ ..] = &self.within;
