@@ -31,8 +31,8 @@ const REFERENCE: f64 = 0.0068;
 const PREPARE_VOXEL: f64 = 14.0;
 const REFINE_TET: f64 = 670.0;
 const IMPROVE_TET: f64 = 235.0;
-/// Coarsening and improvement together, from 3000 to 6200 on the atlases.
-const COARSEN_TET: f64 = 4400.0;
+/// Coarsening and improvement together, from 3600 to 7500 on the atlases.
+const COARSEN_TET: f64 = 5300.0;
 const SOUND_TET: f64 = 235.0;
 const SOUND_VOXEL: f64 = 15.0;
 const FULL_TET: f64 = 527.0;

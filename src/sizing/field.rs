@@ -58,7 +58,7 @@ const GRADING: f64 = 0.4;
 
 /// What coarsening leaves of both: samples are so many thicknesses apart, and no grading is asked
 /// for. Measured (docs/notes/sampling.md).
-const COARSENED_PER_THICKNESS: f64 = 2.2;
+const COARSENED_PER_THICKNESS: f64 = 2.35;
 const COARSENED_GRADING: f64 = 2.0;
 
 /// The same away from places. Measured on the atlas of the brain at delta 3: with 0.4 the mesh has
