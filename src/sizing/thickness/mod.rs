@@ -145,8 +145,8 @@ fn lower(voxels: &mut [u8], number: usize) {
     voxels.iter_mut().for_each(|voxel| *voxel = (*voxel).min(number as u8));
 }
 
-/// What joins parts of a label: two of its voxels that meet in an edge or a corner alone,
-/// and throats.
+/// What joins parts of a label: two of its voxels that meet in an edge or a corner alone, and
+/// throats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Necks {
     /// Counts as thin: as one voxel where voxels meet.
@@ -157,8 +157,8 @@ pub enum Necks {
 
 /// Finds what is thinner than `max`, in world units; what holds cubes of [`LARGEST`] of the
 /// smallest sides of a voxel is not searched for, however large `max` is. `check` is called many
-/// times in each step, from several threads. `has_walls`: whether the image ends with
-/// walls, beyond which background goes on.
+/// times in each step, from several threads. `has_walls`: whether the image ends with walls, beyond
+/// which background goes on.
 ///
 /// # Errors
 /// [`crate::Error::OutOfMemory`]; whatever `check` returns.
@@ -234,7 +234,7 @@ pub fn thin_voxels(
             }
         });
     }
-    // What is beyond walls may have been thin alone.
+    // Perhaps nothing is thin but what is beyond walls.
     if thin.of_voxels.par_iter().all(|&voxel| voxel == NOT_THIN) {
         thin.of_voxels = Vec::new();
     }

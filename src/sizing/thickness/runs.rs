@@ -323,7 +323,7 @@ impl Labels {
         check: Check<'_>,
     ) -> Result<()> {
         self.begin_cubes(all, cube, set, spare, check)?;
-        // None begins so near to an end that it would go on in the next row.
+        // No cube begins so near to an end that it would go on in the next row.
         for (axis, &count) in cube.iter().enumerate().filter(|&(_, &count)| count > 1) {
             spare.change(check, |first, block, [room, ..]| {
                 block.copy_from_slice(set.at(first, block));
