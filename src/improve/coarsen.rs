@@ -41,9 +41,9 @@ use crate::{Error, Result};
 const LEAST_DIHEDRALS: [f64; 3] = [2.0, 6.0, 10.0];
 /// The dihedral target of improvement in the second pass and the third, in degrees, if no larger
 /// one is asked for. The better the tets are, the more edges can be contracted. Measured on AAL,
-/// abdomen and brain at deltas of 3 and 6 mm: 9 to 16 % fewer tets than with a target of 15,
-/// fewer that stay below 15 degrees but on AAL at 3, where there are few, and 7 to 30 % more time. With a target of 25 in the third pass
-/// there are 5 % fewer tets, and it takes half as long again.
+/// abdomen and brain at deltas of 3 and 6 mm: 9 to 16 % fewer tets than with a target of 15, and 7
+/// to 30 % more time. Fewer tets stay below 15 degrees, but on AAL at 3, where there are few. With
+/// a target of 25 in the third pass there are 5 % fewer tets, and it takes half as long again.
 const LATER_TARGET: f64 = 20.0;
 /// The passes end when one contracts less than this part of the vertices.
 const WORTHWHILE_PASS: f64 = 0.05;
