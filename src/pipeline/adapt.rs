@@ -21,6 +21,7 @@
 //! It ends: the field only gets smaller, not below the floor, and rounds are counted. Whether
 //! differences are left is not an error: the certificate tells of them.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::messages;
@@ -30,7 +31,7 @@ use crate::Result;
 use crate::delaunay::Triangulation;
 use crate::image::LabelImage;
 use crate::image::region::{Region, Rows};
-use crate::memory::reserve;
+use crate::memory::{self, reserve};
 use crate::mesh::extract::Background;
 use crate::monitor::Monitor;
 use crate::params::{Adaptive, MeshParams};
@@ -59,6 +60,11 @@ const REACH: f64 = 0.5;
 
 /// How far around it at least, in voxels.
 const LEAST_REACH: f64 = 0.5;
+
+/// Places so near each other, in parts of how far they reach, are one. Where deltas are some voxels
+/// no two are; where labels are lost because delta is as large as they are, all of their voxels
+/// differ, and each place would have thousands of voxels.
+const SAME_PLACE: f64 = 0.125;
 
 /// A spacing so little above the floor is the floor: fields count in steps.
 const AT_FLOOR: f64 = 1.01;
@@ -220,11 +226,18 @@ impl<'a> Places<'a> {
     /// Adds those about the differences of a round, of a mesh whose samples are `sizing` apart;
     /// `false`: none, for all that can be done has been done.
     fn add(&mut self, differences: &[Difference], sizing: &Sizing, round: usize) -> Result<bool> {
+        const WHAT: &str = "places that differ";
         let before = self.list.len();
-        reserve(&mut self.list, differences.len(), "places that differ")?;
+        // One in each cell, of those with the same spacing and reach.
+        let mut cells = HashMap::new();
         for difference in differences {
             let now = sizing.at(self.image.frame().to_world(difference.index));
-            if let Some(place) = self.about(difference, now, round) {
+            let Some(place) = self.about(difference, now, round) else { continue };
+            let per_cell = self.image.frame().spacing() / (SAME_PLACE * place.radius);
+            let cell = (place.index * per_cell).to_array().map(|c| c.floor() as i64);
+            let alike = [place.spacing, place.radius].map(f64::to_bits);
+            if memory::insert(&mut cells, (cell, alike), (), WHAT)?.is_none() {
+                reserve(&mut self.list, 1, WHAT)?;
                 self.list.push(place);
             }
         }
@@ -258,5 +271,36 @@ impl<'a> Places<'a> {
                 Some(Place { index, spacing: closer, radius: REACH * now, voxels: LEAST_REACH })
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::frame::Frame;
+    use glam::DVec3;
+
+    #[test]
+    fn near_differences_are_one_place_that_holds_them() {
+        let frame = Frame::axis_aligned([1.0; 3]).unwrap();
+        let image = LabelImage::from_fn([40; 3], frame, |_| 1).unwrap();
+        let params =
+            MeshParams { delta: 32.0, adaptive: Adaptive::Topology, ..MeshParams::default() };
+        let index = |n: usize| DVec3::from([n % 20, n / 20 % 20, n / 400].map(|c| c as f64));
+        let differences: Vec<_> =
+            (0..8000).map(|n| Difference { kind: Kind::Voxel, index: index(n) }).collect();
+        let places_of = |spacing: f64| {
+            let mut places = Places::new(&image, &params);
+            assert!(places.add(&differences, &Sizing::uniform(spacing), 1).unwrap());
+            places.list
+        };
+        let far = places_of(32.0);
+        assert!(far.len() < 8000 / 5, "{} places", far.len());
+        for difference in &differences {
+            let holds = |place: &Place| place.index.distance(difference.index) <= place.radius;
+            assert!(far.iter().any(holds));
+        }
+        // Where samples are a few voxels apart each is a place of its own.
+        assert_eq!(places_of(4.0).len(), differences.len());
     }
 }

@@ -52,6 +52,10 @@ const LEFT_BY_IMPROVEMENT: f64 = 0.96;
 /// How many times the tets to be expected sampling by topology makes, as a first guess: 1 to 3 on
 /// the atlases.
 const BY_TOPOLOGY: f64 = 1.2;
+/// A coarsened mesh that was sampled by topology has 1 / (1 + `FEWER_PER_SIDE` delta) of the tets
+/// that it has when sampled by thickness; delta in smallest sides of a voxel. Measured at up to 13
+/// sides (docs/notes/sampling.md).
+const FEWER_PER_SIDE: f64 = 0.08;
 
 /// How many tets of labels are to be expected of a mesh that is coarsened.
 ///
@@ -65,9 +69,12 @@ pub(super) fn expected_after_coarsening(
 ) -> Result<f64> {
     let left = expected_coarsened(image, rows, params, check)?.of_labels;
     // It has no more than were refined, as far as that is known.
-    let refined = match params.adaptive {
-        Adaptive::Topology => &by_thickness(params),
-        Adaptive::Off | Adaptive::Thickness => params,
+    let (refined, left) = match params.adaptive {
+        Adaptive::Topology => {
+            let sides = params.delta / image.frame().spacing().min_element();
+            (&by_thickness(params), left / (1.0 + FEWER_PER_SIDE * sides))
+        }
+        Adaptive::Off | Adaptive::Thickness => (params, left),
     };
     Ok(left.min(expected_tets(image, rows, refined, check)?.of_labels))
 }

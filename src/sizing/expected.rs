@@ -81,7 +81,7 @@ pub fn expected_coarsened(
     params: &MeshParams,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Expected> {
-    let spacing = Spacing::coarsened(params, image.labels());
+    let spacing = Spacing::coarsened(params, image);
     // Between edges that are contracted and others there is no such transition.
     let Expected { of_labels, of_background } =
         expected_of(image, rows, params, &spacing, 1.0, check)?;

@@ -56,9 +56,13 @@ const AROUND_CONTACT: f64 = 0.6;
 /// Growth of the field per distance.
 const GRADING: f64 = 0.4;
 
-/// What coarsening leaves of both: samples are so many thicknesses apart, and no grading is asked
-/// for. Measured (docs/notes/sampling.md).
+/// What coarsening leaves of both: samples are so many thicknesses apart where delta is so many
+/// smallest sides of a voxel, a little more for each side more, and no grading is asked for.
+/// Measured (docs/notes/sampling.md).
 const COARSENED_PER_THICKNESS: f64 = 2.35;
+const COARSENED_AT: f64 = 3.0;
+const COARSENED_PER_SIDE: f64 = 0.05;
+const COARSENED_UP_TO: f64 = 6.5;
 const COARSENED_GRADING: f64 = 2.0;
 
 /// The same away from places. Measured on the atlas of the brain at delta 3: with 0.4 the mesh has
@@ -71,6 +75,9 @@ const MAX_GRADED: f64 = 64.0;
 
 /// So many places are put into a field between two looks at whether to go on.
 const PLACES: usize = 1 << 14;
+
+/// What seems farther away than a place reaches, but by rounding alone, is held, too.
+const AS_FAR: f64 = 1.0 + 1e-9;
 
 /// Distances that differ by a smaller part are the same: two fields count in different steps.
 const SAME: f64 = 0.999;
@@ -134,10 +141,13 @@ impl Spacing {
     }
 
     /// How far apart samples are in the end, about, where the mesh is coarsened. For estimates.
-    pub fn coarsened(params: &MeshParams, labels: &[i32]) -> Self {
-        let (per_thickness, grading) = (COARSENED_PER_THICKNESS, COARSENED_GRADING);
-        let adaptive = Adaptive::Thickness;
-        Self { adaptive, per_thickness, grading, ..Self::new(params, labels) }
+    pub fn coarsened(params: &MeshParams, image: &LabelImage) -> Self {
+        let wanted = Self::new(params, image.labels());
+        let sides = wanted.delta / image.frame().spacing().min_element();
+        let more = sides.clamp(COARSENED_AT, COARSENED_UP_TO) - COARSENED_AT;
+        let per_thickness = COARSENED_PER_THICKNESS + COARSENED_PER_SIDE * more;
+        let (adaptive, grading) = (Adaptive::Thickness, COARSENED_GRADING);
+        Self { adaptive, per_thickness, grading, ..wanted }
     }
 
     /// How far apart samples of the interface of two labels may be where nothing is thin.
@@ -284,9 +294,11 @@ impl Sizing {
         if !places.is_empty() {
             for places in places.chunks(PLACES) {
                 check()?;
-                for place in places {
-                    lower(&mut levels, &region, spacing, place, scale.level(place.spacing));
-                }
+                levels.par_chunks_mut(layer).enumerate().for_each(|(y, levels)| {
+                    for place in places {
+                        lower([y, nx], levels, &region, spacing, place, scale.level(place.spacing));
+                    }
+                });
             }
             grade(&mut levels, [nx, ny, nz], scale.growth(PLACE_GRADING, spacing));
         }
@@ -390,27 +402,91 @@ impl Sizing {
     }
 }
 
-/// Lowers the levels of a region's voxels within a place to `level`.
-fn lower(levels: &mut [u8], region: &Region, spacing: DVec3, place: &Place, level: u8) {
-    let [nx, ny, nz] = region.dims;
+/// Lowers the levels of a layer of a region's voxels, number `y`, within a place to `level`.
+fn lower(
+    [y, nx]: [usize; 2],
+    levels: &mut [u8],
+    region: &Region,
+    spacing: DVec3,
+    place: &Place,
+    level: u8,
+) {
     let middle = place.index - DVec3::from(region.first.map(|c| c as f64));
-    let reach = (place.radius / spacing).max(DVec3::splat(place.voxels));
-    let last = DVec3::from([nx, ny, nz].map(|n| (n - 1) as f64));
-    let low = (middle - reach).ceil().max(DVec3::ZERO);
-    let high = (middle + reach).floor().min(last);
-    if !low.cmple(high).all() {
-        return;
+    let [voxels, radius] = [place.voxels, place.radius].map(|reach| AS_FAR * reach);
+    // How far the place reaches along an axis, squared, at these squared distances from its middle
+    // along the others, in voxels and in world units.
+    let left = |axis: usize, [apart, apart_in_world]: [f64; 2]| {
+        let in_world = (radius * radius - apart_in_world) / (spacing[axis] * spacing[axis]);
+        in_world.max(voxels * voxels - apart)
+    };
+    let apart = |axis: usize, at: usize| {
+        let apart = at as f64 - middle[axis];
+        [apart * apart, (apart * spacing[axis]) * (apart * spacing[axis])]
+    };
+    // The numbers that near to the middle, of so many. Where `left` is below 0 its root is NaN,
+    // both ends are 0, and there are none.
+    let within = |axis: usize, left: f64, count: usize| {
+        let reach = left.sqrt();
+        let (low, high) = (middle[axis] - reach, middle[axis] + reach);
+        low.ceil().max(0.0) as usize..((high + 1.0).floor().max(0.0) as usize).min(count)
+    };
+    let of_y = apart(1, y);
+    for z in within(2, left(2, of_y), levels.len() / nx) {
+        let of_z = apart(2, z);
+        let row = within(0, left(0, [of_y[0] + of_z[0], of_y[1] + of_z[1]]), nx);
+        if let Some(row) = levels[nx * z..][..nx].get_mut(row) {
+            row.iter_mut().for_each(|at| *at = (*at).min(level));
+        }
     }
-    let range = |a: usize| low[a] as usize..=high[a] as usize;
-    for y in range(1) {
-        for z in range(2) {
-            for x in range(0) {
-                let apart = DVec3::from([x, y, z].map(|c| c as f64)) - middle;
-                if apart.length() <= place.voxels || (apart * spacing).length() <= place.radius {
-                    let at = &mut levels[x + nx * (z + nz * y)];
-                    *at = (*at).min(level);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// As the definition of a place has it, but for voxels on its border.
+        #[test]
+        fn places_lower_the_voxels_that_they_hold(
+            index in prop::array::uniform3(-2.0..12.0_f64),
+            spacing in prop::array::uniform3(0.3..3.0_f64),
+            radius in 0.0..9.0_f64,
+            voxels in 0.3..2.0_f64,
+        ) {
+            let dims = [7, 6, 8];
+            let region = Region { first: [1, 2, -1], dims };
+            let (index, spacing) = (DVec3::from(index), DVec3::from(spacing));
+            let place = Place { index, spacing: 1.0, radius, voxels };
+            let [nx, ny, nz] = dims;
+            let mut levels = vec![9; nx * ny * nz];
+            levels.chunks_mut(nx * nz).enumerate().for_each(|(y, levels)| {
+                lower([y, nx], levels, &region, spacing, &place, 4);
+            });
+            for (at, level) in levels.into_iter().enumerate() {
+                let [x, y, z] = [at % nx, at / (nx * nz), at / nx % nz];
+                let first = DVec3::from(region.first.map(|c| c as f64));
+                let apart = first + DVec3::from([x, y, z].map(|c| c as f64)) - index;
+                let beyond = [apart.length() - voxels, (apart * spacing).length() - radius];
+                if beyond.iter().all(|by| by.abs() > 1e-6) {
+                    prop_assert_eq!(level == 4, beyond.iter().any(|&by| by < 0.0));
                 }
             }
+        }
+    }
+
+    #[test]
+    fn places_hold_voxels_on_their_border() {
+        let region = Region { first: [0; 3], dims: [5; 3] };
+        for side in [0.1, 0.3, 0.7, 0.937, 1.1] {
+            let index = DVec3::splat(2.0);
+            let place = Place { index, spacing: 1.0, radius: 2.0 * side, voxels: 0.5 };
+            let mut levels = [9; 125];
+            levels.chunks_mut(25).enumerate().for_each(|(y, levels)| {
+                lower([y, 5], levels, &region, DVec3::splat(side), &place, 4);
+            });
+            // The middle, 6, 12, 8 and 6 voxels at squared distances of 0, 1, 2, 3 and 4.
+            assert_eq!(levels.iter().filter(|&&level| level == 4).count(), 33, "side {side}");
         }
     }
 }

@@ -145,3 +145,13 @@ fn tets_of_coarsened_meshes_are_as_expected() {
         }
     }
 }
+
+/// Who asks for a number of tets is told of about as many.
+#[test]
+fn tets_that_are_asked_for_are_expected() {
+    for adaptive in [Adaptive::Off, Adaptive::Thickness, Adaptive::Topology] {
+        let params = MeshParams { coarsen: Some(15.0), ..quick(adaptive, Some(15_000)) };
+        let told = estimate(&busy_image(), &params, &Monitor::silent()).unwrap().tets;
+        assert!((13_500..=16_500).contains(&told), "{adaptive:?}: {told}");
+    }
+}
