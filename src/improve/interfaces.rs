@@ -10,8 +10,9 @@ use crate::params::Improve;
 use crate::refine::rules::FACET_DISTANCE;
 use crate::sizing::Sizing;
 
-/// Distances at which the labels beside a facet are looked for, in parts of the largest.
-const NEARER: [f64; 3] = [1.0, 0.5, 0.25];
+/// Distances at which the labels beside a facet are looked for, in parts of the largest. What lies
+/// wholly between two of them is thinner than 0.3 of the larger one.
+const NEARER: [f64; 7] = [1.0, 0.71, 0.5, 0.35, 0.25, 0.18, 0.125];
 
 /// The interfaces of a run.
 pub(super) struct Interfaces<'a> {
