@@ -298,7 +298,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
                     let label = facet.labels[usize::from(facet.labels[0] == 0)];
                     return interfaces.is_below((a + b + c) / 3.0, outwards * normal, delta, label);
                 }
-                if interfaces.oracle.is_off_wall(corners, outwards) {
+                if interfaces.is_off_wall(corners, facet.labels) {
                     return false;
                 }
             }

@@ -119,6 +119,22 @@ impl<'a> Interfaces<'a> {
             .is_some_and(|at| at.distance_squared(to) <= at.distance_squared(from))
     }
 
+    /// Whether an interface facet may take the place of an `old` one: it keeps its angles, and does
+    /// not leave the wall that it should lie on.
+    pub fn keeps_facet(&self, new: [DVec3; 3], old: [DVec3; 3], labels: [i32; 2]) -> bool {
+        self.keep_angles([new], [old])
+            && (!self.is_off_wall(new, labels) || self.is_off_wall(old, labels))
+    }
+
+    /// Whether an outer facet between two labels, the second one above it in the direction of
+    /// (b - a) x (c - a), is off the wall that it should lie on.
+    pub fn is_off_wall(&self, facet: [DVec3; 3], [below, above]: [i32; 2]) -> bool {
+        let outwards = if above == 0 { 1.0 } else { -1.0 };
+        self.oracle.has_walls()
+            && (below == 0 || above == 0)
+            && self.oracle.is_off_wall(facet, outwards)
+    }
+
     /// The walls that all three points are on.
     pub fn walls_of(&self, points: [DVec3; 3]) -> Walls {
         let [a, b, c] = points.map(|p| self.oracle.walls_at(p));

@@ -18,7 +18,7 @@ use glam::DVec3;
 
 use super::measure::is_positive;
 use super::minmax::{Gradient, Models, Step};
-use super::patch::{Mover, Patch};
+use super::patch::{Mover, Patch, PatchFacet};
 use super::worker::{GAIN, Outcome, Worker};
 
 /// Steps of all vertices.
@@ -210,14 +210,14 @@ impl Worker<'_, '_> {
         Some(to)
     }
 
-    /// Whether all tets of a patch are positive, and the facets keep their angles.
+    /// Whether all tets of a patch are positive, and the facets keep their angles and walls.
     fn is_allowed(&self, patch: &Patch, at: &[DVec3]) -> bool {
-        let keeps_angles = |facet: &[usize; 3]| {
-            let [new, old] = [at, &patch.start].map(|at| facet.map(|v| at[v]));
-            self.round.interfaces.keep_angles([new], [old])
+        let is_kept = |facet: &PatchFacet| {
+            let [new, old] = [at, &patch.start].map(|at| facet.vertices.map(|v| at[v]));
+            self.round.interfaces.keeps_facet(new, old, facet.labels)
         };
         let mut tets = patch.tets.iter().chain(&patch.background);
-        tets.all(|tet| is_positive(&tet.map(|v| at[v]))) && patch.facets.iter().all(keeps_angles)
+        tets.all(|tet| is_positive(&tet.map(|v| at[v]))) && patch.facets.iter().all(is_kept)
     }
 
     /// What shapes a step: the parts of measures that are low, the lowest first, then the angles of
@@ -234,7 +234,7 @@ impl Worker<'_, '_> {
             let max = ACTIVE * self.aim - min;
             of_tets.extend(patch.terms_below(max, at, tet, Of::Tet(*tet), parts));
         }
-        for facet in &patch.facets {
+        for &PatchFacet { vertices: ref facet, .. } in &patch.facets {
             let before = squared_sines(&facet.map(|v| patch.start[v]));
             let least = before.into_iter().fold(self.facet_bound(), f64::min);
             let parts = |corners: &[DVec3; 3]| self.parts_of_facet(corners, least);

@@ -32,7 +32,13 @@ pub(super) struct Patch {
     /// The slots of both.
     pub slots: Vec<u32>,
     /// The interface facets with a mover.
-    pub facets: Vec<[usize; 3]>,
+    pub facets: Vec<PatchFacet>,
+}
+
+/// An interface facet of a patch: its normal points from the first label to the second.
+pub(super) struct PatchFacet {
+    pub vertices: [usize; 3],
+    pub labels: [i32; 2],
 }
 
 impl Worker<'_, '_> {
@@ -99,10 +105,11 @@ impl Worker<'_, '_> {
             }
             for facet in &star.facets {
                 let [p, q] = facet.others;
-                let facet = [star.vertex, p, q].map(|v| self.number(&mut patch, v));
-                let is_same = |known: &[usize; 3]| facet.iter().all(|v| known.contains(v));
+                let vertices = [star.vertex, p, q].map(|v| self.number(&mut patch, v));
+                let is_same =
+                    |known: &PatchFacet| vertices.iter().all(|v| known.vertices.contains(v));
                 if !patch.facets.iter().any(is_same) {
-                    patch.facets.push(facet);
+                    patch.facets.push(PatchFacet { vertices, labels: facet.labels });
                 }
             }
             patch.movers[mover].star = star;

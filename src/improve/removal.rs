@@ -14,7 +14,8 @@
 //! - the new facets have the angles that were asked for;
 //! - the image has the two labels on the two sides of the new facets, within the facet distance of
 //!   refinement;
-//! - both old facets lie on the same walls of the image, or on none: edges of walls stay.
+//! - both old facets lie on the same walls of the image, or on none: edges of walls stay;
+//! - no new facet is off a wall that it should lie on, where none was before.
 //!
 //! What keeps the topology: where a part has a single tet, cd was an edge before. No interface may
 //! pass through it, or the two would touch there. Anywhere else cd cannot have been an edge,
@@ -269,7 +270,10 @@ impl Worker<'_, '_> {
                 return true;
             }
         }
+        let is_off_wall = |facet| interfaces.is_off_wall(facet, labels);
         facets.iter().all(|&facet| interfaces.holds_facet(facet, labels))
+            && (!facets.into_iter().any(is_off_wall)
+                || [[d, b, a], [b, c, a]].into_iter().any(is_off_wall))
     }
 
     /// Whether no interface passes through the edge that a part of the ring with a single tet, at

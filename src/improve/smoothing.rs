@@ -408,12 +408,13 @@ impl Worker<'_, '_> {
     }
 
     /// Whether the interface facets around a vertex that is moved keep the angles that were asked
-    /// for.
+    /// for, and none leaves the wall that it should lie on.
     pub fn keeps_facets(&self, star: &Star, at: DVec3) -> bool {
         let from = self.point(star.vertex);
         star.facets.iter().all(|facet| {
             let [p, q] = facet.others.map(|v| self.point(v));
-            self.round.interfaces.keep_angles([[at, p, q]], [[from, p, q]])
+            let [new, old] = [[at, p, q], [from, p, q]];
+            self.round.interfaces.keeps_facet(new, old, facet.labels)
         })
     }
 
