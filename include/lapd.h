@@ -1291,8 +1291,7 @@ typedef struct {
   double max_flip;
   /**
    * The largest distance of a vertex on an interface from where refinement put the interface; of
-   * a mesh that was coarsened, from where it was after the contractions before, of which there
-   * are three at most.
+   * a mesh that was coarsened, from the facets that refinement's vertices would have.
    */
   double max_interface_move;
   /**
@@ -2231,8 +2230,9 @@ lapd_status lapd_params_get_improve(const lapd_params *params, int32_t *improve)
 /**
  * Sets the dihedral angle that tets are to have at least, in degrees; none is to be above 180 less
  * this, either. Above 0 and at most 30. With the default, 15, interfaces move by at most 0.1 of
- * the smallest side of a voxel; with 20 and more, by 0.2. What can't be reached is listed:
- * lapd_mesh_get_left. No other thread may use `params` or the context meanwhile.
+ * the smallest side of a voxel; with 20 and more, by 0.2; of a mesh that is coarsened, by 0.2 or
+ * 0.1 of delta, whichever is more, but by no more than half of such a side. What can't be reached
+ * is listed: lapd_mesh_get_left. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */

@@ -690,8 +690,9 @@ pub unsafe extern "C" fn lapd_params_get_improve(
 
 /// Sets the dihedral angle that tets are to have at least, in degrees; none is to be above 180 less
 /// this, either. Above 0 and at most 30. With the default, 15, interfaces move by at most 0.1 of
-/// the smallest side of a voxel; with 20 and more, by 0.2. What can't be reached is listed:
-/// lapd_mesh_get_left. No other thread may use `params` or the context meanwhile.
+/// the smallest side of a voxel; with 20 and more, by 0.2; of a mesh that is coarsened, by 0.2 or
+/// 0.1 of delta, whichever is more, but by no more than half of such a side. What can't be reached
+/// is listed: lapd_mesh_get_left. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]

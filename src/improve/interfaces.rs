@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::{Settings, tolerance};
+use super::Settings;
 use crate::geometry::shape::has_angle_below;
 use crate::oracle::{Oracle, Walls};
 use crate::params::Improve;
@@ -32,12 +32,12 @@ pub(super) struct Interfaces<'a> {
 impl<'a> Interfaces<'a> {
     /// Those of a run with these settings.
     pub fn new(settings: &Settings<'a>) -> Self {
-        let &Settings { oracle, labels, sizing, target, facet_angle, improve, .. } = settings;
+        let &Settings { oracle, labels, sizing, tolerance, facet_angle, improve, .. } = settings;
         Self {
             oracle,
             labels,
             sizing,
-            tolerance: tolerance(target) * oracle.spacing().min_element(),
+            tolerance,
             facet_cosine_squared: facet_angle.to_radians().cos().powi(2),
             change: improve == Improve::Full,
         }
@@ -66,14 +66,14 @@ impl<'a> Interfaces<'a> {
     }
 
     /// Whether a place is near the image's interface of two labels: whether the first label is
-    /// below it and the second one above, at equal distances of at most the facet distance for
-    /// samples that are `delta` apart. Where the labels are thin only small ones will do.
+    /// below it and the second one above, each at some distance of at most the facet distance for
+    /// samples that are `delta` apart. Where a label is thin only small ones will do, and on the
+    /// far side of the interface not the smallest.
     pub fn is_between(&self, at: DVec3, normal: DVec3, delta: f64, pair: [i32; 2]) -> bool {
         let [below, above] = pair;
-        NEARER.iter().any(|part| {
-            let off = part * FACET_DISTANCE * delta * normal;
-            self.label(at - off) == below && self.label(at + off) == above
-        })
+        let off = FACET_DISTANCE * delta * normal;
+        NEARER.iter().any(|part| self.label(at - part * off) == below)
+            && NEARER.iter().any(|part| self.label(at + part * off) == above)
     }
 
     /// Whether a label is below a place, at one of these distances.

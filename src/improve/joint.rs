@@ -234,7 +234,7 @@ impl Worker<'_, '_> {
             let max = ACTIVE * self.aim - min;
             of_tets.extend(patch.terms_below(max, at, tet, Of::Tet(*tet), parts));
         }
-        for &PatchFacet { vertices: ref facet, .. } in &patch.facets {
+        for PatchFacet { vertices: facet, .. } in &patch.facets {
             let before = squared_sines(&facet.map(|v| patch.start[v]));
             let least = before.into_iter().fold(self.facet_bound(), f64::min);
             let parts = |corners: &[DVec3; 3]| self.parts_of_facet(corners, least);

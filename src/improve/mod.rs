@@ -81,7 +81,8 @@ use crate::{Error, Result};
 
 use batch::Batch;
 pub use coarsen::{
-    Coarseness, PART as PART_OF_COARSENING, TIMES as TIMES_OF_COARSENING, coarsen, facets_below,
+    Coarsened, Coarseness, PART as PART_OF_COARSENING, TIMES as TIMES_OF_COARSENING, coarsen,
+    facets_below, tolerance as coarse_tolerance,
 };
 use interfaces::Interfaces;
 use measure::Measure;
@@ -114,6 +115,9 @@ pub struct Settings<'a> {
     pub sizing: &'a Sizing,
     /// What may be changed.
     pub improve: Improve,
+    /// How far a vertex of an interface may be moved in all, and how far a facet may be from those
+    /// it replaces; see [`tolerance`].
+    pub tolerance: f64,
     /// Dihedral angles below this, or above 180 less this, are to go; in degrees.
     pub target: f64,
     /// The ratio of circumradius to shortest edge that refinement was asked for.
@@ -128,6 +132,15 @@ pub struct Settings<'a> {
     pub check_time: &'a (dyn Fn() -> Result<()> + Sync),
 }
 
+/// What was done to a mesh before it is improved.
+#[derive(Default)]
+pub struct Earlier {
+    /// Where refinement put each vertex; if these are not as many as there are: where it is.
+    pub refined: Vec<[f64; 3]>,
+    /// By how much the volume of labels grew.
+    pub volumes: Vec<(i32, f64)>,
+}
+
 /// Improves `mesh`, which has the tets of the background around the object, too. Slots of tets that
 /// are gone are left empty: their first vertex is [`NONE`]. Returns besides what ended the work
 /// early; the mesh is valid then as well, improved as far as it came.
@@ -137,14 +150,16 @@ pub struct Settings<'a> {
 pub fn improve(
     mesh: &mut TetMesh,
     settings: &Settings<'_>,
+    earlier: Earlier,
     monitor: &Monitor<'_>,
 ) -> Result<(Improvement, Option<Error>)> {
-    let (mut improvement, improved, ended) = change(mesh, settings, monitor)?;
+    let (mut improvement, improved, ended) =
+        change(mesh, settings, earlier, Effort::Full, monitor)?;
     if let Some(cancelled @ Error::Cancelled) = ended {
         return Ok((improvement, Some(cancelled)));
     }
     let measure = Measure::new(settings.target, settings.radius_edge);
-    let Improved { mut left, changed } = improved;
+    let Improved { mut left, changed, .. } = improved;
     left.sort_unstable();
     left.dedup();
     left.retain(|&t| is_below(mesh, t, measure));
@@ -169,12 +184,25 @@ struct Improved {
     left: Vec<u32>,
     /// Which slots have changed.
     changed: Bits,
+    /// Where refinement put each vertex. Those of splits are not among them; they come last.
+    refined: Vec<[f64; 3]>,
+}
+
+/// What is done for tets that nothing helps at first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Effort {
+    /// Nothing more.
+    Quick,
+    /// The last resorts: vertices may go farther, and several move together.
+    Full,
 }
 
 /// Improves as [`improve`] does, and tells what was done, but not of the mesh that comes of it.
 fn change(
     mesh: &mut TetMesh,
     settings: &Settings<'_>,
+    earlier: Earlier,
+    effort: Effort,
     monitor: &Monitor<'_>,
 ) -> Result<(Improvement, Improved, Option<Error>)> {
     let measure = Measure::new(settings.target, settings.radius_edge);
@@ -196,8 +224,8 @@ fn change(
         return Ok((improvement, Improved::default(), Some(cancelled)));
     }
     let report_and_check = |done| monitor.advance(done).and_then(|()| (settings.check_time)());
-    let mut run = Run::new(mesh, &interfaces, measure, queue, &report_and_check)?;
-    let mut ended = run.run()?;
+    let mut run = Run::new(mesh, &interfaces, measure, earlier, queue, &report_and_check)?;
+    let mut ended = run.run(effort)?;
     if ended.is_none() {
         run.measure = measure;
         ended = run.give_back(settings.volumes)?;
@@ -207,7 +235,7 @@ fn change(
     improvement.counts = counts;
     improvement.rounds = rounds;
     improvement.max_move = max_move(mesh, &refined);
-    Ok((improvement, Improved { left, changed }, ended))
+    Ok((improvement, Improved { left, changed, refined }, ended))
 }
 
 /// How far interfaces may be moved for a target in degrees, in parts of the smallest side of a

@@ -9,11 +9,11 @@ use rayon::prelude::*;
 use super::blocks::{Blocks, owner};
 use super::flips::Flips;
 use super::interfaces::Interfaces;
-use super::is_below;
 use super::measure::Measure;
 use super::report::Counts;
 use super::shared::Shared;
-use super::worker::{Done, HOPELESS_PART, LastResorts, Round, Scratch, Worker};
+use super::worker::{HOPELESS_PART, LastResorts, Round, Scratch, Worker};
+use super::{Earlier, Effort, is_below};
 use crate::memory::bits::Bits;
 use crate::memory::{reserve, room, zeroed};
 use crate::mesh::{NONE, TetMesh};
@@ -59,6 +59,8 @@ pub(super) struct Run<'m, 'a> {
     pub report_and_check: &'a (dyn Fn(usize) -> Result<()> + Sync),
     /// Where refinement put each vertex.
     pub refined: Vec<[f64; 3]>,
+    /// By how much the volume of labels grew before.
+    pub volumes: Vec<(i32, f64)>,
     /// What was flipped on interfaces.
     flips: Flips,
     /// Which tets are not those that refinement made.
@@ -78,11 +80,15 @@ impl<'m, 'a> Run<'m, 'a> {
         mesh: &'m mut TetMesh,
         interfaces: &'a Interfaces<'a>,
         measure: Measure,
+        earlier: Earlier,
         queue: Vec<u32>,
         report_and_check: &'a (dyn Fn(usize) -> Result<()> + Sync),
     ) -> Result<Self> {
-        let mut refined = room(mesh.points.len(), "vertices of the mesh")?;
-        refined.par_extend(mesh.points.par_iter().copied());
+        let Earlier { mut refined, volumes } = earlier;
+        if refined.len() != mesh.points.len() {
+            refined = room(mesh.points.len(), "vertices of the mesh")?;
+            refined.par_extend(mesh.points.par_iter().copied());
+        }
         let changed = Bits::new(mesh.tets.len(), "tets of the mesh")?;
         let (left, counts, rounds) = (Vec::new(), Counts::default(), 0);
         let last = LastResorts::default();
@@ -93,6 +99,7 @@ impl<'m, 'a> Run<'m, 'a> {
             last,
             report_and_check,
             refined,
+            volumes,
             flips: Flips::default(),
             changed,
             queue,
@@ -106,11 +113,11 @@ impl<'m, 'a> Run<'m, 'a> {
     ///
     /// # Errors
     /// [`OutOfMemory`](Error::OutOfMemory), with the mesh valid.
-    pub fn run(&mut self) -> Result<Option<Error>> {
+    pub fn run(&mut self, effort: Effort) -> Result<Option<Error>> {
         let blocks = Blocks::new(&self.mesh.points, self.mesh.tets.len());
         let below = self.queue.len();
         let ended = self.run_until_idle(&blocks)?;
-        if ended.is_some() || self.is_hopeless(below) {
+        if ended.is_some() || effort == Effort::Quick || self.is_hopeless(below) {
             return Ok(ended);
         }
         // What is left may get long and thin tets around it, and move farther.
@@ -199,12 +206,12 @@ impl<'m, 'a> Run<'m, 'a> {
 
     /// Does jobs of these lengths, of different blocks, side by side. Returns what comes of them,
     /// in their order.
-    pub(super) fn side_by_side(
+    pub(super) fn side_by_side<R: Send>(
         &mut self,
         of_vertices: &[u32],
         lengths: impl Iterator<Item = usize>,
-        work: impl Fn(&Round<'_>, usize, Scratch) -> (Done, Scratch) + Sync,
-    ) -> Vec<Done> {
+        work: impl Fn(&Round<'_>, usize, Scratch) -> (R, Scratch) + Sync,
+    ) -> Vec<R> {
         let round = Round {
             shared: Shared::new(self.mesh, &self.changed),
             blocks: of_vertices,
@@ -223,7 +230,7 @@ impl<'m, 'a> Run<'m, 'a> {
             *scratch = left;
             (job, done)
         };
-        let mut done: Vec<(usize, Done)> =
+        let mut done: Vec<(usize, R)> =
             order.into_iter().par_bridge().map_init(Scratch::default, on_thread).collect();
         // What is added up is so in an order that depends on the mesh alone.
         done.sort_unstable_by_key(|&(job, _)| job);

@@ -2,8 +2,9 @@
 //!
 //! A flip or move on an interface keeps within the tolerance, but takes some volume from one label
 //! and gives it to another. Over many that evens out. In a small mesh, or where facets are large
-//! for what they bound, it may not. So where more than [`OF_ALL`] or [`OF_LABEL`] has changed,
-//! vertices of interfaces are moved along their normals in the end.
+//! for what they bound, it may not; nor where edges were contracted, which cuts corners. So where
+//! more than [`OF_ALL`] or [`OF_LABEL`] has changed, vertices of interfaces are moved along their
+//! normals in the end.
 //!
 //! # How far
 //! Label L is to gain the volume g(L), and A(L, M) is the area between L and M. The interface
@@ -17,14 +18,18 @@
 //! weighted by area: p are the Lagrange multipliers. It is Laplace's equation on the graph of
 //! labels, solved by conjugate gradients.
 //!
+//! Not all vertices can move, so less is gained than that. What is missing then is sought again. An
+//! interface counts with its area times its *mobility*: the part of what it was to give that it
+//! gave in the round before. So it is asked for more, and others take over what it can't give. A
+//! mobility falls by [`SLOWEST`] in a round at most, and never below [`LEAST_MOBILITY`].
+//!
 //! # Which vertices
 //! These distances are mostly below a hundredth of what a vertex may move. Where all vertices were
 //! to move by so little, some of them move farther, by [`STEP`] at most, chosen by their numbers:
 //! so the work grows with the volume that is missing, not with the mesh.
 //!
 //! A vertex stays where it is if it is on a line, or a tet around it would fall below the target,
-//! or a facet below its angle. So what is missing then is sought again, with more effort the less
-//! the round before has done: all distances are multiplied by it.
+//! or a facet below its angle.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -57,11 +62,11 @@ const MAX_ROUNDS: u32 = 12;
 const STEP: f64 = 0.4;
 /// No fewer vertices are chosen between two labels, on average, if there are as many.
 const FEWEST: f64 = 4.0;
-/// The effort grows by the inverse of the part that a round has given back, but of no less than
-/// this part: hardly any vertex may be able to move.
-const LEAST_DONE: f64 = 0.1;
-/// The largest effort.
-const MAX_EFFORT: f64 = 30.0;
+/// Mobilities fall to this part of what they were in a round at most: what a few vertices give is
+/// as good as random.
+const SLOWEST: f64 = 0.4;
+/// The least mobility: hardly any vertex may be able to move.
+const LEAST_MOBILITY: f64 = 1.0 / 30.0;
 /// Where interfaces are to move by less than this part of the tolerance they stay.
 const LEAST: f64 = 1e-4;
 /// The residual of the solution, in parts of what is to be gained.
@@ -97,11 +102,52 @@ struct Chosen {
 }
 
 /// The interfaces between the ids of two labels.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Between {
     area: f64,
     /// How many vertices have their pair.
     vertices: f64,
+    /// Which part of what it is to give it gives.
+    mobility: f64,
+    /// How far it is to move, from the first of the pair to the other.
+    distance: f64,
+    /// How far it was to when it last gave anything.
+    last: f64,
+}
+
+impl Default for Between {
+    fn default() -> Self {
+        Self { area: 0.0, vertices: 0.0, mobility: 1.0, distance: 0.0, last: 0.0 }
+    }
+}
+
+impl Between {
+    /// What it gives for a move by 1.
+    fn conductance(&self) -> f64 {
+        self.area * self.mobility
+    }
+
+    /// Sets how far it is to move: by `distance` if it went on as it did, and by no more than
+    /// `step`.
+    fn set_distance(&mut self, distance: f64, step: f64) {
+        let mut distance = distance;
+        // What has moved can move back.
+        if distance * self.last < 0.0 {
+            distance *= self.mobility;
+            self.mobility = 1.0;
+        }
+        self.distance = distance.clamp(-step, step);
+    }
+
+    /// Notes what it has given.
+    fn note_given(&mut self, given: f64) {
+        let least = (SLOWEST * self.mobility).max(LEAST_MOBILITY);
+        let wanted = self.area * self.distance;
+        self.mobility = if wanted == 0.0 { least } else { (given / wanted).clamp(least, 1.0) };
+        if given != 0.0 {
+            self.last = self.distance;
+        }
+    }
 }
 
 impl Run<'_, '_> {
@@ -122,37 +168,40 @@ impl Run<'_, '_> {
             interfaces.entry(vertex.pair).or_default().vertices += 1.0;
         }
         drop(ids);
-        let (mut effort, mut before) = (1.0, None);
+        let [least, step] = [LEAST, STEP].map(|part| part * self.interfaces.tolerance);
         for _ in 0..MAX_ROUNDS {
             let Some(missing) = self.missing(volumes, REST) else { break };
-            if let Some(before) = before.replace(missing.clone()) {
-                let done = done(&before, &missing);
-                // What got worse was done with too much effort.
-                effort = match done < 0.0 {
-                    true => 1.0,
-                    false => (effort / done.max(LEAST_DONE)).clamp(1.0, MAX_EFFORT),
-                };
-            }
             if let Err(ended) = (self.report_and_check)(0) {
                 return Ok(Some(ended));
             }
             let potentials = potentials(missing, &interfaces);
+            for ([a, b], between) in &mut interfaces {
+                let distance = potentials[usize::from(*a)] - potentials[usize::from(*b)];
+                between.set_distance(distance, step);
+            }
             let of_vertices = blocks.of_vertices(self.mesh, self.rounds)?;
             self.rounds += 1;
-            let mut chosen =
-                self.choose(&vertices, &of_vertices, &interfaces, &potentials, effort)?;
+            let mut chosen = self.choose(&vertices, &of_vertices, &interfaces)?;
             chosen.par_sort_unstable_by_key(|chosen| (chosen.block, chosen.vertex.index));
             let jobs: Vec<&[Chosen]> = chosen.chunk_by(|a, b| a.block == b.block).collect();
             let lengths = jobs.iter().map(|job| job.len());
             let done = self.side_by_side(&of_vertices, lengths, |round, job, scratch| {
                 let mut worker = Worker::new(round, jobs[job][0].block, 0..0, 0..0, scratch);
-                let done = worker.shift(jobs[job]);
-                worker.end(done.err())
+                let mut given = BTreeMap::new();
+                let done = worker.shift(jobs[job], &mut given);
+                let (done, scratch) = worker.end(done.err());
+                ((done, given), scratch)
             });
-            let mut ended = None;
-            for done in done {
+            let (mut given, mut ended) = (BTreeMap::<Pair, f64>::new(), None);
+            for (done, of_block) in done {
                 self.counts.add(&done.counts);
                 ended = ended.or(done.error);
+                of_block.into_iter().for_each(|(pair, v)| *given.entry(pair).or_default() += v);
+            }
+            for (pair, between) in &mut interfaces {
+                if between.distance.abs() >= least {
+                    between.note_given(given.get(pair).copied().unwrap_or(0.0));
+                }
             }
             if ended.is_some() {
                 return Ok(ended);
@@ -161,23 +210,20 @@ impl Run<'_, '_> {
         Ok(None)
     }
 
-    /// Those vertices that are to be moved in the next round, so that interfaces move as the
-    /// differences of the potentials say.
+    /// Those vertices that are to be moved in the next round, so that interfaces move as far as
+    /// they are to.
     fn choose(
         &self,
         vertices: &[Vertex],
         of_vertices: &[u32],
         interfaces: &BTreeMap<Pair, Between>,
-        potentials: &[f64],
-        effort: f64,
     ) -> Result<Vec<Chosen>> {
         let tolerance = self.interfaces.tolerance;
         // One in how many, and how far.
         let move_of = |pair: Pair| {
-            let [a, b] = pair.map(|id| potentials[usize::from(id)]);
-            let (distance, step) = (effort * (a - b), STEP * tolerance);
-            let fewest = FEWEST / interfaces[&pair].vertices;
-            let part = (distance.abs() / step).max(effort * fewest).min(1.0);
+            let Between { vertices, mobility, distance, .. } = interfaces[&pair];
+            let step = STEP * tolerance;
+            let part = (distance.abs() / step).max(FEWEST / (mobility * vertices)).min(1.0);
             match distance.abs() < LEAST * tolerance {
                 true => (0.0, 0.0),
                 false => (part, (distance / part).clamp(-step, step)),
@@ -205,9 +251,9 @@ impl Run<'_, '_> {
     fn missing(&self, volumes: &[f64], part: f64) -> Option<Vec<f64>> {
         let of_voxel = self.interfaces.oracle.spacing().element_product();
         let mut missing = vec![0.0; volumes.len()];
-        for &(label, gained) in &self.counts.volumes {
+        for &(label, gained) in self.volumes.iter().chain(&self.counts.volumes) {
             if let Some(missing) = missing.get_mut(usize::from(self.interfaces.id(label))) {
-                *missing = -gained;
+                *missing -= gained;
             }
         }
         // The background gets what the object loses.
@@ -251,8 +297,9 @@ impl Run<'_, '_> {
 }
 
 impl Worker<'_, '_> {
-    /// Moves these vertices, if they can be moved.
-    fn shift(&mut self, chosen: &[Chosen]) -> Result<()> {
+    /// Moves these vertices, if they can be moved; adds what the first of each pair of labels
+    /// gained.
+    fn shift(&mut self, chosen: &[Chosen], given: &mut BTreeMap<Pair, f64>) -> Result<()> {
         (self.round.report_and_check)(0)?;
         for &Chosen { vertex, distance, .. } in chosen {
             let Some((labels, normal)) = self.surface_at(vertex) else { continue };
@@ -262,7 +309,10 @@ impl Worker<'_, '_> {
             let to = at + normal * distance;
             if self.may_be(&star, at, to) {
                 let support = Support::Interface { labels, normal, off: DVec3::ZERO };
+                let label = self.round.interfaces.labels[usize::from(vertex.pair[0])];
+                let before = self.counts.volume_of(label);
                 self.move_vertex(&star, support, to);
+                *given.entry(vertex.pair).or_default() += self.counts.volume_of(label) - before;
                 star.tets.iter().for_each(|&t| self.round.shared.note_changed(t));
             }
             self.star = star;
@@ -312,14 +362,6 @@ impl Worker<'_, '_> {
             && is_valid(star, to)
             && self.keeps_facets(star, to)
     }
-}
-
-/// The part of what was missing before that is missing no more; below 0 if more is missing.
-fn done(before: &[f64], now: &[f64]) -> f64 {
-    let [sum, of] = before.iter().zip(now).skip(1).fold([0.0; 2], |[sum, of], (before, now)| {
-        [sum + before * (before - now), of + before * before]
-    });
-    sum / of
 }
 
 /// A number from 0 to below 1 for a vertex, another one in each round, as good as random.
@@ -394,21 +436,21 @@ fn vertices_of_interfaces(mesh: &TetMesh, ids: &[u16]) -> Result<Vec<Vertex>> {
     Ok(vertices)
 }
 
-/// The potentials of ids that give each what it is to gain, where so large areas can be moved
-/// between two of them; id 0 has 0.
-fn potentials(gains: Vec<f64>, areas: &BTreeMap<Pair, Between>) -> Vec<f64> {
+/// The potentials of ids that give each what it is to gain; id 0 has 0.
+fn potentials(gains: Vec<f64>, interfaces: &BTreeMap<Pair, Between>) -> Vec<f64> {
     let count = gains.len();
     let mut diagonal = vec![0.0; count];
-    for (&ids, Between { area, .. }) in areas {
-        ids.into_iter().for_each(|id| diagonal[usize::from(id)] += (1.0 + SHIFT) * area);
+    for (&ids, between) in interfaces {
+        let conductance = (1.0 + SHIFT) * between.conductance();
+        ids.into_iter().for_each(|id| diagonal[usize::from(id)] += conductance);
     }
     diagonal[0] = 0.0;
     let times = |x: &[f64]| {
         let mut product: Vec<f64> = x.iter().zip(&diagonal).map(|(x, d)| x * d).collect();
-        for (ids, Between { area, .. }) in areas.iter().filter(|(ids, _)| !ids.contains(&0)) {
+        for (ids, between) in interfaces.iter().filter(|(ids, _)| !ids.contains(&0)) {
             let [a, b] = ids.map(usize::from);
-            product[a] -= area * x[b];
-            product[b] -= area * x[a];
+            product[a] -= between.conductance() * x[b];
+            product[b] -= between.conductance() * x[a];
         }
         product
     };
@@ -444,7 +486,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn of_area(area: f64) -> Between {
-        Between { area, vertices: 0.0 }
+        Between { area, ..Between::default() }
     }
 
     proptest! {
@@ -475,6 +517,32 @@ mod tests {
                 prop_assert!((gained[id] - gains[id]).abs() < 1e-3, "{gained:?} is not {gains:?}");
             }
         }
+    }
+
+    /// An interface of which a tenth can move is asked for more and more, until it moves as far as
+    /// it is to; one that can't move at all is asked for no more than the least mobility has it.
+    #[test]
+    fn what_hardly_moves_is_asked_for_more() {
+        let mut between = of_area(2.0);
+        let mut missing = 1.0;
+        for _ in 0..4 {
+            between.set_distance(missing / between.conductance(), 100.0);
+            let given = 0.1 * between.area * between.distance;
+            between.note_given(given);
+            missing -= given;
+        }
+        assert!(missing.abs() < 1e-9, "{missing}");
+        assert!((between.mobility - 0.1).abs() < 1e-9);
+        // Back it may go as easily as others.
+        between.set_distance(-0.5, 100.0);
+        assert_eq!([between.distance, between.mobility], [-0.05, 1.0]);
+        (0..9).for_each(|_| between.note_given(0.0));
+        assert_eq!(between.mobility, LEAST_MOBILITY);
+        // Steps that are cut short do not count as what could not be given.
+        let mut between = of_area(2.0);
+        between.set_distance(1.0, 0.25);
+        between.note_given(0.5);
+        assert_eq!([between.distance, between.mobility], [0.25, 1.0]);
     }
 
     #[test]

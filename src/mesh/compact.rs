@@ -9,13 +9,19 @@ use crate::monitor::Monitor;
 
 impl TetMesh {
     /// Drops empty slots of tets, and vertices that no tet has. Tets keep their order; so do
-    /// vertices, but those of tets with a label come first. Returns how many these are. For a mesh
-    /// without facets.
+    /// vertices, but those of tets with a label come first; `places` has another place of each, and
+    /// goes along. Returns how many vertices of tets with a label there are. For a mesh without
+    /// facets.
     ///
     /// # Errors
     /// [`OutOfMemory`](crate::Error::OutOfMemory) and [`Cancelled`](crate::Error::Cancelled), with
     /// the mesh unchanged.
-    pub(crate) fn compact(&mut self, monitor: &Monitor<'_>) -> Result<usize> {
+    pub(crate) fn compact(
+        &mut self,
+        places: &mut Vec<[f64; 3]>,
+        monitor: &Monitor<'_>,
+    ) -> Result<usize> {
+        debug_assert_eq!(places.len(), self.points.len());
         let (of_object, of_background) = (2_u8, 1_u8);
         let mut uses = zeroed(self.points.len(), "vertices of the mesh")?;
         for (tet, &label) in self.tets.iter().zip(&self.labels).filter(|(tet, _)| tet[0] != NONE) {
@@ -32,14 +38,19 @@ impl TetMesh {
         reserve(&mut points, points_kept + count(of_background), "vertices of the mesh")?;
         let mut numbers: Vec<u32> = zeroed(self.points.len(), "vertices of the mesh")?;
         let mut slots: Vec<u32> = zeroed(self.tets.len(), "tets of the mesh")?;
+        let mut places_left = Vec::new();
+        reserve(&mut places_left, points.capacity(), "vertices of the mesh")?;
         for of in [of_object, of_background] {
-            for (v, &point) in self.points.iter().enumerate().filter(|(v, _)| uses[*v] == of) {
+            let both = self.points.iter().zip(&*places).enumerate();
+            for (v, (&point, &place)) in both.filter(|(v, _)| uses[*v] == of) {
                 numbers[v] = points.len() as u32;
                 points.push(point);
+                places_left.push(place);
             }
         }
         monitor.check_cancelled()?;
         self.points = points;
+        *places = places_left;
         let mut live = 0;
         for (slot, tet) in slots.iter_mut().zip(&self.tets) {
             *slot = if tet[0] == NONE { NONE } else { live };

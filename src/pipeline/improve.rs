@@ -5,8 +5,8 @@ use crate::Error;
 use crate::Result;
 use crate::image::LabelImage;
 use crate::improve::{
-    Coarseness, Improvement, PART_OF_COARSENING, Settings, coarsen, facets_below, fill_nicks,
-    improve,
+    Coarseness, Earlier, Improvement, PART_OF_COARSENING, Settings, coarse_tolerance, coarsen,
+    facets_below, fill_nicks, improve, tolerance,
 };
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
@@ -32,12 +32,14 @@ pub fn improve_mesh(
     let of_voxel = image.voxel_volume();
     let volumes: Vec<f64> =
         image.voxel_counts().into_iter().map(|voxels| voxels as f64 * of_voxel).collect();
+    let side = prepared.oracle.spacing().min_element();
     let mut settings = Settings {
         oracle: &prepared.oracle,
         labels: image.labels(),
         volumes: &volumes,
         sizing: &prepared.sizing,
         improve: params.improve,
+        tolerance: tolerance(params.target_dihedral) * side,
         target: params.target_dihedral,
         radius_edge: params.radius_edge,
         facet_angle: params.facet_angle,
@@ -50,11 +52,16 @@ pub fn improve_mesh(
         Improve::Full => fill_nicks(mesh, &prepared.oracle, points_kept, monitor)?,
         Improve::None | Improve::Interior => Vec::new(),
     };
-    let mut coarsened = None;
+    let (mut coarsened, mut earlier) = (None, Earlier::default());
     if let Some(facet_angle) = params.coarsen {
         let coarseness = Coarseness {
             facet_angle,
             delta: params.delta,
+            tolerance: coarse_tolerance(
+                params.target_dihedral,
+                side,
+                prepared.sizing.least_between(params, image.labels()),
+            ),
             delta_between: &|labels, p| prepared.sizing.largest_between(params, labels, p),
             size_of: &|label, p| params.size_of(label).min(prepared.sizing.tets().at(p)),
         };
@@ -62,13 +69,16 @@ pub fn improve_mesh(
         if let Some(limit) = done.ended.take_if(|_| !params.partial) {
             return Err(limit);
         }
+        settings.tolerance = coarseness.tolerance;
         settings.is_delaunay = false;
         settings.parts[0] = PART_OF_COARSENING;
         points_kept = if params.background { mesh.points.len() } else { done.points_kept };
+        earlier.refined = std::mem::take(&mut done.refined);
+        earlier.volumes = done.improvement.counts.volumes.clone();
         coarsened = Some(done);
     }
     let points_before = mesh.points.len();
-    let (mut improvement, mut ended) = improve(mesh, &settings, monitor)?;
+    let (mut improvement, mut ended) = improve(mesh, &settings, earlier, monitor)?;
     if let Some(coarsened) = coarsened {
         improvement.add_earlier(&coarsened.improvement);
         improvement.facets_below = facets_below(mesh, params.facet_angle);

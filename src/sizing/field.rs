@@ -57,12 +57,12 @@ const AROUND_CONTACT: f64 = 0.6;
 const GRADING: f64 = 0.4;
 
 /// What coarsening leaves of both: samples are so many thicknesses apart where delta is so many
-/// smallest sides of a voxel, a little more for each side more, and no grading is asked for.
+/// smallest sides of a voxel, an eighth more for each side more, and no grading is asked for.
 /// Measured (docs/notes/sampling.md).
 const COARSENED_PER_THICKNESS: f64 = 2.35;
 const COARSENED_AT: f64 = 3.0;
-const COARSENED_PER_SIDE: f64 = 0.05;
-const COARSENED_UP_TO: f64 = 6.5;
+const COARSENED_PER_SIDE: f64 = 0.29;
+const COARSENED_UP_TO: f64 = 6.0;
 const COARSENED_GRADING: f64 = 2.0;
 
 /// The same away from places. Measured on the atlas of the brain at delta 3: with 0.4 the mesh has
@@ -394,6 +394,12 @@ impl Sizing {
     /// How far apart samples of the interface of two labels may be at `p`, where nothing is thin.
     pub fn largest_between(&self, params: &MeshParams, labels: [i32; 2], p: DVec3) -> f64 {
         Spacing::between(params, labels).min(PER_SIZE * self.tets.at(p))
+    }
+
+    /// The least that [`Self::largest_between`] says anywhere, for interfaces of these labels.
+    pub fn least_between(&self, params: &MeshParams, labels: &[i32]) -> f64 {
+        let of_labels = labels.iter().map(|&label| Spacing::between(params, [label, 0]));
+        of_labels.fold(PER_SIZE * self.tets.min(), f64::min)
     }
 
     /// Bytes of memory held.

@@ -13,7 +13,7 @@ use lapd::geometry::predicates::orient;
 use lapd::geometry::shape::closest_point;
 use lapd::image::phantom::*;
 use lapd::image::{Frame, LabelImage};
-use lapd::improve::{Cause, Improvement, Settings, improve, tolerance};
+use lapd::improve::{Cause, Earlier, Improvement, Settings, improve, tolerance};
 use lapd::io::read::read_image;
 use lapd::mesh::extract::Background;
 use lapd::mesh::{NONE, TetMesh};
@@ -121,6 +121,7 @@ fn improved_within(
         volumes,
         sizing: &refined.sizing,
         improve: mode,
+        tolerance: tolerance(target) * refined.oracle.spacing().min_element(),
         target,
         radius_edge: 2.0,
         facet_angle: 30.0,
@@ -128,7 +129,8 @@ fn improved_within(
         parts: [0.0, 1.0],
         check_time,
     };
-    let (improvement, ended) = improve(&mut mesh, &settings, &Monitor::silent()).unwrap();
+    let (improvement, ended) =
+        improve(&mut mesh, &settings, Earlier::default(), &Monitor::silent()).unwrap();
     (mesh, improvement, ended)
 }
 

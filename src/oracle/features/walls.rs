@@ -51,8 +51,8 @@ impl Walls {
 }
 
 /// How far around a vertex of an interface background is looked for, in voxels: more than what
-/// vertices are moved by, but where a mesh is coarsened. Improvement does nothing that makes a facet
-/// count as off a wall.
+/// vertices are moved by, but where a mesh is coarsened. Improvement does nothing that makes a
+/// facet count as off a wall.
 const AROUND: f64 = 0.25;
 
 impl Oracle {
