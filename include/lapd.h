@@ -1291,7 +1291,7 @@ typedef struct {
   double max_flip;
   /**
    * The largest distance of a vertex on an interface from where refinement put the interface; of
-   * a mesh that was coarsened, from the facets that refinement's vertices would have.
+   * a mesh that was coarsened, from the facets that are left, with refinement's vertices.
    */
   double max_interface_move;
   /**

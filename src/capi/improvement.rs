@@ -36,7 +36,7 @@ pub struct lapd_improvement {
     /// The largest distance between an interface edge that was flipped and the one in its place.
     pub max_flip: f64,
     /// The largest distance of a vertex on an interface from where refinement put the interface; of
-    /// a mesh that was coarsened, from the facets that refinement's vertices would have.
+    /// a mesh that was coarsened, from the facets that are left, with refinement's vertices.
     pub max_interface_move: f64,
     /// The largest distance of any vertex from where refinement put it.
     pub max_move: f64,

@@ -93,7 +93,7 @@ impl<'a> Interfaces<'a> {
 
     /// Whether interface facets that take the place of `old` ones have angles as large as asked
     /// for, or at least the least angle that there was.
-    pub fn keep_angles<const N: usize>(&self, new: [[DVec3; 3]; N], old: [[DVec3; 3]; N]) -> bool {
+    fn keep_angles<const N: usize>(&self, new: [[DVec3; 3]; N], old: [[DVec3; 3]; N]) -> bool {
         if new.iter().all(|&facet| self.is_well_shaped(facet)) {
             return true;
         }
@@ -119,11 +119,17 @@ impl<'a> Interfaces<'a> {
             .is_some_and(|at| at.distance_squared(to) <= at.distance_squared(from))
     }
 
-    /// Whether an interface facet may take the place of an `old` one: it keeps its angles, and does
-    /// not leave the wall that it should lie on.
-    pub fn keeps_facet(&self, new: [DVec3; 3], old: [DVec3; 3], labels: [i32; 2]) -> bool {
-        self.keep_angles([new], [old])
-            && (!self.is_off_wall(new, labels) || self.is_off_wall(old, labels))
+    /// Whether interface facets between two labels may take the place of `old` ones: they keep
+    /// their angles, and none is off the wall that it should lie on, unless an old one was.
+    pub fn keep_facets<const N: usize>(
+        &self,
+        new: [[DVec3; 3]; N],
+        old: [[DVec3; 3]; N],
+        labels: [i32; 2],
+    ) -> bool {
+        let is_off_wall = |facet| self.is_off_wall(facet, labels);
+        self.keep_angles(new, old)
+            && (!new.into_iter().any(is_off_wall) || old.into_iter().any(is_off_wall))
     }
 
     /// Whether an outer facet between two labels, the second one above it in the direction of

@@ -214,7 +214,7 @@ impl Worker<'_, '_> {
     fn is_allowed(&self, patch: &Patch, at: &[DVec3]) -> bool {
         let is_kept = |facet: &PatchFacet| {
             let [new, old] = [at, &patch.start].map(|at| facet.vertices.map(|v| at[v]));
-            self.round.interfaces.keeps_facet(new, old, facet.labels)
+            self.round.interfaces.keep_facets([new], [old], facet.labels)
         };
         let mut tets = patch.tets.iter().chain(&patch.background);
         tets.all(|tet| is_positive(&tet.map(|v| at[v]))) && patch.facets.iter().all(is_kept)

@@ -257,7 +257,7 @@ impl Worker<'_, '_> {
                 return false;
             }
         }
-        if !interfaces.keep_angles(facets, [[a, b, c], [b, a, d]]) {
+        if !interfaces.keep_facets(facets, [[d, b, a], [b, c, a]], labels) {
             return false;
         }
         if labels.contains(&0) {
@@ -270,10 +270,7 @@ impl Worker<'_, '_> {
                 return true;
             }
         }
-        let is_off_wall = |facet| interfaces.is_off_wall(facet, labels);
         facets.iter().all(|&facet| interfaces.holds_facet(facet, labels))
-            && (!facets.into_iter().any(is_off_wall)
-                || [[d, b, a], [b, c, a]].into_iter().any(is_off_wall))
     }
 
     /// Whether no interface passes through the edge that a part of the ring with a single tet, at

@@ -414,7 +414,7 @@ impl Worker<'_, '_> {
         star.facets.iter().all(|facet| {
             let [p, q] = facet.others.map(|v| self.point(v));
             let [new, old] = [[at, p, q], [from, p, q]];
-            self.round.interfaces.keeps_facet(new, old, facet.labels)
+            self.round.interfaces.keep_facets([new], [old], facet.labels)
         })
     }
 

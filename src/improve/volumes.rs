@@ -129,8 +129,7 @@ impl Between {
 
     /// Sets how far it is to move: by `distance` if it went on as it did, and by no more than
     /// `step`.
-    fn set_distance(&mut self, distance: f64, step: f64) {
-        let mut distance = distance;
+    fn set_distance(&mut self, mut distance: f64, step: f64) {
         // What has moved can move back.
         if distance * self.last < 0.0 {
             distance *= self.mobility;
