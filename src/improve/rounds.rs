@@ -27,13 +27,16 @@ const MAX_IDLE: u32 = 4;
 /// So few tets are improved in one block that holds all: there are no borders then, at which some
 /// would have to wait. One thread works alone there, and the last tets take milliseconds each.
 const ALONE: usize = 6;
-/// Where no more tets are left in all, it is not hopeless to go on.
-const FEW: usize = 1000;
-/// The last resorts are only for few tets that are left, or one in so many of the mesh: a tet takes
-/// some milliseconds. Where more are left, as in slabs that are thinner than tets can be, that
-/// would not end within minutes. Measured on the brain at delta 1 with a target of 20 degrees: 2226
-/// of 6.3 M are left to be relaxed around; 261 instead of 924 stay, in a fifth more time.
-const RELAXED_OF: usize = 2000;
+/// So few tets that are left are never too many to go on.
+const FEW: usize = 16;
+/// Where no more than one in so many tets of the mesh is left, it is not hopeless to go on.
+const FEW_OF: usize = 64;
+/// Surroundings are relaxed only where no more than one in so many tets of the mesh is left: a tet
+/// takes some milliseconds. Where more are left, as in slabs that are thinner than tets can be,
+/// that would not end within minutes. Measured with coarsening on the brain at 6 and 9 voxels: with
+/// one in 64, 149 and 373 tets stay below the target, with one in 256 206 and 474, in two thirds
+/// and in nine tenths of the time.
+const RELAXED_OF: usize = 256;
 /// Slots of new tets that a block gets, and those that it gets for each tet to be improved.
 const SLOTS: u32 = 16;
 const SLOTS_PER_TET: f64 = 1.0;
@@ -57,7 +60,7 @@ pub(super) struct Run<'m, 'a> {
     last: LastResorts,
     /// Told how many tets were dealt with; an error ends the run.
     pub report_and_check: &'a (dyn Fn(usize) -> Result<()> + Sync),
-    /// Where refinement put each vertex.
+    /// Where moves of each vertex are counted from: see [`Earlier::refined`](super::Earlier).
     pub refined: Vec<[f64; 3]>,
     /// By how much the volume of labels grew before.
     pub volumes: Vec<(i32, f64)>,
@@ -115,36 +118,31 @@ impl<'m, 'a> Run<'m, 'a> {
     /// [`OutOfMemory`](Error::OutOfMemory), with the mesh valid.
     pub fn run(&mut self, effort: Effort) -> Result<Option<Error>> {
         let blocks = Blocks::new(&self.mesh.points, self.mesh.tets.len());
-        let below = self.queue.len();
-        let ended = self.run_until_idle(&blocks)?;
-        if ended.is_some() || effort == Effort::Quick || self.is_hopeless(below) {
+        let (tets, below) = (self.mesh.tets.len(), self.queue.len());
+        // More is hopeless, in the end.
+        let few = |of: usize| FEW.max(tets / of);
+        let many = few(FEW_OF).max(below / HOPELESS_PART);
+        let ended = self.run_until_idle(&blocks, many)?;
+        if ended.is_some() || effort == Effort::Quick || self.left.len() > many {
             return Ok(ended);
         }
         // What is left may get long and thin tets around it, and move farther.
         std::mem::swap(&mut self.queue, &mut self.left);
         self.queue.append(&mut self.left);
-        let relax = self.queue.len() <= FEW.max(self.mesh.tets.len() / RELAXED_OF);
+        let relax = self.queue.len() <= few(RELAXED_OF);
         self.last = LastResorts { go_farther: true, relax };
         self.measure = self.measure.last();
-        self.run_until_idle(&blocks)
+        self.run_until_idle(&blocks, many)
     }
 
-    /// Whether so much of what was `below` the target is left that trying further is in vain.
-    fn is_hopeless(&self, below: usize) -> bool {
-        self.left.len() > FEW.max(below / HOPELESS_PART)
-    }
-
-    /// Works until some rounds in sequence did nothing.
-    fn run_until_idle(&mut self, blocks: &Blocks) -> Result<Option<Error>> {
+    /// Works until some rounds in sequence did nothing, or so `many` tets are left that trying
+    /// further is in vain.
+    fn run_until_idle(&mut self, blocks: &Blocks, many: usize) -> Result<Option<Error>> {
         let (mut seen, mut idle, mut tried) = (self.counts.operations(), 0, usize::MAX);
-        let (first, below) = (self.rounds, self.queue.len());
+        let first = self.rounds;
         while self.rounds < first + MAX_ROUNDS && idle < MAX_IDLE {
             // What nothing helped may be helped by now. Where as many are left as the last time,
             // last resorts help sooner.
-            self.left.sort_unstable();
-            self.left.dedup();
-            let Self { mesh, measure, left, .. } = self;
-            left.retain(|&t| is_below(mesh, t, *measure));
             let is_worth_it = self.left.len() < tried || self.last.go_farther;
             if self.queue.is_empty() && seen < self.counts.operations() && is_worth_it {
                 (seen, tried) = (self.counts.operations(), self.left.len());
@@ -155,7 +153,11 @@ impl<'m, 'a> Run<'m, 'a> {
             }
             let before = self.counts.operations();
             let ended = self.round(blocks)?;
-            if ended.is_some() || self.is_hopeless(below) {
+            self.left.sort_unstable();
+            self.left.dedup();
+            let Self { mesh, measure, left, .. } = self;
+            left.retain(|&t| is_below(mesh, t, *measure));
+            if ended.is_some() || self.left.len() > many {
                 return Ok(ended);
             }
             idle = if self.counts.operations() == before { idle + 1 } else { 0 };
