@@ -262,12 +262,12 @@ impl<'a> Places<'a> {
                 let spacing = closer.min(self.at_contacts);
                 Some(Place::about_contact(index, spacing, self.side))
             }
-            Kind::Voxel | Kind::Touch if round > STEPS => {
+            Kind::Voxel | Kind::Touch | Kind::Piece if round > STEPS => {
                 let radius = (round - STEPS) as f64 * self.side;
                 Some(Place { index, spacing: self.floor, radius, voxels: LEAST_REACH })
             }
-            Kind::Voxel | Kind::Touch if is_at_floor => None,
-            Kind::Voxel | Kind::Touch => {
+            Kind::Voxel | Kind::Touch | Kind::Piece if is_at_floor => None,
+            Kind::Voxel | Kind::Touch | Kind::Piece => {
                 Some(Place { index, spacing: closer, radius: REACH * now, voxels: LEAST_REACH })
             }
         }

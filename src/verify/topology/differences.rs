@@ -1,13 +1,14 @@
 //! Where a mesh differs from its image in what is connected, while it is being made.
 //!
 //! The certificate tells of each component whether it is torn, merged, or has the image's Euler
-//! characteristic; here it is found out where. Three things are looked at:
+//! characteristic; here it is found out where. Four things are looked at:
 //!
 //! | difference | what it is | file |
 //! |---|---|---|
 //! | [`Kind::Voxel`] | labels at voxel centres, compared but for where boundaries lie | `deform` |
 //! | [`Kind::Touch`] | a label's mesh touches itself, its voxels do not | `touching` |
 //! | [`Kind::Contact`] | voxels touch, the label's mesh does not | `touching` |
+//! | [`Kind::Piece`] | a piece of a label is torn off, or where the image has none | `matching` |
 //!
 //! A mesh without any may still differ where it has a hole or a bridge smaller than a voxel: the
 //! certificate has the last word.
@@ -16,7 +17,8 @@ use glam::DVec3;
 
 use super::boundary_surface::BoundarySurfaces;
 use super::deform::Labellings;
-use super::mesh_components::MeshComponents;
+use super::matching::{Matching, Role};
+use super::mesh_components::{MeshComponent, MeshComponents};
 use super::touching::{Contacts, stray_touches};
 use super::voxel_labels::labels_at_voxels;
 use crate::Result;
@@ -37,6 +39,8 @@ pub enum Kind {
     Touch,
     /// The mesh does not touch itself.
     Contact,
+    /// A component of the mesh stands for none of the image. It may hold no voxel's centre.
+    Piece,
 }
 
 /// A place where the mesh differs from the image.
@@ -113,12 +117,80 @@ impl<'a> Differences<'a> {
         let surfaces = BoundarySurfaces::measure(mesh, &mut parts, monitor)?;
         let touches = stray_touches(&surfaces.non_manifold, mesh, self.image);
         let open = self.contacts.open(mesh, self.image, monitor)?;
+        let pieces = self.pieces(mesh, &parts)?;
         let mut all = Vec::new();
-        reserve(&mut all, voxels.len() + touches.len() + open.len(), "differences")?;
+        let count = voxels.len() + touches.len() + open.len() + pieces.len();
+        reserve(&mut all, count, "differences")?;
         let kind = |kind| move |index| Difference { kind, index };
         all.extend(voxels.iter().map(of_voxel).map(kind(Kind::Voxel)));
         all.extend(touches.into_iter().map(kind(Kind::Touch)));
         all.extend(open.into_iter().map(kind(Kind::Contact)));
+        all.extend(pieces.into_iter().map(kind(Kind::Piece)));
         Ok(all)
+    }
+
+    /// A place in each component of the mesh that stands for none of the image, in voxels.
+    fn pieces(&self, mesh: &TetMesh, components: &MeshComponents) -> Result<Vec<DVec3>> {
+        let MeshComponents { list, overlaps, .. } = components;
+        let matching = Matching::new(&self.components.list, list, overlaps)?;
+        let of_mesh = list.iter().zip(&matching.roles).filter(|(_, (role, _))| *role != Role::Main);
+        let middle = |component: &MeshComponent| {
+            let corners = mesh.tets[component.first as usize].map(|v| mesh.point(v));
+            self.image.frame().to_index(corners.iter().sum::<DVec3>() * 0.25)
+        };
+        let mut places = Vec::new();
+        for (component, _) in of_mesh {
+            reserve(&mut places, 1, "pieces of components")?;
+            places.push(middle(component));
+        }
+        Ok(places)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::image::Frame;
+    use crate::mesh::testing;
+    use crate::params::SurfaceModel;
+
+    /// Cubes of the mesh along a side of a voxel; the middle one holds the voxel's centre.
+    const CUBES: usize = 3;
+
+    proptest! {
+        /// Two labels side by side, and a piece of the first within the second that holds no
+        /// voxel's centre.
+        #[test]
+        fn a_piece_smaller_than_a_voxel_is_found(
+            x in 3 * CUBES + 1..6 * CUBES,
+            y in 0..3 * CUBES,
+            z in 0..3 * CUBES,
+        ) {
+            let is_middle = |c: usize| c % CUBES == CUBES / 2;
+            prop_assume!(![x, y, z].into_iter().all(is_middle));
+            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+            let frame = Frame::new([0.5; 3], [1.0; 3], axes).unwrap();
+            let label = |i: usize| if i < 3 { 1 } else { 2 };
+            let image = testing::image([6, 3, 3], frame, |i, _, _| label(i));
+            let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
+            let (monitor, region) = (Monitor::silent(), Region::new(&image, &|| Ok(())).unwrap());
+            let differences = Differences::new(&image, region, &oracle, &monitor).unwrap();
+            let found = |piece: Option<[usize; 3]>| {
+                let cubes = [6, 3, 3].map(|n| n * CUBES);
+                let mut mesh = testing::kuhn_box(cubes, [1.0 / CUBES as f64; 3], |i, j, k| {
+                    if Some([i, j, k]) == piece { 1 } else { label(i / CUBES) }
+                });
+                mesh.collect_facets(&monitor).unwrap();
+                differences.of(&mesh, &monitor).unwrap()
+            };
+            prop_assert_eq!(found(None), []);
+            let found = found(Some([x, y, z]));
+            prop_assert_eq!(found.len(), 1);
+            prop_assert_eq!(found[0].kind, Kind::Piece);
+            let at = DVec3::from([x, y, z].map(|c| (c as f64 + 0.5) / CUBES as f64 - 0.5));
+            prop_assert!((found[0].index - at).abs().max_element() < 0.5 / CUBES as f64);
+        }
     }
 }
