@@ -36,9 +36,11 @@ pub struct lapd_improvement {
     /// The largest distance between an interface edge that was flipped and the one in its place.
     pub max_flip: f64,
     /// The largest distance of a vertex on an interface from where refinement put the interface; of
-    /// a mesh that was coarsened, from the facets that are left, with refinement's vertices.
+    /// a mesh that was coarsened, from the facets that are left, with refinement's vertices. Where
+    /// coarsening made one vertex of two on an interface, it counts from the image's interface.
     pub max_interface_move: f64,
-    /// The largest distance of any vertex from where refinement put it.
+    /// The largest distance of any vertex from where refinement put it. Where coarsening made one
+    /// of two on an interface or a line, it counts from the place there.
     pub max_move: f64,
     /// Facets between tets with labels other than 0 that are not Delaunay any more.
     pub non_delaunay_facets: u64,

@@ -7,10 +7,11 @@
 //!
 //! It goes in passes. Each [improves](super::improve) the mesh, and contracts edges then; what
 //! flips and moves have made better can be contracted further. The passes end after the fifth, or
-//! when one contracts little. Of the brain at delta 3 4.7 M tets become 0.71 M.
+//! when one contracts little. Of the brain at delta 3 4.7 M tets become 0.60 M.
 //!
-//! Contractions move no vertex, but improvement does. Each pass counts moves from where refinement
-//! put a vertex, so those of several passes do not add up. (Flips count within their pass alone.)
+//! Improvement moves vertices. Each pass counts moves from where refinement put a vertex, so those
+//! of several passes do not add up; or from where two met, which is on the image's interface again
+//! ([`meeting`](super::meeting)). (Flips count within their pass alone.)
 //! The volumes that labels gain and lose are counted, too; what comes after gives them back
 //! ([`volumes`](super::volumes)).
 //!
@@ -54,10 +55,11 @@ const QUICK_PASSES: usize = 2;
 /// are few. With a target of 25 in the third pass there are 5 % fewer tets, and it takes half as
 /// long again.
 const LATER_TARGET: f64 = 20.0;
-/// How far interfaces may be moved from the second pass on, if that is more than what the target
-/// allows: in parts of the smallest delta of any label, but no more than this part of the smallest
-/// side of a voxel. Facets may stray by `FACET_DISTANCE` of delta already. Without it the abdomen
-/// at delta 6 has 3 % more tets; with 0.15 it has as many.
+/// How far from interfaces two vertices may meet, and how far interfaces may be moved from the
+/// second pass on, if that is more than what the target allows: in parts of the smallest delta of
+/// any label, but no more than this part of the smallest side of a voxel. Facets may stray by
+/// `FACET_DISTANCE` of delta already. Without it the abdomen at delta 6 has 3 % more tets; with
+/// 0.15 it has as many.
 const TOLERANCE: f64 = 0.1;
 const MAX_TOLERANCE: f64 = 0.5;
 /// The passes end when one contracts less than this part of the vertices. With 0.03 the brain at
@@ -86,7 +88,8 @@ pub struct Coarseness<'a> {
     pub facet_angle: f64,
     /// How far apart samples may be anywhere.
     pub delta: f64,
-    /// How far interfaces may be moved from the second pass on.
+    /// How far from the interface two vertices may meet, and how far interfaces may be moved from
+    /// the second pass on.
     pub tolerance: f64,
     /// How far apart they may be on the interface of two labels, about a place.
     pub delta_between: &'a (dyn Fn([i32; 2], DVec3) -> f64 + Sync),
@@ -98,7 +101,7 @@ pub struct Coarseness<'a> {
 pub struct Coarsened {
     /// How many vertices of the mesh belong to tets of the object; they come first.
     pub points_kept: usize,
-    /// Where refinement put each vertex that is left.
+    /// Where moves of each vertex that is left are counted from: see [`Earlier::refined`].
     pub refined: Vec<[f64; 3]>,
     /// What was done.
     pub improvement: Improvement,
@@ -161,7 +164,7 @@ pub fn coarsen(
         monitor.enter_part(Step::Improve, vertices, [middle, to])?;
         let run = Pass::new(settings, coarseness, least_dihedral);
         let report_and_check = |done| monitor.advance(done).and_then(|()| (settings.check_time)());
-        let (counts, ended) = run.run(mesh, &report_and_check)?;
+        let (counts, ended) = run.run(mesh, &mut coarsened.refined, &report_and_check)?;
         coarsened.improvement.counts.add(&counts);
         let little = (counts.contractions as f64) < WORTHWHILE_PASS * vertices as f64;
         if coarsened.is_ended(mesh, ended, monitor)? || little {
@@ -211,14 +214,17 @@ impl<'a> Pass<'a> {
             facet_measure: measure_of(facet_angle),
         };
         let measure = Measure::new(settings.target, settings.radius_edge);
-        Self { interfaces: Interfaces::new(settings), measure, bounds }
+        let settings = Settings { tolerance: coarseness.tolerance, ..*settings };
+        Self { interfaces: Interfaces::new(&settings), measure, bounds }
     }
 
-    /// Contracts edges. Slots of tets that are gone are left empty. Returns what was done, and what
-    /// ended the work early; the mesh is valid then as well.
+    /// Contracts edges. Slots of tets that are gone are left empty. Where two vertices met is noted
+    /// in `refined`. Returns what was done, and what ended the work early; the mesh is then valid,
+    /// too.
     fn run(
         &self,
         mesh: &mut TetMesh,
+        refined: &mut [[f64; 3]],
         report_and_check: &(dyn Fn(usize) -> Result<()> + Sync),
     ) -> Result<(Counts, Option<Error>)> {
         const WHAT: &str = "vertices to be contracted";
@@ -253,13 +259,14 @@ impl<'a> Pass<'a> {
             let work = |job: &[u64]| {
                 let mut contractor = Contractor::new(&shared, block(job[0]));
                 let ended = contractor.run(job.iter().map(|&owned| owned as u32)).err();
-                (contractor.counts, ended)
+                (contractor.counts, contractor.met, ended)
             };
             let done: Vec<_> = jobs.into_par_iter().with_max_len(1).map(work).collect();
             let before = counts.contractions;
             let mut ended = None;
-            for (of_block, ended_block) in done {
+            for (of_block, met, ended_block) in done {
                 counts.add(&of_block);
+                met.into_iter().for_each(|(v, on)| refined[v as usize] = on.into());
                 ended = ended.or(ended_block);
             }
             if ended.is_some() {

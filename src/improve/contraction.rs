@@ -1,11 +1,13 @@
-//! Edge contraction: a vertex goes into one beside it, and the tets of their edge vanish.
+//! Edge contraction: a vertex goes into one beside it, and the tets of their edge vanish. Where no
+//! vertex beside it will do as it is, one of them moves ([`meeting`](super::meeting)).
 //!
 //! What is given up are tets and vertices. **What is connected stays**, of every label, exactly:
 //! vertex u may go into v if
 //! - *v belongs to what u belongs to*, and *the link condition* holds: see [`link`](super::link).
 //! - *Every tet is positive afterwards*, by its exact sign, those of the background too. The tets
 //!   around u are a ball. If v sees all of its boundary, the new tets fill the same ball, so no
-//!   condition on the tets is needed beside this one.
+//!   condition on the tets is needed beside this one. Where the two meet the new tets have the
+//!   boundary of those around either; being positive they cover each place within it once.
 //!
 //! What the mesh is asked for is kept: new tets have a circumradius of at most the size of their
 //! label, new interface facets one of at most delta, and angles as large as
@@ -23,6 +25,7 @@ use super::blocks::owner;
 use super::interfaces::Interfaces;
 use super::link::{Support, has_link_condition};
 use super::measure::{Measure, has_circumradius_within, is_positive};
+use super::meeting::Meeting;
 use super::report::Counts;
 use super::shared::Shared;
 use super::star::{Collected, Star, StarFacet};
@@ -77,26 +80,40 @@ pub(super) struct Round<'a> {
 
 /// What works in one block.
 pub(super) struct Contractor<'r, 'a> {
-    round: &'r Round<'a>,
+    pub(super) round: &'r Round<'a>,
     me: u32,
-    other: Star,
+    pub(super) other: Star,
     /// What was done.
     pub counts: Counts,
+    /// Vertices that are where two met, with the place on the interface or line of the image.
+    pub met: Vec<(u32, DVec3)>,
 }
 
-/// A vertex that is to go into one beside it.
-struct Leaving<'s> {
-    star: &'s Star,
-    support: Support,
-    walls: Walls,
-    at: DVec3,
+/// A vertex that is to go into one beside it, or to meet it.
+pub(super) struct Leaving<'s> {
+    pub star: &'s Star,
+    pub support: Support,
+    pub walls: Walls,
+    pub at: DVec3,
     /// What [`Contractor::bound`] is, once it is known.
     bound: OnceCell<f64>,
 }
 
+impl<'s> Leaving<'s> {
+    /// The vertex of a star.
+    pub fn new(star: &'s Star, support: Support, walls: Walls, at: DVec3) -> Self {
+        Self { star, support, walls, at, bound: OnceCell::new() }
+    }
+
+    /// The tets of its star that are still there once it is one with `v`.
+    fn kept(&self, v: u32) -> impl Iterator<Item = usize> {
+        (0..self.star.tets.len()).filter(move |&i| !self.star.links[i].contains(&v))
+    }
+}
+
 impl<'r, 'a> Contractor<'r, 'a> {
     pub fn new(round: &'r Round<'a>, me: u32) -> Self {
-        Self { round, me, other: Star::default(), counts: Counts::default() }
+        Self { round, me, other: Star::default(), counts: Counts::default(), met: Vec::new() }
     }
 
     /// Tries the vertices of `tets`, which the block owns, that with the shortest edge first. What
@@ -128,6 +145,16 @@ impl<'r, 'a> Contractor<'r, 'a> {
         (t < TRIED).then_some(t)
     }
 
+    /// Whether a vertex is one that this block is still to try.
+    pub(super) fn is_to_be_tried(&self, v: u32) -> bool {
+        self.is_mine(v) && self.tet_of(v).is_some()
+    }
+
+    /// Whether a vertex belongs to this block.
+    pub(super) fn is_mine(&self, v: u32) -> bool {
+        self.round.blocks[v as usize] == self.me
+    }
+
     /// The vertices of the block that are to be tried, with the squares of the shortest edges in
     /// the tets that the block owns; notes a tet of each.
     fn to_try(&self, tets: impl Iterator<Item = u32>) -> Vec<(u64, u32)> {
@@ -136,8 +163,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
         for t in tets {
             let tet = round.shared.tet(t);
             for v in tet {
-                let is_mine = round.blocks[v as usize] == self.me;
-                if !is_mine || round.to_try[v as usize] == 0 {
+                if !self.is_mine(v) || round.to_try[v as usize] == 0 {
                     continue;
                 }
                 round.tets[v as usize].store(t, Relaxed);
@@ -155,16 +181,16 @@ impl<'r, 'a> Contractor<'r, 'a> {
         vertices
     }
 
-    fn owns(&self, vertices: [u32; 4]) -> bool {
+    pub(super) fn owns(&self, vertices: [u32; 4]) -> bool {
         owner(vertices.map(|v| self.round.blocks[v as usize])) == Some(self.me)
     }
 
-    fn walls_at(&self, v: u32) -> Walls {
+    pub(super) fn walls_at(&self, v: u32) -> Walls {
         self.round.interfaces.oracle.walls_at(self.round.shared.point(v))
     }
 
     /// Has a vertex tried in the next round.
-    fn try_later(&self, v: u32) {
+    pub(super) fn try_later(&self, v: u32) {
         self.round.next[v as usize].store(1, Relaxed);
     }
 
@@ -190,15 +216,25 @@ impl<'r, 'a> Contractor<'r, 'a> {
         if near.is_empty() {
             return;
         }
-        let leaving = Leaving { star, support, walls, at, bound: OnceCell::new() };
+        near.truncate(MAX_TRIED);
+        let leaving = Leaving::new(star, support, walls, at);
         let mut waits = false;
-        for &(_, v) in near.iter().take(MAX_TRIED) {
+        for &(_, v) in &near {
             match self.check(&leaving, v) {
                 Outcome::Sound => {
                     return self.carry_out(star, u, v);
                 }
                 Outcome::Foreign => waits = true,
                 Outcome::Failed => {}
+            }
+        }
+        for &(_, v) in &near {
+            match self.meet(&leaving, v) {
+                Meeting::At(place) => {
+                    return self.carry_out_meeting(star, t, place);
+                }
+                Meeting::Foreign => waits = true,
+                Meeting::Nowhere => {}
             }
         }
         if waits {
@@ -223,41 +259,51 @@ impl<'r, 'a> Contractor<'r, 'a> {
     /// Whether a vertex may go into `v`.
     fn check(&mut self, leaving: &Leaving<'_>, v: u32) -> Outcome {
         let Leaving { star, support, walls, .. } = *leaving;
-        let round = self.round;
-        let to = round.shared.point(v);
         if walls.count() > 0 && walls.common(&self.walls_at(v)) != walls {
             return Outcome::Failed;
         }
-        let moved = |i: usize| {
-            let [x, y, z] = star.points[i];
-            [to, x, y, z]
-        };
-        let size_of =
-            |label, &[a, b, c, d]: &[DVec3; 4]| (round.bounds.size)(label, (a + b + c + d) / 4.0);
-        // What of the star is still there afterwards.
-        let kept = || (0..star.tets.len()).filter(|&i| !star.links[i].contains(&v));
-        let is_good = |i: usize, bound: f64| {
-            let (label, tet) = (star.labels[i], moved(i));
-            label == 0
-                || round.measure.exceeds(&tet, bound)
-                    && has_circumradius_within(&tet, size_of(label, &tet))
-        };
-        // What costs least is asked first.
-        if !self.has_good_facets(star, v, to)
-            || !kept().all(|i| is_good(i, self.bound(leaving)))
-            || !kept().all(|i| is_positive(&moved(i)))
-            || !self.has_facets_in_place(star, v, to, support)
-        {
+        if !self.may_become(&[(leaving, v)], self.round.shared.point(v)) {
             return Outcome::Failed;
         }
         let is_mine = |i: usize| {
             let [x, y, z] = star.links[i];
             self.owns([v, x, y, z])
         };
-        if !kept().all(is_mine) {
+        if !leaving.kept(v).all(is_mine) {
             return Outcome::Foreign;
         }
         if star.facets.is_empty() { Outcome::Sound } else { self.keeps_topology(star, v, support) }
+    }
+
+    /// Whether what is kept of the stars of some vertices is as it is asked to be once they are one
+    /// at `to`. With each vertex comes the other one of the edge.
+    pub(super) fn may_become(&self, leaving: &[(&Leaving<'_>, u32)], to: DVec3) -> bool {
+        let round = self.round;
+        let kept =
+            || leaving.iter().flat_map(|(leaving, v)| leaving.kept(*v).map(|i| (leaving.star, i)));
+        let moved = |star: &Star, i: usize| {
+            let [x, y, z] = star.points[i];
+            [to, x, y, z]
+        };
+        let size_of =
+            |label, &[a, b, c, d]: &[DVec3; 4]| (round.bounds.size)(label, (a + b + c + d) / 4.0);
+        let is_end = |w| leaving.iter().any(|(leaving, _)| leaving.support.is_end(w));
+        let is_good = |(star, i): (&Star, usize), bound: f64| {
+            let (label, tet) = (star.labels[i], moved(star, i));
+            label == 0
+                || round.measure.exceeds(&tet, bound)
+                    && has_circumradius_within(&tet, size_of(label, &tet))
+        };
+        // What costs least is asked first.
+        if !leaving.iter().all(|(leaving, v)| self.has_good_facets(leaving.star, *v, to)) {
+            return false;
+        }
+        let bound = leaving.iter().map(|(leaving, _)| self.bound(leaving)).fold(1.0, f64::min);
+        kept().all(|tet| is_good(tet, bound))
+            && kept().all(|(star, i)| is_positive(&moved(star, i)))
+            && leaving
+                .iter()
+                .all(|(leaving, v)| self.has_facets_in_place(leaving.star, *v, to, is_end))
     }
 
     /// The facets that vertex `v`, at `to`, takes from a star, by their corners.
@@ -284,8 +330,15 @@ impl<'r, 'a> Contractor<'r, 'a> {
         })
     }
 
-    /// Whether the facets that `v` takes are where the image has them.
-    fn has_facets_in_place(&self, star: &Star, v: u32, to: DVec3, support: Support) -> bool {
+    /// Whether the facets that `v` takes are where the image has them. `is_end` tells of a vertex
+    /// whether an edge of a line leads to it.
+    fn has_facets_in_place(
+        &self,
+        star: &Star,
+        v: u32,
+        to: DVec3,
+        is_end: impl Fn(u32) -> bool,
+    ) -> bool {
         let Round { interfaces, bounds, .. } = self.round;
         self.taken(star, v, to).all(|(facet, corners @ [a, b, c])| {
             let delta = (bounds.delta)(facet.labels, (a + b + c) / 3.0);
@@ -304,7 +357,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
             }
             let is_there = |at| interfaces.is_between(at, normal, delta, facet.labels);
             // Beside an edge of a line are other labels, too.
-            let [with_b, with_c] = facet.others.map(|w| support.is_end(w));
+            let [with_b, with_c] = facet.others.map(&is_end);
             is_there((a + b + c) / 3.0)
                 && (with_b || is_there((a + b) / 2.0))
                 && (with_c || is_there((a + c) / 2.0))
@@ -329,7 +382,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
         outcome
     }
 
-    fn carry_out(&mut self, star: &Star, u: u32, v: u32) {
+    pub(super) fn carry_out(&mut self, star: &Star, u: u32, v: u32) {
         let round = self.round;
         let shared = &round.shared;
         self.counts.contractions += 1;
@@ -372,9 +425,8 @@ impl<'r, 'a> Contractor<'r, 'a> {
             }
             for w in link.iter().copied().chain([v]) {
                 self.try_later(w);
-                let is_mine = round.blocks[w as usize] == self.me;
                 // What it had may be gone.
-                if is_mine && round.tets[w as usize].load(Relaxed) < TRIED {
+                if self.is_mine(w) && round.tets[w as usize].load(Relaxed) < TRIED {
                     round.tets[w as usize].store(t, Relaxed);
                 }
             }

@@ -109,6 +109,22 @@ impl<'a> Interfaces<'a> {
         self.oracle.project(p, normal, reach, pair, self.labels)
     }
 
+    /// The point of the interface near `p`, along `normal`, that has the first label below and the
+    /// second one above, both at the same distance of at most `reach` and the facet distance for
+    /// samples that are `delta` apart. Of several distances the smallest that will do: farther away
+    /// may be another interface of the two.
+    pub fn find(
+        &self,
+        p: DVec3,
+        normal: DVec3,
+        delta: f64,
+        reach: f64,
+        pair: [i32; 2],
+    ) -> Option<DVec3> {
+        let reach = reach.min(FACET_DISTANCE * delta);
+        NEARER.iter().rev().find_map(|part| self.project(p, normal, part * reach, pair))
+    }
+
     /// Whether `to` is no farther from the interface than `from`, measured along the line through
     /// both.
     pub fn is_closer(&self, to: DVec3, from: DVec3, up: DVec3, labels: [i32; 2]) -> bool {

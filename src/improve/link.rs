@@ -5,14 +5,16 @@
 //! facets meet, as where three labels do, and the rims of walls, where one of two lies on a wall
 //! and the other does not, or on another one. Corners are where lines meet or end.
 //!
-//! | vertex u | may go into v |
+//! | vertex u | may go into v, which stays |
 //! |---|---|
 //! | inside of a label | any vertex beside it |
 //! | on an interface of two labels | along an edge of this interface |
 //! | on a line | along an edge of this line |
 //! | a corner, or where a boundary touches itself | none |
 //!
-//! The *link condition* for an edge uv of the interfaces:
+//! The same holds where v moves on what it belongs to ([`meeting`](super::meeting)).
+//!
+//! The *link condition* for an edge uv of the interfaces is the same for u and v:
 //! 1. A vertex that both are joined with by interface edges has an interface facet with both.
 //! 2. No edge makes an interface facet with each of them.
 //! 3. No vertex has an edge of a line to each of them.

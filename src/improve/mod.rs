@@ -38,7 +38,7 @@
 //! | `split` | new vertices on edges |
 //! | `volumes` | in the end: labels get back what they lost |
 //! | `interfaces`, `flips` | what is asked about the image, and about refinement's interface |
-//! | `coarsen`, `contraction`, `link` | before, where it is asked for: fewer tets |
+//! | `coarsen`, `contraction`, `meeting`, `link` | before, where it is asked for: fewer tets |
 //! | [`report`] | what was done |
 
 mod batch;
@@ -51,6 +51,7 @@ mod interfaces;
 mod joint;
 mod link;
 pub mod measure;
+mod meeting;
 mod minmax;
 mod nicks;
 mod patch;
@@ -135,7 +136,8 @@ pub struct Settings<'a> {
 /// What was done to a mesh before it is improved.
 #[derive(Default)]
 pub struct Earlier {
-    /// Where refinement put each vertex; if these are not as many as there are: where it is.
+    /// Where refinement put each vertex, or where two met on an interface or line of the image
+    /// (`meeting`); if these are not as many as there are: where it is.
     pub refined: Vec<[f64; 3]>,
     /// By how much the volume of labels grew.
     pub volumes: Vec<(i32, f64)>,
@@ -184,7 +186,7 @@ struct Improved {
     left: Vec<u32>,
     /// Which slots have changed.
     changed: Bits,
-    /// Where refinement put each vertex. Those of splits are not among them; they come last.
+    /// As [`Earlier::refined`]. Vertices of splits are not among them; they come last.
     refined: Vec<[f64; 3]>,
 }
 
@@ -342,7 +344,7 @@ fn describe(
     Ok(described)
 }
 
-/// The largest distance of a vertex from where refinement put it.
+/// The largest distance of a vertex from where refinement put it, or where two met.
 fn max_move(mesh: &TetMesh, refined: &[[f64; 3]]) -> f64 {
     let squares = mesh.points.par_iter().zip(refined).map(|(p, q)| {
         let [x, y, z] = [0, 1, 2].map(|a| p[a] - q[a]);

@@ -20,7 +20,7 @@ pub struct Counts {
     /// The largest distance between an interface edge and the one that replaced it.
     pub max_flip: f64,
     /// The largest distance of a moved vertex on an interface from where refinement put the
-    /// interface around it.
+    /// interface around it; of two that met, from the image's interface.
     pub max_interface_move: f64,
     /// By how much the volume of labels grew, in the order in which they were changed first.
     pub volumes: Vec<(i32, f64)>,
@@ -114,8 +114,8 @@ pub struct Improvement {
     /// Interface facets with an angle below what refinement was asked for, where the mesh was
     /// coarsened.
     pub facets_below: u64,
-    /// The largest distance of a vertex from where refinement put it; those inside of labels may
-    /// move far.
+    /// The largest distance of a vertex from where refinement put it, or where two met on the
+    /// image's interface or line; those inside of labels may move far.
     pub max_move: f64,
 }
 

@@ -37,7 +37,7 @@ pub(super) struct Round<'a> {
     pub shared: Shared<'a>,
     /// The block of each vertex.
     pub blocks: &'a [u32],
-    /// Where refinement put each vertex.
+    /// Where moves of each vertex are counted from: see [`Earlier::refined`](super::Earlier).
     pub refined: &'a [[f64; 3]],
     /// What was flipped in earlier rounds.
     pub flips: &'a Flips,
@@ -334,7 +334,7 @@ impl<'r, 'a> Worker<'r, 'a> {
         self.round.shared.point(v)
     }
 
-    /// Where refinement put a vertex.
+    /// Where refinement put a vertex, or two met.
     #[inline]
     pub fn refined(&self, v: u32) -> DVec3 {
         DVec3::from_array(self.round.refined[v as usize])

@@ -55,7 +55,7 @@ const BY_TOPOLOGY: f64 = 1.2;
 /// A coarsened mesh that was sampled by topology has 1 / (1 + `FEWER_PER_SIDE` delta) of the tets
 /// that it has when sampled by thickness; delta in smallest sides of a voxel. Measured at 3 and 6
 /// sides (docs/notes/sampling.md).
-const FEWER_PER_SIDE: f64 = 0.06;
+const FEWER_PER_SIDE: f64 = 0.03;
 
 /// How many tets of labels are to be expected of a mesh that is coarsened.
 ///

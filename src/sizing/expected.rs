@@ -35,7 +35,7 @@ const PER_SQUARE: [(f64, f64); 7] =
 const GRADED: f64 = 1.3;
 
 /// Coarsening leaves this part of what [`Spacing::coarsened`] leads to.
-const LEFT: f64 = 0.88;
+const LEFT: f64 = 0.68;
 
 /// Tets in the cube of a largest circumradius.
 const PER_CUBE: f64 = 4.6;

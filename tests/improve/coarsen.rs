@@ -216,10 +216,11 @@ fn thin_bodies_become_coarse() {
     assert!((coarse.mesh_volume / dense.mesh_volume - 1.0).abs() < 0.03, "{}", coarse.mesh_volume);
 }
 
-/// Each pass moves vertices, and all of them together no farther than one might.
+/// Each pass moves vertices, and all of them together no farther than one might: from a place of
+/// refinement's, or from one of the image's interfaces where two vertices met.
 #[test]
 fn moves_of_passes_do_not_add_up() {
-    let mut moved: f64 = 0.0;
+    let (mut moved, mut met, mut met_on_lines): (f64, usize, usize) = (0.0, 0, 0);
     let mut check = |refined: &Refined, delta: f64, what: &str| {
         let coarse = coarsened(refined, delta, 15.0, &|| Ok(()));
         let side = refined.oracle.spacing().min_element();
@@ -227,11 +228,28 @@ fn moves_of_passes_do_not_add_up() {
         let max = 4.0 * coarse_tolerance(15.0, side, delta);
         let bits = |p: [f64; 3]| p.map(f64::to_bits);
         let places: HashSet<_> = refined.mesh.points.iter().map(|&p| bits(p)).collect();
-        let vertices = facets(&coarse.mesh).into_iter().flat_map(|(facet, _)| facet);
-        for v in vertices.collect::<BTreeSet<u32>>() {
-            let place = coarse.refined[v as usize];
-            assert!(places.contains(&bits(place)), "{what}: {place:?} is no place of refinement's");
-            let distance = coarse.mesh.point(v).distance(DVec3::from_array(place));
+        // Whether a label is beside a place.
+        let is_beside = |place: DVec3, label: &i32| {
+            let id = refined.labels.iter().position(|other| other == label).unwrap();
+            refined.oracle.has_label_near(place, id as u16, 0.05)
+        };
+        let mut labels_of: BTreeMap<u32, BTreeSet<i32>> = BTreeMap::new();
+        for (facet, labels) in facets(&coarse.mesh) {
+            facet.into_iter().for_each(|v| labels_of.entry(v).or_default().extend(labels));
+        }
+        for (v, labels) in labels_of {
+            let (at, place) = (coarse.mesh.point(v), DVec3::from_array(coarse.refined[v as usize]));
+            // The image goes on beyond its walls there.
+            if !places.contains(&bits(place.into())) && refined.oracle.walls_at(place).count() == 0
+            {
+                met += 1;
+                met_on_lines += usize::from(labels.len() > 2);
+                let is_there = labels.iter().all(|label| is_beside(place, label));
+                assert!(is_there, "{what}: the image has not {labels:?} at {place}");
+            }
+            let [walls, of_place] = [at, place].map(|p| refined.oracle.walls_at(p));
+            assert!(walls == of_place, "{what}: {at} is in {walls:?}, {place} in {of_place:?}");
+            let distance = at.distance(place);
             assert!(distance <= max, "{what}: moved by {distance}, {max} are allowed");
             moved = moved.max(distance / max);
         }
@@ -243,7 +261,7 @@ fn moves_of_passes_do_not_add_up() {
         let image = noise([12, 13, 10], [1.0, 0.9, 1.2], 2 + seed % 4, 200 + seed);
         check(&refined(&image, &params(1.0)), 2.0 + seed as f64, &format!("noise {seed}"));
     }
-    assert!(moved > 0.4, "{moved}");
+    assert!(moved > 0.4 && met > 100 && met_on_lines > 10, "{moved} {met} {met_on_lines}");
 }
 
 /// Contractions cut corners; labels get back what they lost by that.
