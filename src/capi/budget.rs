@@ -52,7 +52,7 @@ pub unsafe extern "C" fn lapd_params_get_target_tets(
 /// facets between keep planar angles of at least so many degrees (or those that they had), above 0
 /// and at most 30. 15 is a good choice; with more fewer edges can go. Most is gained with
 /// LAPD_ADAPTIVE_THICKNESS at a large delta: a mesh of the brain has an eighth of the tets, and no
-/// component less. It takes 7 to 15 times as long as the refinement, one to three times with
+/// component less. It takes 7 to 17 times as long as the refinement, one to three times with
 /// LAPD_ADAPTIVE_TOPOLOGY. A limit of time that ends it early leaves many slivers, where partial
 /// meshes are allowed. lapd_mesh_get_improvement tells what was done. With 0, the default, the mesh
 /// stays as refinement made it. Needs LAPD_IMPROVE_FULL, which lapd_mesh_image checks. No other
@@ -114,8 +114,8 @@ pub unsafe extern "C" fn lapd_mesh_get_bounds(
 /// Tells what lapd_mesh_image is to be expected to need for an image, without making a mesh: tets
 /// of labels, bytes of memory at the peak, the image among them, and seconds on this machine, as
 /// busy as it is now. Mostly within a fifth. What LAPD_ADAPTIVE_TOPOLOGY adds is not known before,
-/// and left out. Where lapd_params_set_coarsen is set tets are within a quarter, but with
-/// LAPD_ADAPTIVE_TOPOLOGY up to two fifths more than told; seconds are within a half then.
+/// and left out. Where lapd_params_set_coarsen is set tets are within a quarter of what is told,
+/// but with LAPD_ADAPTIVE_TOPOLOGY up to two fifths more; seconds are within a half then.
 ///
 /// It takes as long as the preparation of the image, and some 20 milliseconds to find out how fast
 /// the machine is. Progress callbacks of the context are called on this thread. No other thread may

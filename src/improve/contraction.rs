@@ -6,8 +6,9 @@
 //! - *v belongs to what u belongs to*, and *the link condition* holds: see [`link`](super::link).
 //! - *Every tet is positive afterwards*, by its exact sign, those of the background too. The tets
 //!   around u are a ball. If v sees all of its boundary, the new tets fill the same ball, so no
-//!   condition on the tets is needed beside this one. Where the two meet the new tets have the
-//!   boundary of those around either; being positive they cover each place within it once.
+//!   condition on the tets is needed beside this one. Where v moves, the new tets have the outer
+//!   boundary of the old ones around both. All are positive, so they cover what is inside of it
+//!   exactly once.
 //!
 //! What the mesh is asked for is kept: new tets have a circumradius of at most the size of their
 //! label, new interface facets one of at most delta, and angles as large as

@@ -119,8 +119,8 @@ impl<'m, 'a> Run<'m, 'a> {
     pub fn run(&mut self, effort: Effort) -> Result<Option<Error>> {
         let blocks = Blocks::new(&self.mesh.points, self.mesh.tets.len());
         let (tets, below) = (self.mesh.tets.len(), self.queue.len());
-        // More is hopeless, in the end.
         let few = |of: usize| FEW.max(tets / of);
+        // With more tets left than this it is hopeless to go on.
         let many = few(FEW_OF).max(below / HOPELESS_PART);
         let ended = self.run_until_idle(&blocks, many)?;
         if ended.is_some() || effort == Effort::Quick || self.left.len() > many {
@@ -135,8 +135,8 @@ impl<'m, 'a> Run<'m, 'a> {
         self.run_until_idle(&blocks, many)
     }
 
-    /// Works until some rounds in sequence did nothing, or so `many` tets are left that trying
-    /// further is in vain.
+    /// Works until some rounds in sequence did nothing, or more than `many` tets are left: then it
+    /// is in vain to go on.
     fn run_until_idle(&mut self, blocks: &Blocks, many: usize) -> Result<Option<Error>> {
         let (mut seen, mut idle, mut tried) = (self.counts.operations(), 0, usize::MAX);
         let first = self.rounds;
