@@ -31,6 +31,7 @@ use super::report::Counts;
 use super::shared::Shared;
 use super::star::{Collected, Star, StarFacet};
 use crate::Result;
+use crate::geometry::measures::tet_centroid;
 use crate::geometry::shape::triangle_circumcircle;
 use crate::mesh::NONE;
 use crate::oracle::Walls;
@@ -286,8 +287,7 @@ impl<'r, 'a> Contractor<'r, 'a> {
             let [x, y, z] = star.points[i];
             [to, x, y, z]
         };
-        let size_of =
-            |label, &[a, b, c, d]: &[DVec3; 4]| (round.bounds.size)(label, (a + b + c + d) / 4.0);
+        let size_of = |label, tet: &[DVec3; 4]| (round.bounds.size)(label, tet_centroid(tet));
         let is_end = |w| leaving.iter().any(|(leaving, _)| leaving.support.is_end(w));
         let is_good = |(star, i): (&Star, usize), bound: f64| {
             let (label, tet) = (star.labels[i], moved(star, i));
@@ -387,14 +387,8 @@ impl<'r, 'a> Contractor<'r, 'a> {
         let round = self.round;
         let shared = &round.shared;
         self.counts.contractions += 1;
-        if !star.facets.is_empty() {
-            let [from, to] = [u, v].map(|w| shared.point(w));
-            for (&label, &[x, y, z]) in star.labels.iter().zip(&star.points) {
-                // Of a tet that vanishes nothing is left: its three others and v are in a plane.
-                let volume = (from - to).dot((y - x).cross(z - x)) / 6.0;
-                self.counts.add_volume(label, volume);
-            }
-        }
+        // Of a tet that vanishes nothing is left: v is one of its three others.
+        star.count_move(shared.point(u), shared.point(v), &mut self.counts);
         for (link, &t) in star.links.iter().zip(&star.tets) {
             if !link.contains(&v) {
                 continue;

@@ -212,13 +212,8 @@ impl Contractor<'_, '_> {
         let shared = &self.round.shared;
         let (u, other) = (star.vertex, std::mem::take(&mut self.other));
         let v = other.vertex;
+        other.count_move(shared.point(v), place.at, &mut self.counts);
         if !other.facets.is_empty() {
-            let from = shared.point(v);
-            for (&label, &[x, y, z]) in other.labels.iter().zip(&other.points) {
-                // What the tet gains.
-                let volume = (from - place.at).dot((y - x).cross(z - x)) / 6.0;
-                self.counts.add_volume(label, volume);
-            }
             let moved = place.at.distance(place.on);
             self.counts.max_interface_move = self.counts.max_interface_move.max(moved);
             self.met.push((v, place.on));

@@ -66,10 +66,9 @@ mod star;
 mod volumes;
 mod worker;
 
-use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::geometry::measures::dihedral_angles;
+use crate::geometry::measures::{dihedral_angles, tet_centroid};
 use crate::geometry::tet_block::BLOCK;
 use crate::memory::bits::Bits;
 use crate::memory::{concatenated, prefetch, reserve};
@@ -336,7 +335,7 @@ fn describe(
         });
         described.push(Left {
             tet,
-            position: (corners.iter().sum::<DVec3>() / 4.0).to_array(),
+            position: tet_centroid(&corners).to_array(),
             angles,
             cause: causes.into_iter().min().unwrap_or(Cause::Inside),
         });

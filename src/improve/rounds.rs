@@ -117,8 +117,8 @@ impl<'m, 'a> Run<'m, 'a> {
     /// # Errors
     /// [`OutOfMemory`](Error::OutOfMemory), with the mesh valid.
     pub fn run(&mut self, effort: Effort) -> Result<Option<Error>> {
-        let blocks = Blocks::new(&self.mesh.points, self.mesh.tets.len());
         let (tets, below) = (self.mesh.tets.len(), self.queue.len());
+        let blocks = Blocks::new(&self.mesh.points, tets);
         let few = |of: usize| FEW.max(tets / of);
         // With more tets left than this it is hopeless to go on.
         let many = few(FEW_OF).max(below / HOPELESS_PART);

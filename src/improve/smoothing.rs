@@ -432,13 +432,7 @@ impl Worker<'_, '_> {
     /// Puts the vertex of a star where it is to be, and counts that.
     pub fn move_vertex(&mut self, star: &Star, support: Support, at: DVec3) {
         let from = self.point(star.vertex);
-        for (&label, &[x, y, z]) in star.labels.iter().zip(&star.points) {
-            if !star.facets.is_empty() {
-                // What the tet gains.
-                let volume = (from - at).dot((y - x).cross(z - x)) / 6.0;
-                self.counts.add_volume(label, volume);
-            }
-        }
+        star.count_move(from, at, &mut self.counts);
         if !star.facets.is_empty() {
             let moved = self.distance_from_refined(star, at);
             self.counts.max_interface_move = self.counts.max_interface_move.max(moved);

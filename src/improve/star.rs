@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::report::Counts;
 use super::shared::Shared;
 use crate::mesh::NONE;
 
@@ -48,6 +49,17 @@ pub(super) enum Collected {
 }
 
 impl Star {
+    /// Counts what the labels gain when its vertex goes from one place to another. One inside of a
+    /// label changes no volume.
+    pub fn count_move(&self, from: DVec3, to: DVec3, counts: &mut Counts) {
+        if self.facets.is_empty() {
+            return;
+        }
+        for (&label, &[x, y, z]) in self.labels.iter().zip(&self.points) {
+            counts.add_volume(label, (from - to).dot((y - x).cross(z - x)) / 6.0);
+        }
+    }
+
     /// Empties it, for vertex `v`.
     pub fn clear(&mut self, v: u32) {
         self.vertex = v;

@@ -9,6 +9,12 @@ use crate::image::{Frame, LabelImage};
 /// subdivision.
 const PATHS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [1, 0, 2], [2, 1, 0]];
 
+/// The frame of an image whose voxels are the cubes of [`kuhn_box`].
+pub fn box_frame(step: [f64; 3]) -> Frame {
+    let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    Frame::new(step.map(|s| 0.5 * s), step, axes).unwrap()
+}
+
 /// Kuhn's subdivision of a box of `cubes` cubes with edges `step` and one corner at the origin.
 /// `label(i, j, k)` labels the six tets of a cube; label 0 is kept as background. The outside of
 /// the box counts as background that was not kept.

@@ -607,11 +607,8 @@ mod tests {
         };
         let dims = [14, 8, 2];
         let spacing = [1.0; 3];
-        let frame =
-            Frame::new([0.5; 3], spacing, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-                .unwrap();
-        let (mesh, image) =
-            (testing::kuhn_box(dims, spacing, meshed), testing::image(dims, frame, bars));
+        let mesh = testing::kuhn_box(dims, spacing, meshed);
+        let image = testing::image(dims, testing::box_frame(spacing), bars);
         let certificate = full(&mesh, &image, &oracle(&image), 0, [0; 6]);
         let fates: Vec<_> = certificate
             .components

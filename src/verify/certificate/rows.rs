@@ -175,8 +175,7 @@ impl Tables<'_> {
                     Role::Piece => DefectKind::Torn,
                     Role::Stray => DefectKind::Stray,
                 };
-                let corners = self.mesh.tets[component.first as usize].map(|v| self.mesh.point(v));
-                let position = (corners.iter().sum::<DVec3>() * 0.25).to_array();
+                let position = component.place(self.mesh).to_array();
                 Some(Defect { kind, label: component.label, position, size: component.tets.count })
             },
         );

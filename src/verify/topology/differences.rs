@@ -18,14 +18,14 @@ use glam::DVec3;
 use super::boundary_surface::BoundarySurfaces;
 use super::deform::Labellings;
 use super::matching::{Matching, Role};
-use super::mesh_components::{MeshComponent, MeshComponents};
+use super::mesh_components::MeshComponents;
 use super::touching::{Contacts, stray_touches};
 use super::voxel_labels::labels_at_voxels;
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::components::ImageComponents;
 use crate::image::region::Region;
-use crate::memory::{reserve, zeroed};
+use crate::memory::{reserve, room, zeroed};
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
@@ -133,16 +133,9 @@ impl<'a> Differences<'a> {
     fn pieces(&self, mesh: &TetMesh, components: &MeshComponents) -> Result<Vec<DVec3>> {
         let MeshComponents { list, overlaps, .. } = components;
         let matching = Matching::new(&self.components.list, list, overlaps)?;
-        let of_mesh = list.iter().zip(&matching.roles).filter(|(_, (role, _))| *role != Role::Main);
-        let middle = |component: &MeshComponent| {
-            let corners = mesh.tets[component.first as usize].map(|v| mesh.point(v));
-            self.image.frame().to_index(corners.iter().sum::<DVec3>() * 0.25)
-        };
-        let mut places = Vec::new();
-        for (component, _) in of_mesh {
-            reserve(&mut places, 1, "pieces of components")?;
-            places.push(middle(component));
-        }
+        let pieces = list.iter().zip(&matching.roles).filter(|(_, (role, _))| *role != Role::Main);
+        let mut places = room(list.len(), "components of the mesh")?;
+        places.extend(pieces.map(|(piece, _)| self.image.frame().to_index(piece.place(mesh))));
         Ok(places)
     }
 }
@@ -152,7 +145,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::image::Frame;
     use crate::mesh::testing;
     use crate::params::SurfaceModel;
 
@@ -170,9 +162,8 @@ mod tests {
         ) {
             let is_middle = |c: usize| c % CUBES == CUBES / 2;
             prop_assume!(![x, y, z].into_iter().all(is_middle));
-            let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-            let frame = Frame::new([0.5; 3], [1.0; 3], axes).unwrap();
             let label = |i: usize| if i < 3 { 1 } else { 2 };
+            let frame = testing::box_frame([1.0; 3]);
             let image = testing::image([6, 3, 3], frame, |i, _, _| label(i));
             let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
             let (monitor, region) = (Monitor::silent(), Region::new(&image, &|| Ok(())).unwrap());

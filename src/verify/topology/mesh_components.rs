@@ -16,6 +16,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Result;
+use crate::geometry::measures::tet_centroid;
 use crate::geometry::tet_block::{BLOCK, Places, TetBlock};
 use crate::image::LabelImage;
 use crate::image::components::ImageComponents;
@@ -54,6 +55,13 @@ pub struct MeshComponent {
     pub first: u32,
     /// All of its tets.
     pub tets: Tets,
+}
+
+impl MeshComponent {
+    /// A place in it: the middle of its first tet.
+    pub(crate) fn place(&self, mesh: &TetMesh) -> DVec3 {
+        tet_centroid(&mesh.tets[self.first as usize].map(|v| mesh.point(v)))
+    }
 }
 
 /// The tets of a component of the mesh that lie in one component of the image.
@@ -250,7 +258,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::image::Frame;
     use crate::mesh::testing;
 
     const DIMS: [usize; 3] = [7, 5, 4];
@@ -262,16 +269,6 @@ mod tests {
         (of_image, of_mesh)
     }
 
-    /// Voxel centres half a step inside, as the cubes of [`testing::kuhn_box`] are.
-    fn frame(spacing: [f64; 3]) -> Frame {
-        Frame::new(
-            spacing.map(|s| 0.5 * s),
-            spacing,
-            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        )
-        .unwrap()
-    }
-
     proptest! {
         /// The cubes of a Kuhn mesh share whole faces or nothing that joins tets: components are
         /// those of voxels joined across faces.
@@ -280,7 +277,7 @@ mod tests {
             values in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2]),
         ) {
             let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
-            let image = testing::image(DIMS, frame([1.0; 3]), label);
+            let image = testing::image(DIMS, testing::box_frame([1.0; 3]), label);
             let (of_image, of_mesh) = both(&testing::kuhn_box(DIMS, [1.0; 3], label), &image);
             let place = |cell: usize| {
                 [cell % DIMS[0], cell / DIMS[0] % DIMS[1], cell / (DIMS[0] * DIMS[1])]
@@ -325,7 +322,8 @@ mod tests {
 
     #[test]
     fn tets_that_lie_elsewhere() {
-        let image = testing::image([5, 1, 1], frame([1.0; 3]), |i, _, _| [1, 0, 1, 0, 0][i]);
+        let image =
+            testing::image([5, 1, 1], testing::box_frame([1.0; 3]), |i, _, _| [1, 0, 1, 0, 0][i]);
         let mut mesh = testing::kuhn_box([5, 1, 1], [1.0; 3], |i, _, _| [1, 1, 1, 0, 2][i]);
         mesh.labels[6 * 3] = 7;
         testing::connect(&mut mesh);
@@ -348,7 +346,7 @@ mod tests {
             if wall { 7 + (k % 2) as i32 } else { i32::from(k % 5 != 4) }
         };
         let spacing = [0.3, 0.7, 1.1];
-        let image = testing::image([30, 21, 24], frame(spacing), label);
+        let image = testing::image([30, 21, 24], testing::box_frame(spacing), label);
         let mut mesh = testing::kuhn_box([30, 21, 24], spacing, label);
         mesh.points.iter_mut().enumerate().for_each(|(v, p)| p[0] += 1e-3 * (v % 17) as f64);
         let on = |threads| {
