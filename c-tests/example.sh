@@ -240,7 +240,7 @@ inner = {
     "quality": """min_dihedral max_dihedral max_radius_edge min_facet_angle dihedral_histogram
         scaled_jacobian edge_ratio radius_ratio""",
     "improvement": """target_dihedral tolerance below_before left edge_removals max_interface_move
-        non_delaunay_facets contractions tets_before facets_below left_tets""",
+        non_delaunay_facets contractions tets_before facets_below tets_mended left_tets""",
     "certificate": """non_delaunay_facets inverted_tets hausdorff_mesh_to_image
         hausdorff_image_to_mesh unmet""",
 }

@@ -1319,9 +1319,15 @@ typedef struct {
   uint64_t tets_before;
   /**
    * Facets between labels with an angle below that of lapd_params_set_facet_angle; counted where
-   * edges were contracted, 0 otherwise.
+   * edges were contracted or tets mended, 0 otherwise.
    */
   uint64_t facets_below;
+  /**
+   * Tets that got another label, with LAPD_ADAPTIVE_TOPOLOGY and LAPD_IMPROVE_FULL: so that a
+   * component has the Euler characteristic that it has in the image, or is joined with a piece
+   * that was torn off.
+   */
+  uint64_t tets_mended;
 } lapd_improvement;
 
 /**

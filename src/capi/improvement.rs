@@ -52,8 +52,12 @@ pub struct lapd_improvement {
     /// Tets with a label other than 0 before the first of them; 0 where none was asked for.
     pub tets_before: u64,
     /// Facets between labels with an angle below that of lapd_params_set_facet_angle; counted where
-    /// edges were contracted, 0 otherwise.
+    /// edges were contracted or tets mended, 0 otherwise.
     pub facets_below: u64,
+    /// Tets that got another label, with LAPD_ADAPTIVE_TOPOLOGY and LAPD_IMPROVE_FULL: so that a
+    /// component has the Euler characteristic that it has in the image, or is joined with a piece
+    /// that was torn off.
+    pub tets_mended: u64,
 }
 
 /// Why a tet is left: the first of these that one of its vertices belongs to.
@@ -135,6 +139,7 @@ pub unsafe extern "C" fn lapd_mesh_get_improvement(
                 contractions: counts.contractions,
                 tets_before: found.tets_before,
                 facets_below: found.facets_below,
+                tets_mended: found.tets_mended,
             }
         })
     }

@@ -16,6 +16,7 @@ use super::CHUNK;
 use crate::Result;
 use crate::delaunay::tet::FACET;
 use crate::geometry::measures::tet_volume;
+use crate::mesh::vicinity::Vicinity;
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
@@ -96,69 +97,11 @@ fn is_within(mesh: &TetMesh, t: u32, points_kept: usize) -> bool {
 
 /// Whether a tet of background may become one of a label without a change of topology.
 fn may_become(mesh: &TetMesh, t: u32, label: i32) -> bool {
-    let of = |t: u32| if t == NONE { 0 } else { mesh.labels[t as usize] };
-    if of(t) != 0 {
+    if mesh.labels[t as usize] != 0 {
         return false;
     }
-    let vertices = mesh.tets[t as usize];
-    // Which of the tets around have the label, and which are background, as sets of the vertices
-    // that they share with the tet: bit i for vertex i.
-    let (mut labelled, mut background) = (Vec::new(), Vec::new());
-    for around in vertices.map(|v| star(mesh, t, v)) {
-        for other in around {
-            let bit = |i: usize| u8::from(mesh.tets[other as usize].contains(&vertices[i])) << i;
-            let shared = (0..4).map(bit).sum::<u8>();
-            match of(other) {
-                0 => background.push(shared),
-                l if l == label => labelled.push(shared),
-                // What another label consists of does not change.
-                _ => {}
-            }
-        }
-    }
-    is_disc(&labelled) && is_disc(&background)
-}
-
-/// The tets around vertex `v` of tet `t`, without that.
-fn star(mesh: &TetMesh, t: u32, v: u32) -> Vec<u32> {
-    let mut found = vec![t];
-    let mut next = 0;
-    while let Some(&here) = found.get(next) {
-        next += 1;
-        let (vertices, neighbors) = (mesh.tets[here as usize], mesh.neighbors[here as usize]);
-        for (i, &other) in neighbors.iter().enumerate() {
-            // The facet opposite to v does not have it.
-            if vertices[i] != v && other != NONE && !found.contains(&other) {
-                found.push(other);
-            }
-        }
-    }
-    found.remove(0);
-    found
-}
-
-/// Whether what a tet has in common with others, given as sets of its vertices, is a disc: one to
-/// three of its facets, with nothing beside them.
-fn is_disc(shared: &[u8]) -> bool {
-    let mut facets: Vec<u8> =
-        shared.iter().copied().filter(|bits| bits.count_ones() == 3).collect();
-    facets.sort_unstable();
-    facets.dedup();
-    (1..=3).contains(&facets.len())
-        && shared.iter().all(|bits| facets.iter().any(|facet| bits & !facet == 0))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn discs() {
-        assert!(is_disc(&[0b0111, 0b0011, 0b0001]));
-        assert!(is_disc(&[0b0111, 0b1011, 0b1101]));
-        // An edge beside the facet, all facets, none.
-        assert!(!is_disc(&[0b0111, 0b1001]));
-        assert!(!is_disc(&[0b0111, 0b1011, 0b1101, 0b1110]));
-        assert!(!is_disc(&[0b0011]));
-    }
+    // What another label consists of does not change.
+    let vicinity = Vicinity::new(mesh, &[t]);
+    let is_disc = |of| vicinity.shared_with(|t| mesh.labels[t as usize] == of).is_disc();
+    is_disc(label) && is_disc(0)
 }

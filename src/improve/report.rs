@@ -109,10 +109,13 @@ pub struct Improvement {
     pub non_delaunay_facets: u64,
     /// Tets of background that became a part of a label where the image cuts it off.
     pub nicks_filled: u64,
+    /// Tets that got another label, so that a component has the image's Euler characteristic, or is
+    /// joined with a piece that was torn off.
+    pub tets_mended: u64,
     /// Tets of the object before it was coarsened; 0 where it was not.
     pub tets_before: u64,
     /// Interface facets with an angle below what refinement was asked for, where the mesh was
-    /// coarsened.
+    /// coarsened, or tets of it were mended.
     pub facets_below: u64,
     /// The largest distance of a vertex from where refinement put it, or where two met on the
     /// image's interface or line; those inside of labels may move far.
@@ -129,6 +132,17 @@ impl Improvement {
         self.tets_before = earlier.tets_before;
         self.rounds += earlier.rounds;
         self.max_move = self.max_move.max(earlier.max_move);
+    }
+
+    /// Adds tets that went from one label to another, with their volumes.
+    pub fn add_mended(&mut self, mended: impl Iterator<Item = (i32, i32, f64)>) {
+        for (from, to, volume) in mended {
+            self.tets_mended += 1;
+            let grown = [(from, -volume), (to, volume)];
+            grown.into_iter().filter(|(label, _)| *label != 0).for_each(|(label, volume)| {
+                self.counts.add_volume(label, volume);
+            });
+        }
     }
 
     /// Adds nicks that were filled, by label and volume.

@@ -6,6 +6,7 @@ pub mod extract;
 mod facets;
 mod from_arrays;
 pub mod split;
+pub(crate) mod vicinity;
 
 #[cfg(test)]
 pub(crate) mod testing;

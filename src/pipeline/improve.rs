@@ -1,5 +1,5 @@
-//! The third stage: nicks are filled, the mesh is coarsened if that is asked for, slivers go, and
-//! then the background that is not to be kept.
+//! The third stage: topology is mended where sampling followed it, nicks are filled, the mesh is
+//! coarsened if that is asked for, slivers go, and then the background that is not to be kept.
 
 use crate::Error;
 use crate::Result;
@@ -10,7 +10,8 @@ use crate::improve::{
 };
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
-use crate::params::{Improve, MeshParams};
+use crate::params::{Adaptive, Improve, MeshParams};
+use crate::pipeline::mend::mend;
 use crate::pipeline::prepare::Prepared;
 use crate::refine::options::Limits;
 
@@ -48,6 +49,12 @@ pub fn improve_mesh(
         check_time: &|| limits.check_time(),
     };
     // Whoever asks for the inside alone keeps interfaces bit for bit.
+    let is_mended = params.improve == Improve::Full && params.adaptive == Adaptive::Topology;
+    let mended = if is_mended {
+        mend(mesh, image, &prepared.oracle, params.facet_angle, monitor)?
+    } else {
+        Vec::new()
+    };
     let filled = match params.improve {
         Improve::Full => fill_nicks(mesh, &prepared.oracle, points_kept, monitor)?,
         Improve::None | Improve::Interior => Vec::new(),
@@ -78,17 +85,22 @@ pub fn improve_mesh(
         coarsened = Some(done);
     }
     let points_before = mesh.points.len();
+    let mut may_be_sharp = !mended.is_empty();
     let (mut improvement, mut ended) = improve(mesh, &settings, earlier, monitor)?;
     if let Some(coarsened) = coarsened {
         improvement.add_earlier(&coarsened.improvement);
-        improvement.facets_below = facets_below(mesh, params.facet_angle);
+        may_be_sharp = true;
         ended = ended.or(coarsened.ended);
+    }
+    if may_be_sharp {
+        improvement.facets_below = facets_below(mesh, params.facet_angle);
     }
     let ended_by = match ended {
         Some(limit) if limit.is_limit() && params.partial => Some(limit),
         Some(error) => return Err(error),
         None => None,
     };
+    improvement.add_mended(mended.iter().map(|tet| (tet.from, tet.to, tet.volume)));
     improvement.add_filled(&filled);
     let left: Vec<u32> = improvement.left.iter().map(|left| left.tet).collect();
     let places = mesh.finish(params.background, points_kept, points_before, &left, monitor)?;

@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | prepare | [`prepare`] | image | oracle, sizing field |
 //! | refine | [`refine`], [`adapt`] | these | refined mesh |
-//! | improve | [`improve`] | that | mesh without slivers |
+//! | improve | `mend`, [`improve`] | that | mesh without slivers |
 //! | finish | [`finish`] | that | quality, certificate, nodes of second order |
 //!
 //! [`certify`] measures a mesh that is finished already. [`report`] writes all that is known about
@@ -26,6 +26,7 @@ pub mod certify;
 pub mod estimate;
 pub mod finish;
 pub mod improve;
+mod mend;
 mod messages;
 pub mod prepare;
 pub mod refine;

@@ -5,7 +5,7 @@ use lapd::image::LabelImage;
 use lapd::image::phantom::*;
 use lapd::monitor::Monitor;
 use lapd::parallel::machine::Machine;
-use lapd::params::{Adaptive, Algorithm, MeshParams};
+use lapd::params::{Adaptive, Algorithm, Improve, MeshParams};
 use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::verify::DefectKind;
 
@@ -377,4 +377,48 @@ fn thick_slices_keep_what_is_connected() {
             assert_same_topology(&meshing, &format!("slices {n}, {spacing:?}, at delta {delta}"));
         }
     }
+}
+
+/// Cells of random seeds, parted by sheets of one to two voxels that have labels of their own. What
+/// sampling leaves are tunnels and bridges smaller than a voxel: nearly all of them are mended, and
+/// no mesh has more of them for it.
+#[test]
+fn tunnels_smaller_than_a_voxel_are_mended() {
+    let mut random = Random(36);
+    let (mut wrong, mut mended) = ([0; 2], 0);
+    for _ in 0..6 {
+        let seeds: Vec<(glam::DVec3, i32)> = (0..14)
+            .map(|n| (glam::DVec3::from([(); 3].map(|()| random.between(4.0, 26.0))), n))
+            .collect();
+        let thick = random.between(0.7, 1.3);
+        let label = |p: glam::DVec3| {
+            let mut near: Vec<(f64, i32)> =
+                seeds.iter().map(|(q, label)| (q.distance(p), *label)).collect();
+            near.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let [first, second] = [near[0], near[1]];
+            match () {
+                () if first.0 > 11.0 => 0,
+                () if second.0 - first.0 < thick => 1 + first.1 % 4,
+                () => 5 * (first.1 % 2),
+            }
+        };
+        let frame = lapd::image::Frame::axis_aligned([1.0; 3]).unwrap();
+        let image = LabelImage::from_fn([31; 3], frame, label).unwrap();
+        // The first keeps interfaces as refinement made them.
+        for (improve, wrong) in [Improve::Interior, Improve::Full].into_iter().zip(&mut wrong) {
+            let params = MeshParams { improve, adaptive: Adaptive::Topology, ..params(3.0) };
+            let meshing = run(&image, &params);
+            assert_sound(&meshing);
+            let components = meshing.report.certificate.components.iter();
+            let differ = components.filter(|row| {
+                row.components_mesh != 1
+                    || row.image_voxels >= 100 && row.euler_mesh != row.euler_image
+            });
+            let differ = differ.count();
+            mended += meshing.report.improvement.tets_mended;
+            *wrong += differ;
+        }
+    }
+    assert!(wrong[0] >= 5 && wrong[1] == 0, "components that differ: {wrong:?}");
+    assert!((1..100).contains(&mended), "{mended} tets got another label");
 }

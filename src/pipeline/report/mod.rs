@@ -443,6 +443,7 @@ struct ImprovementJson {
     contractions: u64,
     tets_before: u64,
     facets_below: u64,
+    tets_mended: u64,
     left_tets: Vec<LeftTet>,
 }
 
@@ -478,6 +479,7 @@ impl ImprovementJson {
             contractions: counts.contractions,
             tets_before: improvement.tets_before,
             facets_below: improvement.facets_below,
+            tets_mended: improvement.tets_mended,
             left_tets: filled(left, "tets that are left", |left| LeftTet {
                 tet: left.tet,
                 label: labels[left.tet as usize],

@@ -1,0 +1,188 @@
+//! What one tet, or two that share a facet, have in common with the tets around them: the part of
+//! their surface along which a label touches them. From it follows what the topology of the label
+//! becomes when it gains or loses these tets.
+
+use super::{NONE, TetMesh};
+
+/// A tet, or two that share a facet, and the tets that share at least a vertex with them.
+pub(crate) struct Vicinity {
+    /// The tets around, and which corners each shares: bit i for the i-th corner.
+    around: Vec<(u32, u32)>,
+    /// The corners of each tet inside, likewise.
+    inside: Vec<u32>,
+}
+
+/// A set of faces of the tets inside: corners, edges, facets. Bit n stands for the face whose
+/// corners are the bits of n. Two tets have 5 corners, so 32 bits are enough.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Faces(u32);
+
+impl Vicinity {
+    /// That of one tet, or of two that share a facet.
+    pub fn new(mesh: &TetMesh, tets: &[u32]) -> Self {
+        let mut corners: Vec<u32> = tets.iter().flat_map(|&t| mesh.tets[t as usize]).collect();
+        corners.sort_unstable();
+        corners.dedup();
+        debug_assert!(corners.len() <= 5);
+        let shared = |t: u32| {
+            let bit = |(i, v)| u32::from(mesh.tets[t as usize].contains(v)) << i;
+            corners.iter().enumerate().map(bit).sum::<u32>()
+        };
+        let inside = tets.iter().map(|&t| shared(t)).collect();
+        let mut found = Vec::new();
+        for &v in &corners {
+            // The star of v, from tet to tet across the facets that have it.
+            let first = found.len();
+            found.extend(tets.iter().find(|&&t| mesh.tets[t as usize].contains(&v)));
+            let mut next = first;
+            while let Some(&here) = found.get(next) {
+                next += 1;
+                let (vertices, neighbors) =
+                    (mesh.tets[here as usize], mesh.neighbors[here as usize]);
+                for (i, &other) in neighbors.iter().enumerate() {
+                    if vertices[i] != v && other != NONE && !found[first..].contains(&other) {
+                        found.push(other);
+                    }
+                }
+            }
+        }
+        found.sort_unstable();
+        found.dedup();
+        found.retain(|t| !tets.contains(t));
+        Self { around: found.into_iter().map(|t| (t, shared(t))).collect(), inside }
+    }
+
+    /// The tets around.
+    pub fn around(&self) -> impl Iterator<Item = u32> {
+        self.around.iter().map(|&(t, _)| t)
+    }
+
+    /// The faces that the tets inside share with those around of which `is` is true.
+    pub fn shared_with(&self, is: impl Fn(u32) -> bool) -> Faces {
+        let mut faces = 0;
+        for &(_, shared) in self.around.iter().filter(|&&(t, _)| is(t)) {
+            for inside in &self.inside {
+                // All subsets of the corners that both have.
+                let both = shared & inside;
+                let mut face = both;
+                while face != 0 {
+                    faces |= 1 << face;
+                    face = (face - 1) & both;
+                }
+            }
+        }
+        Faces(faces)
+    }
+
+    /// Whether each corner is one of a tet around of which `is` is true.
+    pub fn all_corners_on(&self, is: impl Fn(u32) -> bool) -> bool {
+        let all = self.inside.iter().fold(0, |all, corners| all | corners);
+        let around = self.around.iter().filter(|&&(t, _)| is(t));
+        around.fold(0, |found, &(_, shared)| found | shared) == all
+    }
+}
+
+impl Faces {
+    /// The faces with so many corners, as sets of these.
+    fn with_corners(self, count: u32) -> impl Iterator<Item = u32> {
+        (1..32).filter(move |face: &u32| self.0 >> face & 1 == 1 && face.count_ones() == count)
+    }
+
+    /// The Euler characteristic of their union.
+    pub fn euler(self) -> i64 {
+        let count = |corners| self.with_corners(corners).count() as i64;
+        count(1) - count(2) + count(3)
+    }
+
+    /// How many pieces their union has.
+    pub fn pieces(self) -> u32 {
+        let mut left = self.with_corners(1).fold(0, |all, corner| all | corner);
+        let mut count = 0;
+        while left != 0 {
+            let mut piece = left & left.wrapping_neg();
+            loop {
+                let edges = self.with_corners(2).filter(|edge| edge & piece != 0);
+                let larger = edges.fold(piece, |all, edge| all | edge);
+                if larger == piece {
+                    break;
+                }
+                piece = larger;
+            }
+            left &= !piece;
+            count += 1;
+        }
+        count
+    }
+
+    /// How many edges and corners are part of no facet among them: there they are no surface.
+    pub fn loose(self) -> usize {
+        let is_part = |face: u32| self.with_corners(3).any(|facet| face & !facet == 0);
+        let smaller = self.with_corners(1).chain(self.with_corners(2));
+        smaller.filter(|&face| !is_part(face)).count()
+    }
+
+    /// Of a single tet: whether they are one to three facets, with nothing beside them: a disc.
+    pub fn is_disc(self) -> bool {
+        (1..=3).contains(&self.with_corners(3).count()) && self.loose() == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::testing;
+
+    /// The faces with these corners, and all of their faces.
+    fn closed(faces: &[u32]) -> Faces {
+        let subsets = |&face: &u32| (1..=face).filter(move |sub| sub & !face == 0);
+        Faces(faces.iter().flat_map(subsets).fold(0, |all, face| all | 1 << face))
+    }
+
+    #[test]
+    fn shapes_on_a_tet() {
+        // Faces, pieces, Euler characteristic, whether a disc.
+        let cases = [
+            (&[0b0111][..], 1, 1, true),
+            (&[0b0111, 0b1011, 0b1101], 1, 1, true),
+            (&[0b0111, 0b1001], 1, 1, false),
+            (&[0b0111, 0b1000], 2, 2, false),
+            (&[0b0011], 1, 1, false),
+            (&[0b0011, 0b1100], 2, 2, false),
+            (&[0b0011, 0b0110, 0b0101], 1, 0, false),
+            (&[0b0111, 0b1100, 0b1001], 1, 0, false),
+            (&[0b0111, 0b1011, 0b1101, 0b1110], 1, 2, false),
+            (&[], 0, 0, false),
+        ];
+        for (faces, pieces, euler, is_disc) in cases {
+            let found = closed(faces);
+            assert_eq!((found.pieces(), found.euler()), (pieces, euler), "{faces:?}");
+            assert_eq!(found.is_disc(), is_disc, "{faces:?}");
+        }
+    }
+
+    #[test]
+    fn all_around_is_a_sphere_and_nothing_is_missed() {
+        let mesh = testing::kuhn_box([3; 3], [1.0; 3], |_, _, _| 1);
+        let is_inner = |t: u32| {
+            mesh.tets[t as usize]
+                .iter()
+                .all(|&v| mesh.points[v as usize].iter().all(|&c| (0.5..2.5).contains(&c)))
+        };
+        let inner: Vec<u32> = (0..mesh.tets.len() as u32).filter(|&t| is_inner(t)).collect();
+        assert!(!inner.is_empty());
+        for &t in &inner {
+            let others = mesh.neighbors[t as usize].iter().filter(|&&n| is_inner(n));
+            for set in others.map(|&n| vec![t, n]).chain([vec![t]]) {
+                let vicinity = Vicinity::new(&mesh, &set);
+                let all = vicinity.shared_with(|_| true);
+                assert_eq!((all.pieces(), all.euler()), (1, 2));
+                let of_set: Vec<u32> = set.iter().flat_map(|&t| mesh.tets[t as usize]).collect();
+                let touches = |t: &u32| {
+                    !set.contains(t) && mesh.tets[*t as usize].iter().any(|v| of_set.contains(v))
+                };
+                let expected: Vec<u32> = (0..mesh.tets.len() as u32).filter(touches).collect();
+                assert_eq!(vicinity.around().collect::<Vec<_>>(), expected);
+            }
+        }
+    }
+}
