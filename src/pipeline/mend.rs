@@ -4,30 +4,34 @@
 //! Refinement labels a tet by its circumcenter, which may lie outside of it. So a flat tet may have
 //! another label than the image has in nearly all of it. Mostly that moves an interface by a part
 //! of a voxel. But such a tet may leave open a tunnel through a thin label, or join two parts of
-//! one. [`adapt`](super::adapt) compares labels at voxel centres, and does not see it.
+//! one. The comparisons of [`adapt`](super::adapt) do not see it.
 //!
 //! **What is looked for.** For each component of the mesh that stands for one of the image: its
 //! *excess*, the Euler characteristic that it has above that of the image's component. For a tunnel
-//! too many it is -1. Around components whose excess is not 0, tets, and pairs of tets that share
-//! a facet, are candidates: if they have one label, and the image has another one in most of their
-//! volume.
+//! too many it is -1. Around components whose excess is not 0, and those that stand for none of the
+//! image, tets, and pairs of tets that share a facet, are candidates: if they have one label, and
+//! the image has another one in most of their volume.
 //!
-//! **What is changed.** A candidate gets the label that the image has there, if the excess of a
-//! component comes nearer to 0 by it, and that of none goes farther away. It is a ball, so what
-//! happens follows from the faces that it shares with the other tets of a label
-//! ([`Faces`](crate::mesh::vicinity::Faces)). When a label gains the ball its Euler characteristic
-//! grows by 1 - e, when it loses it by e - 1, where e is that of the shared faces.
+//! **What is changed.** A candidate gets the label that the image has there, if the excess of each
+//! component that changes comes nearer to 0 by it, or a piece that was torn off is joined again and
+//! no excess gets larger. It is a ball, so what happens follows from the faces that it shares with
+//! the other tets of a label ([`Faces`](crate::mesh::vicinity::Faces)). Let e be the Euler
+//! characteristic of these faces. When a label gains the ball its own grows by 1 - e, when it loses
+//! it by e - 1.
 //!
 //! - *Nothing is torn:* a label that loses a candidate shares one connected set of faces with it.
+//!   The background alone may be parted: its components do not count.
 //! - *Nothing is merged:* so does the label that gains it. Or it shares two, and both belong to one
 //!   component, or one of the two is a piece that was torn off the other.
 //! - *Nothing is lost:* each label shares some faces with a candidate that it loses.
-//! - *Vertices stay where they belong:* all corners of a candidate lie on interfaces already.
+//! - *Vertices stay where they belong:* all corners of a candidate lie on interfaces already, and
+//!   none is left with background alone around it.
 //!
 //! **Order.** First come candidates that bring no facet with a small angle to an interface, then
 //! those where the new label's boundary touches itself in the fewest edges and corners, single tets
-//! before pairs, and a larger part of the image before a smaller one. Where one change has altered
-//! what is around another candidate, that one waits for the next round, which measures anew.
+//! before pairs, and a larger part of the image before a smaller one. Each is judged again before
+//! it is changed. If a tet beside it has come to a label in this round it is not known to which
+//! component it belongs: the next round measures anew.
 //!
 //! **Limit.** Only Euler characteristics are compared. A tunnel too many and a cavity too many of
 //! one component cancel out, and are not seen.
@@ -35,8 +39,9 @@
 //! Idea: handles too many are cut or filled where that changes least, as in I. Guskov and
 //! Z. J. Wood, "Topological noise removal", 2001; here the image says where.
 //!
-//! Parallel but for the changes. The same for any number of threads, given the same mesh. Cost: a
-//! pass through all facets, and a look at the image for each tet around components with an excess.
+//! Parallel but for the changes. The same for any number of threads, given the same mesh. Cost of
+//! each round: components and boundaries of the mesh, and a look at the image for each tet around
+//! components that are not as in the image.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -124,7 +129,7 @@ enum Standing {
     Main(i64),
     /// It was torn off that component of the mesh; with its Euler characteristic.
     Piece(u32, i64),
-    /// None of these: it lies in no component of the image, or in several, or has been joined to
+    /// None of these: it lies in no component of the image, holds several, or has been joined to
     /// another one in this round.
     Other,
 }
