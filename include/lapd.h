@@ -494,7 +494,8 @@ typedef enum {
   /**
    * Places where the mesh turns out to differ from the image in what is connected: where labels
    * are torn, merged, or have a hole too many or too few. Far fewer elements where samples are
-   * farther apart than structures are thick.
+   * farther apart than structures are thick. Holes that are left although samples are close get
+   * mended with LAPD_IMPROVE_FULL: a few tets get another label.
    */
   LAPD_ADAPTIVE_TOPOLOGY = 2,
 } lapd_adaptive;
@@ -2220,8 +2221,10 @@ lapd_status lapd_params_get_algorithm(const lapd_params *params, int32_t *algori
 
 /**
  * Sets what may be changed to remove slivers, a lapd_improve. Topology, labels and the angles of
- * interface facets (lapd_params_set_facet_angle) are kept in any case. No other thread may use
- * `params` or the context meanwhile.
+ * interface facets (lapd_params_set_facet_angle) are kept by it in any case. With
+ * LAPD_IMPROVE_FULL and LAPD_ADAPTIVE_TOPOLOGY the topology is mended before: a few tets get
+ * another label, and a few facets may have smaller angles (lapd_improvement: tets_mended,
+ * facets_below). No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is no lapd_improve.
  */

@@ -60,7 +60,8 @@ pub enum Adaptive {
     #[default]
     Thickness,
     /// Places where the mesh turns out to differ from the image in what is connected: where labels
-    /// are torn or merged, have a hole too many or too few.
+    /// are torn or merged, have a hole too many or too few. What is left is mended with
+    /// [`Improve::Full`]: a few tets get another label.
     Topology,
 }
 

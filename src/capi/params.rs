@@ -645,8 +645,10 @@ pub unsafe extern "C" fn lapd_params_get_algorithm(
 }
 
 /// Sets what may be changed to remove slivers, a lapd_improve. Topology, labels and the angles of
-/// interface facets (lapd_params_set_facet_angle) are kept in any case. No other thread may use
-/// `params` or the context meanwhile.
+/// interface facets (lapd_params_set_facet_angle) are kept by it in any case. With
+/// LAPD_IMPROVE_FULL and LAPD_ADAPTIVE_TOPOLOGY the topology is mended before: a few tets get
+/// another label, and a few facets may have smaller angles (lapd_improvement: tets_mended,
+/// facets_below). No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is no lapd_improve.
 #[unsafe(no_mangle)]

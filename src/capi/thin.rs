@@ -17,7 +17,8 @@ pub enum lapd_adaptive {
     LAPD_ADAPTIVE_THICKNESS = 1,
     /// Places where the mesh turns out to differ from the image in what is connected: where labels
     /// are torn, merged, or have a hole too many or too few. Far fewer elements where samples are
-    /// farther apart than structures are thick.
+    /// farther apart than structures are thick. Holes that are left although samples are close get
+    /// mended with LAPD_IMPROVE_FULL: a few tets get another label.
     LAPD_ADAPTIVE_TOPOLOGY = 2,
 }
 

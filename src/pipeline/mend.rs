@@ -68,8 +68,9 @@ const MAX_ROUNDS: usize = 4;
 /// The image must have the new label in more than this part of a candidate.
 const LEAST_PART: f64 = 0.5;
 
-/// Points along an edge of a tet at which the image is asked for its label.
+/// Points along an edge of a tet at which the image is asked for its label, and in all of the tet.
 const STEPS: usize = 5;
+const POINTS: usize = STEPS * (STEPS + 1) * (STEPS + 2) / 6;
 
 /// Tets of one piece of work.
 const CHUNK: usize = 1 << 12;
@@ -356,7 +357,7 @@ fn candidates(
             let volume = tet_volume(&corners);
             let is_label = |p: &DVec3| image.labels()[usize::from(oracle.label(*p))] == label;
             let hits = points_within(&corners).filter(is_label).count();
-            [all + volume, part + volume * hits as f64 / points_within(&corners).count() as f64]
+            [all + volume, part + volume * hits as f64 / POINTS as f64]
         });
         sums[1] / sums[0]
     };
