@@ -23,8 +23,10 @@ pub(crate) struct Bricks {
 }
 
 impl Bricks {
-    /// Voxels along y in one brick.
+    /// Voxels along each axis of one brick.
     pub(crate) const EDGE: usize = EDGE;
+    /// Voxels of one brick.
+    pub(crate) const VOLUME: usize = VOLUME;
 
     /// The layout of a grid of `dims` voxels.
     pub(crate) fn new(dims: [usize; 3]) -> Self {

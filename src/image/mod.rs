@@ -16,6 +16,7 @@
 //! | `bricks` | how values of voxels lie in memory |
 //! | [`palette`] | a value per voxel out of a few |
 //! | `bits` | sets of voxels as bits |
+//! | [`voxel_blocks`] | sets of blocks of voxels: where something has changed |
 //! | [`label_names`] | names and colours of labels |
 //! | `wall` | the six faces of the image's box |
 //! | [`phantom`] | analytic images with known volumes |
@@ -37,6 +38,7 @@ pub mod region;
 mod relabel;
 pub mod small_components;
 pub mod volume;
+pub mod voxel_blocks;
 mod wall;
 
 pub(crate) use builder::{LabelBuilder, numbered_voxels, voxel_count};

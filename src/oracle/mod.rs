@@ -41,7 +41,7 @@ mod query;
 
 use glam::DVec3;
 
-pub use features::edges::{CrossedEdge, EdgeGrid, FeaturePoint};
+pub use features::edges::{BrickRow, CrossedEdge, EdgeGrid, FeaturePoint};
 pub use features::junctions::{JunctionKind, JunctionPlanes};
 pub use features::tiles::Tiles;
 pub use features::walls::Walls;

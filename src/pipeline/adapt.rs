@@ -14,9 +14,7 @@
 //!   voxel's smallest side away: at once so small that these are sampled.
 //!
 //! The refinement then goes on, on the same triangulation. Most differences are gone after two or
-//! three rounds; the last ones move about for some more, and each round goes through the image.
-//!
-//! In the end all tets are inspected once more, so no rule is left unmet that could be met.
+//! three rounds; the last ones move about for some more.
 //!
 //! It ends: the field only gets smaller, not below the floor, and rounds are counted. Whether
 //! differences are left is not an error: the certificate tells of them.
@@ -31,6 +29,7 @@ use crate::Result;
 use crate::delaunay::Triangulation;
 use crate::image::LabelImage;
 use crate::image::region::{Region, Rows};
+use crate::image::voxel_blocks::VoxelBlocks;
 use crate::memory::{self, reserve};
 use crate::mesh::extract::Background;
 use crate::monitor::Monitor;
@@ -153,8 +152,10 @@ impl Run<'_> {
             let tets = Arc::clone(sizing.tets());
             let denser = Sizing::new(image, &rows, &places.spacing, tets, &places.list, &look)?;
             drop(rows);
+            let blocks = VoxelBlocks::none(image.frame(), &region)?;
+            denser.add_below(sizing, &blocks);
             how.parts = parts(params, round, self.parts);
-            let before = Before { sizing, refinement, inspects_all: false };
+            let before = Before { sizing, refinement, denser: &blocks.and_around()? };
             let later = refine_further(&self.rules(&denser), &before, &how, monitor)?;
             refinement.add(later)?;
             adapted.sizing = Some(denser);
@@ -163,15 +164,7 @@ impl Run<'_> {
             }
             self.check_memory(&region)?;
         }
-        match &adapted.sizing {
-            Some(sizing) if refinement.ended_by.is_none() => {
-                how.parts = [self.parts[1]; 2];
-                let before = Before { sizing, refinement, inspects_all: true };
-                let later = refine_further(&self.rules(sizing), &before, &how, monitor)?;
-                refinement.add(later)
-            }
-            _ => Ok(()),
-        }
+        Ok(())
     }
 
     fn rules<'s>(&'s self, sizing: &'s Sizing) -> Rules<'s> {

@@ -14,9 +14,11 @@
 //! 5. All work off their lists until nobody has any work.
 //!
 //! A refinement may go on ([`refine_further`]) when the sizing field has become smaller in places:
-//! these are sampled again, the samples are dealt to all workers at once, and tets with vertices
-//! there are inspected again. R3 asks for the field beside the vertices of a facet, too, so in the
-//! end all are to be inspected once more.
+//! these are sampled again, the samples are dealt to all workers at once, and what the rules may
+//! ask for there is inspected again: tets whose circumballs come near to these places. All that R3
+//! asks the field about lies in the circumballs of a facet's two tets: its vertices, and its dual
+//! segment, since a ball around a point of that, through the vertices, lies within the two. So this
+//! is as good as inspecting all.
 //!
 //! With one worker the same steps run on the calling thread, and nothing is locked. The result of
 //! one worker is the same in every run; that of several depends on who came first.
@@ -31,12 +33,13 @@ use super::probe::RefineProbe;
 use super::refiner::Refiner;
 use super::rules::Rules;
 use super::sampling::{Earlier, Growth, Samples, sample_isosurface};
-use super::state::{Resumed, State};
+use super::state::State;
 use super::team::{Team, There};
 use super::unmet::LeftOver;
 use crate::delaunay::ownership::MAX_OWNERS;
 use crate::delaunay::worker::Counters;
 use crate::delaunay::{CountVisits, Locks, NoProbe, Solo, TetId, TryLock};
+use crate::image::voxel_blocks::NearBlocks;
 use crate::memory::{reserve, room};
 use crate::monitor::Monitor;
 use crate::panics;
@@ -77,9 +80,8 @@ pub struct Before<'a> {
     pub sizing: &'a Sizing,
     /// What was done until now.
     pub refinement: &'a Refinement,
-    /// Whether all tets are inspected again, and not only those with vertices where the field has
-    /// become smaller.
-    pub inspects_all: bool,
+    /// Where the field has become smaller.
+    pub denser: &'a NearBlocks,
 }
 
 /// Refines a triangulation of nothing but its box until no rule applies, or a limit is reached: one
@@ -139,11 +141,15 @@ pub fn refine_with<P: RefineProbe>(
     let clock = before.map_or_else(Clock::start, |before| before.refinement.clock);
     // Samples are the smaller part: until they are there, reports say that nothing is done.
     let go_on = || monitor.advance(0).and_then(|()| options.limits.check_time());
-    let Resumed { state, isovertices, changed } = match before {
-        None => Resumed::nothing(State::new(rules)?),
-        Some(before) => State::resumed(rules, before.sizing, || monitor.advance(0))?,
+    let (state, isovertices) = match before {
+        None => (State::new(rules)?, Vec::new()),
+        Some(_) => State::resumed(rules, || monitor.advance(0))?,
     };
-    let earlier = before.map(|before| Earlier { sizing: before.sizing, isovertices: &isovertices });
+    let earlier = before.map(|&Before { sizing, denser, .. }| Earlier {
+        sizing,
+        denser,
+        isovertices: &isovertices,
+    });
     let growth = if lapd::divides(options) { Growth::Fourfold } else { Growth::Eightfold };
     let samples = sample_isosurface(rules.oracle, rules.sizing, growth, earlier.as_ref(), go_on);
     let Dealt { samples, regions, work_ranges } =
@@ -158,10 +164,11 @@ pub fn refine_with<P: RefineProbe>(
     let total = samples.points.len();
     let [begin, end] = options.parts;
     let report_progress = |part: f64, tets| monitor.advance_to(begin + (end - begin) * part, tets);
-    let there = before.map(|before| There {
-        counters: before.refinement.counters,
+    let there = before.map(|&Before { refinement, denser, .. }| There {
+        counters: refinement.counters,
         slots: 0..rules.triangulation.tet_bound(),
-        changed: (!before.inspects_all).then_some(changed),
+        denser,
+        left_over: &refinement.left_over.tets,
     });
     let team = Team::new(&state, samples.points, regions, options, &report_progress, there);
     // From here on: what a worker touches first lies in its core's memory. The samples were made by
@@ -226,7 +233,7 @@ impl Refinement {
         self.threads.iter_mut().zip(&mut reports).for_each(|(thread, later)| thread.add(later));
         self.threads.extend(reports);
         self.ended_by = later.ended_by;
-        // All tets were asked again; samples that were not inserted are not offered again.
+        // Tets were asked again; samples that were not inserted are not offered again.
         self.left_over.tets = later.left_over.tets;
         self.left_over.samples += later.left_over.samples;
         Ok(())

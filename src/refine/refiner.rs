@@ -271,32 +271,38 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                 // list.
                 unlabelled.clear();
                 unlabelled.extend(living.iter().filter(|&&t| !self.rules.has_label(t)));
+                if let Some(there) = &self.team.there {
+                    let is_new = |t| !self.rules.has_label(t);
+                    living.retain(|&t| is_new(t) || self.rules.is_near(t, there.denser));
+                }
                 self.state.find_labels(&unlabelled);
                 self.note_labels(unlabelled.len());
-                let inspected = match self.team.there.as_ref().and_then(|t| t.changed.as_ref()) {
-                    Some(changed) => {
-                        living.retain(|&t| self.rules.has_vertex_of(t, changed));
-                        unlabelled.iter().chain(&living)
-                    }
-                    None => living.iter().chain(&[]),
-                };
-                for &t in inspected {
-                    let record = self.triangulation.tet(t);
-                    let owner = regions
-                        .map_or(self.me, |regions| regions.worker_of(record.sphere().center));
-                    record.set_mark(mark_of(owner));
-                    if owner == self.me {
-                        self.pel.push_waiting(self.triangulation.stamp(t));
-                    } else {
-                        reserve(&mut parcels[owner], 1, "tets of other regions")?;
-                        parcels[owner].push(self.triangulation.stamp(t));
-                    }
-                }
+                living.iter().try_for_each(|&t| self.put(t, &mut parcels))?;
             }
+        }
+        if let Some(there) = self.team.there.as_ref().filter(|_| self.me == 0) {
+            self.pel.make_room(there.left_over.len())?;
+            let left =
+                there.left_over.iter().filter(|&&stamp| self.triangulation.is_current(stamp));
+            left.map(|stamp| stamp.tet).try_for_each(|t| self.put(t, &mut parcels))?;
         }
         let Some(regions) = regions else { return Ok(()) };
         let mut filled = parcels.into_iter().enumerate().filter(|(_, parcel)| !parcel.is_empty());
         filled.try_for_each(|(worker, parcel)| regions.send(worker, parcel))
+    }
+
+    /// Puts a tet into the list, or into the parcel for the worker in whose region it lies.
+    fn put(&mut self, t: TetId, parcels: &mut [Vec<TetStamp>]) -> Result<()> {
+        let (record, regions) = (self.triangulation.tet(t), self.team.regions.as_ref());
+        let owner = regions.map_or(self.me, |regions| regions.worker_of(record.sphere().center));
+        record.set_mark(mark_of(owner));
+        if owner == self.me {
+            self.pel.push_waiting(self.triangulation.stamp(t));
+        } else {
+            reserve(&mut parcels[owner], 1, "tets of other regions")?;
+            parcels[owner].push(self.triangulation.stamp(t));
+        }
+        Ok(())
     }
 
     /// Takes the tets that others sent into the list. When all have collected theirs.

@@ -15,8 +15,7 @@ use crate::Result;
 use crate::delaunay::tet::TetRecord;
 use crate::delaunay::worker::MARKS;
 use crate::delaunay::{TetId, VertexId, VertexKind};
-use crate::memory::{reserve, room};
-use crate::sizing::Sizing;
+use crate::memory::reserve;
 
 /// The mark of a tet that does not wait in the list that its mark names, that of the worker which
 /// made it or was sent it: it was inspected, or waits in another list. No worker's mark.
@@ -24,22 +23,6 @@ const ELSEWHERE: u8 = MARKS as u8;
 
 /// Vertices of one piece of work, between two looks at the cancel flag.
 const PIECE: u32 = 1 << 12;
-
-/// What there is when a refinement goes on.
-pub(super) struct Resumed<'a> {
-    pub state: State<'a>,
-    /// Where isovertices are, in the order of their ids.
-    pub isovertices: Vec<DVec3>,
-    /// The vertices at which the sizing field has become smaller, as bits.
-    pub changed: Vec<u64>,
-}
-
-impl<'a> Resumed<'a> {
-    /// Nothing but the state.
-    pub fn nothing(state: State<'a>) -> Self {
-        Self { state, isovertices: Vec::new(), changed: Vec::new() }
-    }
-}
 
 /// What is kept of the tets and vertices that the rules are asked about.
 pub struct State<'a> {
@@ -59,22 +42,20 @@ impl<'a> State<'a> {
         Ok(Self { rules, free_vertices })
     }
 
-    /// Of a triangulation that was refined by the sizing field `before`, which was nowhere below
-    /// that of the rules.
+    /// Of a triangulation that was refined before; and where its isovertices are, in the order of
+    /// their ids.
     ///
     /// # Errors
     /// [`crate::Error::OutOfMemory`]; those of `go_on`, which is asked again and again.
     pub(super) fn resumed(
         rules: &'a Rules<'a>,
-        before: &Sizing,
         go_on: impl Fn() -> Result<()> + Sync,
-    ) -> Result<Resumed<'a>> {
+    ) -> Result<(Self, Vec<DVec3>)> {
         let state = Self::new(rules)?;
         let bound = rules.triangulation.vertex_bound();
         let pieces = (0..bound.div_ceil(PIECE)).into_par_iter().map(|piece| {
             go_on()?;
             let (mut isovertices, mut free) = (Vec::new(), Vec::new());
-            let mut changed = [0; PIECE as usize / 64];
             for v in piece * PIECE..((piece + 1) * PIECE).min(bound) {
                 let vertex = rules.triangulation.vertex(v);
                 let (kind, p) = (vertex.kind(), vertex.position());
@@ -82,9 +63,6 @@ impl<'a> State<'a> {
                     ISOVERTEX => {
                         reserve(&mut isovertices, 1, "isovertices")?;
                         isovertices.push(p);
-                        if rules.sizing.is_below(before, p) {
-                            changed[(v % PIECE) as usize / 64] |= 1_u64 << (v % 64);
-                        }
                         state.note_vertex(v, p, kind)?;
                     }
                     VertexKind::Free => {
@@ -94,19 +72,17 @@ impl<'a> State<'a> {
                     _ => {}
                 }
             }
-            Ok((isovertices, changed, free))
+            Ok((isovertices, free))
         });
         let pieces: Vec<_> = pieces.collect::<Result<_>>()?;
         let mut isovertices = Vec::new();
-        let mut changed = room(pieces.len() * PIECE as usize / 64, "isovertices")?;
-        for (of_piece, bits, free) in pieces {
+        for (of_piece, free) in pieces {
             reserve(&mut isovertices, of_piece.len(), "isovertices")?;
             isovertices.extend(of_piece);
-            changed.extend_from_slice(&bits);
             // In their order, which is that in which R6 finds them.
             free.into_iter().try_for_each(|(v, p)| state.note_vertex(v, p, VertexKind::Free))?;
         }
-        Ok(Resumed { state, isovertices, changed })
+        Ok((state, isovertices))
     }
 
     /// Bytes of the oracle, the triangulation and the grids.

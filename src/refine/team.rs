@@ -14,7 +14,8 @@ use super::state::State;
 use super::unmet::LeftOver;
 use crate::delaunay::numa::NodeId;
 use crate::delaunay::worker::Counters;
-use crate::delaunay::{Locks, Probe, TetId, Worker};
+use crate::delaunay::{Locks, Probe, TetId, TetStamp, Worker};
+use crate::image::voxel_blocks::NearBlocks;
 use crate::parallel::begging::Begging;
 use crate::parallel::contention::Contention;
 use crate::parallel::machine::Machine;
@@ -31,14 +32,15 @@ pub(super) const PERMITS: u64 = 64;
 pub(super) type Report<'a> = dyn Fn(f64, u64) -> Result<()> + Sync + 'a;
 
 /// What is there when a refinement goes on.
-pub(super) struct There {
+pub(super) struct There<'a> {
     /// What was done.
     pub counters: Counters,
     /// The slots of all tets.
     pub slots: Range<TetId>,
-    /// The isovertices at which the sizing field has become smaller, as bits, if only tets that
-    /// have some are to be inspected again.
-    pub changed: Option<Vec<u64>>,
+    /// Where the sizing field has become smaller.
+    pub denser: &'a NearBlocks,
+    /// The tets that were left over; they may be gone by now.
+    pub left_over: &'a [TetStamp],
 }
 
 /// The team.
@@ -47,7 +49,7 @@ pub(super) struct Team<'a> {
     pub state: &'a State<'a>,
     pub samples: Vec<DVec3>,
     /// What was there before, when a refinement goes on.
-    pub there: Option<There>,
+    pub there: Option<There<'a>>,
     pub keeps_timeline: bool,
     pub parking: Parking,
     pub contention: Contention,
@@ -88,7 +90,7 @@ impl<'a> Team<'a> {
         regions: Option<Regions>,
         options: &'a RefineOptions,
         report: &'a Report<'a>,
-        there: Option<There>,
+        there: Option<There<'a>>,
     ) -> Self {
         let size = options.threads;
         // What there is already: of the box's tets nobody keeps count.

@@ -28,6 +28,7 @@ use super::thickness::{self, NOT_THIN, Necks, ThinVoxels, thin_voxels};
 use crate::Result;
 use crate::image::bricks::Bricks;
 use crate::image::region::{Region, Rows};
+use crate::image::voxel_blocks::VoxelBlocks;
 use crate::image::{LabelImage, Palette};
 use crate::memory::filled;
 use crate::params::{Adaptive, MeshParams};
@@ -78,6 +79,9 @@ const PLACES: usize = 1 << 14;
 
 /// What seems farther away than a place reaches, but by rounding alone, is held, too.
 const AS_FAR: f64 = 1.0 + 1e-9;
+
+/// What is rounded is no less than this part of what it was.
+const ROUNDED: f64 = 1.0 - 1e-9;
 
 /// Distances that differ by a smaller part are the same: two fields count in different steps.
 const SAME: f64 = 0.999;
@@ -336,6 +340,39 @@ impl Sizing {
     #[inline]
     pub fn is_below(&self, other: &Self, p: DVec3) -> bool {
         self.at(p) < SAME * other.at(p)
+    }
+
+    /// Adds the blocks in which the distance is somewhere less than that of another field of the
+    /// same region.
+    pub fn add_below(&self, other: &Self, blocks: &VoxelBlocks) {
+        let Some(table) = &self.table else {
+            if self.max < ROUNDED * other.max {
+                blocks.add_all();
+            }
+            return;
+        };
+        // By any difference but rounding: rules ask for the exact distance.
+        let is_below = |level, than: f64| self.scale.length(level) < ROUNDED * than;
+        let add_brick = |brick: usize, is_below: &dyn Fn(usize) -> bool| {
+            let voxels = Bricks::VOLUME * brick..Bricks::VOLUME * (brick + 1);
+            let voxel = voxels.filter_map(|at| table.voxel(at).filter(|_| is_below(at))).next();
+            voxel.into_iter().for_each(|voxel| blocks.add_voxel(voxel));
+        };
+        let levels = table.levels();
+        match &other.table {
+            Some(than) => {
+                let pairs = table.bricks().zip(than.bricks()).enumerate();
+                // Mostly nothing has changed.
+                let pairs = pairs.filter(|(_, (a, b))| self.scale != other.scale || a != b);
+                pairs.for_each(|(brick, _)| {
+                    let than = |at: usize| other.scale.length(than.levels()[at]);
+                    add_brick(brick, &|at| is_below(levels[at], than(at)));
+                });
+            }
+            None => table.bricks().enumerate().for_each(|(brick, _)| {
+                add_brick(brick, &|at| is_below(levels[at], other.max));
+            }),
+        }
     }
 
     /// The distance of samples in each cell of the oracle that is made from the same image.

@@ -18,7 +18,7 @@ use crate::memory::zeroed;
 pub(super) const LEVELS: u8 = u8::MAX;
 
 /// What a level stands for.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Scale {
     /// The least length.
     pub(super) min: f64,
@@ -90,6 +90,17 @@ impl Table {
     /// All levels, in bricks.
     pub(super) fn levels(&self) -> &[u8] {
         &self.levels
+    }
+
+    /// The levels of each brick.
+    pub(super) fn bricks(&self) -> impl IndexedParallelIterator<Item = &[u8]> {
+        self.levels.par_chunks(Bricks::VOLUME)
+    }
+
+    /// The voxel of the region at a place of all levels; `None` where a brick reaches beyond it.
+    pub(super) fn voxel(&self, at: usize) -> Option<[usize; 3]> {
+        let (voxel, dims) = (self.grid.bricks.voxel(at), self.grid.bricks.dims());
+        (0..3).all(|a| voxel[a] < dims[a]).then_some(voxel)
     }
 }
 

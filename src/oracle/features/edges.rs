@@ -13,6 +13,7 @@ use crate::Result;
 use crate::image::bits::ones;
 use crate::image::bricks::Bricks;
 use crate::image::palette::Palette;
+use crate::image::voxel_blocks::VoxelBlocks;
 use crate::memory::{concatenated, reserve};
 use crate::oracle::Oracle;
 use crate::oracle::model::contacts::{self, Contacts};
@@ -124,7 +125,7 @@ impl Oracle {
             go_on()?;
             let mut found = Vec::new();
             for row in part * ROWS..rows.min((part + 1) * ROWS) {
-                self.visit_mixed_cells(row, |cell| {
+                self.visit_mixed_cells(row.into(), |cell| {
                     for contact in self.contacts_of(cell) {
                         reserve(&mut found, 1, CONTACTS)?;
                         found.push(self.near_half(contact));
@@ -173,6 +174,27 @@ impl Oracle {
     }
 }
 
+/// A row of bricks of voxels along x, or some bricks of one.
+#[derive(Clone, Copy)]
+pub struct BrickRow<'a> {
+    number: usize,
+    among: Option<&'a VoxelBlocks>,
+}
+
+impl From<usize> for BrickRow<'_> {
+    /// All of it.
+    fn from(number: usize) -> Self {
+        Self { number, among: None }
+    }
+}
+
+impl<'a> BrickRow<'a> {
+    /// Those of its bricks that are among some blocks.
+    pub fn among(self, blocks: &'a VoxelBlocks) -> Self {
+        Self { among: Some(blocks), ..self }
+    }
+}
+
 impl EdgeGrid<'_> {
     /// Rows of bricks of voxels; [`EdgeGrid::visit_row`] takes one at a time.
     pub fn rows(&self) -> usize {
@@ -184,13 +206,13 @@ impl EdgeGrid<'_> {
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
-    pub fn visit_row(
+    pub fn visit_row<'b>(
         &self,
-        row: usize,
+        row: impl Into<BrickRow<'b>>,
         mut visit: impl FnMut(CrossedEdge) -> Result<()>,
     ) -> Result<()> {
         // The outermost voxels are background, so no edge of theirs is crossed.
-        self.oracle.visit_mixed_cells(row, |voxel @ [i, j, k]| {
+        self.oracle.visit_mixed_cells(row.into(), |voxel @ [i, j, k]| {
             let division = self.divisions.at(self.oracle.grid.bricks.index(i, j, k));
             if division.parts == [1; 3] && !self.searches {
                 self.visit_edges_of(voxel, division, &mut visit)
@@ -212,16 +234,16 @@ impl EdgeGrid<'_> {
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
-    pub fn visit_features(
+    pub fn visit_features<'b>(
         &self,
-        row: usize,
+        row: impl Into<BrickRow<'b>>,
         mut visit: impl FnMut(FeaturePoint, DVec3) -> Result<()>,
     ) -> Result<()> {
         let oracle = self.oracle;
         if !oracle.knows_voxels() {
             return Ok(());
         }
-        oracle.visit_mixed_cells(row, |cell| {
+        oracle.visit_mixed_cells(row.into(), |cell| {
             match self.joined(cell) {
                 Some(0..CORNER_JOINED) => {
                     self.visit_sides(cell, &mut |p| visit(FeaturePoint::Narrow, p))?
@@ -430,7 +452,7 @@ impl Oracle {
         if self.field.is_some() {
             return Ok(());
         }
-        self.visit_mixed_cells(row, |cell| {
+        self.visit_mixed_cells(row.into(), |cell| {
             let contacts = self.at(cell).contacts();
             if contacts == Contacts::None {
                 return Ok(());
@@ -492,7 +514,7 @@ impl Oracle {
     #[inline(always)]
     pub(crate) fn visit_mixed_cells(
         &self,
-        row: usize,
+        row: BrickRow<'_>,
         visit: impl FnMut([usize; 3]) -> Result<()>,
     ) -> Result<()> {
         let is_mixed = |cell: [usize; 3]| {
@@ -512,7 +534,7 @@ impl Oracle {
     #[inline(always)]
     pub(crate) fn visit_junction_cells(
         &self,
-        row: usize,
+        row: BrickRow<'_>,
         visit: impl FnMut([usize; 3]) -> Result<()>,
     ) -> Result<()> {
         self.visit_cells(row, |cell| self.junction_cells.bits(cell, Bricks::EDGE), visit)
@@ -523,7 +545,7 @@ impl Oracle {
     #[inline(always)]
     fn visit_cells(
         &self,
-        row: usize,
+        BrickRow { number, among: bricks }: BrickRow<'_>,
         among: impl Fn([usize; 3]) -> u64,
         mut visit: impl FnMut([usize; 3]) -> Result<()>,
     ) -> Result<()> {
@@ -532,9 +554,14 @@ impl Oracle {
         let along = |brick: usize, count: usize| {
             brick * Bricks::EDGE..((brick + 1) * Bricks::EDGE).min(count - 1)
         };
+        let [y, z] = [number / per_layer, number % per_layer];
         for first in (0..nx - 1).step_by(Bricks::EDGE) {
-            for j in along(row / per_layer, ny) {
-                for k in along(row % per_layer, nz) {
+            let brick = [first, Bricks::EDGE * y, Bricks::EDGE * z];
+            if bricks.is_some_and(|bricks| !bricks.has_voxel(brick)) {
+                continue;
+            }
+            for j in along(y, ny) {
+                for k in along(z, nz) {
                     for n in ones(among([first, j, k])) {
                         visit([first + n, j, k])?;
                     }

@@ -25,7 +25,7 @@
 
 use glam::DVec3;
 
-use super::edges::parts_of;
+use super::edges::{BrickRow, parts_of};
 use super::ties::Cube;
 use crate::Result;
 use crate::image::bits::ones;
@@ -153,13 +153,13 @@ impl JunctionPlanes<'_> {
     ///
     /// # Errors
     /// What `visit` returns; the first ends the visit.
-    pub fn visit_row(
+    pub fn visit_row<'b>(
         &self,
-        row: usize,
+        row: impl Into<BrickRow<'b>>,
         mut visit: impl FnMut(JunctionKind, DVec3) -> Result<()>,
     ) -> Result<()> {
         let mut ties = Vec::new();
-        self.oracle.visit_junction_cells(row, |cell| {
+        self.oracle.visit_junction_cells(row.into(), |cell| {
             self.visit_mixed_cell(cell, &mut ties, &mut |kind, x| {
                 visit(kind, self.oracle.grid.point_at(x))
             })

@@ -31,7 +31,7 @@ impl Oracle {
         let of_row = |row: usize| {
             let (mut cells, mut sum) = (0.0, 0.0);
             // Never an error.
-            let _ = self.visit_mixed_cells(row, |[i, j, k]| {
+            let _ = self.visit_mixed_cells(row.into(), |[i, j, k]| {
                 cells += 1.0;
                 sum += squares.at(self.grid.bricks.index(i, j, k));
                 Ok(())

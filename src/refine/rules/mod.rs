@@ -26,6 +26,7 @@ use crate::delaunay::tet::{NO_TAG, TetRecord};
 use crate::delaunay::{Facet, TetId, Triangulation, VertexId, VertexKind};
 use crate::geometry::sphere::Circumsphere;
 use crate::image::MAX_IDS;
+use crate::image::voxel_blocks::NearBlocks;
 use crate::oracle::Oracle;
 use crate::params::MeshParams;
 use crate::sizing::Sizing;
@@ -201,12 +202,10 @@ impl<'a> Rules<'a> {
         self.triangulation.tet(t).tag() != LABEL_UNKNOWN
     }
 
-    /// Whether a tet has a vertex of a set, given as bits.
-    pub(super) fn has_vertex_of(&self, t: TetId, set: &[u64]) -> bool {
-        let has = |v: VertexId| {
-            set.get(v as usize / 64).is_some_and(|bits| bits >> (v as usize % 64) & 1 == 1)
-        };
-        self.triangulation.tet(t).vertices().into_iter().any(has)
+    /// Whether a tet's circumball comes near to some blocks.
+    pub fn is_near(&self, t: TetId, blocks: &NearBlocks) -> bool {
+        let sphere = self.triangulation.tet(t).sphere();
+        blocks.meet_ball(sphere.center, sphere.squared_radius())
     }
 
     /// The label id of the tet's circumcenter: the tet's label. Of a triangulation at rest; tets

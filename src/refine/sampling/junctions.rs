@@ -33,10 +33,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Nets, drawn};
+use super::{Nets, Wanted, drawn};
 use crate::Result;
 use crate::memory::{reserve, room};
-use crate::oracle::{EdgeGrid, FeaturePoint, JunctionKind, Oracle, Tiles};
+use crate::oracle::{EdgeGrid, FeaturePoint, JunctionKind, Oracle};
 use crate::sizing::Sizing;
 
 /// Distance of samples on junctions, in deltas. At least a half: the proof of termination needs it.
@@ -77,15 +77,15 @@ pub(super) fn sample_junctions(
     oracle: &Oracle,
     sizing: &Sizing,
     grid: &EdgeGrid<'_>,
-    tiles: &Tiles,
     nets: &Nets<'_>,
-    is_wanted: &(impl Fn(DVec3) -> bool + Sync),
+    wanted: &Wanted<'_>,
     go_on: &(impl Fn() -> Result<()> + Sync),
 ) -> Result<Vec<Vec<DVec3>>> {
     let planes =
         oracle.junction_planes(&sizing.palette().map(|spacing| FINENESS * SPACING * spacing));
+    let tiles = nets.tiles;
     let of_tile = |(tile, found): (usize, &mut Candidates)| {
-        for row in tiles.rows(tile) {
+        for row in tiles.rows(tile).filter_map(|row| wanted.in_row(row)) {
             go_on()?;
             planes.visit_row(row, |kind, p| match kind {
                 JunctionKind::BoxCorner => keep(&mut found.box_corners, p),
@@ -111,7 +111,7 @@ pub(super) fn sample_junctions(
         }
         let sample = |p: DVec3, spacing: f64| if draws { drawn(oracle, p, spacing) } else { p };
         nets.offer(|tile, net| {
-            points(&found[tile]).iter().filter(|&&p| is_wanted(p)).try_for_each(|&p| {
+            points(&found[tile]).iter().filter(|&&p| wanted.has(p)).try_for_each(|&p| {
                 let spacing = sizing.at(p);
                 net.offer(p, part * spacing, || sample(p, spacing))
             })

@@ -34,7 +34,8 @@
 //!
 //! **Denser later.** Where samples are to be closer than they were ([`Earlier`]) all of this is
 //! offered again, to nets that know all isovertices there are. Elsewhere nothing is, so what held
-//! there goes on to hold.
+//! there goes on to hold. Bricks of voxels that are not beside such a place are not looked at: what
+//! is found in a brick lies in it, or a little beside it.
 //!
 //! | file | what it is |
 //! |---|---|
@@ -56,8 +57,9 @@ use rayon::prelude::*;
 use super::cell_table::MAX_HEADS;
 use super::rules::DRAWN_TO_WALL;
 use crate::geometry::morton;
+use crate::image::voxel_blocks::NearBlocks;
 use crate::memory::{self, filled, room};
-use crate::oracle::{CrossedEdge, Oracle, Tiles};
+use crate::oracle::{BrickRow, CrossedEdge, Oracle, Tiles};
 use crate::sizing::Sizing;
 use crate::{Error, Result};
 use junctions::sample_junctions;
@@ -85,8 +87,25 @@ const LAST_ROUND: u32 = 15;
 pub struct Earlier<'a> {
     /// How far apart its samples were.
     pub sizing: &'a Sizing,
+    /// Where they are to be closer.
+    pub denser: &'a NearBlocks,
     /// Where there are isovertices.
     pub isovertices: &'a [DVec3],
+}
+
+impl Earlier<'_> {
+    /// The isovertices no farther from where samples are to be closer, in their order.
+    fn isovertices_near(&self, reach: f64) -> Result<Vec<DVec3>> {
+        const WHAT: &str = "isovertices";
+        let near = |points: &[DVec3]| {
+            let mut near = room(points.len(), WHAT)?;
+            let is_near = |p: DVec3| self.denser.meet_ball(p, reach * reach);
+            near.extend(points.iter().copied().filter(|&p| is_near(p)));
+            Ok(near)
+        };
+        let parts = self.isovertices.par_chunks(16 * BOXED).map(near);
+        memory::concatenated(parts.collect::<Result<_>>()?, WHAT)
+    }
 }
 
 /// Isovertices that are passed over at once where a box around them is out of reach: those that
@@ -131,13 +150,14 @@ pub fn sample_isosurface(
     let delta = sizing.max();
     let grid = oracle.edge_grid(&sizing.palette());
     let tiles = grid.tiles(2.0 * delta);
-    let nets = Nets::new(delta, &tiles, earlier)?;
-    let is_wanted = |p: DVec3| earlier.is_none_or(|earlier| sizing.is_below(earlier.sizing, p));
-    let corner_voxels = sample_junctions(oracle, sizing, &grid, &tiles, &nets, &is_wanted, &go_on)?;
+    let wanted = Wanted { sizing, earlier };
+    let nets = Nets::new([delta, oracle.spacing().max_element()], &tiles, &wanted)?;
+    let is_wanted = |p: DVec3| wanted.has(p);
+    let corner_voxels = sample_junctions(oracle, sizing, &grid, &nets, &wanted, &go_on)?;
     nets.offer(|tile, net| {
         let mut corners = corner_voxels[tile].iter().filter(|&&p| is_wanted(p));
         corners.try_for_each(|&p| net.offer(p, sizing.at(p), || p))?;
-        for row in tiles.rows(tile) {
+        for row in tiles.rows(tile).filter_map(|row| wanted.in_row(row)) {
             go_on()?;
             grid.visit_row(row, |edge| {
                 // The spacing is that of the edge's cell, which is named by its first voxel.
@@ -152,16 +172,47 @@ pub fn sample_isosurface(
     insertion_order(nets.into_samples(), growth, go_on)
 }
 
-/// The nets of all tiles of an image.
+/// Where samples are wanted.
+struct Wanted<'a> {
+    sizing: &'a Sizing,
+    earlier: Option<&'a Earlier<'a>>,
+}
+
+impl Wanted<'_> {
+    fn has(&self, p: DVec3) -> bool {
+        self.earlier.is_none_or(|earlier| self.sizing.is_below(earlier.sizing, p))
+    }
+
+    /// The bricks of a row where any may be.
+    fn in_row(&self, row: usize) -> Option<BrickRow<'_>> {
+        match self.earlier {
+            None => Some(row.into()),
+            Some(earlier) => {
+                let near = earlier.denser.near();
+                near.has_in_row(row).then(|| BrickRow::from(row).among(near))
+            }
+        }
+    }
+}
+
+/// The nets of the tiles of an image where samples are wanted.
 pub(super) struct Nets<'a> {
     tiles: &'a Tiles,
+    /// Whether any are wanted in a tile.
+    wanted: Vec<bool>,
     /// Nobody ever waits for one of the locks: while a tile is visited those beside it are not.
     nets: Vec<RwLock<Net>>,
 }
 
 impl<'a> Nets<'a> {
-    /// Nets that have nothing but what is there already; no spacing will be above `max`.
-    fn new(max: f64, tiles: &'a Tiles, earlier: Option<&Earlier<'_>>) -> Result<Self> {
+    /// Nets that have nothing but what is there already; no spacing will be above `max`, and no
+    /// side of a voxel is above `side`.
+    fn new([max, side]: [f64; 2], tiles: &'a Tiles, wanted: &Wanted<'_>) -> Result<Self> {
+        let earlier = wanted.earlier;
+        let mut of_tiles = room(tiles.count(), "nets of tiles")?;
+        of_tiles.extend(
+            (0..tiles.count()).map(|tile| tiles.rows(tile).any(|row| wanted.in_row(row).is_some())),
+        );
         // A quarter of what the grid of vertices may have: there are fewer samples than vertices,
         // and a limit of memory counts them only when all are there.
         let max_heads = (MAX_HEADS / 4 / tiles.count().max(1)).max(1);
@@ -171,17 +222,20 @@ impl<'a> Nets<'a> {
                 .map(|tile| RwLock::new(Net::new(max, tiles.bounds(tile), max_heads))),
         );
         // All before there are samples: lists that grow between the tables would leave gaps.
-        nets.par_iter_mut()
-            .try_for_each(|net| net.get_mut().unwrap_or_else(PoisonError::into_inner).open())?;
-        let there = earlier.map_or(&[][..], |earlier| earlier.isovertices);
+        for_each_wanted(&mut nets, &of_tiles, Net::open)?;
+        // Samples are wanted where the field is smaller, or a voxel beside that. Isovertices that
+        // are farther away than the largest spacing cover nothing there.
+        let there = match earlier {
+            Some(earlier) => earlier.isovertices_near(max + side)?,
+            None => Vec::new(),
+        };
         let box_of = |points: &[DVec3]| {
             points.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], &p| {
                 [low.min(p), high.max(p)]
             })
         };
         let boxes: Vec<[DVec3; 2]> = there.par_chunks(BOXED).map(box_of).collect();
-        nets.par_iter_mut().try_for_each(|net| {
-            let net = net.get_mut().unwrap_or_else(PoisonError::into_inner);
+        for_each_wanted(&mut nets, &of_tiles, |net| {
             let [lower, upper] = net.reach;
             let near = boxes
                 .iter()
@@ -194,7 +248,7 @@ impl<'a> Nets<'a> {
             }
             Ok(())
         })?;
-        Ok(Self { tiles, nets })
+        Ok(Self { tiles, wanted: of_tiles, nets })
     }
 
     /// Has `points` offer those of each tile to its net, which knows by then what those beside it
@@ -204,6 +258,9 @@ impl<'a> Nets<'a> {
     /// [`crate::Error::OutOfMemory`]; those of `points`.
     pub fn offer(&self, points: impl Fn(usize, &mut Net) -> Result<()> + Sync) -> Result<()> {
         self.tiles.in_colors(|tile| {
+            if !self.wanted[tile] {
+                return Ok(());
+            }
             let mut net = self.nets[tile].write().unwrap_or_else(PoisonError::into_inner);
             for (n, beside) in self.tiles.beside(tile).enumerate() {
                 net.learn(n, &self.nets[beside].read().unwrap_or_else(PoisonError::into_inner))?;
@@ -220,6 +277,16 @@ impl<'a> Nets<'a> {
             .map(|net| net.into_inner().unwrap_or_else(PoisonError::into_inner));
         nets.map(Net::into_own).collect()
     }
+}
+
+/// Visits the nets of tiles where samples are wanted.
+fn for_each_wanted(
+    nets: &mut [RwLock<Net>],
+    wanted: &[bool],
+    visit: impl Fn(&mut Net) -> Result<()> + Sync,
+) -> Result<()> {
+    let nets = nets.par_iter_mut().zip(wanted).filter(|(_, wanted)| **wanted);
+    nets.map(|(net, _)| net.get_mut().unwrap_or_else(PoisonError::into_inner)).try_for_each(&visit)
 }
 
 /// The sample of an edge: its crossing, moved.
