@@ -1,6 +1,7 @@
 //! The region: the bounding box of the object and one voxel more on each side, as rows of labels
 //! from which the oracle is built.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::image::{LabelImage, numbered_voxels};
@@ -67,6 +68,12 @@ impl Region {
     #[inline]
     pub fn place(&self, voxel: [usize; 3], axis: usize, count: usize) -> Option<usize> {
         usize::try_from(voxel[axis] as isize + self.first[axis]).ok().filter(|&at| at < count)
+    }
+
+    /// A place in the image, in voxels, counted from the region's first voxel.
+    #[inline]
+    pub fn offset(&self, index: DVec3) -> DVec3 {
+        index - DVec3::from(self.first.map(|c| c as f64))
     }
 
     /// As [`Self::place`], of the nearest voxel in the image.

@@ -1,7 +1,7 @@
 //! Values that one thread owns, for many threads: as atomics, which are read and written with
 //! relaxed order. So no access can be a data race, whoever makes it.
 
-use std::sync::atomic::{AtomicI32, AtomicU32, AtomicU64};
+use std::sync::atomic::{AtomicI32, AtomicU16, AtomicU32, AtomicU64};
 
 /// A type that is the atomic form of another one.
 ///
@@ -15,6 +15,10 @@ pub unsafe trait Atomic {
 
 // SAFETY: the standard library promises the same size, alignment and bit validity for each of these
 // pairs.
+unsafe impl Atomic for AtomicU16 {
+    type Plain = u16;
+}
+// SAFETY: as above.
 unsafe impl Atomic for AtomicU32 {
     type Plain = u32;
 }

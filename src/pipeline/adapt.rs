@@ -14,7 +14,9 @@
 //!   voxel's smallest side away: at once so small that these are sampled.
 //!
 //! The refinement then goes on, on the same triangulation. Most differences are gone after two or
-//! three rounds; the last ones move about for some more.
+//! three rounds; the last ones move about for some more. So from the second round on no more is
+//! looked at than has changed (`changes`): of the image where samples are to be closer, of the
+//! mesh the tets near to those that are new or gone. Where that is most of the mesh all of it is.
 //!
 //! It ends: the field only gets smaller, not below the floor, and rounds are counted. Whether
 //! differences are left is not an error: the certificate tells of them.
@@ -22,9 +24,10 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use super::changes::SeenTets;
 use super::messages;
 use super::prepare::Prepared;
-use super::refine::{collect, options};
+use super::refine::{Part, collect, collect_near, options};
 use crate::Result;
 use crate::delaunay::Triangulation;
 use crate::image::LabelImage;
@@ -39,7 +42,7 @@ use crate::refine::podm::{Before, Refinement};
 use crate::refine::refine_further;
 use crate::refine::rules::Rules;
 use crate::sizing::{Place, Sizing, Spacing};
-use crate::verify::topology::differences::{Difference, Differences, Kind};
+use crate::verify::topology::differences::{Change, Difference, Differences, Kind};
 
 /// Most rounds of refinement after the first one.
 const ROUNDS: usize = 6;
@@ -136,12 +139,15 @@ impl Run<'_> {
         let quiet = Monitor::within(&look);
         let region = Region::new(image, &look)?;
         self.check_memory(&region)?;
-        let differences = Differences::new(image, region, &prepared.oracle, &quiet)?;
+        let mut differences = Differences::new(image, region, &prepared.oracle, &quiet)?;
         let mut places = Places::new(image, params);
         let mut how = options(params, limits.clone(), 0)?;
+        how.limits.bytes_per_slot += SeenTets::BYTES_PER_SLOT;
+        how.limits.bytes_beside += differences.bytes();
+        let mut seen = SeenTets::default();
         for round in 1..=ROUNDS {
             let sizing = adapted.sizing.as_ref().unwrap_or(&prepared.sizing);
-            let found = self.compare(&differences, sizing, &quiet)?;
+            let found = self.compare(&mut differences, &mut seen, sizing, &quiet)?;
             adapted.differences.push(found.len() as u64);
             let has_more = places.add(&found, sizing, round)?;
             messages::log_differences(monitor, round, found.len(), has_more);
@@ -172,24 +178,84 @@ impl Run<'_> {
         Rules::new(triangulation, &prepared.oracle, sizing, params, image.labels())
     }
 
-    /// The differences of the mesh that there is.
+    /// The differences of the mesh that there is, of which only what was not seen before is looked
+    /// at.
     fn compare(
         &self,
-        differences: &Differences<'_>,
+        differences: &mut Differences<'_>,
+        seen: &mut SeenTets,
         sizing: &Sizing,
         quiet: &Monitor<'_>,
     ) -> Result<Vec<Difference>> {
-        let labels = self.image.labels();
         let rules = self.rules(sizing);
-        let mut mesh = collect(&rules, labels, Background::Dropped, quiet)?;
+        let is_first = seen.is_empty();
+        let changed = VoxelBlocks::none(self.image.frame(), differences.region())?;
+        seen.update(&rules, &changed, quiet)?;
+        if !is_first && let Some(found) = self.compare_part(differences, changed, &rules, quiet)? {
+            if cfg!(debug_assertions) {
+                self.check_with_all(&found, &rules, differences.region())?;
+            }
+            return Ok(found);
+        }
+        let mut mesh = collect(&rules, self.image.labels(), Background::Dropped, quiet)?;
         mesh.collect_facets(quiet)?;
-        differences.of(&mesh, quiet)
+        Ok(differences.of(&mesh, None, quiet)?.unwrap_or_default())
+    }
+
+    /// The same, of a mesh that has changed in some blocks; `None` if these are most of it.
+    fn compare_part(
+        &self,
+        differences: &mut Differences<'_>,
+        mut changed: VoxelBlocks,
+        rules: &Rules<'_>,
+        quiet: &Monitor<'_>,
+    ) -> Result<Option<Vec<Difference>>> {
+        loop {
+            differences.add_pieces(&changed);
+            let near = changed.and_around()?;
+            let Some(part) = collect_near(rules, self.image.labels(), &near, quiet)? else {
+                return Ok(None);
+            };
+            let Part { mut mesh, cut } = part;
+            mesh.collect_facets(quiet)?;
+            let change = Change { blocks: near.blocks(), cut: &cut };
+            if let found @ Some(_) = differences.of(&mesh, Some(&change), quiet)? {
+                return Ok(found);
+            }
+            // Blocks were added.
+            changed = near.into_blocks();
+        }
+    }
+
+    /// For debug builds: the differences found in a part of the mesh, and those of before
+    /// elsewhere, are those of all of it. But for pieces: of those that are cut a part cannot know.
+    fn check_with_all(
+        &self,
+        found: &[Difference],
+        rules: &Rules<'_>,
+        region: &Region,
+    ) -> Result<()> {
+        let Self { image, prepared, .. } = *self;
+        let monitor = Monitor::silent();
+        let mut mesh = collect(rules, image.labels(), Background::Dropped, &monitor)?;
+        mesh.collect_facets(&monitor)?;
+        let mut differences = Differences::new(image, *region, &prepared.oracle, &monitor)?;
+        let all = differences.of(&mesh, None, &monitor)?.unwrap_or_default();
+        let sorted = |differences: &[Difference]| {
+            let known = differences.iter().filter(|difference| difference.kind != Kind::Piece);
+            let mut known: Vec<_> = known.map(|d| (d.kind as u8, d.index.to_array())).collect();
+            known.sort_unstable_by(|a, b| a.partial_cmp(b).expect("no place is NaN"));
+            known
+        };
+        debug_assert_eq!(sorted(found), sorted(&all), "of a part, and of all");
+        Ok(())
     }
 
     /// Checks that a mesh of what there is can be compared.
     fn check_memory(&self, region: &Region) -> Result<()> {
         let Self { image, prepared, triangulation, limits, .. } = *self;
-        let mesh = u64::from(triangulation.tet_bound()) * limits.bytes_per_slot;
+        let per_slot = limits.bytes_per_slot + SeenTets::BYTES_PER_SLOT;
+        let mesh = u64::from(triangulation.tet_bound()) * per_slot;
         let tables = Differences::bytes_needed(image, region);
         let there = prepared.oracle.bytes() + prepared.sizing.bytes();
         limits.check_memory(there as u64 + triangulation.bytes() + mesh + tables)

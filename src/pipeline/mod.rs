@@ -23,6 +23,7 @@ pub mod adapt;
 mod attempt;
 mod budget;
 pub mod certify;
+mod changes;
 pub mod estimate;
 pub mod finish;
 pub mod improve;

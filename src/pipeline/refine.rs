@@ -1,10 +1,15 @@
 //! The second stage: from the prepared image to the refined mesh.
 
+use rayon::prelude::*;
+
 use super::messages;
 use super::prepare::Prepared;
 use crate::Result;
 use crate::delaunay::{TetId, Triangulation};
 use crate::image::LabelImage;
+use crate::image::voxel_blocks::NearBlocks;
+use crate::memory::bits::Bits;
+use crate::memory::{concatenated, reserve};
 use crate::mesh::TetMesh;
 use crate::mesh::extract::{self, Background, Numbered};
 use crate::monitor::{Monitor, Step};
@@ -118,3 +123,85 @@ pub fn collect(
     drop(order);
     numbered.copy(rules.triangulation().tets(), monitor)
 }
+
+/// A part of a mesh.
+pub struct Part {
+    /// As of a whole mesh; beyond tets that are not in the part there is none.
+    pub mesh: TetMesh,
+    /// The tets beyond which there is another one of their label, not in the part.
+    pub cut: Vec<u32>,
+}
+
+/// The part of such a mesh whose tets come near to some blocks, in the order of the triangulation's
+/// slots; `None` if that is most of it.
+///
+/// # Errors
+/// As [`number`].
+pub fn collect_near(
+    rules: &Rules<'_>,
+    labels: &[i32],
+    blocks: &NearBlocks,
+    monitor: &Monitor<'_>,
+) -> Result<Option<Part>> {
+    const WHAT: &str = "tets of the mesh";
+    let triangulation = rules.triangulation();
+    let bound = triangulation.tet_bound();
+    let is_in_part = Bits::new(bound as usize, WHAT)?;
+    let is_near = |t| {
+        // Boxes are smaller, and cost more.
+        let box_is_near = || {
+            let vertices = triangulation.tet(t).vertices();
+            blocks.blocks().meet_around(vertices.map(|v| triangulation.position(v)))
+        };
+        rules.is_near(t, blocks) && box_is_near()
+    };
+    let pieces = (0..bound.div_ceil(SLOTS)).into_par_iter().map(|piece| {
+        monitor.advance(0)?;
+        let slots = piece * SLOTS..((piece + 1) * SLOTS).min(bound);
+        let (mut near, mut all) = (Vec::new(), 0_usize);
+        for t in slots.filter(|&t| triangulation.is_living(t) && rules.label(t) != 0) {
+            all += 1;
+            if is_near(t) {
+                is_in_part.set(t);
+                reserve(&mut near, 1, WHAT)?;
+                near.push(t);
+            }
+        }
+        Ok((near, all))
+    });
+    let (pieces, all): (Vec<Vec<TetId>>, Vec<usize>) =
+        pieces.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+    let order = concatenated(pieces, WHAT)?;
+    if order.len() as f64 > LARGEST_PART * all.into_iter().sum::<usize>() as f64 {
+        return Ok(None);
+    }
+    let label = |t| if is_in_part.has(t) { rules.label(t) } else { 0 };
+    let is_cut = |t: TetId| {
+        let record = triangulation.tet(t);
+        let beyond = (0..4).map(|i| record.neighbor(i)).filter(|facet| !facet.is_none());
+        let mut others = beyond.map(|facet| facet.tet()).filter(|&u| !is_in_part.has(u));
+        others.any(|u| rules.label(u) == rules.label(t))
+    };
+    let pieces = order.par_chunks(SLOTS as usize).enumerate().map(|(piece, tets)| {
+        monitor.advance(0)?;
+        let mut cut = Vec::new();
+        for (n, &t) in (piece as u32 * SLOTS..).zip(tets) {
+            if is_cut(t) {
+                reserve(&mut cut, 1, WHAT)?;
+                cut.push(n);
+            }
+        }
+        Ok(cut)
+    });
+    let cut = concatenated(pieces.collect::<Result<_>>()?, WHAT)?;
+    let numbered =
+        extract::number(triangulation, &order, label, labels, Background::Dropped, monitor)?;
+    Ok(Some(Part { mesh: numbered.copy(triangulation.tets(), monitor)?, cut }))
+}
+
+/// A larger part of a mesh is no less work than all of it, whose tets come in the order of their
+/// places.
+const LARGEST_PART: f64 = 0.6;
+
+/// Slots of tets that are looked at between two looks at the cancel flag.
+const SLOTS: u32 = 1 << 12;

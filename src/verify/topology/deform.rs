@@ -11,19 +11,28 @@
 //! so the same input gives the same ones. That they are few is not promised; that none are left
 //! where nothing differs is.
 //!
-//! Linear in the voxels of the region, and in those that differ. Memory: a byte per voxel, and some
-//! for each that differs.
+//! Voxels that differ are in *clusters*: those that touch, even at a corner, are in one. Steps in
+//! one do not matter to another. So where one labelling has changed in some blocks only
+//! ([`Labellings::left_since`]), no others are looked at than clusters with voxels there or beside
+//! them, and what is left is as if all were.
+//!
+//! Linear in the voxels of the region, or of the blocks, and in those that differ. Memory: a byte
+//! per voxel, and some for each that differs.
 
 use std::collections::VecDeque;
 
 use rayon::prelude::*;
 
 use super::simple::is_simple;
+use crate::image::voxel_blocks::VoxelBlocks;
 use crate::memory::{concatenated, reserve, zeroed};
 use crate::{Error, Result};
 
 /// Voxels that are compared at once, and steps between two looks at the cancel flag.
 const CHUNK: usize = 1 << 14;
+
+/// What lists of this module have, as errors name it.
+const WHAT: &str = "voxels that differ";
 
 /// What is noted of a voxel at which the labellings differ.
 const DIFFERS: u8 = 1;
@@ -46,14 +55,50 @@ impl Labellings<'_> {
     /// [`Error::OutOfMemory`]; those of `go_on`, which is asked again and again.
     pub fn left(&self, go_on: impl Fn() -> Result<()> + Sync) -> Result<Vec<usize>> {
         let differing = self.differing(&go_on)?;
-        let mut notes = zeroed::<u8>(self.to.len(), "voxels of the region")?;
+        let mut notes = self.no_notes()?;
         differing.iter().for_each(|&v| notes[v] = DIFFERS);
+        self.deform(differing, &mut notes, &go_on)
+    }
+
+    /// The same, where `before` are those of the labellings as they were before `from` changed in
+    /// these blocks.
+    ///
+    /// # Errors
+    /// As [`Self::left`].
+    pub fn left_since(
+        &self,
+        mut before: Vec<usize>,
+        changed: &VoxelBlocks,
+        go_on: impl Fn() -> Result<()> + Sync,
+    ) -> Result<Vec<usize>> {
+        let mut notes = self.no_notes()?;
+        let differing = self.differing_near(changed, &mut notes)?;
+        let [nx, ny, _] = self.dims;
+        // Of clusters that are gone, or looked at again.
+        before
+            .retain(|&v| notes[v] == 0 && !changed.has_voxel([v % nx, v / nx % ny, v / (nx * ny)]));
+        let left = self.deform(differing, &mut notes, &go_on)?;
+        reserve(&mut before, left.len(), WHAT)?;
+        before.extend(left);
+        before.sort_unstable();
+        Ok(before)
+    }
+
+    fn no_notes(&self) -> Result<Vec<u8>> {
+        zeroed(self.to.len(), "voxels of the region")
+    }
+
+    /// Those of the noted voxels that are left.
+    fn deform(
+        &self,
+        differing: Vec<usize>,
+        notes: &mut [u8],
+        go_on: &(impl Fn() -> Result<()> + Sync),
+    ) -> Result<Vec<usize>> {
         // For each label apart: what one has done with a voxel does not matter to the other.
         let count = 2 * differing.len();
         let mut waiting: VecDeque<(usize, u16)> = VecDeque::new();
-        waiting
-            .try_reserve(count)
-            .map_err(|_| Error::OutOfMemory { count, what: "voxels that differ" })?;
+        waiting.try_reserve(count).map_err(|_| Error::OutOfMemory { count, what: WHAT })?;
         let labels = |v: usize| [self.to[v], self.from[v]].into_iter().filter(|&id| id != 0);
         waiting.extend(differing.iter().flat_map(|&v| labels(v).map(move |id| (v, id))));
         let mut steps = 0_usize;
@@ -63,7 +108,7 @@ impl Labellings<'_> {
                 go_on()?;
             }
             let note = self.note_of(v, id);
-            if notes[v] & note != 0 || !is_simple(self.neighbourhood(v, id, &notes)) {
+            if notes[v] & note != 0 || !is_simple(self.neighbourhood(v, id, notes)) {
                 continue;
             }
             notes[v] |= note;
@@ -88,13 +133,45 @@ impl Labellings<'_> {
             if from != to {
                 let pairs = from.iter().zip(to).enumerate().filter(|(_, (from, to))| from != to);
                 for (n, _) in pairs {
-                    reserve(&mut differing, 1, "voxels that differ")?;
+                    reserve(&mut differing, 1, WHAT)?;
                     differing.push(chunk * CHUNK + n);
                 }
             }
             Ok(differing)
         });
-        concatenated(pieces.collect::<Result<_>>()?, "voxels that differ")
+        concatenated(pieces.collect::<Result<_>>()?, WHAT)
+    }
+
+    /// Finds the voxels that differ of the clusters with voxels in some blocks or beside them, in
+    /// their order, and notes them. A cluster that is parted has its parts beside what parts it.
+    fn differing_near(&self, blocks: &VoxelBlocks, notes: &mut [u8]) -> Result<Vec<usize>> {
+        let [nx, ny, _] = self.dims;
+        let mut differing = Vec::new();
+        let mut note = |v: usize, differing: &mut Vec<usize>| {
+            if self.from[v] != self.to[v] && notes[v] == 0 {
+                notes[v] = DIFFERS;
+                reserve(differing, 1, WHAT)?;
+                differing.push(v);
+            }
+            Ok::<_, Error>(())
+        };
+        blocks.try_visit_voxels(1, |[x, y, z], count| {
+            let first = x + nx * (y + ny * z);
+            (first..first + count).try_for_each(|v| note(v, &mut differing))
+        })?;
+        let mut next = 0;
+        while let Some(&v) = differing.get(next) {
+            next += 1;
+            let mut noted = Ok(());
+            self.visit_around(v, |_, u| {
+                if noted.is_ok() {
+                    noted = note(u, &mut differing);
+                }
+            });
+            noted?;
+        }
+        differing.sort_unstable();
+        Ok(differing)
     }
 
     /// What is noted when a voxel that differs has done its step for a label.
@@ -135,6 +212,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::image::Frame;
+    use crate::image::region::Region;
 
     const DIMS: [usize; 3] = [7, 6, 5];
 
@@ -187,6 +266,29 @@ mod tests {
             for v in left(&from, &to) {
                 prop_assert_ne!(from[v], to[v]);
             }
+        }
+
+        /// What is left after a change in some blocks is what is left where all is looked at.
+        #[test]
+        fn changes_in_blocks(
+            to in prop::collection::vec(0..3_u16, 13 * 9 * 10),
+            differ in prop::collection::vec((0..13 * 9 * 10_usize, 0..3_u16), 0..200),
+            change in prop::collection::vec((0..13 * 9 * 10_usize, 0..3_u16), 0..20),
+        ) {
+            let dims = [13, 9, 10];
+            let mut from = to.clone();
+            differ.into_iter().for_each(|(v, id)| from[v] = id);
+            let before = Labellings { dims, from: &from, to: &to }.left(|| Ok(())).unwrap();
+            let region = Region { first: [0; 3], dims };
+            let blocks = VoxelBlocks::none(&Frame::axis_aligned([1.0; 3]).unwrap(), &region);
+            let blocks = blocks.unwrap();
+            for (v, id) in change {
+                from[v] = id;
+                blocks.add_voxel([v % 13, v / 13 % 9, v / (13 * 9)]);
+            }
+            let after = Labellings { dims, from: &from, to: &to };
+            let left = after.left_since(before, &blocks, || Ok(())).unwrap();
+            prop_assert_eq!(left, after.left(|| Ok(())).unwrap());
         }
     }
 }

@@ -20,12 +20,13 @@ use super::deform::Labellings;
 use super::matching::{Matching, Role};
 use super::mesh_components::MeshComponents;
 use super::touching::{Contacts, stray_touches};
-use super::voxel_labels::labels_at_voxels;
+use super::voxel_labels::find_labels_at_voxels;
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::components::ImageComponents;
 use crate::image::region::Region;
-use crate::memory::{reserve, room, zeroed};
+use crate::image::voxel_blocks::VoxelBlocks;
+use crate::memory::{filled, reserve, room, zeroed};
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
@@ -52,7 +53,18 @@ pub struct Difference {
     pub index: DVec3,
 }
 
-/// Finds differences of meshes from one image.
+/// Where a mesh has changed since it was compared last.
+pub struct Change<'a> {
+    /// The blocks in which it has.
+    pub blocks: &'a VoxelBlocks,
+    /// Tets of the part of the mesh that is given, beyond which there are others of their label.
+    pub cut: &'a [u32],
+}
+
+/// Finds differences of a mesh from an image, again and again while the mesh is made.
+///
+/// What was found is kept, with a label for each voxel. So of a mesh that has changed in some
+/// places no more is needed than the part near these.
 pub struct Differences<'a> {
     image: &'a LabelImage,
     region: Region,
@@ -60,6 +72,25 @@ pub struct Differences<'a> {
     ids: Vec<u16>,
     components: ImageComponents,
     contacts: Contacts,
+    /// The ids of the mesh's labels at these voxels.
+    found: Vec<u16>,
+    /// The voxels that are left.
+    left: Vec<usize>,
+    touches: Vec<DVec3>,
+    pieces: Vec<Piece>,
+}
+
+/// A component of the mesh that stands for none of the image.
+#[derive(Clone, Copy)]
+struct Piece {
+    /// A place in it, in voxels.
+    index: DVec3,
+    /// The box around it, in voxels of the region.
+    bounds: [DVec3; 2],
+    /// The component of the image in which most of it lies.
+    of: Option<u32>,
+    /// A place in the component of the mesh that stands for that one, in voxels.
+    main: Option<DVec3>,
 }
 
 impl<'a> Differences<'a> {
@@ -74,7 +105,7 @@ impl<'a> Differences<'a> {
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
         let [nx, ny, nz] = region.dims;
-        let mut ids: Vec<u16> = zeroed(nx * ny * nz, "voxels of the region")?;
+        let mut ids: Vec<u16> = zeroed(nx * ny * nz, VOXELS)?;
         let [wide, high, _] = image.dims();
         let first = region.first.map(|c| (c + 1) as usize);
         for z in 1..nz - 1 {
@@ -87,7 +118,19 @@ impl<'a> Differences<'a> {
         }
         let components = ImageComponents::new(image, &|_| monitor.advance(0))?;
         let contacts = Contacts::new(image, oracle, monitor)?;
-        Ok(Self { image, region, ids, components, contacts })
+        let found = zeroed(ids.len(), VOXELS)?;
+        let (left, touches, pieces) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { image, region, ids, components, contacts, found, left, touches, pieces })
+    }
+
+    /// Where it looks.
+    pub fn region(&self) -> &Region {
+        &self.region
+    }
+
+    /// Bytes that are held between two comparisons.
+    pub fn bytes(&self) -> u64 {
+        (size_of_val(self.ids.as_slice()) + size_of_val(self.found.as_slice())) as u64
     }
 
     /// Bytes that are needed at once, beside the mesh and what finds its boundaries.
@@ -98,47 +141,189 @@ impl<'a> Differences<'a> {
         5 * voxels + of_image / 8
     }
 
-    /// The differences of a mesh that has its facets.
+    /// Adds to the blocks in which a mesh has changed those of pieces that may have: whether they
+    /// are pieces still is known when all of their tets are.
+    pub fn add_pieces(&self, changed: &VoxelBlocks) {
+        let mut any = true;
+        // One may reach another.
+        while any {
+            any = false;
+            let met = self.pieces.iter().filter(|piece| changed.meet(piece.bounds));
+            for piece in met.filter(|piece| !changed.hold(piece.bounds)) {
+                changed.add_box(piece.bounds);
+                any = true;
+            }
+        }
+    }
+
+    /// The differences of a mesh that has its facets. With a `change`, which tells how it differs
+    /// from the mesh before, all of its tets that come near to the blocks are enough; the blocks
+    /// have those of [`Self::add_pieces`]. `None`: they are not enough to know what is a piece, and
+    /// blocks were added to them.
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
-    pub fn of(&self, mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<Vec<Difference>> {
-        let dims = self.region.dims;
-        let [nx, ny, _] = dims;
-        let from = labels_at_voxels(mesh, self.image, &self.region, monitor)?;
-        let labellings = Labellings { dims, from: &from, to: &self.ids };
-        let voxels = labellings.left(|| monitor.advance(0))?;
-        drop(from);
+    pub fn of(
+        &mut self,
+        mesh: &TetMesh,
+        change: Option<&Change<'_>>,
+        monitor: &Monitor<'_>,
+    ) -> Result<Option<Vec<Difference>>> {
+        let mut components = MeshComponents::new(mesh, self.image, &self.components, monitor)?;
+        let surfaces = BoundarySurfaces::measure(mesh, &mut components, monitor)?;
+        let pieces = self.find_pieces(mesh, components, change)?;
+        if let Some(Change { blocks, .. }) = change {
+            let mut is_enough = true;
+            for piece in pieces.iter().filter(|piece| !blocks.hold(piece.bounds)) {
+                is_enough = false;
+                blocks.add_box(piece.bounds);
+            }
+            if !is_enough {
+                return Ok(None);
+            }
+            self.pieces.retain(|piece| !blocks.meet(piece.bounds));
+        } else {
+            self.pieces.clear();
+        }
+        reserve(&mut self.pieces, pieces.len(), WHAT)?;
+        self.pieces.extend(pieces);
+
+        let region = self.region;
+        let has_changed =
+            |index: DVec3| change.is_none_or(|change| change.blocks.has(region.offset(index)));
+        // At the rim of a part a mesh seems to touch itself where it does not.
+        let touches = stray_touches(&surfaces.non_manifold, mesh, self.image);
+        self.touches.retain(|&index| !has_changed(index));
+        reserve(&mut self.touches, touches.len(), WHAT)?;
+        self.touches.extend(touches.into_iter().filter(|&index| has_changed(index)));
+        self.compare_voxels(mesh, change, monitor)?;
+        let open = self.contacts.open(mesh, self.image, has_changed, monitor)?;
+
+        let [nx, ny, _] = self.region.dims;
         let first = DVec3::from(self.region.first.map(|c| c as f64));
         let of_voxel = |&v: &usize| {
             first + DVec3::from([v % nx, v / nx % ny, v / (nx * ny)].map(|c| c as f64))
         };
-        let mut parts = MeshComponents::new(mesh, self.image, &self.components, monitor)?;
-        let surfaces = BoundarySurfaces::measure(mesh, &mut parts, monitor)?;
-        let touches = stray_touches(&surfaces.non_manifold, mesh, self.image);
-        let open = self.contacts.open(mesh, self.image, monitor)?;
-        let pieces = self.pieces(mesh, &parts)?;
         let mut all = Vec::new();
-        let count = voxels.len() + touches.len() + open.len() + pieces.len();
-        reserve(&mut all, count, "differences")?;
-        let kind = |kind| move |index| Difference { kind, index };
-        all.extend(voxels.iter().map(of_voxel).map(kind(Kind::Voxel)));
-        all.extend(touches.into_iter().map(kind(Kind::Touch)));
-        all.extend(open.into_iter().map(kind(Kind::Contact)));
-        all.extend(pieces.into_iter().map(kind(Kind::Piece)));
-        Ok(all)
+        let count = self.left.len() + open.len() + self.touches.len() + self.pieces.len();
+        reserve(&mut all, count, WHAT)?;
+        let of_kind = |kind| move |index| Difference { kind, index };
+        all.extend(self.left.iter().map(of_voxel).map(of_kind(Kind::Voxel)));
+        all.extend(self.touches.iter().copied().map(of_kind(Kind::Touch)));
+        all.extend(open.into_iter().map(of_kind(Kind::Contact)));
+        all.extend(self.pieces.iter().map(|piece| piece.index).map(of_kind(Kind::Piece)));
+        Ok(Some(all))
     }
 
-    /// A place in each component of the mesh that stands for none of the image, in voxels.
-    fn pieces(&self, mesh: &TetMesh, components: &MeshComponents) -> Result<Vec<DVec3>> {
-        let MeshComponents { list, overlaps, .. } = components;
-        let matching = Matching::new(&self.components.list, list, overlaps)?;
-        let pieces = list.iter().zip(&matching.roles).filter(|(_, (role, _))| *role != Role::Main);
-        let mut places = room(list.len(), "components of the mesh")?;
-        places.extend(pieces.map(|(piece, _)| self.image.frame().to_index(piece.place(mesh))));
-        Ok(places)
+    /// Finds the voxels that are left.
+    fn compare_voxels(
+        &mut self,
+        mesh: &TetMesh,
+        change: Option<&Change<'_>>,
+        monitor: &Monitor<'_>,
+    ) -> Result<()> {
+        let [nx, ny, _] = self.region.dims;
+        match change {
+            None => self.found.fill(0),
+            Some(change) => change.blocks.try_visit_voxels(0, |[x, y, z], count| {
+                self.found[x + nx * (y + ny * z)..][..count].fill(0);
+                Ok(())
+            })?,
+        }
+        find_labels_at_voxels(&mut self.found, mesh, self.image, &self.region, monitor)?;
+        let (dims, go_on) = (self.region.dims, || monitor.advance(0));
+        let labellings = Labellings { dims, from: &self.found, to: &self.ids };
+        self.left = match change {
+            None => labellings.left(go_on)?,
+            Some(change) => {
+                labellings.left_since(std::mem::take(&mut self.left), change.blocks, go_on)?
+            }
+        };
+        Ok(())
+    }
+
+    /// The pieces of a mesh; of a part of one those whose tets may have changed and are all in it.
+    /// Components that go on beyond the part are left out: they are larger than a block, and where
+    /// such a piece is torn off voxels differ, too.
+    fn find_pieces(
+        &self,
+        mesh: &TetMesh,
+        mut components: MeshComponents,
+        change: Option<&Change<'_>>,
+    ) -> Result<Vec<Piece>> {
+        let mut is_cut = filled(components.list.len(), false, WHAT, || Ok(()))?;
+        let of_cut = change.map_or(&[][..], |change| change.cut).iter();
+        of_cut.filter_map(|&t| components.of(t)).for_each(|c| is_cut[c as usize] = true);
+        // Of where most of it lies it has more tets than are seen.
+        let mut largest = filled(components.list.len(), None, WHAT, || Ok(()))?;
+        for (n, overlap) in components.overlaps.iter().enumerate() {
+            let most: &mut Option<(usize, u64)> = &mut largest[overlap.mesh as usize];
+            if most.is_none_or(|(_, count)| overlap.tets.count > count) {
+                *most = Some((n, overlap.tets.count));
+            }
+        }
+        let of_cut = largest.into_iter().zip(&is_cut).filter(|(_, is_cut)| **is_cut);
+        for (n, _) in of_cut.filter_map(|(largest, _)| largest) {
+            components.overlaps[n].tets.count += MANY;
+        }
+        let MeshComponents { list, overlaps, .. } = &components;
+        let Matching { roles, .. } = Matching::new(&self.components.list, list, overlaps)?;
+
+        let mut main_of_image = filled(self.components.list.len(), None, WHAT, || Ok(()))?;
+        for (c, &(role, of)) in roles.iter().enumerate() {
+            if let Some(of) = of.filter(|_| role == Role::Main) {
+                main_of_image[of as usize] = Some(c);
+            }
+        }
+        let frame = self.image.frame();
+        let place = |c: usize| frame.to_index(list[c].place(mesh));
+        let mut found: Vec<Option<Piece>> = room(list.len(), WHAT)?;
+        found.extend((0..list.len()).map(|c| {
+            let (role, of) = roles[c];
+            let main = match role {
+                Role::Main => self.main_elsewhere(of?, change?),
+                _ => of.and_then(|of| main_of_image[of as usize]).map(place),
+            };
+            let is_piece = !is_cut[c] && (role != Role::Main || main.is_some());
+            let bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+            is_piece.then(|| Piece { index: place(c), bounds, of, main })
+        }));
+        if found.iter().any(Option::is_some) {
+            for (t, tet) in (0..).zip(&mesh.tets) {
+                let component = components.of(t).and_then(|c| found[c as usize].as_mut());
+                if let Some(Piece { bounds: [low, high], .. }) = component {
+                    for at in tet.map(|v| self.region.offset(frame.to_index(mesh.point(v)))) {
+                        (*low, *high) = (low.min(at), high.max(at));
+                    }
+                }
+            }
+        }
+        let is_one = |(c, piece): &(usize, Piece)| {
+            let [low, high] = piece.bounds;
+            let holds = |p: DVec3| p.cmpge(low).all() && p.cmple(high).all();
+            let is_main = roles[*c].0 == Role::Main
+                && piece.main.is_some_and(|p| holds(self.region.offset(p)));
+            !is_main && change.is_none_or(|change| change.blocks.meet(piece.bounds))
+        };
+        let found = (0..).zip(found).filter_map(|(c, piece)| Some((c, piece?)));
+        Ok(found.filter(is_one).map(|(_, piece)| piece).collect())
+    }
+
+    /// A place in what stands for a component of the image, if a piece that may have changed was
+    /// torn off from it and it itself has not changed there. It need not be in the part.
+    fn main_elsewhere(&self, of: u32, change: &Change<'_>) -> Option<DVec3> {
+        let known = self.pieces.iter().filter(|piece| change.blocks.meet(piece.bounds));
+        let mut mains = known.filter(|piece| piece.of == Some(of)).filter_map(|piece| piece.main);
+        mains.find(|&p| !change.blocks.has(self.region.offset(p)))
     }
 }
+
+/// More tets than a part of a mesh has.
+const MANY: u64 = 1 << 40;
+
+/// What tables and lists of this module have, as errors name it.
+const VOXELS: &str = "voxels of the region";
+const WHAT: &str = "differences";
 
 #[cfg(test)]
 mod tests {
@@ -151,7 +336,105 @@ mod tests {
     /// Cubes of the mesh along a side of a voxel; the middle one holds the voxel's centre.
     const CUBES: usize = 3;
 
+    /// An image that is longer than some blocks, cubes of its meshes along the side of a voxel, and
+    /// all cubes.
+    const LONG: [usize; 3] = [22, 3, 2];
+    const PER_SIDE: usize = 2;
+    const OF_LONG: usize = 22 * 3 * 2 * PER_SIDE * PER_SIDE * PER_SIDE;
+
+    /// A mesh of cubes with these labels, and the corners of a cube's tets in voxels.
+    fn mesh_of(labels: &[i32]) -> TetMesh {
+        let [nx, ny, nz] = LONG.map(|n| PER_SIDE * n);
+        testing::kuhn_box([nx, ny, nz], [1.0 / PER_SIDE as f64; 3], |i, j, k| {
+            labels[i + nx * (j + ny * k)]
+        })
+    }
+
+    fn sorted(differences: &[Difference], is_piece: bool) -> Vec<(u8, [f64; 3])> {
+        let chosen = differences.iter().filter(|d| (d.kind == Kind::Piece) == is_piece);
+        let mut chosen: Vec<_> = chosen.map(|d| (d.kind as u8, d.index.to_array())).collect();
+        chosen.sort_unstable_by(|a, b| a.partial_cmp(b).unwrap());
+        chosen
+    }
+
     proptest! {
+        /// Of a mesh that has changed here and there the part near the changes tells what all of it
+        /// does. Of pieces it need not tell all, but tells no others.
+        #[test]
+        fn a_part_tells_what_all_does(
+            voxels in prop::collection::vec(prop::sample::select(vec![0, 1, 1, 1, 2]), 22 * 3 * 2),
+            faults in prop::collection::vec((0..OF_LONG, 0..3_i32), 0..30),
+            changes in prop::collection::vec(
+                prop::collection::vec((0..OF_LONG, 0..3_i32), 0..4), 1..4),
+        ) {
+            prop_assume!(voxels.iter().any(|&label| label != 0));
+            let [nx, ny, _] = LONG;
+            let frame = testing::box_frame([1.0; 3]);
+            let image = testing::image(LONG, frame, |i, j, k| voxels[i + nx * (j + ny * k)]);
+            let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
+            let (monitor, region) = (Monitor::silent(), Region::new(&image, &|| Ok(())).unwrap());
+            let all = || Differences::new(&image, region, &oracle, &monitor).unwrap();
+
+            let [wide, high] = [PER_SIDE * nx, PER_SIDE * ny];
+            let at = |cube: usize| [cube % wide, cube / wide % high, cube / (wide * high)];
+            let mut labels: Vec<i32> = (0..OF_LONG).map(|cube| {
+                let [i, j, k] = at(cube).map(|c| c / PER_SIDE);
+                voxels[i + nx * (j + ny * k)]
+            }).collect();
+            faults.into_iter().for_each(|(cube, label)| labels[cube] = label);
+            let mut mesh = mesh_of(&labels);
+            mesh.collect_facets(&monitor).unwrap();
+            let mut differences = all();
+            differences.of(&mesh, None, &monitor).unwrap().unwrap();
+
+            for change in changes {
+                let mut blocks = VoxelBlocks::none(image.frame(), &region).unwrap();
+                for (cube, label) in change {
+                    labels[cube] = label;
+                    let corners = [0, 1].map(|by| at(cube).map(|c| (c + by) as f64 / 2.0));
+                    blocks.add_around(corners.map(DVec3::from));
+                }
+                let mesh = mesh_of(&labels);
+                let found = loop {
+                    differences.add_pieces(&blocks);
+                    let near = blocks.and_around().unwrap();
+                    let near_tets: Vec<bool> = mesh.tets.iter().map(|tet| {
+                        let corners = tet.map(|v| mesh.point(v));
+                        let middle = corners.iter().sum::<DVec3>() / 4.0;
+                        let reach = corners.iter().map(|p| p.distance_squared(middle));
+                        near.meet_ball(middle, reach.fold(0.0, f64::max))
+                    }).collect();
+                    let mut part = mesh_of(&labels);
+                    let mut cut = Vec::new();
+                    for (t, &is_near) in near_tets.iter().enumerate() {
+                        let label = mesh.labels[t];
+                        let goes_on = |u: &u32| {
+                            let other = mesh.labels.get(*u as usize);
+                            other == Some(&label) && !near_tets[*u as usize]
+                        };
+                        if !is_near {
+                            part.labels[t] = 0;
+                        } else if mesh.neighbors[t].iter().any(goes_on) {
+                            cut.push(t as u32);
+                        }
+                    }
+                    testing::connect(&mut part);
+                    part.collect_facets(&monitor).unwrap();
+                    let change = Change { blocks: near.blocks(), cut: &cut };
+                    if let Some(found) = differences.of(&part, Some(&change), &monitor).unwrap() {
+                        break found;
+                    }
+                    blocks = near.into_blocks();
+                };
+                let expected = all().of(&mesh, None, &monitor).unwrap().unwrap();
+                prop_assert_eq!(sorted(&found, false), sorted(&expected, false));
+                let pieces = sorted(&expected, true);
+                for piece in sorted(&found, true) {
+                    prop_assert!(pieces.contains(&piece), "{:?} of {:?}", piece, pieces);
+                }
+            }
+        }
+
         /// Two labels side by side, and a piece of the first within the second that holds no
         /// voxel's centre.
         #[test]
@@ -167,14 +450,14 @@ mod tests {
             let image = testing::image([6, 3, 3], frame, |i, _, _| label(i));
             let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
             let (monitor, region) = (Monitor::silent(), Region::new(&image, &|| Ok(())).unwrap());
-            let differences = Differences::new(&image, region, &oracle, &monitor).unwrap();
-            let found = |piece: Option<[usize; 3]>| {
+            let mut differences = Differences::new(&image, region, &oracle, &monitor).unwrap();
+            let mut found = |piece: Option<[usize; 3]>| {
                 let cubes = [6, 3, 3].map(|n| n * CUBES);
                 let mut mesh = testing::kuhn_box(cubes, [1.0 / CUBES as f64; 3], |i, j, k| {
                     if Some([i, j, k]) == piece { 1 } else { label(i / CUBES) }
                 });
                 mesh.collect_facets(&monitor).unwrap();
-                differences.of(&mesh, &monitor).unwrap()
+                differences.of(&mesh, None, &monitor).unwrap().unwrap()
             };
             prop_assert_eq!(found(None), []);
             let found = found(Some([x, y, z]));

@@ -38,11 +38,12 @@ struct Join {
     index: DVec3,
 }
 
-/// The contacts of an image.
+/// The contacts of an image, and which of them a mesh reaches.
 pub(super) struct Contacts {
     dims: [usize; 3],
     /// By cell.
     joins: Vec<Join>,
+    reached: Vec<AtomicBool>,
     /// For each cell whether it has some.
     cells: Vec<u64>,
 }
@@ -73,7 +74,8 @@ impl Contacts {
         let count = dims.iter().product::<usize>();
         let mut cells = zeroed::<u64>(count.div_ceil(64), "cells of the image")?;
         joins.iter().for_each(|join| cells[join.cell as usize / 64] |= 1 << (join.cell % 64));
-        Ok(Self { dims, joins, cells })
+        let reached = zeroed(joins.len(), "contacts")?;
+        Ok(Self { dims, joins, reached, cells })
     }
 
     /// Calls `visit` for the contacts in the cells of a box, with their numbers.
@@ -97,20 +99,25 @@ impl Contacts {
         }
     }
 
-    /// Those that a mesh does not reach, in voxels.
+    /// Those that a mesh does not reach, in voxels. Where it has changed in some places only, which
+    /// `has_changed` tells, it may be the part of it that is near to them.
     ///
     /// # Errors
     /// [`OutOfMemory`](crate::Error::OutOfMemory); [`Cancelled`](crate::Error::Cancelled).
     pub fn open(
-        &self,
+        &mut self,
         mesh: &TetMesh,
         image: &LabelImage,
+        has_changed: impl Fn(DVec3) -> bool,
         monitor: &Monitor<'_>,
     ) -> Result<Vec<DVec3>> {
         if self.joins.is_empty() {
             return Ok(Vec::new());
         }
-        let reached: Vec<AtomicBool> = zeroed(self.joins.len(), "contacts")?;
+        for (join, reached) in self.joins.iter().zip(&mut self.reached) {
+            *reached.get_mut() &= !has_changed(join.index);
+        }
+        let reached = &self.reached;
         visit_tets(mesh, image, monitor, |id, corners| {
             let [low, high] = bounds(&corners);
             self.visit(low - AT_CONTACT, high + AT_CONTACT, |n, join| {
@@ -120,7 +127,7 @@ impl Contacts {
                 }
             });
         })?;
-        let open = self.joins.iter().zip(&reached).filter(|(_, reached)| !reached.load(Relaxed));
+        let open = self.joins.iter().zip(reached).filter(|(_, reached)| !reached.load(Relaxed));
         Ok(open.map(|(join, _)| join.index).collect())
     }
 }

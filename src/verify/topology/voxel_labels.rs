@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::region::Region;
-use crate::memory::zeroed;
+use crate::memory::atomic::atomic;
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 
@@ -23,21 +23,23 @@ const CHUNK: usize = 1 << 12;
 /// The corners of each facet of a tet, and the corner across from it.
 const FACETS: [[usize; 4]; 4] = [[1, 2, 3, 0], [0, 3, 2, 1], [0, 1, 3, 2], [0, 2, 1, 3]];
 
-/// The id of the mesh's label at the centre of each voxel of a region, x fastest, then y; 0 where
-/// there is no mesh.
+/// Finds the id of the mesh's label at the centre of each voxel of a region, x fastest, then y; 0
+/// where there is no mesh. `found` holds 0 for voxels that are to be found; others keep their ids,
+/// if these are those of the mesh. So it may be a part of a mesh that holds these voxels.
 ///
 /// # Errors
-/// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
-pub(super) fn labels_at_voxels(
+/// [`Cancelled`](crate::Error::Cancelled).
+pub(super) fn find_labels_at_voxels(
+    found: &mut [u16],
     mesh: &TetMesh,
     image: &LabelImage,
     region: &Region,
     monitor: &Monitor<'_>,
-) -> Result<Vec<u16>> {
-    let [nx, ny, nz] = region.dims;
+) -> Result<()> {
+    let [nx, ny, _] = region.dims;
     let first = DVec3::from(region.first.map(|c| c as f64));
     let last = DVec3::from(region.dims.map(|n| (n - 1) as f64));
-    let found: Vec<AtomicU16> = zeroed(nx * ny * nz, "voxels of the region")?;
+    let found: &[AtomicU16] = atomic(found);
     visit_tets(mesh, image, monitor, |id, corners| {
         let corners = corners.map(|p| p - first);
         // Most tets are smaller than a voxel, or a few, and hold no centre.
@@ -60,8 +62,7 @@ pub(super) fn labels_at_voxels(
                 }
             }
         }
-    })?;
-    Ok(found.into_iter().map(AtomicU16::into_inner).collect())
+    })
 }
 
 /// Calls `visit` for each tet whose label is not 0: the label's id, and the corners in voxels of
@@ -148,8 +149,9 @@ mod tests {
         let image = testing::image(dims, frame.unwrap(), label);
         let mesh = testing::kuhn_box(dims, [0.6, 0.8, 1.0], label);
         let region = Region::new(&image, &|| Ok(())).unwrap();
-        let found = labels_at_voxels(&mesh, &image, &region, &Monitor::silent()).unwrap();
         let [nx, ny, nz] = region.dims;
+        let mut found = vec![0; nx * ny * nz];
+        find_labels_at_voxels(&mut found, &mesh, &image, &region, &Monitor::silent()).unwrap();
         for z in 0..nz {
             for y in 0..ny {
                 for x in 0..nx {
