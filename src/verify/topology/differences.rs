@@ -357,6 +357,24 @@ mod tests {
         chosen
     }
 
+    #[test]
+    fn what_has_not_changed_needs_no_tets() {
+        let image = testing::image([3; 3], testing::box_frame([1.0; 3]), |_, _, _| 1);
+        let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
+        let (monitor, region) = (Monitor::silent(), Region::new(&image, &|| Ok(())).unwrap());
+        let mut differences = Differences::new(&image, region, &oracle, &monitor).unwrap();
+        let mut mesh = testing::kuhn_box([3; 3], [1.0; 3], |i, _, _| i32::from(i != 1));
+        mesh.collect_facets(&monitor).unwrap();
+        let before = differences.of(&mesh, None, &monitor).unwrap().unwrap();
+        assert!(!before.is_empty());
+        let blocks = VoxelBlocks::none(image.frame(), &region).unwrap();
+        let change = Change { blocks: &blocks, cut: &[] };
+        let mut part = TetMesh::default();
+        part.collect_facets(&monitor).unwrap();
+        let after = differences.of(&part, Some(&change), &monitor).unwrap().unwrap();
+        assert_eq!(after, before);
+    }
+
     proptest! {
         /// Of a mesh that has changed here and there the part near the changes tells what all of it
         /// does. Of pieces it need not tell all, but tells no others.
