@@ -351,28 +351,25 @@ impl Sizing {
             }
             return;
         };
-        // By any difference but rounding: rules ask for the exact distance.
-        let is_below = |level, than: f64| self.scale.length(level) < ROUNDED * than;
-        let add_brick = |brick: usize, is_below: &dyn Fn(usize) -> bool| {
-            let voxels = Bricks::VOLUME * brick..Bricks::VOLUME * (brick + 1);
-            let voxel = voxels.filter_map(|at| table.voxel(at).filter(|_| is_below(at))).next();
-            voxel.into_iter().for_each(|voxel| blocks.add_voxel(voxel));
-        };
-        let levels = table.levels();
-        match &other.table {
-            Some(than) => {
-                let pairs = table.bricks().zip(than.bricks()).enumerate();
-                // Mostly nothing has changed.
-                let pairs = pairs.filter(|(_, (a, b))| self.scale != other.scale || a != b);
-                pairs.for_each(|(brick, _)| {
-                    let than = |at: usize| other.scale.length(than.levels()[at]);
-                    add_brick(brick, &|at| is_below(levels[at], than(at)));
-                });
+        let than = other.table.as_ref().map(Table::levels);
+        let other_length =
+            |at: usize| than.map_or(other.max, |levels| other.scale.length(levels[at]));
+        table.bricks().enumerate().for_each(|(brick, levels)| {
+            let first = Bricks::VOLUME * brick;
+            // Mostly nothing has changed.
+            if self.scale == other.scale
+                && than.is_some_and(|than| &than[first..][..Bricks::VOLUME] == levels)
+            {
+                return;
             }
-            None => table.bricks().enumerate().for_each(|(brick, _)| {
-                add_brick(brick, &|at| is_below(levels[at], other.max));
-            }),
-        }
+            // By any difference but rounding: rules ask for the exact distance.
+            let is_below =
+                |n: &usize| self.scale.length(levels[*n]) < ROUNDED * other_length(first + n);
+            let mut below = (0..levels.len()).filter(is_below);
+            if let Some(voxel) = below.find_map(|n| table.voxel(first + n)) {
+                blocks.add_voxel(voxel);
+            }
+        });
     }
 
     /// The distance of samples in each cell of the oracle that is made from the same image.
@@ -454,7 +451,7 @@ fn lower(
     place: &Place,
     level: u8,
 ) {
-    let middle = place.index - DVec3::from(region.first.map(|c| c as f64));
+    let middle = region.offset(place.index);
     let [voxels, radius] = [place.voxels, place.radius].map(|reach| AS_FAR * reach);
     // How far the place reaches along an axis, squared, at these squared distances from its middle
     // along the others, in voxels and in world units.

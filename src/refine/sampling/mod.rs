@@ -152,16 +152,15 @@ pub fn sample_isosurface(
     let tiles = grid.tiles(2.0 * delta);
     let wanted = Wanted { sizing, earlier };
     let nets = Nets::new([delta, oracle.spacing().max_element()], &tiles, &wanted)?;
-    let is_wanted = |p: DVec3| wanted.has(p);
     let corner_voxels = sample_junctions(oracle, sizing, &grid, &nets, &wanted, &go_on)?;
     nets.offer(|tile, net| {
-        let mut corners = corner_voxels[tile].iter().filter(|&&p| is_wanted(p));
+        let mut corners = corner_voxels[tile].iter().filter(|&&p| wanted.has(p));
         corners.try_for_each(|&p| net.offer(p, sizing.at(p), || p))?;
         for row in tiles.rows(tile).filter_map(|row| wanted.in_row(row)) {
             go_on()?;
             grid.visit_row(row, |edge| {
                 // The spacing is that of the edge's cell, which is named by its first voxel.
-                if is_wanted(edge.point) || is_wanted(oracle.first_voxel(&edge)) {
+                if wanted.has(edge.point) || wanted.has(oracle.first_voxel(&edge)) {
                     net.offer(edge.point, edge.spacing, || moved(oracle, &edge))?;
                 }
                 Ok(())

@@ -37,11 +37,10 @@ pub(super) fn find_labels_at_voxels(
     monitor: &Monitor<'_>,
 ) -> Result<()> {
     let [nx, ny, _] = region.dims;
-    let first = DVec3::from(region.first.map(|c| c as f64));
     let last = DVec3::from(region.dims.map(|n| (n - 1) as f64));
     let found: &[AtomicU16] = atomic(found);
     visit_tets(mesh, image, monitor, |id, corners| {
-        let corners = corners.map(|p| p - first);
+        let corners = corners.map(|p| region.offset(p));
         // Most tets are smaller than a voxel, or a few, and hold no centre.
         let [low, high] = bounds(&corners);
         let (low, high) = (low.max(DVec3::ZERO), high.min(last));
