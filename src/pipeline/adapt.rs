@@ -9,7 +9,9 @@
 //!
 //! - In the first rounds by half, within half of what it was, and within the voxel at least; so a
 //!   place takes some dozens of samples each time.
-//! - Then to the floor at once: within a voxel, two, three, of the smallest side.
+//! - Then to the floor at once: within a voxel, two, three, of the smallest side. Where samples are
+//!   as close as the floor already that is done in the first rounds, too, and within the smallest
+//!   of these distances that makes a difference.
 //! - Contacts need the octahedron around them (`oracle/features/edges`), whose points are half of a
 //!   voxel's smallest side away: at once so small that these are sampled.
 //!
@@ -60,8 +62,12 @@ const CLOSER: f64 = 0.5;
 /// How far around it, in spacings that are there.
 const REACH: f64 = 0.5;
 
-/// How far around it at least, in voxels.
-const LEAST_REACH: f64 = 0.5;
+/// How far around it, in smallest sides of a voxel, samples come as close as the floor at most.
+const LARGEST_REACH: usize = ROUNDS - STEPS;
+
+/// How far around it at least, in voxels: no point is farther than half of a voxel's diagonal from
+/// the centre of the voxel that holds it.
+const LEAST_REACH: f64 = 0.87;
 
 /// Places so near each other, in parts of how far they reach, are one. Where deltas are some voxels
 /// no two are; where labels are lost because delta is as large as they are, all of their voxels
@@ -290,8 +296,7 @@ impl<'a> Places<'a> {
         // One in each cell, of those with the same spacing and reach.
         let mut cells = HashMap::new();
         for difference in differences {
-            let now = sizing.at(self.image.frame().to_world(difference.index));
-            let Some(place) = self.about(difference, now, round) else { continue };
+            let Some(place) = self.about(difference, sizing, round) else { continue };
             let per_cell = self.image.frame().spacing() / (SAME_PLACE * place.radius);
             let cell = (place.index * per_cell).to_array().map(|c| c.floor() as i64);
             let alike = [place.spacing, place.radius].map(f64::to_bits);
@@ -303,16 +308,17 @@ impl<'a> Places<'a> {
         Ok(self.list.len() > before)
     }
 
-    /// The place about a difference, where samples are `now` apart.
+    /// The place about a difference; `None` if samples are as close there as they may be.
     fn about(
         &self,
         &Difference { kind, index }: &Difference,
-        now: f64,
+        sizing: &Sizing,
         round: usize,
     ) -> Option<Place> {
         if self.floor >= self.spacing.delta {
             return None;
         }
+        let now = sizing.at(self.image.frame().to_world(index));
         let is_at_floor = now <= AT_FLOOR * self.floor;
         let closer = (CLOSER * now).max(self.floor);
         match kind {
@@ -321,11 +327,16 @@ impl<'a> Places<'a> {
                 let spacing = closer.min(self.at_contacts);
                 Some(Place::about_contact(index, spacing, self.side))
             }
-            Kind::Voxel | Kind::Touch | Kind::Piece if round > STEPS => {
-                let radius = (round - STEPS) as f64 * self.side;
-                Some(Place { index, spacing: self.floor, radius, voxels: LEAST_REACH })
+            Kind::Voxel | Kind::Touch | Kind::Piece if is_at_floor || round > STEPS => {
+                let least = round.saturating_sub(STEPS).max(1);
+                let about = |sides: usize| Place {
+                    index,
+                    spacing: self.floor,
+                    radius: sides as f64 * self.side,
+                    voxels: LEAST_REACH,
+                };
+                (least..=LARGEST_REACH).map(about).find(|place| sizing.is_above(place))
             }
-            Kind::Voxel | Kind::Touch | Kind::Piece if is_at_floor => None,
             Kind::Voxel | Kind::Touch | Kind::Piece => {
                 Some(Place { index, spacing: closer, radius: REACH * now, voxels: LEAST_REACH })
             }

@@ -17,6 +17,7 @@
 //! Where nothing makes it small there is no table (`sizing/levels`), and every answer is
 //! delta. Where there is one, nothing is above `MAX_GRADED` voxels.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -122,6 +123,41 @@ impl Place {
     /// That about a contact; `side` is the smallest side of a voxel.
     pub fn about_contact(index: DVec3, spacing: f64, side: f64) -> Self {
         Self { index, spacing, radius: CONTACT_REACH * side, voxels: AROUND_CONTACT }
+    }
+
+    /// The voxels that it holds of a layer, number `y`, of a region: in each row along x, number z,
+    /// a run. Its middle lies at `middle` in the region, of `dims` voxels `spacing` apart.
+    fn voxels_in_layer(
+        &self,
+        y: usize,
+        middle: DVec3,
+        [nx, _, nz]: [usize; 3],
+        spacing: DVec3,
+    ) -> impl Iterator<Item = (usize, Range<usize>)> {
+        let [voxels, radius] = [self.voxels, self.radius].map(|reach| AS_FAR * reach);
+        // How far the place reaches along an axis, squared, at these squared distances from its
+        // middle along the others, in voxels and in world units.
+        let left = move |axis: usize, [apart, apart_in_world]: [f64; 2]| {
+            let in_world = (radius * radius - apart_in_world) / (spacing[axis] * spacing[axis]);
+            in_world.max(voxels * voxels - apart)
+        };
+        let apart = move |axis: usize, at: usize| {
+            let apart = at as f64 - middle[axis];
+            [apart * apart, (apart * spacing[axis]) * (apart * spacing[axis])]
+        };
+        // The numbers that near to the middle, of so many. Where `left` is below 0 its root is NaN,
+        // both ends are 0, and there are none.
+        let within = move |axis: usize, left: f64, count: usize| {
+            let reach = left.sqrt();
+            let (low, high) = (middle[axis] - reach, middle[axis] + reach);
+            low.ceil().max(0.0) as usize..((high + 1.0).floor().max(0.0) as usize).min(count)
+        };
+        let of_y = apart(1, y);
+        let rows = within(2, left(2, of_y), nz).map(move |z| {
+            let of_z = apart(2, z);
+            (z, within(0, left(0, [of_y[0] + of_z[0], of_y[1] + of_z[1]]), nx))
+        });
+        rows.filter(|(_, row)| !row.is_empty())
     }
 }
 
@@ -300,7 +336,7 @@ impl Sizing {
                 check()?;
                 levels.par_chunks_mut(layer).enumerate().for_each(|(y, levels)| {
                     for place in places {
-                        lower([y, nx], levels, &region, spacing, place, scale.level(place.spacing));
+                        lower(y, levels, &region, spacing, place, scale.level(place.spacing));
                     }
                 });
             }
@@ -334,6 +370,18 @@ impl Sizing {
     #[inline(always)]
     pub fn at(&self, p: DVec3) -> f64 {
         self.scale.length(self.level(p))
+    }
+
+    /// Whether samples are farther apart than a place asks, in a voxel that it holds.
+    pub fn is_above(&self, place: &Place) -> bool {
+        let Some(table) = &self.table else { return self.max > place.spacing };
+        let (grid, level) = (table.grid(), self.scale.level(place.spacing));
+        let first = DVec3::from(grid.first.map(|c| c as f64));
+        let dims = grid.bricks.dims();
+        (0..dims[1]).any(|y| {
+            let mut rows = place.voxels_in_layer(y, place.index - first, dims, grid.spacing);
+            rows.any(|(z, mut row)| row.any(|x| table.of_voxel([x, y, z]) > level))
+        })
     }
 
     /// Whether the distance at `p` is less than that of another field.
@@ -443,41 +491,12 @@ impl Sizing {
 }
 
 /// Lowers the levels of a layer of a region's voxels, number `y`, within a place to `level`.
-fn lower(
-    [y, nx]: [usize; 2],
-    levels: &mut [u8],
-    region: &Region,
-    spacing: DVec3,
-    place: &Place,
-    level: u8,
-) {
-    let middle = region.offset(place.index);
-    let [voxels, radius] = [place.voxels, place.radius].map(|reach| AS_FAR * reach);
-    // How far the place reaches along an axis, squared, at these squared distances from its middle
-    // along the others, in voxels and in world units.
-    let left = |axis: usize, [apart, apart_in_world]: [f64; 2]| {
-        let in_world = (radius * radius - apart_in_world) / (spacing[axis] * spacing[axis]);
-        in_world.max(voxels * voxels - apart)
-    };
-    let apart = |axis: usize, at: usize| {
-        let apart = at as f64 - middle[axis];
-        [apart * apart, (apart * spacing[axis]) * (apart * spacing[axis])]
-    };
-    // The numbers that near to the middle, of so many. Where `left` is below 0 its root is NaN,
-    // both ends are 0, and there are none.
-    let within = |axis: usize, left: f64, count: usize| {
-        let reach = left.sqrt();
-        let (low, high) = (middle[axis] - reach, middle[axis] + reach);
-        low.ceil().max(0.0) as usize..((high + 1.0).floor().max(0.0) as usize).min(count)
-    };
-    let of_y = apart(1, y);
-    for z in within(2, left(2, of_y), levels.len() / nx) {
-        let of_z = apart(2, z);
-        let row = within(0, left(0, [of_y[0] + of_z[0], of_y[1] + of_z[1]]), nx);
-        if let Some(row) = levels[nx * z..][..nx].get_mut(row) {
-            row.iter_mut().for_each(|at| *at = (*at).min(level));
-        }
-    }
+fn lower(y: usize, levels: &mut [u8], region: &Region, spacing: DVec3, place: &Place, level: u8) {
+    let nx = region.dims[0];
+    let at = region.offset(place.index);
+    place.voxels_in_layer(y, at, region.dims, spacing).for_each(|(z, row)| {
+        levels[nx * z..][..nx][row].iter_mut().for_each(|at| *at = (*at).min(level));
+    });
 }
 
 #[cfg(test)]
@@ -501,7 +520,7 @@ mod tests {
             let [nx, ny, nz] = dims;
             let mut levels = vec![9; nx * ny * nz];
             levels.chunks_mut(nx * nz).enumerate().for_each(|(y, levels)| {
-                lower([y, nx], levels, &region, spacing, &place, 4);
+                lower(y, levels, &region, spacing, &place, 4);
             });
             for (at, level) in levels.into_iter().enumerate() {
                 let [x, y, z] = [at % nx, at / (nx * nz), at / nx % nz];
@@ -523,7 +542,7 @@ mod tests {
             let place = Place { index, spacing: 1.0, radius: 2.0 * side, voxels: 0.5 };
             let mut levels = [9; 125];
             levels.chunks_mut(25).enumerate().for_each(|(y, levels)| {
-                lower([y, 5], levels, &region, DVec3::splat(side), &place, 4);
+                lower(y, levels, &region, DVec3::splat(side), &place, 4);
             });
             // The middle, 6, 12, 8 and 6 voxels at squared distances of 0, 1, 2, 3 and 4.
             assert_eq!(levels.iter().filter(|&&level| level == 4).count(), 33, "side {side}");

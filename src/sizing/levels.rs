@@ -73,6 +73,11 @@ impl Table {
         Ok(Self { grid, levels })
     }
 
+    /// Where its voxels are.
+    pub(super) fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
     /// The level at `p`.
     #[inline(always)]
     pub(super) fn at(&self, p: DVec3) -> u8 {
