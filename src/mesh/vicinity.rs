@@ -2,7 +2,37 @@
 //! their surface along which a label touches them. From it follows what the topology of the label
 //! becomes when it gains or loses these tets.
 
+use std::collections::HashMap;
+
 use super::{NONE, TetMesh};
+
+/// The stars of vertices, the tets that have them, in their order: kept, for neighbours ask for
+/// the same ones.
+#[derive(Default)]
+pub(crate) struct Stars(HashMap<u32, Vec<u32>>);
+
+impl Stars {
+    /// That of a vertex `v` of `tet`. The mesh is the same in all calls, but for its labels.
+    fn of(&mut self, mesh: &TetMesh, v: u32, tet: u32) -> &[u32] {
+        self.0.entry(v).or_insert_with(|| {
+            // From tet to tet across the facets that have it.
+            let mut found = vec![tet];
+            let mut next = 0;
+            while let Some(&here) = found.get(next) {
+                next += 1;
+                let (vertices, neighbors) =
+                    (mesh.tets[here as usize], mesh.neighbors[here as usize]);
+                for (i, &other) in neighbors.iter().enumerate() {
+                    if vertices[i] != v && other != NONE && !found.contains(&other) {
+                        found.push(other);
+                    }
+                }
+            }
+            found.sort_unstable();
+            found
+        })
+    }
+}
 
 /// A tet, or two that share a facet, and the tets that share at least a vertex with them.
 pub(crate) struct Vicinity {
@@ -12,6 +42,21 @@ pub(crate) struct Vicinity {
     inside: Vec<u32>,
 }
 
+/// Tets with bits, in their order, and those of a star with one bit more.
+fn merged(tets: &[(u32, u32)], star: &[u32], bit: u32) -> Vec<(u32, u32)> {
+    let mut all = Vec::with_capacity(tets.len() + star.len());
+    let mut star = star.iter().copied().peekable();
+    for &(t, bits) in tets {
+        while let Some(before) = star.next_if(|&s| s < t) {
+            all.push((before, bit));
+        }
+        let is_in_both = star.next_if_eq(&t).is_some();
+        all.push((t, if is_in_both { bits | bit } else { bits }));
+    }
+    all.extend(star.map(|t| (t, bit)));
+    all
+}
+
 /// A set of faces of the tets inside: corners, edges, facets. Bit n stands for the face whose
 /// corners are the bits of n. Two tets have 5 corners, so 32 bits are enough.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,7 +64,7 @@ pub(crate) struct Faces(u32);
 
 impl Vicinity {
     /// That of one tet, or of two that share a facet.
-    pub fn new(mesh: &TetMesh, tets: &[u32]) -> Self {
+    pub fn new(mesh: &TetMesh, tets: &[u32], stars: &mut Stars) -> Self {
         let mut corners: Vec<u32> = tets.iter().flat_map(|&t| mesh.tets[t as usize]).collect();
         corners.sort_unstable();
         corners.dedup();
@@ -28,28 +73,15 @@ impl Vicinity {
             let bit = |(i, v)| u32::from(mesh.tets[t as usize].contains(v)) << i;
             corners.iter().enumerate().map(bit).sum::<u32>()
         };
-        let inside = tets.iter().map(|&t| shared(t)).collect();
-        let mut found = Vec::new();
-        for &v in &corners {
-            // The star of v, from tet to tet across the facets that have it.
-            let first = found.len();
-            found.extend(tets.iter().find(|&&t| mesh.tets[t as usize].contains(&v)));
-            let mut next = first;
-            while let Some(&here) = found.get(next) {
-                next += 1;
-                let (vertices, neighbors) =
-                    (mesh.tets[here as usize], mesh.neighbors[here as usize]);
-                for (i, &other) in neighbors.iter().enumerate() {
-                    if vertices[i] != v && other != NONE && !found[first..].contains(&other) {
-                        found.push(other);
-                    }
-                }
-            }
+        let inside: Vec<u32> = tets.iter().map(|&t| shared(t)).collect();
+        let mut around = Vec::new();
+        for (i, &v) in corners.iter().enumerate() {
+            let has = |(_, inside): &(&u32, &u32)| *inside >> i & 1 == 1;
+            let of = tets.iter().zip(&inside).find(has).map(|(&t, _)| t);
+            around = merged(&around, stars.of(mesh, v, of.unwrap_or(NONE)), 1 << i);
         }
-        found.sort_unstable();
-        found.dedup();
-        found.retain(|t| !tets.contains(t));
-        Self { around: found.into_iter().map(|t| (t, shared(t))).collect(), inside }
+        around.retain(|(t, _)| !tets.contains(t));
+        Self { around, inside }
     }
 
     /// The tets around.
@@ -170,10 +202,11 @@ mod tests {
         };
         let inner: Vec<u32> = (0..mesh.tets.len() as u32).filter(|&t| is_inner(t)).collect();
         assert!(!inner.is_empty());
+        let mut stars = Stars::default();
         for &t in &inner {
             let others = mesh.neighbors[t as usize].iter().filter(|&&n| is_inner(n));
             for set in others.map(|&n| vec![t, n]).chain([vec![t]]) {
-                let vicinity = Vicinity::new(&mesh, &set);
+                let vicinity = Vicinity::new(&mesh, &set, &mut stars);
                 let all = vicinity.shared_with(|_| true);
                 assert_eq!((all.pieces(), all.euler()), (1, 2));
                 let of_set: Vec<u32> = set.iter().flat_map(|&t| mesh.tets[t as usize]).collect();

@@ -27,11 +27,13 @@
 //! - *Vertices stay where they belong:* all corners of a candidate lie on interfaces already, and
 //!   none is left with background alone around it.
 //!
+//! So it is known all the time to which component a tet belongs, and what the excess of each is:
+//! components and boundaries are measured once.
+//!
 //! **Order.** First come candidates that bring no facet with a small angle to an interface, then
 //! those where the new label's boundary touches itself in the fewest edges and corners, single tets
 //! before pairs, and a larger part of the image before a smaller one. Each is judged again before
-//! it is changed. If a tet beside it has come to a label in this round it is not known to which
-//! component it belongs: the next round measures anew.
+//! it is changed. Then candidates are looked for around what has changed, until there are none.
 //!
 //! **Limit.** Only Euler characteristics are compared. A tunnel too many and a cavity too many of
 //! one component cancel out, and are not seen.
@@ -39,9 +41,11 @@
 //! Idea: handles too many are cut or filled where that changes least, as in I. Guskov and
 //! Z. J. Wood, "Topological noise removal", 2001; here the image says where.
 //!
-//! Parallel but for the changes. The same for any number of threads, given the same mesh. Cost of
-//! each round: components and boundaries of the mesh, and a look at the image for each tet around
-//! components that are not as in the image.
+//! Parallel but for the changes. The same for any number of threads, given the same mesh. Cost:
+//! components and boundaries of the mesh, and a look at the image for each tet around components
+//! that are not as in the image.
+
+use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -52,8 +56,8 @@ use crate::geometry::measures::{tet_centroid, tet_volume, triangle_angles};
 use crate::image::LabelImage;
 use crate::image::components::ImageComponents;
 use crate::memory::bits::Bits;
-use crate::memory::{concatenated, filled, reserve, room};
-use crate::mesh::vicinity::Vicinity;
+use crate::memory::{self, concatenated, filled, reserve, room};
+use crate::mesh::vicinity::{Stars, Vicinity};
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
@@ -61,9 +65,6 @@ use crate::reduce::NO_SET;
 use crate::verify::topology::boundary_surface::BoundarySurfaces;
 use crate::verify::topology::matching::{Fate, Matching, Role};
 use crate::verify::topology::mesh_components::MeshComponents;
-
-/// Most rounds. The second one finds what the first one left; a third is rare.
-const MAX_ROUNDS: usize = 4;
 
 /// The image must have the new label in more than this part of a candidate.
 const LEAST_PART: f64 = 0.5;
@@ -103,21 +104,25 @@ pub(super) fn mend(
     let quiet = Monitor::within(&look);
     let of_image = ImageComponents::new(image, &|_| look())?;
     let mut mended = Vec::new();
-    for _ in 0..MAX_ROUNDS {
-        let before = mended.len();
-        mesh.collect_facets(&quiet)?;
-        let mut components = Components::measure(mesh, image, &of_image, &quiet)?;
-        if components.has_excess() {
-            let near = components.near_excess(mesh)?;
-            let candidates =
-                candidates(mesh, &components, &near, image, oracle, facet_angle, &quiet)?;
-            for candidate in candidates {
-                components.change(mesh, &candidate, &mut mended)?;
+    mesh.collect_facets(&quiet)?;
+    let mut components = Components::measure(mesh, image, &of_image, &quiet)?;
+    // Each round leaves less excess, or fewer pieces.
+    let mut near = components.near_excess(mesh)?;
+    while let Some(places) = near {
+        let candidates =
+            candidates(mesh, &components, &places, image, oracle, facet_angle, &quiet)?;
+        near = None;
+        for candidate in candidates {
+            if components.change(mesh, &candidate, &mut mended)? {
+                let changed = near.get_or_insert(no_vertices(mesh)?);
+                let vertices = candidate.tets().iter().flat_map(|&t| mesh.tets[t as usize]);
+                vertices.for_each(|v| changed.set(v));
             }
         }
-        if mended.len() == before {
-            break;
-        }
+    }
+    if cfg!(debug_assertions) && !mended.is_empty() {
+        mesh.collect_facets(&quiet)?;
+        components.check(mesh, &Components::measure(mesh, image, &of_image, &quiet)?);
     }
     (mesh.facets, mesh.facet_labels, mesh.facet_tets) = Default::default();
     Ok(mended)
@@ -130,20 +135,30 @@ enum Standing {
     Main(i64),
     /// It was torn off that component of the mesh; with its Euler characteristic.
     Piece(u32, i64),
-    /// None of these: it lies in no component of the image, holds several, or has been joined to
-    /// another one in this round.
+    /// It was torn off that component of the mesh, and has been joined to it again.
+    JoinedTo(u32),
+    /// None of these: it lies in no component of the image, or holds several.
     Other,
 }
 
 /// The components of a mesh.
 struct Components {
-    parts: MeshComponents,
+    /// As they were measured.
+    measured: MeshComponents,
     standings: Vec<Standing>,
+    /// The component to which each belongs: another one if it was a piece that was joined to that.
+    joined: Vec<u32>,
+    /// The component of each tet that got another label.
+    moved: HashMap<u32, Option<u32>>,
+    /// Labels with components that were not as in the image.
+    wrong_labels: HashSet<i32>,
 }
 
 /// What follows when some tets get another label.
 #[derive(Default)]
 struct Outcome {
+    /// The component to which they come; `None`: background.
+    component: Option<u32>,
     /// Components that are then as follows.
     standings: Vec<(u32, Standing)>,
     /// How many edges and corners alone the tets share with their new label: there its boundary
@@ -206,33 +221,73 @@ impl Components {
                 standings[overlap.mesh as usize] = Standing::Other;
             }
         }
-        Ok(Self { parts, standings })
+        let mut joined: Vec<u32> = room(standings.len(), "components of the mesh")?;
+        joined.extend(0..standings.len() as u32);
+        let (moved, wrong_labels) = Default::default();
+        let mut all = Self { measured: parts, standings, joined, moved, wrong_labels };
+        for c in 0..all.standings.len() {
+            if all.is_wrong(c as u32) {
+                all.wrong_labels.insert(all.measured.list[c].label);
+            }
+        }
+        Ok(all)
+    }
+
+    /// The component of a tet; `None` of one of the background.
+    fn of(&self, t: u32) -> Option<u32> {
+        let component = self.moved.get(&t).copied().unwrap_or_else(|| self.measured.of(t));
+        component.map(|c| self.joined[c as usize])
+    }
+
+    /// For debug builds: tets are in the same components as those measured now are, which stand as
+    /// they do. But for what is a piece: that depends on how much of it lies where.
+    fn check(&self, mesh: &TetMesh, now: &Self) {
+        let mut pairs = HashMap::new();
+        for t in (0..mesh.tets.len() as u32).filter(|&t| mesh.labels[t as usize] != 0) {
+            let [component, other] = [self, now].map(|all| all.of(t).expect("of a label"));
+            let pair = *pairs.entry(component).or_insert(other);
+            debug_assert_eq!(pair, other, "tet {t} of component {component}");
+        }
+        let distinct: HashSet<u32> = pairs.values().copied().collect();
+        debug_assert_eq!(distinct.len(), pairs.len(), "components that have been joined");
+        for (component, other) in pairs {
+            let [known, measured] =
+                [(self, component), (now, other)].map(|(all, c)| all.standings[c as usize]);
+            if let (Standing::Main(known), Standing::Main(measured)) = (known, measured) {
+                debug_assert_eq!(known, measured, "excess of component {component}");
+            }
+        }
     }
 
     fn is_wrong(&self, component: u32) -> bool {
         !matches!(self.standings[component as usize], Standing::Main(0))
     }
 
-    fn has_excess(&self) -> bool {
-        (0..self.standings.len() as u32).any(|c| self.is_wrong(c))
-    }
-
-    /// The vertices on boundaries of components that are not as in the image.
-    fn near_excess(&self, mesh: &TetMesh) -> Result<Bits> {
-        let near = Bits::new(mesh.points.len(), "vertices of the mesh")?;
-        let is_wrong = |&t: &u32| self.parts.of(t).is_some_and(|c| self.is_wrong(c));
+    /// The vertices on boundaries of components that are not as in the image, if there are such.
+    fn near_excess(&self, mesh: &TetMesh) -> Result<Option<Bits>> {
+        if self.wrong_labels.is_empty() {
+            return Ok(None);
+        }
+        let near = no_vertices(mesh)?;
+        let is_wrong = |&t: &u32| self.of(t).is_some_and(|c| self.is_wrong(c));
         mesh.facets.par_iter().zip(&mesh.facet_tets).for_each(|(facet, tets)| {
             if tets.iter().any(is_wrong) {
                 facet.iter().for_each(|&v| near.set(v));
             }
         });
-        Ok(near)
+        Ok(Some(near))
     }
 
     /// What follows when `tets` go from one label to another; `None` if that is no gain, or not
     /// allowed.
-    fn outcome(&self, mesh: &TetMesh, tets: &[u32], from: i32, to: i32) -> Option<Outcome> {
-        let vicinity = Vicinity::new(mesh, tets);
+    fn outcome(
+        &self,
+        mesh: &TetMesh,
+        tets: &[u32],
+        [from, to]: [i32; 2],
+        stars: &mut Stars,
+    ) -> Option<Outcome> {
+        let vicinity = Vicinity::new(mesh, tets, stars);
         let has = |label: i32| move |t: u32| mesh.labels[t as usize] == label;
         let mut outcome = Outcome::default();
         let mut gain = 0;
@@ -248,6 +303,9 @@ impl Components {
             }
             if joins {
                 outcome.loose = faces.loose();
+                // Of two it is the one to which the other one is joined.
+                outcome.component =
+                    vicinity.around().find(|&t| has(to)(t)).and_then(|t| self.of(t));
             }
             let grows = if joins { 1 - euler } else { euler - 1 };
             match (label, grows, pieces) {
@@ -277,10 +335,7 @@ impl Components {
     ) -> Option<i64> {
         let mut around = Vec::new();
         for t in vicinity.around().filter(|&t| mesh.labels[t as usize] == label) {
-            // Components are those of the beginning of the round. A tet that has come to the label
-            // since then is in none of it.
-            let is_of_label = |&c: &u32| self.parts.list[c as usize].label == label;
-            around.push(self.parts.of(t).filter(is_of_label)?);
+            around.push(self.of(t)?);
         }
         around.sort_unstable();
         around.dedup();
@@ -303,36 +358,48 @@ impl Components {
                     _ => return None,
                 };
                 let joined = excess + euler + grows;
-                standings.extend([(main, Standing::Main(joined)), (piece, Standing::Other)]);
+                standings
+                    .extend([(main, Standing::Main(joined)), (piece, Standing::JoinedTo(main))]);
                 (joined.abs() <= excess.abs()).then_some(1)
             }
             _ => None,
         }
     }
 
-    /// Gives a candidate its new label, if that still is a gain.
+    /// Gives a candidate its new label, if that still is a gain; told is whether it has it then.
     fn change(
         &mut self,
         mesh: &mut TetMesh,
         candidate: &Candidate,
         mended: &mut Vec<Mended>,
-    ) -> Result<()> {
+    ) -> Result<bool> {
+        const WHAT: &str = "tets that are mended";
         let &Candidate { from, to, .. } = candidate;
         if candidate.tets().iter().any(|&t| mesh.labels[t as usize] != from) {
-            return Ok(());
+            return Ok(false);
         }
-        if let Some(outcome) = self.outcome(mesh, candidate.tets(), from, to) {
-            for (component, standing) in outcome.standings {
-                self.standings[component as usize] = standing;
-            }
-            reserve(mended, candidate.tets().len(), "tets that are mended")?;
-            for &t in candidate.tets() {
-                mesh.labels[t as usize] = to;
-                mended.push(Mended { from, to, volume: tet_volume(&corners(mesh, t)) });
+        let stars = &mut Stars::default();
+        let Some(outcome) = self.outcome(mesh, candidate.tets(), [from, to], stars) else {
+            return Ok(false);
+        };
+        for (component, standing) in outcome.standings {
+            self.standings[component as usize] = standing;
+            if let Standing::JoinedTo(main) = standing {
+                self.joined.iter_mut().filter(|c| **c == component).for_each(|c| *c = main);
             }
         }
-        Ok(())
+        reserve(mended, candidate.tets().len(), WHAT)?;
+        for &t in candidate.tets() {
+            mesh.labels[t as usize] = to;
+            memory::insert(&mut self.moved, t, outcome.component, WHAT)?;
+            mended.push(Mended { from, to, volume: tet_volume(&corners(mesh, t)) });
+        }
+        Ok(true)
     }
+}
+
+fn no_vertices(mesh: &TetMesh) -> Result<Bits> {
+    Bits::new(mesh.points.len(), "vertices of the mesh")
 }
 
 fn corners(mesh: &TetMesh, t: u32) -> [DVec3; 4] {
@@ -363,7 +430,7 @@ fn candidates(
     };
     let of_chunk = |(chunk, tets): (usize, &[[u32; 4]])| {
         monitor.advance(0)?;
-        let mut found = Vec::new();
+        let (mut found, mut stars) = (Vec::new(), Stars::default());
         for (t, vertices) in ((chunk * CHUNK) as u32..).zip(tets) {
             if vertices[0] == NONE || !vertices.iter().any(|&v| near.has(v)) {
                 continue;
@@ -371,7 +438,8 @@ fn candidates(
             let from = mesh.labels[t as usize];
             let centroid = tet_centroid(&corners(mesh, t));
             let to = image.labels()[usize::from(oracle.label(centroid))];
-            if to == from {
+            if to == from || ![from, to].iter().any(|label| components.wrong_labels.contains(label))
+            {
                 continue;
             }
             let is_like = |&n: &u32| n != NONE && mesh.labels[n as usize] == from;
@@ -380,9 +448,8 @@ fn candidates(
                 let candidate =
                     Candidate { tets: [t, other], from, to, part: 0.0, loose: 0, is_sharp: false };
                 let tets = candidate.tets();
-                let Some(Outcome { loose, .. }) = components.outcome(mesh, tets, from, to) else {
-                    continue;
-                };
+                let outcome = components.outcome(mesh, tets, [from, to], &mut stars);
+                let Some(Outcome { loose, .. }) = outcome else { continue };
                 let part = part_of(tets, to);
                 if part > LEAST_PART {
                     reserve(&mut found, 1, "candidates")?;
@@ -438,7 +505,8 @@ mod tests {
     const VOXELS: usize = DIMS[0] * DIMS[1] * DIMS[2];
 
     /// How far a mesh is from the image: components lost or merged, pieces and stray ones, and the
-    /// sum of all excesses.
+    /// sum of all excesses. A component that holds several of the image has none: for which one it
+    /// stands may depend on a single tet.
     fn faults(mesh: &TetMesh, image: &LabelImage) -> [u64; 3] {
         let (monitor, mut mesh) = (Monitor::silent(), mesh.clone());
         mesh.collect_facets(&monitor).unwrap();
@@ -448,8 +516,13 @@ mod tests {
         let matching = Matching::new(&of_image.list, &parts.list, &parts.overlaps).unwrap();
         let not_kept = matching.fates.iter().filter(|&&fate| fate != Fate::Kept).count();
         let not_main = matching.roles.iter().filter(|(role, _)| *role != Role::Main).count();
+        let holds_several = |c: usize| {
+            let of_mesh = parts.overlaps.iter().filter(|overlap| overlap.mesh as usize == c);
+            let mut images = of_mesh.filter_map(|overlap| overlap.image);
+            images.any(|i| matching.fates[i as usize] == Fate::Merged)
+        };
         let excess = |(c, role): (usize, &(Role, Option<u32>))| match *role {
-            (Role::Main, Some(i)) => {
+            (Role::Main, Some(i)) if !holds_several(c) => {
                 (surfaces.euler[c] / 2 - of_image.list[i as usize].euler).unsigned_abs()
             }
             _ => 0,
