@@ -155,26 +155,26 @@ pub fn collect_near(
         };
         rules.is_near(t, blocks) && box_is_near()
     };
+    let has_label = |&t: &TetId| triangulation.is_living(t) && rules.label(t) != 0;
+    // Some of all slots tell how many there will be.
+    let some = (0..bound.div_ceil(SAMPLE_OF)).into_par_iter().map(|n| SAMPLE_OF * n);
+    let is_sampled = some.filter(has_label).map(|t| [1, usize::from(is_near(t))]);
+    let [all, near] = is_sampled.reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    if near as f64 > LARGEST_PART * all as f64 {
+        return Ok(None);
+    }
     let pieces = (0..bound.div_ceil(SLOTS)).into_par_iter().map(|piece| {
         monitor.advance(0)?;
         let slots = piece * SLOTS..((piece + 1) * SLOTS).min(bound);
-        let (mut near, mut all) = (Vec::new(), 0_usize);
-        for t in slots.filter(|&t| triangulation.is_living(t) && rules.label(t) != 0) {
-            all += 1;
-            if is_near(t) {
-                is_in_part.set(t);
-                reserve(&mut near, 1, WHAT)?;
-                near.push(t);
-            }
+        let mut near = Vec::new();
+        for t in slots.filter(has_label).filter(|&t| is_near(t)) {
+            is_in_part.set(t);
+            reserve(&mut near, 1, WHAT)?;
+            near.push(t);
         }
-        Ok((near, all))
+        Ok(near)
     });
-    let (pieces, all): (Vec<Vec<TetId>>, Vec<usize>) =
-        pieces.collect::<Result<Vec<_>>>()?.into_iter().unzip();
-    let order = concatenated(pieces, WHAT)?;
-    if order.len() as f64 > LARGEST_PART * all.into_iter().sum::<usize>() as f64 {
-        return Ok(None);
-    }
+    let order = concatenated(pieces.collect::<Result<Vec<_>>>()?, WHAT)?;
     let label = |t| if is_in_part.has(t) { rules.label(t) } else { 0 };
     let is_cut = |t: TetId| {
         let record = triangulation.tet(t);
@@ -202,6 +202,9 @@ pub fn collect_near(
 /// A larger part of a mesh is no less work than all of it, whose tets come in the order of their
 /// places.
 const LARGEST_PART: f64 = 0.6;
+
+/// One slot of so many is asked first.
+const SAMPLE_OF: u32 = 61;
 
 /// Slots of tets that are looked at between two looks at the cancel flag.
 const SLOTS: u32 = 1 << 12;

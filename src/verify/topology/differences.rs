@@ -20,7 +20,7 @@ use super::deform::Labellings;
 use super::matching::{Matching, Role};
 use super::mesh_components::MeshComponents;
 use super::touching::{Contacts, stray_touches};
-use super::voxel_labels::find_labels_at_voxels;
+use super::voxel_labels::{VoxelLabels, visit_tets};
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::components::ImageComponents;
@@ -196,8 +196,9 @@ impl<'a> Differences<'a> {
         self.touches.retain(|&index| !has_changed(index));
         reserve(&mut self.touches, touches.len(), WHAT)?;
         self.touches.extend(touches.into_iter().filter(|&index| has_changed(index)));
-        self.compare_voxels(mesh, change, monitor)?;
-        let open = self.contacts.open(mesh, self.image, has_changed, monitor)?;
+        self.contacts.forget(has_changed);
+        self.look_at_tets(mesh, change, monitor)?;
+        self.compare_voxels(change, monitor)?;
 
         let [nx, ny, _] = self.region.dims;
         let first = DVec3::from(self.region.first.map(|c| c as f64));
@@ -205,18 +206,19 @@ impl<'a> Differences<'a> {
             first + DVec3::from([v % nx, v / nx % ny, v / (nx * ny)].map(|c| c as f64))
         };
         let mut all = Vec::new();
-        let count = self.left.len() + open.len() + self.touches.len() + self.pieces.len();
+        let open = self.contacts.open().count();
+        let count = self.left.len() + open + self.touches.len() + self.pieces.len();
         reserve(&mut all, count, WHAT)?;
         let of_kind = |kind| move |index| Difference { kind, index };
         all.extend(self.left.iter().map(of_voxel).map(of_kind(Kind::Voxel)));
         all.extend(self.touches.iter().copied().map(of_kind(Kind::Touch)));
-        all.extend(open.into_iter().map(of_kind(Kind::Contact)));
+        all.extend(self.contacts.open().map(of_kind(Kind::Contact)));
         all.extend(self.pieces.iter().map(|piece| piece.index).map(of_kind(Kind::Piece)));
         Ok(Some(all))
     }
 
-    /// Finds the voxels that are left.
-    fn compare_voxels(
+    /// Finds the mesh's labels at voxels, and which contacts it reaches.
+    fn look_at_tets(
         &mut self,
         mesh: &TetMesh,
         change: Option<&Change<'_>>,
@@ -230,7 +232,15 @@ impl<'a> Differences<'a> {
                 Ok(())
             })?,
         }
-        find_labels_at_voxels(&mut self.found, mesh, self.image, &self.region, monitor)?;
+        let labels = VoxelLabels::new(&mut self.found, &self.region);
+        visit_tets(mesh, self.image, monitor, |id, corners| {
+            labels.add(id, corners);
+            self.contacts.add(id, corners);
+        })
+    }
+
+    /// Finds the voxels that are left.
+    fn compare_voxels(&mut self, change: Option<&Change<'_>>, monitor: &Monitor<'_>) -> Result<()> {
         let (dims, go_on) = (self.region.dims, || monitor.advance(0));
         let labellings = Labellings { dims, from: &self.found, to: &self.ids };
         self.left = match change {

@@ -13,7 +13,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::boundary_surface::NonManifold;
-use super::voxel_labels::{bounds, planes_of, visit_tets};
+use super::voxel_labels::{Corners, planes_of};
 use crate::Result;
 use crate::image::LabelImage;
 use crate::memory::{concatenated, reserve, zeroed};
@@ -99,36 +99,36 @@ impl Contacts {
         }
     }
 
-    /// Those that a mesh does not reach, in voxels. Where it has changed in some places only, which
-    /// `has_changed` tells, it may be the part of it that is near to them.
-    ///
-    /// # Errors
-    /// [`OutOfMemory`](crate::Error::OutOfMemory); [`Cancelled`](crate::Error::Cancelled).
-    pub fn open(
-        &mut self,
-        mesh: &TetMesh,
-        image: &LabelImage,
-        has_changed: impl Fn(DVec3) -> bool,
-        monitor: &Monitor<'_>,
-    ) -> Result<Vec<DVec3>> {
-        if self.joins.is_empty() {
-            return Ok(Vec::new());
-        }
+    /// Forgets what is known of those in places where the mesh has changed: the tets near to these
+    /// are to be added.
+    pub fn forget(&mut self, has_changed: impl Fn(DVec3) -> bool) {
         for (join, reached) in self.joins.iter().zip(&mut self.reached) {
             *reached.get_mut() &= !has_changed(join.index);
         }
-        let reached = &self.reached;
-        visit_tets(mesh, image, monitor, |id, corners| {
-            let [low, high] = bounds(&corners);
-            self.visit(low - AT_CONTACT, high + AT_CONTACT, |n, join| {
+    }
+
+    /// Adds a tet of the mesh, of the label `id`.
+    #[inline]
+    pub fn add(&self, id: u16, corners: &Corners) {
+        if self.joins.is_empty() {
+            return;
+        }
+        let [low, high] = corners.bounds;
+        let (low, high) = (low - AT_CONTACT, high + AT_CONTACT);
+        self.visit(low, high, |n, join| {
+            // Planes that are moved out meet far from a tet where it is sharp.
+            let is_near = || join.index.cmpge(low).all() && join.index.cmple(high).all();
+            if join.id == id && is_near() && reaches(&corners.points, join.index) {
                 // Relaxed: read when all is done.
-                if join.id == id && reaches(&corners, join.index) {
-                    reached[n].store(true, Relaxed);
-                }
-            });
-        })?;
-        let open = self.joins.iter().zip(reached).filter(|(_, reached)| !reached.load(Relaxed));
-        Ok(open.map(|(join, _)| join.index).collect())
+                self.reached[n].store(true, Relaxed);
+            }
+        });
+    }
+
+    /// Those that the mesh does not reach, in voxels.
+    pub fn open(&self) -> impl Iterator<Item = DVec3> {
+        let open = self.joins.iter().zip(&self.reached);
+        open.filter(|(_, reached)| !reached.load(Relaxed)).map(|(join, _)| join.index)
     }
 }
 

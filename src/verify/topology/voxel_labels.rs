@@ -23,49 +23,56 @@ const CHUNK: usize = 1 << 12;
 /// The corners of each facet of a tet, and the corner across from it.
 const FACETS: [[usize; 4]; 4] = [[1, 2, 3, 0], [0, 3, 2, 1], [0, 1, 3, 2], [0, 2, 1, 3]];
 
-/// Finds the id of the mesh's label at the centre of each voxel of a region, x fastest, then y; 0
-/// where there is no mesh. `found` holds 0 for voxels that are to be found; others keep their ids,
-/// if these are those of the mesh. So it may be a part of a mesh that holds these voxels.
-///
-/// # Errors
-/// [`Cancelled`](crate::Error::Cancelled).
-pub(super) fn find_labels_at_voxels(
-    found: &mut [u16],
-    mesh: &TetMesh,
-    image: &LabelImage,
-    region: &Region,
-    monitor: &Monitor<'_>,
-) -> Result<()> {
-    let [nx, ny, _] = region.dims;
-    let last = DVec3::from(region.dims.map(|n| (n - 1) as f64));
-    let found: &[AtomicU16] = atomic(found);
-    visit_tets(mesh, image, monitor, |id, corners| {
-        let corners = corners.map(|p| region.offset(p));
-        // Most tets are smaller than a voxel, or a few, and hold no centre.
-        let [low, high] = bounds(&corners);
-        let (low, high) = (low.max(DVec3::ZERO), high.min(last));
+/// The id of the mesh's label at the centre of each voxel of a region, x fastest, then y; 0 where
+/// there is no mesh.
+pub(super) struct VoxelLabels<'a> {
+    found: &'a [AtomicU16],
+    region: &'a Region,
+    last: DVec3,
+}
+
+impl<'a> VoxelLabels<'a> {
+    /// `found` holds 0 for voxels that are to be found; others keep their ids, if these are those
+    /// of the mesh. So it may be a part of a mesh that holds these voxels.
+    pub fn new(found: &'a mut [u16], region: &'a Region) -> Self {
+        let last = DVec3::from(region.dims.map(|n| (n - 1) as f64));
+        Self { found: atomic(found), region, last }
+    }
+
+    /// Adds a tet, of the label `id`: all of the mesh, or of a part, are to be added.
+    #[inline]
+    pub fn add(&self, id: u16, corners: &Corners) {
+        let [low, high] = corners.bounds.map(|p| self.region.offset(p));
+        let (low, high) = (low.max(DVec3::ZERO), high.min(self.last));
         let [from, to] = [low.to_array().map(rounded_up), high.to_array().map(|c| c as i64)];
+        // Most tets are smaller than a voxel, or a few, and hold no centre.
         if (0..3).any(|a| from[a] > to[a]) {
             return;
         }
-        let planes = planes_of(&corners);
+        let [nx, ny, _] = self.region.dims;
+        let planes = planes_of(&corners.points.map(|p| self.region.offset(p)));
         for z in from[2] as usize..=to[2] as usize {
             for y in from[1] as usize..=to[1] as usize {
                 let row = DVec3::new(0.0, y as f64, z as f64);
                 let clipped = clipped(&planes, row, from[0] as f64, to[0] as f64);
                 if let Some((from, to)) = clipped {
                     // Relaxed: read when all is done.
-                    found[nx * (y + ny * z)..][from..=to]
+                    self.found[nx * (y + ny * z)..][from..=to]
                         .iter()
                         .for_each(|voxel| _ = voxel.fetch_max(id, Relaxed));
                 }
             }
         }
-    })
+    }
 }
 
-/// Calls `visit` for each tet whose label is not 0: the label's id, and the corners in voxels of
-/// the image.
+/// The corners of a tet in voxels of the image, and those of the box around it.
+pub(super) struct Corners {
+    pub points: [DVec3; 4],
+    pub bounds: [DVec3; 2],
+}
+
+/// Calls `visit` for each tet whose label is not 0, with the label's id.
 ///
 /// # Errors
 /// [`Cancelled`](crate::Error::Cancelled).
@@ -73,23 +80,20 @@ pub(super) fn visit_tets(
     mesh: &TetMesh,
     image: &LabelImage,
     monitor: &Monitor<'_>,
-    visit: impl Fn(u16, [DVec3; 4]) + Sync,
+    visit: impl Fn(u16, &Corners) + Sync,
 ) -> Result<()> {
     mesh.tets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, tets)| {
         monitor.advance(tets.len())?;
         for (tet, &label) in tets.iter().zip(&mesh.labels[chunk * CHUNK..]) {
             if let Some(id) = image.id_of(label).filter(|&id| id != 0) {
-                visit(id, tet.map(|v| image.frame().to_index(mesh.point(v))));
+                let points = tet.map(|v| image.frame().to_index(mesh.point(v)));
+                let [a, b, c, d] = points;
+                let bounds = [a.min(b).min(c).min(d), a.max(b).max(c).max(d)];
+                visit(id, &Corners { points, bounds });
             }
         }
         Ok(())
     })
-}
-
-/// The corners of the box around a tet.
-pub(super) fn bounds(corners: &[DVec3; 4]) -> [DVec3; 2] {
-    let [a, b, c, d] = *corners;
-    [a.min(b).min(c).min(d), a.max(b).max(c).max(d)]
 }
 
 /// The least whole number that is not below one that is not negative.
@@ -150,7 +154,9 @@ mod tests {
         let region = Region::new(&image, &|| Ok(())).unwrap();
         let [nx, ny, nz] = region.dims;
         let mut found = vec![0; nx * ny * nz];
-        find_labels_at_voxels(&mut found, &mesh, &image, &region, &Monitor::silent()).unwrap();
+        let labels = VoxelLabels::new(&mut found, &region);
+        visit_tets(&mesh, &image, &Monitor::silent(), |id, corners| labels.add(id, corners))
+            .unwrap();
         for z in 0..nz {
             for y in 0..ny {
                 for x in 0..nx {
