@@ -23,9 +23,12 @@
 //!   The background alone may be parted: its components do not count.
 //! - *Nothing is merged:* so does the label that gains it. Or it shares two, and both belong to one
 //!   component, or one of the two is a piece that was torn off the other.
-//! - *Nothing is lost:* each label shares some faces with a candidate that it loses.
+//! - *Nothing is lost:* each label shares some faces with a candidate that it loses; but for small
+//!   pieces.
 //! - *Vertices stay where they belong:* all corners of a candidate lie on interfaces already, and
 //!   none is left with background alone around it.
+//!
+//! **Small pieces**, of a few tets, also go tet by tet, where the image has another label in these.
 //!
 //! So it is known all the time to which component a tet belongs, and what the excess of each is:
 //! components and boundaries are measured once.
@@ -69,6 +72,9 @@ use crate::verify::topology::mesh_components::MeshComponents;
 /// The image must have the new label in more than this part of a candidate.
 const LEAST_PART: f64 = 0.5;
 
+/// A piece of so many tets may go.
+const SMALL: u64 = 8;
+
 /// Points along an edge of a tet at which the image is asked for its label, and in all of the tet.
 const STEPS: usize = 5;
 const POINTS: usize = STEPS * (STEPS + 1) * (STEPS + 2) / 6;
@@ -106,7 +112,7 @@ pub(super) fn mend(
     let mut mended = Vec::new();
     mesh.collect_facets(&quiet)?;
     let mut components = Components::measure(mesh, image, &of_image, &quiet)?;
-    // Each round leaves less excess, or fewer pieces.
+    // Each change leaves less excess, fewer pieces, or smaller ones.
     let mut near = components.near_excess(mesh)?;
     while let Some(places) = near {
         let candidates =
@@ -135,9 +141,13 @@ enum Standing {
     Main(i64),
     /// It was torn off that component of the mesh; with its Euler characteristic.
     Piece(u32, i64),
+    /// It lies in no component of the image.
+    Stray,
+    /// It was a small piece, and has gone.
+    Gone,
     /// It was torn off that component of the mesh, and has been joined to it again.
     JoinedTo(u32),
-    /// None of these: it lies in no component of the image, or holds several.
+    /// None of these: it holds several components of the image.
     Other,
 }
 
@@ -211,6 +221,7 @@ impl Components {
             (Role::Piece, Some(i)) if mains[i as usize] != NO_SET => {
                 Standing::Piece(mains[i as usize], euler(c))
             }
+            (Role::Stray, _) => Standing::Stray,
             _ => Standing::Other,
         };
         let mut standings: Vec<Standing> = room(roles.len(), "components of the mesh")?;
@@ -291,9 +302,19 @@ impl Components {
         let has = |label: i32| move |t: u32| mesh.labels[t as usize] == label;
         let mut outcome = Outcome::default();
         let mut gain = 0;
+        let small_piece = self.of(tets[0]).filter(|&c| {
+            let is_piece =
+                matches!(self.standings[c as usize], Standing::Piece(..) | Standing::Stray);
+            is_piece && self.measured.list[c as usize].tets.count <= SMALL
+        });
         for (label, joins) in [(from, false), (to, true)] {
             let faces = vicinity.shared_with(has(label));
             let (pieces, euler) = (faces.pieces(), faces.euler());
+            if let Some(piece) = small_piece.filter(|_| !joins && pieces == 0) {
+                outcome.standings.push((piece, Standing::Gone));
+                gain += 1;
+                continue;
+            }
             // What the background consists of does not count, so it may be parted.
             let most = if label == 0 || joins { 2 } else { 1 };
             // All around it there would be a cavity in the label.
@@ -309,7 +330,9 @@ impl Components {
             }
             let grows = if joins { 1 - euler } else { euler - 1 };
             match (label, grows, pieces) {
-                (0, ..) | (_, 0, 1) => {}
+                (0, ..) => {}
+                // A small piece that gets smaller is a gain.
+                (_, 0, 1) => gain += i64::from(!joins && small_piece.is_some()),
                 // Two components might be joined.
                 (_, 0, _) => return None,
                 _ => gain += self.grown(mesh, &vicinity, label, grows, &mut outcome.standings)?,
@@ -506,8 +529,8 @@ mod tests {
 
     /// How far a mesh is from the image: components lost or merged, pieces and stray ones, and the
     /// sum of all excesses. A component that holds several of the image has none: for which one it
-    /// stands may depend on a single tet.
-    fn faults(mesh: &TetMesh, image: &LabelImage) -> [u64; 3] {
+    /// stands may depend on a single tet. Told besides: the tets of pieces and stray ones.
+    fn faults(mesh: &TetMesh, image: &LabelImage) -> ([u64; 3], u64) {
         let (monitor, mut mesh) = (Monitor::silent(), mesh.clone());
         mesh.collect_facets(&monitor).unwrap();
         let of_image = ImageComponents::new(image, &|_| Ok(())).unwrap();
@@ -528,7 +551,10 @@ mod tests {
             _ => 0,
         };
         let excess = matching.roles.iter().enumerate().map(excess).sum();
-        [not_kept as u64, not_main as u64, excess]
+        let parts = matching.roles.iter().zip(&parts.list);
+        let pieces = parts.filter(|((role, _), _)| *role != Role::Main);
+        let tets = pieces.map(|(_, part)| part.tets.count).sum();
+        ([not_kept as u64, not_main as u64, excess], tets)
     }
 
     proptest! {
@@ -549,8 +575,10 @@ mod tests {
             let before = mesh.clone();
             let mended = mend(&mut mesh, &image, &oracle, 30.0, &Monitor::silent()).unwrap();
             let [was, is] = [&before, &mesh].map(|mesh| faults(mesh, &image));
-            prop_assert!(was.iter().zip(&is).all(|(was, is)| is <= was), "{was:?}, then {is:?}");
-            prop_assert!(mended.is_empty() || is.iter().sum::<u64>() < was.iter().sum());
+            let no_more = |(was, is): (&u64, &u64)| is <= was;
+            prop_assert!(was.0.iter().zip(&is.0).all(no_more), "{was:?}, then {is:?}");
+            let sum = |(faults, tets): ([u64; 3], u64)| faults.iter().sum::<u64>() + tets;
+            prop_assert!(mended.is_empty() || sum(is) < sum(was));
             let has_label = |mesh: &TetMesh| {
                 let mut has = vec![false; mesh.points.len()];
                 let labelled = mesh.tets.iter().zip(&mesh.labels).filter(|(_, label)| **label != 0);
@@ -580,11 +608,11 @@ mod tests {
                 let mut mesh = whole.clone();
                 mesh.labels[t as usize] = 0;
                 mesh.labels[other as usize] = 0;
-                let before = faults(&mesh, &image);
+                let (before, _) = faults(&mesh, &image);
                 let mended = mend(&mut mesh, &image, &oracle, 0.0, &Monitor::silent()).unwrap();
                 tunnels += usize::from(before[2] > 0);
                 assert_eq!(!mended.is_empty(), before[2] > 0, "{before:?}");
-                assert_eq!(faults(&mesh, &image), [0; 3]);
+                assert_eq!(faults(&mesh, &image), ([0; 3], 0));
             }
         }
         assert!(tunnels > 0);
