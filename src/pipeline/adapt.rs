@@ -9,11 +9,12 @@
 //!
 //! - In the first rounds by half, within half of what it was, and within the voxel at least; so a
 //!   place takes some dozens of samples each time.
-//! - Then to the floor at once: within a voxel, two, three, of the smallest side. Where samples are
-//!   as close as the floor already that is done in the first rounds, too, and within the smallest
-//!   of these distances that makes a difference.
-//! - Contacts need the octahedron around them (`oracle/features/edges`), whose points are half of a
-//!   voxel's smallest side away: at once so small that these are sampled.
+//! - Then to the floor at once: within a voxel, two, three, of the smallest side. In the first
+//!   rounds, too, where samples are as close as the floor already: within the least of these
+//!   distances in which they are not so close everywhere.
+//! - Contacts along lines (`sizing/contact_lines`) have such samples from the start.
+//! - Other contacts need the octahedron around them (`oracle/features/edges`), whose points are
+//!   half of a voxel's smallest side away: at once so small that these are sampled.
 //!
 //! The refinement then goes on, on the same triangulation. Most differences are gone after two or
 //! three rounds; the last ones move about for some more. So from the second round on no more is
@@ -28,7 +29,7 @@ use std::sync::Arc;
 
 use super::changes::SeenTets;
 use super::messages;
-use super::prepare::Prepared;
+use super::prepare::{Prepared, places_of_contacts};
 use super::refine::{Part, collect, collect_near, options};
 use crate::Result;
 use crate::delaunay::Triangulation;
@@ -62,7 +63,7 @@ const CLOSER: f64 = 0.5;
 /// How far around it, in spacings that are there.
 const REACH: f64 = 0.5;
 
-/// How far around it, in smallest sides of a voxel, samples come as close as the floor at most.
+/// So far around it, in smallest sides of a voxel, samples come as close as the floor, or less far.
 const LARGEST_REACH: usize = ROUNDS - STEPS;
 
 /// How far around it at least, in voxels: no point is farther than half of a voxel's diagonal from
@@ -147,6 +148,7 @@ impl Run<'_> {
         self.check_memory(&region)?;
         let mut differences = Differences::new(image, region, &prepared.oracle, &quiet)?;
         let mut places = Places::new(image, params);
+        places.list = places_of_contacts(image, &prepared.oracle, &places.spacing, &look)?;
         let mut how = options(params, limits.clone(), 0)?;
         how.limits.bytes_per_slot += SeenTets::BYTES_PER_SLOT;
         how.limits.bytes_beside += differences.bytes();

@@ -16,7 +16,8 @@ use crate::params::{CertificateLevel, MeshParams, SurfaceModel};
 use crate::pipeline::messages;
 use crate::refine::options::Limits;
 use crate::second_order;
-use crate::sizing::{Place, Sizing, Spacing, TetSizes};
+use crate::sizing::contact_lines::along_lines;
+use crate::sizing::{Place, SampledContacts, Sizing, Spacing, TetSizes};
 use crate::verify::Certificate;
 use crate::{Error, Result};
 
@@ -165,20 +166,28 @@ fn sizing_of_rows(
     Sizing::new(image, rows, &spacing, tets, &contacts, go_on)
 }
 
-/// The places about the contacts of the image; none where samples are as close without them.
-fn places_of_contacts(
+/// The places about the contacts of the image that are sampled from the start.
+///
+/// # Errors
+/// [`Error::OutOfMemory`]; those of `go_on`.
+pub(super) fn places_of_contacts(
     image: &LabelImage,
     oracle: &Oracle,
     spacing: &Spacing,
     go_on: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Vec<Place>> {
-    if !spacing.has_contacts(image) {
+    let sampled = spacing.sampled_contacts(image);
+    if sampled == SampledContacts::None {
         return Ok(Vec::new());
     }
     let (frame, apart) = (image.frame(), spacing.at_contacts(image));
     let side = frame.spacing().min_element();
-    let contacts = oracle.contacts(go_on)?;
-    let place = |&p| Place::about_contact(frame.to_index(p), apart, side);
+    let mut contacts = oracle.contacts(go_on)?;
+    contacts.iter_mut().for_each(|p| *p = frame.to_index(*p));
+    if sampled == SampledContacts::AlongLines {
+        contacts = along_lines(&contacts)?;
+    }
+    let place = |&index| Place::about_contact(index, apart, side);
     collected(contacts.iter().map(place), "places of contacts")
 }
 

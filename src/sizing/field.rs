@@ -119,6 +119,17 @@ pub struct Place {
     pub voxels: f64,
 }
 
+/// About which contacts samples are closer from the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SampledContacts {
+    /// None: samples are as close without them, or that is not asked for.
+    None,
+    /// Those [along lines](super::contact_lines).
+    AlongLines,
+    /// All.
+    All,
+}
+
 impl Place {
     /// That about a contact; `side` is the smallest side of a voxel.
     pub fn about_contact(index: DVec3, spacing: f64, side: f64) -> Self {
@@ -207,10 +218,15 @@ impl Spacing {
         (CONTACT_SPACING * image.frame().spacing().min_element()).max(self.floor(image))
     }
 
-    /// Whether contacts need samples that are closer than those of what is thin.
-    pub fn has_contacts(&self, image: &LabelImage) -> bool {
-        let [of_thin, _] = self.lowest(image);
-        self.adaptive == Adaptive::Thickness && self.at_contacts(image) < of_thin
+    /// About which contacts samples are to be closer than elsewhere from the start.
+    pub fn sampled_contacts(&self, image: &LabelImage) -> SampledContacts {
+        let [elsewhere, _] = self.lowest(image);
+        match self.adaptive {
+            _ if self.at_contacts(image) >= elsewhere => SampledContacts::None,
+            Adaptive::Off => SampledContacts::None,
+            Adaptive::Topology => SampledContacts::AlongLines,
+            Adaptive::Thickness => SampledContacts::All,
+        }
     }
 
     /// The smallest value that what is thin, and that what labels are asked for leads to.
@@ -352,7 +368,8 @@ impl Sizing {
         let wanted = Spacing::new(params, image.labels());
         let of_tets = TetSizes::bytes_needed(image, region, params);
         let [of_thin, of_label] = wanted.lowest(image);
-        let has_places = wanted.adaptive == Adaptive::Topology || wanted.has_contacts(image);
+        let has_places = wanted.adaptive == Adaptive::Topology
+            || wanted.sampled_contacts(image) != SampledContacts::None;
         if of_tets == 0 && !has_places && wanted.delta <= of_thin.min(of_label) {
             return 0;
         }
@@ -378,8 +395,11 @@ impl Sizing {
         let (grid, level) = (table.grid(), self.scale.level(place.spacing));
         let first = DVec3::from(grid.first.map(|c| c as f64));
         let dims = grid.bricks.dims();
-        (0..dims[1]).any(|y| {
-            let mut rows = place.voxels_in_layer(y, place.index - first, dims, grid.spacing);
+        let middle = place.index - first;
+        let reach = place.voxels.max(place.radius / grid.spacing.y) + 1.0;
+        let layers = (middle.y - reach).max(0.0) as usize..dims[1];
+        layers.take_while(|&y| (y as f64) < middle.y + reach).any(|y| {
+            let mut rows = place.voxels_in_layer(y, middle, dims, grid.spacing);
             rows.any(|(z, mut row)| row.any(|x| table.of_voxel([x, y, z]) > level))
         })
     }

@@ -99,12 +99,15 @@ fn checkerboards_touch_where_their_cells_do() {
     let two = cubes(8, 4, |[a, b, c]| 1 + ((a + b + c) % 2) as i32).unwrap();
     let eight = cubes(8, 4, |[a, b, c]| 1 + (a % 2 + 2 * (b % 2) + 4 * (c % 2)) as i32).unwrap();
     for delta in [1.0, 2.0, 3.0, 4.0] {
-        let params = MeshParams { size: 8.0, ..params(delta) };
-        let meshing = mesh(&two, &params);
-        for row in &meshing.report.certificate.labels {
-            assert_eq!((row.euler_image, row.euler_mesh), (218, 218), "label {}", row.label);
+        for adaptive in [Adaptive::Thickness, Adaptive::Topology] {
+            let params = MeshParams { size: 8.0, adaptive, ..params(delta) };
+            let meshing = mesh(&two, &params);
+            for row in &meshing.report.certificate.labels {
+                assert_eq!((row.euler_image, row.euler_mesh), (218, 218), "label {}", row.label);
+            }
+            let what = format!("a checkerboard of two labels at delta {delta}, {adaptive:?}");
+            assert_same_topology(&meshing, &what);
         }
-        assert_same_topology(&meshing, &format!("a checkerboard of two labels at delta {delta}"));
         assert_coarsened_alike(&two, "a checkerboard of two labels, coarsened", delta);
     }
     keeps_its_topology(&eight, "a checkerboard of eight labels");
