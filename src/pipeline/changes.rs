@@ -36,7 +36,7 @@ type Ball = [f32; 4];
 pub(super) struct SeenTets {
     /// For each slot the id of the tet's label; 0 where there was none.
     labels: Vec<u16>,
-    /// For each slot whose label is not 0.
+    /// For each slot; where the label is 0 they say nothing.
     balls: Vec<Ball>,
 }
 

@@ -28,7 +28,8 @@
 //! - *Vertices stay where they belong:* all corners of a candidate lie on interfaces already, and
 //!   none is left with background alone around it.
 //!
-//! **Small pieces**, of a few tets, also go tet by tet, where the image has another label in these.
+//! **Small pieces**, of a few tets, also go tet by tet, where the image has another label in these
+//! and no excess gets larger by it. No piece gets larger, unless it is joined.
 //!
 //! So it is known all the time to which component a tet belongs, and what the excess of each is:
 //! components and boundaries are measured once.
@@ -72,7 +73,7 @@ use crate::verify::topology::mesh_components::MeshComponents;
 /// The image must have the new label in more than this part of a candidate.
 const LEAST_PART: f64 = 0.5;
 
-/// A piece of so many tets may go.
+/// A piece that had so many tets, or fewer, may go.
 const SMALL: u64 = 8;
 
 /// Points along an edge of a tet at which the image is asked for its label, and in all of the tet.
@@ -112,7 +113,8 @@ pub(super) fn mend(
     let mut mended = Vec::new();
     mesh.collect_facets(&quiet)?;
     let mut components = Components::measure(mesh, image, &of_image, &quiet)?;
-    // Each change leaves less excess, fewer pieces, or smaller ones.
+    // This ends: each change gives the label that the image has there to more than half of what
+    // changes, so more and more of the mesh agrees with the image.
     let mut near = components.near_excess(mesh)?;
     while let Some(places) = near {
         let candidates =
@@ -120,9 +122,16 @@ pub(super) fn mend(
         near = None;
         for candidate in candidates {
             if components.change(mesh, &candidate, &mut mended)? {
-                let changed = near.get_or_insert(no_vertices(mesh)?);
-                let vertices = candidate.tets().iter().flat_map(|&t| mesh.tets[t as usize]);
-                vertices.for_each(|v| changed.set(v));
+                let changed = match near.take() {
+                    Some(changed) => changed,
+                    None => no_vertices(mesh)?,
+                };
+                // Those beside them may be the first one of a pair.
+                let own = candidate.tets().iter().copied();
+                let beside = own.clone().flat_map(|t| mesh.neighbors[t as usize]);
+                let tets = own.chain(beside.filter(|&t| t != NONE));
+                tets.flat_map(|t| mesh.tets[t as usize]).for_each(|v| changed.set(v));
+                near = Some(changed);
             }
         }
     }
@@ -274,6 +283,11 @@ impl Components {
         !matches!(self.standings[component as usize], Standing::Main(0))
     }
 
+    /// Whether a component was torn off, or lies in none of the image.
+    fn is_piece(&self, component: u32) -> bool {
+        matches!(self.standings[component as usize], Standing::Piece(..) | Standing::Stray)
+    }
+
     /// The vertices on boundaries of components that are not as in the image, if there are such.
     fn near_excess(&self, mesh: &TetMesh) -> Result<Option<Bits>> {
         if self.wrong_labels.is_empty() {
@@ -302,11 +316,8 @@ impl Components {
         let has = |label: i32| move |t: u32| mesh.labels[t as usize] == label;
         let mut outcome = Outcome::default();
         let mut gain = 0;
-        let small_piece = self.of(tets[0]).filter(|&c| {
-            let is_piece =
-                matches!(self.standings[c as usize], Standing::Piece(..) | Standing::Stray);
-            is_piece && self.measured.list[c as usize].tets.count <= SMALL
-        });
+        let is_small = |&c: &u32| self.measured.list[c as usize].tets.count <= SMALL;
+        let small_piece = self.of(tets[0]).filter(|&c| self.is_piece(c)).filter(is_small);
         for (label, joins) in [(from, false), (to, true)] {
             let faces = vicinity.shared_with(has(label));
             let (pieces, euler) = (faces.pieces(), faces.euler());
@@ -327,6 +338,9 @@ impl Components {
                 // Of two it is the one to which the other one is joined.
                 outcome.component =
                     vicinity.around().find(|&t| has(to)(t)).and_then(|t| self.of(t));
+                if pieces == 1 && outcome.component.is_some_and(|c| self.is_piece(c)) {
+                    return None;
+                }
             }
             let grows = if joins { 1 - euler } else { euler - 1 };
             match (label, grows, pieces) {

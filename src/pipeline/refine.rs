@@ -133,7 +133,7 @@ pub struct Part {
 }
 
 /// The part of such a mesh whose tets come near to some blocks, in the order of the triangulation's
-/// slots; `None` if that is most of it.
+/// slots; `None` if that is most of it, as far as some of the slots tell.
 ///
 /// # Errors
 /// As [`number`].
