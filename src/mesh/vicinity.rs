@@ -42,21 +42,6 @@ pub(crate) struct Vicinity {
     inside: Vec<u32>,
 }
 
-/// Tets with bits, in their order, and those of a star with one bit more.
-fn merged(tets: &[(u32, u32)], star: &[u32], bit: u32) -> Vec<(u32, u32)> {
-    let mut all = Vec::with_capacity(tets.len() + star.len());
-    let mut star = star.iter().copied().peekable();
-    for &(t, bits) in tets {
-        while let Some(before) = star.next_if(|&s| s < t) {
-            all.push((before, bit));
-        }
-        let is_in_both = star.next_if_eq(&t).is_some();
-        all.push((t, if is_in_both { bits | bit } else { bits }));
-    }
-    all.extend(star.map(|t| (t, bit)));
-    all
-}
-
 /// A set of faces of the tets inside: corners, edges, facets. Bit n stands for the face whose
 /// corners are the bits of n. Two tets have 5 corners, so 32 bits are enough.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,12 +58,12 @@ impl Vicinity {
             let bit = |(i, v)| u32::from(mesh.tets[t as usize].contains(v)) << i;
             corners.iter().enumerate().map(bit).sum::<u32>()
         };
-        let inside: Vec<u32> = tets.iter().map(|&t| shared(t)).collect();
+        let inside = tets.iter().map(|&t| shared(t)).collect();
         let mut around = Vec::new();
         for (i, &v) in corners.iter().enumerate() {
-            let has = |(_, inside): &(&u32, &u32)| *inside >> i & 1 == 1;
-            let of = tets.iter().zip(&inside).find(has).map(|(&t, _)| t);
-            around = merged(&around, stars.of(mesh, v, of.unwrap_or(NONE)), 1 << i);
+            if let Some(&t) = tets.iter().find(|&&t| mesh.tets[t as usize].contains(&v)) {
+                around = merged(&around, stars.of(mesh, v, t), 1 << i);
+            }
         }
         around.retain(|(t, _)| !tets.contains(t));
         Self { around, inside }
@@ -112,6 +97,21 @@ impl Vicinity {
         let around = self.around.iter().filter(|&&(t, _)| is(t));
         around.fold(0, |found, &(_, shared)| found | shared) == all
     }
+}
+
+/// Tets with bits, in their order, and those of a star with one bit more.
+fn merged(tets: &[(u32, u32)], star: &[u32], bit: u32) -> Vec<(u32, u32)> {
+    let mut all = Vec::with_capacity(tets.len() + star.len());
+    let mut star = star.iter().copied().peekable();
+    for &(t, bits) in tets {
+        while let Some(before) = star.next_if(|&s| s < t) {
+            all.push((before, bit));
+        }
+        let is_in_both = star.next_if_eq(&t).is_some();
+        all.push((t, if is_in_both { bits | bit } else { bits }));
+    }
+    all.extend(star.map(|t| (t, bit)));
+    all
 }
 
 impl Faces {

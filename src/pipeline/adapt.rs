@@ -63,7 +63,7 @@ const CLOSER: f64 = 0.5;
 /// How far around it, in spacings that are there.
 const REACH: f64 = 0.5;
 
-/// So far around it, in smallest sides of a voxel, samples come as close as the floor, or less far.
+/// Samples come as close as the floor no farther from it than so many smallest sides of a voxel.
 const LARGEST_REACH: usize = ROUNDS - STEPS;
 
 /// How far around it at least, in voxels: no point is farther than half of a voxel's diagonal from

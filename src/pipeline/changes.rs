@@ -85,15 +85,12 @@ impl SeenTets {
                     continue;
                 }
                 let now = if label == 0 { *before } else { ball_of(rules, t, changed) };
-                if is_first || label == *label_before && now == *before {
-                    (*label_before, *before) = (label, now);
-                    continue;
-                }
-                if *label_before != 0 {
+                let has_changed = !is_first && (label, now) != (*label_before, *before);
+                if has_changed && *label_before != 0 {
                     let [x, y, z, radius] = before.map(f64::from);
                     changed.add_ball(DVec3::new(x, y, z), radius);
                 }
-                if label != 0 {
+                if has_changed && label != 0 {
                     let vertices = triangulation.tet(t).vertices();
                     changed.add_around(vertices.map(|v| triangulation.position(v)));
                 }

@@ -165,8 +165,6 @@ struct Components {
     /// As they were measured.
     measured: MeshComponents,
     standings: Vec<Standing>,
-    /// The component to which each belongs: another one if it was a piece that was joined to that.
-    joined: Vec<u32>,
     /// The component of each tet that got another label.
     moved: HashMap<u32, Option<u32>>,
     /// Labels with components that were not as in the image.
@@ -241,10 +239,8 @@ impl Components {
                 standings[overlap.mesh as usize] = Standing::Other;
             }
         }
-        let mut joined: Vec<u32> = room(standings.len(), "components of the mesh")?;
-        joined.extend(0..standings.len() as u32);
         let (moved, wrong_labels) = Default::default();
-        let mut all = Self { measured: parts, standings, joined, moved, wrong_labels };
+        let mut all = Self { measured: parts, standings, moved, wrong_labels };
         for c in 0..all.standings.len() {
             if all.is_wrong(c as u32) {
                 all.wrong_labels.insert(all.measured.list[c].label);
@@ -256,7 +252,10 @@ impl Components {
     /// The component of a tet; `None` of one of the background.
     fn of(&self, t: u32) -> Option<u32> {
         let component = self.moved.get(&t).copied().unwrap_or_else(|| self.measured.of(t));
-        component.map(|c| self.joined[c as usize])
+        component.map(|c| match self.standings[c as usize] {
+            Standing::JoinedTo(main) => main,
+            _ => c,
+        })
     }
 
     /// For debug builds: tets are in the same components as those measured now are, which stand as
@@ -271,9 +270,8 @@ impl Components {
         let distinct: HashSet<u32> = pairs.values().copied().collect();
         debug_assert_eq!(distinct.len(), pairs.len(), "components that have been joined");
         for (component, other) in pairs {
-            let [known, measured] =
-                [(self, component), (now, other)].map(|(all, c)| all.standings[c as usize]);
-            if let (Standing::Main(known), Standing::Main(measured)) = (known, measured) {
+            let known = (self.standings[component as usize], now.standings[other as usize]);
+            if let (Standing::Main(known), Standing::Main(measured)) = known {
                 debug_assert_eq!(known, measured, "excess of component {component}");
             }
         }
@@ -421,9 +419,6 @@ impl Components {
         };
         for (component, standing) in outcome.standings {
             self.standings[component as usize] = standing;
-            if let Standing::JoinedTo(main) = standing {
-                self.joined.iter_mut().filter(|c| **c == component).for_each(|c| *c = main);
-            }
         }
         reserve(mended, candidate.tets().len(), WHAT)?;
         for &t in candidate.tets() {

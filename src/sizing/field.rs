@@ -119,32 +119,21 @@ pub struct Place {
     pub voxels: f64,
 }
 
-/// About which contacts samples are closer from the start.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SampledContacts {
-    /// None: samples are as close without them, or that is not asked for.
-    None,
-    /// Those [along lines](super::contact_lines).
-    AlongLines,
-    /// All.
-    All,
-}
-
 impl Place {
     /// That about a contact; `side` is the smallest side of a voxel.
     pub fn about_contact(index: DVec3, spacing: f64, side: f64) -> Self {
         Self { index, spacing, radius: CONTACT_REACH * side, voxels: AROUND_CONTACT }
     }
 
-    /// The voxels that it holds of a layer, number `y`, of a region: in each row along x, number z,
-    /// a run. Its middle lies at `middle` in the region, of `dims` voxels `spacing` apart.
+    /// The voxels that it holds of a layer, number `y`, of a region whose voxels are `spacing`
+    /// apart: in each row along x, number z, a run.
     fn voxels_in_layer(
         &self,
         y: usize,
-        middle: DVec3,
-        [nx, _, nz]: [usize; 3],
+        region: &Region,
         spacing: DVec3,
-    ) -> impl Iterator<Item = (usize, Range<usize>)> {
+    ) -> impl Iterator<Item = (usize, Range<usize>)> + use<> {
+        let (middle, [nx, _, nz]) = (region.offset(self.index), region.dims);
         let [voxels, radius] = [self.voxels, self.radius].map(|reach| AS_FAR * reach);
         // How far the place reaches along an axis, squared, at these squared distances from its
         // middle along the others, in voxels and in world units.
@@ -170,6 +159,17 @@ impl Place {
         });
         rows.filter(|(_, row)| !row.is_empty())
     }
+}
+
+/// About which contacts samples are closer from the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SampledContacts {
+    /// None: samples are as close without them, or that is not asked for.
+    None,
+    /// Those [along lines](super::contact_lines).
+    AlongLines,
+    /// All.
+    All,
 }
 
 impl Spacing {
@@ -393,13 +393,12 @@ impl Sizing {
     pub fn is_above(&self, place: &Place) -> bool {
         let Some(table) = &self.table else { return self.max > place.spacing };
         let (grid, level) = (table.grid(), self.scale.level(place.spacing));
-        let first = DVec3::from(grid.first.map(|c| c as f64));
-        let dims = grid.bricks.dims();
-        let middle = place.index - first;
+        let region = Region { first: grid.first, dims: grid.bricks.dims() };
+        let middle = region.offset(place.index).y;
         let reach = place.voxels.max(place.radius / grid.spacing.y) + 1.0;
-        let layers = (middle.y - reach).max(0.0) as usize..dims[1];
-        layers.take_while(|&y| (y as f64) < middle.y + reach).any(|y| {
-            let mut rows = place.voxels_in_layer(y, middle, dims, grid.spacing);
+        let layers = (middle - reach).max(0.0) as usize..region.dims[1];
+        layers.take_while(|&y| (y as f64) < middle + reach).any(|y| {
+            let mut rows = place.voxels_in_layer(y, &region, grid.spacing);
             rows.any(|(z, mut row)| row.any(|x| table.of_voxel([x, y, z]) > level))
         })
     }
@@ -513,8 +512,7 @@ impl Sizing {
 /// Lowers the levels of a layer of a region's voxels, number `y`, within a place to `level`.
 fn lower(y: usize, levels: &mut [u8], region: &Region, spacing: DVec3, place: &Place, level: u8) {
     let nx = region.dims[0];
-    let at = region.offset(place.index);
-    place.voxels_in_layer(y, at, region.dims, spacing).for_each(|(z, row)| {
+    place.voxels_in_layer(y, region, spacing).for_each(|(z, row)| {
         levels[nx * z..][..nx][row].iter_mut().for_each(|at| *at = (*at).min(level));
     });
 }
@@ -551,6 +549,30 @@ mod tests {
                     prop_assert_eq!(level == 4, beyond.iter().any(|&by| by < 0.0));
                 }
             }
+        }
+    }
+
+    #[test]
+    fn samples_are_above_a_place_until_it_is_there() {
+        let frame = crate::image::Frame::axis_aligned([1.0, 1.5, 0.8]).unwrap();
+        let image = LabelImage::from_fn([9, 8, 12], frame, |_| 1).unwrap();
+        let go_on = || Ok(());
+        let rows = Rows::new(&image, Region::new(&image, &go_on).unwrap(), &go_on).unwrap();
+        let params =
+            MeshParams { delta: 6.0, adaptive: Adaptive::Topology, ..MeshParams::default() };
+        let wanted = Spacing::new(&params, image.labels());
+        let place = |radius: f64| {
+            let index = DVec3::new(4.3, 3.6, 5.5);
+            Place { index, spacing: 0.5, radius, voxels: 0.87 }
+        };
+        let with = |places: &[Place]| {
+            Sizing::new(&image, &rows, &wanted, Arc::default(), places, &go_on).unwrap()
+        };
+        assert!(with(&[]).is_above(&place(1.0)));
+        for radius in [0.1, 1.0, 2.0, 3.0] {
+            let sizing = with(&[place(radius)]);
+            assert!(!sizing.is_above(&place(radius)), "radius {radius}");
+            assert!(sizing.is_above(&place(radius + 1.0)), "radius {radius}");
         }
     }
 
