@@ -9,7 +9,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cell_table::MAX_HEADS;
-use super::rules::{ISOVERTEX, Rules};
+use super::rules::{CLEARED, ISOVERTEX, Rules};
 use super::vertex_grid::VertexGrid;
 use crate::Result;
 use crate::delaunay::tet::TetRecord;
@@ -36,7 +36,7 @@ impl<'a> State<'a> {
     /// # Errors
     /// [`crate::Error::OutOfMemory`].
     pub fn new(rules: &'a Rules<'a>) -> Result<Self> {
-        let side = 4.0 * rules.sizing.max();
+        let side = 2.0 * CLEARED * rules.sizing.max();
         let free_vertices =
             VertexGrid::new(rules.triangulation, VertexKind::Free, side, MAX_HEADS)?;
         Ok(Self { rules, free_vertices })
@@ -130,20 +130,20 @@ impl<'a> State<'a> {
     pub fn note_vertex(&self, v: VertexId, p: DVec3, kind: VertexKind) -> Result<()> {
         if kind == ISOVERTEX {
             self.rules.triangulation.vertex(v).set_tag(self.rules.sizing.level(p));
-        } else if self.rules.oracle.distance_bound(p) < 2.0 * self.rules.sizing.max() {
-            // R6 reaches 2 delta from the interface.
+        } else if self.rules.oracle.distance_bound(p) < CLEARED * self.rules.sizing.max() {
+            // R6 reaches no farther from the interface.
             self.free_vertices.push(v, p)?;
         }
         Ok(())
     }
 
-    /// R6: the free vertices closer than 2 delta to a new isovertex.
+    /// R6: the free vertices that are too close to a new isovertex.
     pub fn near_free_vertices(&self, z: DVec3, found: &mut Vec<VertexId>) {
         found.clear();
         self.free_vertices.visit_within(
             self.rules.triangulation,
             z,
-            2.0 * self.rules.sizing.at(z),
+            CLEARED * self.rules.sizing.at(z),
             |v| {
                 found.push(v);
                 true

@@ -142,6 +142,10 @@ pub struct Rules<'a> {
 /// needs at least 2.
 const LARGE: f64 = 2.0;
 
+/// R6 removes free vertices that are closer than this many deltas to a new isovertex. The proof of
+/// termination needs at least 0.5; the paper has 2 (docs/reference/algorithm.md, R6).
+pub(super) const CLEARED: f64 = 1.0;
+
 /// An interface facet may stray from the interface, at its circumcenter, by this part of delta.
 pub const FACET_DISTANCE: f64 = 0.22;
 /// Sampling for the sake of the facet distance keeps isovertices this part of delta apart.
