@@ -117,7 +117,7 @@ impl<'a> Differences<'a> {
             }
         }
         let components = ImageComponents::new(image, &|_| monitor.advance(0))?;
-        let contacts = Contacts::new(image, oracle, monitor)?;
+        let contacts = Contacts::new(image, region, oracle, monitor)?;
         let found = zeroed(ids.len(), VOXELS)?;
         let (left, touches, pieces) = (Vec::new(), Vec::new(), Vec::new());
         Ok(Self { image, region, ids, components, contacts, found, left, touches, pieces })

@@ -16,6 +16,8 @@ use super::boundary_surface::NonManifold;
 use super::voxel_labels::{Corners, planes_of};
 use crate::Result;
 use crate::image::LabelImage;
+use crate::image::region::Region;
+use crate::image::voxel_blocks::VoxelBlocks;
 use crate::memory::{concatenated, reserve, zeroed};
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
@@ -46,6 +48,9 @@ pub(super) struct Contacts {
     reached: Vec<AtomicBool>,
     /// For each cell whether it has some.
     cells: Vec<u64>,
+    /// The blocks around them: most tets are far from all.
+    blocks: VoxelBlocks,
+    region: Region,
 }
 
 impl Contacts {
@@ -53,7 +58,12 @@ impl Contacts {
     ///
     /// # Errors
     /// [`OutOfMemory`](crate::Error::OutOfMemory); [`Cancelled`](crate::Error::Cancelled).
-    pub fn new(image: &LabelImage, oracle: &Oracle, monitor: &Monitor<'_>) -> Result<Self> {
+    pub fn new(
+        image: &LabelImage,
+        region: Region,
+        oracle: &Oracle,
+        monitor: &Monitor<'_>,
+    ) -> Result<Self> {
         // One more, for what is half a voxel before the first.
         let dims = image.dims().map(|n| n + 1);
         let rows = (0..oracle.rows()).into_par_iter().map(|row| {
@@ -74,12 +84,14 @@ impl Contacts {
         let count = dims.iter().product::<usize>();
         let mut cells = zeroed::<u64>(count.div_ceil(64), "cells of the image")?;
         joins.iter().for_each(|join| cells[join.cell as usize / 64] |= 1 << (join.cell % 64));
+        let blocks = VoxelBlocks::none(image.frame(), &region)?;
+        joins.iter().for_each(|join| blocks.add_box([region.offset(join.index); 2]));
         let reached = zeroed(joins.len(), "contacts")?;
-        Ok(Self { dims, joins, reached, cells })
+        Ok(Self { dims, joins, reached, cells, blocks, region })
     }
 
     /// Calls `visit` for the contacts in the cells of a box, with their numbers.
-    fn visit(&self, low: DVec3, high: DVec3, mut visit: impl FnMut(usize, &Join)) {
+    fn visit(&self, low: DVec3, high: DVec3, visit: impl Fn(usize, &Join)) {
         // Cells begin a voxel before the first one; what is below 0 falls to 0.
         let [from, to] = [low, high].map(|p| (p + 1.0).to_array().map(|c| c as usize));
         let range = |a: usize| from[a]..(to[a] + 1).min(self.dims[a]);
@@ -110,7 +122,8 @@ impl Contacts {
     /// Adds a tet of the mesh, of the label `id`.
     #[inline]
     pub fn add(&self, id: u16, corners: &Corners) {
-        if self.joins.is_empty() {
+        // Blocks have a larger margin.
+        if !self.blocks.meet(corners.bounds.map(|p| self.region.offset(p))) {
             return;
         }
         let [low, high] = corners.bounds;

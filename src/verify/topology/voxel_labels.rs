@@ -113,7 +113,8 @@ pub(super) fn planes_of(corners: &[DVec3; 4]) -> [(DVec3, f64); 4] {
     })
 }
 
-/// The part from `from` to `to` of a row along x that lies within planes.
+/// The whole numbers from `from`, which is not negative, to `to` at which a row along x lies within
+/// planes: the first and the last.
 fn clipped(
     planes: &[(DVec3, f64); 4],
     row: DVec3,
@@ -123,14 +124,19 @@ fn clipped(
     for &(normal, offset) in planes {
         let at_zero = normal.dot(row) + offset;
         if normal.x > 0.0 {
-            from = from.max((-at_zero / normal.x).ceil());
+            from = from.max(-at_zero / normal.x);
         } else if normal.x < 0.0 {
-            to = to.min((at_zero / -normal.x).floor());
+            to = to.min(at_zero / -normal.x);
         } else if at_zero < 0.0 {
             return None;
         }
     }
-    (from <= to).then_some((from as usize, to as usize))
+    if from > to {
+        return None;
+    }
+    // Neither is negative here.
+    let (from, to) = (rounded_up(from) as usize, to as usize);
+    (from <= to).then_some((from, to))
 }
 
 #[cfg(test)]
