@@ -113,13 +113,14 @@ pub unsafe extern "C" fn lapd_mesh_get_bounds(
 
 /// Tells what lapd_mesh_image is to be expected to need for an image, without making a mesh: tets
 /// of labels, bytes of memory at the peak, the image among them, and seconds on this machine, as
-/// busy as it is now. Mostly within a fifth. What LAPD_ADAPTIVE_TOPOLOGY adds is not known before,
-/// and left out. Where lapd_params_set_coarsen is set tets are within a quarter of what is told,
-/// but with LAPD_ADAPTIVE_TOPOLOGY up to two fifths more; seconds are within a half then.
+/// busy as it is now. Mostly within a fifth, but seconds within a half with
+/// LAPD_ADAPTIVE_TOPOLOGY. Where lapd_params_set_coarsen is set tets are within a quarter of what
+/// is told, but with LAPD_ADAPTIVE_TOPOLOGY up to two fifths more; seconds are within a half then.
 ///
-/// It takes as long as the preparation of the image, and some 20 milliseconds to find out how fast
-/// the machine is. Progress callbacks of the context are called on this thread. No other thread may
-/// use the context meanwhile, but to cancel, nor change `params`.
+/// It takes as long as the preparation of the image, up to three times that with
+/// LAPD_ADAPTIVE_TOPOLOGY, and some 20 milliseconds to find out how fast the machine is. Progress
+/// callbacks of the context are called on this thread. No other thread may use the context
+/// meanwhile, but to cancel, nor change `params`.
 ///
 /// Errors: as lapd_mesh_image, as far as they come of the image and of `params`.
 #[unsafe(no_mangle)]

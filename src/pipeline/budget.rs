@@ -10,10 +10,12 @@
 //!
 //! It ends: tries are counted.
 
+use super::prepare::contacts_of;
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::region::{Region, Rows};
 use crate::monitor::Monitor;
+use crate::oracle::Oracle;
 use crate::params::{Adaptive, Improve, MeshParams};
 use crate::refine::options::Limits;
 use crate::sizing::Sizing;
@@ -49,9 +51,6 @@ const NO_TETS_STEP: f64 = 0.25;
 /// has told: 0.95 to 0.97 on the atlases, less where a mesh has few tets.
 const LEFT_BY_IMPROVEMENT: f64 = 0.96;
 
-/// How many times the tets to be expected sampling by topology makes, as a first guess: 1 to 3 on
-/// the atlases.
-const BY_TOPOLOGY: f64 = 1.2;
 /// A coarsened mesh that was sampled by topology has 1 / (1 + `FEWER_PER_SIDE` delta) of the tets
 /// that it has when sampled by thickness; delta in smallest sides of a voxel. Measured at 3 and 6
 /// sides (docs/notes/sampling.md).
@@ -76,7 +75,7 @@ pub(super) fn expected_after_coarsening(
         }
         Adaptive::Off | Adaptive::Thickness => (params, left),
     };
-    Ok(left.min(expected_tets(image, rows, refined, check)?.of_labels))
+    Ok(left.min(expected_tets(image, rows, refined, &[], check)?.of_labels))
 }
 
 fn by_thickness(params: &MeshParams) -> MeshParams {
@@ -114,20 +113,22 @@ impl Search {
         // What coarsening leaves is told by thickness, whatever samples follow.
         let told_by = if params.coarsen.is_some() { &by_thickness(params) } else { params };
         let tables = Rows::bytes(region.dims) + Sizing::bytes_needed(image, &region, told_by);
-        limits.check_memory(tables)?;
+        let coarsens = params.coarsen.is_some();
+        let needs_contacts = !coarsens && params.adaptive == Adaptive::Topology;
+        let of_oracle = if needs_contacts { Oracle::bytes_needed(image, &region) } else { 0 };
+        limits.check_memory(tables + of_oracle)?;
         let rows = Rows::new(image, region, &check)?;
+        let contacts =
+            if needs_contacts { contacts_of(image, &rows, params, &check)? } else { Vec::new() };
         let left = if params.improve == Improve::Full { LEFT_BY_IMPROVEMENT } else { 1.0 };
         let wanted = target as f64;
-        let coarsens = params.coarsen.is_some();
-        let follows = !coarsens && params.adaptive == Adaptive::Topology;
-        let added = if follows { BY_TOPOLOGY } else { 1.0 };
-        let mut guess = Self::of(wanted / added);
+        let mut guess = Self::of(wanted);
         for _ in 0..GUESSES {
             let scaled = params.scaled(guess.factor);
             let expected = if coarsens {
                 expected_after_coarsening(image, &rows, &scaled, &check)?
             } else {
-                expected_tets(image, &rows, &scaled, &check)?.of_labels
+                expected_tets(image, &rows, &scaled, &contacts, &check)?.of_labels
             };
             if !guess.goes_on(expected, GUESS_WITHIN) {
                 break;

@@ -20,6 +20,7 @@ use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
 use crate::refine::options::Limits;
 use crate::sizing::Sizing;
 use crate::sizing::expected::{Expected, expected_tets};
+use crate::verify::topology::differences::Differences;
 
 /// Seconds that the refinement of the ball of [`machine`] took on the machine on which the costs
 /// below were measured, with one thread.
@@ -31,6 +32,12 @@ const REFERENCE: f64 = 0.0068;
 const PREPARE_VOXEL: f64 = 14.0;
 const REFINE_TET: f64 = 670.0;
 const IMPROVE_TET: f64 = 235.0;
+/// Sampling by topology, its comparisons and rounds: for each voxel, contact and tet; and mending,
+/// for each tet.
+const TOPOLOGY_VOXEL: f64 = 200.0;
+const TOPOLOGY_CONTACT: f64 = 800_000.0;
+const TOPOLOGY_TET: f64 = 150.0;
+const MEND_TET: f64 = 300.0;
 /// Coarsening and improvement together, for each tet that is left, and for each that has gone: from
 /// 2600 to 5400 and from 9000 to 12,400 on the atlases.
 const COARSEN_LEFT: f64 = 3400.0;
@@ -45,6 +52,8 @@ const FULL_VOXEL: f64 = 160.0;
 /// the image, and a third of that.
 const BYTES_PER_TET: f64 = 98.0;
 const BYTES_AFTER: f64 = 60.0;
+/// What comparisons need for each tet, beside their tables.
+const BYTES_COMPARED: f64 = 45.0;
 const OF_DISTANCES: f64 = 1.3;
 const BYTES_AT_REST: u64 = 6 << 20;
 
@@ -86,7 +95,12 @@ pub fn estimate(
     let check = || monitor.advance(1);
     let region = Region::new(&image, &check)?;
     let rows = Rows::new(&image, region, &check)?;
-    let Expected { of_labels, of_background } = expected_tets(&image, &rows, params, &check)?;
+    let contacts = match params.adaptive {
+        Adaptive::Topology => prepare::contacts_of(&image, &rows, params, &check)?,
+        Adaptive::Off | Adaptive::Thickness => Vec::new(),
+    };
+    let Expected { of_labels, of_background } =
+        expected_tets(&image, &rows, params, &contacts, &check)?;
     let all = of_labels + of_background;
     let left = if params.coarsen.is_some() {
         budget::expected_after_coarsening(&image, &rows, params, &check)?
@@ -106,12 +120,27 @@ pub fn estimate(
     };
     let kept = if params.background { all } else { of_labels };
     let after = (BYTES_AFTER + of_nodes) * kept + of_distances;
-    let peak = (BYTES_PER_TET * all).max(after);
+    let of_comparisons = match params.adaptive {
+        Adaptive::Topology => {
+            BYTES_COMPARED * all + Differences::bytes_needed(&image, &region) as f64
+        }
+        Adaptive::Off | Adaptive::Thickness => 0.0,
+    };
+    let peak = (BYTES_PER_TET * all + of_comparisons).max(after);
 
     let voxels = region.dims.iter().product::<usize>() as f64;
     // The certificate goes through the voxels that were given.
     let whole = voxels * selected.ids().len() as f64 / image.ids().len() as f64;
-    let of_refinement = PREPARE_VOXEL * voxels + REFINE_TET * all;
+    let of_topology = match params.adaptive {
+        Adaptive::Topology => {
+            let of_mending = if params.improve == Improve::Full { MEND_TET } else { 0.0 };
+            TOPOLOGY_VOXEL * voxels
+                + TOPOLOGY_CONTACT * contacts.len() as f64
+                + (TOPOLOGY_TET + of_mending) * all
+        }
+        Adaptive::Off | Adaptive::Thickness => 0.0,
+    };
+    let of_refinement = PREPARE_VOXEL * voxels + REFINE_TET * all + of_topology;
     let of_improvement = match params.coarsen {
         Some(_) => COARSEN_LEFT * left + COARSEN_GONE * (of_labels - left).max(0.0),
         None if params.improve != Improve::None => IMPROVE_TET * all,

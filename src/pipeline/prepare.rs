@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::image::LabelImage;
@@ -180,15 +181,37 @@ pub(super) fn places_of_contacts(
     if sampled == SampledContacts::None {
         return Ok(Vec::new());
     }
-    let (frame, apart) = (image.frame(), spacing.at_contacts(image));
-    let side = frame.spacing().min_element();
-    let mut contacts = oracle.contacts(go_on)?;
-    contacts.iter_mut().for_each(|p| *p = frame.to_index(*p));
+    let apart = spacing.at_contacts(image);
+    let side = image.frame().spacing().min_element();
+    let mut contacts = contacts_in_voxels(image, oracle, go_on)?;
     if sampled == SampledContacts::AlongLines {
         contacts = along_lines(&contacts)?;
     }
     let place = |&index| Place::about_contact(index, apart, side);
     collected(contacts.iter().map(place), "places of contacts")
+}
+
+/// The contacts of an image, in voxels, for which no oracle is made else.
+///
+/// # Errors
+/// [`Error::OutOfMemory`]; those of `go_on`.
+pub(super) fn contacts_of(
+    image: &LabelImage,
+    rows: &Rows,
+    params: &MeshParams,
+    go_on: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Vec<DVec3>> {
+    contacts_in_voxels(image, &Oracle::of_rows(image, rows, surface(params), go_on)?, go_on)
+}
+
+fn contacts_in_voxels(
+    image: &LabelImage,
+    oracle: &Oracle,
+    go_on: &(dyn Fn() -> Result<()> + Sync),
+) -> Result<Vec<DVec3>> {
+    let mut contacts = oracle.contacts(go_on)?;
+    contacts.iter_mut().for_each(|p| *p = image.frame().to_index(*p));
+    Ok(contacts)
 }
 
 /// The oracle alone, for a mesh that is finished already.
@@ -261,8 +284,6 @@ fn object_volume(image: &LabelImage) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
     use crate::image::phantom::sampled;
 

@@ -23,6 +23,14 @@ const WHAT: &str = "contacts along lines";
 /// # Errors
 /// [`OutOfMemory`](crate::Error::OutOfMemory).
 pub fn along_lines(contacts: &[DVec3]) -> Result<Vec<DVec3>> {
+    Ok(divided_by_lines(contacts)?.0)
+}
+
+/// These contacts, and the others.
+///
+/// # Errors
+/// [`OutOfMemory`](crate::Error::OutOfMemory).
+pub fn divided_by_lines(contacts: &[DVec3]) -> Result<(Vec<DVec3>, Vec<DVec3>)> {
     // In half voxels they lie at whole numbers, but for how they were moved.
     let place = |p: DVec3| (2.0 * p).round().as_i64vec3().to_array();
     let mut places = HashMap::new();
@@ -42,12 +50,13 @@ pub fn along_lines(contacts: &[DVec3]) -> Result<Vec<DVec3>> {
             1 + so_many(2) + so_many(-2) >= LINE
         })
     };
-    let mut found = Vec::new();
-    for &p in contacts.iter().filter(|&&p| in_line(p)) {
-        reserve(&mut found, 1, WHAT)?;
-        found.push(p);
+    let (mut in_lines, mut others) = (Vec::new(), Vec::new());
+    for &p in contacts {
+        let list = if in_line(p) { &mut in_lines } else { &mut others };
+        reserve(list, 1, WHAT)?;
+        list.push(p);
     }
-    Ok(found)
+    Ok((in_lines, others))
 }
 
 #[cfg(test)]

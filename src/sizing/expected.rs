@@ -7,21 +7,27 @@
 //!
 //! The constants are measured: docs/notes/sampling.md has the images, and by how much the estimate
 //! misses. Structure that is lost at a coarse delta, or that the voxels do not show, is not seen.
-//! What [`Adaptive::Topology`](crate::params::Adaptive) adds cannot be known: it is left out.
 //!
-//! Cost: two passes through the voxels of the region, and a sweep along each axis. Memory: a byte
-//! per voxel of the region, where a largest circumradius is asked for.
+//! With [`Adaptive::Topology`] samples come closer where the mesh would differ from the image.
+//! Where that is cannot be known before. But most of it is about contacts, and about what is much
+//! thinner than samples are apart. So for each of these a sizing field is made that is small there,
+//! and a part of what it adds is counted.
+//!
+//! Cost: two passes through the voxels of the region, and a sweep along each axis, up to four times
+//! that with topology. Memory: a byte per voxel of the region, where a largest circumradius is
+//! asked for.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::contact_lines::divided_by_lines;
 use super::levels::grade;
-use super::{Sizing, Spacing, TetSizes};
+use super::{Place, Sizing, Spacing, TetSizes};
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::region::Rows;
-use crate::memory::filled;
-use crate::params::MeshParams;
+use crate::memory::{collected, filled};
+use crate::params::{Adaptive, MeshParams};
 
 /// Tets of a label for each square of its boundary whose side is the distance of samples, by that
 /// distance in voxels. Faces of voxels have more area than the surface that runs between them; but
@@ -33,6 +39,14 @@ const PER_SQUARE: [(f64, f64); 7] =
 /// beside thin structures: tets there must fit to both. Not where sizes follow thickness, too
 /// (`across`): there tets are small on both sides of a transition.
 const GRADED: f64 = 1.3;
+
+/// The parts of what such fields add that [`Adaptive::Topology`] adds: of a field that is small
+/// about contacts along lines, about other contacts, and where something is thin
+/// ([`Spacing::by_topology`]). Fitted to eight images at up to seven deltas
+/// (docs/notes/sampling.md).
+const OF_LINES: f64 = 3.0;
+const OF_CONTACTS: f64 = 0.75;
+const OF_THIN: f64 = 0.4;
 
 /// Coarsening leaves this part of what [`Spacing::coarsened`] leads to.
 const LEFT: f64 = 0.68;
@@ -58,7 +72,18 @@ pub struct Expected {
     pub of_background: f64,
 }
 
-/// Tets to be expected of an image, whose rows are given.
+impl Expected {
+    /// With a part of what another one has more.
+    fn with_part(self, part: f64, other: Self, none: Self) -> Self {
+        Self {
+            of_labels: self.of_labels + part * (other.of_labels - none.of_labels),
+            of_background: self.of_background + part * (other.of_background - none.of_background),
+        }
+    }
+}
+
+/// Tets to be expected of an image, whose rows are given, and whose contacts, in voxels: these
+/// matter with [`Adaptive::Topology`] alone.
 ///
 /// # Errors
 /// [`OutOfMemory`](crate::Error::OutOfMemory); whatever `check` returns.
@@ -66,9 +91,29 @@ pub fn expected_tets(
     image: &LabelImage,
     rows: &Rows,
     params: &MeshParams,
+    contacts: &[DVec3],
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Expected> {
-    expected_of(image, rows, params, &Spacing::new(params, image.labels()), GRADED, check)
+    let spacing = Spacing::new(params, image.labels());
+    let with = |spacing: &Spacing, places: &[Place]| {
+        expected_of(image, rows, params, spacing, places, GRADED, check)
+    };
+    let none = with(&spacing, &[])?;
+    if params.adaptive != Adaptive::Topology {
+        return Ok(none);
+    }
+    let (side, apart) = (image.frame().spacing().min_element(), spacing.at_contacts(image));
+    let (in_lines, others) = divided_by_lines(contacts)?;
+    let mut expected = none;
+    for (part, contacts) in [(OF_LINES, in_lines), (OF_CONTACTS, others)] {
+        let about = contacts.iter().map(|&index| Place::about_contact(index, apart, side));
+        let places: Vec<Place> = collected(about, "contacts of the estimate")?;
+        if !places.is_empty() && apart < spacing.delta {
+            expected = expected.with_part(part, with(&spacing, &places)?, none);
+        }
+    }
+    let of_thin = with(&Spacing::by_topology(params, image), &[])?;
+    Ok(expected.with_part(OF_THIN, of_thin, none))
 }
 
 /// The same where the mesh is coarsened.
@@ -84,7 +129,7 @@ pub fn expected_coarsened(
     let spacing = Spacing::coarsened(params, image);
     // Between edges that are contracted and others there is no such transition.
     let Expected { of_labels, of_background } =
-        expected_of(image, rows, params, &spacing, 1.0, check)?;
+        expected_of(image, rows, params, &spacing, &[], 1.0, check)?;
     Ok(Expected { of_labels: LEFT * of_labels, of_background: LEFT * of_background })
 }
 
@@ -93,11 +138,12 @@ fn expected_of(
     rows: &Rows,
     params: &MeshParams,
     spacing: &Spacing,
+    places: &[Place],
     graded: f64,
     check: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Expected> {
     let tets = TetSizes::new(image, rows, params, check)?.into();
-    let sizing = &Sizing::new(image, rows, spacing, tets, &[], check)?;
+    let sizing = &Sizing::new(image, rows, spacing, tets, places, check)?;
     let graded = if sizing.tets().min().is_finite() { 1.0 } else { graded };
     let boundaries = Boundaries { image, rows, spacing, sizing, graded, check };
     let [of_background, about_interfaces] = boundaries.tets()?;

@@ -115,7 +115,7 @@ fn progress_of_a_search_is_monotone() {
 #[test]
 fn tets_are_as_expected() {
     for image in [balls(), busy_image()] {
-        for adaptive in [Adaptive::Off, Adaptive::Thickness] {
+        for adaptive in [Adaptive::Off, Adaptive::Thickness, Adaptive::Topology] {
             for factor in [0.4, 0.6, 1.0] {
                 let params = quick(adaptive, None).scaled(factor);
                 let Estimate { tets: expected, peak_bytes, seconds } =
