@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use lapd::Error;
 use lapd::monitor::{CancelFlag, Monitor, Phase, Progress};
 use lapd::parallel::machine::Machine;
-use lapd::params::{Begging, Contention, MeshParams};
+use lapd::params::{Adaptive, Begging, Contention, MeshParams};
 use lapd::pipeline::mesh_image;
 use lapd::refine::activity::Overhead;
 use lapd::refine::options::{Limits, RefineOptions};
@@ -238,9 +238,11 @@ fn threads_are_bound_while_they_refine() {
     let places = CoreMap::new(&Machine::of_system()).unwrap();
     let Subject { image, params, .. } = large_subject();
     for threads in [1, 4] {
+        // Threads that compare the mesh with the image are not bound.
         let params = MeshParams {
             threads,
             bind: true,
+            adaptive: Adaptive::Thickness,
             delta: 0.5 * params.delta,
             size: params.delta,
             ..params.clone()

@@ -154,7 +154,7 @@ def estimate(
     partial: bool | None = None,
 ) -> Estimate:
     """Tells what `lapd.mesh` with the same arguments is to be expected to need, without making a
-    mesh. What adaptive="topology" adds is not known before, and left out.
+    mesh.
 
     Raises what `lapd.mesh` raises for the same image and parameters.
 

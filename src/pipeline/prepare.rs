@@ -286,6 +286,7 @@ fn object_volume(image: &LabelImage) -> f64 {
 mod tests {
     use super::*;
     use crate::image::phantom::sampled;
+    use crate::params::Adaptive;
 
     /// Two cubes that touch along an edge, and a sheet of one voxel.
     #[test]
@@ -299,7 +300,9 @@ mod tests {
         };
         let image = sampled([30, 30, 40], [1.0; 3], label).unwrap();
         let lengths = |spacing_floor: f64| {
-            let params = MeshParams { delta: 4.0, size: 8.0, spacing_floor, ..Default::default() };
+            let adaptive = Adaptive::Thickness;
+            let params =
+                MeshParams { delta: 4.0, size: 8.0, adaptive, spacing_floor, ..Default::default() };
             let limits = Limits::default();
             let prepared = prepare(&image, &params, &limits, &Monitor::silent()).unwrap();
             let at = |x: f64, y: f64, z: f64| prepared.sizing.at(DVec3::new(x, y, z));

@@ -19,7 +19,7 @@ use lapd::mesh::extract::Background;
 use lapd::mesh::{NONE, TetMesh};
 use lapd::monitor::Monitor;
 use lapd::oracle::Oracle;
-use lapd::params::{Improve, MeshParams, SurfaceModel};
+use lapd::params::{Adaptive, Improve, MeshParams, SurfaceModel};
 use lapd::pipeline::refine::{collect, triangulation_around};
 use lapd::pipeline::{MeshResult, mesh_image};
 use lapd::refine::options::RefineOptions;
@@ -278,10 +278,11 @@ fn an_early_end_leaves_a_valid_mesh() {
     assert!(reached > 100);
 }
 
-/// The mesh of `image` without and with improvement.
+/// The mesh of `image` without and with improvement; nothing is mended, which would change its
+/// topology.
 fn both(image: &LabelImage, params: &MeshParams, mode: Improve) -> [MeshResult; 2] {
     [Improve::None, mode].map(|improve| {
-        let params = MeshParams { improve, ..params.clone() };
+        let params = MeshParams { improve, adaptive: Adaptive::Thickness, ..params.clone() };
         mesh_image(image, &params, &Monitor::silent()).unwrap()
     })
 }
