@@ -95,10 +95,7 @@ pub fn estimate(
     let check = || monitor.advance(1);
     let region = Region::new(&image, &check)?;
     let rows = Rows::new(&image, region, &check)?;
-    let contacts = match params.adaptive {
-        Adaptive::Topology => prepare::contacts_of(&image, &rows, params, &check)?,
-        Adaptive::Off | Adaptive::Thickness => Vec::new(),
-    };
+    let contacts = prepare::contacts_of(&image, &rows, params, &check)?;
     let Expected { of_labels, of_background } =
         expected_tets(&image, &rows, params, &contacts, &check)?;
     let all = of_labels + of_background;
@@ -120,26 +117,24 @@ pub fn estimate(
     };
     let kept = if params.background { all } else { of_labels };
     let after = (BYTES_AFTER + of_nodes) * kept + of_distances;
-    let of_comparisons = match params.adaptive {
-        Adaptive::Topology => {
-            BYTES_COMPARED * all + Differences::bytes_needed(&image, &region) as f64
-        }
-        Adaptive::Off | Adaptive::Thickness => 0.0,
-    };
-    let peak = (BYTES_PER_TET * all + of_comparisons).max(after);
-
     let voxels = region.dims.iter().product::<usize>() as f64;
-    // The certificate goes through the voxels that were given.
-    let whole = voxels * selected.ids().len() as f64 / image.ids().len() as f64;
-    let of_topology = match params.adaptive {
+    // The bytes of comparisons with the image, and the nanoseconds of these, of the rounds and of
+    // mending.
+    let [compared, of_topology] = match params.adaptive {
         Adaptive::Topology => {
             let of_mending = if params.improve == Improve::Full { MEND_TET } else { 0.0 };
-            TOPOLOGY_VOXEL * voxels
-                + TOPOLOGY_CONTACT * contacts.len() as f64
-                + (TOPOLOGY_TET + of_mending) * all
+            let of_contacts = TOPOLOGY_CONTACT * contacts.len() as f64;
+            [
+                BYTES_COMPARED * all + Differences::bytes_needed(&image, &region) as f64,
+                TOPOLOGY_VOXEL * voxels + of_contacts + (TOPOLOGY_TET + of_mending) * all,
+            ]
         }
-        Adaptive::Off | Adaptive::Thickness => 0.0,
+        Adaptive::Off | Adaptive::Thickness => [0.0; 2],
     };
+    let peak = (BYTES_PER_TET * all + compared).max(after);
+
+    // The certificate goes through the voxels that were given.
+    let whole = voxels * selected.ids().len() as f64 / image.ids().len() as f64;
     let of_refinement = PREPARE_VOXEL * voxels + REFINE_TET * all + of_topology;
     let of_improvement = match params.coarsen {
         Some(_) => COARSEN_LEFT * left + COARSEN_GONE * (of_labels - left).max(0.0),

@@ -13,7 +13,7 @@ use crate::memory::collected;
 use crate::mesh::extract::BYTES_PER_SLOT;
 use crate::monitor::{Level, Monitor, Step};
 use crate::oracle::{Oracle, Surface};
-use crate::params::{CertificateLevel, MeshParams, SurfaceModel};
+use crate::params::{Adaptive, CertificateLevel, MeshParams, SurfaceModel};
 use crate::pipeline::messages;
 use crate::refine::options::Limits;
 use crate::second_order;
@@ -191,7 +191,8 @@ pub(super) fn places_of_contacts(
     collected(contacts.iter().map(place), "places of contacts")
 }
 
-/// The contacts of an image, in voxels, for which no oracle is made else.
+/// The contacts of an image, in voxels, where samples follow topology; else none. For estimates,
+/// which have no oracle: one is made here, and dropped.
 ///
 /// # Errors
 /// [`Error::OutOfMemory`]; those of `go_on`.
@@ -201,6 +202,9 @@ pub(super) fn contacts_of(
     params: &MeshParams,
     go_on: &(dyn Fn() -> Result<()> + Sync),
 ) -> Result<Vec<DVec3>> {
+    if params.adaptive != Adaptive::Topology {
+        return Ok(Vec::new());
+    }
     contacts_in_voxels(image, &Oracle::of_rows(image, rows, surface(params), go_on)?, go_on)
 }
 
@@ -286,7 +290,6 @@ fn object_volume(image: &LabelImage) -> f64 {
 mod tests {
     use super::*;
     use crate::image::phantom::sampled;
-    use crate::params::Adaptive;
 
     /// Two cubes that touch along an edge, and a sheet of one voxel.
     #[test]

@@ -71,8 +71,9 @@ const COARSENED_GRADING: f64 = 2.0;
 /// (docs/notes/sampling.md).
 const BY_TOPOLOGY_PER_THICKNESS: f64 = 2.0;
 
-/// The same away from places. Measured on the atlas of the brain at delta 3: with 0.4 the mesh has
-/// a tenth more tets, and no fewer differences from the image (docs/notes/sampling.md).
+/// Growth of the field per distance away from places. Measured on the atlas of the brain at delta
+/// 3: with 0.4 the mesh has a tenth more tets, and no fewer differences from the image
+/// (docs/notes/sampling.md).
 const PLACE_GRADING: f64 = 0.6;
 
 /// Where anything is sampled more densely, nothing is sampled less densely than this, in smallest

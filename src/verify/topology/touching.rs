@@ -122,7 +122,7 @@ impl Contacts {
     /// Adds a tet of the mesh, of the label `id`.
     #[inline]
     pub fn add(&self, id: u16, corners: &Corners) {
-        // Blocks have a larger margin.
+        // Blocks have a larger margin than `AT_CONTACT`.
         if !self.blocks.meet(corners.bounds.map(|p| self.region.offset(p))) {
             return;
         }
