@@ -17,17 +17,25 @@ pub(crate) fn smaller(x: f64, y: f64) -> f64 {
     if x < y { x } else { y }
 }
 
+/// The larger of two numbers, neither NaN.
+#[inline(always)]
+fn larger(x: f64, y: f64) -> f64 {
+    if x > y { x } else { y }
+}
+
 /// Whether the smallest planar angle of a triangle, at most 60 degrees, has a squared cosine above
-/// `cosine_squared`. True when two corners coincide.
+/// `cosine_squared`. True when two corners coincide. The same for any order of the corners: those
+/// of a facet come in another one from each side, and its angle may be the bound itself.
 #[inline]
 pub fn has_angle_below(a: DVec3, b: DVec3, c: DVec3, cosine_squared: f64) -> bool {
     let (bc, ca, ab) =
         ((c - b).length_squared(), (a - c).length_squared(), (b - a).length_squared());
-    let shortest = smaller(smaller(bc, ca), ab);
-    // Law of cosines at the corner opposite to the shortest edge, between the two longer ones,
-    // whose squared lengths multiply to bc * ca * ab / shortest.
-    let twice = bc + ca + ab - 2.0 * shortest;
-    twice * twice * shortest > 4.0 * cosine_squared * bc * ca * ab || shortest == 0.0
+    let (low, high) = (smaller(bc, ca), larger(bc, ca));
+    let (shortest, longest) = (smaller(low, ab), larger(high, ab));
+    let middle = larger(low, smaller(high, ab));
+    // Law of cosines at the corner opposite to the shortest edge, between the two longer ones.
+    let twice = middle + longest - shortest;
+    twice * twice > 4.0 * cosine_squared * middle * longest || shortest == 0.0
 }
 
 /// Circumcenter and squared circumradius of a triangle; `None` when it is degenerate.
@@ -96,6 +104,26 @@ mod tests {
     }
 
     proptest! {
+        /// Two sides of equal length at 120 degrees: both other angles are the bound, but for
+        /// rounding.
+        #[test]
+        fn the_order_of_corners_does_not_matter(
+            at in prop::array::uniform3(-8.0..8.0),
+            along in prop::array::uniform3(-1.0..1.0),
+            beside in prop::array::uniform3(-1.0..1.0),
+        ) {
+            let (a, u) = (DVec3::from(at), DVec3::from(along));
+            let v = u.cross(DVec3::from(beside)).normalize_or_zero() * u.length();
+            let corners = [a, a + u, a - 0.5 * u + 0.75_f64.sqrt() * v];
+            let bound = 30.0_f64.to_radians().cos().powi(2);
+            let is_below = |[i, j, k]: [usize; 3]| {
+                has_angle_below(corners[i], corners[j], corners[k], bound)
+            };
+            for order in [[0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
+                prop_assert_eq!(is_below(order), is_below([0, 1, 2]));
+            }
+        }
+
         /// The closest point is on the triangle and no point of a fine sampling is closer. Small
         /// integer coordinates meet every degenerate case: coinciding vertices, vertices on a line,
         /// query points on the triangle.
