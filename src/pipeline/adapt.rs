@@ -15,6 +15,8 @@
 //! - Contacts along lines (`sizing/contact_lines`) have such samples from the start.
 //! - Other contacts need the octahedron around them (`oracle/features/edges`), whose points are
 //!   half of a voxel's smallest side away: at once so small that these are sampled.
+//! - Nicks, where the mesh ends before a wall, wait for the second round, if there is anything
+//!   else: most are gone then.
 //!
 //! The refinement then goes on, on the same triangulation. Most differences are gone after two or
 //! three rounds; the last ones move about for some more. So from the second round on no more is
@@ -295,9 +297,12 @@ impl<'a> Places<'a> {
     fn add(&mut self, differences: &[Difference], sizing: &Sizing, round: usize) -> Result<bool> {
         const WHAT: &str = "places that differ";
         let before = self.list.len();
+        // Most nicks go with the other differences of the first round.
+        let is_nick = |difference: &&Difference| difference.kind == Kind::Nick;
+        let holds_nicks_back = round == 1 && !differences.iter().all(|found| is_nick(&found));
         // One in each cell, of those with the same spacing and reach.
         let mut cells = HashMap::new();
-        for difference in differences {
+        for difference in differences.iter().filter(|found| !holds_nicks_back || !is_nick(found)) {
             let Some(place) = self.about(difference, sizing, round) else { continue };
             let per_cell = self.image.frame().spacing() / (SAME_PLACE * place.radius);
             let cell = (place.index * per_cell).to_array().map(|c| c.floor() as i64);
@@ -329,7 +334,9 @@ impl<'a> Places<'a> {
                 let spacing = closer.min(self.at_contacts);
                 Some(Place::about_contact(index, spacing, self.side))
             }
-            Kind::Voxel | Kind::Touch | Kind::Piece if is_at_floor || round > STEPS => {
+            Kind::Voxel | Kind::Touch | Kind::Piece | Kind::Nick
+                if is_at_floor || round > STEPS =>
+            {
                 let least = round.saturating_sub(STEPS).max(1);
                 let about = |sides: usize| Place {
                     index,
@@ -339,7 +346,7 @@ impl<'a> Places<'a> {
                 };
                 (least..=LARGEST_REACH).map(about).find(|place| sizing.is_above(place))
             }
-            Kind::Voxel | Kind::Touch | Kind::Piece => {
+            Kind::Voxel | Kind::Touch | Kind::Piece | Kind::Nick => {
                 Some(Place { index, spacing: closer, radius: REACH * now, voxels: LEAST_REACH })
             }
         }

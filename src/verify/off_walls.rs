@@ -2,11 +2,14 @@
 //!
 //! Which these are is told by [`Oracle::is_off_wall`].
 //!
-//! Cost: a ray for each outer facet that has a vertex on a wall and does not lie on it.
+//! Serial order, for any number of threads. Cost: a ray for each outer facet that has a vertex on
+//! a wall and does not lie on it.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Result;
+use crate::memory::reserve;
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
@@ -14,25 +17,41 @@ use crate::oracle::Oracle;
 /// Facets of one piece of work.
 const CHUNK: usize = 1 << 12;
 
-/// How many outer facets should lie on a wall and do not.
+/// The centroids of outer facets that should lie on a wall and do not, in the order of the facets.
 ///
 /// # Errors
-/// [`Cancelled`](crate::Error::Cancelled).
-pub fn facets_off_walls(mesh: &TetMesh, oracle: &Oracle, monitor: &Monitor<'_>) -> Result<u64> {
+/// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
+pub fn facets_off_walls(
+    mesh: &TetMesh,
+    oracle: &Oracle,
+    monitor: &Monitor<'_>,
+) -> Result<Vec<DVec3>> {
+    let mut all = Vec::new();
     if !oracle.has_walls() {
-        return Ok(0);
+        return Ok(all);
     }
-    let counts = mesh.facets.par_chunks(CHUNK).zip(mesh.facet_labels.par_chunks(CHUNK)).map(
+    let chunks = mesh.facets.par_chunks(CHUNK).zip(mesh.facet_labels.par_chunks(CHUNK)).map(
         |(facets, labels)| {
             monitor.advance(0)?;
-            let off = facets.iter().zip(labels).filter(|&(facet, &[inner, outer])| {
-                let corners = facet.map(|v| mesh.point(v));
+            let mut off = Vec::new();
+            for (facet, &[inner, outer]) in facets.iter().zip(labels) {
+                let corners @ [a, b, c] = facet.map(|v| mesh.point(v));
                 // The normal points to the second label.
                 let outwards = if outer == 0 { 1.0 } else { -1.0 };
-                (inner == 0 || outer == 0) && oracle.is_off_wall(corners, outwards)
-            });
-            Ok(off.count() as u64)
+                if (inner == 0 || outer == 0) && oracle.is_off_wall(corners, outwards) {
+                    reserve(&mut off, 1, WHAT)?;
+                    off.push((a + b + c) / 3.0);
+                }
+            }
+            Ok(off)
         },
     );
-    counts.try_reduce(|| 0, |a, b| Ok(a + b))
+    for off in chunks.collect::<Result<Vec<_>>>()? {
+        reserve(&mut all, off.len(), WHAT)?;
+        all.extend(off);
+    }
+    Ok(all)
 }
+
+/// What the lists of this module have, as errors name it.
+const WHAT: &str = "facets off walls";

@@ -281,7 +281,7 @@ impl Certificate {
             3 * mesh.tets.len() + 2 * mesh.facets.len() + mesh.points.len() + SLICE * nz,
         )?;
         let orphan_vertices = orphan_vertices(mesh, monitor)?;
-        let facets_off_walls = facets_off_walls(mesh, oracle, monitor)?;
+        let facets_off_walls = facets_off_walls(mesh, oracle, monitor)?.len() as u64;
         let image_components = ImageComponents::new(image, &|steps| monitor.advance(steps))?;
         let mut mesh_components = MeshComponents::new(mesh, image, &image_components, monitor)?;
         let surfaces = BoundarySurfaces::measure(mesh, &mut mesh_components, monitor)?;

@@ -1,7 +1,8 @@
-//! Where a mesh differs from its image in what is connected, while it is being made.
+//! Where a mesh differs from its image in what is connected, or does not reach the walls where the
+//! image cuts the object off, while it is being made.
 //!
 //! The certificate tells of each component whether it is torn, merged, or has the image's Euler
-//! characteristic; here it is found out where. Four things are looked at:
+//! characteristic; here it is found out where. Five things are looked at:
 //!
 //! | difference | what it is | file |
 //! |---|---|---|
@@ -9,6 +10,7 @@
 //! | [`Kind::Touch`] | a label's mesh touches itself, its voxels do not | `touching` |
 //! | [`Kind::Contact`] | voxels touch, the label's mesh does not | `touching` |
 //! | [`Kind::Piece`] | a piece of a label is torn off, or where the image has none | `matching` |
+//! | [`Kind::Nick`] | the mesh ends before a wall, the object on it | `off_walls` |
 //!
 //! A mesh without any may still differ where it has a hole or a bridge smaller than a voxel: the
 //! certificate has the last word.
@@ -30,6 +32,7 @@ use crate::memory::{filled, reserve, room, zeroed};
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
+use crate::verify::off_walls::facets_off_walls;
 
 /// What differs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,6 +45,8 @@ pub enum Kind {
     Contact,
     /// A component of the mesh stands for none of the image. It may hold no voxel's centre.
     Piece,
+    /// An outer facet should lie on a wall.
+    Nick,
 }
 
 /// A place where the mesh differs from the image.
@@ -68,6 +73,7 @@ pub struct Change<'a> {
 pub struct Differences<'a> {
     image: &'a LabelImage,
     region: Region,
+    oracle: &'a Oracle,
     /// The ids of the region's voxels, x fastest, then y.
     ids: Vec<u16>,
     components: ImageComponents,
@@ -78,6 +84,7 @@ pub struct Differences<'a> {
     left: Vec<usize>,
     touches: Vec<DVec3>,
     pieces: Vec<Piece>,
+    nicks: Vec<DVec3>,
 }
 
 /// A component of the mesh that stands for none of the image.
@@ -101,7 +108,7 @@ impl<'a> Differences<'a> {
     pub fn new(
         image: &'a LabelImage,
         region: Region,
-        oracle: &Oracle,
+        oracle: &'a Oracle,
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
         let [nx, ny, nz] = region.dims;
@@ -119,8 +126,19 @@ impl<'a> Differences<'a> {
         let components = ImageComponents::new(image, &|_| monitor.advance(0))?;
         let contacts = Contacts::new(image, region, oracle, monitor)?;
         let found = zeroed(ids.len(), VOXELS)?;
-        let (left, touches, pieces) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Self { image, region, ids, components, contacts, found, left, touches, pieces })
+        Ok(Self {
+            image,
+            region,
+            oracle,
+            ids,
+            components,
+            contacts,
+            found,
+            left: Vec::new(),
+            touches: Vec::new(),
+            pieces: Vec::new(),
+            nicks: Vec::new(),
+        })
     }
 
     /// Where it looks.
@@ -191,11 +209,16 @@ impl<'a> Differences<'a> {
         let region = self.region;
         let has_changed =
             |index: DVec3| change.is_none_or(|change| change.blocks.has(region.offset(index)));
-        // At the rim of a part a mesh seems to touch itself where it does not.
+        // At the rim of a part a mesh seems to touch itself, and to end, where it does not.
         let touches = stray_touches(&surfaces.non_manifold, mesh, self.image);
-        self.touches.retain(|&index| !has_changed(index));
-        reserve(&mut self.touches, touches.len(), WHAT)?;
-        self.touches.extend(touches.into_iter().filter(|&index| has_changed(index)));
+        let nicks = facets_off_walls(mesh, self.oracle, monitor)?;
+        let frame = self.image.frame();
+        let nicks = nicks.into_iter().map(|centroid| frame.to_index(centroid)).collect();
+        for (kept, found) in [(&mut self.touches, touches), (&mut self.nicks, nicks)] {
+            kept.retain(|&index| !has_changed(index));
+            reserve(kept, found.len(), WHAT)?;
+            kept.extend(found.into_iter().filter(|&index| has_changed(index)));
+        }
         self.contacts.forget(has_changed);
         self.look_at_tets(mesh, change, monitor)?;
         self.compare_voxels(change, monitor)?;
@@ -207,13 +230,15 @@ impl<'a> Differences<'a> {
         };
         let mut all = Vec::new();
         let open = self.contacts.open().count();
-        let count = self.left.len() + open + self.touches.len() + self.pieces.len();
-        reserve(&mut all, count, WHAT)?;
+        let count =
+            [self.left.len(), open, self.touches.len(), self.pieces.len(), self.nicks.len()];
+        reserve(&mut all, count.iter().sum(), WHAT)?;
         let of_kind = |kind| move |index| Difference { kind, index };
         all.extend(self.left.iter().map(of_voxel).map(of_kind(Kind::Voxel)));
         all.extend(self.touches.iter().copied().map(of_kind(Kind::Touch)));
         all.extend(self.contacts.open().map(of_kind(Kind::Contact)));
         all.extend(self.pieces.iter().map(|piece| piece.index).map(of_kind(Kind::Piece)));
+        all.extend(self.nicks.iter().copied().map(of_kind(Kind::Nick)));
         Ok(Some(all))
     }
 
