@@ -159,14 +159,15 @@ static void print_improvement(const lapd_improvement *im) {
                im->max_interface_move, im->tolerance, (unsigned long long)im->non_delaunay_facets);
     }
     if (im->tets_mended > 0) {
-        printf("  tets that got another label, for the image's topology: %llu; facets between "
-               "labels below the facet angle %llu\n",
-               (unsigned long long)im->tets_mended, (unsigned long long)im->facets_below);
+        printf("  tets that got another label, for the image's topology: %llu\n",
+               (unsigned long long)im->tets_mended);
     }
     if (im->tets_before > 0) {
-        printf("  coarsened from %llu tets: edges contracted %llu; facets between labels below the "
-               "facet angle %llu\n",
-               (unsigned long long)im->tets_before, (unsigned long long)im->contractions,
+        printf("  coarsened from %llu tets: edges contracted %llu\n",
+               (unsigned long long)im->tets_before, (unsigned long long)im->contractions);
+    }
+    if (im->facets_below > 0) {
+        printf("  interface facets below the facet angle: %llu\n",
                (unsigned long long)im->facets_below);
     }
 }

@@ -1319,8 +1319,8 @@ typedef struct {
    */
   uint64_t tets_before;
   /**
-   * Facets between labels with an angle below that of lapd_params_set_facet_angle; counted where
-   * edges were contracted or tets mended, 0 otherwise.
+   * Interface facets with an angle below that of lapd_params_set_facet_angle. Refinement leaves
+   * a few where the image cuts the object off; others come of tets_mended and of contractions.
    */
   uint64_t facets_below;
   /**

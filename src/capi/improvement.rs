@@ -51,8 +51,8 @@ pub struct lapd_improvement {
     pub contractions: u64,
     /// Tets with a label other than 0 before the first of them; 0 where none was asked for.
     pub tets_before: u64,
-    /// Facets between labels with an angle below that of lapd_params_set_facet_angle; counted where
-    /// edges were contracted or tets mended, 0 otherwise.
+    /// Interface facets with an angle below that of lapd_params_set_facet_angle. Refinement leaves
+    /// a few where the image cuts the object off; others come of tets_mended and of contractions.
     pub facets_below: u64,
     /// Tets that got another label, with LAPD_ADAPTIVE_TOPOLOGY and LAPD_IMPROVE_FULL: so that a
     /// component has the Euler characteristic that it has in the image, or is joined with a piece

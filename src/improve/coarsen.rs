@@ -32,8 +32,6 @@ use super::measure::{Measure, measure_of};
 use super::report::{Counts, Improvement};
 use super::shared::Shared;
 use super::{CHUNK, Earlier, Effort, Settings, change};
-use crate::delaunay::tet::FACET;
-use crate::geometry::shape::has_angle_below;
 use crate::memory::bits::Bits;
 use crate::memory::{concatenated, reserve, zeroed};
 use crate::mesh::{NONE, TetMesh};
@@ -306,22 +304,4 @@ fn owned_tets(mesh: &TetMesh, blocks: &[u32], to_try: &[u8]) -> Result<Vec<u64>>
     let mut owned = concatenated(chunks.collect::<Result<_>>()?, "tets to be contracted")?;
     owned.par_sort_unstable();
     Ok(owned)
-}
-
-/// How many interface facets of a mesh have an angle below so many degrees.
-pub fn facets_below(mesh: &TetMesh, degrees: f64) -> u64 {
-    let cosine_squared = degrees.to_radians().cos().powi(2);
-    let of_tet = |t: usize| {
-        let (tet, label) = (mesh.tets[t], mesh.labels[t]);
-        // Each facet once, from the side with the larger label.
-        let is_interface =
-            |n: u32| if n == NONE { label != 0 } else { mesh.labels[n as usize] < label };
-        let is_below = |i: &usize| {
-            let [a, b, c]: [DVec3; 3] = FACET[*i].map(|k| mesh.point(tet[k]));
-            has_angle_below(a, b, c, cosine_squared)
-        };
-        let facets = (0..4).filter(|&i| tet[0] != NONE && is_interface(mesh.neighbors[t][i]));
-        facets.filter(is_below).count() as u64
-    };
-    (0..mesh.tets.len()).into_par_iter().with_min_len(CHUNK).map(of_tet).sum()
 }

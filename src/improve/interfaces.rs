@@ -2,9 +2,12 @@
 //! belongs.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
-use super::Settings;
+use super::{CHUNK, Settings};
+use crate::delaunay::tet::FACET;
 use crate::geometry::shape::has_angle_below;
+use crate::mesh::{NONE, TetMesh};
 use crate::oracle::{Oracle, Walls};
 use crate::params::Improve;
 use crate::refine::rules::FACET_DISTANCE;
@@ -169,4 +172,22 @@ pub(super) fn facet_measure(a: DVec3, &[b, c]: &[DVec3; 2]) -> f64 {
     let (u, v, w) = ((b - a).length_squared(), (c - a).length_squared(), (c - b).length_squared());
     // Opposite to the shortest edge, between the two others.
     (b - a).cross(c - a).length_squared() * u.min(v).min(w) / (u * v * w)
+}
+
+/// How many interface facets of a mesh have an angle below so many degrees.
+pub fn facets_below(mesh: &TetMesh, degrees: f64) -> u64 {
+    let cosine_squared = degrees.to_radians().cos().powi(2);
+    let of_tet = |t: usize| {
+        let (tet, label) = (mesh.tets[t], mesh.labels[t]);
+        // Each facet once, from the side with the larger label.
+        let is_interface =
+            |n: u32| if n == NONE { label != 0 } else { mesh.labels[n as usize] < label };
+        let is_below = |i: &usize| {
+            let [a, b, c]: [DVec3; 3] = FACET[*i].map(|k| mesh.point(tet[k]));
+            has_angle_below(a, b, c, cosine_squared)
+        };
+        let facets = (0..4).filter(|&i| tet[0] != NONE && is_interface(mesh.neighbors[t][i]));
+        facets.filter(is_below).count() as u64
+    };
+    (0..mesh.tets.len()).into_par_iter().with_min_len(CHUNK).map(of_tet).sum()
 }

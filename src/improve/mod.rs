@@ -82,9 +82,10 @@ use crate::{Error, Result};
 use batch::Batch;
 pub use coarsen::{
     Coarsened, Coarseness, PART as PART_OF_COARSENING, TIMES as TIMES_OF_COARSENING, coarsen,
-    facets_below, tolerance as coarse_tolerance,
+    tolerance as coarse_tolerance,
 };
 use interfaces::Interfaces;
+pub use interfaces::facets_below;
 use measure::Measure;
 pub use nicks::fill_nicks;
 pub use report::{Cause, Counts, Improvement, Left};

@@ -114,8 +114,8 @@ pub struct Improvement {
     pub tets_mended: u64,
     /// Tets of the object before it was coarsened; 0 where it was not.
     pub tets_before: u64,
-    /// Interface facets with an angle below what refinement was asked for, where the mesh was
-    /// coarsened, or tets of it were mended.
+    /// Interface facets with an angle below what refinement was asked for. It leaves a few where
+    /// the image cuts the object off; others come of mending and of coarsening.
     pub facets_below: u64,
     /// The largest distance of a vertex from where refinement put it, or where two met on the
     /// image's interface or line; those inside of labels may move far.

@@ -85,16 +85,12 @@ pub fn improve_mesh(
         coarsened = Some(done);
     }
     let points_before = mesh.points.len();
-    let mut may_be_sharp = !mended.is_empty();
     let (mut improvement, mut ended) = improve(mesh, &settings, earlier, monitor)?;
     if let Some(coarsened) = coarsened {
         improvement.add_earlier(&coarsened.improvement);
-        may_be_sharp = true;
         ended = ended.or(coarsened.ended);
     }
-    if may_be_sharp {
-        improvement.facets_below = facets_below(mesh, params.facet_angle);
-    }
+    improvement.facets_below = facets_below(mesh, params.facet_angle);
     let ended_by = match ended {
         Some(limit) if limit.is_limit() && params.partial => Some(limit),
         Some(error) => return Err(error),
