@@ -38,7 +38,7 @@ static const char USAGE[] =
     "  --adaptive NAME      off | thickness | topology: sample more densely nothing, what is "
     "thinner than\n"
     "                       4/3 delta, or places where the mesh would tear, merge, or have holes; "
-    "default thickness\n"
+    "default topology\n"
     "  --no-adaptive        the same as --adaptive off\n"
     "  --spacing-floor V    samples of thin structures come no closer than this many voxels; "
     "default 0.5,\n"

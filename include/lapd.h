@@ -488,14 +488,14 @@ typedef enum {
   LAPD_ADAPTIVE_OFF = 0,
   /**
    * Components and layers of a label that are thinner than 4/3 of the distance of samples. What
-   * holds cubes of 32 times the smallest side of a voxel is never thin. The default.
+   * holds cubes of 32 times the smallest side of a voxel is never thin.
    */
   LAPD_ADAPTIVE_THICKNESS = 1,
   /**
    * Places where the mesh turns out to differ from the image in what is connected: where labels
    * are torn, merged, or have a hole too many or too few. Far fewer elements where samples are
    * farther apart than structures are thick. Holes that are left although samples are close get
-   * mended with LAPD_IMPROVE_FULL: a few tets get another label.
+   * mended with LAPD_IMPROVE_FULL: a few tets get another label. The default.
    */
   LAPD_ADAPTIVE_TOPOLOGY = 2,
 } lapd_adaptive;
@@ -2714,10 +2714,10 @@ lapd_status lapd_params_get_target_tets(const lapd_params *params, uint64_t *tet
  * Makes the refined mesh coarser where that changes nothing in what is connected: edges are
  * contracted as long as tets stay within size, samples of the interfaces within delta, and the
  * facets between keep planar angles of at least so many degrees (or those that they had), above 0
- * and at most 30. 15 is a good choice; with more fewer edges can go. Most is gained with
- * LAPD_ADAPTIVE_THICKNESS at a large delta: a mesh of the brain has an eighth of the tets, and no
- * component less. It takes 7 to 17 times as long as the refinement, one to three times with
- * LAPD_ADAPTIVE_TOPOLOGY. A limit of time that ends it early leaves many slivers, where partial
+ * and at most 30. 15 is a good choice; with more fewer edges can go. Most is gained at a large
+ * delta: a mesh of a brain has between a quarter and a seventh of the tets, and no component less.
+ * It takes one to three times as long as the refinement, 7 to 17 times with
+ * LAPD_ADAPTIVE_THICKNESS. A limit of time that ends it early leaves many slivers, where partial
  * meshes are allowed. lapd_mesh_get_improvement tells what was done. With 0, the default, the mesh
  * stays as refinement made it. Needs LAPD_IMPROVE_FULL, which lapd_mesh_image checks. No other
  * thread may use `params` or the context meanwhile.

@@ -57,11 +57,11 @@ pub enum Adaptive {
     Off,
     /// Components and layers of a label that are thinner than 4/3 delta. What holds cubes of 32
     /// times the smallest side of a voxel is not looked at: it counts as thick whatever delta is.
-    #[default]
     Thickness,
     /// Places where the mesh turns out to differ from the image in what is connected: where labels
     /// are torn or merged, have a hole too many or too few. What is left is mended with
     /// [`Improve::Full`]: a few tets get another label.
+    #[default]
     Topology,
 }
 
@@ -228,7 +228,7 @@ impl Default for MeshParams {
     fn default() -> Self {
         Self {
             delta: 1.0,
-            adaptive: Adaptive::Thickness,
+            adaptive: Adaptive::default(),
             spacing_floor: 0.5,
             min_voxels: 0,
             size: 2.0,

@@ -80,7 +80,7 @@ PARAMETERS = [
     Parameter("facet_angle", c_double, "smallest angle of interface facets in degrees; at most 30"),
     Parameter("target_dihedral", c_double, "smallest dihedral angle in degrees; 15 by default"),
     Parameter("improve", ["none", "interior", "full"], "what may change to remove slivers; full"),
-    Parameter("adaptive", ["off", "thickness", "topology"], "where samples come closer; thickness"),
+    Parameter("adaptive", ["off", "thickness", "topology"], "where samples come closer; topology"),
     Parameter("spacing_floor", c_double, "samples come no closer than this many voxels; 0.5"),
     Parameter("sigma", c_double, "smoothing of a coarse segmentation, in voxels; 0"),
     Parameter("surface", ["smooth", "voxel"], "what interfaces are; smooth"),

@@ -94,7 +94,7 @@ def mesh(
     facet_angle: smallest angle of interface facets in degrees; at most 30
     target_dihedral: smallest dihedral angle in degrees; 15 by default
     improve: what may change to remove slivers; full
-    adaptive: where samples come closer; thickness
+    adaptive: where samples come closer; topology
     spacing_floor: samples come no closer than this many voxels; 0.5
     sigma: smoothing of a coarse segmentation, in voxels; 0
     surface: what interfaces are; smooth
@@ -175,7 +175,7 @@ def estimate(
     facet_angle: smallest angle of interface facets in degrees; at most 30
     target_dihedral: smallest dihedral angle in degrees; 15 by default
     improve: what may change to remove slivers; full
-    adaptive: where samples come closer; thickness
+    adaptive: where samples come closer; topology
     spacing_floor: samples come no closer than this many voxels; 0.5
     sigma: smoothing of a coarse segmentation, in voxels; 0
     surface: what interfaces are; smooth

@@ -13,12 +13,12 @@ pub enum lapd_adaptive {
     /// Nothing: structures that are thinner than samples are apart may tear.
     LAPD_ADAPTIVE_OFF = 0,
     /// Components and layers of a label that are thinner than 4/3 of the distance of samples. What
-    /// holds cubes of 32 times the smallest side of a voxel is never thin. The default.
+    /// holds cubes of 32 times the smallest side of a voxel is never thin.
     LAPD_ADAPTIVE_THICKNESS = 1,
     /// Places where the mesh turns out to differ from the image in what is connected: where labels
     /// are torn, merged, or have a hole too many or too few. Far fewer elements where samples are
     /// farther apart than structures are thick. Holes that are left although samples are close get
-    /// mended with LAPD_IMPROVE_FULL: a few tets get another label.
+    /// mended with LAPD_IMPROVE_FULL: a few tets get another label. The default.
     LAPD_ADAPTIVE_TOPOLOGY = 2,
 }
 
