@@ -5,9 +5,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{CHUNK, Settings};
+use crate::Result;
 use crate::delaunay::tet::FACET;
 use crate::geometry::shape::has_angle_below;
 use crate::mesh::{NONE, TetMesh};
+use crate::monitor::Monitor;
 use crate::oracle::{Oracle, Walls};
 use crate::params::Improve;
 use crate::refine::rules::FACET_DISTANCE;
@@ -175,7 +177,10 @@ pub(super) fn facet_measure(a: DVec3, &[b, c]: &[DVec3; 2]) -> f64 {
 }
 
 /// How many interface facets of a mesh have an angle below so many degrees.
-pub fn facets_below(mesh: &TetMesh, degrees: f64) -> u64 {
+///
+/// # Errors
+/// [`Cancelled`](crate::Error::Cancelled).
+pub fn facets_below(mesh: &TetMesh, degrees: f64, monitor: &Monitor<'_>) -> Result<u64> {
     let cosine_squared = degrees.to_radians().cos().powi(2);
     let of_tet = |t: usize| {
         let (tet, label) = (mesh.tets[t], mesh.labels[t]);
@@ -189,5 +194,11 @@ pub fn facets_below(mesh: &TetMesh, degrees: f64) -> u64 {
         let facets = (0..4).filter(|&i| tet[0] != NONE && is_interface(mesh.neighbors[t][i]));
         facets.filter(is_below).count() as u64
     };
-    (0..mesh.tets.len()).into_par_iter().with_min_len(CHUNK).map(of_tet).sum()
+    let of_chunk = |chunk: usize| {
+        monitor.advance(0)?;
+        let tets = chunk * CHUNK..((chunk + 1) * CHUNK).min(mesh.tets.len());
+        Ok(tets.map(of_tet).sum::<u64>())
+    };
+    let chunks = (0..mesh.tets.len().div_ceil(CHUNK)).into_par_iter();
+    chunks.map(of_chunk).try_reduce(|| 0, |a, b| Ok(a + b))
 }

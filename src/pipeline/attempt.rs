@@ -10,7 +10,7 @@ use crate::delaunay::Triangulation;
 use crate::delaunay::check::Check;
 use crate::delaunay::worker::Counters;
 use crate::image::LabelImage;
-use crate::improve::Improvement;
+use crate::improve::{Improvement, facets_below};
 use crate::memory::aside::or_drop_aside;
 use crate::mesh::TetMesh;
 use crate::mesh::extract::{Background, Numbered};
@@ -181,7 +181,8 @@ impl Attempt<'_> {
         messages::log_extraction(monitor, &mesh, seconds);
 
         if !self.improves(&refinement) {
-            let improvement = Improvement::default();
+            let facets_below = facets_below(&mesh, params.facet_angle, monitor)?;
+            let improvement = Improvement { facets_below, ..Improvement::default() };
             return Ok(Made { mesh, refinement, differences, check, examined, improvement });
         }
         let (mesh, (improvement, ended_by)) = or_drop_aside(mesh, |mesh| {

@@ -90,7 +90,7 @@ pub fn improve_mesh(
         improvement.add_earlier(&coarsened.improvement);
         ended = ended.or(coarsened.ended);
     }
-    improvement.facets_below = facets_below(mesh, params.facet_angle);
+    improvement.facets_below = facets_below(mesh, params.facet_angle, monitor)?;
     let ended_by = match ended {
         Some(limit) if limit.is_limit() && params.partial => Some(limit),
         Some(error) => return Err(error),
