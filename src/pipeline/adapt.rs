@@ -297,19 +297,23 @@ impl<'a> Places<'a> {
     fn add(&mut self, differences: &[Difference], sizing: &Sizing, round: usize) -> Result<bool> {
         const WHAT: &str = "places that differ";
         let before = self.list.len();
-        // Most nicks go with the other differences of the first round.
-        let is_nick = |difference: &&Difference| difference.kind == Kind::Nick;
-        let holds_nicks_back = round == 1 && !differences.iter().all(|found| is_nick(&found));
         // One in each cell, of those with the same spacing and reach.
         let mut cells = HashMap::new();
-        for difference in differences.iter().filter(|found| !holds_nicks_back || !is_nick(found)) {
-            let Some(place) = self.about(difference, sizing, round) else { continue };
-            let per_cell = self.image.frame().spacing() / (SAME_PLACE * place.radius);
-            let cell = (place.index * per_cell).to_array().map(|c| c.floor() as i64);
-            let alike = [place.spacing, place.radius].map(f64::to_bits);
-            if memory::insert(&mut cells, (cell, alike), (), WHAT)?.is_none() {
-                reserve(&mut self.list, 1, WHAT)?;
-                self.list.push(place);
+        for are_nicks in [false, true] {
+            // Most nicks go with what else is done in the first round.
+            if are_nicks && round == 1 && self.list.len() > before {
+                break;
+            }
+            let of_kind = differences.iter().filter(|d| (d.kind == Kind::Nick) == are_nicks);
+            for difference in of_kind {
+                let Some(place) = self.about(difference, sizing, round) else { continue };
+                let per_cell = self.image.frame().spacing() / (SAME_PLACE * place.radius);
+                let cell = (place.index * per_cell).to_array().map(|c| c.floor() as i64);
+                let alike = [place.spacing, place.radius].map(f64::to_bits);
+                if memory::insert(&mut cells, (cell, alike), (), WHAT)?.is_none() {
+                    reserve(&mut self.list, 1, WHAT)?;
+                    self.list.push(place);
+                }
             }
         }
         Ok(self.list.len() > before)

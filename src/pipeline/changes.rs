@@ -5,7 +5,8 @@
 //! them is another has changed. Where both are the same the tet may still be another one, if more
 //! than four vertices lie on the sphere, as the eight corners of a cube do. But the tets of these
 //! vertices all have the sphere's centre as circumcenter, and so one label: however they divide the
-//! cube, it has this label as before.
+//! cube, it has this label as before. The same vertices divide it in the same way, for ties are
+//! broken by their coordinates; so its facets are the same, too.
 
 use glam::DVec3;
 use rayon::prelude::*;

@@ -68,8 +68,8 @@ pub(super) fn log_try(monitor: &Monitor<'_>, params: &MeshParams, tets: u64) {
 pub(super) fn log_differences(monitor: &Monitor<'_>, round: usize, count: usize, goes_on: bool) {
     let what = if goes_on { ", sampled more densely" } else { "" };
     let line = format!(
-        "round {round}: the mesh differs from the image in what is connected at {count} \
-         places{what}"
+        "round {round}: the mesh differs from the image in what is connected, or ends before a \
+         wall, at {count} places{what}"
     );
     monitor.log(Level::Info, &line);
 }

@@ -102,8 +102,8 @@ pub struct RunReport {
     pub threads: Vec<ThreadReport>,
     /// What the removal of slivers did.
     pub improvement: Improvement,
-    /// How many differences from the image in what is connected each comparison found, where
-    /// sampling follows these.
+    /// How many places each comparison found where the mesh differs from the image in what is
+    /// connected, or ends before a wall, where sampling follows these.
     pub differences: Vec<u64>,
     /// The nodes of second order.
     pub second_order: SecondOrder,

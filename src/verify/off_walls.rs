@@ -9,6 +9,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Result;
+use crate::geometry::predicates::perturbation_order;
 use crate::memory::reserve;
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
@@ -35,12 +36,12 @@ pub fn facets_off_walls(
             monitor.advance(0)?;
             let mut off = Vec::new();
             for (facet, &[inner, outer]) in facets.iter().zip(labels) {
-                let corners @ [a, b, c] = facet.map(|v| mesh.point(v));
+                let corners = facet.map(|v| mesh.point(v));
                 // The normal points to the second label.
                 let outwards = if outer == 0 { 1.0 } else { -1.0 };
                 if (inner == 0 || outer == 0) && oracle.is_off_wall(corners, outwards) {
                     reserve(&mut off, 1, WHAT)?;
-                    off.push((a + b + c) / 3.0);
+                    off.push(centroid(corners));
                 }
             }
             Ok(off)
@@ -51,6 +52,13 @@ pub fn facets_off_walls(
         all.extend(off);
     }
     Ok(all)
+}
+
+/// The centroid of a facet, the same for any order of its corners: it is compared with that of
+/// other meshes.
+fn centroid(mut corners: [DVec3; 3]) -> DVec3 {
+    corners.sort_unstable_by(|&a, &b| perturbation_order(a, b));
+    corners.iter().sum::<DVec3>() / 3.0
 }
 
 /// What the lists of this module have, as errors name it.

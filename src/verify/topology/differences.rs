@@ -45,7 +45,7 @@ pub enum Kind {
     Contact,
     /// A component of the mesh stands for none of the image. It may hold no voxel's centre.
     Piece,
-    /// An outer facet should lie on a wall.
+    /// An outer facet should lie on a wall, and does not.
     Nick,
 }
 
