@@ -40,7 +40,7 @@ static const char USAGE[] =
     "                       4/3 delta, or places where the mesh would tear, merge, or have holes; "
     "default topology\n"
     "  --no-adaptive        the same as --adaptive off\n"
-    "  --spacing-floor V    samples of thin structures come no closer than this many voxels; "
+    "  --spacing-floor V    where samples are closer than delta, no closer than this many voxels; "
     "default 0.5,\n"
     "                       but never closer than 0.75 with --adaptive thickness\n"
     "  --min-voxels N       leave out components of fewer voxels; for label images; default 0\n"

@@ -493,9 +493,10 @@ typedef enum {
   LAPD_ADAPTIVE_THICKNESS = 1,
   /**
    * Places where the mesh turns out to differ from the image in what is connected: where labels
-   * are torn, merged, or have a hole too many or too few. Far fewer elements where samples are
-   * farther apart than structures are thick. Holes that are left although samples are close get
-   * mended with LAPD_IMPROVE_FULL: a few tets get another label. The default.
+   * are torn, merged, or have a hole too many or too few, or where it ends before a wall that
+   * the object reaches. Far fewer elements where samples are farther apart than structures are
+   * thick. Holes that are left although samples are close get mended with LAPD_IMPROVE_FULL: a
+   * few tets get another label. The default.
    */
   LAPD_ADAPTIVE_TOPOLOGY = 2,
 } lapd_adaptive;
@@ -2327,10 +2328,10 @@ lapd_status lapd_params_set_adaptive(lapd_context *context, lapd_params *params,
 lapd_status lapd_params_get_adaptive(const lapd_params *params, int32_t *adaptive);
 
 /**
- * Sets how close samples of thin structures come at most: this times the smallest side of a voxel;
- * above 0, by default 0.5. With LAPD_ADAPTIVE_THICKNESS they come no closer than 0.9 sides anyway,
- * nor than 0.75 where voxels of a label touch in an edge or a corner alone. No other thread may
- * use `params` or the context meanwhile.
+ * Sets how close samples come at most where they are closer than lapd_params_set_delta says: this
+ * times the smallest side of a voxel; above 0, by default 0.5. With LAPD_ADAPTIVE_THICKNESS they
+ * come no closer than 0.9 sides anyway, nor than 0.75 where voxels of a label touch in an edge or
+ * a corner alone. No other thread may use `params` or the context meanwhile.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
  */
@@ -2339,8 +2340,8 @@ lapd_status lapd_params_set_spacing_floor(lapd_context *context,
                                           double spacing_floor);
 
 /**
- * How close samples of thin structures come at most, in smallest sides of a voxel. Any thread,
- * unless another one changes `params`.
+ * How close samples come at most where they are closer than lapd_params_set_delta says, in
+ * smallest sides of a voxel. Any thread, unless another one changes `params`.
  *
  * Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
  */
@@ -2715,8 +2716,8 @@ lapd_status lapd_params_get_target_tets(const lapd_params *params, uint64_t *tet
  * contracted as long as tets stay within size, samples of the interfaces within delta, and the
  * facets between keep planar angles of at least so many degrees (or those that they had), above 0
  * and at most 30. 15 is a good choice; with more fewer edges can go. Most is gained at a large
- * delta: a mesh of a brain has between a quarter and a seventh of the tets, and no component less.
- * It takes one to three times as long as the refinement, 7 to 17 times with
+ * delta: at one of three voxels a mesh of a brain has three tenths of the tets, and no component
+ * less. It takes one to three times as long as the refinement, 7 to 17 times with
  * LAPD_ADAPTIVE_THICKNESS. A limit of time that ends it early leaves many slivers, where partial
  * meshes are allowed. lapd_mesh_get_improvement tells what was done. With 0, the default, the mesh
  * stays as refinement made it. Needs LAPD_IMPROVE_FULL, which lapd_mesh_image checks. No other

@@ -42,7 +42,7 @@ def dihedral_range(points, tets):
 
 
 def by_lapd(voxels, spacing, delta):
-    mesh = lapd.mesh(voxels, spacing=spacing, delta=delta, threads=1)
+    mesh = lapd.mesh(voxels, spacing=spacing, delta=delta, adaptive="thickness", threads=1)
     return mesh.points, mesh.tets, mesh.labels
 
 

@@ -59,7 +59,8 @@ pub enum Adaptive {
     /// times the smallest side of a voxel is not looked at: it counts as thick whatever delta is.
     Thickness,
     /// Places where the mesh turns out to differ from the image in what is connected: where labels
-    /// are torn or merged, have a hole too many or too few. What is left is mended with
+    /// are torn or merged, have a hole too many or too few. And those where it ends before a wall
+    /// that the object reaches. What is left of holes is mended with
     /// [`Improve::Full`]: a few tets get another label.
     #[default]
     Topology,
@@ -158,9 +159,8 @@ pub struct MeshParams {
     pub target_dihedral: f64,
     /// Make the refined mesh coarser where that changes nothing in what is connected: edges are
     /// contracted as long as tets and samples stay within `size` and `delta`, and interface facets
-    /// keep planar angles of so many degrees, above 0 and at most [`MAX_COARSEN`]. Most is gained
-    /// where [`Adaptive::Thickness`] has sampled densely. Needs [`Improve::Full`]. `None`: the mesh
-    /// stays as refinement made it.
+    /// keep planar angles of so many degrees, above 0 and at most [`MAX_COARSEN`]. Needs
+    /// [`Improve::Full`]. `None`: the mesh stays as refinement made it.
     pub coarsen: Option<f64>,
     /// What is measured on the finished mesh.
     pub certificate: CertificateLevel,

@@ -89,7 +89,8 @@ fn misses(meshing: &MeshResult, params: &MeshParams) -> Vec<String> {
         let change = change / certificate.mesh_volume();
         bar(change.abs() < of_all, format!("improvement changed the total volume by {change:e}"));
     }
-    // Where no other one does, a mended tet has a facet with a small angle.
+    // Mending takes a tet that gives an interface a facet with a small angle where there is no
+    // other.
     let allowed = if improvement.tets_mended > 0 { improvement.facets_below } else { 0 };
     bar(
         bad_facets <= unmet[2] + allowed && allowed <= 20,

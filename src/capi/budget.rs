@@ -51,8 +51,8 @@ pub unsafe extern "C" fn lapd_params_get_target_tets(
 /// contracted as long as tets stay within size, samples of the interfaces within delta, and the
 /// facets between keep planar angles of at least so many degrees (or those that they had), above 0
 /// and at most 30. 15 is a good choice; with more fewer edges can go. Most is gained at a large
-/// delta: a mesh of a brain has between a quarter and a seventh of the tets, and no component less.
-/// It takes one to three times as long as the refinement, 7 to 17 times with
+/// delta: at one of three voxels a mesh of a brain has three tenths of the tets, and no component
+/// less. It takes one to three times as long as the refinement, 7 to 17 times with
 /// LAPD_ADAPTIVE_THICKNESS. A limit of time that ends it early leaves many slivers, where partial
 /// meshes are allowed. lapd_mesh_get_improvement tells what was done. With 0, the default, the mesh
 /// stays as refinement made it. Needs LAPD_IMPROVE_FULL, which lapd_mesh_image checks. No other

@@ -16,9 +16,10 @@ pub enum lapd_adaptive {
     /// holds cubes of 32 times the smallest side of a voxel is never thin.
     LAPD_ADAPTIVE_THICKNESS = 1,
     /// Places where the mesh turns out to differ from the image in what is connected: where labels
-    /// are torn, merged, or have a hole too many or too few. Far fewer elements where samples are
-    /// farther apart than structures are thick. Holes that are left although samples are close get
-    /// mended with LAPD_IMPROVE_FULL: a few tets get another label. The default.
+    /// are torn, merged, or have a hole too many or too few, or where it ends before a wall that
+    /// the object reaches. Far fewer elements where samples are farther apart than structures are
+    /// thick. Holes that are left although samples are close get mended with LAPD_IMPROVE_FULL: a
+    /// few tets get another label. The default.
     LAPD_ADAPTIVE_TOPOLOGY = 2,
 }
 
@@ -65,10 +66,10 @@ pub unsafe extern "C" fn lapd_params_get_adaptive(
     }
 }
 
-/// Sets how close samples of thin structures come at most: this times the smallest side of a voxel;
-/// above 0, by default 0.5. With LAPD_ADAPTIVE_THICKNESS they come no closer than 0.9 sides anyway,
-/// nor than 0.75 where voxels of a label touch in an edge or a corner alone. No other thread may
-/// use `params` or the context meanwhile.
+/// Sets how close samples come at most where they are closer than lapd_params_set_delta says: this
+/// times the smallest side of a voxel; above 0, by default 0.5. With LAPD_ADAPTIVE_THICKNESS they
+/// come no closer than 0.9 sides anyway, nor than 0.75 where voxels of a label touch in an edge or
+/// a corner alone. No other thread may use `params` or the context meanwhile.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when a pointer is NULL or the value is out of range.
 #[unsafe(no_mangle)]
@@ -86,8 +87,8 @@ pub unsafe extern "C" fn lapd_params_set_spacing_floor(
     }
 }
 
-/// How close samples of thin structures come at most, in smallest sides of a voxel. Any thread,
-/// unless another one changes `params`.
+/// How close samples come at most where they are closer than lapd_params_set_delta says, in
+/// smallest sides of a voxel. Any thread, unless another one changes `params`.
 ///
 /// Errors: LAPD_ERROR_INVALID_ARGUMENT when an argument is NULL.
 #[unsafe(no_mangle)]
