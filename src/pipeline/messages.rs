@@ -67,10 +67,13 @@ pub(super) fn log_try(monitor: &Monitor<'_>, params: &MeshParams, tets: u64) {
 
 pub(super) fn log_differences(monitor: &Monitor<'_>, round: usize, count: usize, goes_on: bool) {
     let what = if goes_on { ", sampled more densely" } else { "" };
-    let line = format!(
-        "round {round}: the mesh differs from the image in what is connected, or ends before a \
-         wall, at {count} places{what}"
-    );
+    let line = match count {
+        0 => format!("round {round}: what is connected is as in the image"),
+        _ => format!(
+            "round {round}: the mesh differs from the image in what is connected, or ends before \
+             a wall, at {count} places{what}"
+        ),
+    };
     monitor.log(Level::Info, &line);
 }
 
