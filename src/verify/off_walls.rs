@@ -2,15 +2,15 @@
 //!
 //! Which these are is told by [`Oracle::is_off_wall`].
 //!
-//! Serial order, for any number of threads. Cost: a ray for each outer facet that has a vertex on
-//! a wall and does not lie on it.
+//! The same for any number of threads. Cost: a ray for each outer facet that has a vertex on a wall
+//! and does not lie on it.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Result;
 use crate::geometry::predicates::perturbation_order;
-use crate::memory::reserve;
+use crate::memory::{concatenated, reserve};
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
@@ -27,9 +27,8 @@ pub fn facets_off_walls(
     oracle: &Oracle,
     monitor: &Monitor<'_>,
 ) -> Result<Vec<DVec3>> {
-    let mut all = Vec::new();
     if !oracle.has_walls() {
-        return Ok(all);
+        return Ok(Vec::new());
     }
     let chunks = mesh.facets.par_chunks(CHUNK).zip(mesh.facet_labels.par_chunks(CHUNK)).map(
         |(facets, labels)| {
@@ -47,11 +46,7 @@ pub fn facets_off_walls(
             Ok(off)
         },
     );
-    for off in chunks.collect::<Result<Vec<_>>>()? {
-        reserve(&mut all, off.len(), WHAT)?;
-        all.extend(off);
-    }
-    Ok(all)
+    concatenated(chunks.collect::<Result<_>>()?, WHAT)
 }
 
 /// The centroid of a facet, the same for any order of its corners: it is compared with that of
