@@ -1,5 +1,7 @@
 //! Sets of voxels or cells of a row as words of 64 bits.
 
+use std::ops::Range;
+
 /// The places of the bits of a word, from the lowest on.
 #[inline]
 pub(crate) fn ones(mut word: u64) -> impl Iterator<Item = usize> + Clone {
@@ -19,5 +21,15 @@ pub(crate) fn gathered(flags: &[u8; 64]) -> u64 {
     let (bytes, _) = flags.as_chunks::<8>();
     bytes.iter().enumerate().fold(0, |word, (n, &eight)| {
         word | (u64::from_le_bytes(eight).wrapping_mul(GATHER) >> 56) << (8 * n)
+    })
+}
+/// The words of 64 bits that have bits of a range, which is not empty, and which.
+#[inline]
+pub(crate) fn masks(range: &Range<usize>) -> impl Iterator<Item = (usize, u64)> {
+    let (from, last) = (range.start, range.end - 1);
+    (from / 64..=last / 64).map(move |word| {
+        let low = if word == from / 64 { from % 64 } else { 0 };
+        let high = if word == last / 64 { last % 64 } else { 63 };
+        (word, (u64::MAX >> (63 - high)) & (u64::MAX << low))
     })
 }

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use crate::image::LabelImage;
 use crate::image::bits::{gathered, ones};
 use crate::memory::{room, zeroed};
-use crate::reduce::{Numbered, UnionFind};
+use crate::reduce::UnionFind;
 use crate::{Error, Result};
 
 /// A slice of voxels counts as this many pieces of work, a tet as one.
@@ -47,7 +47,7 @@ pub struct ImageComponent {
 struct Run {
     start: u32,
     end: u32,
-    /// The number of the run.
+    /// The number of the run; in the end, of its component.
     number: u32,
     id: u16,
 }
@@ -94,16 +94,24 @@ struct Slice {
     runs: Vec<Run>,
     /// Where the runs of each row end.
     ends: Vec<u32>,
+    /// In each row, how many runs end before each [`MARK`] voxels, or with them.
+    marks: Vec<u32>,
 }
+
+/// Of so many voxels one is marked, so that few runs are gone through to find that of a voxel.
+const MARK: usize = 32;
 
 impl Slice {
     fn new(ids: &[u16], width: usize, runs: usize, first: u32) -> Result<Self> {
+        let rows = ids.len() / width;
         let mut slice = Self {
             runs: room(runs, "runs of equal voxels")?,
-            ends: room(ids.len() / width, "rows of voxels")?,
+            ends: room(rows, "rows of voxels")?,
+            marks: room(rows * width.div_ceil(MARK), "rows of voxels")?,
         };
         for row in ids.chunks(width) {
-            let numbers = first + slice.runs.len() as u32..;
+            let before = slice.runs.len();
+            let numbers = first + before as u32..;
             slice.runs.extend(runs_of(row).zip(numbers).map(|((start, end, id), number)| Run {
                 start,
                 end,
@@ -111,8 +119,23 @@ impl Slice {
                 id,
             }));
             slice.ends.push(slice.runs.len() as u32);
+            let (runs, mut passed) = (&slice.runs[before..], 0);
+            slice.marks.extend((0..width).step_by(MARK).map(|voxel| {
+                let ends = runs[passed..].iter().take_while(|run| run.end as usize <= voxel);
+                passed += ends.count();
+                passed as u32
+            }));
         }
         Ok(slice)
+    }
+
+    /// The run that holds voxel `i` of row `j`, if there is one.
+    #[inline]
+    fn run_at(&self, i: usize, j: usize) -> Option<&Run> {
+        let per_row = self.marks.len() / self.ends.len();
+        let passed = *self.marks.get(per_row * j..per_row * (j + 1))?.get(i / MARK)?;
+        let mut runs = self.row(j)[passed as usize..].iter();
+        runs.find(|run| run.end as usize > i).filter(|run| run.start as usize <= i)
     }
 
     fn row(&self, j: usize) -> &[Run] {
@@ -146,7 +169,6 @@ fn for_common(a: &[Run], b: &[Run], mut visit: impl FnMut(Run, u32)) {
 /// The components of an image.
 pub(crate) struct ImageComponents {
     slices: Vec<Slice>,
-    numbers: Numbered,
     /// In the order of their first voxels.
     pub list: Vec<ImageComponent>,
     /// The component of each id that has one alone.
@@ -179,7 +201,7 @@ impl ImageComponents {
             go_on(SLICE / 4)?;
             Slice::new(ids[k], nx, counts[k], firsts[k])
         };
-        let slices: Vec<Slice> = (0..nz).into_par_iter().map(slice).collect::<Result<_>>()?;
+        let mut slices: Vec<Slice> = (0..nz).into_par_iter().map(slice).collect::<Result<_>>()?;
         let sets = UnionFind::new(total, "runs of equal voxels")?;
         let join = |k: usize| {
             go_on(SLICE / 4)?;
@@ -191,16 +213,17 @@ impl ImageComponents {
         let numbers = sets.numbered(|_| true, "runs of equal voxels", &|| go_on(0))?;
 
         let mut list: Vec<ImageComponent> = room(numbers.roots.len(), "components of the image")?;
-        for (k, (slice, contributions)) in slices.iter().zip(&contributions).enumerate() {
+        for (k, (slice, contributions)) in slices.iter_mut().zip(&contributions).enumerate() {
             go_on(SLICE / 4)?;
             let mut row = 0;
-            for (r, (run, &euler)) in slice.runs.iter().zip(contributions).enumerate() {
+            for (r, (run, &euler)) in slice.runs.iter_mut().zip(contributions).enumerate() {
                 while slice.ends[row] as usize <= r {
                     row += 1;
                 }
                 // A component's first run is that of its smallest number: components come in their
                 // order.
-                let component = numbers.of(run.number) as usize;
+                run.number = numbers.of(run.number);
+                let component = run.number as usize;
                 if component == list.len() {
                     list.push(ImageComponent {
                         id: run.id,
@@ -221,7 +244,7 @@ impl ImageComponents {
         {
             only[usize::from(component.id)] = Some(c as u32);
         }
-        Ok(Self { slices, numbers, list, only })
+        Ok(Self { slices, list, only })
     }
 
     /// The runs of voxels along x of the components that `wanted` is true of: the component, the
@@ -235,7 +258,7 @@ impl ImageComponents {
         debug_assert!(self.slices.iter().all(|slice| slice.ends.len() == ny));
         rows.enumerate().flat_map(|(row, runs)| runs.iter().map(move |run| (row, run))).filter_map(
             move |(row, run)| {
-                let component = self.numbers.of(run.number) as usize;
+                let component = run.number as usize;
                 let place = row * nx + run.start as usize;
                 wanted(&self.list[component]).then_some((
                     component,
@@ -249,13 +272,7 @@ impl ImageComponents {
     /// The component of a voxel; `None` in the background and outside the image.
     #[inline]
     pub fn at(&self, [i, j, k]: [usize; 3]) -> Option<u32> {
-        let slice = self.slices.get(k)?;
-        if j >= slice.ends.len() {
-            return None;
-        }
-        let row = slice.row(j);
-        let run = row.get(row.partition_point(|run| run.end as usize <= i))?;
-        (run.start as usize <= i).then(|| self.numbers.of(run.number))
+        self.slices.get(k)?.run_at(i, j).map(|run| run.number)
     }
 
     /// The component of label id `id` at continuous index `p`: that of the voxel that holds it, or

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use glam::DVec3;
 
-use super::bits::ones;
+use super::bits::{masks, ones};
 use super::bricks::Bricks;
 use super::region::Region;
 use super::{Frame, Grid};
@@ -120,7 +120,8 @@ impl VoxelBlocks {
                 [0, 1, 2].map(|a| block[a].saturating_sub(1)..(block[a] + 2).min(self.counts[a])),
             );
         });
-        Ok(NearBlocks { blocks: self, near })
+        let largest = (Bricks::EDGE as f64 - Self::MARGIN) * near.grid.spacing.min_element();
+        Ok(NearBlocks { blocks: self, near, largest_squared: largest * largest })
     }
 
     /// Whether there are all blocks of such a box.
@@ -218,17 +219,15 @@ impl VoxelBlocks {
 pub struct NearBlocks {
     blocks: VoxelBlocks,
     near: VoxelBlocks,
+    /// A ball of this squared radius, or less, that meets one of the blocks has its centre in one
+    /// of those around.
+    largest_squared: f64,
 }
 
 impl NearBlocks {
     /// The blocks.
     pub fn blocks(&self) -> &VoxelBlocks {
         &self.blocks
-    }
-
-    /// The same, without those around them.
-    pub fn into_blocks(self) -> VoxelBlocks {
-        self.blocks
     }
 
     /// The blocks, and those around them.
@@ -240,22 +239,13 @@ impl NearBlocks {
     #[inline]
     pub fn meet_ball(&self, center: DVec3, squared_radius: f64) -> bool {
         let at = self.blocks.grid.index_at(center);
+        if squared_radius <= self.largest_squared && !self.near.has(at) {
+            return false;
+        }
         // Image axes are orthonormal.
         let reach = squared_radius.sqrt() / self.blocks.grid.spacing;
-        let is_small = reach.max_element() <= Bricks::EDGE as f64 - VoxelBlocks::MARGIN;
-        (!is_small || self.near.has(at)) && self.blocks.meet([at - reach, at + reach])
+        self.blocks.meet([at - reach, at + reach])
     }
-}
-
-/// The words that have bits of a range, and which.
-#[inline]
-fn masks(range: &Range<usize>) -> impl Iterator<Item = (usize, u64)> {
-    let (from, last) = (range.start, range.end - 1);
-    (from / 64..=last / 64).map(move |word| {
-        let low = if word == from / 64 { from % 64 } else { 0 };
-        let high = if word == last / 64 { last % 64 } else { 63 };
-        (word, (u64::MAX >> (63 - high)) & (u64::MAX << low))
-    })
 }
 
 #[cfg(test)]

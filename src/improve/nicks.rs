@@ -101,7 +101,7 @@ fn may_become(mesh: &TetMesh, t: u32, label: i32) -> bool {
         return false;
     }
     // What another label consists of does not change.
-    let vicinity = Vicinity::new(mesh, &[t], &mut Stars::default());
+    let vicinity = Vicinity::new(mesh, t, &mut Stars::default());
     let is_disc = |of| vicinity.shared_with(|t| mesh.labels[t as usize] == of).is_disc();
     is_disc(label) && is_disc(0)
 }

@@ -36,7 +36,10 @@ impl Stars {
 
 /// A tet, or two that share a facet, and the tets that share at least a vertex with them.
 pub(crate) struct Vicinity {
-    /// The tets around, and which corners each shares: bit i for the i-th corner.
+    /// The corners of the first tet.
+    first: [u32; 4],
+    /// The tets around, and which corners each shares: bit i for the i-th corner, bit 4 for that of
+    /// the second tet alone.
     around: Vec<(u32, u32)>,
     /// The corners of each tet inside, likewise.
     inside: Vec<u32>,
@@ -48,25 +51,29 @@ pub(crate) struct Vicinity {
 pub(crate) struct Faces(u32);
 
 impl Vicinity {
-    /// That of one tet, or of two that share a facet.
-    pub fn new(mesh: &TetMesh, tets: &[u32], stars: &mut Stars) -> Self {
-        let mut corners: Vec<u32> = tets.iter().flat_map(|&t| mesh.tets[t as usize]).collect();
-        corners.sort_unstable();
-        corners.dedup();
-        debug_assert!(corners.len() <= 5);
-        let shared = |t: u32| {
-            let bit = |(i, v)| u32::from(mesh.tets[t as usize].contains(v)) << i;
-            corners.iter().enumerate().map(bit).sum::<u32>()
-        };
-        let inside = tets.iter().map(|&t| shared(t)).collect();
+    /// That of a tet.
+    pub fn new(mesh: &TetMesh, tet: u32, stars: &mut Stars) -> Self {
+        let first = mesh.tets[tet as usize];
         let mut around = Vec::new();
-        for (i, &v) in corners.iter().enumerate() {
-            if let Some(&t) = tets.iter().find(|&&t| mesh.tets[t as usize].contains(&v)) {
-                around = merged(&around, stars.of(mesh, v, t), 1 << i);
-            }
+        for (i, v) in first.into_iter().enumerate() {
+            around = merged(&around, stars.of(mesh, v, tet), 1 << i);
         }
-        around.retain(|(t, _)| !tets.contains(t));
-        Self { around, inside }
+        around.retain(|&(t, _)| t != tet);
+        Self { first, around, inside: vec![0b1111] }
+    }
+
+    /// That of its tet, and of another one with which that shares a facet.
+    pub fn with(&self, mesh: &TetMesh, other: u32, stars: &mut Stars) -> Self {
+        let corners = mesh.tets[other as usize];
+        let is_shared = |v: &u32| corners.contains(v);
+        let bits = self.first.iter().enumerate().map(|(i, v)| u32::from(is_shared(v)) << i);
+        let inside = vec![0b1111, 1 << 4 | bits.sum::<u32>()];
+        let mut around = self.around.clone();
+        if let Some(&v) = corners.iter().find(|v| !self.first.contains(v)) {
+            around = merged(&around, stars.of(mesh, v, other), 1 << 4);
+        }
+        around.retain(|&(t, _)| t != other);
+        Self { first: self.first, around, inside }
     }
 
     /// The tets around.
@@ -205,8 +212,10 @@ mod tests {
         let mut stars = Stars::default();
         for &t in &inner {
             let others = mesh.neighbors[t as usize].iter().filter(|&&n| is_inner(n));
-            for set in others.map(|&n| vec![t, n]).chain([vec![t]]) {
-                let vicinity = Vicinity::new(&mesh, &set, &mut stars);
+            let alone = Vicinity::new(&mesh, t, &mut stars);
+            let pairs = others.map(|&n| (vec![t, n], alone.with(&mesh, n, &mut stars)));
+            let pairs: Vec<_> = pairs.collect();
+            for (set, vicinity) in pairs.into_iter().chain([(vec![t], alone)]) {
                 let all = vicinity.shared_with(|_| true);
                 assert_eq!((all.pieces(), all.euler()), (1, 2));
                 let of_set: Vec<u32> = set.iter().flat_map(|&t| mesh.tets[t as usize]).collect();

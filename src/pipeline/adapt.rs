@@ -209,32 +209,26 @@ impl Run<'_> {
         }
         let mut mesh = collect(&rules, self.image.labels(), Background::Dropped, quiet)?;
         mesh.collect_facets(quiet)?;
-        Ok(differences.of(&mesh, None, quiet)?.unwrap_or_default())
+        differences.of(&mesh, None, quiet)
     }
 
     /// The same, of a mesh that has changed in some blocks; `None` if these are most of it.
     fn compare_part(
         &self,
         differences: &mut Differences<'_>,
-        mut changed: VoxelBlocks,
+        changed: VoxelBlocks,
         rules: &Rules<'_>,
         quiet: &Monitor<'_>,
     ) -> Result<Option<Vec<Difference>>> {
-        loop {
-            differences.add_pieces(&changed);
-            let near = changed.and_around()?;
-            let Some(part) = collect_near(rules, self.image.labels(), &near, quiet)? else {
-                return Ok(None);
-            };
-            let Part { mut mesh, cut } = part;
-            mesh.collect_facets(quiet)?;
-            let change = Change { blocks: near.blocks(), cut: &cut };
-            if let found @ Some(_) = differences.of(&mesh, Some(&change), quiet)? {
-                return Ok(found);
-            }
-            // Blocks were added.
-            changed = near.into_blocks();
-        }
+        differences.add_pieces(&changed);
+        let near = changed.and_around()?;
+        let Some(part) = collect_near(rules, self.image.labels(), &near, quiet)? else {
+            return Ok(None);
+        };
+        let Part { mut mesh, cut } = part;
+        mesh.collect_facets(quiet)?;
+        let change = Change { blocks: near.blocks(), cut: &cut };
+        differences.of(&mesh, Some(&change), quiet).map(Some)
     }
 
     /// For debug builds: the differences found in a part of the mesh, and those of before
@@ -250,7 +244,7 @@ impl Run<'_> {
         let mut mesh = collect(rules, image.labels(), Background::Dropped, &monitor)?;
         mesh.collect_facets(&monitor)?;
         let mut differences = Differences::new(image, *region, &prepared.oracle, &monitor)?;
-        let all = differences.of(&mesh, None, &monitor)?.unwrap_or_default();
+        let all = differences.of(&mesh, None, &monitor)?;
         let sorted = |differences: &[Difference]| {
             let known = differences.iter().filter(|difference| difference.kind != Kind::Piece);
             let mut known: Vec<_> = known.map(|d| (d.kind as u8, d.index.to_array())).collect();

@@ -81,6 +81,7 @@ impl SeenTets {
             monitor.advance(0)?;
             let slots = (piece * PIECE) as TetId..;
             for (t, (label_before, before)) in slots.zip(labels.iter_mut().zip(balls)) {
+                triangulation.prefetch_next(t);
                 let label = if triangulation.is_living(t) { rules.label(t) } else { 0 };
                 if label == 0 && *label_before == 0 {
                     continue;

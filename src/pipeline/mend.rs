@@ -301,21 +301,20 @@ impl Components {
         Ok(Some(near))
     }
 
-    /// What follows when `tets` go from one label to another; `None` if that is no gain, or not
-    /// allowed.
+    /// What follows when tet `t`, or it and another one, whose vicinity is given, go from one label
+    /// to another; `None` if that is no gain, or not allowed.
     fn outcome(
         &self,
         mesh: &TetMesh,
-        tets: &[u32],
+        t: u32,
+        vicinity: &Vicinity,
         [from, to]: [i32; 2],
-        stars: &mut Stars,
     ) -> Option<Outcome> {
-        let vicinity = Vicinity::new(mesh, tets, stars);
         let has = |label: i32| move |t: u32| mesh.labels[t as usize] == label;
         let mut outcome = Outcome::default();
         let mut gain = 0;
         let is_small = |&c: &u32| self.measured.list[c as usize].tets.count <= SMALL;
-        let small_piece = self.of(tets[0]).filter(|&c| self.is_piece(c)).filter(is_small);
+        let small_piece = self.of(t).filter(|&c| self.is_piece(c)).filter(is_small);
         for (label, joins) in [(from, false), (to, true)] {
             let faces = vicinity.shared_with(has(label));
             let (pieces, euler) = (faces.pieces(), faces.euler());
@@ -347,7 +346,7 @@ impl Components {
                 (_, 0, 1) => gain += i64::from(!joins && small_piece.is_some()),
                 // Two components might be joined.
                 (_, 0, _) => return None,
-                _ => gain += self.grown(mesh, &vicinity, label, grows, &mut outcome.standings)?,
+                _ => gain += self.grown(mesh, vicinity, label, grows, &mut outcome.standings)?,
             }
         }
         // No vertex inside of a label gets on an interface, and none loses its last label.
@@ -413,8 +412,12 @@ impl Components {
         if candidate.tets().iter().any(|&t| mesh.labels[t as usize] != from) {
             return Ok(false);
         }
-        let stars = &mut Stars::default();
-        let Some(outcome) = self.outcome(mesh, candidate.tets(), [from, to], stars) else {
+        let ([t, other], stars) = (candidate.tets, &mut Stars::default());
+        let mut vicinity = Vicinity::new(mesh, t, stars);
+        if other != NONE {
+            vicinity = vicinity.with(mesh, other, stars);
+        }
+        let Some(outcome) = self.outcome(mesh, t, &vicinity, [from, to]) else {
             return Ok(false);
         };
         for (component, standing) in outcome.standings {
@@ -476,11 +479,17 @@ fn candidates(
             }
             let is_like = |&n: &u32| n != NONE && mesh.labels[n as usize] == from;
             let neighbors = mesh.neighbors[t as usize].into_iter().filter(is_like);
+            let alone = Vicinity::new(mesh, t, &mut stars);
             for other in neighbors.chain([NONE]) {
                 let candidate =
                     Candidate { tets: [t, other], from, to, part: 0.0, loose: 0, is_sharp: false };
                 let tets = candidate.tets();
-                let outcome = components.outcome(mesh, tets, [from, to], &mut stars);
+                let outcome = if other == NONE {
+                    components.outcome(mesh, t, &alone, [from, to])
+                } else {
+                    let pair = alone.with(mesh, other, &mut stars);
+                    components.outcome(mesh, t, &pair, [from, to])
+                };
                 let Some(Outcome { loose, .. }) = outcome else { continue };
                 let part = part_of(tets, to);
                 if part > LEAST_PART {

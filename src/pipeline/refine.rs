@@ -166,6 +166,7 @@ pub fn collect_near(
     let pieces = (0..bound.div_ceil(SLOTS)).into_par_iter().map(|piece| {
         monitor.advance(0)?;
         let slots = piece * SLOTS..((piece + 1) * SLOTS).min(bound);
+        let slots = slots.inspect(|&t| triangulation.prefetch_next(t));
         let mut near = Vec::new();
         for t in slots.filter(has_label).filter(|&t| is_near(t)) {
             is_in_part.set(t);
@@ -201,7 +202,7 @@ pub fn collect_near(
 
 /// A larger part of a mesh is no less work than all of it, whose tets come in the order of their
 /// places.
-const LARGEST_PART: f64 = 0.6;
+const LARGEST_PART: f64 = 0.45;
 
 /// One slot of so many is asked first.
 const SAMPLE_OF: u32 = 61;

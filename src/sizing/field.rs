@@ -31,7 +31,7 @@ use crate::image::bricks::Bricks;
 use crate::image::region::{Region, Rows};
 use crate::image::voxel_blocks::VoxelBlocks;
 use crate::image::{LabelImage, Palette};
-use crate::memory::filled;
+use crate::memory::{collected, filled};
 use crate::params::{Adaptive, MeshParams};
 
 /// Samples of a thin structure are this part of its thickness apart.
@@ -128,6 +128,15 @@ impl Place {
     /// That about a contact; `side` is the smallest side of a voxel.
     pub fn about_contact(index: DVec3, spacing: f64, side: f64) -> Self {
         Self { index, spacing, radius: CONTACT_REACH * side, voxels: AROUND_CONTACT }
+    }
+
+    /// The layers, numbers y, of a region whose voxels are `spacing` apart that it may reach.
+    fn layers(&self, region: &Region, spacing: DVec3) -> Range<usize> {
+        let middle = region.offset(self.index).y;
+        // One more on both sides: more than rounding.
+        let reach = self.voxels.max(self.radius / spacing.y) + 1.0;
+        let [from, to] = [middle - reach, middle + reach].map(|y| y.max(0.0) as usize);
+        from..to.saturating_add(1).min(region.dims[1])
     }
 
     /// The voxels that it holds of a layer, number `y`, of a region whose voxels are `spacing`
@@ -319,11 +328,9 @@ impl Sizing {
         let ThinVoxels { region, thicknesses, of_voxels: mut levels } = thin;
         let [nx, ny, nz] = region.dims;
         let layer = nx * nz;
-        if levels.is_empty() {
-            if places.is_empty() && of_label.min(of_tets) >= delta {
-                return Ok(Self::uniform_with(delta, tets));
-            }
-            levels = filled(layer * ny, NOT_THIN, "voxels of the sizing field", check)?;
+        let is_even = levels.is_empty() && of_label.min(of_tets) >= delta;
+        if is_even && places.is_empty() {
+            return Ok(Self::uniform_with(delta, tets));
         }
         let delta = delta.min(MAX_GRADED * spacing.min_element());
         if delta <= min {
@@ -331,11 +338,15 @@ impl Sizing {
         }
         let scale = Scale::between(min, delta);
         // What is not thin has delta.
-        let mut level_of = [LEVELS; NOT_THIN as usize + 1];
-        for (level_of, thickness) in level_of.iter_mut().zip(thicknesses) {
-            *level_of = scale.level((wanted.per_thickness * thickness).max(of_thin));
+        if levels.is_empty() {
+            levels = filled(layer * ny, LEVELS, "voxels of the sizing field", check)?;
+        } else {
+            let mut level_of = [LEVELS; NOT_THIN as usize + 1];
+            for (level_of, thickness) in level_of.iter_mut().zip(thicknesses) {
+                *level_of = scale.level((wanted.per_thickness * thickness).max(of_thin));
+            }
+            levels.par_iter_mut().for_each(|level| *level = level_of[usize::from(*level)]);
         }
-        levels.par_iter_mut().for_each(|level| *level = level_of[usize::from(*level)]);
         if of_label < delta {
             let of_id: Vec<u8> = of_labels.iter().map(|&value| scale.level(value)).collect();
             levels.par_chunks_mut(layer).enumerate().for_each(|(j, levels)| {
@@ -355,16 +366,18 @@ impl Sizing {
             });
         }
         check()?;
-        // The side of a thin voxel is as much the next one's, and so is that of a label.
-        widen(&mut levels, nx, layer);
-        if of_thin.min(of_label).min(of_tets) < delta {
+        if !is_even {
+            // The side of a thin voxel is as much the next one's, and so is that of a label.
+            widen(&mut levels, nx, layer);
             grade(&mut levels, [nx, ny, nz], scale.growth(wanted.grading, spacing));
         }
         if !places.is_empty() {
             for places in places.chunks(PLACES) {
                 check()?;
+                let with_layers = |place: &Place| (*place, place.layers(&region, spacing));
+                let places = collected(places.iter().map(with_layers), "places")?;
                 levels.par_chunks_mut(layer).enumerate().for_each(|(y, levels)| {
-                    for place in places {
+                    for (place, _) in places.iter().filter(|(_, layers)| layers.contains(&y)) {
                         lower(y, levels, &region, spacing, place, scale.level(place.spacing));
                     }
                 });
@@ -407,10 +420,7 @@ impl Sizing {
         let Some(table) = &self.table else { return self.max > place.spacing };
         let (grid, level) = (table.grid(), self.scale.level(place.spacing));
         let region = Region { first: grid.first, dims: grid.bricks.dims() };
-        let middle = region.offset(place.index).y;
-        let reach = place.voxels.max(place.radius / grid.spacing.y) + 1.0;
-        let layers = (middle - reach).max(0.0) as usize..region.dims[1];
-        layers.take_while(|&y| (y as f64) < middle + reach).any(|y| {
+        place.layers(&region, grid.spacing).any(|y| {
             let mut rows = place.voxels_in_layer(y, &region, grid.spacing);
             rows.any(|(z, mut row)| row.any(|x| table.of_voxel([x, y, z]) > level))
         })
@@ -553,8 +563,10 @@ mod tests {
             levels.chunks_mut(nx * nz).enumerate().for_each(|(y, levels)| {
                 lower(y, levels, &region, spacing, &place, 4);
             });
+            let layers = place.layers(&region, spacing);
             for (at, level) in levels.into_iter().enumerate() {
                 let [x, y, z] = [at % nx, at / (nx * nz), at / nx % nz];
+                prop_assert!(level == 9 || layers.contains(&y));
                 let first = DVec3::from(region.first.map(|c| c as f64));
                 let apart = first + DVec3::from([x, y, z].map(|c| c as f64)) - index;
                 let beyond = [apart.length() - voxels, (apart * spacing).length() - radius];

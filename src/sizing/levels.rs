@@ -151,7 +151,8 @@ pub(super) fn grade(levels: &mut [u8], [nx, _, nz]: [usize; 3], growth: [u8; 3])
     let layer = nx * nz;
     levels.par_chunks_mut(layer).for_each(|layer| {
         let mut rows: Vec<&mut [u8]> = layer.chunks_mut(nx).collect();
-        for row in &mut rows {
+        // Most rows are the same all along.
+        for row in rows.iter_mut().filter(|row| row.iter().any(|level| *level != row[0])) {
             let lower = |before: u8, level: &mut u8| {
                 *level = (*level).min(before.saturating_add(growth[0]));
                 *level

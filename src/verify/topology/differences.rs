@@ -155,8 +155,9 @@ impl<'a> Differences<'a> {
     pub fn bytes_needed(image: &LabelImage, region: &Region) -> u64 {
         let [voxels, of_image] =
             [region.dims, image.dims()].map(|dims| dims.iter().map(|&n| n as u64).product::<u64>());
-        // The labels of image and mesh, what is noted of each voxel, and a bit per cell.
-        5 * voxels + of_image / 8
+        // The labels of image and mesh, and what is noted of each voxel; in bits, 1.5 of contacts
+        // per cell, and 1 of runs per voxel.
+        5 * voxels + of_image * 5 / 16
     }
 
     /// Adds to the blocks in which a mesh has changed those of pieces that may have: whether they
@@ -176,8 +177,7 @@ impl<'a> Differences<'a> {
 
     /// The differences of a mesh that has its facets. With a `change`, which tells how it differs
     /// from the mesh before, all of its tets that come near to the blocks are enough; the blocks
-    /// have those of [`Self::add_pieces`]. `None`: they are not enough to know what is a piece, and
-    /// blocks were added to them.
+    /// have those of [`Self::add_pieces`].
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
@@ -186,23 +186,11 @@ impl<'a> Differences<'a> {
         mesh: &TetMesh,
         change: Option<&Change<'_>>,
         monitor: &Monitor<'_>,
-    ) -> Result<Option<Vec<Difference>>> {
+    ) -> Result<Vec<Difference>> {
         let mut components = MeshComponents::new(mesh, self.image, &self.components, monitor)?;
         let surfaces = BoundarySurfaces::measure(mesh, &mut components, monitor)?;
         let pieces = self.find_pieces(mesh, components, change)?;
-        if let Some(Change { blocks, .. }) = change {
-            let mut is_enough = true;
-            for piece in pieces.iter().filter(|piece| !blocks.hold(piece.bounds)) {
-                is_enough = false;
-                blocks.add_box(piece.bounds);
-            }
-            if !is_enough {
-                return Ok(None);
-            }
-            self.pieces.retain(|piece| !blocks.meet(piece.bounds));
-        } else {
-            self.pieces.clear();
-        }
+        self.pieces.retain(|piece| change.is_some_and(|change| !change.blocks.meet(piece.bounds)));
         reserve(&mut self.pieces, pieces.len(), WHAT)?;
         self.pieces.extend(pieces);
 
@@ -239,7 +227,7 @@ impl<'a> Differences<'a> {
         all.extend(self.contacts.open().map(of_kind(Kind::Contact)));
         all.extend(self.pieces.iter().map(|piece| piece.index).map(of_kind(Kind::Piece)));
         all.extend(self.nicks.iter().copied().map(of_kind(Kind::Nick)));
-        Ok(Some(all))
+        Ok(all)
     }
 
     /// Finds the mesh's labels at voxels, and which contacts it reaches.
@@ -401,13 +389,13 @@ mod tests {
         let mut differences = Differences::new(&image, region, &oracle, &monitor).unwrap();
         let mut mesh = testing::kuhn_box([3; 3], [1.0; 3], |i, _, _| i32::from(i != 1));
         mesh.collect_facets(&monitor).unwrap();
-        let before = differences.of(&mesh, None, &monitor).unwrap().unwrap();
+        let before = differences.of(&mesh, None, &monitor).unwrap();
         assert!(!before.is_empty());
         let blocks = VoxelBlocks::none(image.frame(), &region).unwrap();
         let change = Change { blocks: &blocks, cut: &[] };
         let mut part = TetMesh::default();
         part.collect_facets(&monitor).unwrap();
-        let after = differences.of(&part, Some(&change), &monitor).unwrap().unwrap();
+        let after = differences.of(&part, Some(&change), &monitor).unwrap();
         assert_eq!(after, before);
     }
 
@@ -442,48 +430,43 @@ mod tests {
             let mut mesh = mesh_of(&labels);
             mesh.collect_facets(&monitor).unwrap();
             let mut differences = all();
-            differences.of(&mesh, None, &monitor).unwrap().unwrap();
+            differences.of(&mesh, None, &monitor).unwrap();
 
             for change in changes {
-                let mut blocks = VoxelBlocks::none(image.frame(), &region).unwrap();
+                let blocks = VoxelBlocks::none(image.frame(), &region).unwrap();
                 for (cube, label) in change {
                     labels[cube] = label;
                     let corners = [0, 1].map(|by| at(cube).map(|c| (c + by) as f64 / 2.0));
                     blocks.add_around(corners.map(DVec3::from));
                 }
                 let mesh = mesh_of(&labels);
-                let found = loop {
-                    differences.add_pieces(&blocks);
-                    let near = blocks.and_around().unwrap();
-                    let near_tets: Vec<bool> = mesh.tets.iter().map(|tet| {
-                        let corners = tet.map(|v| mesh.point(v));
-                        let middle = corners.iter().sum::<DVec3>() / 4.0;
-                        let reach = corners.iter().map(|p| p.distance_squared(middle));
-                        near.meet_ball(middle, reach.fold(0.0, f64::max))
-                    }).collect();
-                    let mut part = mesh_of(&labels);
-                    let mut cut = Vec::new();
-                    for (t, &is_near) in near_tets.iter().enumerate() {
-                        let label = mesh.labels[t];
-                        let goes_on = |u: &u32| {
-                            let other = mesh.labels.get(*u as usize);
-                            other == Some(&label) && !near_tets[*u as usize]
-                        };
-                        if !is_near {
-                            part.labels[t] = 0;
-                        } else if mesh.neighbors[t].iter().any(goes_on) {
-                            cut.push(t as u32);
-                        }
+                differences.add_pieces(&blocks);
+                let near = blocks.and_around().unwrap();
+                let near_tets: Vec<bool> = mesh.tets.iter().map(|tet| {
+                    let corners = tet.map(|v| mesh.point(v));
+                    let middle = corners.iter().sum::<DVec3>() / 4.0;
+                    let reach = corners.iter().map(|p| p.distance_squared(middle));
+                    near.meet_ball(middle, reach.fold(0.0, f64::max))
+                }).collect();
+                let mut part = mesh_of(&labels);
+                let mut cut = Vec::new();
+                for (t, &is_near) in near_tets.iter().enumerate() {
+                    let label = mesh.labels[t];
+                    let goes_on = |u: &u32| {
+                        let other = mesh.labels.get(*u as usize);
+                        other == Some(&label) && !near_tets[*u as usize]
+                    };
+                    if !is_near {
+                        part.labels[t] = 0;
+                    } else if mesh.neighbors[t].iter().any(goes_on) {
+                        cut.push(t as u32);
                     }
-                    testing::connect(&mut part);
-                    part.collect_facets(&monitor).unwrap();
-                    let change = Change { blocks: near.blocks(), cut: &cut };
-                    if let Some(found) = differences.of(&part, Some(&change), &monitor).unwrap() {
-                        break found;
-                    }
-                    blocks = near.into_blocks();
-                };
-                let expected = all().of(&mesh, None, &monitor).unwrap().unwrap();
+                }
+                testing::connect(&mut part);
+                part.collect_facets(&monitor).unwrap();
+                let change = Change { blocks: near.blocks(), cut: &cut };
+                let found = differences.of(&part, Some(&change), &monitor).unwrap();
+                let expected = all().of(&mesh, None, &monitor).unwrap();
                 prop_assert_eq!(sorted(&found), sorted(&expected));
                 let parts =
                     MeshComponents::new(&mesh, &image, &differences.components, &monitor).unwrap();
@@ -524,7 +507,7 @@ mod tests {
                     if Some([i, j, k]) == piece { 1 } else { label(i / CUBES) }
                 });
                 mesh.collect_facets(&monitor).unwrap();
-                differences.of(&mesh, None, &monitor).unwrap().unwrap()
+                differences.of(&mesh, None, &monitor).unwrap()
             };
             prop_assert_eq!(found(None), []);
             let found = found(Some([x, y, z]));

@@ -16,9 +16,10 @@ use super::boundary_surface::NonManifold;
 use super::voxel_labels::{Corners, planes_of};
 use crate::Result;
 use crate::image::LabelImage;
+use crate::image::bits::masks;
 use crate::image::region::Region;
 use crate::image::voxel_blocks::VoxelBlocks;
-use crate::memory::{concatenated, reserve, zeroed};
+use crate::memory::{concatenated, reserve, room, zeroed};
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
@@ -48,6 +49,8 @@ pub(super) struct Contacts {
     reached: Vec<AtomicBool>,
     /// For each cell whether it has some.
     cells: Vec<u64>,
+    /// How many there are before each 64 cells, and in all.
+    firsts: Vec<u32>,
     /// The blocks around them: most tets are far from all.
     blocks: VoxelBlocks,
     region: Region,
@@ -84,10 +87,16 @@ impl Contacts {
         let count = dims.iter().product::<usize>();
         let mut cells = zeroed::<u64>(count.div_ceil(64), "cells of the image")?;
         joins.iter().for_each(|join| cells[join.cell as usize / 64] |= 1 << (join.cell % 64));
+        let mut firsts: Vec<u32> = room(cells.len() + 1, "cells of the image")?;
+        let mut next = 0;
+        firsts.extend((0..=cells.len() as u64).map(|word| {
+            next += joins[next..].iter().take_while(|join| join.cell < 64 * word).count();
+            next as u32
+        }));
         let blocks = VoxelBlocks::none(image.frame(), &region)?;
         joins.iter().for_each(|join| blocks.add_box([region.offset(join.index); 2]));
         let reached = zeroed(joins.len(), "contacts")?;
-        Ok(Self { dims, joins, reached, cells, blocks, region })
+        Ok(Self { dims, joins, reached, cells, firsts, blocks, region })
     }
 
     /// Calls `visit` for the contacts in the cells of a box, with their numbers.
@@ -95,16 +104,21 @@ impl Contacts {
         // Cells begin a voxel before the first one; what is below 0 falls to 0.
         let [from, to] = [low, high].map(|p| (p + 1.0).to_array().map(|c| c as usize));
         let range = |a: usize| from[a]..(to[a] + 1).min(self.dims[a]);
+        if (0..3).any(|a| range(a).is_empty()) {
+            return;
+        }
         let [nx, ny, _] = self.dims;
         for z in range(2) {
             for y in range(1) {
-                for x in range(0) {
-                    let cell = x + nx * (y + ny * z);
-                    if self.cells[cell / 64] >> (cell % 64) & 1 == 1 {
-                        let first = self.joins.partition_point(|join| join.cell < cell as u64);
-                        let here = self.joins[first..].iter().enumerate();
-                        here.take_while(|(_, join)| join.cell == cell as u64)
-                            .for_each(|(n, join)| visit(first + n, join));
+                let row = nx * (y + ny * z);
+                for (word, mask) in masks(&(row + range(0).start..row + range(0).end)) {
+                    if self.cells[word] & mask != 0 {
+                        let [from, to] = [word, word + 1].map(|word| self.firsts[word] as usize);
+                        let is_here = |join: &Join| mask >> (join.cell % 64) & 1 == 1;
+                        let joins = (from..to).zip(&self.joins[from..to]);
+                        joins
+                            .filter(|(_, join)| is_here(join))
+                            .for_each(|(n, join)| visit(n, join));
                     }
                 }
             }
