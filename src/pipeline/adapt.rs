@@ -12,7 +12,8 @@
 //! - Then to the floor at once: within a voxel, two, three, of the smallest side. In the first
 //!   rounds, too, where samples are as close as the floor already: within the least of these
 //!   distances in which they are not so close everywhere.
-//! - Contacts along lines (`sizing/contact_lines`) have such samples from the start.
+//! - Contacts along lines (`sizing/contact_lines`) have such samples from the start, and all
+//!   contacts where delta is about a voxel.
 //! - Other contacts need the octahedron around them (`oracle/features/edges`), whose points are
 //!   half of a voxel's smallest side away: at once so small that these are sampled.
 //! - Nicks, where the mesh ends before a wall, wait for the second round, if there is anything

@@ -55,6 +55,11 @@ const CONTACT_REACH: f64 = 1.5;
 /// The same in voxels, at least: the voxels around a contact are to be sampled so, too.
 const AROUND_CONTACT: f64 = 0.6;
 
+/// Up to this delta, in smallest sides of a voxel, all contacts are sampled so from the start: it
+/// costs 2 % of tets at most, and differences that are found later would take rounds and mending
+/// (docs/notes/sampling.md).
+const ALL_CONTACTS_UP_TO: f64 = 1.25;
+
 /// Growth of the field per distance.
 const GRADING: f64 = 0.4;
 
@@ -243,11 +248,12 @@ impl Spacing {
     /// About which contacts samples are to be closer than elsewhere from the start.
     pub fn sampled_contacts(&self, image: &LabelImage) -> SampledContacts {
         let [elsewhere, _] = self.lowest(image);
+        let all_up_to = ALL_CONTACTS_UP_TO * image.frame().spacing().min_element();
         match self.adaptive {
             _ if self.at_contacts(image) >= elsewhere => SampledContacts::None,
             Adaptive::Off => SampledContacts::None,
-            Adaptive::Topology => SampledContacts::AlongLines,
-            Adaptive::Thickness => SampledContacts::All,
+            Adaptive::Topology if self.delta > all_up_to => SampledContacts::AlongLines,
+            Adaptive::Topology | Adaptive::Thickness => SampledContacts::All,
         }
     }
 
@@ -598,6 +604,26 @@ mod tests {
             let sizing = with(&[place(radius)]);
             assert!(!sizing.is_above(&place(radius)), "radius {radius}");
             assert!(sizing.is_above(&place(radius + 1.0)), "radius {radius}");
+        }
+    }
+
+    #[test]
+    fn contacts_are_sampled_from_the_start_where_that_costs_little() {
+        use SampledContacts::{All, AlongLines, None};
+        let side = 0.8;
+        let frame = crate::image::Frame::axis_aligned([side, 1.5, 1.0]).unwrap();
+        let image = LabelImage::from_fn([3; 3], frame, |_| 1).unwrap();
+        let cases = [
+            (Adaptive::Topology, [(0.7, None), (1.0, All), (1.2, All), (1.3, AlongLines)]),
+            (Adaptive::Thickness, [(0.7, None), (1.0, All), (1.3, All), (6.0, All)]),
+            (Adaptive::Off, [(0.7, None), (1.0, None), (1.3, None), (6.0, None)]),
+        ];
+        for (adaptive, of_deltas) in cases {
+            for (sides, expected) in of_deltas {
+                let params = MeshParams { delta: sides * side, adaptive, ..MeshParams::default() };
+                let sampled = Spacing::new(&params, image.labels()).sampled_contacts(&image);
+                assert_eq!(sampled, expected, "{adaptive:?}, delta of {sides} voxels");
+            }
         }
     }
 
