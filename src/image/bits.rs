@@ -23,7 +23,8 @@ pub(crate) fn gathered(flags: &[u8; 64]) -> u64 {
         word | (u64::from_le_bytes(eight).wrapping_mul(GATHER) >> 56) << (8 * n)
     })
 }
-/// The words of 64 bits that have bits of a range, which is not empty, and which.
+
+/// The words of 64 bits in which a range has bits, and which bits. The range must not be empty.
 #[inline]
 pub(crate) fn masks(range: &Range<usize>) -> impl Iterator<Item = (usize, u64)> {
     let (from, last) = (range.start, range.end - 1);

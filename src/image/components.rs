@@ -94,11 +94,12 @@ struct Slice {
     runs: Vec<Run>,
     /// Where the runs of each row end.
     ends: Vec<u32>,
-    /// In each row, how many runs end before each [`MARK`] voxels, or with them.
+    /// For voxels 0, [`MARK`], 2 [`MARK`] and so on of each row: how many runs of the row end
+    /// before that voxel. The search for a voxel's run begins after these.
     marks: Vec<u32>,
 }
 
-/// Of so many voxels one is marked, so that few runs are gone through to find that of a voxel.
+/// Of so many voxels one is marked: few runs lie between two marks.
 const MARK: usize = 32;
 
 impl Slice {
