@@ -11,6 +11,7 @@
 //! | [`triangulation`] | the shared structure and the virtual box |
 //! | [`worker`] | one thread's view: scratch memory, free slots, counters |
 //! | [`locate`] | walking to the tet that holds a point |
+//! | `flood` | the tets near to some places, without going through all |
 //! | [`worker::cavity`] | the conflict zone of a point (digging) |
 //! | [`worker::insert`] | Bowyer-Watson insertion (filling) |
 //! | [`worker::remove`] | vertex removal by the Delaunay triangulation of the link |
@@ -33,6 +34,7 @@
 
 pub mod check;
 pub mod chunked;
+mod flood;
 #[cfg(feature = "force-conflicts")]
 mod forced_conflicts;
 pub mod locate;

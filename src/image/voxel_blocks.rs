@@ -77,19 +77,6 @@ impl VoxelBlocks {
         self.add(self.within(low, high));
     }
 
-    /// A point of the world in voxels of the region.
-    #[inline]
-    pub fn index_at(&self, p: DVec3) -> DVec3 {
-        self.grid.index_at(p)
-    }
-
-    /// Adds the blocks of a box around a ball: its centre in voxels of the region, its radius in
-    /// world units.
-    pub fn add_ball(&self, center: DVec3, radius: f64) {
-        let reach = radius / self.grid.spacing;
-        self.add_box([center - reach, center + reach]);
-    }
-
     /// Adds all blocks.
     pub fn add_all(&self) {
         self.add(self.counts.map(|count| 0..count));
@@ -225,6 +212,23 @@ pub struct NearBlocks {
 }
 
 impl NearBlocks {
+    /// Up to this part of the region they are few. Measured (docs/notes/sampling.md).
+    const FEW: f64 = 1.0 / 128.0;
+
+    /// Whether they are so few that what is near to them is found sooner by going there than by
+    /// going through all.
+    pub fn are_few(&self) -> bool {
+        let count: u32 = self.blocks.words.iter().map(|word| word.load(Relaxed).count_ones()).sum();
+        let all: usize = self.blocks.counts.iter().product();
+        f64::from(count) <= Self::FEW * all as f64
+    }
+
+    /// A point of the world in each.
+    pub fn points(&self) -> impl Iterator<Item = DVec3> {
+        let first = |block: [usize; 3]| DVec3::from(block.map(|n| (Bricks::EDGE * n) as f64));
+        self.blocks.all().map(move |block| self.blocks.grid.point_at(first(block)))
+    }
+
     /// The blocks.
     pub fn blocks(&self) -> &VoxelBlocks {
         &self.blocks
@@ -320,6 +324,14 @@ mod tests {
             prop_assert_eq!(blocks.meet_ball(p, radius * radius), in_ball);
             prop_assert_eq!(blocks.meet_ball(p, f64::INFINITY), !expected.is_empty());
             let bounds = [at - reach, at + reach];
+            let of_point = |p: DVec3| {
+                let voxel = frame().to_index(p) - first;
+                [0, 1, 2].map(|a| voxel[a].round() as usize / Bricks::EDGE)
+            };
+            prop_assert!(blocks.points().map(of_point).eq(blocks.blocks().all()));
+            let all = REGION.dims.map(|n| n.div_ceil(Bricks::EDGE)).iter().product::<usize>();
+            let are_few = expected.len() as f64 <= NearBlocks::FEW * all as f64;
+            prop_assert_eq!(blocks.are_few(), are_few);
             let held = of_box(bounds[0], bounds[1]).is_subset(&expected);
             prop_assert_eq!(blocks.blocks().hold(bounds), held);
 

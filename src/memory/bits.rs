@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
-use super::{reserve, zeroed};
+use super::{filled, reserve, zeroed};
 use crate::Result;
 
 /// Bits, none of which is set at first. Read and written with relaxed order: who asks for a bit
@@ -53,6 +53,53 @@ impl Bits {
     pub fn has(&self, i: u32) -> bool {
         self.words[(i / u32::BITS) as usize].load(Relaxed) >> (i % u32::BITS) & 1 == 1
     }
+
+    /// The bits that are set, in their order.
+    pub fn ones(&self) -> impl Iterator<Item = u32> {
+        (0_u32..).step_by(u32::BITS as usize).zip(&self.words).flat_map(|(first, word)| {
+            let mut left = word.load(Relaxed);
+            std::iter::from_fn(move || {
+                let bit = (left != 0).then(|| left.trailing_zeros())?;
+                left &= left - 1;
+                Some(first + bit)
+            })
+        })
+    }
+}
+
+/// How many bits that no longer change are set before each.
+pub struct Ranks {
+    /// Before each word, and before the end.
+    before: Vec<u32>,
+}
+
+impl Ranks {
+    /// Those of these bits, of which fewer than 2^32 are set.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`](crate::Error::OutOfMemory).
+    pub fn new(bits: &Bits, what: &'static str) -> Result<Self> {
+        let mut before = filled(bits.words.len() + 1, 0, what, || Ok(()))?;
+        let mut count = 0;
+        for (word, after) in bits.words.iter().zip(&mut before[1..]) {
+            count += word.load(Relaxed).count_ones();
+            *after = count;
+        }
+        Ok(Self { before })
+    }
+
+    /// How many are set in all.
+    pub fn count(&self) -> usize {
+        self.before.last().map_or(0, |&count| count as usize)
+    }
+
+    /// How many are set before bit `i`.
+    #[inline]
+    pub fn of(&self, bits: &Bits, i: u32) -> u32 {
+        let word = (i / u32::BITS) as usize;
+        let before = bits.words[word].load(Relaxed) & ((1 << (i % u32::BITS)) - 1);
+        self.before[word] + before.count_ones()
+    }
 }
 
 fn words_for(count: usize) -> usize {
@@ -74,5 +121,11 @@ mod tests {
         bits.grow(100, "bits").unwrap();
         assert!((0..1500).all(|i| bits.has(i) == (i < 1000 && is_set(i))));
         assert!(!bits.is_empty() && Bits::default().is_empty());
+        let ones: Vec<u32> = (0..1000).filter(|&i| is_set(i)).collect();
+        assert!(bits.ones().eq(ones.iter().copied()));
+        let ranks = Ranks::new(&bits, "bits").unwrap();
+        let rank = |i: u32| ones.iter().filter(|&&one| one < i).count() as u32;
+        assert!((0..1500).all(|i| ranks.of(&bits, i) == rank(i)));
+        assert_eq!(ranks.count(), ones.len());
     }
 }

@@ -5,6 +5,7 @@ mod delaunay;
 pub mod extract;
 mod facets;
 mod from_arrays;
+pub mod part;
 pub mod split;
 pub(crate) mod vicinity;
 

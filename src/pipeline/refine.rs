@@ -12,6 +12,7 @@ use crate::memory::bits::Bits;
 use crate::memory::{concatenated, reserve};
 use crate::mesh::TetMesh;
 use crate::mesh::extract::{self, Background, Numbered};
+use crate::mesh::part::part;
 use crate::monitor::{Monitor, Step};
 use crate::oracle::Oracle;
 use crate::parallel::machine::Machine;
@@ -143,40 +144,10 @@ pub fn collect_near(
     blocks: &NearBlocks,
     monitor: &Monitor<'_>,
 ) -> Result<Option<Part>> {
-    const WHAT: &str = "tets of the mesh";
     let triangulation = rules.triangulation();
-    let bound = triangulation.tet_bound();
-    let is_in_part = Bits::new(bound as usize, WHAT)?;
-    let is_near = |t| {
-        // Boxes are smaller, and cost more.
-        let box_is_near = || {
-            let vertices = triangulation.tet(t).vertices();
-            blocks.blocks().meet_around(vertices.map(|v| triangulation.position(v)))
-        };
-        rules.is_near(t, blocks) && box_is_near()
-    };
-    let has_label = |&t: &TetId| triangulation.is_living(t) && rules.label(t) != 0;
-    // Some of all slots tell how many there will be.
-    let some = (0..bound.div_ceil(SAMPLE_OF)).into_par_iter().map(|n| SAMPLE_OF * n);
-    let is_sampled = some.filter(has_label).map(|t| [1, usize::from(is_near(t))]);
-    let [all, near] = is_sampled.reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-    if near as f64 > LARGEST_PART * all as f64 {
-        return Ok(None);
-    }
-    let pieces = (0..bound.div_ceil(SLOTS)).into_par_iter().map(|piece| {
-        monitor.advance(0)?;
-        let slots = piece * SLOTS..((piece + 1) * SLOTS).min(bound);
-        let slots = slots.inspect(|&t| triangulation.prefetch_next(t));
-        let mut near = Vec::new();
-        for t in slots.filter(has_label).filter(|&t| is_near(t)) {
-            is_in_part.set(t);
-            reserve(&mut near, 1, WHAT)?;
-            near.push(t);
-        }
-        Ok(near)
-    });
-    let order = concatenated(pieces.collect::<Result<Vec<_>>>()?, WHAT)?;
-    let label = |t| if is_in_part.has(t) { rules.label(t) } else { 0 };
+    let Some(order) = tets_near(rules, blocks, monitor)? else { return Ok(None) };
+    let is_in_part = Bits::new(triangulation.tet_bound() as usize, WHAT)?;
+    order.par_iter().for_each(|&t| is_in_part.set(t));
     let is_cut = |t: TetId| {
         let record = triangulation.tet(t);
         let beyond = (0..4).map(|i| record.neighbor(i)).filter(|facet| !facet.is_none());
@@ -195,14 +166,57 @@ pub fn collect_near(
         Ok(cut)
     });
     let cut = concatenated(pieces.collect::<Result<_>>()?, WHAT)?;
-    let numbered =
-        extract::number(triangulation, &order, label, labels, Background::Dropped, monitor)?;
-    Ok(Some(Part { mesh: numbered.copy(triangulation.tets(), monitor)?, cut }))
+    let label = |t| labels[usize::from(rules.label(t))];
+    Ok(Some(Part { mesh: part(triangulation, &order, &is_in_part, label, monitor)?, cut }))
+}
+
+/// The tets of labels that come near to some blocks, in the order of their slots; `None` if these
+/// are too many.
+fn tets_near(
+    rules: &Rules<'_>,
+    blocks: &NearBlocks,
+    monitor: &Monitor<'_>,
+) -> Result<Option<Vec<TetId>>> {
+    let triangulation = rules.triangulation();
+    let bound = triangulation.tet_bound();
+    // Boxes are smaller than balls, and cost more.
+    let box_is_near = |t| {
+        let vertices = triangulation.tet(t).vertices();
+        blocks.blocks().meet_around(triangulation.corners(vertices))
+    };
+    let is_near = |t| rules.is_near(t, blocks) && box_is_near(t);
+    let has_label = |&t: &TetId| triangulation.is_living(t) && rules.label(t) != 0;
+    if let Some(mut near) = rules.few_near(blocks, || monitor.advance(0))? {
+        near.retain(|&t| has_label(&t) && box_is_near(t));
+        return Ok(Some(near));
+    }
+    // Some of all slots tell how many there will be.
+    let some = (0..bound.div_ceil(SAMPLE_OF)).into_par_iter().map(|n| SAMPLE_OF * n);
+    let is_sampled = some.filter(has_label).map(|t| [1, usize::from(is_near(t))]);
+    let [all, near] = is_sampled.reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    if near as f64 > LARGEST_PART * all as f64 {
+        return Ok(None);
+    }
+    let pieces = (0..bound.div_ceil(SLOTS)).into_par_iter().map(|piece| {
+        monitor.advance(0)?;
+        let slots = piece * SLOTS..((piece + 1) * SLOTS).min(bound);
+        let slots = slots.inspect(|&t| triangulation.prefetch_next(t));
+        let mut near = Vec::new();
+        for t in slots.filter(has_label).filter(|&t| is_near(t)) {
+            reserve(&mut near, 1, WHAT)?;
+            near.push(t);
+        }
+        Ok(near)
+    });
+    concatenated(pieces.collect::<Result<Vec<_>>>()?, WHAT).map(Some)
 }
 
 /// A larger part of a mesh is no less work than all of it, whose tets come in the order of their
 /// places.
 const LARGEST_PART: f64 = 0.45;
+
+/// What lists of tets have, as errors name it.
+const WHAT: &str = "tets of the mesh";
 
 /// One slot of so many is asked first.
 const SAMPLE_OF: u32 = 61;

@@ -18,7 +18,9 @@
 //! ask for there is inspected again: tets whose circumballs come near to these places. All that R3
 //! asks the field about lies in the circumballs of a facet's two tets: its vertices, and its dual
 //! segment, since a ball around a point of that, through the vertices, lies within the two. So this
-//! is as good as inspecting all.
+//! is as good as inspecting all. Where the places are few the tets are not looked for in all slots:
+//! each worker keeps those that its samples made, and the first one goes from tet to tet for the
+//! others (`delaunay/flood`); who has none begs.
 //!
 //! With one worker the same steps run on the calling thread, and nothing is locked. The result of
 //! one worker is the same in every run; that of several depends on who came first.
@@ -167,6 +169,7 @@ pub fn refine_with<P: RefineProbe>(
     let there = before.map(|&Before { refinement, denser, .. }| There {
         counters: refinement.counters,
         slots: 0..rules.triangulation.tet_bound(),
+        first_vertex: rules.triangulation.vertex_bound(),
         denser,
         left_over: &refinement.left_over.tets,
     });

@@ -24,7 +24,7 @@ use super::pel::{Gift, Pel, Task};
 use super::probe::RefineProbe;
 use super::rules::{Facets, ISOVERTEX, RefinementPoint, Rule, Rules};
 use super::state::State;
-use super::team::{PERMITS, Team};
+use super::team::{PERMITS, Team, There};
 use super::unmet::LeftOver;
 use crate::delaunay::numa::MAX_NODES;
 use crate::delaunay::tet::TetRecord;
@@ -101,6 +101,8 @@ pub(super) struct Refiner<'t, 'a, L, P> {
     put_off: Vec<TetStamp>,
     /// How often some of these went back into the list.
     rounds: u32,
+    /// The tets that samples made, where these are few.
+    made: Vec<TetStamp>,
 }
 
 impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
@@ -124,6 +126,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             left_over: LeftOver::default(),
             put_off: Vec::new(),
             rounds: 0,
+            made: Vec::new(),
         }
     }
 
@@ -148,6 +151,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             left_over,
             put_off,
             rounds,
+            made,
         } = self;
         let worker = worker.with_locks(locks);
         Refiner {
@@ -169,6 +173,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
             left_over,
             put_off,
             rounds,
+            made,
         }
     }
 
@@ -194,6 +199,7 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
     /// R1: inserts the samples that `next` gives, some at a time.
     pub fn insert_samples(&mut self, mut next: impl FnMut() -> Option<Range<usize>>) -> Result<()> {
         let mut at = self.triangulation.vertex(0).star();
+        let are_few = self.team.there.as_ref().is_some_and(|there| there.denser.are_few());
         let mut again: Vec<DVec3> = Vec::new();
         let mut steps = 0_u64;
         while let Some(block) = next() {
@@ -208,7 +214,16 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                 at = self.worker.locate(self.triangulation, at, p);
                 self.take_permit()?;
                 let (state, kind) = (self.state, ISOVERTEX);
-                let note = |v, _: &[TetId]| state.note_vertex(v, p, kind);
+                let made = &mut self.made;
+                // While its tets are owned: later they may be gone, and others in their slots.
+                let note = |v, tets: &[TetId]| {
+                    state.note_vertex(v, p, kind)?;
+                    if are_few {
+                        reserve(made, tets.len(), "tets that samples made")?;
+                        made.extend(tets.iter().map(|&tet| TetStamp { tet, last: v }));
+                    }
+                    Ok(())
+                };
                 match self.worker.insert_if(self.triangulation, at, p, kind, || true, note)? {
                     Insertion::Done(_) => {
                         self.work.by_rule[Rule::R1 as usize] += 1;
@@ -242,15 +257,56 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         Ok(())
     }
 
-    /// Takes the tets in the slots that this worker claimed, and its part of those that were there
-    /// before, into its list, or sends them to the workers in whose regions they lie. While nobody
-    /// operates.
+    /// Takes the tets that are to be inspected first into its list, or sends them to the workers in
+    /// whose regions they lie. While nobody operates.
     pub fn collect(&mut self) -> Result<()> {
-        let mut living = room(COLLECTED, "tets to collect")?;
-        let mut unlabelled: Vec<TetId> = room(COLLECTED, "tets to collect")?;
         let mut parcels: Vec<Vec<TetStamp>> = Vec::new();
         parcels.resize_with(self.team.size(), Vec::new);
-        let regions = self.team.regions.as_ref();
+        match &self.team.there {
+            Some(there) if there.denser.are_few() => self.collect_few(there, &mut parcels)?,
+            _ => self.collect_slots(&mut parcels)?,
+        }
+        if let Some(there) = self.team.there.as_ref().filter(|_| self.me == 0) {
+            self.pel.make_room(there.left_over.len())?;
+            let left =
+                there.left_over.iter().filter(|&&stamp| self.triangulation.is_current(stamp));
+            left.map(|stamp| stamp.tet).try_for_each(|t| self.put(t, &mut parcels))?;
+        }
+        let Some(regions) = self.team.regions.as_ref() else { return Ok(()) };
+        let mut filled = parcels.into_iter().enumerate().filter(|(_, parcel)| !parcel.is_empty());
+        filled.try_for_each(|(worker, parcel)| regions.send(worker, parcel))
+    }
+
+    /// Where the field has become smaller in few places: the tets that this worker's samples made,
+    /// and, for all workers, the older ones near to these places.
+    fn collect_few(&mut self, there: &There<'_>, parcels: &mut [Vec<TetStamp>]) -> Result<()> {
+        self.report_and_check()?;
+        let mut tets: Vec<TetId> = room(self.made.len(), "tets to collect")?;
+        let made = std::mem::take(&mut self.made);
+        let current = made.into_iter().filter(|&stamp| self.triangulation.is_current(stamp));
+        tets.extend(current.map(|stamp| stamp.tet));
+        tets.chunks(COLLECTED).for_each(|tets| self.state.find_labels(tets));
+        self.note_labels(tets.len());
+        let check = || self.team.report_and_check((0, 0));
+        if self.me == 0
+            && let Some(near) = self.rules.few_near(there.denser, check)?
+        {
+            // Tets that were made since have a new vertex, their last: none was removed yet.
+            let is_older = |&t: &TetId| self.triangulation.tet(t).vertex(3) < there.first_vertex;
+            reserve(&mut tets, near.len(), "tets to collect")?;
+            tets.extend(near.into_iter().filter(is_older));
+        }
+        // In the order in which they would come slot by slot: first those that were claimed since.
+        tets.sort_unstable_by_key(|&t| (t < there.slots.end, t));
+        self.pel.make_room(tets.len())?;
+        tets.into_iter().try_for_each(|t| self.put(t, parcels))
+    }
+
+    /// The tets in the slots that this worker claimed, and those that are to be inspected of its
+    /// part of the slots that were there before.
+    fn collect_slots(&mut self, parcels: &mut [Vec<TetStamp>]) -> Result<()> {
+        let mut living = room(COLLECTED, "tets to collect")?;
+        let mut unlabelled: Vec<TetId> = room(COLLECTED, "tets to collect")?;
         let unclaimed = match &self.team.there {
             Some(there) => part_of(&there.slots, self.me, self.team.size()),
             // Slots of the box are nobody's claim.
@@ -277,18 +333,10 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
                 }
                 self.state.find_labels(&unlabelled);
                 self.note_labels(unlabelled.len());
-                living.iter().try_for_each(|&t| self.put(t, &mut parcels))?;
+                living.iter().try_for_each(|&t| self.put(t, parcels))?;
             }
         }
-        if let Some(there) = self.team.there.as_ref().filter(|_| self.me == 0) {
-            self.pel.make_room(there.left_over.len())?;
-            let left =
-                there.left_over.iter().filter(|&&stamp| self.triangulation.is_current(stamp));
-            left.map(|stamp| stamp.tet).try_for_each(|t| self.put(t, &mut parcels))?;
-        }
-        let Some(regions) = regions else { return Ok(()) };
-        let mut filled = parcels.into_iter().enumerate().filter(|(_, parcel)| !parcel.is_empty());
-        filled.try_for_each(|(worker, parcel)| regions.send(worker, parcel))
+        Ok(())
     }
 
     /// Puts a tet into the list, or into the parcel for the worker in whose region it lies.
@@ -397,7 +445,8 @@ impl<'t, 'a, L: Locks, P: RefineProbe> Refiner<'t, 'a, L, P> {
         let surplus = self.permits.saturating_sub(PERMITS);
         self.permits -= surplus;
         self.team.return_permits(surplus);
-        let bytes = self.worker.bytes() + self.pel.bytes();
+        let made = (self.made.capacity() * size_of::<TetStamp>()) as u64;
+        let bytes = self.worker.bytes() + self.pel.bytes() + made;
         let told = std::mem::replace(&mut self.told, (tets, bytes));
         self.team.report_and_check((tets.wrapping_sub(told.0), bytes.wrapping_sub(told.1)))
     }

@@ -14,7 +14,7 @@ use super::state::State;
 use super::unmet::LeftOver;
 use crate::delaunay::numa::NodeId;
 use crate::delaunay::worker::Counters;
-use crate::delaunay::{Locks, Probe, TetId, TetStamp, Worker};
+use crate::delaunay::{Locks, Probe, TetId, TetStamp, VertexId, Worker};
 use crate::image::voxel_blocks::NearBlocks;
 use crate::parallel::begging::Begging;
 use crate::parallel::contention::Contention;
@@ -37,6 +37,8 @@ pub(super) struct There<'a> {
     pub counters: Counters,
     /// The slots of all tets.
     pub slots: Range<TetId>,
+    /// Vertices that come now have this id or a larger one.
+    pub first_vertex: VertexId,
     /// Where the sizing field has become smaller.
     pub denser: &'a NearBlocks,
     /// The tets that were left over; they may be gone by now.

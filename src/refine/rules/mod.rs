@@ -22,6 +22,7 @@ mod surface;
 mod volume;
 mod walls;
 
+use crate::Result;
 use crate::delaunay::tet::{NO_TAG, TetRecord};
 use crate::delaunay::{Facet, TetId, Triangulation, VertexId, VertexKind};
 use crate::geometry::sphere::Circumsphere;
@@ -206,10 +207,27 @@ impl<'a> Rules<'a> {
         self.triangulation.tet(t).tag() != LABEL_UNKNOWN
     }
 
-    /// Whether a tet's circumball comes near to some blocks.
+    /// Whether the box around a tet's circumball comes near to some blocks; that of a flat tet,
+    /// whose circumball is not known, always does.
     pub fn is_near(&self, t: TetId, blocks: &NearBlocks) -> bool {
         let sphere = self.triangulation.tet(t).sphere();
         blocks.meet_ball(sphere.center, sphere.squared_radius())
+    }
+
+    /// All tets whose circumballs meet some blocks, and others [near](Self::is_near) to them, in
+    /// the order of their slots, if the blocks are few; `None`: it takes less to go through all
+    /// slots. Of a triangulation at rest.
+    ///
+    /// # Errors
+    /// [`OutOfMemory`](crate::Error::OutOfMemory); those of `go_on`.
+    pub fn few_near(
+        &self,
+        blocks: &NearBlocks,
+        go_on: impl Fn() -> Result<()>,
+    ) -> Result<Option<Vec<TetId>>> {
+        let is_near = |t| self.is_near(t, blocks);
+        let reached = || self.triangulation.tets_reached(blocks.points(), is_near, go_on);
+        blocks.are_few().then(reached).transpose()
     }
 
     /// The label id of the tet's circumcenter: the tet's label. Of a triangulation at rest; tets
