@@ -211,7 +211,7 @@ impl Components {
         of_image: &ImageComponents,
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
-        let mut parts = MeshComponents::new(mesh, image, of_image, monitor)?;
+        let mut parts = MeshComponents::to_match(mesh, image, of_image, monitor)?;
         let surfaces = BoundarySurfaces::measure(mesh, &mut parts, monitor)?;
         let Matching { roles, fates, .. } =
             Matching::new(&of_image.list, &parts.list, &parts.overlaps)?;

@@ -187,8 +187,8 @@ impl<'a> Differences<'a> {
         change: Option<&Change<'_>>,
         monitor: &Monitor<'_>,
     ) -> Result<Vec<Difference>> {
-        let mut components = MeshComponents::new(mesh, self.image, &self.components, monitor)?;
-        let surfaces = BoundarySurfaces::measure(mesh, &mut components, monitor)?;
+        let mut components = MeshComponents::to_match(mesh, self.image, &self.components, monitor)?;
+        let non_manifold = BoundarySurfaces::non_manifold(mesh, &mut components, monitor)?;
         let pieces = self.find_pieces(mesh, components, change)?;
         self.pieces.retain(|piece| change.is_some_and(|change| !change.blocks.meet(piece.bounds)));
         reserve(&mut self.pieces, pieces.len(), WHAT)?;
@@ -198,7 +198,7 @@ impl<'a> Differences<'a> {
         let has_changed =
             |index: DVec3| change.is_none_or(|change| change.blocks.has(region.offset(index)));
         // At the rim of a part a mesh seems to touch itself, and to end, where it does not.
-        let touches = stray_touches(&surfaces.non_manifold, mesh, self.image);
+        let touches = stray_touches(&non_manifold, mesh, self.image);
         let nicks = facets_off_walls(mesh, self.oracle, monitor)?;
         let frame = self.image.frame();
         let nicks = nicks.into_iter().map(|centroid| frame.to_index(centroid)).collect();

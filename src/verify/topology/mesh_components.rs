@@ -20,7 +20,7 @@ use crate::geometry::measures::tet_centroid;
 use crate::geometry::tet_block::{BLOCK, Places, TetBlock};
 use crate::image::LabelImage;
 use crate::image::components::ImageComponents;
-use crate::memory::room;
+use crate::memory::{collected, filled, room};
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::Monitor;
 use crate::reduce::{KeyedSums, Sums};
@@ -101,25 +101,55 @@ impl MeshComponents {
         image_components: &ImageComponents,
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
-        let sets = UnionFind::new(mesh.tets.len(), "sets of tets")?;
-        mesh.neighbors.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, neighbors)| {
-            monitor.advance(neighbors.len())?;
-            for (t, neighbors) in (chunk * CHUNK..).zip(neighbors) {
-                let label = mesh.labels[t];
-                // Each pair once.
-                let is_same =
-                    |u: u32| u != NONE && (u as usize) < t && mesh.labels[u as usize] == label;
-                if label != 0 {
-                    neighbors
-                        .iter()
-                        .filter(|&&u| is_same(u))
-                        .for_each(|&u| _ = sets.join(t as u32, u));
-                }
+        let parts = joined_tets(mesh, monitor)?;
+        Self::with(parts, &[], mesh, image, image_components, monitor)
+    }
+
+    /// The same for who asks which component stands for which alone: volumes are not told. Where a
+    /// label has one part here and one component in the image, all of that part lies there if its
+    /// first tet does.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn to_match(
+        mesh: &TetMesh,
+        image: &LabelImage,
+        image_components: &ImageComponents,
+        monitor: &Monitor<'_>,
+    ) -> Result<Self> {
+        let parts = joined_tets(mesh, monitor)?;
+        // Of each label: how many parts, how many components of the image, and the last of these.
+        let mut of_labels = filled(image.labels().len(), (0_u32, 0_u32, 0), WHAT, || Ok(()))?;
+        for &first in &parts.roots {
+            if let Some(id) = image.id_of(mesh.labels[first as usize]) {
+                of_labels[usize::from(id)].0 += 1;
             }
-            Ok(())
-        })?;
-        let parts =
-            sets.numbered(|t| mesh.labels[t as usize] != 0, WHAT, &|| monitor.advance(0))?;
+        }
+        for (n, component) in (0..).zip(&image_components.list) {
+            let (_, count, last) = &mut of_labels[usize::from(component.id)];
+            (*count, *last) = (*count + 1, n);
+        }
+        let only = |&first: &u32| {
+            let id = image.id_of(mesh.labels[first as usize])?;
+            let (1, 1, only) = of_labels[usize::from(id)] else { return None };
+            let corners = mesh.tets[first as usize].map(|v| mesh.point(v));
+            let index = image.frame().to_index(tet_centroid(&corners));
+            (image_components.near(image, id, index) == Some(only)).then_some(only)
+        };
+        let only = collected(parts.roots.iter().map(only), WHAT)?;
+        Self::with(parts, &only, mesh, image, image_components, monitor)
+    }
+
+    /// That of these parts. All tets of a part for which `only` names a component of the image lie
+    /// there.
+    fn with(
+        parts: Numbered,
+        only: &[Option<u32>],
+        mesh: &TetMesh,
+        image: &LabelImage,
+        image_components: &ImageComponents,
+        monitor: &Monitor<'_>,
+    ) -> Result<Self> {
         let lie = |(chunk, tets): (usize, &[[u32; 4]])| {
             monitor.advance(tets.len())?;
             let mut sums = OverlapSums {
@@ -131,8 +161,13 @@ impl MeshComponents {
             };
             let (mut block, mut keys) = (TetBlock::default(), Vec::with_capacity(BLOCK));
             for (t, tet) in (chunk * CHUNK..).zip(tets).filter(|&(t, _)| mesh.labels[t] != 0) {
+                let part = parts.of(t as u32);
+                if let Some(&Some(only)) = only.get(part as usize) {
+                    sums.sums.add(overlap_key(part, only), Tets { count: 1, volume: 0.0 });
+                    continue;
+                }
                 block.push(tet.map(|v| mesh.points[v as usize]));
-                keys.push((mesh.labels[t], parts.of(t as u32)));
+                keys.push((mesh.labels[t], part));
                 if block.is_full() {
                     sums.add(&block, &keys);
                     block.clear();
@@ -209,6 +244,25 @@ impl MeshComponents {
     }
 }
 
+/// The tets of all labels but 0, joined across facets.
+fn joined_tets(mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<Numbered> {
+    let sets = UnionFind::new(mesh.tets.len(), "sets of tets")?;
+    mesh.neighbors.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, neighbors)| {
+        monitor.advance(neighbors.len())?;
+        for (t, neighbors) in (chunk * CHUNK..).zip(neighbors) {
+            let label = mesh.labels[t];
+            // Each pair once.
+            let is_same =
+                |u: u32| u != NONE && (u as usize) < t && mesh.labels[u as usize] == label;
+            if label != 0 {
+                neighbors.iter().filter(|&&u| is_same(u)).for_each(|&u| _ = sets.join(t as u32, u));
+            }
+        }
+        Ok(())
+    })?;
+    sets.numbered(|t| mesh.labels[t as usize] != 0, WHAT, &|| monitor.advance(0))
+}
+
 /// Sums of tets by the component of the image that they lie in.
 struct OverlapSums<'a> {
     image: &'a LabelImage,
@@ -259,6 +313,7 @@ mod tests {
 
     use super::*;
     use crate::mesh::testing;
+    use crate::verify::topology::matching::Matching;
 
     const DIMS: [usize; 3] = [7, 5, 4];
 
@@ -270,6 +325,28 @@ mod tests {
     }
 
     proptest! {
+        /// Which component stands for which does not depend on what is left out.
+        #[test]
+        fn what_is_told_to_match_matches_alike(
+            voxels in prop::collection::vec(0..3i32, DIMS[0] * DIMS[1] * DIMS[2]),
+            moved in prop::collection::vec((0..DIMS[0] * DIMS[1] * DIMS[2], 0..3i32), 0..20),
+        ) {
+            let at = |i: usize, j: usize, k: usize| i + DIMS[0] * (j + DIMS[1] * k);
+            let image =
+                testing::image(DIMS, testing::box_frame([1.0; 3]), |i, j, k| voxels[at(i, j, k)]);
+            let mut labels = voxels.clone();
+            moved.into_iter().for_each(|(cell, label)| labels[cell] = label);
+            let mesh = testing::kuhn_box(DIMS, [1.0; 3], |i, j, k| labels[at(i, j, k)]);
+            let (of_image, all) = both(&mesh, &image);
+            let monitor = Monitor::silent();
+            let some = MeshComponents::to_match(&mesh, &image, &of_image, &monitor).unwrap();
+            let [all, some] = [all, some].map(|MeshComponents { list, overlaps, .. }| {
+                let counts: Vec<_> = list.iter().map(|c| (c.first, c.tets.count)).collect();
+                (Matching::new(&of_image.list, &list, &overlaps).unwrap().roles, counts)
+            });
+            prop_assert_eq!(all, some);
+        }
+
         /// The cubes of a Kuhn mesh share whole faces or nothing that joins tets: components are
         /// those of voxels joined across faces.
         #[test]

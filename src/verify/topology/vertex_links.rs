@@ -55,6 +55,8 @@ struct Side {
 pub(crate) struct VertexLinks<'m> {
     mesh: &'m TetMesh,
     parts: &'m MeshComponents,
+    /// Whether the Euler characteristics of parts are counted.
+    counted: bool,
     /// Edges where the boundary of some label is open.
     pub open_edges: u64,
     pub non_manifold: Vec<NonManifold>,
@@ -81,7 +83,8 @@ pub(crate) struct VertexLinks<'m> {
 }
 
 impl<'m> VertexLinks<'m> {
-    pub fn new(mesh: &'m TetMesh, parts: &'m MeshComponents) -> Self {
+    /// The Euler characteristics of parts are left at 0 unless they are to be `counted`.
+    pub fn new(mesh: &'m TetMesh, parts: &'m MeshComponents, counted: bool) -> Self {
         let (facets, edges, sides, parents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (non_manifold, touches, at_edges, tops, cone) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -89,6 +92,7 @@ impl<'m> VertexLinks<'m> {
         Self {
             mesh,
             parts,
+            counted,
             open_edges: 0,
             non_manifold,
             touches,
@@ -135,7 +139,9 @@ impl<'m> VertexLinks<'m> {
     }
 
     fn add(&mut self, node: u32, count: i64) {
-        if let Some(part) = self.part(node) {
+        if self.counted
+            && let Some(part) = self.part(node)
+        {
             self.euler.add(part.into(), count);
         }
     }

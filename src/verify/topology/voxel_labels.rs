@@ -15,6 +15,7 @@ use crate::geometry::vectors::vectorized;
 use crate::image::LabelImage;
 use crate::image::region::Region;
 use crate::memory::atomic::atomic;
+use crate::memory::zeroed;
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 
@@ -80,11 +81,11 @@ fn add_rows(
     let corner = corners[0];
     let arms = corners.map(|at| at - corner);
     let reach = arms.iter().fold(0.0_f64, |reach, arm| reach.max(arm.abs().max_element()));
-    // The planes are moved out by more than rounding: at most twelve products of two differences of
-    // arms, each up to twice the reach, and one arm. Each is rounded some times, to 200 units in
-    // all.
+    // The planes are moved out by more than rounding: at most 24 products of three arms, or twelve
+    // of two differences of arms, each up to twice the reach, and one arm. Each is rounded some
+    // times, to 200 units in all.
     let error = 256.0 * f64::EPSILON * reach * reach * reach;
-    let planes = planes_of(&arms).map(|(normal, offset)| Plane {
+    let planes = planes_from_first(&arms, error).map(|(normal, offset)| Plane {
         normal,
         offset: offset + error,
         per_x: if normal.x == 0.0 { f64::INFINITY } else { 1.0 / normal.x },
@@ -146,13 +147,22 @@ pub(super) struct Corners {
 /// Calls `visit` for each tet whose label is not 0, with the label's id.
 ///
 /// # Errors
-/// [`Cancelled`](crate::Error::Cancelled).
+/// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
 pub(super) fn visit_tets(
     mesh: &TetMesh,
     image: &LabelImage,
     monitor: &Monitor<'_>,
     visit: impl Fn(u16, &Corners) + Sync,
 ) -> Result<()> {
+    // A vertex belongs to more than twenty tets.
+    let mut at: Vec<[f64; 3]> = zeroed(mesh.points.len(), "vertices of the mesh")?;
+    at.par_chunks_mut(CHUNK).zip(mesh.points.par_chunks(CHUNK)).try_for_each(|(at, points)| {
+        monitor.advance(0)?;
+        for (at, &point) in at.iter_mut().zip(points) {
+            *at = image.frame().to_index(DVec3::from(point)).to_array();
+        }
+        Ok(())
+    })?;
     mesh.tets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, tets)| {
         monitor.advance(tets.len())?;
         // Tets mostly have the label of the one before.
@@ -162,7 +172,7 @@ pub(super) fn visit_tets(
                 id_of_label = (label, image.id_of(label));
             }
             if let Some(id) = id_of_label.1.filter(|&id| id != 0) {
-                let points = tet.map(|v| image.frame().to_index(mesh.point(v)));
+                let points = tet.map(|v| DVec3::from(at[v as usize]));
                 let [a, b, c, d] = points;
                 let bounds = [a.min(b).min(c).min(d), a.max(b).max(c).max(d)];
                 visit(id, &Corners { points, bounds });
@@ -178,6 +188,20 @@ fn rounded_up(x: f64) -> i64 {
     down + i64::from(down as f64 != x)
 }
 
+/// The planes of a tet whose first corner is the origin, as [`planes_of`] has them, but for their
+/// order and rounding; `error` bounds that of a product of three arms.
+fn planes_from_first(arms: &[DVec3; 4], error: f64) -> [(DVec3, f64); 4] {
+    let [_, a, b, c] = *arms;
+    let normals = [b.cross(c), c.cross(a), a.cross(b)];
+    let volume = a.dot(normals[0]);
+    if volume.abs() <= error {
+        return planes_of(arms);
+    }
+    let [p, q, r] = normals.map(|normal| normal * volume.signum());
+    // Three lead through the origin. With the fourth normal all add up to nothing.
+    [(p, 0.0), (q, 0.0), (r, 0.0), (-(p + q + r), volume.abs())]
+}
+
 /// The planes of a tet's facets: normals to the inside, and what is to be added so that the sum is
 /// not negative inside.
 pub(super) fn planes_of(corners: &[DVec3; 4]) -> [(DVec3, f64); 4] {
@@ -191,9 +215,29 @@ pub(super) fn planes_of(corners: &[DVec3; 4]) -> [(DVec3, f64); 4] {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
     use crate::image::Frame;
     use crate::mesh::testing;
+
+    proptest! {
+        /// Those of a tet at the origin are on the same side of a point as those of any tet.
+        #[test]
+        fn both_ways_to_planes_lead_to_the_same(
+            corners in prop::array::uniform3(prop::array::uniform3(-2.0..2.0_f64)),
+            p in prop::array::uniform3(-2.0..2.0_f64),
+        ) {
+            let [a, b, c] = corners.map(DVec3::from);
+            let arms = [DVec3::ZERO, a, b, c];
+            let inside = |planes: [(DVec3, f64); 4]| {
+                let of = planes.map(|(normal, offset)| normal.dot(DVec3::from(p)) + offset);
+                of.into_iter().fold(f64::INFINITY, f64::min)
+            };
+            let [found, expected] = [planes_from_first(&arms, 1e-12), planes_of(&arms)].map(inside);
+            prop_assert!((found - expected).abs() < 1e-12, "{} instead of {}", found, expected);
+        }
+    }
 
     #[test]
     fn a_mesh_of_voxels_has_their_labels() {
