@@ -290,6 +290,9 @@ pub fn check_label_size(label: i32, size: f64) -> Result<()> {
     positive(&format!("size of label {label}"), size)
 }
 
+/// Where delta is less than so many smallest sides of a voxel all differences from the image count.
+const ALL_COUNT_BELOW: f64 = 2.0;
+
 impl MeshParams {
     /// Checks every range.
     ///
@@ -370,6 +373,12 @@ impl MeshParams {
             )));
         }
         Ok(())
+    }
+
+    /// Whether all differences from the image take samples with [`Adaptive::Topology`], where this
+    /// is the smallest side of a voxel: where delta is less than two such sides.
+    pub(crate) fn all_differences_count(&self, side: f64) -> bool {
+        self.delta < ALL_COUNT_BELOW * side
     }
 
     /// The largest circumradius of a label's tets.

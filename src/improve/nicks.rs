@@ -16,7 +16,7 @@ use super::CHUNK;
 use crate::Result;
 use crate::delaunay::tet::FACET;
 use crate::geometry::measures::tet_volume;
-use crate::mesh::vicinity::{Stars, Vicinity};
+use crate::mesh::vicinity::{Vicinity, star_of};
 use crate::mesh::{NONE, TetMesh};
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
@@ -101,7 +101,7 @@ fn may_become(mesh: &TetMesh, t: u32, label: i32) -> bool {
         return false;
     }
     // What another label consists of does not change.
-    let vicinity = Vicinity::new(mesh, t, &mut Stars::default());
+    let vicinity = Vicinity::new(mesh, t, |v| star_of(mesh, v, t));
     let is_disc = |of| vicinity.shared_with(|t| mesh.labels[t as usize] == of).is_disc();
     is_disc(label) && is_disc(0)
 }

@@ -2,36 +2,103 @@
 //! their surface along which a label touches them. From it follows what the topology of the label
 //! becomes when it gains or loses these tets.
 
-use std::collections::HashMap;
+use std::sync::atomic::AtomicU32;
+use std::sync::atomic::Ordering::Relaxed;
+
+use rayon::prelude::*;
 
 use super::{NONE, TetMesh};
+use crate::Result;
+use crate::memory::bits::{Bits, Ranks};
+use crate::memory::{parts, reserve, zeroed};
+use crate::monitor::Monitor;
 
-/// The stars of vertices, the tets that have them, in their order: kept, for neighbours ask for
-/// the same ones.
-#[derive(Default)]
-pub(crate) struct Stars(HashMap<u32, Vec<u32>>);
+/// Tets of one piece of work.
+const CHUNK: usize = 1 << 13;
+
+/// What the tables of this module have, as errors name it.
+const WHAT: &str = "tets around vertices";
+
+/// The stars of some vertices: the tets that have them, in their order.
+pub(crate) struct Stars {
+    vertices: Bits,
+    ranks: Ranks,
+    /// Where the star of each begins, and where the last one ends.
+    firsts: Vec<u32>,
+    tets: Vec<u32>,
+}
 
 impl Stars {
-    /// That of a vertex `v` of `tet`. The mesh is the same in all calls, but for its labels.
-    fn of(&mut self, mesh: &TetMesh, v: u32, tet: u32) -> &[u32] {
-        self.0.entry(v).or_insert_with(|| {
-            // From tet to tet across the facets that have it.
-            let mut found = vec![tet];
-            let mut next = 0;
-            while let Some(&here) = found.get(next) {
-                next += 1;
-                let (vertices, neighbors) =
-                    (mesh.tets[here as usize], mesh.neighbors[here as usize]);
-                for (i, &other) in neighbors.iter().enumerate() {
-                    if vertices[i] != v && other != NONE && !found.contains(&other) {
-                        found.push(other);
-                    }
+    /// Those of `vertices`, which no longer change. Empty slots of the mesh have no vertices.
+    ///
+    /// # Errors
+    /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
+    pub fn new(mesh: &TetMesh, vertices: Bits, monitor: &Monitor<'_>) -> Result<Self> {
+        let ranks = Ranks::new(&vertices, WHAT)?;
+        let each = |visit: &(dyn Fn(u32, u32) + Sync)| {
+            mesh.tets.par_chunks(CHUNK).enumerate().try_for_each(|(chunk, tets)| {
+                monitor.advance(0)?;
+                for (t, corners) in ((CHUNK * chunk) as u32..).zip(tets) {
+                    let of_list = corners.iter().filter(|&&v| v != NONE && vertices.has(v));
+                    of_list.for_each(|&v| visit(ranks.of(&vertices, v), t));
                 }
-            }
-            found.sort_unstable();
-            found
-        })
+                Ok(())
+            })
+        };
+        // Relaxed: sums are read when the loop over all tets has ended, as are the tets below.
+        let counts: Vec<AtomicU32> = zeroed(ranks.count(), WHAT)?;
+        each(&|n, _| _ = counts[n as usize].fetch_add(1, Relaxed))?;
+        let mut firsts = Vec::new();
+        reserve(&mut firsts, ranks.count() + 1, WHAT)?;
+        firsts.push(0);
+        for mut count in counts {
+            firsts.push(firsts[firsts.len() - 1] + *count.get_mut());
+        }
+        let next: Vec<AtomicU32> = zeroed(ranks.count(), WHAT)?;
+        let tets: Vec<AtomicU32> = zeroed(firsts[firsts.len() - 1] as usize, WHAT)?;
+        each(&|n, t| {
+            let place = firsts[n as usize] + next[n as usize].fetch_add(1, Relaxed);
+            tets[place as usize].store(t, Relaxed);
+        })?;
+        let mut tets: Vec<u32> = tets.into_iter().map(AtomicU32::into_inner).collect();
+        let chunks = || firsts[..ranks.count()].chunks(CHUNK).zip(firsts[1..].chunks(CHUNK));
+        let lengths = chunks().map(|(firsts, ends)| (ends[ends.len() - 1] - firsts[0]) as usize);
+        let pieces = parts(&mut tets, lengths, WHAT)?;
+        pieces.into_par_iter().zip(chunks().collect::<Vec<_>>()).for_each(
+            |(piece, (firsts, ends))| {
+                let star = |(first, end): (&u32, &u32)| (first - firsts[0], end - firsts[0]);
+                for (first, end) in firsts.iter().zip(ends).map(star) {
+                    piece[first as usize..end as usize].sort_unstable();
+                }
+            },
+        );
+        Ok(Self { vertices, ranks, firsts, tets })
     }
+
+    /// That of a vertex, which must be one of those.
+    pub fn of(&self, v: u32) -> &[u32] {
+        debug_assert!(self.vertices.has(v), "the star of vertex {v}");
+        let n = self.ranks.of(&self.vertices, v) as usize;
+        &self.tets[self.firsts[n] as usize..self.firsts[n + 1] as usize]
+    }
+}
+
+/// The tets that have a vertex `v` of `tet`, in their order: for who needs a few.
+pub(crate) fn star_of(mesh: &TetMesh, v: u32, tet: u32) -> Vec<u32> {
+    // From tet to tet across the facets that have it.
+    let mut found = vec![tet];
+    let mut next = 0;
+    while let Some(&here) = found.get(next) {
+        next += 1;
+        let (vertices, neighbors) = (mesh.tets[here as usize], mesh.neighbors[here as usize]);
+        for (i, &other) in neighbors.iter().enumerate() {
+            if vertices[i] != v && other != NONE && !found.contains(&other) {
+                found.push(other);
+            }
+        }
+    }
+    found.sort_unstable();
+    found
 }
 
 /// A tet, or two that share a facet, and the tets that share at least a vertex with them.
@@ -51,26 +118,32 @@ pub(crate) struct Vicinity {
 pub(crate) struct Faces(u32);
 
 impl Vicinity {
-    /// That of a tet.
-    pub fn new(mesh: &TetMesh, tet: u32, stars: &mut Stars) -> Self {
+    /// That of a tet; `star_of` tells the stars of its corners.
+    pub fn new<S: AsRef<[u32]>>(mesh: &TetMesh, tet: u32, star_of: impl Fn(u32) -> S) -> Self {
         let first = mesh.tets[tet as usize];
         let mut around = Vec::new();
         for (i, v) in first.into_iter().enumerate() {
-            around = merged(&around, stars.of(mesh, v, tet), 1 << i);
+            around = merged(&around, star_of(v).as_ref(), 1 << i);
         }
         around.retain(|&(t, _)| t != tet);
         Self { first, around, inside: vec![0b1111] }
     }
 
-    /// That of its tet, and of another one with which that shares a facet.
-    pub fn with(&self, mesh: &TetMesh, other: u32, stars: &mut Stars) -> Self {
+    /// That of its tet, and of another one with which that shares a facet; `star_of` tells the
+    /// stars of its corners.
+    pub fn with<S: AsRef<[u32]>>(
+        &self,
+        mesh: &TetMesh,
+        other: u32,
+        star_of: impl Fn(u32) -> S,
+    ) -> Self {
         let corners = mesh.tets[other as usize];
         let is_shared = |v: &u32| corners.contains(v);
         let bits = self.first.iter().enumerate().map(|(i, v)| u32::from(is_shared(v)) << i);
         let inside = vec![0b1111, 1 << 4 | bits.sum::<u32>()];
         let mut around = self.around.clone();
         if let Some(&v) = corners.iter().find(|v| !self.first.contains(v)) {
-            around = merged(&around, stars.of(mesh, v, other), 1 << 4);
+            around = merged(&around, star_of(v).as_ref(), 1 << 4);
         }
         around.retain(|&(t, _)| t != other);
         Self { first: self.first, around, inside }
@@ -86,13 +159,7 @@ impl Vicinity {
         let mut faces = 0;
         for &(_, shared) in self.around.iter().filter(|&&(t, _)| is(t)) {
             for inside in &self.inside {
-                // All subsets of the corners that both have.
-                let both = shared & inside;
-                let mut face = both;
-                while face != 0 {
-                    faces |= 1 << face;
-                    face = (face - 1) & both;
-                }
+                faces |= WITH_FACES[(shared & inside) as usize];
             }
         }
         Faces(faces)
@@ -121,15 +188,48 @@ fn merged(tets: &[(u32, u32)], star: &[u32], bit: u32) -> Vec<(u32, u32)> {
     all
 }
 
+/// For each set of corners its face and all faces of it, as [`Faces`].
+const WITH_FACES: [u32; 32] = {
+    let mut faces = [0; 32];
+    let mut all = 0;
+    while all < 32 {
+        let mut face = all;
+        while face != 0 {
+            faces[all] |= 1 << face;
+            face = (face - 1) & all;
+        }
+        all += 1;
+    }
+    faces
+};
+
+/// The faces with so many corners that there are, as [`Faces`].
+const OF_SIZE: [u32; 4] = {
+    let mut faces = [0; 4];
+    let mut face = 1_u32;
+    while face < 32 {
+        if face.count_ones() < 4 {
+            faces[face.count_ones() as usize] |= 1 << face;
+        }
+        face += 1;
+    }
+    faces
+};
+
 impl Faces {
     /// The faces with so many corners, as sets of these.
-    fn with_corners(self, count: u32) -> impl Iterator<Item = u32> {
-        (1..32).filter(move |face: &u32| self.0 >> face & 1 == 1 && face.count_ones() == count)
+    fn with_corners(self, count: usize) -> impl Iterator<Item = u32> {
+        let mut left = self.0 & OF_SIZE[count];
+        std::iter::from_fn(move || {
+            let face = (left != 0).then(|| left.trailing_zeros())?;
+            left &= left - 1;
+            Some(face)
+        })
     }
 
     /// The Euler characteristic of their union.
     pub fn euler(self) -> i64 {
-        let count = |corners| self.with_corners(corners).count() as i64;
+        let count = |corners: usize| i64::from((self.0 & OF_SIZE[corners]).count_ones());
         count(1) - count(2) + count(3)
     }
 
@@ -209,11 +309,16 @@ mod tests {
         };
         let inner: Vec<u32> = (0..mesh.tets.len() as u32).filter(|&t| is_inner(t)).collect();
         assert!(!inner.is_empty());
-        let mut stars = Stars::default();
+        let vertices = Bits::new(mesh.points.len(), WHAT).unwrap();
+        (0..mesh.points.len() as u32).for_each(|v| vertices.set(v));
+        let stars = Stars::new(&mesh, vertices, &Monitor::silent()).unwrap();
         for &t in &inner {
+            for v in mesh.tets[t as usize] {
+                assert_eq!(stars.of(v), star_of(&mesh, v, t));
+            }
             let others = mesh.neighbors[t as usize].iter().filter(|&&n| is_inner(n));
-            let alone = Vicinity::new(&mesh, t, &mut stars);
-            let pairs = others.map(|&n| (vec![t, n], alone.with(&mesh, n, &mut stars)));
+            let alone = Vicinity::new(&mesh, t, |v| stars.of(v));
+            let pairs = others.map(|&n| (vec![t, n], alone.with(&mesh, n, |v| stars.of(v))));
             let pairs: Vec<_> = pairs.collect();
             for (set, vicinity) in pairs.into_iter().chain([(vec![t], alone)]) {
                 let all = vicinity.shared_with(|_| true);

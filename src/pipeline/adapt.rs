@@ -1,28 +1,25 @@
 //! Sampling that follows what is connected: refined, compared with the image, refined further where
-//! it differs, until nothing does.
+//! it differs, until nothing does that counts.
 //!
 //! A mesh of samples delta apart is right nearly everywhere, however thin structures are: a sheet
 //! between two others is whole as long as the samples on its sides see each other. Where it is
 //! wrong is known only when it is there. So the mesh of the finished refinement is compared with
-//! the image ([`differences`](crate::verify::topology::differences)), and about each difference the
-//! sizing field is made smaller:
+//! the image (`compare`), and about each difference that counts the sizing field
+//! is made smaller:
 //!
-//! - In the first rounds by half, within half of what it was, and within the voxel at least; so a
-//!   place takes some dozens of samples each time.
-//! - Then to the floor at once: within a voxel, two, three, of the smallest side. In the first
-//!   rounds, too, where samples are as close as the floor already: within the least of these
-//!   distances in which they are not so close everywhere.
+//! - By half, within half of what it was, and within the voxel at least; so a place takes some
+//!   dozens of samples each time.
+//! - Where samples are as close as the floor already, to the floor within a voxel, two, or three,
+//!   of the smallest side: the least of these distances in which they are not so close everywhere.
 //! - Contacts along lines (`sizing/contact_lines`) have such samples from the start, and all
 //!   contacts where delta is about a voxel.
 //! - Other contacts need the octahedron around them (`oracle/features/edges`), whose points are
 //!   half of a voxel's smallest side away: at once so small that these are sampled.
-//! - Nicks, where the mesh ends before a wall, wait for the second round, if there is anything
-//!   else: most are gone then.
+//! - Nicks wait until after the first round, if there is anything else: most are gone then.
 //!
-//! The refinement then goes on, on the same triangulation. Most differences are gone after two or
-//! three rounds; the last ones move about for some more. So from the second round on no more is
-//! looked at than has changed (`changes`): of the image where samples are to be closer, of the
-//! mesh the tets near to those that are new or gone. Where that is most of the mesh all of it is.
+//! The refinement then goes on, on the same triangulation. Most differences are gone after some
+//! rounds; the last ones move about for some more. Samples are looked for no farther than they are
+//! to be closer.
 //!
 //! It ends: the field only gets smaller, not below the floor, and rounds are counted. Whether
 //! differences are left is not an error: the certificate tells of them.
@@ -30,17 +27,17 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::changes::SeenTets;
+use super::compare::Comparison;
+use super::mend::Mended;
 use super::messages;
 use super::prepare::{Prepared, places_of_contacts};
-use super::refine::{Part, collect, collect_near, options};
+use super::refine::options;
 use crate::Result;
 use crate::delaunay::Triangulation;
 use crate::image::LabelImage;
 use crate::image::region::{Region, Rows};
 use crate::image::voxel_blocks::VoxelBlocks;
 use crate::memory::{self, reserve};
-use crate::mesh::extract::Background;
 use crate::monitor::Monitor;
 use crate::params::{Adaptive, MeshParams};
 use crate::refine::options::Limits;
@@ -48,13 +45,10 @@ use crate::refine::podm::{Before, Refinement};
 use crate::refine::refine_further;
 use crate::refine::rules::Rules;
 use crate::sizing::{Place, Sizing, Spacing};
-use crate::verify::topology::differences::{Change, Difference, Differences, Kind};
+use crate::verify::topology::differences::{Difference, Kind};
 
 /// Most rounds of refinement after the first one.
-const ROUNDS: usize = 6;
-
-/// In so many of them samples come closer step by step.
-const STEPS: usize = 3;
+const ROUNDS: usize = 20;
 
 /// The part of the step of refinement that the first round is taken to have, for progress. Of what
 /// is left each round has a half.
@@ -67,7 +61,7 @@ const CLOSER: f64 = 0.5;
 const REACH: f64 = 0.5;
 
 /// Samples come as close as the floor no farther from it than so many smallest sides of a voxel.
-const LARGEST_REACH: usize = ROUNDS - STEPS;
+const LARGEST_REACH: usize = 3;
 
 /// How far around it at least, in voxels: no point is farther than half of a voxel's diagonal from
 /// the centre of the voxel that holds it.
@@ -86,8 +80,12 @@ const AT_FLOOR: f64 = 1.01;
 pub struct Adapted {
     /// The sizing field in the end; `None`: the one that there was.
     pub sizing: Option<Sizing>,
-    /// How many differences each comparison found.
+    /// How many differences that count each comparison found, as far as samples were given to them
+    /// in that round.
     pub differences: Vec<u64>,
+    /// What mending the mesh comes to, numbered with the background that is kept for improvement;
+    /// `None`: it is not known.
+    pub(super) mended: Option<Vec<Mended>>,
 }
 
 /// The part of the step of refinement that is done when a round begins, 0 for the first, and when
@@ -149,20 +147,25 @@ impl Run<'_> {
         let quiet = Monitor::within(&look);
         let region = Region::new(image, &look)?;
         self.check_memory(&region)?;
-        let mut differences = Differences::new(image, region, &prepared.oracle, &quiet)?;
+        let mut comparison = Comparison::new(image, prepared, params, region, &quiet)?;
         let mut places = Places::new(image, params);
         places.list = places_of_contacts(image, &prepared.oracle, &places.spacing, &look)?;
         let mut how = options(params, limits.clone(), 0)?;
-        how.limits.bytes_per_slot += SeenTets::BYTES_PER_SLOT;
-        how.limits.bytes_beside += differences.bytes();
-        let mut seen = SeenTets::default();
+        how.limits.bytes_per_slot += Comparison::BYTES_PER_SLOT;
+        how.limits.bytes_beside += comparison.bytes();
         for round in 1..=ROUNDS {
             let sizing = adapted.sizing.as_ref().unwrap_or(&prepared.sizing);
-            let found = self.compare(&mut differences, &mut seen, sizing, &quiet)?;
-            adapted.differences.push(found.len() as u64);
-            let has_more = places.add(&found, sizing, round)?;
-            messages::log_differences(monitor, round, found.len(), has_more);
+            let rules = self.rules(sizing);
+            let mut count = 0;
+            let mut sample = |counting: &[Difference]| {
+                count = counting.len();
+                places.add(counting, sizing, round)
+            };
+            let has_more = comparison.find(&rules, &mut sample, &quiet)?;
+            adapted.differences.push(count as u64);
+            messages::log_differences(monitor, round, count, has_more);
             if !has_more {
+                adapted.mended = comparison.mended.take();
                 break;
             }
             let rows = Rows::new(image, region, &look)?;
@@ -189,79 +192,12 @@ impl Run<'_> {
         Rules::new(triangulation, &prepared.oracle, sizing, params, image.labels())
     }
 
-    /// The differences of the mesh that there is, of which only what was not seen before is looked
-    /// at.
-    fn compare(
-        &self,
-        differences: &mut Differences<'_>,
-        seen: &mut SeenTets,
-        sizing: &Sizing,
-        quiet: &Monitor<'_>,
-    ) -> Result<Vec<Difference>> {
-        let rules = self.rules(sizing);
-        let is_first = seen.is_empty();
-        let changed = VoxelBlocks::none(self.image.frame(), differences.region())?;
-        seen.update(&rules, &changed, quiet)?;
-        if !is_first && let Some(found) = self.compare_part(differences, changed, &rules, quiet)? {
-            if cfg!(debug_assertions) {
-                self.check_with_all(&found, &rules, differences.region())?;
-            }
-            return Ok(found);
-        }
-        let mut mesh = collect(&rules, self.image.labels(), Background::Dropped, quiet)?;
-        mesh.collect_facets(quiet)?;
-        differences.of(&mesh, None, quiet)
-    }
-
-    /// The same, of a mesh that has changed in some blocks; `None` if these are most of it.
-    fn compare_part(
-        &self,
-        differences: &mut Differences<'_>,
-        changed: VoxelBlocks,
-        rules: &Rules<'_>,
-        quiet: &Monitor<'_>,
-    ) -> Result<Option<Vec<Difference>>> {
-        differences.add_pieces(&changed);
-        let near = changed.and_around()?;
-        let Some(part) = collect_near(rules, self.image.labels(), &near, quiet)? else {
-            return Ok(None);
-        };
-        let Part { mut mesh, cut } = part;
-        mesh.collect_facets(quiet)?;
-        let change = Change { blocks: near.blocks(), cut: &cut };
-        differences.of(&mesh, Some(&change), quiet).map(Some)
-    }
-
-    /// For debug builds: the differences found in a part of the mesh, and those of before
-    /// elsewhere, are those of all of it. But for pieces: of those that are cut a part cannot know.
-    fn check_with_all(
-        &self,
-        found: &[Difference],
-        rules: &Rules<'_>,
-        region: &Region,
-    ) -> Result<()> {
-        let Self { image, prepared, .. } = *self;
-        let monitor = Monitor::silent();
-        let mut mesh = collect(rules, image.labels(), Background::Dropped, &monitor)?;
-        mesh.collect_facets(&monitor)?;
-        let mut differences = Differences::new(image, *region, &prepared.oracle, &monitor)?;
-        let all = differences.of(&mesh, None, &monitor)?;
-        let sorted = |differences: &[Difference]| {
-            let known = differences.iter().filter(|difference| difference.kind != Kind::Piece);
-            let mut known: Vec<_> = known.map(|d| (d.kind as u8, d.index.to_array())).collect();
-            known.sort_unstable_by(|a, b| a.partial_cmp(b).expect("no place is NaN"));
-            known
-        };
-        debug_assert_eq!(sorted(found), sorted(&all), "of a part, and of all");
-        Ok(())
-    }
-
     /// Checks that a mesh of what there is can be compared.
     fn check_memory(&self, region: &Region) -> Result<()> {
         let Self { image, prepared, triangulation, limits, .. } = *self;
-        let per_slot = limits.bytes_per_slot + SeenTets::BYTES_PER_SLOT;
+        let per_slot = limits.bytes_per_slot + Comparison::BYTES_PER_SLOT;
         let mesh = u64::from(triangulation.tet_bound()) * per_slot;
-        let tables = Differences::bytes_needed(image, region);
+        let tables = Comparison::bytes_needed(image, region);
         let there = prepared.oracle.bytes() + prepared.sizing.bytes();
         limits.check_memory(there as u64 + triangulation.bytes() + mesh + tables)
     }
@@ -301,7 +237,7 @@ impl<'a> Places<'a> {
             }
             let of_kind = differences.iter().filter(|d| (d.kind == Kind::Nick) == are_nicks);
             for difference in of_kind {
-                let Some(place) = self.about(difference, sizing, round) else { continue };
+                let Some(place) = self.about(difference, sizing) else { continue };
                 let per_cell = self.image.frame().spacing() / (SAME_PLACE * place.radius);
                 let cell = (place.index * per_cell).to_array().map(|c| c.floor() as i64);
                 let alike = [place.spacing, place.radius].map(f64::to_bits);
@@ -317,9 +253,8 @@ impl<'a> Places<'a> {
     /// The place about a difference; `None` if samples are as close there as they may be.
     fn about(
         &self,
-        &Difference { kind, index }: &Difference,
+        &Difference { kind, index, .. }: &Difference,
         sizing: &Sizing,
-        round: usize,
     ) -> Option<Place> {
         if self.floor >= self.spacing.delta {
             return None;
@@ -333,17 +268,14 @@ impl<'a> Places<'a> {
                 let spacing = closer.min(self.at_contacts);
                 Some(Place::about_contact(index, spacing, self.side))
             }
-            Kind::Voxel | Kind::Touch | Kind::Piece | Kind::Nick
-                if is_at_floor || round > STEPS =>
-            {
-                let least = round.saturating_sub(STEPS).max(1);
+            Kind::Voxel | Kind::Touch | Kind::Piece | Kind::Nick if is_at_floor => {
                 let about = |sides: usize| Place {
                     index,
                     spacing: self.floor,
                     radius: sides as f64 * self.side,
                     voxels: LEAST_REACH,
                 };
-                (least..=LARGEST_REACH).map(about).find(|place| sizing.is_above(place))
+                (1..=LARGEST_REACH).map(about).find(|place| sizing.is_above(place))
             }
             Kind::Voxel | Kind::Touch | Kind::Piece | Kind::Nick => {
                 Some(Place { index, spacing: closer, radius: REACH * now, voxels: LEAST_REACH })
@@ -365,8 +297,9 @@ mod tests {
         let params =
             MeshParams { delta: 32.0, adaptive: Adaptive::Topology, ..MeshParams::default() };
         let index = |n: usize| DVec3::from([n % 20, n / 20 % 20, n / 400].map(|c| c as f64));
-        let differences: Vec<_> =
-            (0..8000).map(|n| Difference { kind: Kind::Voxel, index: index(n) }).collect();
+        let difference =
+            |n| Difference { kind: Kind::Voxel, index: index(n), ids: [1, 0], is_far: true };
+        let differences: Vec<_> = (0..8000).map(difference).collect();
         let places_of = |spacing: f64| {
             let mut places = Places::new(&image, &params);
             assert!(places.add(&differences, &Sizing::uniform(spacing), 1).unwrap());

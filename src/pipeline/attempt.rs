@@ -3,6 +3,8 @@
 use rayon::prelude::*;
 
 use super::adapt::{self, Adapted};
+use super::improve::Known;
+use super::mend::Mended;
 use super::prepare::Prepared;
 use super::refine::Ordered;
 use super::{Stopwatch, improve, messages, refine};
@@ -13,7 +15,7 @@ use crate::image::LabelImage;
 use crate::improve::{Improvement, facets_below};
 use crate::memory::aside::or_drop_aside;
 use crate::mesh::TetMesh;
-use crate::mesh::extract::{Background, Numbered};
+use crate::mesh::extract::Numbered;
 use crate::monitor::Monitor;
 use crate::params::{Adaptive, CertificateLevel, Improve, MeshParams};
 use crate::refine::Asked;
@@ -39,6 +41,7 @@ pub(super) struct Refined {
     triangulation: Triangulation,
     refinement: Refinement,
     differences: Vec<u64>,
+    mended: Option<Vec<Mended>>,
 }
 
 /// A mesh without its facets.
@@ -117,13 +120,14 @@ impl Attempt<'_> {
         monitor: &Monitor<'_>,
     ) -> Result<Refined> {
         let triangulation = refine::triangulation_around(&prepared.oracle, prepared.sizing.max())?;
-        let (triangulation, (refinement, differences)) =
+        let (triangulation, (refinement, adapted)) =
             or_drop_aside(triangulation, |triangulation| {
                 self.refine_in(triangulation, prepared, parts, monitor)
             })?;
         let seconds = watch.add_to(|seconds| &mut seconds.refine);
         messages::log_refinement(monitor, &refinement.counters, seconds);
-        Ok(Refined { triangulation, refinement, differences })
+        let Adapted { differences, mended, .. } = adapted;
+        Ok(Refined { triangulation, refinement, differences, mended })
     }
 
     fn refine_in(
@@ -132,7 +136,7 @@ impl Attempt<'_> {
         prepared: &mut Prepared,
         parts: [f64; 2],
         monitor: &Monitor<'_>,
-    ) -> Result<(Refinement, Vec<u64>)> {
+    ) -> Result<(Refinement, Adapted)> {
         let &Self { image, params, limits } = self;
         let by_volume = refine::expected_by_volume(prepared, params);
         let options = RefineOptions {
@@ -147,13 +151,13 @@ impl Attempt<'_> {
             let run = adapt::Run { image, prepared, triangulation, params, limits, parts };
             adapted = run.adapt(&mut refinement, monitor)?;
         }
-        if let Some(sizing) = adapted.sizing {
+        if let Some(sizing) = adapted.sizing.take() {
             prepared.sizing = sizing;
         }
         if let Some(limit) = refinement.ended_by.take_if(|_| !params.partial) {
             return Err(limit);
         }
-        Ok((refinement, adapted.differences))
+        Ok((refinement, adapted))
     }
 
     /// The mesh of a refined triangulation, without slivers, and what was checked before these were
@@ -170,7 +174,7 @@ impl Attempt<'_> {
         monitor: &Monitor<'_>,
     ) -> Result<Made> {
         let &Self { image, params, limits } = self;
-        let Refined { triangulation, mut refinement, differences } = refined;
+        let Refined { triangulation, mut refinement, differences, mended } = refined;
         let (triangulation, checked) = or_drop_aside(triangulation, |triangulation| {
             self.number_and_check(triangulation, &mut refinement, prepared, watch, monitor)
         })?;
@@ -186,7 +190,8 @@ impl Attempt<'_> {
             return Ok(Made { mesh, refinement, differences, check, examined, improvement });
         }
         let (mesh, (improvement, ended_by)) = or_drop_aside(mesh, |mesh| {
-            improve::improve_mesh(mesh, points_kept, prepared, image, params, limits, monitor)
+            let known = Known { points_kept, mended };
+            improve::improve_mesh(mesh, known, prepared, image, params, limits, monitor)
         })?;
         refinement.ended_by = ended_by;
         let seconds = watch.add_to(|seconds| &mut seconds.improve);
@@ -212,11 +217,7 @@ impl Attempt<'_> {
     ) -> Result<Checked> {
         let &Self { image, params, .. } = self;
         let rules = self.rules(triangulation, prepared);
-        let background = match (params.background, self.improves(refinement)) {
-            (true, _) => Background::Kept,
-            (false, true) => Background::Last,
-            (false, false) => Background::Dropped,
-        };
+        let background = refine::background_of(params, self.improves(refinement));
         let Ordered { mut numbered, order } =
             refine::number(&rules, image.labels(), background, monitor)?;
         if !numbered.labels().par_iter().any(|&label| label != 0) {

@@ -10,20 +10,27 @@ use crate::improve::{
 };
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
-use crate::params::{Adaptive, Improve, MeshParams};
-use crate::pipeline::mend::mend;
+use crate::params::{Improve, MeshParams};
+use crate::pipeline::mend::{Mended, is_mended, mend, passes};
 use crate::pipeline::prepare::Prepared;
 use crate::refine::options::Limits;
 
+/// What is known of a mesh that is to be improved.
+pub(super) struct Known {
+    /// So many of its vertices, the first ones, are those of tets that are kept.
+    pub points_kept: usize,
+    /// What mending it comes to.
+    pub mended: Option<Vec<Mended>>,
+}
+
 /// Improves a mesh that has the background around the object, and keeps of it what `params` ask
-/// for; `points_kept` is as [`collect`](super::refine::collect) has it. Told besides: the limit
-/// that ended the work early, where a partial mesh is allowed.
+/// for. Told besides: the limit that ended the work early, where a partial mesh is allowed.
 ///
 /// # Errors
 /// Limits, where none is allowed; [`Error::Cancelled`]; [`Error::OutOfMemory`].
-pub fn improve_mesh(
+pub(super) fn improve_mesh(
     mesh: &mut TetMesh,
-    mut points_kept: usize,
+    Known { mut points_kept, mended }: Known,
     prepared: &Prepared,
     image: &LabelImage,
     params: &MeshParams,
@@ -48,12 +55,15 @@ pub fn improve_mesh(
         parts: [0.0, 1.0],
         check_time: &|| limits.check_time(),
     };
-    // Whoever asks for the inside alone keeps interfaces bit for bit.
-    let is_mended = params.improve == Improve::Full && params.adaptive == Adaptive::Topology;
-    let mended = if is_mended {
-        mend(mesh, image, &prepared.oracle, params.facet_angle, monitor)?
-    } else {
-        Vec::new()
+    let mended = match mended {
+        Some(mended) => {
+            mended.iter().for_each(|tet| mesh.labels[tet.tet as usize] = tet.to);
+            mended
+        }
+        None if is_mended(params) => {
+            mend(mesh, image, &prepared.oracle, &passes(params), monitor)?.tets
+        }
+        None => Vec::new(),
     };
     let filled = match params.improve {
         Improve::Full => fill_nicks(mesh, &prepared.oracle, points_kept, monitor)?,

@@ -24,6 +24,7 @@ mod attempt;
 mod budget;
 pub mod certify;
 mod changes;
+mod compare;
 pub mod estimate;
 pub mod finish;
 pub mod improve;

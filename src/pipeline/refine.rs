@@ -84,6 +84,15 @@ pub fn options(params: &MeshParams, limits: Limits, expected_tets: u64) -> Resul
     })
 }
 
+/// What a finished mesh has of the background at first: improvement needs it around the object.
+pub fn background_of(params: &MeshParams, is_improved: bool) -> Background {
+    match (params.background, is_improved) {
+        (true, _) => Background::Kept,
+        (false, true) => Background::Last,
+        (false, false) => Background::Dropped,
+    }
+}
+
 /// A refined triangulation whose tets and vertices are numbered.
 pub struct Ordered {
     /// The numbers.
@@ -133,8 +142,8 @@ pub struct Part {
     pub cut: Vec<u32>,
 }
 
-/// The part of such a mesh whose tets come near to some blocks, in the order of the triangulation's
-/// slots; `None` if that is most of it, as far as some of the slots tell.
+/// The part of such a mesh whose tets come near to a few blocks, in the order of the slots of the
+/// triangulation; `None` if the blocks are not few ([`NearBlocks::are_few`]).
 ///
 /// # Errors
 /// As [`number`].
@@ -154,10 +163,10 @@ pub fn collect_near(
         let mut others = beyond.map(|facet| facet.tet()).filter(|&u| !is_in_part.has(u));
         others.any(|u| rules.label(u) == rules.label(t))
     };
-    let pieces = order.par_chunks(SLOTS as usize).enumerate().map(|(piece, tets)| {
+    let pieces = order.par_chunks(CHUNK as usize).enumerate().map(|(piece, tets)| {
         monitor.advance(0)?;
         let mut cut = Vec::new();
-        for (n, &t) in (piece as u32 * SLOTS..).zip(tets) {
+        for (n, &t) in (piece as u32 * CHUNK..).zip(tets) {
             if is_cut(t) {
                 reserve(&mut cut, 1, WHAT)?;
                 cut.push(n);
@@ -170,56 +179,28 @@ pub fn collect_near(
     Ok(Some(Part { mesh: part(triangulation, &order, &is_in_part, label, monitor)?, cut }))
 }
 
-/// The tets of labels that come near to some blocks, in the order of their slots; `None` if these
-/// are too many.
+/// The tets of labels that come near to some blocks, in the order of their slots; `None` if the
+/// blocks are not few.
 fn tets_near(
     rules: &Rules<'_>,
     blocks: &NearBlocks,
     monitor: &Monitor<'_>,
 ) -> Result<Option<Vec<TetId>>> {
     let triangulation = rules.triangulation();
-    let bound = triangulation.tet_bound();
-    // Boxes are smaller than balls, and cost more.
-    let box_is_near = |t| {
-        let vertices = triangulation.tet(t).vertices();
-        blocks.blocks().meet_around(triangulation.corners(vertices))
-    };
-    let is_near = |t| rules.is_near(t, blocks) && box_is_near(t);
-    let has_label = |&t: &TetId| triangulation.is_living(t) && rules.label(t) != 0;
-    if let Some(mut near) = rules.few_near(blocks, || monitor.advance(0))? {
-        near.retain(|&t| has_label(&t) && box_is_near(t));
-        return Ok(Some(near));
+    let mut near = rules.few_near(blocks, || monitor.advance(0))?;
+    if let Some(near) = &mut near {
+        // Boxes are smaller than the circumballs that were found.
+        near.retain(|&t| {
+            let vertices = triangulation.tet(t).vertices();
+            let is_near = || blocks.blocks().meet_around(triangulation.corners(vertices));
+            triangulation.is_living(t) && rules.label(t) != 0 && is_near()
+        });
     }
-    // Some of all slots tell how many there will be.
-    let some = (0..bound.div_ceil(SAMPLE_OF)).into_par_iter().map(|n| SAMPLE_OF * n);
-    let is_sampled = some.filter(has_label).map(|t| [1, usize::from(is_near(t))]);
-    let [all, near] = is_sampled.reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-    if near as f64 > LARGEST_PART * all as f64 {
-        return Ok(None);
-    }
-    let pieces = (0..bound.div_ceil(SLOTS)).into_par_iter().map(|piece| {
-        monitor.advance(0)?;
-        let slots = piece * SLOTS..((piece + 1) * SLOTS).min(bound);
-        let slots = slots.inspect(|&t| triangulation.prefetch_next(t));
-        let mut near = Vec::new();
-        for t in slots.filter(has_label).filter(|&t| is_near(t)) {
-            reserve(&mut near, 1, WHAT)?;
-            near.push(t);
-        }
-        Ok(near)
-    });
-    concatenated(pieces.collect::<Result<Vec<_>>>()?, WHAT).map(Some)
+    Ok(near)
 }
-
-/// A larger part of a mesh is no less work than all of it, whose tets come in the order of their
-/// places.
-const LARGEST_PART: f64 = 0.45;
 
 /// What lists of tets have, as errors name it.
 const WHAT: &str = "tets of the mesh";
 
-/// One slot of so many is asked first.
-const SAMPLE_OF: u32 = 61;
-
-/// Slots of tets that are looked at between two looks at the cancel flag.
-const SLOTS: u32 = 1 << 12;
+/// Tets that are looked at between two looks at the cancel flag.
+const CHUNK: u32 = 1 << 12;

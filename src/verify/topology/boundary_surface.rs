@@ -64,7 +64,7 @@ impl BoundarySurfaces {
         components: &mut MeshComponents,
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
-        let mut parts = Parts::measure(mesh, components, true, monitor)?;
+        let mut parts = Parts::measure(mesh, components, monitor)?;
         for touch in &parts.touches {
             // All that it joins come to be one component.
             if let Some(&part) = touch.parts.first() {
@@ -78,21 +78,6 @@ impl BoundarySurfaces {
         }
         Ok(Self { open_edges: parts.open_edges, euler, non_manifold: parts.non_manifold })
     }
-
-    /// Joins the parts that touch to `components`, and tells where boundaries are no surfaces,
-    /// without measuring them.
-    ///
-    /// # Errors
-    /// As [`measure`](Self::measure).
-    pub(crate) fn non_manifold(
-        mesh: &TetMesh,
-        components: &mut MeshComponents,
-        monitor: &Monitor<'_>,
-    ) -> Result<Vec<NonManifold>> {
-        let parts = Parts::measure(mesh, components, false, monitor)?;
-        components.join(parts.touches.iter().map(|touch| &touch.parts[..]), monitor)?;
-        Ok(parts.non_manifold)
-    }
 }
 
 /// What is measured part by part, just inside of the tets.
@@ -105,18 +90,12 @@ struct Parts {
 }
 
 impl Parts {
-    /// Measures the boundaries of all parts; their Euler characteristics only if they are to be
-    /// `counted`.
-    fn measure(
-        mesh: &TetMesh,
-        parts: &MeshComponents,
-        counted: bool,
-        monitor: &Monitor<'_>,
-    ) -> Result<Self> {
+    /// Measures the boundaries of all parts.
+    fn measure(mesh: &TetMesh, parts: &MeshComponents, monitor: &Monitor<'_>) -> Result<Self> {
         let stars = Stars::new(mesh, monitor)?;
         let measure = |chunk: usize| {
             monitor.advance(CHUNK)?;
-            let mut vertex_links = VertexLinks::new(mesh, parts, counted);
+            let mut vertex_links = VertexLinks::new(mesh, parts);
             for v in chunk * CHUNK..((chunk + 1) * CHUNK).min(mesh.points.len()) {
                 vertex_links.look_at(v as u32, stars.of(v));
             }
@@ -202,7 +181,7 @@ mod tests {
         let monitor = Monitor::silent();
         let of_image = ImageComponents::new(image, &|_| Ok(())).unwrap();
         let parts = MeshComponents::new(mesh, image, &of_image, &monitor).unwrap();
-        (Parts::measure(mesh, &parts, true, &monitor).unwrap(), parts)
+        (Parts::measure(mesh, &parts, &monitor).unwrap(), parts)
     }
 
     /// The Euler characteristics of the boundaries of parts, just inside of the tets.

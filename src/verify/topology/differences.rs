@@ -17,9 +17,9 @@
 
 use glam::DVec3;
 
-use super::boundary_surface::BoundarySurfaces;
 use super::deform::Labellings;
 use super::matching::{Matching, Role};
+use super::measured::MeshTopology;
 use super::mesh_components::MeshComponents;
 use super::touching::{Contacts, stray_touches};
 use super::voxel_labels::{VoxelLabels, visit_tets};
@@ -56,6 +56,13 @@ pub struct Difference {
     pub kind: Kind,
     /// Where, in voxels of the image.
     pub index: DVec3,
+    /// The ids of the labels that it is about: what the image has there, and what the mesh has.
+    /// Most are about one; nicks about none.
+    pub ids: [u16; 2],
+    /// Whether it is farther than a voxel: here, or at one of the 26 voxels around, the label that
+    /// the image has is in none of the 27 voxels around in the mesh, or the other way round. So it
+    /// is in the middle of a hole three voxels wide, and where something is lost. Voxels alone are.
+    pub is_far: bool,
 }
 
 /// Where a mesh has changed since it was compared last.
@@ -82,7 +89,7 @@ pub struct Differences<'a> {
     found: Vec<u16>,
     /// The voxels that are left.
     left: Vec<usize>,
-    touches: Vec<DVec3>,
+    touches: Vec<(u16, DVec3)>,
     pieces: Vec<Piece>,
     nicks: Vec<DVec3>,
 }
@@ -90,6 +97,8 @@ pub struct Differences<'a> {
 /// A component of the mesh that stands for none of the image.
 #[derive(Clone, Copy)]
 struct Piece {
+    /// The id of its label.
+    id: u16,
     /// A place in it, in voxels.
     index: DVec3,
     /// The box around it, in voxels of the region.
@@ -141,6 +150,11 @@ impl<'a> Differences<'a> {
         })
     }
 
+    /// The components of the image.
+    pub(crate) fn of_image(&self) -> &ImageComponents {
+        &self.components
+    }
+
     /// Where it looks.
     pub fn region(&self) -> &Region {
         &self.region
@@ -175,21 +189,20 @@ impl<'a> Differences<'a> {
         }
     }
 
-    /// The differences of a mesh that has its facets. With a `change`, which tells how it differs
-    /// from the mesh before, all of its tets that come near to the blocks are enough; the blocks
-    /// have those of [`Self::add_pieces`].
+    /// The differences of a mesh that has its facets, and of which `topology` was measured. With a
+    /// `change`, which tells how it differs from the mesh before, all of its tets that come near to
+    /// the blocks are enough; the blocks have those of [`Self::add_pieces`].
     ///
     /// # Errors
     /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
-    pub fn of(
+    pub(crate) fn of(
         &mut self,
         mesh: &TetMesh,
+        topology: &MeshTopology,
         change: Option<&Change<'_>>,
         monitor: &Monitor<'_>,
     ) -> Result<Vec<Difference>> {
-        let mut components = MeshComponents::to_match(mesh, self.image, &self.components, monitor)?;
-        let non_manifold = BoundarySurfaces::non_manifold(mesh, &mut components, monitor)?;
-        let pieces = self.find_pieces(mesh, components, change)?;
+        let pieces = self.find_pieces(mesh, &topology.components, change)?;
         self.pieces.retain(|piece| change.is_some_and(|change| !change.blocks.meet(piece.bounds)));
         reserve(&mut self.pieces, pieces.len(), WHAT)?;
         self.pieces.extend(pieces);
@@ -198,36 +211,49 @@ impl<'a> Differences<'a> {
         let has_changed =
             |index: DVec3| change.is_none_or(|change| change.blocks.has(region.offset(index)));
         // At the rim of a part a mesh seems to touch itself, and to end, where it does not.
-        let touches = stray_touches(&non_manifold, mesh, self.image);
+        let touches = stray_touches(&topology.surfaces.non_manifold, mesh, self.image);
+        self.touches.retain(|&(_, index)| !has_changed(index));
+        reserve(&mut self.touches, touches.len(), WHAT)?;
+        self.touches.extend(touches.into_iter().filter(|&(_, index)| has_changed(index)));
         let nicks = facets_off_walls(mesh, self.oracle, monitor)?;
-        let frame = self.image.frame();
-        let nicks = nicks.into_iter().map(|centroid| frame.to_index(centroid)).collect();
-        for (kept, found) in [(&mut self.touches, touches), (&mut self.nicks, nicks)] {
-            kept.retain(|&index| !has_changed(index));
-            reserve(kept, found.len(), WHAT)?;
-            kept.extend(found.into_iter().filter(|&index| has_changed(index)));
-        }
+        let nicks = nicks.into_iter().map(|centroid| self.image.frame().to_index(centroid));
+        self.nicks.retain(|&index| !has_changed(index));
+        reserve(&mut self.nicks, nicks.len(), WHAT)?;
+        self.nicks.extend(nicks.filter(|&index| has_changed(index)));
         self.contacts.forget(has_changed);
         self.look_at_tets(mesh, change, monitor)?;
         self.compare_voxels(change, monitor)?;
 
-        let [nx, ny, _] = self.region.dims;
-        let first = DVec3::from(self.region.first.map(|c| c as f64));
-        let of_voxel = |&v: &usize| {
-            first + DVec3::from([v % nx, v / nx % ny, v / (nx * ny)].map(|c| c as f64))
-        };
+        self.all()
+    }
+
+    /// All that are known.
+    fn all(&self) -> Result<Vec<Difference>> {
         let mut all = Vec::new();
         let open = self.contacts.open().count();
         let count =
             [self.left.len(), open, self.touches.len(), self.pieces.len(), self.nicks.len()];
         reserve(&mut all, count.iter().sum(), WHAT)?;
-        let of_kind = |kind| move |index| Difference { kind, index };
-        all.extend(self.left.iter().map(of_voxel).map(of_kind(Kind::Voxel)));
+        let of_kind =
+            |kind| move |(id, index)| Difference { kind, index, ids: [id; 2], is_far: false };
+        all.extend(self.left.iter().map(|&v| self.of_voxel(v)));
         all.extend(self.touches.iter().copied().map(of_kind(Kind::Touch)));
         all.extend(self.contacts.open().map(of_kind(Kind::Contact)));
-        all.extend(self.pieces.iter().map(|piece| piece.index).map(of_kind(Kind::Piece)));
-        all.extend(self.nicks.iter().copied().map(of_kind(Kind::Nick)));
+        let pieces = self.pieces.iter().map(|piece| (piece.id, piece.index));
+        all.extend(pieces.map(of_kind(Kind::Piece)));
+        all.extend(self.nicks.iter().map(|&index| (0, index)).map(of_kind(Kind::Nick)));
         Ok(all)
+    }
+
+    /// The difference at a voxel of the region.
+    fn of_voxel(&self, v: usize) -> Difference {
+        let [nx, ny, _] = self.region.dims;
+        let [x, y, z] = [v % nx, v / nx % ny, v / (nx * ny)];
+        let ids = [self.ids[v], self.found[v]];
+        let is_far = self.around(v).any(|u| self.is_off_by_two(u));
+        let first = DVec3::from(self.region.first.map(|c| c as f64));
+        let index = first + DVec3::from([x, y, z].map(|c| c as f64));
+        Difference { kind: Kind::Voxel, index, ids, is_far }
     }
 
     /// Finds the mesh's labels at voxels, and which contacts it reaches.
@@ -265,21 +291,41 @@ impl<'a> Differences<'a> {
         Ok(())
     }
 
+    /// Whether the label of a voxel in the image is two voxels away at least in the mesh, or the
+    /// other way round.
+    fn is_off_by_two(&self, v: usize) -> bool {
+        let (in_image, in_mesh) = (self.ids[v], self.found[v]);
+        in_image != in_mesh
+            && (self.around(v).all(|u| self.found[u] != in_image)
+                || self.around(v).all(|u| self.ids[u] != in_mesh))
+    }
+
+    /// A voxel of the region and those around it. Voxels beyond the region are background in image
+    /// and mesh, as those at its rim are.
+    fn around(&self, v: usize) -> impl Iterator<Item = usize> + Clone {
+        let [nx, ny, nz] = self.region.dims;
+        let beside = |c: usize, n: usize| c.saturating_sub(1)..(c + 2).min(n);
+        let [xs, ys, zs] = [beside(v % nx, nx), beside(v / nx % ny, ny), beside(v / (nx * ny), nz)];
+        let rows = zs.flat_map(move |z| ys.clone().map(move |y| nx * (y + ny * z)));
+        rows.flat_map(move |row| xs.clone().map(move |x| row + x))
+    }
+
     /// The pieces of a mesh; of a part of one those whose tets may have changed and are all in it.
     /// Components that go on beyond the part are left out: they are larger than a block, and where
     /// such a piece is torn off voxels differ, too.
     fn find_pieces(
         &self,
         mesh: &TetMesh,
-        mut components: MeshComponents,
+        components: &MeshComponents,
         change: Option<&Change<'_>>,
     ) -> Result<Vec<Piece>> {
         let mut is_cut = filled(components.list.len(), false, WHAT, || Ok(()))?;
         let of_cut = change.map_or(&[][..], |change| change.cut).iter();
         of_cut.filter_map(|&t| components.of(t)).for_each(|c| is_cut[c as usize] = true);
         // Of where most of it lies it has more tets than are seen.
+        let (list, mut overlaps) = (&components.list, components.overlaps.clone());
         let mut largest = filled(components.list.len(), None, WHAT, || Ok(()))?;
-        for (n, overlap) in components.overlaps.iter().enumerate() {
+        for (n, overlap) in overlaps.iter().enumerate() {
             let most: &mut Option<(usize, u64)> = &mut largest[overlap.mesh as usize];
             if most.is_none_or(|(_, count)| overlap.tets.count > count) {
                 *most = Some((n, overlap.tets.count));
@@ -287,10 +333,9 @@ impl<'a> Differences<'a> {
         }
         let of_cut = largest.into_iter().zip(&is_cut).filter(|(_, is_cut)| **is_cut);
         for (n, _) in of_cut.filter_map(|(largest, _)| largest) {
-            components.overlaps[n].tets.count += MANY;
+            overlaps[n].tets.count += MANY;
         }
-        let MeshComponents { list, overlaps, .. } = &components;
-        let Matching { roles, .. } = Matching::new(&self.components.list, list, overlaps)?;
+        let Matching { roles, .. } = Matching::new(&self.components.list, list, &overlaps)?;
 
         let mut main_of_image = filled(self.components.list.len(), None, WHAT, || Ok(()))?;
         for (c, &(role, of)) in roles.iter().enumerate() {
@@ -309,7 +354,8 @@ impl<'a> Differences<'a> {
             };
             let is_piece = !is_cut[c] && (role != Role::Main || main.is_some());
             let bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
-            is_piece.then(|| Piece { index: place(c), bounds, of, main })
+            let id = self.image.id_of(list[c].label).unwrap_or(0);
+            is_piece.then(|| Piece { id, index: place(c), bounds, of, main })
         }));
         if found.iter().any(Option::is_some) {
             for (t, tet) in (0..).zip(&mesh.tets) {
@@ -373,6 +419,18 @@ mod tests {
         })
     }
 
+    /// The differences of a mesh that has its facets.
+    fn found(
+        differences: &mut Differences<'_>,
+        mesh: &TetMesh,
+        change: Option<&Change<'_>>,
+    ) -> Vec<Difference> {
+        let monitor = Monitor::silent();
+        let of_image = &differences.components;
+        let topology = MeshTopology::measure(mesh, differences.image, of_image, &monitor).unwrap();
+        differences.of(mesh, &topology, change, &monitor).unwrap()
+    }
+
     /// All but pieces.
     fn sorted(differences: &[Difference]) -> Vec<(u8, [f64; 3])> {
         let chosen = differences.iter().filter(|d| d.kind != Kind::Piece);
@@ -389,14 +447,53 @@ mod tests {
         let mut differences = Differences::new(&image, region, &oracle, &monitor).unwrap();
         let mut mesh = testing::kuhn_box([3; 3], [1.0; 3], |i, _, _| i32::from(i != 1));
         mesh.collect_facets(&monitor).unwrap();
-        let before = differences.of(&mesh, None, &monitor).unwrap();
+        let before = found(&mut differences, &mesh, None);
         assert!(!before.is_empty());
         let blocks = VoxelBlocks::none(image.frame(), &region).unwrap();
         let change = Change { blocks: &blocks, cut: &[] };
         let mut part = TetMesh::default();
         part.collect_facets(&monitor).unwrap();
-        let after = differences.of(&part, Some(&change), &monitor).unwrap();
+        let after = found(&mut differences, &part, Some(&change));
         assert_eq!(after, before);
+    }
+
+    /// A plate of one voxel with a hole so many voxels wide, and a voxel that is lost.
+    #[test]
+    fn holes_three_voxels_wide_are_far() {
+        let frame = testing::box_frame([1.0; 3]);
+        let plate = |k: usize| if k == 4 { 1 } else { 2 };
+        let found_in = |image: &LabelImage, label: &dyn Fn(usize, usize, usize) -> i32| {
+            let oracle = Oracle::new(image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
+            let region = Region::new(image, &|| Ok(())).unwrap();
+            let monitor = Monitor::silent();
+            let mut differences = Differences::new(image, region, &oracle, &monitor).unwrap();
+            let mut mesh = testing::kuhn_box([9; 3], [1.0; 3], label);
+            mesh.collect_facets(&monitor).unwrap();
+            let mut found = found(&mut differences, &mesh, None);
+            found.retain(|difference| difference.kind == Kind::Voxel);
+            found
+        };
+        let whole = testing::image([9; 3], frame, |_, _, k| plate(k));
+        for (wide, is_far) in [(1, false), (2, false), (3, true), (5, true)] {
+            let is_hole = |c: usize| (2..2 + wide).contains(&c);
+            let found = found_in(&whole, &|i, j, k| {
+                if is_hole(i) && is_hole(j) { 2 } else { plate(k) }
+            });
+            assert!(!found.is_empty(), "{wide} voxels");
+            assert_eq!(found.iter().any(|found| found.is_far), is_far, "{wide} voxels");
+        }
+        let with_voxel =
+            testing::image(
+                [9; 3],
+                frame,
+                |i, j, k| {
+                    if [i, j, k] == [4, 4, 7] { 3 } else { plate(k) }
+                },
+            );
+        let found = found_in(&with_voxel, &|_, _, k| plate(k));
+        let ids = [3, 2].map(|label| with_voxel.id_of(label).unwrap());
+        assert_eq!(found.len(), 1);
+        assert_eq!((found[0].ids, found[0].is_far), (ids, true));
     }
 
     proptest! {
@@ -430,7 +527,7 @@ mod tests {
             let mut mesh = mesh_of(&labels);
             mesh.collect_facets(&monitor).unwrap();
             let mut differences = all();
-            differences.of(&mesh, None, &monitor).unwrap();
+            found(&mut differences, &mesh, None);
 
             for change in changes {
                 let blocks = VoxelBlocks::none(image.frame(), &region).unwrap();
@@ -465,9 +562,9 @@ mod tests {
                 testing::connect(&mut part);
                 part.collect_facets(&monitor).unwrap();
                 let change = Change { blocks: near.blocks(), cut: &cut };
-                let found = differences.of(&part, Some(&change), &monitor).unwrap();
-                let expected = all().of(&mesh, None, &monitor).unwrap();
-                prop_assert_eq!(sorted(&found), sorted(&expected));
+                let told = found(&mut differences, &part, Some(&change));
+                let expected = found(&mut all(), &mesh, None);
+                prop_assert_eq!(sorted(&told), sorted(&expected));
                 let parts =
                     MeshComponents::new(&mesh, &image, &differences.components, &monitor).unwrap();
                 let overlaps = parts.overlaps.iter();
@@ -477,7 +574,7 @@ mod tests {
                         |i| overlaps.clone().any(|o| o.mesh != c && o.image == Some(i));
                     own.clone().next().is_none() || own.clone().any(has_others)
                 };
-                for piece in found.iter().filter(|found| found.kind == Kind::Piece) {
+                for piece in told.iter().filter(|told| told.kind == Kind::Piece) {
                     let place = |c: u32| frame.to_index(parts.list[c as usize].place(&mesh));
                     let told = (0..parts.list.len() as u32).find(|&c| place(c) == piece.index);
                     prop_assert!(told.is_some_and(may_be_told), "{piece:?} is none");
@@ -501,16 +598,16 @@ mod tests {
             let oracle = Oracle::new(&image, SurfaceModel::Smooth, &|| Ok(())).unwrap();
             let (monitor, region) = (Monitor::silent(), Region::new(&image, &|| Ok(())).unwrap());
             let mut differences = Differences::new(&image, region, &oracle, &monitor).unwrap();
-            let mut found = |piece: Option<[usize; 3]>| {
+            let mut found_with = |piece: Option<[usize; 3]>| {
                 let cubes = [6, 3, 3].map(|n| n * CUBES);
                 let mut mesh = testing::kuhn_box(cubes, [1.0 / CUBES as f64; 3], |i, j, k| {
                     if Some([i, j, k]) == piece { 1 } else { label(i / CUBES) }
                 });
                 mesh.collect_facets(&monitor).unwrap();
-                differences.of(&mesh, None, &monitor).unwrap()
+                found(&mut differences, &mesh, None)
             };
-            prop_assert_eq!(found(None), []);
-            let found = found(Some([x, y, z]));
+            prop_assert_eq!(found_with(None), []);
+            let found = found_with(Some([x, y, z]));
             prop_assert_eq!(found.len(), 1);
             prop_assert_eq!(found[0].kind, Kind::Piece);
             let at = DVec3::from([x, y, z].map(|c| (c as f64 + 0.5) / CUBES as f64 - 0.5));

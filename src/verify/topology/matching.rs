@@ -8,6 +8,8 @@
 //! one stands for is a *piece* torn off; one that lies in no component of its label is *stray*.
 //! Ties go to the one that comes first. Linear in the overlaps.
 
+use std::collections::HashSet;
+
 use super::mesh_components::{MeshComponent, Overlap, Tets};
 use crate::Result;
 use crate::image::components::ImageComponent;
@@ -90,6 +92,12 @@ impl Matching {
         fates.extend((0..image.len() as u32).map(fate));
         roles.extend((0..mesh.len() as u32).map(role));
         Ok(Self { fates, roles, tets })
+    }
+
+    /// The components of the image that are lost.
+    pub fn lost(&self) -> HashSet<u32> {
+        let lost = (0..).zip(&self.fates).filter(|(_, fate)| **fate == Fate::Lost);
+        lost.map(|(component, _)| component).collect()
     }
 }
 

@@ -152,24 +152,25 @@ impl Contacts {
         });
     }
 
-    /// Those that the mesh does not reach, in voxels.
-    pub fn open(&self) -> impl Iterator<Item = DVec3> {
+    /// Those that the mesh does not reach, in voxels, with the ids of their labels.
+    pub fn open(&self) -> impl Iterator<Item = (u16, DVec3)> {
         let open = self.joins.iter().zip(&self.reached);
-        open.filter(|(_, reached)| !reached.load(Relaxed)).map(|(join, _)| join.index)
+        open.filter(|(_, reached)| !reached.load(Relaxed)).map(|(join, _)| (join.id, join.index))
     }
 }
 
-/// Those of `places` in which labels other than 0 touch and their voxels do not, in voxels.
+/// Those of `places` in which labels other than 0 touch and their voxels do not, in voxels, with
+/// the ids of these labels.
 pub(super) fn stray_touches(
     places: &[NonManifold],
     mesh: &TetMesh,
     image: &LabelImage,
-) -> Vec<DVec3> {
+) -> Vec<(u16, DVec3)> {
     let stray = |place: &NonManifold| {
         let id = image.id_of(place.label).filter(|&id| id != 0)?;
         let [from, to] = place.ends.map(|v| image.frame().to_index(mesh.point(v)));
         let index = from.midpoint(to);
-        (!voxels_touch(image, id, index)).then_some(index)
+        (!voxels_touch(image, id, index)).then_some((id, index))
     };
     places.iter().filter_map(stray).collect()
 }

@@ -55,8 +55,6 @@ struct Side {
 pub(crate) struct VertexLinks<'m> {
     mesh: &'m TetMesh,
     parts: &'m MeshComponents,
-    /// Whether the Euler characteristics of parts are counted.
-    counted: bool,
     /// Edges where the boundary of some label is open.
     pub open_edges: u64,
     pub non_manifold: Vec<NonManifold>,
@@ -83,8 +81,7 @@ pub(crate) struct VertexLinks<'m> {
 }
 
 impl<'m> VertexLinks<'m> {
-    /// The Euler characteristics of parts are left at 0 unless they are to be `counted`.
-    pub fn new(mesh: &'m TetMesh, parts: &'m MeshComponents, counted: bool) -> Self {
+    pub fn new(mesh: &'m TetMesh, parts: &'m MeshComponents) -> Self {
         let (facets, edges, sides, parents) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (non_manifold, touches, at_edges, tops, cone) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -92,7 +89,6 @@ impl<'m> VertexLinks<'m> {
         Self {
             mesh,
             parts,
-            counted,
             open_edges: 0,
             non_manifold,
             touches,
@@ -139,9 +135,7 @@ impl<'m> VertexLinks<'m> {
     }
 
     fn add(&mut self, node: u32, count: i64) {
-        if self.counted
-            && let Some(part) = self.part(node)
-        {
+        if let Some(part) = self.part(node) {
             self.euler.add(part.into(), count);
         }
     }
