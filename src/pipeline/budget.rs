@@ -54,7 +54,7 @@ const LEFT_BY_IMPROVEMENT: f64 = 0.96;
 /// A coarsened mesh that was sampled by topology has 1 / (1 + `FEWER_PER_SIDE` delta) of the tets
 /// that it has when sampled by thickness; delta in smallest sides of a voxel. Measured at 3 and 6
 /// sides (docs/notes/sampling.md).
-const FEWER_PER_SIDE: f64 = 0.03;
+const FEWER_PER_SIDE: f64 = 0.05;
 
 /// How many tets of labels are to be expected of a mesh that is coarsened.
 ///

@@ -36,6 +36,8 @@ const IMPROVE_TET: f64 = 235.0;
 /// for each tet.
 const TOPOLOGY_VOXEL: f64 = 200.0;
 const TOPOLOGY_CONTACT: f64 = 800_000.0;
+/// The same of a contact where not all differences count.
+const TOPOLOGY_CONTACT_COARSE: f64 = 300_000.0;
 const TOPOLOGY_TET: f64 = 150.0;
 const MEND_TET: f64 = 300.0;
 /// Coarsening and improvement together, for each tet that is left, and for each that has gone: from
@@ -123,7 +125,12 @@ pub fn estimate(
     let [compared, of_topology] = match params.adaptive {
         Adaptive::Topology => {
             let of_mending = if params.improve == Improve::Full { MEND_TET } else { 0.0 };
-            let of_contacts = TOPOLOGY_CONTACT * contacts.len() as f64;
+            let side = image.frame().spacing().min_element();
+            let per_contact = match params.all_differences_count(side) {
+                true => TOPOLOGY_CONTACT,
+                false => TOPOLOGY_CONTACT_COARSE,
+            };
+            let of_contacts = per_contact * contacts.len() as f64;
             [
                 BYTES_COMPARED * all + Differences::bytes_needed(&image, &region) as f64,
                 TOPOLOGY_VOXEL * voxels + of_contacts + (TOPOLOGY_TET + of_mending) * all,

@@ -48,6 +48,19 @@ const OF_LINES: f64 = 3.0;
 const OF_CONTACTS: f64 = 0.75;
 const OF_THIN: f64 = 0.4;
 
+/// The same where not all differences count
+/// ([`all_differences_count`](MeshParams::all_differences_count)): of contacts; and of what is
+/// thin, for each voxel that delta is above three.
+const OF_CONTACTS_COARSE: f64 = 0.24;
+const OF_THIN_BY_DELTA: f64 = 0.0265;
+
+/// With so many contacts for each thousand tets at a delta of three voxels labels are so near to
+/// each other that this part of them counts; with fewer, less, and no more with more than that many
+/// times as many.
+const MANY_CONTACTS: f64 = 11.85;
+const MOST_CONTACTS: f64 = 1.3;
+const BY_CONTACTS: f64 = 2.44;
+
 /// Coarsening leaves this part of what [`Spacing::coarsened`] leads to.
 const LEFT: f64 = 0.68;
 
@@ -105,15 +118,28 @@ pub fn expected_tets(
     let (side, apart) = (image.frame().spacing().min_element(), spacing.at_contacts(image));
     let (in_lines, others) = divided_by_lines(contacts)?;
     let mut expected = none;
-    for (part, contacts) in [(OF_LINES, in_lines), (OF_CONTACTS, others)] {
+    let [of_contacts, of_thin] = parts_of_topology(params, side, none.of_labels, contacts.len());
+    for (part, contacts) in [(OF_LINES, in_lines), (of_contacts, others)] {
         let about = contacts.iter().map(|&index| Place::about_contact(index, apart, side));
         let places: Vec<Place> = collected(about, "contacts of the estimate")?;
         if !places.is_empty() && apart < spacing.delta {
             expected = expected.with_part(part, with(&spacing, &places)?, none);
         }
     }
-    let of_thin = with(&Spacing::by_topology(params, image), &[])?;
-    Ok(expected.with_part(OF_THIN, of_thin, none))
+    let with_thin = with(&Spacing::by_topology(params, image), &[])?;
+    Ok(expected.with_part(of_thin, with_thin, none))
+}
+
+/// The parts of what is added about contacts, and where something is thin; `tets` are those without
+/// anything added, `side` is the smallest one of a voxel.
+fn parts_of_topology(params: &MeshParams, side: f64, tets: f64, contacts: usize) -> [f64; 2] {
+    if params.all_differences_count(side) {
+        return [OF_CONTACTS, OF_THIN];
+    }
+    let voxels = params.delta / side;
+    let per_thousand = 1e3 * contacts as f64 / (tets * (voxels / 3.0).powi(2)).max(1.0);
+    let dense = (per_thousand / MANY_CONTACTS).min(MOST_CONTACTS).powf(BY_CONTACTS);
+    [OF_CONTACTS_COARSE * dense, OF_THIN_BY_DELTA * (voxels - 3.0).max(0.0)]
 }
 
 /// The same where the mesh is coarsened.
