@@ -8,12 +8,13 @@
 use std::path::{Path, PathBuf};
 
 use lapd::geometry::measures::{dihedral_angles, radius_edge_ratio, triangle_angles};
+use lapd::image::LabelImage;
 use lapd::io::read::read_image;
 use lapd::monitor::Monitor;
 use lapd::parallel::machine::Machine;
-use lapd::params::{Algorithm, CertificateLevel, Improve, MeshParams};
+use lapd::params::{Adaptive, Algorithm, CertificateLevel, Improve, MeshParams};
 use lapd::pipeline::{MeshResult, mesh_image};
-use lapd::verify::DefectKind;
+use lapd::verify::{ComponentRow, Defect, DefectKind, Fate};
 
 /// Voxels from which on a label's volume is held against the image.
 const LARGE: u64 = 1000;
@@ -192,12 +193,17 @@ fn clears_the_bars(path: &Path, delta: f64, size: f64) {
     clears_the_bars_with(path, params);
 }
 
-fn clears_the_bars_with(path: &Path, params: MeshParams) {
+/// An atlas; `None` where it is not there, which is said.
+fn atlas(path: &Path) -> Option<LabelImage> {
     if !path.is_file() {
         eprintln!("SKIPPED: no atlas {}", path.display());
-        return;
+        return None;
     }
-    let image = read_image(path).unwrap_or_else(|e| panic!("{e}")).image;
+    Some(read_image(path).unwrap_or_else(|e| panic!("{e}")).image)
+}
+
+fn clears_the_bars_with(path: &Path, params: MeshParams) {
+    let Some(image) = atlas(path) else { return };
     let meshing = mesh_image(&image, &params, &Monitor::silent()).unwrap_or_else(|e| panic!("{e}"));
     let misses = misses(&meshing, &params);
     assert!(misses.is_empty(), "{} misses:\n  {}", path.display(), misses.join("\n  "));
@@ -239,6 +245,56 @@ fn abdomen_under_lapd() {
         &spl("abdomen.nrrd"),
         MeshParams { algorithm: Algorithm::Lapd, machine, ..params },
     );
+}
+
+/// Meshes with samples some voxels apart: no component of eight voxels or more is lost or merged,
+/// no piece of eight tets or more is torn off, at least 98 % of the large ones have the image's
+/// Euler characteristic, and there are at most half as many tets more as with sampling that follows
+/// nothing.
+fn is_coarse_and_whole(path: &Path, deltas: &[f64]) {
+    let Some(image) = atlas(path) else { return };
+    for &delta in deltas {
+        let [off, topology] = [Adaptive::Off, Adaptive::Topology].map(|adaptive| {
+            let certificate = CertificateLevel::Sound;
+            let coarse = MeshParams { delta, size: 2.0 * delta, adaptive, ..MeshParams::default() };
+            let params = MeshParams { certificate, threads: 2, ..coarse };
+            mesh_image(&image, &params, &Monitor::silent()).unwrap_or_else(|e| panic!("{e}"))
+        });
+        let certificate = &topology.report.certificate;
+        let rows = &certificate.components;
+        let are_not_kept = |row: &&ComponentRow| row.image_voxels >= 8 && row.fate != Fate::Kept;
+        let is_torn = |defect: &&Defect| defect.kind == DefectKind::Torn && defect.size >= 8;
+        let faults = rows.iter().filter(are_not_kept).count();
+        let torn = certificate.defects.iter().filter(is_torn).count();
+        let large: Vec<_> = rows.iter().filter(|row| row.image_voxels >= 100).collect();
+        let equal = large.iter().filter(|row| row.euler_mesh == row.euler_image).count();
+        let tets = [&off, &topology].map(|meshing| meshing.mesh.tets.len());
+        let what = format!(
+            "{} at {delta}: {tets:?} tets, {faults} components and {torn} pieces are faults, Euler \
+             characteristics of {equal} of {} are right",
+            path.display(),
+            large.len()
+        );
+        println!("{what}");
+        assert_eq!((faults, torn), (0, 0), "{what}");
+        assert!(50 * equal >= 49 * large.len(), "{what}");
+        assert!(2 * tets[1] <= 3 * tets[0], "{what}");
+    }
+}
+
+#[test]
+fn coarse_brain() {
+    is_coarse_and_whole(&spl("brain.nrrd"), &[3.0]);
+}
+
+#[test]
+fn coarse_abdomen() {
+    is_coarse_and_whole(&spl("abdomen.nrrd"), &[2.8125, 5.625]);
+}
+
+#[test]
+fn coarse_aal() {
+    is_coarse_and_whole(Path::new("/usr/share/mricron/templates/aal.nii.gz"), &[3.0, 6.0]);
 }
 
 #[test]
