@@ -132,9 +132,8 @@ fn assert_bounds(meshing: &MeshResult, params: &MeshParams) {
     // A tet that mending gave its label may be flat, so that its circumradius is large. Such a tet
     // is listed as left.
     let improvement = &meshing.report.improvement;
-    let is_left = |t: u32| {
-        improvement.tets_mended > 0 && improvement.left.iter().any(|left| left.tet == t)
-    };
+    let is_left =
+        |t: u32| improvement.tets_mended > 0 && improvement.left.iter().any(|left| left.tet == t);
     let labelled = (0..).zip(&mesh.tets).zip(&mesh.labels).filter(|&(_, &label)| label != 0);
     for ((t, tet), &label) in labelled {
         let corners = tet.map(|v| mesh.point(v));
