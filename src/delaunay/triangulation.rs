@@ -208,6 +208,12 @@ impl Triangulation {
         (0..4).for_each(|i| self.vertices.prefetch(record.vertex(i)));
     }
 
+    /// Fetches what [`Self::corners`] looks up.
+    #[inline(always)]
+    pub fn prefetch_corners(&self, vertices: [VertexId; 4]) {
+        vertices.into_iter().for_each(|v| self.vertices.prefetch(v));
+    }
+
     /// Fetches what an operation that destroys a tet needs of it besides its record: the vertex
     /// opposite to facet `entry`, through which the tet was found. The other three are those of the
     /// tet before it.

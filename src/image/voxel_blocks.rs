@@ -53,6 +53,13 @@ impl VoxelBlocks {
         self.row([y, z])[x / 64].fetch_or(1 << (x % 64), Relaxed);
     }
 
+    /// Adds blocks of the same region.
+    pub fn add_blocks(&self, others: &Self) {
+        for (word, other) in self.words.iter().zip(&others.words) {
+            word.fetch_or(other.load(Relaxed), Relaxed);
+        }
+    }
+
     /// Adds the blocks of a box around points of the world.
     pub fn add_around<const N: usize>(&self, points: [DVec3; N]) {
         self.add_box(self.around(points));

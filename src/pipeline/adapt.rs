@@ -28,7 +28,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::compare::Comparison;
-use super::mend::Mended;
+use super::mend::Mending;
 use super::messages;
 use super::prepare::{Prepared, places_of_contacts};
 use super::refine::options;
@@ -83,9 +83,9 @@ pub struct Adapted {
     /// How many differences that count each comparison found, as far as samples were given to them
     /// in that round.
     pub differences: Vec<u64>,
-    /// What mending the mesh comes to, numbered with the background that is kept for improvement;
-    /// `None`: it is not known.
-    pub(super) mended: Option<Vec<Mended>>,
+    /// What mending the mesh comes to with the first of its passes, numbered with the background
+    /// that is kept for improvement; `None`: it is not known.
+    pub(super) mended: Option<Mending>,
 }
 
 /// The part of the step of refinement that is done when a round begins, 0 for the first, and when

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::adapt::{self, Adapted};
 use super::improve::Known;
-use super::mend::Mended;
+use super::mend::Mending;
 use super::prepare::Prepared;
 use super::refine::Ordered;
 use super::{Stopwatch, improve, messages, refine};
@@ -41,7 +41,7 @@ pub(super) struct Refined {
     triangulation: Triangulation,
     refinement: Refinement,
     differences: Vec<u64>,
-    mended: Option<Vec<Mended>>,
+    mended: Option<Mending>,
 }
 
 /// A mesh without its facets.

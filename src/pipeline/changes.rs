@@ -5,10 +5,11 @@
 //! them is another has changed. Ids of vertices are never used twice, and a vertex that was removed
 //! stays where it was: so where a tet was is known when it is gone.
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Result;
-use crate::delaunay::{TetId, VertexId};
+use crate::delaunay::{TetId, Triangulation, VertexId};
 use crate::image::voxel_blocks::VoxelBlocks;
 use crate::memory::{reserve, zeroed_with_room};
 use crate::monitor::Monitor;
@@ -19,6 +20,9 @@ const SPARE_OF: usize = 4;
 
 /// Slots of one piece of work, between two looks at the cancel flag.
 const PIECE: usize = 1 << 13;
+
+/// Corners of a tet so many slots ahead are fetched.
+const AHEAD: usize = 16;
 
 /// The tets of labels that were there.
 #[derive(Debug, Default)]
@@ -83,6 +87,33 @@ impl SeenTets {
                     }
                 }
                 (*label_before, *before) = (label, now);
+            }
+            Ok(())
+        })
+    }
+
+    /// Calls `visit` for each of the tets that were there, with the id of its label and its
+    /// corners.
+    ///
+    /// # Errors
+    /// [`Cancelled`](crate::Error::Cancelled).
+    pub fn visit(
+        &self,
+        triangulation: &Triangulation,
+        visit: impl Fn(u16, [DVec3; 4]) + Sync,
+        monitor: &Monitor<'_>,
+    ) -> Result<()> {
+        let seen = self.labels.par_chunks(PIECE).zip(self.tets.par_chunks(PIECE));
+        seen.try_for_each(|(labels, tets)| {
+            monitor.advance(0)?;
+            for (n, (&label, &tet)) in labels.iter().zip(tets).enumerate() {
+                // Corners lie anywhere in memory.
+                if let Some(&ahead) = tets.get(n + AHEAD) {
+                    triangulation.prefetch_corners(ahead);
+                }
+                if label != 0 {
+                    visit(label, triangulation.corners(tet));
+                }
             }
             Ok(())
         })

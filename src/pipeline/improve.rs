@@ -8,10 +8,11 @@ use crate::improve::{
     Coarseness, Earlier, Improvement, PART_OF_COARSENING, Settings, coarse_tolerance, coarsen,
     facets_below, fill_nicks, improve, tolerance,
 };
+use crate::memory::reserve;
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
 use crate::params::{Improve, MeshParams};
-use crate::pipeline::mend::{Mended, is_mended, mend, passes};
+use crate::pipeline::mend::{Left, Mending, is_mended, mend, passes};
 use crate::pipeline::prepare::Prepared;
 use crate::refine::options::Limits;
 
@@ -19,8 +20,8 @@ use crate::refine::options::Limits;
 pub(super) struct Known {
     /// So many of its vertices, the first ones, are those of tets that are kept.
     pub points_kept: usize,
-    /// What mending it comes to.
-    pub mended: Option<Vec<Mended>>,
+    /// What mending it comes to with the first of its passes.
+    pub mended: Option<Mending>,
 }
 
 /// Improves a mesh that has the background around the object, and keeps of it what `params` ask
@@ -56,9 +57,15 @@ pub(super) fn improve_mesh(
         check_time: &|| limits.check_time(),
     };
     let mended = match mended {
-        Some(mended) => {
-            mended.iter().for_each(|tet| mesh.labels[tet.tet as usize] = tet.to);
-            mended
+        Some(Mending { mut tets, left }) => {
+            tets.iter().for_each(|tet| mesh.labels[tet.tet as usize] = tet.to);
+            if left != Left::default() {
+                let passes = &passes(params)[1..];
+                let more = mend(mesh, image, &prepared.oracle, passes, monitor)?.tets;
+                reserve(&mut tets, more.len(), "tets that are mended")?;
+                tets.extend(more);
+            }
+            tets
         }
         None if is_mended(params) => {
             mend(mesh, image, &prepared.oracle, &passes(params), monitor)?.tets

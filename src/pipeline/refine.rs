@@ -181,7 +181,7 @@ pub fn collect_near(
 
 /// The tets of labels that come near to some blocks, in the order of their slots; `None` if the
 /// blocks are not few.
-fn tets_near(
+pub(super) fn tets_near(
     rules: &Rules<'_>,
     blocks: &NearBlocks,
     monitor: &Monitor<'_>,

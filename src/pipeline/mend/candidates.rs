@@ -29,7 +29,7 @@ const CHUNK: usize = 1 << 10;
 /// one of the two is that of a component for which something could be gained.
 pub(super) fn suspects(
     mesh: &TetMesh,
-    components: &Components,
+    components: &Components<'_>,
     near: &Bits,
     image: &LabelImage,
     oracle: &Oracle,
@@ -82,7 +82,7 @@ pub(super) type Angles = [f64; 2];
 /// What tells which tets may get another label.
 pub(super) struct Search<'a> {
     pub mesh: &'a TetMesh,
-    pub components: &'a Components,
+    pub components: &'a Components<'a>,
     pub image: &'a LabelImage,
     pub oracle: &'a Oracle,
     /// As [`Angles`] has them.

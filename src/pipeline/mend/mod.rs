@@ -37,8 +37,9 @@
 //! So it is known all the time to which component a tet belongs, and what the excess of each is:
 //! components and boundaries are measured once.
 //!
-//! **Order.** First come candidates that bring no facet with a small angle to an interface, then
-//! those where the new label's boundary touches itself in the fewest edges and corners, single tets
+//! **Order.** What was changed in an earlier mesh comes first, where there is one (`earlier`). Of
+//! the others, those come first that bring no facet with a small angle to an interface, then those
+//! where the new label's boundary touches itself in the fewest edges and corners, single tets
 //! before pairs, and a larger part of the image before a smaller one. Each is judged again before
 //! it is changed. Then candidates are looked for around what has changed, until there are none.
 //!
@@ -50,6 +51,7 @@
 //!
 //! | file | what it is |
 //! |---|---|
+//! | `earlier` | the tets that were changed in an earlier mesh, found again |
 //! | `candidates` | the tets that the image says should have another label |
 //! | `standings` | how components stand, and what becomes of them when tets change |
 //!
@@ -61,9 +63,11 @@
 //! that are not as in the image but for those that hold several of the image's.
 
 mod candidates;
+mod earlier;
 mod standings;
 
 use self::candidates::{Angles, Search, stars_around, suspects};
+pub(super) use self::earlier::Earlier;
 use self::standings::Components;
 pub(super) use self::standings::{Left, Mended};
 use crate::Result;
@@ -80,6 +84,7 @@ use crate::verify::topology::measured::MeshTopology;
 const LEAST_ANGLE: f64 = 0.5;
 
 /// What came of mending a mesh.
+#[derive(Debug)]
 pub(super) struct Mending {
     /// The tets that got another label, in order.
     pub tets: Vec<Mended>,
@@ -118,33 +123,45 @@ pub(super) fn mend(
     let of_image = ImageComponents::new(image, &|_| look())?;
     mesh.collect_facets(&quiet)?;
     let topology = MeshTopology::measure(mesh, image, &of_image, &quiet)?;
-    mend_measured(mesh, topology, image, &of_image, oracle, passes, &quiet)
+    let before = (&topology, &of_image, &Earlier::default());
+    let mending = mend_measured(mesh, before, image, oracle, passes, &quiet)?;
+    (mesh.facets, mesh.facet_labels, mesh.facet_tets) = Default::default();
+    Ok(mending)
 }
 
 /// What is left where nothing is mended.
 ///
 /// # Errors
 /// [`OutOfMemory`](crate::Error::OutOfMemory).
-pub(super) fn left_unmended(topology: MeshTopology, of_image: &ImageComponents) -> Result<Left> {
+pub(super) fn left_unmended(topology: &MeshTopology, of_image: &ImageComponents) -> Result<Left> {
     Ok(Components::new(topology, of_image)?.left())
 }
 
-/// Mends a mesh that has its facets, and of which `topology` was measured. Its facets are those of
-/// before; it is left without them.
+/// Mends a mesh that has its facets. Known are its topology, the components of the image, and the
+/// tets that were changed in an earlier mesh, which are tried first. Facets stay those of before
+/// where there is one pass.
 ///
 /// # Errors
 /// As [`mend`].
 pub(super) fn mend_measured(
     mesh: &mut TetMesh,
-    topology: MeshTopology,
+    (topology, of_image, earlier): (&MeshTopology, &ImageComponents, &Earlier),
     image: &LabelImage,
-    of_image: &ImageComponents,
     oracle: &Oracle,
     passes: &[Angles],
     quiet: &Monitor<'_>,
 ) -> Result<Mending> {
     let mut tets = Vec::new();
     let mut components = Components::new(topology, of_image)?;
+    let mut change = |mesh: &mut TetMesh,
+                      components: &mut Components<'_>,
+                      suspects: &[(u32, i32)],
+                      angles: Angles| {
+        let stars = stars_around(mesh, suspects, quiet)?;
+        let search = Search { mesh, components, image, oracle, angles };
+        let candidates = search.candidates(suspects, &stars, quiet)?;
+        components.change_all(mesh, &candidates, &stars, &mut tets)
+    };
     for (n, &angles) in passes.iter().enumerate() {
         if n > 0 {
             if components.left() == Left::default() {
@@ -154,21 +171,23 @@ pub(super) fn mend_measured(
         }
         // This ends: each change gives the label that the image has there to more than half of what
         // changes, so more and more of the mesh agrees with the image.
-        let mut near = components.near_open(mesh)?;
+        let again = if n == 0 { earlier.found_in(mesh, quiet)? } else { Vec::new() };
+        let changed = match again.is_empty() {
+            true => None,
+            false => change(mesh, &mut components, &again, angles)?,
+        };
+        let mut near = components.near_open(mesh, changed)?;
         while let Some(places) = near {
             let suspects = suspects(mesh, &components, &places, image, oracle, quiet)?;
-            let stars = stars_around(mesh, &suspects, quiet)?;
-            let search = Search { mesh, components: &components, image, oracle, angles };
-            let candidates = search.candidates(&suspects, &stars, quiet)?;
-            near = components.change_all(mesh, &candidates, &stars, &mut tets)?;
+            near = change(mesh, &mut components, &suspects, angles)?;
         }
     }
     if cfg!(debug_assertions) && !tets.is_empty() {
+        let mut mesh = mesh.clone();
         mesh.collect_facets(quiet)?;
-        let topology = MeshTopology::measure(mesh, image, of_image, quiet)?;
-        components.check(mesh, &Components::new(topology, of_image)?);
+        let topology = MeshTopology::measure(&mesh, image, of_image, quiet)?;
+        components.check(&mesh, &Components::new(&topology, of_image)?);
     }
-    (mesh.facets, mesh.facet_labels, mesh.facet_tets) = Default::default();
     Ok(Mending { tets, left: components.left() })
 }
 
@@ -225,16 +244,28 @@ mod tests {
         fn no_fault_is_made(
             values in prop::collection::vec(0..3_i32, VOXELS),
             wrong in prop::collection::vec((0..6 * VOXELS, 0..3_i32), 0..25),
+            others in prop::collection::vec((0..6 * VOXELS, 0..3_i32), 0..10),
         ) {
             let label = |i: usize, j: usize, k: usize| values[i + DIMS[0] * (j + DIMS[1] * k)];
             let image = testing::image(DIMS, testing::box_frame([1.0; 3]), label);
             let mut mesh = testing::kuhn_box(DIMS, [1.0; 3], label);
             wrong.iter().for_each(|&(t, label)| mesh.labels[t] = label);
             let oracle = Oracle::new(&image, SurfaceModel::Voxel, &|| Ok(())).unwrap();
+            // What was changed in another mesh is tried first.
+            let mut other = mesh.clone();
+            others.iter().for_each(|&(t, label)| other.labels[t] = label);
+            let mending = |mesh: &mut TetMesh, earlier: &Earlier| {
+                let monitor = Monitor::silent();
+                mesh.collect_facets(&monitor).unwrap();
+                let of_image = ImageComponents::new(&image, &|_| Ok(())).unwrap();
+                let topology = MeshTopology::measure(mesh, &image, &of_image, &monitor).unwrap();
+                let known = (&topology, &of_image, earlier);
+                mend_measured(mesh, known, &image, &oracle, &[[0.0, 30.0]], &monitor).unwrap()
+            };
+            let earlier = mending(&mut other, &Earlier::default()).tets;
+            let earlier = Earlier::new(&other, &earlier).unwrap();
             let before = mesh.clone();
-            let passes = [[0.0, 30.0]];
-            let Mending { tets: mended, left } =
-                mend(&mut mesh, &image, &oracle, &passes, &Monitor::silent()).unwrap();
+            let Mending { tets: mended, left } = mending(&mut mesh, &earlier);
             let [was, is] = [&before, &mesh].map(|mesh| faults(mesh, &image));
             let no_more = |(was, is): (&u64, &u64)| is <= was;
             prop_assert!(was.0.iter().zip(&is.0).all(no_more), "{was:?}, then {is:?}");

@@ -39,9 +39,9 @@ enum Standing {
 }
 
 /// The components of a mesh.
-pub(super) struct Components {
+pub(super) struct Components<'a> {
     /// As they were measured.
-    measured: MeshComponents,
+    measured: &'a MeshComponents,
     standings: Vec<Standing>,
     /// The component of each tet that got another label.
     moved: HashMap<u32, Option<u32>>,
@@ -106,8 +106,8 @@ pub(super) struct Outcome {
     pub loose: usize,
 }
 
-impl Components {
-    pub fn new(topology: MeshTopology, of_image: &ImageComponents) -> Result<Self> {
+impl<'a> Components<'a> {
+    pub fn new(topology: &'a MeshTopology, of_image: &ImageComponents) -> Result<Self> {
         let MeshTopology { components: parts, surfaces } = topology;
         let matching = Matching::new(&of_image.list, &parts.list, &parts.overlaps)?;
         let lost = matching.lost();
@@ -168,10 +168,10 @@ impl Components {
 
     /// For debug builds: tets are in the same components as those measured now are, which stand as
     /// they do. But for what is a piece: that depends on how much of it lies where.
-    pub fn check(&self, mesh: &TetMesh, now: &Self) {
+    pub fn check(&self, mesh: &TetMesh, now: &Components<'_>) {
         let mut pairs = HashMap::new();
         for t in (0..mesh.tets.len() as u32).filter(|&t| mesh.labels[t as usize] != 0) {
-            let [component, other] = [self, now].map(|all| all.of(t).expect("of a label"));
+            let [component, other] = [self.of(t), now.of(t)].map(|c| c.expect("of a label"));
             let pair = *pairs.entry(component).or_insert(other);
             debug_assert_eq!(pair, other, "tet {t} of component {component}");
         }
@@ -201,12 +201,16 @@ impl Components {
     }
 
     /// The vertices on boundaries of components that mending might bring nearer to the image, if
-    /// there are such.
-    pub fn near_open(&self, mesh: &TetMesh) -> Result<Option<Bits>> {
-        if self.open_labels.is_empty() {
+    /// there are such; and those of `changed`, around tets that were changed since facets were
+    /// listed.
+    pub fn near_open(&self, mesh: &TetMesh, changed: Option<Bits>) -> Result<Option<Bits>> {
+        if !(0..self.standings.len() as u32).any(|c| self.is_open(c)) {
             return Ok(None);
         }
-        let near = no_vertices(mesh)?;
+        let near = match changed {
+            Some(changed) => changed,
+            None => no_vertices(mesh)?,
+        };
         let is_open = |&t: &u32| self.of(t).is_some_and(|c| self.is_open(c));
         mesh.facets.par_iter().zip(&mesh.facet_tets).for_each(|(facet, tets)| {
             if tets.iter().any(is_open) {

@@ -60,8 +60,38 @@ impl Labellings<'_> {
         self.deform(differing, &mut notes, &go_on)
     }
 
-    /// The same, where `before` are those of the labellings as they were before `from` changed in
-    /// these blocks.
+    /// Those of [`Self::left`] that are in clusters with a voxel that is `wanted`.
+    ///
+    /// # Errors
+    /// As [`Self::left`].
+    pub fn left_with(
+        &self,
+        wanted: impl Fn(usize) -> bool + Sync,
+        go_on: impl Fn() -> Result<()> + Sync,
+    ) -> Result<Vec<usize>> {
+        let differing = self.differing(&go_on)?;
+        let pieces = differing.par_chunks(CHUNK).map(|differing| {
+            go_on()?;
+            let mut seeds = Vec::new();
+            for &v in differing.iter().filter(|&&v| wanted(v)) {
+                reserve(&mut seeds, 1, WHAT)?;
+                seeds.push(v);
+            }
+            Ok(seeds)
+        });
+        let seeds = concatenated(pieces.collect::<Result<_>>()?, WHAT)?;
+        drop(differing);
+        if seeds.is_empty() {
+            return Ok(seeds);
+        }
+        let mut notes = self.no_notes()?;
+        seeds.iter().for_each(|&v| notes[v] = DIFFERS);
+        let differing = self.clusters_with(seeds, &mut notes)?;
+        self.deform(differing, &mut notes, &go_on)
+    }
+
+    /// As [`Self::left`], where `before` are those of the labellings as they were before `from`
+    /// changed in these blocks.
     ///
     /// # Errors
     /// As [`Self::left`].
@@ -147,25 +177,32 @@ impl Labellings<'_> {
     fn differing_near(&self, blocks: &VoxelBlocks, notes: &mut [u8]) -> Result<Vec<usize>> {
         let [nx, ny, _] = self.dims;
         let mut differing = Vec::new();
-        let mut note = |v: usize, differing: &mut Vec<usize>| {
-            if self.from[v] != self.to[v] && notes[v] == 0 {
-                notes[v] = DIFFERS;
-                reserve(differing, 1, WHAT)?;
-                differing.push(v);
-            }
-            Ok::<_, Error>(())
-        };
         blocks.try_visit_voxels(1, |[x, y, z], count| {
             let first = x + nx * (y + ny * z);
-            (first..first + count).try_for_each(|v| note(v, &mut differing))
+            (first..first + count).try_for_each(|v| self.note(v, notes, &mut differing))
         })?;
+        self.clusters_with(differing, notes)
+    }
+
+    /// Notes and lists a voxel that differs, if it is not yet.
+    fn note(&self, v: usize, notes: &mut [u8], differing: &mut Vec<usize>) -> Result<()> {
+        if self.from[v] != self.to[v] && notes[v] == 0 {
+            notes[v] = DIFFERS;
+            reserve(differing, 1, WHAT)?;
+            differing.push(v);
+        }
+        Ok(())
+    }
+
+    /// All voxels of the clusters in which some noted voxels are, in their order; they are noted.
+    fn clusters_with(&self, mut differing: Vec<usize>, notes: &mut [u8]) -> Result<Vec<usize>> {
         let mut next = 0;
         while let Some(&v) = differing.get(next) {
             next += 1;
             let mut noted = Ok(());
             self.visit_around(v, |_, u| {
                 if noted.is_ok() {
-                    noted = note(u, &mut differing);
+                    noted = self.note(u, notes, &mut differing);
                 }
             });
             noted?;
@@ -265,6 +302,30 @@ mod tests {
             prop_assert!(left(&to, &to).is_empty());
             for v in left(&from, &to) {
                 prop_assert_ne!(from[v], to[v]);
+            }
+        }
+
+        /// What is left of the clusters with some voxels is part of what is left, and all of that
+        /// which touches these voxels.
+        #[test]
+        fn clusters_with_some_voxels(
+            to in prop::collection::vec(0..3_u16, 13 * 9 * 10),
+            differ in prop::collection::vec((0..13 * 9 * 10_usize, 0..3_u16), 0..200),
+            wanted in prop::collection::btree_set(0..13 * 9 * 10_usize, 0..20),
+        ) {
+            let dims = [13, 9, 10];
+            let mut from = to.clone();
+            differ.into_iter().for_each(|(v, id)| from[v] = id);
+            let labellings = Labellings { dims, from: &from, to: &to };
+            let all = labellings.left(|| Ok(())).unwrap();
+            let some = labellings.left_with(|v| wanted.contains(&v), || Ok(())).unwrap();
+            prop_assert!(some.iter().all(|v| all.contains(v)));
+            for v in all {
+                let mut touches = false;
+                labellings.visit_around(v, |_, u| {
+                    touches |= wanted.contains(&u) && from[u] != to[u];
+                });
+                prop_assert!(!touches || some.contains(&v));
             }
         }
 

@@ -22,7 +22,7 @@ use super::matching::{Matching, Role};
 use super::measured::MeshTopology;
 use super::mesh_components::MeshComponents;
 use super::touching::{Contacts, stray_touches};
-use super::voxel_labels::{VoxelLabels, visit_tets};
+use super::voxel_labels::{Corners, VoxelLabels, visit_tets};
 use crate::Result;
 use crate::image::LabelImage;
 use crate::image::components::ImageComponents;
@@ -189,6 +189,34 @@ impl<'a> Differences<'a> {
         }
     }
 
+    /// The voxels that are farther than a voxel ([`Difference::is_far`]) in a mesh: those alone, so
+    /// no topology is needed. `visit_tets` is to call what it gets for each tet of a label, with
+    /// the label's id and its corners: for all, or for those near to some blocks, where the mesh
+    /// has changed only in these since the last time.
+    ///
+    /// # Errors
+    /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory); those of
+    /// `visit_tets`.
+    pub(crate) fn far(
+        &mut self,
+        changed: Option<&VoxelBlocks>,
+        visit_tets: impl Fn(&(dyn Fn(u16, [DVec3; 4]) + Sync)) -> Result<()>,
+        monitor: &Monitor<'_>,
+    ) -> Result<Vec<Difference>> {
+        self.forget_voxels(changed)?;
+        let labels = VoxelLabels::new(&mut self.found, &self.region);
+        let frame = self.image.frame();
+        visit_tets(&|id, corners| {
+            labels.add(id, &Corners::of(corners.map(|p| frame.to_index(p))))
+        })?;
+        // What is far is such a voxel, or has one beside it, so it is in the same cluster.
+        let labellings = self.labellings();
+        let left = labellings.left_with(|v| self.is_off_by_two(v), || monitor.advance(0))?;
+        let mut far = room(left.len(), WHAT)?;
+        far.extend(left.into_iter().map(|v| self.of_voxel(v)).filter(|found| found.is_far));
+        Ok(far)
+    }
+
     /// The differences of a mesh that has its facets, and of which `topology` was measured. With a
     /// `change`, which tells how it differs from the mesh before, all of its tets that come near to
     /// the blocks are enough; the blocks have those of [`Self::add_pieces`].
@@ -227,6 +255,14 @@ impl<'a> Differences<'a> {
         self.all()
     }
 
+    /// Whether a mesh that has its facets ends before a wall somewhere.
+    ///
+    /// # Errors
+    /// [`Cancelled`](crate::Error::Cancelled), [`OutOfMemory`](crate::Error::OutOfMemory).
+    pub(crate) fn has_nicks(&self, mesh: &TetMesh, monitor: &Monitor<'_>) -> Result<bool> {
+        Ok(!facets_off_walls(mesh, self.oracle, monitor)?.is_empty())
+    }
+
     /// All that are known.
     fn all(&self) -> Result<Vec<Difference>> {
         let mut all = Vec::new();
@@ -263,14 +299,7 @@ impl<'a> Differences<'a> {
         change: Option<&Change<'_>>,
         monitor: &Monitor<'_>,
     ) -> Result<()> {
-        let [nx, ny, _] = self.region.dims;
-        match change {
-            None => self.found.fill(0),
-            Some(change) => change.blocks.try_visit_voxels(0, |[x, y, z], count| {
-                self.found[x + nx * (y + ny * z)..][..count].fill(0);
-                Ok(())
-            })?,
-        }
+        self.forget_voxels(change.map(|change| change.blocks))?;
         let labels = VoxelLabels::new(&mut self.found, &self.region);
         visit_tets(mesh, self.image, monitor, |id, corners| {
             labels.add(id, corners);
@@ -278,17 +307,32 @@ impl<'a> Differences<'a> {
         })
     }
 
+    /// Forgets the mesh's labels at all voxels, or at those of some blocks.
+    fn forget_voxels(&mut self, changed: Option<&VoxelBlocks>) -> Result<()> {
+        let [nx, ny, _] = self.region.dims;
+        let Some(blocks) = changed else {
+            self.found.fill(0);
+            return Ok(());
+        };
+        blocks.try_visit_voxels(0, |[x, y, z], count| {
+            self.found[x + nx * (y + ny * z)..][..count].fill(0);
+            Ok(())
+        })
+    }
+
     /// Finds the voxels that are left.
     fn compare_voxels(&mut self, change: Option<&Change<'_>>, monitor: &Monitor<'_>) -> Result<()> {
-        let (dims, go_on) = (self.region.dims, || monitor.advance(0));
-        let labellings = Labellings { dims, from: &self.found, to: &self.ids };
+        let (before, go_on) = (std::mem::take(&mut self.left), || monitor.advance(0));
         self.left = match change {
-            None => labellings.left(go_on)?,
-            Some(change) => {
-                labellings.left_since(std::mem::take(&mut self.left), change.blocks, go_on)?
-            }
+            None => self.labellings().left(go_on)?,
+            Some(change) => self.labellings().left_since(before, change.blocks, go_on)?,
         };
         Ok(())
+    }
+
+    /// The labels at voxels, in the mesh and in the image.
+    fn labellings(&self) -> Labellings<'_> {
+        Labellings { dims: self.region.dims, from: &self.found, to: &self.ids }
     }
 
     /// Whether the label of a voxel in the image is two voxels away at least in the mesh, or the

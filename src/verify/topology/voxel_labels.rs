@@ -144,6 +144,14 @@ pub(super) struct Corners {
     pub bounds: [DVec3; 2],
 }
 
+impl Corners {
+    #[inline]
+    pub fn of(points: [DVec3; 4]) -> Self {
+        let [a, b, c, d] = points;
+        Self { points, bounds: [a.min(b).min(c).min(d), a.max(b).max(c).max(d)] }
+    }
+}
+
 /// Calls `visit` for each tet whose label is not 0, with the label's id.
 ///
 /// # Errors
@@ -172,10 +180,7 @@ pub(super) fn visit_tets(
                 id_of_label = (label, image.id_of(label));
             }
             if let Some(id) = id_of_label.1.filter(|&id| id != 0) {
-                let points = tet.map(|v| DVec3::from(at[v as usize]));
-                let [a, b, c, d] = points;
-                let bounds = [a.min(b).min(c).min(d), a.max(b).max(c).max(d)];
-                visit(id, &Corners { points, bounds });
+                visit(id, &Corners::of(tet.map(|v| DVec3::from(at[v as usize]))));
             }
         }
         Ok(())
