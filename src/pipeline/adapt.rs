@@ -11,6 +11,9 @@
 //!   dozens of samples each time.
 //! - Where samples are as close as the floor already, to the floor within a voxel, two, or three,
 //!   of the smallest side: the least of these distances in which they are not so close everywhere.
+//! - Where delta is coarse and differences are few (`SLOTS_PER_PLACE`) the floor at once, within
+//!   half of the spacing and three sides at most; or within three sides where samples are as close
+//!   already. At finer deltas that costs more than it saves.
 //! - Contacts along lines (`sizing/contact_lines`) have such samples from the start, and all
 //!   contacts where delta is about a voxel.
 //! - Other contacts need the octahedron around them (`oracle/features/edges`), whose points are
@@ -56,6 +59,10 @@ const FIRST_PART: f64 = 0.6;
 
 /// By how much samples about a difference come closer in a step.
 const CLOSER: f64 = 0.5;
+
+/// A round costs about as much as the closest samples about one place for each so many slots of
+/// tets. Where delta is coarse and differences are fewer they get these samples at once.
+const SLOTS_PER_PLACE: usize = 1 << 17;
 
 /// How far around it, in spacings that are there.
 const REACH: f64 = 0.5;
@@ -142,7 +149,7 @@ impl Run<'_> {
         adapted: &mut Adapted,
         monitor: &Monitor<'_>,
     ) -> Result<()> {
-        let Self { image, prepared, params, limits, .. } = *self;
+        let Self { image, prepared, triangulation, params, limits, .. } = *self;
         let look = || monitor.advance(0).and_then(|()| limits.check_time());
         let quiet = Monitor::within(&look);
         let region = Region::new(image, &look)?;
@@ -156,10 +163,12 @@ impl Run<'_> {
         for round in 1..=ROUNDS {
             let sizing = adapted.sizing.as_ref().unwrap_or(&prepared.sizing);
             let rules = self.rules(sizing);
-            let mut count = 0;
+            let (mut count, slots) = (0, triangulation.tet_bound() as usize);
             let mut sample = |counting: &[Difference]| {
                 count = counting.len();
-                places.add(counting, sizing, round)
+                let is_coarse = !params.all_differences_count(places.side);
+                let are_few = is_coarse && counting.len() <= slots / SLOTS_PER_PLACE;
+                places.add(counting, sizing, round, are_few)
             };
             let has_more = comparison.find(&rules, &mut sample, &quiet)?;
             adapted.differences.push(count as u64);
@@ -223,9 +232,16 @@ impl<'a> Places<'a> {
         Self { image, spacing, floor, at_contacts, side, list: Vec::new() }
     }
 
-    /// Adds those about the differences of a round, of a mesh whose samples are `sizing` apart;
-    /// `false`: none, for all that can be done has been done.
-    fn add(&mut self, differences: &[Difference], sizing: &Sizing, round: usize) -> Result<bool> {
+    /// Adds those about the differences of a round, of a mesh whose samples are `sizing` apart.
+    /// Where differences are few, samples come as close as the floor at once. `false`: no place is
+    /// added, for all that can be done has been done.
+    fn add(
+        &mut self,
+        differences: &[Difference],
+        sizing: &Sizing,
+        round: usize,
+        are_few: bool,
+    ) -> Result<bool> {
         const WHAT: &str = "places that differ";
         let before = self.list.len();
         // One in each cell, of those with the same spacing and reach.
@@ -237,7 +253,7 @@ impl<'a> Places<'a> {
             }
             let of_kind = differences.iter().filter(|d| (d.kind == Kind::Nick) == are_nicks);
             for difference in of_kind {
-                let Some(place) = self.about(difference, sizing) else { continue };
+                let Some(place) = self.about(difference, sizing, are_few) else { continue };
                 let per_cell = self.image.frame().spacing() / (SAME_PLACE * place.radius);
                 let cell = (place.index * per_cell).to_array().map(|c| c.floor() as i64);
                 let alike = [place.spacing, place.radius].map(f64::to_bits);
@@ -255,13 +271,14 @@ impl<'a> Places<'a> {
         &self,
         &Difference { kind, index, .. }: &Difference,
         sizing: &Sizing,
+        are_few: bool,
     ) -> Option<Place> {
         if self.floor >= self.spacing.delta {
             return None;
         }
         let now = sizing.at(self.image.frame().to_world(index));
         let is_at_floor = now <= AT_FLOOR * self.floor;
-        let closer = (CLOSER * now).max(self.floor);
+        let closer = if are_few { self.floor } else { (CLOSER * now).max(self.floor) };
         match kind {
             Kind::Contact if is_at_floor => None,
             Kind::Contact => {
@@ -275,10 +292,13 @@ impl<'a> Places<'a> {
                     radius: sides as f64 * self.side,
                     voxels: LEAST_REACH,
                 };
-                (1..=LARGEST_REACH).map(about).find(|place| sizing.is_above(place))
+                let least = if are_few { LARGEST_REACH } else { 1 };
+                (least..=LARGEST_REACH).map(about).find(|place| sizing.is_above(place))
             }
             Kind::Voxel | Kind::Touch | Kind::Piece | Kind::Nick => {
-                Some(Place { index, spacing: closer, radius: REACH * now, voxels: LEAST_REACH })
+                let largest = LARGEST_REACH as f64 * self.side;
+                let radius = if are_few { (REACH * now).min(largest) } else { REACH * now };
+                Some(Place { index, spacing: closer, radius, voxels: LEAST_REACH })
             }
         }
     }
@@ -302,7 +322,7 @@ mod tests {
         let differences: Vec<_> = (0..8000).map(difference).collect();
         let places_of = |spacing: f64| {
             let mut places = Places::new(&image, &params);
-            assert!(places.add(&differences, &Sizing::uniform(spacing), 1).unwrap());
+            assert!(places.add(&differences, &Sizing::uniform(spacing), 1, false).unwrap());
             places.list
         };
         let far = places_of(32.0);
