@@ -209,24 +209,23 @@ fn clears_the_bars_with(path: &Path, params: MeshParams) {
     assert!(misses.is_empty(), "{} misses:\n  {}", path.display(), misses.join("\n  "));
 }
 
-fn spl(name: &str) -> PathBuf {
+fn shared(name: &str) -> PathBuf {
     std::env::var_os("LAPD_IMAGES")
         .map_or_else(
             || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/images"),
             PathBuf::from,
         )
-        .join("spl")
         .join(name)
 }
 
 #[test]
 fn brain() {
-    clears_the_bars(&spl("brain.nrrd"), 1.0, 2.0);
+    clears_the_bars(&shared("spl/brain.nrrd"), 1.0, 2.0);
 }
 
 #[test]
 fn abdomen() {
-    clears_the_bars(&spl("abdomen.nrrd"), 1.25, 2.5);
+    clears_the_bars(&shared("spl/abdomen.nrrd"), 1.25, 2.5);
 }
 
 /// On eight memory nodes, each with a region.
@@ -242,7 +241,7 @@ fn abdomen_under_lapd() {
         ..MeshParams::default()
     };
     clears_the_bars_with(
-        &spl("abdomen.nrrd"),
+        &shared("spl/abdomen.nrrd"),
         MeshParams { algorithm: Algorithm::Lapd, machine, ..params },
     );
 }
@@ -284,12 +283,17 @@ fn is_coarse_and_whole(path: &Path, deltas: &[f64]) {
 
 #[test]
 fn coarse_brain() {
-    is_coarse_and_whole(&spl("brain.nrrd"), &[3.0]);
+    is_coarse_and_whole(&shared("spl/brain.nrrd"), &[3.0]);
 }
 
 #[test]
 fn coarse_abdomen() {
-    is_coarse_and_whole(&spl("abdomen.nrrd"), &[2.8125, 5.625]);
+    is_coarse_and_whole(&shared("spl/abdomen.nrrd"), &[2.8125, 5.625]);
+}
+
+#[test]
+fn coarse_small_abdomen() {
+    is_coarse_and_whole(&shared("formats/abdomen_3mm.nii.gz"), &[9.0]);
 }
 
 #[test]

@@ -225,9 +225,14 @@ impl NearBlocks {
     /// Whether they are so few that what is near to them is found sooner by going there than by
     /// going through all.
     pub fn are_few(&self) -> bool {
+        self.part() <= Self::FEW
+    }
+
+    /// The part of the region's blocks that they are.
+    pub fn part(&self) -> f64 {
         let count: u32 = self.blocks.words.iter().map(|word| word.load(Relaxed).count_ones()).sum();
         let all: usize = self.blocks.counts.iter().product();
-        f64::from(count) <= Self::FEW * all as f64
+        f64::from(count) / all as f64
     }
 
     /// A point of the world in each.

@@ -7,8 +7,8 @@
 //! the image (`compare`), and about each difference that counts the sizing field
 //! is made smaller:
 //!
-//! - By half, within half of what it was, and within the voxel at least; so a place takes some
-//!   dozens of samples each time.
+//! - By three tenths at a coarse delta, else by half, within half of what it was, and within the
+//!   voxel at least; so a place takes some dozens of samples each time.
 //! - Where samples are as close as the floor already, to the floor within a voxel, two, or three,
 //!   of the smallest side: the least of these distances in which they are not so close everywhere.
 //! - Where delta is coarse and differences are few (`SLOTS_PER_PLACE`) the floor at once, within
@@ -51,13 +51,16 @@ use crate::sizing::{Place, Sizing, Spacing};
 use crate::verify::topology::differences::{Difference, Kind};
 
 /// Most rounds of refinement after the first one.
-const ROUNDS: usize = 20;
+const ROUNDS: usize = 40;
 
 /// The part of the step of refinement that the first round is taken to have, for progress. Of what
 /// is left each round has a half.
 const FIRST_PART: f64 = 0.6;
 
-/// By how much samples about a difference come closer in a step.
+/// The part of their spacing that is left when samples about a difference come closer in a step: at
+/// a coarse delta, where larger steps make samples closer than they need to be, and where all
+/// differences count, and the floor is near anyway.
+const CLOSER_COARSE: f64 = 0.7;
 const CLOSER: f64 = 0.5;
 
 /// A round costs about as much as the closest samples about one place for each so many slots of
@@ -221,6 +224,8 @@ struct Places<'a> {
     at_contacts: f64,
     /// The smallest side of a voxel.
     side: f64,
+    /// [`CLOSER_COARSE`] or [`CLOSER`].
+    closer: f64,
     list: Vec<Place>,
 }
 
@@ -229,7 +234,8 @@ impl<'a> Places<'a> {
         let spacing = Spacing::new(params, image.labels());
         let (floor, at_contacts) = (spacing.floor(image), spacing.at_contacts(image));
         let side = image.frame().spacing().min_element();
-        Self { image, spacing, floor, at_contacts, side, list: Vec::new() }
+        let closer = if params.all_differences_count(side) { CLOSER } else { CLOSER_COARSE };
+        Self { image, spacing, floor, at_contacts, side, closer, list: Vec::new() }
     }
 
     /// Adds those about the differences of a round, of a mesh whose samples are `sizing` apart.
@@ -278,7 +284,7 @@ impl<'a> Places<'a> {
         }
         let now = sizing.at(self.image.frame().to_world(index));
         let is_at_floor = now <= AT_FLOOR * self.floor;
-        let closer = if are_few { self.floor } else { (CLOSER * now).max(self.floor) };
+        let closer = if are_few { self.floor } else { (self.closer * now).max(self.floor) };
         match kind {
             Kind::Contact if is_at_floor => None,
             Kind::Contact => {

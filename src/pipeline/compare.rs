@@ -12,10 +12,10 @@
 //!    voxels wide. Euler characteristics do not tell of all of these: a hole in a sheet and a
 //!    cavity that is missing cancel out. Voxels alone are compared. The first [`FAR_FIRST`]
 //!    comparisons begin so.
-//! 2. The mesh is mended for trial, as the finished one will be first ([`mend`](super::mend)), and
-//!    its components are measured as the certificate measures them. A label is *wrong* if even so
-//!    it has a component merged, torn, or of another Euler characteristic than the image's. If no
-//!    label is, nothing is far, and no wall is missed, that is all.
+//! 2. The mesh is mended for trial, as the finished one will be first ([`trial`](super::trial)),
+//!    and its components are measured as the certificate measures them. A label is *wrong* if even
+//!    so it has a component merged, torn, or of another Euler characteristic than the image's. If
+//!    no label is, nothing is far, and no wall is missed, that is all.
 //! 3. What is far, or in components that are lost; nicks, where the mesh ends before a wall; voxels
 //!    and pieces of wrong labels. Those of wrong labels are left out, in this step and the next
 //!    two, where they are so near to a tet that mending has changed that it most likely has dealt
@@ -27,37 +27,36 @@
 //!
 //! The last four are the [`Scope`]s.
 //!
-//! Where the mesh has changed in few places no more is looked at than these (`changes`): the tets
-//! near to those that are new or gone. Wrong labels are then those that were found last, but for
-//! no more than [`WRONG_FOR`] comparisons, and for the third step only.
-//!
-//! What one trial of mending changed is tried first in the next one (`mend/earlier`).
+//! Where the mesh has changed in a small part of the region no more is looked at than that
+//! (`changes`): the tets near to those that are new or gone. Wrong labels are then those of the
+//! last trial, but for no more than [`WRONG_FOR`] comparisons, and for the third step only. After
+//! that wrong labels alone are tried again, up to [`AGAIN`] times. All are when these are right,
+//! and when there is nothing more to be done about them.
 //!
 //! Parallel in the current rayon pool, the same for any number of threads. Cost: for what is far
 //! alone, a pass through tets and voxels; for the rest that of a mesh copied, mended, and its
-//! components and boundaries measured, and another such pass. Where little has changed one look at
-//! each slot of a tet, and all of this but for mending for a part of the mesh.
+//! components and boundaries measured, and another such pass. Where little has changed some looks
+//! at each slot of a tet, all of this but for mending for a part of the mesh, and mending for the
+//! part around wrong labels.
 
-use std::collections::HashSet;
+use std::mem::take;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::changes::SeenTets;
-use super::mend::{
-    Earlier, Left, Mended, Mending, is_mended, left_unmended, mend_measured, passes,
-};
+use super::mend::Mending;
 use super::prepare::Prepared;
-use super::refine::{Part, background_of, collect, collect_near, tets_near};
+use super::refine::{Part, background_of, collect, collect_part, tets_near};
+use super::trial::{Given, Trial};
 use crate::Result;
 use crate::delaunay::TetId;
 use crate::image::LabelImage;
 use crate::image::region::Region;
-use crate::image::voxel_blocks::VoxelBlocks;
+use crate::image::voxel_blocks::{NearBlocks, VoxelBlocks};
 use crate::memory::room;
 use crate::mesh::TetMesh;
 use crate::monitor::Monitor;
-use crate::oracle::Oracle;
 use crate::params::{Improve, MeshParams};
 use crate::refine::rules::Rules;
 use crate::verify::topology::differences::{Change, Difference, Differences, Kind};
@@ -65,16 +64,21 @@ use crate::verify::topology::measured::MeshTopology;
 
 /// So many comparisons begin with far differences alone. After them these are few, and are sampled
 /// together with others.
-const FAR_FIRST: usize = 3;
+const FAR_FIRST: usize = 5;
 
 /// In so many comparisons of parts of the mesh labels are taken to be as wrong as they were.
 const WRONG_FOR: usize = 2;
 
+/// So often wrong labels alone are tried again, one time after the other: others may have become
+/// wrong meanwhile.
+const AGAIN: usize = 6;
+
+/// Up to this part of the region's blocks the tets near to those that have changed are looked at
+/// alone.
+const LARGEST_PART: f64 = 1.0 / 16.0;
+
 /// Tets of one piece of work, between two looks at the cancel flag.
 const CHUNK: usize = 1 << 12;
-
-/// Mending deals with what is so near to the box around a tet that it changes, in voxels.
-const BESIDE: f64 = 0.5;
 
 /// Which differences count at a coarse delta, in this order. Each holds those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -105,35 +109,15 @@ pub(super) struct Comparison<'a> {
     /// Where the mesh has changed between then and the last time; `None`: all were never looked
     /// for.
     changed_since: Option<VoxelBlocks>,
-    /// The components of the image that were lost when topology was measured last.
-    lost: HashSet<u32>,
-    /// The tets that mending for trial changed the last time.
-    earlier: Earlier,
-    /// What was wrong when the mesh was mended for trial last, if it ever was.
-    trial: Option<Trial>,
+    /// What came of mending the mesh for trial the last time; nothing was wrong before.
+    trial: Trial,
+    /// The comparison in which that was.
+    tried: usize,
+    /// How often wrong labels alone have been tried since all were.
+    again: usize,
     /// What mending the mesh comes to with the first of its passes, if it was mended for trial the
     /// last time. Tets are numbered as in the finished mesh before improvement.
     pub mended: Option<Mending>,
-}
-
-/// What came of mending a mesh for trial.
-struct Trial {
-    /// The comparison in which that was done.
-    comparison: usize,
-    /// The labels that were wrong even so.
-    wrong: HashSet<i32>,
-    /// For each tet that was changed the labels that it had and has, each with what is near to the
-    /// tet, in voxels; by label.
-    changed: Vec<(i32, [DVec3; 2])>,
-}
-
-impl Trial {
-    /// Whether a label has lost or gained a tet near to a place, in voxels.
-    fn has_changed(&self, label: i32, index: DVec3) -> bool {
-        let first = self.changed.partition_point(|&(other, _)| other < label);
-        let mut of_label = self.changed[first..].iter().take_while(|&&(other, _)| other == label);
-        of_label.any(|&(_, [low, high])| index.cmpge(low).all() && index.cmple(high).all())
-    }
 }
 
 impl<'a> Comparison<'a> {
@@ -152,7 +136,7 @@ impl<'a> Comparison<'a> {
         monitor: &Monitor<'_>,
     ) -> Result<Self> {
         let differences = Differences::new(image, region, &prepared.oracle, monitor)?;
-        let (count, seen, found, changed_since, lost, earlier, trial, mended) = Default::default();
+        let (count, seen, found, changed_since, trial, tried, again, mended) = Default::default();
         Ok(Self {
             image,
             prepared,
@@ -162,9 +146,9 @@ impl<'a> Comparison<'a> {
             seen,
             found,
             changed_since,
-            lost,
-            earlier,
             trial,
+            tried,
+            again,
             mended,
         })
     }
@@ -194,6 +178,7 @@ impl<'a> Comparison<'a> {
     ) -> Result<bool> {
         self.mended = None;
         self.count += 1;
+        let changed = self.look(rules, monitor)?;
         if self.all_count() {
             if !self.compare_part(rules, monitor)? {
                 let (mesh, topology) = self.measure(rules, monitor)?;
@@ -202,22 +187,31 @@ impl<'a> Comparison<'a> {
             return sample(&self.found);
         }
         let is_far_first = self.count <= FAR_FIRST;
-        if is_far_first && sample(&self.far(rules, monitor)?)? {
+        if is_far_first && sample(&self.far(changed, rules, monitor)?)? {
             return Ok(true);
         }
         let is_found = self.compare_part(rules, monitor)?;
-        // What was wrong with an earlier mesh is a reason for few samples only.
-        let is_known = |trial: &Trial| self.count <= trial.comparison + WRONG_FOR;
-        if is_found
-            && self.trial.as_ref().is_some_and(is_known)
-            && sample(&self.within(Scope::Apart)?)?
-        {
+        let is_known = self.count <= self.tried + WRONG_FOR;
+        if is_found && is_known && sample(&self.within(Scope::Apart)?)? {
             return Ok(true);
         }
+        if is_found && !self.trial.is_right() && self.again < AGAIN {
+            let mut trial = take(&mut self.trial);
+            let is_tried = trial.again(&self.seen, rules, self.given(), monitor)?;
+            self.trial = trial;
+            if is_tried {
+                (self.tried, self.again) = (self.count, self.again + 1);
+                if self.sample_scopes(sample)? {
+                    return Ok(true);
+                }
+            }
+        }
         let (mut mesh, topology) = self.measure(rules, monitor)?;
-        self.lost = topology.lost(self.differences.of_image())?;
-        let is_right = self.mend(&mut mesh, &topology, monitor)?;
+        (self.tried, self.again) = (self.count, 0);
+        let trial = take(&mut self.trial);
+        (self.trial, self.mended) = trial.of_all(&mut mesh, &topology, self.given(), monitor)?;
         // What counts even so is far, or a nick.
+        let is_right = self.trial.is_right();
         if is_right && is_far_first && !self.differences.has_nicks(&mesh, monitor)? {
             // All differences were not looked for.
             self.changed_since = None;
@@ -226,102 +220,94 @@ impl<'a> Comparison<'a> {
         if !is_found {
             self.found = self.differences.of(&mesh, &topology, None, monitor)?;
         }
-        for scope in [Scope::Apart, Scope::Touching, Scope::Parted, Scope::OfWrongLabels] {
-            if sample(&self.within(scope)?)? {
-                return Ok(true);
-            }
-        }
-        Ok(false)
+        self.sample_scopes(sample)
     }
 
-    /// The voxels that are farther than a voxel. No mesh is made for it, and no topology measured.
-    fn far(&mut self, rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<Vec<Difference>> {
-        let is_first = self.seen.is_empty();
-        let near = self.changed(rules, monitor)?.and_around()?;
-        if let Some(since) = &self.changed_since {
-            since.add_blocks(near.blocks());
-        }
-        let few = if is_first { None } else { tets_near(rules, &near, monitor)? };
+    fn given(&self) -> Given<'_> {
+        let Self { image, params, .. } = *self;
+        let (oracle, of_image) = (&self.prepared.oracle, self.differences.of_image());
+        Given { image, oracle, params, of_image }
+    }
+
+    /// The voxels that are farther than a voxel, in a mesh that has changed in some blocks. No mesh
+    /// is made for it, and no topology measured.
+    fn far(
+        &mut self,
+        changed: VoxelBlocks,
+        rules: &Rules<'_>,
+        monitor: &Monitor<'_>,
+    ) -> Result<Vec<Difference>> {
+        let is_first = self.count == 1;
+        let near = changed.and_around()?;
+        let tets = if is_first { None } else { self.tets_of_part(&near, rules, monitor)? };
         let triangulation = rules.triangulation();
         let corners = |t: TetId| triangulation.corners(triangulation.tet(t).vertices());
         let visit_tets = |visit: &(dyn Fn(u16, [DVec3; 4]) + Sync)| {
-            let Some(tets) = &few else { return self.seen.visit(triangulation, visit, monitor) };
+            let Some(tets) = &tets else { return self.seen.visit(triangulation, visit, monitor) };
             tets.par_chunks(CHUNK).try_for_each(|tets| {
                 monitor.advance(0)?;
                 tets.iter().for_each(|&t| visit(rules.label(t), corners(t)));
                 Ok(())
             })
         };
-        let changed = few.is_some().then(|| near.blocks());
+        let changed = tets.is_some().then(|| near.blocks());
         self.differences.far(changed, visit_tets, monitor)
     }
 
-    /// Where the mesh has changed since it was looked at last; nowhere the first time.
-    fn changed(&mut self, rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<VoxelBlocks> {
+    /// Looks at the tets that there are; where they have changed since that was done last, nowhere
+    /// the first time.
+    fn look(&mut self, rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<VoxelBlocks> {
         let changed = VoxelBlocks::none(self.image.frame(), self.differences.region())?;
         self.seen.update(rules, &changed, monitor)?;
+        if let Some(since) = &self.changed_since {
+            since.add_blocks(&changed);
+        }
         Ok(changed)
     }
 
-    /// Finds all differences, if the mesh has changed in few places since that was done last.
+    /// Finds all differences, if the mesh has changed in a small part of the region since that was
+    /// done last.
     fn compare_part(&mut self, rules: &Rules<'_>, monitor: &Monitor<'_>) -> Result<bool> {
-        let changed = self.changed(rules, monitor)?;
         let none = VoxelBlocks::none(self.image.frame(), self.differences.region())?;
-        let Some(since) = self.changed_since.replace(none) else { return Ok(false) };
-        changed.add_blocks(&since);
+        let Some(changed) = self.changed_since.replace(none) else { return Ok(false) };
         let found = self.of_part(changed, rules, monitor)?;
         let is_found = found.is_some();
         self.found = found.unwrap_or_default();
         Ok(is_found)
     }
 
-    /// Mends a mesh whose topology was measured, for trial: it gets its labels back. Told is
-    /// whether nothing is left.
-    fn mend(
-        &mut self,
-        mesh: &mut TetMesh,
-        topology: &MeshTopology,
+    /// The tets of labels that come near to some blocks, in the order of their slots; `None` if the
+    /// blocks are too large a part of the region.
+    fn tets_of_part(
+        &self,
+        blocks: &NearBlocks,
+        rules: &Rules<'_>,
         monitor: &Monitor<'_>,
-    ) -> Result<bool> {
-        let of_image = self.differences.of_image();
-        if !is_mended(self.params) {
-            let left = left_unmended(topology, of_image)?;
-            let is_right = left == Left::default();
-            self.trial =
-                Some(Trial { comparison: self.count, wrong: left.labels, changed: Vec::new() });
-            return Ok(is_right);
+    ) -> Result<Option<Vec<TetId>>> {
+        if let Some(few) = tets_near(rules, blocks, monitor)? {
+            return Ok(Some(few));
         }
-        // The first pass alone: where a mesh can have better facets with more samples it shall.
-        let passes = &passes(self.params)[..1];
-        let known = (topology, of_image, &self.earlier);
-        let mending = mend_measured(mesh, known, self.image, self.oracle(), passes, monitor)?;
-        let Mending { tets, left } = &mending;
-        for &Mended { tet, from, .. } in tets.iter().rev() {
-            mesh.labels[tet as usize] = from;
-        }
-        let mut changed = room(2 * tets.len(), "tets that are mended")?;
-        changed.extend(tets.iter().flat_map(|&Mended { tet, from, to, .. }| {
-            let corners = mesh.tets[tet as usize].map(|v| mesh.point(v));
-            let corners = corners.map(|p| self.image.frame().to_index(p));
-            let low = corners.into_iter().fold(DVec3::INFINITY, DVec3::min);
-            let high = corners.into_iter().fold(DVec3::NEG_INFINITY, DVec3::max);
-            [from, to].map(|label| (label, [low - BESIDE, high + BESIDE]))
-        }));
-        changed.sort_by_key(|&(label, _)| label);
-        let is_right = *left == Left::default();
-        self.earlier = Earlier::new(mesh, tets)?;
-        self.trial = Some(Trial { comparison: self.count, wrong: left.labels.clone(), changed });
-        self.mended = Some(mending);
-        Ok(is_right)
-    }
-
-    fn oracle(&self) -> &'a Oracle {
-        &self.prepared.oracle
+        let of_seen = || self.seen.near(rules.triangulation(), blocks, monitor);
+        (blocks.part() <= LARGEST_PART).then(of_seen).transpose()
     }
 
     /// Whether all differences count.
     fn all_count(&self) -> bool {
         self.params.all_differences_count(self.image.frame().spacing().min_element())
+    }
+
+    /// Calls `sample` with the differences within one scope after the other, until it says `true`:
+    /// then so does this.
+    fn sample_scopes(
+        &self,
+        sample: &mut impl FnMut(&[Difference]) -> Result<bool>,
+    ) -> Result<bool> {
+        for scope in [Scope::Apart, Scope::Touching, Scope::Parted, Scope::OfWrongLabels] {
+            if sample(&self.within(scope)?)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// The differences within a scope.
@@ -339,11 +325,11 @@ impl<'a> Comparison<'a> {
             Kind::Touch => Scope::Touching,
             Kind::Contact => Scope::Parted,
         };
-        let Some(trial) = &self.trial else { return false };
         let labels = difference.ids.map(|id| self.image.labels()[usize::from(id)]);
         let counts_for = |label| {
-            let is_dealt_with = || trial.has_changed(label, difference.index);
-            trial.wrong.contains(&label) && (scope == Scope::OfWrongLabels || !is_dealt_with())
+            let is_dealt_with = || self.trial.has_changed(label, difference.index);
+            self.trial.left.labels.contains(&label)
+                && (scope == Scope::OfWrongLabels || !is_dealt_with())
         };
         scope >= least && labels.into_iter().any(counts_for)
     }
@@ -351,7 +337,7 @@ impl<'a> Comparison<'a> {
     /// Whether a voxel lies in a component that is lost.
     fn is_lost(&self, &Difference { index, ids, .. }: &Difference) -> bool {
         let component = self.differences.of_image().near(self.image, ids[0], index);
-        component.is_some_and(|component| self.lost.contains(&component))
+        component.is_some_and(|component| self.trial.left.lost.contains(&component))
     }
 
     /// The mesh that there is, numbered as the finished one will be if that is mended, and its
@@ -367,7 +353,7 @@ impl<'a> Comparison<'a> {
     }
 
     /// All differences that are known when the mesh has changed in some blocks; `None` if these are
-    /// not few.
+    /// too large a part of the region.
     fn of_part(
         &mut self,
         changed: VoxelBlocks,
@@ -376,10 +362,8 @@ impl<'a> Comparison<'a> {
     ) -> Result<Option<Vec<Difference>>> {
         self.differences.add_pieces(&changed);
         let near = changed.and_around()?;
-        let Some(part) = collect_near(rules, self.image.labels(), &near, monitor)? else {
-            return Ok(None);
-        };
-        let Part { mut mesh, cut } = part;
+        let Some(tets) = self.tets_of_part(&near, rules, monitor)? else { return Ok(None) };
+        let Part { mut mesh, cut } = collect_part(rules, self.image.labels(), &tets, monitor)?;
         mesh.collect_facets(monitor)?;
         let change = Change { blocks: near.blocks(), cut: &cut };
         let of_image = self.differences.of_image();

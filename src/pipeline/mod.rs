@@ -33,6 +33,7 @@ mod messages;
 pub mod prepare;
 pub mod refine;
 pub mod report;
+mod trial;
 
 use std::time::Instant;
 

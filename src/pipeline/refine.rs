@@ -142,19 +142,17 @@ pub struct Part {
     pub cut: Vec<u32>,
 }
 
-/// The part of such a mesh whose tets come near to a few blocks, in the order of the slots of the
-/// triangulation; `None` if the blocks are not few ([`NearBlocks::are_few`]).
+/// The part of such a mesh that some tets are, in the order of the slots of the triangulation.
 ///
 /// # Errors
 /// As [`number`].
-pub fn collect_near(
+pub fn collect_part(
     rules: &Rules<'_>,
     labels: &[i32],
-    blocks: &NearBlocks,
+    order: &[TetId],
     monitor: &Monitor<'_>,
-) -> Result<Option<Part>> {
+) -> Result<Part> {
     let triangulation = rules.triangulation();
-    let Some(order) = tets_near(rules, blocks, monitor)? else { return Ok(None) };
     let is_in_part = Bits::new(triangulation.tet_bound() as usize, WHAT)?;
     order.par_iter().for_each(|&t| is_in_part.set(t));
     let is_cut = |t: TetId| {
@@ -176,11 +174,11 @@ pub fn collect_near(
     });
     let cut = concatenated(pieces.collect::<Result<_>>()?, WHAT)?;
     let label = |t| labels[usize::from(rules.label(t))];
-    Ok(Some(Part { mesh: part(triangulation, &order, &is_in_part, label, monitor)?, cut }))
+    Ok(Part { mesh: part(triangulation, order, &is_in_part, label, monitor)?, cut })
 }
 
 /// The tets of labels that come near to some blocks, in the order of their slots; `None` if the
-/// blocks are not few.
+/// blocks are not few ([`NearBlocks::are_few`]).
 pub(super) fn tets_near(
     rules: &Rules<'_>,
     blocks: &NearBlocks,

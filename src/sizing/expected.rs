@@ -51,15 +51,15 @@ const OF_THIN: f64 = 0.4;
 /// The same where not all differences count
 /// ([`all_differences_count`](MeshParams::all_differences_count)): of contacts; and of what is
 /// thin, for each voxel that delta is above three.
-const OF_CONTACTS_COARSE: f64 = 0.24;
-const OF_THIN_BY_DELTA: f64 = 0.0265;
+const OF_CONTACTS_COARSE: f64 = 0.182;
+const OF_THIN_BY_DELTA: f64 = 0.0141;
 
 /// With so many contacts for each thousand tets at a delta of three voxels labels are so near to
 /// each other that this part of them counts; with fewer, less, and no more with more than that many
 /// times as many.
 const MANY_CONTACTS: f64 = 11.85;
-const MOST_CONTACTS: f64 = 1.3;
-const BY_CONTACTS: f64 = 2.44;
+const MOST_CONTACTS: f64 = 1.33;
+const BY_CONTACTS: f64 = 1.6;
 
 /// Coarsening leaves this part of what [`Spacing::coarsened`] leads to.
 const LEFT: f64 = 0.68;

@@ -87,6 +87,8 @@ pub(super) struct Search<'a> {
     pub oracle: &'a Oracle,
     /// As [`Angles`] has them.
     pub angles: Angles,
+    /// The vertices around which there may be other tets, if the mesh is a part of one.
+    pub rim: Option<&'a Bits>,
 }
 
 impl Search<'_> {
@@ -118,6 +120,12 @@ impl Search<'_> {
                         is_sharp: false,
                     };
                     let tets = candidate.tets();
+                    let is_at_rim = |rim: &Bits| {
+                        tets.iter().flat_map(|&t| mesh.tets[t as usize]).any(|v| rim.has(v))
+                    };
+                    if self.rim.is_some_and(is_at_rim) {
+                        continue;
+                    }
                     let outcome = if other == NONE {
                         components.outcome(mesh, t, &alone, [from, to])
                     } else {

@@ -55,8 +55,9 @@
 //! | `candidates` | the tets that the image says should have another label |
 //! | `standings` | how components stand, and what becomes of them when tets change |
 //!
-//! While sampling goes on a mesh is mended for trial, too: what mending can do needs no samples
-//! ([`compare`](super::compare)).
+//! While sampling goes on a mesh is mended for trial, too ([`trial`](super::trial)): what mending
+//! can do needs no samples. Then a part of a mesh may be mended, which has all tets of some labels.
+//! Components of others stay as they are, and so do tets at the rim of the part.
 //!
 //! Parallel but for the changes. The same for any number of threads, given the same mesh. Cost:
 //! components and boundaries of the mesh, and a look at the image for each tet around components
@@ -66,14 +67,20 @@ mod candidates;
 mod earlier;
 mod standings;
 
+use std::collections::HashSet;
+
 use self::candidates::{Angles, Search, stars_around, suspects};
 pub(super) use self::earlier::Earlier;
-use self::standings::Components;
+use self::standings::{Components, no_vertices};
 pub(super) use self::standings::{Left, Mended};
+use rayon::prelude::*;
+
 use crate::Result;
+use crate::delaunay::tet::FACET;
 use crate::image::LabelImage;
 use crate::image::components::ImageComponents;
-use crate::mesh::TetMesh;
+use crate::memory::bits::Bits;
+use crate::mesh::{NONE, TetMesh};
 use crate::monitor::Monitor;
 use crate::oracle::Oracle;
 use crate::params::{Adaptive, Improve, MeshParams};
@@ -123,42 +130,67 @@ pub(super) fn mend(
     let of_image = ImageComponents::new(image, &|_| look())?;
     mesh.collect_facets(&quiet)?;
     let topology = MeshTopology::measure(mesh, image, &of_image, &quiet)?;
-    let before = (&topology, &of_image, &Earlier::default());
-    let mending = mend_measured(mesh, before, image, oracle, passes, &quiet)?;
+    let (topology, earlier) = (&topology, &Earlier::default());
+    let known = Known { topology, of_image: &of_image, earlier, labels: None };
+    let mending = mend_measured(mesh, known, image, oracle, passes, &quiet)?;
     (mesh.facets, mesh.facet_labels, mesh.facet_tets) = Default::default();
     Ok(mending)
+}
+
+/// What is known of a mesh that is to be mended.
+#[derive(Clone, Copy)]
+pub(super) struct Known<'a> {
+    /// Its topology.
+    pub topology: &'a MeshTopology,
+    /// The components of the image.
+    pub of_image: &'a ImageComponents,
+    /// The tets that were changed in an earlier mesh: they are tried first.
+    pub earlier: &'a Earlier,
+    /// The labels of which all tets are there, and those around them; `None`: that is so of all.
+    /// Components of others stay as they are, and nothing is told of them.
+    pub labels: Option<&'a HashSet<i32>>,
 }
 
 /// What is left where nothing is mended.
 ///
 /// # Errors
 /// [`OutOfMemory`](crate::Error::OutOfMemory).
-pub(super) fn left_unmended(topology: &MeshTopology, of_image: &ImageComponents) -> Result<Left> {
-    Ok(Components::new(topology, of_image)?.left())
+pub(super) fn left_unmended(known: Known<'_>, image: &LabelImage) -> Result<Left> {
+    Ok(Components::new(known, image)?.left())
 }
 
-/// Mends a mesh that has its facets. Known are its topology, the components of the image, and the
-/// tets that were changed in an earlier mesh, which are tried first. Facets stay those of before
-/// where there is one pass.
+/// The vertices of facets beyond which a part of a mesh has no tet.
+fn rim_of(mesh: &TetMesh) -> Result<Bits> {
+    let rim = no_vertices(mesh)?;
+    mesh.tets.par_iter().zip(&mesh.neighbors).for_each(|(tet, neighbors)| {
+        for i in (0..4).filter(|&i| neighbors[i] == NONE) {
+            FACET[i].into_iter().for_each(|k| rim.set(tet[k]));
+        }
+    });
+    Ok(rim)
+}
+
+/// Mends a mesh that has its facets. Facets stay those of before where there is one pass.
 ///
 /// # Errors
 /// As [`mend`].
 pub(super) fn mend_measured(
     mesh: &mut TetMesh,
-    (topology, of_image, earlier): (&MeshTopology, &ImageComponents, &Earlier),
+    known: Known<'_>,
     image: &LabelImage,
     oracle: &Oracle,
     passes: &[Angles],
     quiet: &Monitor<'_>,
 ) -> Result<Mending> {
     let mut tets = Vec::new();
-    let mut components = Components::new(topology, of_image)?;
+    let mut components = Components::new(known, image)?;
+    let rim = known.labels.map(|_| rim_of(mesh)).transpose()?;
     let mut change = |mesh: &mut TetMesh,
                       components: &mut Components<'_>,
                       suspects: &[(u32, i32)],
                       angles: Angles| {
         let stars = stars_around(mesh, suspects, quiet)?;
-        let search = Search { mesh, components, image, oracle, angles };
+        let search = Search { mesh, components, image, oracle, angles, rim: rim.as_ref() };
         let candidates = search.candidates(suspects, &stars, quiet)?;
         components.change_all(mesh, &candidates, &stars, &mut tets)
     };
@@ -171,7 +203,7 @@ pub(super) fn mend_measured(
         }
         // This ends: each change gives the label that the image has there to more than half of what
         // changes, so more and more of the mesh agrees with the image.
-        let again = if n == 0 { earlier.found_in(mesh, quiet)? } else { Vec::new() };
+        let again = if n == 0 { known.earlier.found_in(mesh, quiet)? } else { Vec::new() };
         let changed = match again.is_empty() {
             true => None,
             false => change(mesh, &mut components, &again, angles)?,
@@ -185,8 +217,8 @@ pub(super) fn mend_measured(
     if cfg!(debug_assertions) && !tets.is_empty() {
         let mut mesh = mesh.clone();
         mesh.collect_facets(quiet)?;
-        let topology = MeshTopology::measure(&mesh, image, of_image, quiet)?;
-        components.check(&mesh, &Components::new(&topology, of_image)?);
+        let topology = &MeshTopology::measure(&mesh, image, known.of_image, quiet)?;
+        components.check(&mesh, &Components::new(Known { topology, ..known }, image)?);
     }
     Ok(Mending { tets, left: components.left() })
 }
@@ -204,6 +236,8 @@ mod tests {
 
     const DIMS: [usize; 3] = [5, 4, 4];
     const VOXELS: usize = DIMS[0] * DIMS[1] * DIMS[2];
+    /// Of a mesh that has parts.
+    const LONG: [usize; 3] = [12, 4, 3];
 
     /// How far a mesh is from the image: components lost or merged, pieces and stray ones, and the
     /// sum of all excesses. A component that holds several of the image has none: for which one it
@@ -259,7 +293,8 @@ mod tests {
                 mesh.collect_facets(&monitor).unwrap();
                 let of_image = ImageComponents::new(&image, &|_| Ok(())).unwrap();
                 let topology = MeshTopology::measure(mesh, &image, &of_image, &monitor).unwrap();
-                let known = (&topology, &of_image, earlier);
+                let (topology, of_image) = (&topology, &of_image);
+                let known = Known { topology, of_image, earlier, labels: None };
                 mend_measured(mesh, known, &image, &oracle, &[[0.0, 30.0]], &monitor).unwrap()
             };
             let earlier = mending(&mut other, &Earlier::default()).tets;
@@ -280,6 +315,74 @@ mod tests {
             };
             let [had, has] = [&before, &mesh].map(has_label);
             prop_assert!(had.iter().zip(&has).all(|(had, has)| has >= had));
+        }
+    }
+
+    /// A mesh of some tets of another one, without its facets.
+    fn part_of(mesh: &TetMesh, is_in_part: impl Fn(usize) -> bool) -> TetMesh {
+        let tets: Vec<usize> = (0..mesh.tets.len()).filter(|&t| is_in_part(t)).collect();
+        let number = |t: u32| tets.binary_search(&(t as usize)).map_or(NONE, |n| n as u32);
+        TetMesh {
+            points: mesh.points.clone(),
+            tets: tets.iter().map(|&t| mesh.tets[t]).collect(),
+            neighbors: tets.iter().map(|&t| mesh.neighbors[t].map(number)).collect(),
+            labels: tets.iter().map(|&t| mesh.labels[t]).collect(),
+            ..TetMesh::default()
+        }
+    }
+
+    proptest! {
+        /// A part that holds all tets of some labels, those that share a vertex with them, and
+        /// those that share one with these. What mending it leaves of these labels is what all of
+        /// the mesh has then, and how others stand is not changed.
+        #[test]
+        fn a_part_is_mended_as_far_as_it_is_known(
+            values in prop::collection::vec(0..6_i32, LONG[0] * LONG[1] * LONG[2]),
+            wrong in prop::collection::vec((0..6 * LONG[0] * LONG[1] * LONG[2], 0..6_i32), 0..60),
+            chosen in 1..4_i32,
+        ) {
+            // The last label is in one half only.
+            let label = |i: usize, j: usize, k: usize| {
+                let label = values[i + LONG[0] * (j + LONG[1] * k)];
+                if label <= 3 && i >= LONG[0] / 2 { 5 } else { label }
+            };
+            let chosen = HashSet::from([chosen]);
+            let image = testing::image(LONG, testing::box_frame([1.0; 3]), label);
+            let mut mesh = testing::kuhn_box(LONG, [1.0; 3], label);
+            wrong.iter().for_each(|&(t, label)| mesh.labels[t] = label);
+            let oracle = Oracle::new(&image, SurfaceModel::Voxel, &|| Ok(())).unwrap();
+            let of_image = ImageComponents::new(&image, &|_| Ok(())).unwrap();
+            let (monitor, earlier) = (Monitor::silent(), &Earlier::default());
+            let stand = |mesh: &TetMesh, labels: &HashSet<i32>| {
+                let mut mesh = mesh.clone();
+                mesh.collect_facets(&monitor).unwrap();
+                let topology = &MeshTopology::measure(&mesh, &image, &of_image, &monitor).unwrap();
+                let known = Known { topology, of_image: &of_image, earlier, labels: Some(labels) };
+                left_unmended(known, &image).unwrap()
+            };
+            let others: HashSet<i32> = (1..6).filter(|label| !chosen.contains(label)).collect();
+            let before = stand(&mesh, &others);
+
+            let mut near: Vec<bool> = mesh.labels.iter().map(|l| chosen.contains(l)).collect();
+            for _ in 0..2 {
+                let mut is_corner = vec![false; mesh.points.len()];
+                for (tet, _) in mesh.tets.iter().zip(&near).filter(|(_, is_near)| **is_near) {
+                    tet.iter().for_each(|&v| is_corner[v as usize] = true);
+                }
+                let has_corner = |tet: &[u32; 4]| tet.iter().any(|&v| is_corner[v as usize]);
+                near = mesh.tets.iter().map(has_corner).collect();
+            }
+            let mut part = part_of(&mesh, |t| near[t]);
+            part.collect_facets(&monitor).unwrap();
+            let topology = &MeshTopology::measure(&part, &image, &of_image, &monitor).unwrap();
+            let known = Known { topology, of_image: &of_image, earlier, labels: Some(&chosen) };
+            let passes = &[[0.0, 30.0]];
+            let mending =
+                mend_measured(&mut part, known, &image, &oracle, passes, &monitor).unwrap();
+            let numbers: Vec<usize> = (0..mesh.tets.len()).filter(|&t| near[t]).collect();
+            numbers.iter().zip(&part.labels).for_each(|(&t, &label)| mesh.labels[t] = label);
+            prop_assert_eq!(mending.left, stand(&mesh, &chosen));
+            prop_assert_eq!(before, stand(&mesh, &others));
         }
     }
 

@@ -6,9 +6,10 @@ use std::collections::{HashMap, HashSet};
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::Known;
 use crate::Result;
 use crate::geometry::measures::tet_volume;
-use crate::image::components::ImageComponents;
+use crate::image::LabelImage;
 use crate::memory::bits::Bits;
 use crate::memory::{self, filled, reserve, room};
 use crate::mesh::vicinity::{Faces, Stars, Vicinity};
@@ -34,7 +35,8 @@ enum Standing {
     Gone,
     /// It was torn off that component of the mesh, and has been joined to it again.
     JoinedTo(u32),
-    /// None of these: it holds several components of the image.
+    /// None of these: it holds several components of the image, or is of a label that is not
+    /// looked at.
     Other,
 }
 
@@ -42,6 +44,8 @@ enum Standing {
 pub(super) struct Components<'a> {
     /// As they were measured.
     measured: &'a MeshComponents,
+    /// The labels that are looked at; `None`: all.
+    labels: Option<&'a HashSet<i32>>,
     standings: Vec<Standing>,
     /// The component of each tet that got another label.
     moved: HashMap<u32, Option<u32>>,
@@ -86,7 +90,7 @@ pub(in crate::pipeline) struct Mended {
 }
 
 /// What is not as in the image when a mesh has been mended, or measured.
-#[derive(Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::pipeline) struct Left {
     /// The labels of components that are merged, torn, stray, or of another Euler characteristic.
     pub labels: HashSet<i32>,
@@ -107,7 +111,9 @@ pub(super) struct Outcome {
 }
 
 impl<'a> Components<'a> {
-    pub fn new(topology: &'a MeshTopology, of_image: &ImageComponents) -> Result<Self> {
+    /// Those of all labels, or of some.
+    pub fn new(known: Known<'a>, image: &LabelImage) -> Result<Self> {
+        let Known { topology, of_image, labels, .. } = known;
         let MeshTopology { components: parts, surfaces } = topology;
         let matching = Matching::new(&of_image.list, &parts.list, &parts.overlaps)?;
         let lost = matching.lost();
@@ -137,13 +143,22 @@ impl<'a> Components<'a> {
             }
         }
         let (moved, open_labels) = Default::default();
-        let mut all = Self { measured: parts, standings, moved, open_labels, lost };
+        let mut all = Self { measured: parts, labels, standings, moved, open_labels, lost };
+        let label_of = |&c: &u32| image.labels()[usize::from(of_image.list[c as usize].id)];
+        all.lost.retain(|c| labels.is_none_or(|labels| labels.contains(&label_of(c))));
         for c in 0..all.standings.len() {
+            if !all.is_looked_at(all.measured.list[c].label) {
+                all.standings[c] = Standing::Other;
+            }
             if all.is_open(c as u32) {
                 all.open_labels.insert(all.measured.list[c].label);
             }
         }
         Ok(all)
+    }
+
+    fn is_looked_at(&self, label: i32) -> bool {
+        self.labels.is_none_or(|labels| labels.contains(&label))
     }
 
     /// What is not as in the image now.
@@ -153,7 +168,8 @@ impl<'a> Components<'a> {
             matches!(standing, Standing::Main(0) | Standing::Gone | Standing::JoinedTo(_))
         };
         let wrong = of_mesh.filter(|(standing, _)| !is_right(standing));
-        let labels = wrong.map(|(_, component)| component.label).collect();
+        let labels = wrong.map(|(_, component)| component.label);
+        let labels = labels.filter(|&label| self.is_looked_at(label)).collect();
         Left { labels, lost: self.lost.clone() }
     }
 
@@ -170,7 +186,11 @@ impl<'a> Components<'a> {
     /// they do. But for what is a piece: that depends on how much of it lies where.
     pub fn check(&self, mesh: &TetMesh, now: &Components<'_>) {
         let mut pairs = HashMap::new();
-        for t in (0..mesh.tets.len() as u32).filter(|&t| mesh.labels[t as usize] != 0) {
+        let is_checked = |&t: &u32| {
+            let label = mesh.labels[t as usize];
+            label != 0 && self.is_looked_at(label)
+        };
+        for t in (0..mesh.tets.len() as u32).filter(is_checked) {
             let [component, other] = [self.of(t), now.of(t)].map(|c| c.expect("of a label"));
             let pair = *pairs.entry(component).or_insert(other);
             debug_assert_eq!(pair, other, "tet {t} of component {component}");

@@ -1,9 +1,6 @@
 //! The components of a mesh and their boundaries, measured at once.
 
-use std::collections::HashSet;
-
 use super::boundary_surface::BoundarySurfaces;
-use super::matching::Matching;
 use super::mesh_components::MeshComponents;
 use crate::Result;
 use crate::image::LabelImage;
@@ -34,14 +31,5 @@ impl MeshTopology {
         let mut components = MeshComponents::to_match(mesh, image, of_image, monitor)?;
         let surfaces = BoundarySurfaces::measure(mesh, &mut components, monitor)?;
         Ok(Self { components, surfaces })
-    }
-
-    /// The components of the image that are lost.
-    ///
-    /// # Errors
-    /// [`OutOfMemory`](crate::Error::OutOfMemory).
-    pub fn lost(&self, of_image: &ImageComponents) -> Result<HashSet<u32>> {
-        let MeshComponents { list, overlaps, .. } = &self.components;
-        Ok(Matching::new(&of_image.list, list, overlaps)?.lost())
     }
 }
