@@ -57,10 +57,12 @@ const ROUNDS: usize = 40;
 /// is left each round has a half.
 const FIRST_PART: f64 = 0.6;
 
-/// The part of their spacing that is left when samples about a difference come closer in a step: at
-/// a coarse delta, where larger steps make samples closer than they need to be, and where all
-/// differences count, and the floor is near anyway.
+/// The part of their spacing that is left when samples about a difference come closer in a step,
+/// where delta is coarse. Larger steps take fewer rounds, but make samples closer than they need to
+/// be.
 const CLOSER_COARSE: f64 = 0.7;
+
+/// The same where all differences count. The floor is one or two steps away there.
 const CLOSER: f64 = 0.5;
 
 /// A round costs about as much as the closest samples about one place for each so many slots of

@@ -124,7 +124,7 @@ impl SeenTets {
 
     /// The tets of some labels, and those around them, of the background too, in the order of their
     /// slots, and their bits; `None` if there are more than `most` of these labels. Around them are
-    /// tets that share a vertex with them, and those that share one with these. By one thread.
+    /// tets that share a vertex with them, and those that share one with these. One thread does it.
     ///
     /// # Errors
     /// As [`Self::near`].

@@ -69,12 +69,12 @@ mod standings;
 
 use std::collections::HashSet;
 
+use rayon::prelude::*;
+
 use self::candidates::{Angles, Search, stars_around, suspects};
 pub(super) use self::earlier::Earlier;
 use self::standings::{Components, no_vertices};
 pub(super) use self::standings::{Left, Mended};
-use rayon::prelude::*;
-
 use crate::Result;
 use crate::delaunay::tet::FACET;
 use crate::image::LabelImage;
